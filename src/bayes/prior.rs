@@ -1,0 +1,162 @@
+//! Prior distributions of a rod's parameters (paper, Table 1) and the prior of a whole rod.
+
+use crate::beam::{Parameterisation, Quantity};
+use rand::Rng;
+use rand::RngExt;
+use rand_distr::{Distribution, StandardNormal};
+use serde::Serialize;
+
+/// The prior distribution of one positive quantity.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[serde(rename_all = "snake_case", tag = "distribution")]
+pub enum Prior {
+    /// A known value.
+    Fixed {
+        /// The value, SI.
+        value: f64,
+    },
+    /// A normal distribution truncated to positive values; `mean` and `sd` are those of the
+    /// untruncated normal, as in the paper's Table 1.
+    TruncatedNormal {
+        /// Mean before truncation, SI.
+        mean: f64,
+        /// Standard deviation before truncation, SI.
+        sd: f64,
+    },
+    /// A log-normal distribution.
+    LogNormal {
+        /// Median, SI.
+        median: f64,
+        /// Standard deviation of the natural logarithm.
+        log_sd: f64,
+    },
+    /// A uniform distribution.
+    Uniform {
+        /// Lower end, SI.
+        low: f64,
+        /// Upper end, SI.
+        high: f64,
+    },
+}
+
+impl Prior {
+    /// One draw, SI. Redraws while a truncated normal is not positive, so that the number of random
+    /// numbers used may vary.
+    pub fn sample<R: Rng + ?Sized>(&self, generator: &mut R) -> f64 {
+        match *self {
+            Self::Fixed { value } => value,
+            Self::TruncatedNormal { mean, sd } => loop {
+                let z: f64 = StandardNormal.sample(generator);
+                let value = mean + sd * z;
+                if value > 0.0 {
+                    return value;
+                }
+            },
+            Self::LogNormal { median, log_sd } => {
+                let z: f64 = StandardNormal.sample(generator);
+                median * (log_sd * z).exp()
+            }
+            Self::Uniform { low, high } => low + (high - low) * generator.random::<f64>(),
+        }
+    }
+
+    /// Natural logarithm of the density up to a constant; minus infinity outside the support. Zero
+    /// for the fixed value itself.
+    pub fn log_density(&self, value: f64) -> f64 {
+        match *self {
+            Self::Fixed { value: fixed } if value == fixed => 0.0,
+            Self::TruncatedNormal { mean, sd } if value > 0.0 => -0.5 * ((value - mean) / sd).powi(2),
+            Self::LogNormal { median, log_sd } if value > 0.0 => {
+                -value.ln() - 0.5 * ((value / median).ln() / log_sd).powi(2)
+            }
+            Self::Uniform { low, high } if (low..=high).contains(&value) => 0.0,
+            _ => f64::NEG_INFINITY,
+        }
+    }
+
+    /// The value that stands for the distribution when one is needed: the mean before truncation,
+    /// the median of a log-normal, the middle of a uniform.
+    pub fn centre(&self) -> f64 {
+        match *self {
+            Self::Fixed { value } => value,
+            Self::TruncatedNormal { mean, .. } => mean,
+            Self::LogNormal { median, .. } => median,
+            Self::Uniform { low, high } => 0.5 * (low + high),
+        }
+    }
+
+    /// Whether the quantity is known exactly.
+    pub fn is_fixed(&self) -> bool {
+        matches!(self, Self::Fixed { .. })
+    }
+}
+
+/// The independent priors of all quantities of one rod, in the order of its parameterisation.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RodPrior {
+    parameterisation: Parameterisation,
+    priors: Vec<Prior>,
+}
+
+impl RodPrior {
+    /// One prior per quantity of `parameterisation`, in its order; `None` if the number differs.
+    pub fn new(parameterisation: Parameterisation, priors: Vec<Prior>) -> Option<Self> {
+        (priors.len() == parameterisation.len()).then_some(Self {
+            parameterisation,
+            priors,
+        })
+    }
+
+    /// What the entries mean.
+    pub fn parameterisation(&self) -> &Parameterisation {
+        &self.parameterisation
+    }
+
+    /// The priors in the order of the parameterisation.
+    pub fn priors(&self) -> &[Prior] {
+        &self.priors
+    }
+
+    /// The prior of one quantity, if this section has it.
+    pub fn of(&self, quantity: Quantity) -> Option<&Prior> {
+        self.parameterisation.index(quantity).map(|i| &self.priors[i])
+    }
+
+    /// Draws one parameter vector into `theta` (one entry per quantity).
+    pub fn sample<R: Rng + ?Sized>(&self, generator: &mut R, theta: &mut [f64]) {
+        for (prior, value) in self.priors.iter().zip(theta) {
+            *value = prior.sample(generator);
+        }
+    }
+
+    /// The sum of the log densities of all entries of `theta`.
+    pub fn log_density(&self, theta: &[f64]) -> f64 {
+        self.priors
+            .iter()
+            .zip(theta)
+            .map(|(prior, &value)| prior.log_density(value))
+            .sum()
+    }
+
+    /// The vector of centres ([`Prior::centre`]).
+    pub fn centre(&self) -> Vec<f64> {
+        self.priors.iter().map(Prior::centre).collect()
+    }
+
+    /// The rod of the paper (Table 1): square section, 14 m, everything else uncertain.
+    pub fn todi() -> Self {
+        let normal = |mean: f64, cv: f64| Prior::TruncatedNormal { mean, sd: cv * mean };
+        Self {
+            parameterisation: Parameterisation::new(crate::beam::Section::Square),
+            priors: vec![
+                normal(800e3, 0.20),
+                normal(2.0e11, 0.30),
+                normal(7500.0, 0.10),
+                normal(0.07, 0.10),
+                normal(400e3, 0.30),
+                normal(400e3, 0.30),
+                Prior::Fixed { value: 14.0 },
+            ],
+        }
+    }
+}

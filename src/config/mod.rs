@@ -1,0 +1,1 @@
+//! The TOML configuration: every fault reported at once, with its key and line.

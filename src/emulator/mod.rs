@@ -1,0 +1,29 @@
+//! Emulators that stand in for the beam: chaos expansions with their error reports.
+
+use serde::Serialize;
+
+/// Which forward model answers for the natural frequencies.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case", tag = "model")]
+pub enum ModelSettings {
+    /// Roots of the characteristic determinant.
+    Exact,
+    /// Two-node beam elements.
+    FiniteElements {
+        /// How many; the paper: 50.
+        elements: usize,
+    },
+    /// Chaos in the dimensionless groups, one for every rod and prior (the default).
+    Reduced,
+    /// The paper's Hermite chaos in the germs of the uncertain parameters.
+    Pce {
+        /// Total order; the paper: 5.
+        order: usize,
+    },
+}
+
+impl Default for ModelSettings {
+    fn default() -> Self {
+        Self::Reduced
+    }
+}

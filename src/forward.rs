@@ -1,0 +1,54 @@
+//! The map from a rod's parameters to its natural frequencies, by whichever model stands behind it.
+
+use crate::beam::{Beam, Parameterisation};
+use thiserror::Error;
+
+/// The most mode orders any model is asked for.
+pub const MAX_MODES: usize = 5;
+
+/// Parameters for which a model has no trustworthy answer.
+#[derive(Debug, Clone, PartialEq, Error)]
+#[error("{what} = {value:.4e} lies outside the {model}'s range {low:.4e} to {high:.4e}")]
+pub struct OutsideRange {
+    /// The model that refuses, as users know it.
+    pub model: &'static str,
+    /// The quantity that lies outside.
+    pub what: &'static str,
+    /// Its value.
+    pub value: f64,
+    /// The range's lower end.
+    pub low: f64,
+    /// The range's upper end.
+    pub high: f64,
+}
+
+/// A model of the natural frequencies of a rod (finite elements, exact, chaos expansions ...).
+///
+/// `theta` holds one value per quantity of [`ForwardModel::parameterisation`], in its order, SI.
+pub trait ForwardModel: Send + Sync {
+    /// The model's name as users type it: `exact`, `finite-elements`, `reduced`, `pce`.
+    fn name(&self) -> &'static str;
+
+    /// What the entries of `theta` mean.
+    fn parameterisation(&self) -> &Parameterisation;
+
+    /// How many mode orders it can give, from the first.
+    fn modes(&self) -> usize;
+
+    /// The first `out.len()` natural frequencies [Hz], ascending; `out.len() <= self.modes()`.
+    fn frequencies(&self, theta: &[f64], out: &mut [f64]) -> Result<(), OutsideRange>;
+
+    /// Frequencies of many parameter vectors: `thetas` row-major (points x quantities), `out`
+    /// row-major (points x modes). A point outside the model's range gets NaN in its whole row.
+    fn frequencies_of_many(&self, thetas: &[f64], modes: usize, out: &mut [f64]) {
+        let width = self.parameterisation().len();
+        for (theta, row) in thetas.chunks_exact(width).zip(out.chunks_exact_mut(modes)) {
+            if self.frequencies(theta, row).is_err() {
+                row.fill(f64::NAN);
+            }
+        }
+    }
+}
+
+/// A model of the natural frequencies of a beam given by its mechanics rather than its parameters.
+pub type BeamSolver = fn(&Beam, &mut [f64]) -> Result<(), OutsideRange>;

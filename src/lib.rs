@@ -1,0 +1,46 @@
+//! Tirante: the axial force of historic tie-rods from contactless vibration records.
+//!
+//! A record flows one way:
+//!
+//! ```text
+//! Source -> Record -> Spectrum -> Modes -> Identification -> output
+//! ```
+//!
+//! Pure (functions of their arguments; no file, clock, thread pool of its own or global generator,
+//! and `tests/purity.rs` proves it):
+//! * [`record`]   what a record is, how samples are cut into records, and what disqualifies one
+//! * [`spectrum`] windows, Welch's power spectral density, peak picking
+//! * [`modes`]    natural frequency, damping and standard error per peak; peaks to mode orders
+//! * [`beam`]     the tensioned Euler-Bernoulli beam: sections, finite elements, exact solver
+//! * [`forward`]  one trait for every map from rod parameters to natural frequencies
+//! * [`emulator`] chaos expansions that stand in for the beam, with their error reports
+//! * [`bayes`]    priors, approximate Bayesian computation, posteriors, conflict
+//! * [`analysis`] a plan once per rod, then one pure `run` per record
+//! * [`synthesis`] displacement histories of a simulated rod, faults included
+//! * [`random`]   seeds and counter-based streams
+//!
+//! Shell (everything that waits, fails or remembers):
+//! * [`config`]   the TOML configuration, every fault reported at once
+//! * [`source`]   recordings in: MCAP, message decoding
+//! * [`sink`]     recordings out: MCAP
+//! * [`cache`]    fitted emulators on disk
+//! * [`cli`], [`command`] arguments as typed, one file per subcommand
+//!
+//! Units are SI throughout; where no documentation travels, the unit is a suffix of the name.
+
+pub mod analysis;
+pub mod bayes;
+pub mod beam;
+pub mod cache;
+pub mod cli;
+pub mod command;
+pub mod config;
+pub mod emulator;
+pub mod forward;
+pub mod modes;
+pub mod random;
+pub mod record;
+pub mod sink;
+pub mod source;
+pub mod spectrum;
+pub mod synthesis;

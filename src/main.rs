@@ -1,0 +1,3 @@
+//! The `tirante` program: dispatch, logging, exit codes.
+
+fn main() {}

@@ -1,0 +1,80 @@
+//! What a record is: an evenly sampled stretch of one rod's displacement, with what is known about it.
+
+pub mod channel;
+pub mod rejection;
+pub mod settings;
+pub mod time;
+
+pub use channel::{Channel, RodChannels, TimeSource, Unit};
+pub use rejection::{Flag, Rejection};
+pub use settings::{Cut, RecordSettings};
+pub use time::Timestamp;
+
+use serde::Serialize;
+use sha2::{Digest, Sha256};
+use std::fmt;
+
+/// The name of a rod, unique within a site.
+#[derive(Debug, Clone, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize)]
+#[serde(transparent)]
+pub struct RodId(pub String);
+
+impl fmt::Display for RodId {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.0.fmt(f)
+    }
+}
+
+/// How the rod was set in motion.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Excitation {
+    /// Wind, traffic, bells: a stationary random response.
+    Ambient,
+    /// A pull and release, or a blow: the record starts with the onset and decays.
+    FreeDecay,
+}
+
+/// An evenly sampled stretch of one rod's displacement that passed the quality checks.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Record {
+    /// The rod it belongs to.
+    pub rod: RodId,
+    /// Time of the first sample.
+    pub start: Timestamp,
+    /// Sample rate \[Hz\], measured from the stamps where there are stamps.
+    pub fs_hz: f64,
+    /// Displacement in SI of its unit (m, m/s or m/s^2), in time order.
+    pub samples: Vec<f64>,
+    /// Mean temperature during the record \[degC\], if there is a channel for it.
+    pub temperature_c: Option<f64>,
+    /// How the rod was set in motion.
+    pub excitation: Excitation,
+    /// What the quality checks noticed without rejecting it.
+    pub flags: Vec<Flag>,
+}
+
+impl Record {
+    /// Length of the record \[s\]: samples over sample rate.
+    pub fn duration_s(&self) -> f64 {
+        self.samples.len() as f64 / self.fs_hz
+    }
+
+    /// Identity by content: SHA-256 of rod, start, sample rate and samples, so that a copied or
+    /// renamed file is still the same record.
+    pub fn identity(&self) -> [u8; 32] {
+        let mut hash = Sha256::new();
+        hash.update((self.rod.0.len() as u64).to_le_bytes());
+        hash.update(self.rod.0.as_bytes());
+        hash.update(self.start.as_nanos().to_le_bytes());
+        hash.update(self.fs_hz.to_bits().to_le_bytes());
+        let mut bytes = [0u8; 4096];
+        for block in self.samples.chunks(bytes.len() / 8) {
+            for (sample, slot) in block.iter().zip(bytes.chunks_exact_mut(8)) {
+                slot.copy_from_slice(&sample.to_bits().to_le_bytes());
+            }
+            hash.update(&bytes[..block.len() * 8]);
+        }
+        hash.finalize().into()
+    }
+}

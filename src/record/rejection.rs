@@ -1,0 +1,184 @@
+//! Why a record was refused, or what was noticed about one that was not: data, not errors.
+
+use serde::Serialize;
+use thiserror::Error;
+
+/// Why a record gives no frequencies or no force. Stored, counted and shown; never an error.
+#[derive(Debug, Clone, PartialEq, Error, Serialize)]
+#[serde(rename_all = "kebab-case", tag = "reason")]
+pub enum Rejection {
+    /// Too short to resolve the modes.
+    #[error("{duration_s:.2} s long, at least {needed_s:.2} s needed")]
+    TooShort {
+        /// Length \[s\].
+        duration_s: f64,
+        /// Shortest length \[s\].
+        needed_s: f64,
+    },
+    /// Too many samples missing or not finite.
+    #[error("{:.1} % of the samples are missing or not finite, at most {:.1} % allowed", share * 100.0, allowed * 100.0)]
+    Missing {
+        /// Share of the samples.
+        share: f64,
+        /// Largest share allowed.
+        allowed: f64,
+    },
+    /// The signal does not move.
+    #[error("constant signal: every sample is {value:e}")]
+    Constant {
+        /// The value, SI.
+        value: f64,
+    },
+    /// The sensor repeated its last value too often.
+    #[error("{:.1} % of the samples repeat the one before, at most {:.1} % allowed", share * 100.0, allowed * 100.0)]
+    Held {
+        /// Share of the samples.
+        share: f64,
+        /// Largest share allowed.
+        allowed: f64,
+    },
+    /// The sensor was at its rails.
+    #[error("{:.2} % of the samples are clipped, at most {:.2} % allowed", share * 100.0, allowed * 100.0)]
+    Clipped {
+        /// Share of the samples.
+        share: f64,
+        /// Largest share allowed.
+        allowed: f64,
+    },
+    /// Isolated spikes carry too much of the signal.
+    #[error("{count} spikes carry most of the signal's energy")]
+    Spikes {
+        /// How many.
+        count: usize,
+    },
+    /// A step in the signal, larger than the vibration.
+    #[error("a step of {height:e} at {time_s:.2} s, larger than the vibration around it")]
+    Step {
+        /// Height, SI.
+        height: f64,
+        /// Where, from the record's start \[s\].
+        time_s: f64,
+    },
+    /// The stamps are not evenly spaced.
+    #[error("irregular sampling: stamps scatter by {:.0} % of the sample interval, at most {:.0} % allowed", jitter * 100.0, allowed * 100.0)]
+    Irregular {
+        /// Scatter over interval.
+        jitter: f64,
+        /// Largest allowed.
+        allowed: f64,
+    },
+    /// The declared rate is not the measured one.
+    #[error("declared {declared_hz} Hz, the stamps say {measured_hz:.4} Hz")]
+    Rate {
+        /// Declared sample rate \[Hz\].
+        declared_hz: f64,
+        /// Measured sample rate \[Hz\].
+        measured_hz: f64,
+    },
+    /// The sample rate is too low for the band of the modes.
+    #[error("sampled at {fs_hz:.2} Hz, the lowest mode is expected up to {needed_hz:.2} Hz")]
+    Undersampled {
+        /// Sample rate \[Hz\].
+        fs_hz: f64,
+        /// Highest frequency the first mode may have \[Hz\].
+        needed_hz: f64,
+    },
+    /// Part of the record was damaged in the file.
+    #[error("damaged in the file: {detail}")]
+    Damaged {
+        /// What the reader said.
+        detail: String,
+    },
+    /// No peak stands above the noise.
+    #[error("no spectral peak stands above the noise between {low_hz:.2} and {high_hz:.2} Hz")]
+    NoPeak {
+        /// Lower end of the searched band \[Hz\].
+        low_hz: f64,
+        /// Upper end \[Hz\].
+        high_hz: f64,
+    },
+    /// Peaks there are, but no assignment to mode orders is credible.
+    #[error("{peaks} peaks, but no credible assignment to mode orders ({detail})")]
+    NoLabel {
+        /// How many peaks.
+        peaks: usize,
+        /// What spoke against it.
+        detail: String,
+    },
+    /// The parameters wanted lie outside what the emulator was trained on.
+    #[error("outside the emulator: {detail}")]
+    OutsideEmulator {
+        /// What lies outside.
+        detail: String,
+    },
+    /// Approximate Bayesian computation accepted too few draws.
+    #[error("{accepted} of {draws} draws accepted (epsilon {epsilon:.4e}), at least {needed} needed")]
+    NothingAccepted {
+        /// Accepted draws.
+        accepted: usize,
+        /// All draws.
+        draws: usize,
+        /// The tolerance.
+        epsilon: f64,
+        /// Fewest accepted for a posterior.
+        needed: usize,
+    },
+}
+
+impl Rejection {
+    /// The short name, as in JSON.
+    pub fn code(&self) -> &'static str {
+        match self {
+            Self::TooShort { .. } => "too-short",
+            Self::Missing { .. } => "missing",
+            Self::Constant { .. } => "constant",
+            Self::Held { .. } => "held",
+            Self::Clipped { .. } => "clipped",
+            Self::Spikes { .. } => "spikes",
+            Self::Step { .. } => "step",
+            Self::Irregular { .. } => "irregular",
+            Self::Rate { .. } => "rate",
+            Self::Undersampled { .. } => "undersampled",
+            Self::Damaged { .. } => "damaged",
+            Self::NoPeak { .. } => "no-peak",
+            Self::NoLabel { .. } => "no-label",
+            Self::OutsideEmulator { .. } => "outside-emulator",
+            Self::NothingAccepted { .. } => "nothing-accepted",
+        }
+    }
+}
+
+/// What the checks noticed about a record without refusing it.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case", tag = "flag")]
+pub enum Flag {
+    /// The file has no checksums: its content could not be verified.
+    Unverified,
+    /// The file ends in the middle of its data (cut short, or still being written).
+    Truncated,
+    /// Missing samples were filled by interpolation.
+    Filled {
+        /// How many.
+        samples: usize,
+    },
+    /// Duplicate or late samples were dropped.
+    Dropped {
+        /// How many.
+        samples: usize,
+    },
+    /// Spikes were replaced by their neighbours' mean.
+    Despiked {
+        /// How many.
+        samples: usize,
+    },
+    /// Some samples at the rails, fewer than refused.
+    Clipped {
+        /// Share of the samples.
+        share: f64,
+    },
+    /// The stamps jitter noticeably.
+    Jitter {
+        /// Scatter over interval.
+        jitter: f64,
+    },
+}

@@ -1,0 +1,63 @@
+//! How samples are cut into records and when a record is refused.
+
+use serde::Serialize;
+
+/// Where a record begins and ends.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case", tag = "cut")]
+pub enum Cut {
+    /// One record per file and rod; a gap still splits it.
+    File,
+    /// Fixed windows, aligned to the first sample.
+    Window {
+        /// Length of a window \[s\].
+        length_s: f64,
+    },
+    /// A record starts at each onset of a free decay (a pull and release, a blow).
+    FreeDecay {
+        /// Onset: the short-term over the long-term level exceeds this ratio \[-\].
+        ratio: f64,
+        /// Longest record \[s\]; a new onset ends the one before.
+        length_s: f64,
+    },
+}
+
+/// How samples are cut into records and when a record is refused.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct RecordSettings {
+    /// Where a record begins and ends.
+    pub cut: Cut,
+    /// Shortest record that is analysed \[s\].
+    pub min_duration_s: f64,
+    /// Longest record held in memory \[s\]; a longer stretch is cut here.
+    pub max_duration_s: f64,
+    /// A hole between samples longer than this ends a record \[s\]; shorter ones are filled.
+    pub max_gap_s: f64,
+    /// Largest tolerated share of samples that are not finite or missing, filled by interpolation.
+    pub max_missing: f64,
+    /// Largest tolerated share of samples at the rails (clipped).
+    pub max_clipped: f64,
+    /// Largest tolerated share of samples that repeat their predecessor (held).
+    pub max_held: f64,
+    /// Largest tolerated jitter: standard deviation of stamps about a straight line, as a share of
+    /// the sample interval.
+    pub max_jitter: f64,
+    /// Largest tolerated relative difference of declared and measured sample rate.
+    pub max_rate_error: f64,
+}
+
+impl Default for RecordSettings {
+    fn default() -> Self {
+        Self {
+            cut: Cut::File,
+            min_duration_s: 10.0,
+            max_duration_s: 3600.0,
+            max_gap_s: 0.1,
+            max_missing: 0.02,
+            max_clipped: 0.001,
+            max_held: 0.2,
+            max_jitter: 0.5,
+            max_rate_error: 0.001,
+        }
+    }
+}

@@ -1,0 +1,68 @@
+//! Points in time, as recordings stamp them.
+
+use serde::{Serialize, Serializer};
+use std::fmt;
+
+/// Nanoseconds since 1970-01-01T00:00:00 UTC, leap seconds ignored (Unix time).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct Timestamp(i64);
+
+impl Timestamp {
+    /// From nanoseconds since the Unix epoch.
+    pub const fn from_nanos(nanos: i64) -> Self {
+        Self(nanos)
+    }
+
+    /// Nanoseconds since the Unix epoch.
+    pub const fn as_nanos(self) -> i64 {
+        self.0
+    }
+
+    /// Seconds from `earlier` to `self`, negative if `self` comes first; exact to the nanosecond up
+    /// to about a hundred days and to 2^-53 of the difference beyond.
+    pub fn seconds_since(self, earlier: Self) -> f64 {
+        (i128::from(self.0) - i128::from(earlier.0)) as f64 * 1e-9
+    }
+
+    /// The point in time `seconds` later; saturates at the ends of the range (years 1677 and 2262).
+    pub fn plus_seconds(self, seconds: f64) -> Self {
+        Self(self.0.saturating_add((seconds * 1e9).round() as i64))
+    }
+}
+
+/// RFC 3339 in UTC, as short as exactness allows: `2026-03-01T06:00:00Z`.
+impl fmt::Display for Timestamp {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match jiff::Timestamp::from_nanosecond(i128::from(self.0)) {
+            Ok(time) => time.fmt(f),
+            Err(_) => write!(f, "{} ns since 1970", self.0),
+        }
+    }
+}
+
+impl Serialize for Timestamp {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_str(self)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn shown_as_rfc_3339() {
+        assert_eq!(Timestamp::from_nanos(0).to_string(), "1970-01-01T00:00:00Z");
+        assert_eq!(
+            Timestamp::from_nanos(1_500_000_000).to_string(),
+            "1970-01-01T00:00:01.5Z"
+        );
+    }
+
+    #[test]
+    fn differences_do_not_overflow() {
+        let (low, high) = (Timestamp::from_nanos(i64::MIN), Timestamp::from_nanos(i64::MAX));
+        assert!(high.seconds_since(low) > 1.8e10);
+        assert_eq!(high.plus_seconds(1.0), high);
+    }
+}

@@ -1,0 +1,1 @@
+//! Recordings out: MCAP files.

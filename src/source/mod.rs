@@ -1,0 +1,1 @@
+//! Recordings in: MCAP files, message decoding, samples to records.

@@ -1,0 +1,1 @@
+//! Displacement histories of a simulated rod: the truth, the response, the faults.

@@ -1,10 +1,20 @@
 //! A plan once per rod, then one pure `run` per record: displacement to axial force.
 
-use crate::bayes::{AbcSettings, RodPrior};
+use crate::bayes::{AbcSettings, Conflict, Inference, Observation, PlanError, Posterior, RodPrior, Tables};
+use crate::beam::exact;
 use crate::emulator::ModelSettings;
-use crate::modes::ModeSettings;
-use crate::record::RodId;
+use crate::forward::{ForwardModel, MAX_MODES};
+use crate::modes::{self, Mode, ModeSettings, Pattern};
+use crate::random;
+use crate::record::{Flag, Record, Rejection, RodId, Timestamp};
 use crate::spectrum::{PeakSettings, WelchSettings};
+use std::sync::Arc;
+
+/// Raised whenever the same record and configuration may give other numbers than before.
+pub const VERSION: u32 = 1;
+
+/// Draws from the prior that make up the pattern by which peaks are given their mode orders.
+const PATTERN_DRAWS: usize = 4096;
 
 /// Everything the analysis of one rod depends on.
 #[derive(Debug, Clone, PartialEq)]
@@ -28,4 +38,137 @@ pub struct AnalysisSettings {
     pub model: ModelSettings,
     /// Seed of the whole site; each record's seed follows from it, the rod and the record.
     pub seed: u64,
+}
+
+/// What one record says about its rod.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Identification {
+    /// The rod.
+    pub rod: RodId,
+    /// Where and when it was measured; `None` for frequencies measured elsewhere.
+    pub measurement: Option<Measurement>,
+    /// The measured modes, ascending in order.
+    pub modes: Vec<Mode>,
+    /// The absolute force, per record: a weighted sample of the rod's parameters.
+    pub posterior: Posterior,
+    /// How far the observed frequencies lie from everything the model can produce.
+    pub conflict: Conflict,
+}
+
+/// The record behind an identification.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Measurement {
+    /// Time of the first sample.
+    pub start: Timestamp,
+    /// Length of the record \[s\].
+    pub duration_s: f64,
+    /// Sample rate \[Hz\].
+    pub fs_hz: f64,
+    /// Mean temperature during the record \[degC\], if measured.
+    pub temperature_c: Option<f64>,
+    /// What the quality checks noticed.
+    pub flags: Vec<Flag>,
+}
+
+/// What is prepared once per rod: its pattern of modes and its simulated table.
+pub struct Plan {
+    settings: AnalysisSettings,
+    pattern: Pattern,
+    inference: Inference,
+}
+
+impl Plan {
+    /// Prepares one rod; `model` answers for its frequencies, `tables` are shared between rods.
+    ///
+    /// # Errors
+    /// Settings that contradict each other or ask for what the model cannot give.
+    pub fn new(
+        settings: AnalysisSettings,
+        model: Arc<dyn ForwardModel>,
+        tables: &Tables,
+    ) -> Result<Self, PlanError> {
+        let inference = Inference::plan(
+            settings.prior.clone(),
+            model,
+            settings.discrepancy.clone(),
+            settings.abc,
+            settings.modes.count,
+            tables,
+        )?;
+        let pattern = Pattern::new(&predicted_frequencies(&settings.prior, settings.seed), MAX_MODES);
+        Ok(Self { settings, pattern, inference })
+    }
+
+    /// What the plan was made from.
+    pub fn settings(&self) -> &AnalysisSettings {
+        &self.settings
+    }
+
+    /// One record to the posterior of its rod's axial force. A pure function of plan and record: the
+    /// same record gives the same bits on any number of threads.
+    ///
+    /// # Errors
+    /// The reason why the record gives no force.
+    pub fn run(&self, record: &Record) -> Result<Identification, Rejection> {
+        let AnalysisSettings { welch, peaks, modes, .. } = &self.settings;
+        let estimate = modes::identify(record, welch, peaks, modes, &self.pattern)?;
+        let seed = self.seed_of(&record.identity());
+        let identification = self.infer(estimate.modes, seed)?;
+        Ok(Identification {
+            measurement: Some(Measurement {
+                start: record.start,
+                duration_s: record.duration_s(),
+                fs_hz: record.fs_hz,
+                temperature_c: record.temperature_c,
+                flags: record.flags.clone(),
+            }),
+            ..identification
+        })
+    }
+
+    /// Frequencies measured elsewhere to the posterior of the axial force.
+    ///
+    /// # Errors
+    /// The reason why they give no force.
+    pub fn run_frequencies(&self, modes: Vec<Mode>) -> Result<Identification, Rejection> {
+        let mut identity = Vec::with_capacity(modes.len() * 24);
+        for mode in &modes {
+            identity.extend_from_slice(&(mode.order as u64).to_le_bytes());
+            identity.extend_from_slice(&mode.frequency_hz.to_bits().to_le_bytes());
+            identity.extend_from_slice(&mode.sd_hz.to_bits().to_le_bytes());
+        }
+        let seed = self.seed_of(&identity);
+        self.infer(modes, seed)
+    }
+
+    fn infer(&self, modes: Vec<Mode>, seed: u64) -> Result<Identification, Rejection> {
+        let observation = Observation {
+            orders: modes.iter().map(|mode| mode.order).collect(),
+            frequency_hz: modes.iter().map(|mode| mode.frequency_hz).collect(),
+            sd_hz: modes.iter().map(|mode| mode.sd_hz).collect(),
+        };
+        let posterior = self.inference.run(&observation, seed)?;
+        let conflict = self.inference.conflict(&observation)?;
+        Ok(Identification { rod: self.settings.rod.clone(), measurement: None, modes, posterior, conflict })
+    }
+
+    fn seed_of(&self, identity: &[u8]) -> u64 {
+        random::seed(&[&self.settings.seed.to_le_bytes(), self.settings.rod.0.as_bytes(), identity])
+    }
+}
+
+/// Frequencies of draws from the prior by the exact solver, row-major (draws x [`MAX_MODES`]): what the
+/// peaks of a record are compared with to find their orders. Draws the solver refuses are left out.
+fn predicted_frequencies(prior: &RodPrior, seed: u64) -> Vec<f64> {
+    let mut generator = random::stream(random::seed(&[b"pattern", &seed.to_le_bytes()]), 0);
+    let mut theta = vec![0.0; prior.parameterisation().len()];
+    let mut rows = Vec::with_capacity(PATTERN_DRAWS * MAX_MODES);
+    let mut row = [0.0; MAX_MODES];
+    for _ in 0..PATTERN_DRAWS {
+        prior.sample(&mut generator, &mut theta);
+        if exact::frequencies(&prior.parameterisation().beam(&theta), &mut row).is_ok() {
+            rows.extend_from_slice(&row);
+        }
+    }
+    rows
 }

@@ -1,1 +1,44 @@
 //! Arguments as typed.
+
+use crate::command::{identify, replay};
+use clap::{ArgAction, Parser, Subcommand};
+use std::io;
+use tracing_subscriber::EnvFilter;
+
+/// The axial force of historic tie-rods from contactless vibration records.
+///
+/// Results go to stdout, diagnostics to stderr. Exit codes: 0 good, 1 failed, 2 bad arguments or
+/// configuration, 3 finished with rejected records or lost data.
+#[derive(Debug, Parser)]
+#[command(name = "tirante", version, propagate_version = true, max_term_width = 100)]
+pub struct Cli {
+    /// What to do.
+    #[command(subcommand)]
+    pub command: Command,
+
+    /// Say more on stderr; twice for everything.
+    #[arg(short, long, global = true, action = ArgAction::Count)]
+    pub verbose: u8,
+}
+
+/// The subcommands.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Recordings through the whole pipeline: frequencies and axial force of every record.
+    Replay(replay::Args),
+    /// One recording, or frequencies measured elsewhere, to the posterior of the axial force.
+    Identify(identify::Args),
+}
+
+impl Cli {
+    /// Starts the log on stderr: warnings by default, more with `-v`, or as `TIRANTE_LOG` says.
+    pub fn start_logging(&self) {
+        let default = match self.verbose {
+            0 => "warn",
+            1 => "info",
+            _ => "debug",
+        };
+        let filter = EnvFilter::try_from_env("TIRANTE_LOG").unwrap_or_else(|_| EnvFilter::new(default));
+        tracing_subscriber::fmt().with_env_filter(filter).with_writer(io::stderr).without_time().init();
+    }
+}

@@ -24,6 +24,7 @@
 //! * [`source`]   recordings in: MCAP, message decoding
 //! * [`sink`]     recordings out: MCAP
 //! * [`cache`]    fitted emulators on disk
+//! * [`pipeline`] reading and computing at once, results in order
 //! * [`cli`], [`command`] arguments as typed, one file per subcommand
 //!
 //! Units are SI throughout; where no documentation travels, the unit is a suffix of the name.
@@ -38,6 +39,7 @@ pub mod config;
 pub mod emulator;
 pub mod forward;
 pub mod modes;
+pub mod pipeline;
 pub mod random;
 pub mod record;
 pub mod sink;

@@ -1,3 +1,15 @@
-//! The `tirante` program: dispatch, logging, exit codes.
+//! The `tirante` program: logging, dispatch, exit codes.
 
-fn main() {}
+use clap::Parser;
+use std::process::ExitCode;
+use tirante::cli::Cli;
+use tirante::command;
+
+fn main() -> ExitCode {
+    let cli = Cli::parse();
+    cli.start_logging();
+    match command::run(&cli.command) {
+        Ok(code) => code,
+        Err(error) => command::report(&error),
+    }
+}

@@ -1,1 +1,37 @@
 //! One file per subcommand, each with one `run`.
+
+pub mod identify;
+pub mod replay;
+
+use crate::cli::Command;
+use crate::config;
+use std::process::ExitCode;
+
+/// Exit code: finished, but with rejections or lost data.
+pub const WITH_LOSSES: u8 = 3;
+/// Exit code: bad arguments or configuration.
+pub const USAGE: u8 = 2;
+
+/// Runs the subcommand.
+pub fn run(command: &Command) -> anyhow::Result<ExitCode> {
+    match command {
+        Command::Replay(args) => replay::run(args),
+        Command::Identify(args) => identify::run(args),
+    }
+}
+
+/// Arguments that parse but make no sense together; ends with exit code 2.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}")]
+pub struct BadArguments(pub String);
+
+/// Says on stderr what went wrong and gives the exit code: 2 for arguments and configuration, 1 for
+/// everything else.
+pub fn report(error: &anyhow::Error) -> ExitCode {
+    eprintln!("error: {error:#}");
+    if error.is::<BadArguments>() || error.is::<config::Faults>() {
+        ExitCode::from(USAGE)
+    } else {
+        ExitCode::FAILURE
+    }
+}

@@ -1,6 +1,6 @@
 //! Arguments as typed.
 
-use crate::command::{identify, replay};
+use crate::command::{check, identify, replay};
 use clap::{ArgAction, Parser, Subcommand};
 use std::io;
 use tracing_subscriber::EnvFilter;
@@ -28,6 +28,8 @@ pub enum Command {
     Replay(replay::Args),
     /// One recording, or frequencies measured elsewhere, to the posterior of the axial force.
     Identify(identify::Args),
+    /// A configuration: every fault at once with its key and line, or what holds.
+    Check(check::Args),
 }
 
 impl Cli {

@@ -1,10 +1,14 @@
 //! One file per subcommand, each with one `run`.
 
+pub mod check;
 pub mod identify;
+mod render;
 pub mod replay;
+mod setup;
 
+use crate::bayes::PlanError;
 use crate::cli::Command;
-use crate::config;
+use crate::config::ConfigError;
 use std::process::ExitCode;
 
 /// Exit code: finished, but with rejections or lost data.
@@ -17,6 +21,7 @@ pub fn run(command: &Command) -> anyhow::Result<ExitCode> {
     match command {
         Command::Replay(args) => replay::run(args),
         Command::Identify(args) => identify::run(args),
+        Command::Check(args) => check::run(args),
     }
 }
 
@@ -29,7 +34,7 @@ pub struct BadArguments(pub String);
 /// everything else.
 pub fn report(error: &anyhow::Error) -> ExitCode {
     eprintln!("error: {error:#}");
-    if error.is::<BadArguments>() || error.is::<config::Faults>() {
+    if error.is::<BadArguments>() || error.is::<ConfigError>() || error.is::<PlanError>() {
         ExitCode::from(USAGE)
     } else {
         ExitCode::FAILURE

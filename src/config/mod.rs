@@ -1,1 +1,226 @@
 //! The TOML configuration: every fault reported at once, with its key and line.
+//!
+//! A new section is one `read` function that takes its keys from a [`reader::Table`], one line in
+//! [`Config::read`], and its keys in `docs/configuration.md` (a test compares the two).
+
+mod abc;
+mod channel;
+mod effective;
+mod emulator;
+mod fault;
+mod modes;
+mod prior;
+mod range;
+mod reader;
+mod record;
+mod rod;
+mod simulation;
+mod site;
+mod spectrum;
+mod suggestion;
+mod take;
+mod value;
+
+pub use effective::KeyReference;
+pub use fault::{ConfigError, Fault};
+
+use crate::analysis::AnalysisSettings;
+use crate::record::{RecordSettings, RodChannels};
+use crate::synthesis::Simulation;
+use fault::Faults;
+use reader::Table;
+use sha2::{Digest, Sha256};
+use std::fs::File;
+use std::io::Read;
+use std::path::Path;
+use toml::de::DeTable;
+
+/// The longest configuration read \[bytes\].
+pub const LONGEST: usize = 1 << 20;
+
+/// Everything a run depends on besides its data.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Config {
+    /// The name of the site.
+    pub site: String,
+    /// Seed of everything random.
+    pub seed: u64,
+    /// The rods, at least one, with different ids.
+    pub rods: Vec<RodConfig>,
+    /// How samples are cut into records and when a record is refused.
+    pub record: RecordSettings,
+    /// What `simulate` writes; none if the configuration has no `[simulation]`.
+    pub simulation: Option<Simulation>,
+    effective: effective::Node,
+}
+
+/// One rod: how it is analysed and where its samples are.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RodConfig {
+    /// Everything its analysis depends on.
+    pub analysis: AnalysisSettings,
+    /// Where its samples stand in a recording.
+    pub channels: RodChannels,
+}
+
+impl Config {
+    /// The configuration shipped in the program: the paper's rod (`config/todi.toml`).
+    pub fn built_in() -> Self {
+        match Self::parse(include_str!("../../config/todi.toml"), "config/todi.toml") {
+            Ok(config) => config,
+            Err(error) => unreachable!("the built-in configuration is tested: {error}"),
+        }
+    }
+
+    /// Reads and validates a file of at most [`LONGEST`] bytes.
+    ///
+    /// # Errors
+    /// The file cannot be read, or its faults, all of them.
+    pub fn load(path: &Path) -> Result<Self, ConfigError> {
+        let text = read_text(path)?;
+        Self::parse(&text, &path.display().to_string())
+    }
+
+    /// Reads and validates a text called `origin` in messages.
+    ///
+    /// # Errors
+    /// Its faults, all of them, in the order of the text.
+    pub fn parse(text: &str, origin: &str) -> Result<Self, ConfigError> {
+        let refused = |faults: Faults| ConfigError::Faults {
+            origin: origin.to_owned(),
+            faults: faults.into_sorted(),
+        };
+        let faults = Faults::new(text);
+        let (entries, errors) = DeTable::parse_recoverable(text);
+        for error in &errors {
+            let at = error.span().map_or(text.len(), |span| span.start);
+            faults.add("", at, format!("no TOML: {}", error.message()));
+        }
+        if entries.get_ref().is_empty() && errors.is_empty() {
+            faults.add(
+                "",
+                0,
+                "the configuration is empty; config/minimal.toml shows the least it needs",
+            );
+            return Err(refused(faults));
+        }
+        if !errors.is_empty() {
+            // What the parser recovered may lack keys the text has: a fault there would mislead.
+            return Err(refused(faults));
+        }
+        let mut root = Table::root(&faults, entries.get_ref());
+        let config = Self::read(&mut root);
+        let effective = root.finish();
+        match config {
+            Some(config) if faults.count() == 0 => Ok(Self { effective, ..config }),
+            _ => Err(refused(faults)),
+        }
+    }
+
+    fn read(root: &mut Table<'_>) -> Option<Self> {
+        let (site, seed) = root.section("site", "The site.", site::read);
+        let record = root.section(
+            "record",
+            "How samples are cut into records, and when one is refused.",
+            record::read,
+        );
+        let (welch, peaks) = root.section(
+            "spectrum",
+            "Power spectral density and its peaks.",
+            spectrum::read,
+        );
+        let modes = root.section("modes", "Which natural frequencies are looked for.", modes::read);
+        let abc = root.section(
+            "abc",
+            "Approximate Bayesian computation of the axial force.",
+            abc::read,
+        );
+        let model = root.section(
+            "emulator",
+            "The forward model that answers for the frequencies.",
+            emulator::read,
+        );
+        let shared = rod::Shared {
+            welch,
+            peaks,
+            modes,
+            abc,
+            model,
+            seed,
+        };
+        let rods = rod::read_all(root, &shared);
+        let simulation = root.optional_section("simulation", "What `tirante simulate` writes.", |table| {
+            simulation::read(table, &rods)
+        });
+        let simulation = match simulation {
+            Some(simulation) => Some(simulation?),
+            None => None,
+        };
+        Some(Self {
+            site,
+            seed,
+            rods: rods.into_iter().collect::<Option<Vec<_>>>()?,
+            record,
+            simulation,
+            effective: effective::Node::root(),
+        })
+    }
+
+    /// The rod called `id`.
+    pub fn rod(&self, id: &str) -> Option<&RodConfig> {
+        self.rods.iter().find(|rod| rod.analysis.rod.0 == id)
+    }
+
+    /// The configuration with every default filled in, as commented TOML that reads back as the same.
+    pub fn effective(&self) -> String {
+        let mut text = String::new();
+        self.effective.print(true, &mut text);
+        text
+    }
+
+    /// SHA-256 of the effective configuration without comments: equal for texts that mean the same.
+    pub fn hash(&self) -> [u8; 32] {
+        let mut text = String::new();
+        self.effective.print(false, &mut text);
+        Sha256::digest(text.as_bytes()).into()
+    }
+
+    /// The keys this configuration could have had in the sections it has, for the documentation.
+    pub fn reference(&self) -> Vec<KeyReference> {
+        let mut keys = Vec::new();
+        self.effective.reference(&mut keys);
+        keys
+    }
+}
+
+fn read_text(path: &Path) -> Result<String, ConfigError> {
+    let unreadable = |reason: String| ConfigError::Unreadable {
+        path: path.to_owned(),
+        reason,
+    };
+    let system = |error: std::io::Error| unreadable(error.to_string());
+    let kind = std::fs::metadata(path).map_err(system)?;
+    if !kind.is_file() {
+        return Err(unreadable("is no regular file".to_owned()));
+    }
+    let mut bytes = Vec::new();
+    File::open(path)
+        .map_err(system)?
+        .take(LONGEST as u64 + 1)
+        .read_to_end(&mut bytes)
+        .map_err(system)?;
+    if bytes.len() > LONGEST {
+        return Err(unreadable(format!(
+            "is longer than {LONGEST} bytes, no configuration is"
+        )));
+    }
+    String::from_utf8(bytes).map_err(|error| {
+        let good = error.utf8_error().valid_up_to();
+        let line = error.as_bytes()[..good]
+            .iter()
+            .filter(|byte| **byte == b'\n')
+            .count()
+            + 1;
+        unreadable(format!("is not UTF-8 text, first bad byte in line {line}"))
+    })
+}

@@ -1,0 +1,51 @@
+//! `tirante check`: a configuration, every fault at once, or what holds.
+
+use crate::config::{Config, ConfigError};
+use std::io::Write;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// Checks a configuration: reports every fault at once with its key and line (exit code 2), or prints
+/// it with all defaults filled in.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Example:\n  tirante check config/todi.toml")]
+pub struct Args {
+    /// The configuration; without one, the built-in rod of the paper.
+    #[arg(value_name = "FILE", conflicts_with = "config")]
+    pub path: Option<PathBuf>,
+    /// The configuration, as for the other commands.
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+    /// Only the exit code and the faults, no effective configuration.
+    #[arg(long, short)]
+    pub quiet: bool,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// Standard output cannot be written.
+pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
+    let config = match args.path.as_ref().or(args.config.as_ref()) {
+        Some(path) => Config::load(path),
+        None => Ok(Config::built_in()),
+    };
+    match config {
+        Ok(config) => {
+            if !args.quiet {
+                std::io::stdout()
+                    .lock()
+                    .write_all(config.effective().as_bytes())?;
+            }
+            Ok(ExitCode::SUCCESS)
+        }
+        Err(error) => {
+            eprintln!("{error}");
+            if let ConfigError::Faults { origin, faults } = &error {
+                let plural = if faults.len() == 1 { "" } else { "s" };
+                eprintln!("{origin}: {} fault{plural}", faults.len());
+            }
+            Ok(ExitCode::from(2))
+        }
+    }
+}

@@ -1,0 +1,283 @@
+//! `tirante identify`: one recording, or frequencies measured elsewhere, to the posterior.
+
+use super::render::{self, Outcome};
+use super::setup::{self, Overrides};
+use super::{BadArguments, replay};
+use crate::analysis::{Identification, Plan};
+use crate::bayes::Prior;
+use crate::config::Config;
+use crate::modes::Mode;
+use crate::record::RodId;
+use anyhow::anyhow;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// Standard error of a frequency given without one \[Hz\]: the paper's Sigma = 1e-3 Hz^2.
+const DEFAULT_SD_HZ: f64 = 0.031_622_776_601_683_79;
+
+/// Identifies the axial force from one recording, or from natural frequencies measured elsewhere.
+///
+/// Prints prior and posterior of every uncertain parameter, or one JSON object with --json.
+#[derive(Debug, Clone, clap::Args)]
+#[command(after_help = "Examples:
+  tirante identify recordings/todi-pull.mcap
+  tirante identify --frequencies 4.492,9.288,13.252
+  tirante identify --frequencies 4.492,-,13.252 --sd 0.005,-,0.01    (mode 2 not measured)")]
+pub struct Args {
+    /// A recording; all its records are identified.
+    #[arg(value_name = "PATH", required_unless_present = "frequencies", conflicts_with = "frequencies")]
+    pub path: Option<PathBuf>,
+
+    /// Natural frequencies [Hz] of modes 1, 2, ... up to 5, separated by commas; '-' where a mode was
+    /// not measured.
+    #[arg(long, value_name = "HZ,HZ,...", allow_hyphen_values = true)]
+    pub frequencies: Option<String>,
+
+    /// Their standard errors [Hz]: one for all, or one per frequency. Default: the paper's 0.0316 Hz.
+    #[arg(long, value_name = "HZ[,HZ,...]", requires = "frequencies", allow_hyphen_values = true)]
+    pub sd: Option<String>,
+
+    /// The rod of the configuration; needed if it has several.
+    #[arg(long, value_name = "ID")]
+    pub rod: Option<String>,
+
+    /// One JSON object per record instead of tables.
+    #[arg(long)]
+    pub json: bool,
+
+    /// Overrides of the configuration.
+    #[command(flatten)]
+    pub overrides: Overrides,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// Bad arguments or configuration, or a recording that cannot be read at all.
+pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
+    match (&args.frequencies, &args.path) {
+        (Some(list), _) => from_frequencies(args, list),
+        (None, Some(path)) => from_recording(args, path),
+        (None, None) => Err(BadArguments("a recording or --frequencies is needed".to_owned()).into()),
+    }
+}
+
+fn from_frequencies(args: &Args, list: &str) -> anyhow::Result<ExitCode> {
+    let mut config = args.overrides.load()?;
+    let modes = parse_modes(list, args.sd.as_deref())?;
+    if args.sd.is_none() {
+        eprintln!("no --sd: every frequency is taken with the paper's standard error of 0.0316 Hz");
+    }
+    let rod = choose_rod(&config, args.rod.as_deref())?;
+    config.rods.retain(|candidate| candidate.analysis.rod == rod);
+    let highest = modes.iter().map(|mode| mode.order).max().unwrap_or(0);
+    for candidate in &mut config.rods {
+        // The plan covers the modes that were given, not those the configuration looks for in records.
+        let analysis = &mut candidate.analysis;
+        let last = analysis.discrepancy.last().copied().unwrap_or(0.0);
+        analysis.modes.count = highest;
+        analysis.discrepancy.resize(highest, last);
+    }
+    let plans = setup::plans(&config)?;
+    let plan = plans.get(&rod).ok_or_else(|| anyhow!("the rod {rod} has no plan"))?;
+    let outcome = match plan.run_frequencies(modes) {
+        Ok(identification) => Outcome::Identified(Box::new(identification)),
+        Err(rejection) => Outcome::Rejected { rod, start: None, duration_s: None, fs_hz: None, rejection },
+    };
+    Ok(show(args, &config, plan, &outcome))
+}
+
+fn from_recording(args: &Args, path: &PathBuf) -> anyhow::Result<ExitCode> {
+    let mut config = args.overrides.load()?;
+    if let Some(id) = &args.rod {
+        let rod = choose_rod(&config, Some(id))?;
+        config.rods.retain(|candidate| candidate.analysis.rod == rod);
+    }
+    let plans = setup::plans(&config)?;
+    let paths = std::slice::from_ref(path);
+    replay::each_outcome(paths, &config, &plans, &replay::Reading::default(), |outcome| {
+        match plans.get(outcome.rod()) {
+            Some(plan) => {
+                show(args, &config, plan, outcome);
+            }
+            None => eprintln!("warning: the rod {} has no plan", outcome.rod()),
+        }
+    })
+}
+
+fn show(args: &Args, config: &Config, plan: &Plan, outcome: &Outcome) -> ExitCode {
+    if args.json {
+        println!("{}", render::json(outcome, &args.overrides.provenance(config)));
+    } else {
+        match outcome {
+            Outcome::Identified(identification) => print!("{}", describe(plan, identification)),
+            Outcome::Rejected { rejection, .. } => {
+                println!("{}: rejected ({}): {rejection}", outcome.rod(), rejection.code());
+            }
+        }
+    }
+    outcome.exit_code()
+}
+
+/// Prior and posterior of every uncertain parameter, and how much to believe them.
+fn describe(plan: &Plan, identification: &Identification) -> String {
+    let mut text = String::new();
+    let mut line = |content: String| {
+        text.push_str(content.trim_end());
+        text.push('\n');
+    };
+    line(identification.rod.to_string());
+    if let Some(measurement) = &identification.measurement {
+        line(format!(
+            "  record of {:.1} s at {:.2} Hz, from {}",
+            measurement.duration_s, measurement.fs_hz, measurement.start
+        ));
+        for flag in &measurement.flags {
+            line(format!("  noticed: {flag}"));
+        }
+    }
+    line(String::new());
+    line("  mode   frequency [Hz]   standard error [Hz]   damping [%]".to_owned());
+    for mode in &identification.modes {
+        let damping = mode.damping.map_or_else(|| "-".to_owned(), |zeta| format!("{:.3}", zeta * 100.0));
+        line(format!(
+            "  {:>4}   {:>14.4}   {:>19.4}   {damping:>11}",
+            mode.order, mode.frequency_hz, mode.sd_hz
+        ));
+    }
+    line(String::new());
+    line(format!(
+        "  {:<24} {:>12} {:>6}   {:>12} {:>6}   {:>12} {:>12}",
+        "quantity", "prior mean", "CV", "posterior", "CV", "2.5 %", "97.5 %"
+    ));
+    let prior = &plan.settings().prior;
+    for (quantity, before) in prior.parameterisation().quantities().iter().zip(prior.priors()) {
+        let (mean, sd) = before.mean_and_sd();
+        if let Prior::Fixed { value } = before {
+            line(format!("  {:<24} {value:>12.5}  fixed", quantity.key()));
+        } else if let Some(after) = identification.posterior.marginal(*quantity) {
+            line(format!(
+                "  {:<24} {:>12.4e} {:>6.3}   {:>12.4e} {:>6.3}   {:>12.4e} {:>12.4e}",
+                quantity.key(),
+                mean,
+                sd / mean,
+                after.mean,
+                after.cv,
+                after.q025,
+                after.q975
+            ));
+        }
+    }
+    line(String::new());
+    let posterior = &identification.posterior;
+    line(format!(
+        "  {} of {} draws accepted, epsilon {:.4}, effective sample size {:.0}",
+        posterior.accepted, posterior.draws, posterior.epsilon, posterior.ess
+    ));
+    line(format!("  conflict {}", identification.conflict));
+    text
+}
+
+fn choose_rod(config: &Config, id: Option<&str>) -> anyhow::Result<RodId> {
+    let known = || {
+        let ids: Vec<&str> = config.rods.iter().map(|rod| rod.analysis.rod.0.as_str()).collect();
+        ids.join(", ")
+    };
+    match (id, config.rods.as_slice()) {
+        (Some(id), _) => config
+            .rod(id)
+            .map(|rod| rod.analysis.rod.clone())
+            .ok_or_else(|| BadArguments(format!("--rod {id}: the configuration has {}", known())).into()),
+        (None, [only]) => Ok(only.analysis.rod.clone()),
+        (None, _) => Err(BadArguments(format!("--rod is needed: the configuration has {}", known())).into()),
+    }
+}
+
+fn parse_modes(frequencies: &str, sd: Option<&str>) -> anyhow::Result<Vec<Mode>> {
+    let frequencies = parse_list("--frequencies", frequencies)?;
+    let sds = sd.map(|sd| parse_list("--sd", sd)).transpose()?;
+    if let Some(sds) = &sds
+        && sds.len() != 1
+        && sds.len() != frequencies.len()
+    {
+        let message = format!("--sd has {} entries, --frequencies {}", sds.len(), frequencies.len());
+        return Err(BadArguments(message).into());
+    }
+    let mut modes: Vec<Mode> = Vec::new();
+    for (index, frequency) in frequencies.iter().enumerate() {
+        let Some(frequency_hz) = *frequency else { continue };
+        let order = index + 1;
+        let sd_hz = match sds.as_deref() {
+            None => DEFAULT_SD_HZ,
+            Some([one]) => one.ok_or_else(|| BadArguments("--sd: '-' alone gives no error".to_owned()))?,
+            Some(list) => list[index]
+                .ok_or_else(|| BadArguments(format!("--sd: mode {order} was measured, its error is '-'")))?,
+        };
+        if modes.last().is_some_and(|before| before.frequency_hz >= frequency_hz) {
+            let message = format!("--frequencies: mode {order} at {frequency_hz} Hz is not above the one before");
+            return Err(BadArguments(message).into());
+        }
+        modes.push(Mode { order, frequency_hz, sd_hz, damping: None });
+    }
+    if modes.is_empty() {
+        return Err(BadArguments("--frequencies: no mode was measured".to_owned()).into());
+    }
+    if let Some(mode) = modes.last()
+        && mode.order > crate::forward::MAX_MODES
+    {
+        let message = format!("--frequencies: at most {} modes are used", crate::forward::MAX_MODES);
+        return Err(BadArguments(message).into());
+    }
+    Ok(modes)
+}
+
+fn parse_list(flag: &str, text: &str) -> anyhow::Result<Vec<Option<f64>>> {
+    text.split(',')
+        .map(|entry| match entry.trim() {
+            "-" | "" => Ok(None),
+            number => match number.parse::<f64>() {
+                Ok(value) if value.is_finite() && value > 0.0 => Ok(Some(value)),
+                _ => Err(BadArguments(format!("{flag}: '{number}' is no positive number of hertz")).into()),
+            },
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn missing_modes_keep_their_place() {
+        let modes = parse_modes("4.492,-,13.252", Some("0.005,-,0.01")).unwrap();
+        assert_eq!(modes.iter().map(|mode| mode.order).collect::<Vec<_>>(), [1, 3]);
+        assert_eq!(modes[1].sd_hz, 0.01);
+    }
+
+    #[test]
+    fn one_error_serves_all_and_none_is_the_papers() {
+        let modes = parse_modes("4.5,9.3", Some("0.002")).unwrap();
+        assert!(modes.iter().all(|mode| mode.sd_hz == 0.002));
+        let modes = parse_modes("4.5", None).unwrap();
+        assert!((modes[0].sd_hz.powi(2) - 1e-3).abs() < 1e-18);
+    }
+
+    #[test]
+    fn nonsense_is_refused() {
+        for (frequencies, sd) in [
+            ("", None),
+            ("-,-", None),
+            ("4.5,abc", None),
+            ("4.5,nan", None),
+            ("-4.5", None),
+            ("9.3,4.5", None),
+            ("1,2,3,4,5,6", None),
+            ("4.5,9.3", Some("0.1,0.1,0.1")),
+            ("4.5,9.3", Some("0.1,-")),
+            ("4.5", Some("-")),
+            ("4.5", Some("0")),
+        ] {
+            assert!(parse_modes(frequencies, sd).is_err(), "{frequencies} {sd:?}");
+        }
+    }
+}

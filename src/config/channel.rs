@@ -1,0 +1,101 @@
+//! `[rod.channel]` and `[rod.temperature]`: where a rod's samples stand in a recording.
+
+use super::range::{Range, toml_string};
+use super::reader::{Absent, Table, key};
+use super::value::Value;
+use crate::record::{Channel, TimeSource, Unit};
+
+/// One channel; `field` and `unit` are the defaults, `units` what is allowed.
+pub(super) fn read(table: &mut Table<'_>, field: &str, units: &[Unit], unit: Unit) -> Option<Channel> {
+    let topic = table.take(
+        key("topic", "topic of the messages"),
+        "1 to 255 bytes of text",
+        Absent::Required,
+        |value| value.name_string().map(str::to_owned),
+        |topic| toml_string(topic),
+    );
+    let field = table.take(
+        key(
+            "field",
+            "path of the value in a message; a path to an array means one sample an entry",
+        ),
+        "names with dots between, indices in brackets: point.z, data[3]",
+        Absent::Default(field.to_owned()),
+        path,
+        |path| toml_string(path),
+    );
+    let words: Vec<(&'static str, Unit)> = units.iter().map(|unit| (unit.key(), *unit)).collect();
+    let unit = table.choice(key("unit", "unit of the values in the messages"), &words, unit);
+    let time = table.take(
+        key(
+            "time",
+            "stamp that is the time of a message's (first) sample: log time, publish time, or a field",
+        ),
+        "\"log\", \"publish\" or { field = \"path\" }",
+        Absent::Default(TimeSource::Log),
+        time,
+        |time| match time {
+            TimeSource::Log => "\"log\"".to_owned(),
+            TimeSource::Publish => "\"publish\"".to_owned(),
+            TimeSource::Field(path) => format!("{{ field = {} }}", toml_string(path)),
+        },
+    );
+    let fs_hz = table.maybe_number(
+        key(
+            "fs_hz",
+            "declared sample rate, checked against the stamps; arrays need it [Hz]",
+        ),
+        Range::within(1e-4, 1e6),
+        Absent::Nothing("measured from the stamps"),
+    );
+    Some(Channel {
+        topic: topic?,
+        field: field?,
+        unit,
+        time: time?,
+        fs_hz,
+    })
+}
+
+fn time(value: &Value<'_>) -> Option<TimeSource> {
+    if !value.is_table() {
+        return value.choice(&[("log", false), ("publish", true)]).map(|publish| {
+            if publish {
+                TimeSource::Publish
+            } else {
+                TimeSource::Log
+            }
+        });
+    }
+    value.inline(|table| {
+        let field = key("field", "path of the time in a message");
+        table
+            .take(field, "a path", Absent::Required, path, |path| toml_string(path))
+            .map(TimeSource::Field)
+    })
+}
+
+/// A path into a message: names with dots between, each with indices in brackets behind it.
+fn path(value: &Value<'_>) -> Option<String> {
+    let text = value.name_string()?;
+    let is_path = text.split('.').all(|part| {
+        let (name, mut rest) = part.split_at(part.find('[').unwrap_or(part.len()));
+        if name.is_empty() || name.contains(']') || name.contains(char::is_whitespace) {
+            return false;
+        }
+        while let Some(inside) = rest.strip_prefix('[') {
+            let Some((index, behind)) = inside.split_once(']') else {
+                return false;
+            };
+            if index.is_empty() || index.len() > 9 || !index.bytes().all(|byte| byte.is_ascii_digit()) {
+                return false;
+            }
+            rest = behind;
+        }
+        rest.is_empty()
+    });
+    if !is_path {
+        value.fault(format!("\"{text}\" is no path: write names with dots between and indices in brackets, like point.z or data[3]"));
+    }
+    is_path.then(|| text.to_owned())
+}

@@ -1,0 +1,133 @@
+//! The effective configuration: every key with the value that holds, as commented TOML.
+
+use std::fmt::Write;
+
+/// One table of the effective configuration.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub(super) struct Node {
+    header: String,
+    meaning: &'static str,
+    is_element: bool,
+    pub(super) lines: Vec<Line>,
+    pub(super) children: Vec<Node>,
+}
+
+/// One key of the effective configuration.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Line {
+    pub(super) key: &'static str,
+    /// The value as TOML; none if nothing holds.
+    pub(super) value: Option<String>,
+    /// Whether the key has an effect here.
+    pub(super) shown: bool,
+    /// Whether the text gave it.
+    pub(super) given: bool,
+    pub(super) default: String,
+    pub(super) allowed: String,
+    pub(super) meaning: &'static str,
+    pub(super) condition: Option<&'static str>,
+}
+
+/// One key as the documentation lists it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct KeyReference {
+    /// The section: `rod.channel`; `[[` … `]]` for those that may stand several times.
+    pub section: String,
+    /// The key.
+    pub key: &'static str,
+    /// Its default, `required`, or what happens without it.
+    pub default: String,
+    /// What is allowed.
+    pub allowed: String,
+    /// What it means, with its unit.
+    pub meaning: &'static str,
+    /// When it has an effect, if not always.
+    pub condition: Option<&'static str>,
+}
+
+impl Node {
+    pub(super) fn root() -> Self {
+        Self::default()
+    }
+
+    pub(super) fn child(&self, name: &str, meaning: &'static str, is_element: bool) -> Self {
+        let header = if self.header.is_empty() {
+            name.to_owned()
+        } else {
+            format!("{}.{name}", self.header)
+        };
+        Self {
+            header,
+            meaning,
+            is_element,
+            lines: Vec::new(),
+            children: Vec::new(),
+        }
+    }
+
+    fn bracketed(&self) -> String {
+        if self.is_element {
+            format!("[[{}]]", self.header)
+        } else {
+            format!("[{}]", self.header)
+        }
+    }
+
+    /// As TOML: with what each key means if `commented`, else the bare keys.
+    pub(super) fn print(&self, commented: bool, out: &mut String) {
+        if !self.header.is_empty() {
+            if !out.is_empty() {
+                out.push('\n');
+            }
+            if commented {
+                let _ = writeln!(out, "# {}", self.meaning);
+            }
+            let _ = writeln!(out, "{}", self.bracketed());
+        }
+        for line in self.lines.iter().filter(|line| line.shown) {
+            match (&line.value, commented) {
+                (Some(value), true) => {
+                    let default = if line.given { "" } else { " (default)" };
+                    let _ = writeln!(out, "{} = {value}  # {}{default}", line.key, line.meaning);
+                }
+                (Some(value), false) => {
+                    let _ = writeln!(out, "{} = {value}", line.key);
+                }
+                (None, true) => {
+                    let _ = writeln!(
+                        out,
+                        "# {} is not set: {}  # {}",
+                        line.key, line.default, line.meaning
+                    );
+                }
+                (None, false) => {}
+            }
+        }
+        for child in &self.children {
+            child.print(commented, out);
+        }
+    }
+
+    /// Every key asked for, once per section.
+    pub(super) fn reference(&self, out: &mut Vec<KeyReference>) {
+        for line in &self.lines {
+            if out
+                .iter()
+                .any(|known| known.section == self.bracketed() && known.key == line.key)
+            {
+                continue;
+            }
+            out.push(KeyReference {
+                section: self.bracketed(),
+                key: line.key,
+                default: line.default.clone(),
+                allowed: line.allowed.clone(),
+                meaning: line.meaning,
+                condition: line.condition,
+            });
+        }
+        for child in &self.children {
+            child.reference(out);
+        }
+    }
+}

@@ -1,0 +1,182 @@
+//! `[[rod]]`: one rod, what is known about it beforehand, and where its samples are.
+
+use super::RodConfig;
+use super::range::{Range, toml_float, toml_string};
+use super::reader::{Absent, Table, key};
+use super::value::{Value, toml_floats};
+use super::{channel, prior};
+use crate::analysis::AnalysisSettings;
+use crate::bayes::{AbcSettings, Prior, RodPrior};
+use crate::beam::{Parameterisation, Quantity, Section};
+use crate::emulator::ModelSettings;
+use crate::forward::MAX_MODES;
+use crate::modes::ModeSettings;
+use crate::record::{RodChannels, RodId, Unit};
+use crate::spectrum::{PeakSettings, WelchSettings};
+
+/// What all rods of a site share.
+pub(super) struct Shared {
+    pub(super) welch: WelchSettings,
+    pub(super) peaks: PeakSettings,
+    pub(super) modes: ModeSettings,
+    pub(super) abc: AbcSettings,
+    pub(super) model: ModelSettings,
+    pub(super) seed: u64,
+}
+
+/// Relative model discrepancy of a rod that states none.
+const DISCREPANCY: f64 = 0.01;
+
+/// All rods; none in the place of one with a fault.
+pub(super) fn read_all(root: &mut Table<'_>, shared: &Shared) -> Vec<Option<RodConfig>> {
+    let mut ids: Vec<(String, usize)> = Vec::new();
+    let mut channels: Vec<(String, String, usize)> = Vec::new();
+    let rods = root.list("rod", "A rod.", |table| {
+        let rod = read(table, shared);
+        let line = table.line_of("id");
+        if let Some(rod) = &rod {
+            let id = &rod.analysis.rod.0;
+            // Ids become names of files and addresses, some of which do not tell case.
+            match ids.iter().find(|(other, _)| other.eq_ignore_ascii_case(id)) {
+                Some((_, first)) => {
+                    table.fault_of("id", format!("\"{id}\" is the id of the rod in line {first} too"))
+                }
+                None => ids.push((id.clone(), line)),
+            }
+            let displacement = &rod.channels.displacement;
+            let place = (displacement.topic.clone(), displacement.field.clone());
+            match channels
+                .iter()
+                .find(|(topic, field, _)| (topic, field) == (&place.0, &place.1))
+            {
+                Some((topic, field, first)) => table.fault_of(
+                    "channel",
+                    format!(
+                        "topic \"{topic}\", field \"{field}\" is the channel of the rod in line {first} too"
+                    ),
+                ),
+                None => channels.push((place.0, place.1, line)),
+            }
+        }
+        rod
+    });
+    if rods.is_empty() && !root.has("rod") {
+        root.fault_of(
+            "rod",
+            "is missing: at least one [[rod]] is wanted, config/minimal.toml shows one",
+        );
+    }
+    rods
+}
+
+fn read(table: &mut Table<'_>, shared: &Shared) -> Option<RodConfig> {
+    let id = table.take(
+        key("id", "name of the rod, unique within the site"),
+        "1 to 64 letters, digits, '-', '_', '.'; not starting with '.'",
+        Absent::Required,
+        id,
+        |id| toml_string(id),
+    );
+    let length = prior::take(table, Quantity::Length);
+    let sections: Vec<(&'static str, Section)> = Section::ALL.iter().map(|s| (s.key(), *s)).collect();
+    let section = table.take(
+        key(
+            "section",
+            "cross-section; direct: flexural rigidity and mass per length are given instead",
+        ),
+        super::value::quoted(&Section::ALL.map(Section::key)),
+        Absent::Required,
+        |value| value.choice(&sections),
+        |section| toml_string(section.key()),
+    );
+    let discrepancy = table
+        .take(
+            key("discrepancy", "relative model discrepancy (sd of b / y), one for all modes or one per mode; 0 is the paper's [-]"),
+            "0 <= discrepancy <= 0.5, or a list with one per mode",
+            Absent::Default(vec![DISCREPANCY]),
+            |value| discrepancy(value, shared.modes.count),
+            |list| if let [one] = list.as_slice() { toml_float(*one) } else { toml_floats(list) },
+        )
+        .map(|list| if let [one] = list[..] { vec![one; shared.modes.count] } else { list });
+    let priors = section.map(|section| {
+        table.section(
+            "priors",
+            "What is known about the rod beforehand (SI).",
+            |table| {
+                let quantities = section
+                    .quantities()
+                    .iter()
+                    .filter(|&&quantity| quantity != Quantity::Length);
+                quantities
+                    .map(|&quantity| prior::take(table, quantity))
+                    .collect::<Vec<Option<Prior>>>()
+            },
+        )
+    });
+    if priors.is_none() {
+        table.ignore(&["priors"]);
+    }
+    let displacement = table.section(
+        "channel",
+        "Its displacement, velocity or acceleration.",
+        |table| channel::read(table, "displacement", &Unit::MOTION, Unit::Metre),
+    );
+    let temperature = table.optional_section("temperature", "Its temperature.", |table| {
+        channel::read(table, "temperature", &Unit::TEMPERATURE, Unit::Celsius)
+    });
+
+    let (id, section) = (RodId(id?), section?);
+    let mut priors = priors?.into_iter().collect::<Option<Vec<Prior>>>()?;
+    priors.push(length?);
+    let prior = RodPrior::new(Parameterisation::new(section), priors)?;
+    let temperature = match temperature {
+        Some(channel) => Some(channel?),
+        None => None,
+    };
+    Some(RodConfig {
+        analysis: AnalysisSettings {
+            rod: id.clone(),
+            prior,
+            discrepancy: discrepancy?,
+            welch: shared.welch,
+            peaks: shared.peaks,
+            modes: shared.modes.clone(),
+            abc: shared.abc,
+            model: shared.model,
+            seed: shared.seed,
+        },
+        channels: RodChannels {
+            rod: id,
+            displacement: displacement?,
+            temperature,
+        },
+    })
+}
+
+fn id(value: &Value<'_>) -> Option<String> {
+    let text = value.name_string()?;
+    let is_id = text.len() <= 64
+        && !text.starts_with('.')
+        && text
+            .chars()
+            .all(|c| c.is_ascii_alphanumeric() || "-_.".contains(c));
+    if !is_id {
+        value.fault(format!(
+            "\"{text}\" is no id: 1 to 64 letters, digits, '-', '_' and '.', not starting with '.'"
+        ));
+    }
+    is_id.then(|| text.to_owned())
+}
+
+fn discrepancy(value: &Value<'_>, modes: usize) -> Option<Vec<f64>> {
+    let range = Range::within(0.0, 0.5);
+    if !value.is_array() {
+        return value.number(range).map(|one| vec![one]);
+    }
+    let list = value.numbers(range, 1, MAX_MODES)?;
+    if list.len() != modes {
+        value.fault(format!("has {} entries, modes.count = {modes}", list.len()));
+        return None;
+    }
+    Some(list)
+}

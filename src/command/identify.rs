@@ -2,13 +2,16 @@
 
 use super::render::{self, Outcome};
 use super::setup::{self, Overrides};
-use super::{BadArguments, replay};
+use super::{BadArguments, WITH_LOSSES};
+use super::campaign::{self, Reading};
 use crate::analysis::{Identification, Plan};
 use crate::bayes::Prior;
 use crate::config::Config;
 use crate::modes::Mode;
 use crate::record::RodId;
 use anyhow::anyhow;
+use std::collections::BTreeMap;
+use std::io::{self, Write};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -80,11 +83,15 @@ fn from_frequencies(args: &Args, list: &str) -> anyhow::Result<ExitCode> {
     }
     let plans = setup::plans(&config)?;
     let plan = plans.get(&rod).ok_or_else(|| anyhow!("the rod {rod} has no plan"))?;
-    let outcome = match plan.run_frequencies(modes) {
-        Ok(identification) => Outcome::Identified(Box::new(identification)),
-        Err(rejection) => Outcome::Rejected { rod, start: None, duration_s: None, fs_hz: None, rejection },
+    let (outcome, code) = match plan.run_frequencies(modes) {
+        Ok(identification) => (Outcome::Identified(Box::new(identification)), ExitCode::SUCCESS),
+        Err(rejection) => (
+            Outcome::Rejected { rod, start: None, duration_s: None, fs_hz: None, rejection },
+            ExitCode::from(WITH_LOSSES),
+        ),
     };
-    Ok(show(args, &config, plan, &outcome))
+    show(args, &config, &plans, &outcome)?;
+    Ok(code)
 }
 
 fn from_recording(args: &Args, path: &PathBuf) -> anyhow::Result<ExitCode> {
@@ -95,28 +102,30 @@ fn from_recording(args: &Args, path: &PathBuf) -> anyhow::Result<ExitCode> {
     }
     let plans = setup::plans(&config)?;
     let paths = std::slice::from_ref(path);
-    replay::each_outcome(paths, &config, &plans, &replay::Reading::default(), |outcome| {
-        match plans.get(outcome.rod()) {
-            Some(plan) => {
-                show(args, &config, plan, outcome);
-            }
-            None => eprintln!("warning: the rod {} has no plan", outcome.rod()),
-        }
-    })
+    let tally = campaign::run(paths, &config, &plans, &Reading::default(), |outcome, bar| {
+        bar.suspend(|| show(args, &config, &plans, outcome))
+    })?;
+    eprintln!("{tally}");
+    Ok(tally.exit_code())
 }
 
-fn show(args: &Args, config: &Config, plan: &Plan, outcome: &Outcome) -> ExitCode {
-    if args.json {
-        println!("{}", render::json(outcome, &args.overrides.provenance(config)));
-    } else {
-        match outcome {
-            Outcome::Identified(identification) => print!("{}", describe(plan, identification)),
-            Outcome::Rejected { rejection, .. } => {
-                println!("{}: rejected ({}): {rejection}", outcome.rod(), rejection.code());
-            }
+fn show(
+    args: &Args,
+    config: &Config,
+    plans: &BTreeMap<RodId, Plan>,
+    outcome: &Outcome,
+) -> io::Result<()> {
+    let text = match outcome {
+        _ if args.json => render::json(outcome, &args.overrides.provenance(config)) + "\n",
+        Outcome::Identified(identification) => match plans.get(&identification.rod) {
+            Some(plan) => describe(plan, identification),
+            None => String::new(),
+        },
+        Outcome::Rejected { rod, rejection, .. } => {
+            format!("{rod}: rejected ({}): {rejection}\n", rejection.code())
         }
-    }
-    outcome.exit_code()
+    };
+    io::stdout().lock().write_all(text.as_bytes())
 }
 
 /// Prior and posterior of every uncertain parameter, and how much to believe them.

@@ -1,5 +1,6 @@
 //! One file per subcommand, each with one `run`.
 
+mod campaign;
 pub mod check;
 pub mod identify;
 mod render;

@@ -1,0 +1,267 @@
+//! Recorded campaigns through the plans: every record's outcome in order, losses named, all counted.
+
+use super::WITH_LOSSES;
+use super::render::Outcome;
+use crate::analysis::Plan;
+use crate::config::Config;
+use crate::pipeline::map_in_order;
+use crate::record::{RodChannels, RodId};
+use crate::source::{self, Event, Recording, SourceError, Summary};
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use std::collections::BTreeMap;
+use std::fmt::{self, Display};
+use std::io::{self, IsTerminal};
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::thread;
+use std::time::Duration;
+
+/// How recordings are read.
+#[derive(Debug, Clone, Copy, Default, clap::Args)]
+pub struct Reading {
+    /// Threads that analyse records; the reader has one more. Default: one per core. The results are
+    /// the same, bit for bit, for any number.
+    #[arg(long, value_name = "COUNT", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub threads: Option<u16>,
+
+    /// Go on reading a recording that is still being written, until it is finished.
+    #[arg(long)]
+    pub follow: bool,
+}
+
+/// What came of a campaign.
+#[derive(Debug, Default)]
+pub struct Tally {
+    identified: usize,
+    rejected: BTreeMap<&'static str, usize>,
+    panicked: usize,
+    files: usize,
+    unreadable: usize,
+    with_losses: usize,
+}
+
+impl Tally {
+    /// 0 good, 1 nothing could be read or something broke, 3 rejected records or lost data.
+    pub fn exit_code(&self) -> ExitCode {
+        if self.panicked > 0 || (self.files > 0 && self.unreadable == self.files) {
+            ExitCode::FAILURE
+        } else if !self.rejected.is_empty() || self.unreadable > 0 || self.with_losses > 0 {
+            ExitCode::from(WITH_LOSSES)
+        } else {
+            ExitCode::SUCCESS
+        }
+    }
+}
+
+impl Display for Tally {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let rejected: usize = self.rejected.values().sum();
+        let records = self.identified + rejected + self.panicked;
+        write!(f, "{records} records from {} files: {} identified", self.files, self.identified)?;
+        if rejected > 0 {
+            let reasons: Vec<String> =
+                self.rejected.iter().map(|(code, count)| format!("{count} {code}")).collect();
+            write!(f, ", {rejected} rejected ({})", reasons.join(", "))?;
+        }
+        if self.panicked > 0 {
+            write!(f, ", {} broke the program (please report)", self.panicked)?;
+        }
+        if self.unreadable > 0 {
+            write!(f, ", {} files could not be read", self.unreadable)?;
+        }
+        if self.with_losses > 0 {
+            write!(f, ", {} files with lost data", self.with_losses)?;
+        }
+        Ok(())
+    }
+}
+
+/// Runs every record of `paths` (files, or folders of them) through its rod's plan and hands the
+/// outcomes to `on_outcome` in the order of the recordings. What was lost is said on stderr.
+///
+/// # Errors
+/// No path holds a recording, or `on_outcome` failed; a broken pipe ends the run without an error.
+pub fn run(
+    paths: &[PathBuf],
+    config: &Config,
+    plans: &BTreeMap<RodId, Plan>,
+    reading: &Reading,
+    mut on_outcome: impl FnMut(&Outcome, &ProgressBar) -> io::Result<()>,
+) -> anyhow::Result<Tally> {
+    let files = source::expand(paths)?;
+    let total: u64 = files.iter().filter_map(|file| file.metadata().ok()).map(|data| data.len()).sum();
+    let bar = progress(total);
+    let done = Arc::new(AtomicU64::new(0));
+    let channels: Vec<RodChannels> = config.rods.iter().map(|rod| rod.channels.clone()).collect();
+    let input = Recordings::new(files, channels, config, reading.follow, Arc::clone(&done));
+    let workers = reading.threads.map_or_else(
+        || thread::available_parallelism().map_or(1, usize::from),
+        usize::from,
+    );
+
+    let mut tally = Tally::default();
+    let mut failure = None;
+    map_in_order(
+        input,
+        workers,
+        |step| analyse(step, plans),
+        |result| {
+            bar.set_position(done.load(Ordering::Relaxed));
+            match result {
+                Ok(Done::Record(outcome)) => {
+                    match outcome.as_ref() {
+                        Outcome::Identified(_) => tally.identified += 1,
+                        Outcome::Rejected { rejection, .. } => {
+                            *tally.rejected.entry(rejection.code()).or_default() += 1;
+                        }
+                    }
+                    if let Err(error) = on_outcome(&outcome, &bar) {
+                        failure = Some(error);
+                        return ControlFlow::Break(());
+                    }
+                }
+                Ok(Done::File { path, result }) => tally.file(&path, &result, &bar),
+                Err(panic) => {
+                    tally.panicked += 1;
+                    say(&bar, &format!("error: the analysis of one record broke ({panic})"));
+                }
+            }
+            ControlFlow::Continue(())
+        },
+    );
+    bar.finish_and_clear();
+    match failure {
+        Some(error) if error.kind() != io::ErrorKind::BrokenPipe => Err(error.into()),
+        _ => Ok(tally),
+    }
+}
+
+impl Tally {
+    fn file(&mut self, path: &Path, result: &Result<Summary, SourceError>, bar: &ProgressBar) {
+        self.files += 1;
+        match result {
+            Ok(summary) => {
+                let losses = summary.losses();
+                if !losses.is_empty() {
+                    self.with_losses += 1;
+                }
+                for loss in losses {
+                    say(bar, &format!("warning: {}: {loss}", path.display()));
+                }
+            }
+            Err(error) => {
+                self.unreadable += 1;
+                say(bar, &format!("error: {error}"));
+            }
+        }
+    }
+}
+
+fn say(bar: &ProgressBar, line: &str) {
+    bar.suspend(|| eprintln!("{line}"));
+}
+
+/// A bar on stderr if that is a terminal; it shows after two seconds at the earliest.
+fn progress(total: u64) -> ProgressBar {
+    if !io::stderr().is_terminal() {
+        return ProgressBar::hidden();
+    }
+    let bar = ProgressBar::with_draw_target(Some(total), ProgressDrawTarget::stderr_with_hz(5));
+    if let Ok(style) =
+        ProgressStyle::with_template("{bar:40} {percent:>3} %  {bytes} of {total_bytes}, {eta} left")
+    {
+        bar.set_style(style);
+    }
+    bar.enable_steady_tick(Duration::from_millis(200));
+    bar
+}
+
+/// One step of reading: an event of a recording, or its end.
+enum Step {
+    Event(Event),
+    File { path: PathBuf, result: Result<Summary, SourceError> },
+}
+
+enum Done {
+    Record(Box<Outcome>),
+    File { path: PathBuf, result: Result<Summary, SourceError> },
+}
+
+fn analyse(step: Step, plans: &BTreeMap<RodId, Plan>) -> Done {
+    let record = match step {
+        Step::File { path, result } => return Done::File { path, result },
+        Step::Event(Event::Rejected { rod, start, duration_s, rejection }) => {
+            let outcome = Outcome::Rejected { rod, start, duration_s, fs_hz: None, rejection };
+            return Done::Record(Box::new(outcome));
+        }
+        Step::Event(Event::Record(record)) => record,
+    };
+    let outcome = match plans.get(&record.rod).map(|plan| plan.run(&record)) {
+        Some(Ok(identification)) => Outcome::Identified(Box::new(identification)),
+        Some(Err(rejection)) => Outcome::Rejected {
+            rod: record.rod.clone(),
+            start: Some(record.start),
+            duration_s: Some(record.duration_s()),
+            fs_hz: Some(record.fs_hz),
+            rejection,
+        },
+        // The reader only cuts records of rods of the same configuration the plans were made from.
+        None => unreachable!("the rod {} has channels but no plan", record.rod),
+    };
+    Done::Record(Box::new(outcome))
+}
+
+/// The events of many files, one after another, each followed by its end.
+struct Recordings {
+    files: std::vec::IntoIter<PathBuf>,
+    channels: Vec<RodChannels>,
+    settings: crate::record::RecordSettings,
+    follow: bool,
+    done: Arc<AtomicU64>,
+    bytes_of_closed: u64,
+    open: Option<(PathBuf, Recording)>,
+}
+
+impl Recordings {
+    fn new(
+        files: Vec<PathBuf>,
+        channels: Vec<RodChannels>,
+        config: &Config,
+        follow: bool,
+        done: Arc<AtomicU64>,
+    ) -> Self {
+        let settings = config.record;
+        Self { files: files.into_iter(), channels, settings, follow, done, bytes_of_closed: 0, open: None }
+    }
+}
+
+impl Iterator for Recordings {
+    type Item = Step;
+
+    fn next(&mut self) -> Option<Step> {
+        loop {
+            if let Some((path, mut recording)) = self.open.take() {
+                let event = recording.next();
+                self.done.store(self.bytes_of_closed + recording.bytes_read(), Ordering::Relaxed);
+                return Some(match event {
+                    Some(event) => {
+                        self.open = Some((path, recording));
+                        Step::Event(event)
+                    }
+                    None => {
+                        self.bytes_of_closed += recording.bytes_read();
+                        Step::File { path, result: Ok(recording.summary()) }
+                    }
+                });
+            }
+            let path = self.files.next()?;
+            match Recording::open(&path, &self.channels, &self.settings, self.follow) {
+                Ok(recording) => self.open = Some((path, recording)),
+                Err(error) => return Some(Step::File { path, result: Err(error) }),
+            }
+        }
+    }
+}

@@ -85,6 +85,32 @@ impl Prior {
         }
     }
 
+    /// What keeps this from being a distribution of a positive quantity; `None` if nothing does.
+    pub fn fault(&self) -> Option<&'static str> {
+        let finite = |values: &[f64]| values.iter().all(|value| value.is_finite());
+        match *self {
+            Self::Fixed { value } if !(value >= 0.0 && finite(&[value])) => {
+                Some("a fixed value must be zero or positive")
+            }
+            Self::TruncatedNormal { mean, sd } if !(finite(&[mean, sd]) && sd > 0.0) => {
+                Some("a normal needs a finite mean and a positive standard deviation")
+            }
+            // Further out fewer than one draw in seven hundred would be positive.
+            Self::TruncatedNormal { mean, sd } if mean < -3.0 * sd => {
+                Some("the mean lies more than three standard deviations below zero")
+            }
+            Self::LogNormal { median, log_sd }
+                if !(finite(&[median, log_sd]) && median > 0.0 && log_sd > 0.0) =>
+            {
+                Some("a log-normal needs a positive median and a positive log standard deviation")
+            }
+            Self::Uniform { low, high } if !(finite(&[low, high]) && low >= 0.0 && high > low) => {
+                Some("a uniform needs 0 <= low < high")
+            }
+            _ => None,
+        }
+    }
+
     /// Whether the quantity is known exactly.
     pub fn is_fixed(&self) -> bool {
         matches!(self, Self::Fixed { .. })

@@ -113,17 +113,17 @@ fn forth(prior: &Prior, value: f64) -> f64 {
         Prior::Uniform { low, high } => {
             // Tables round to f32, which may reach an end of the support.
             let share = ((value - low) / (high - low)).clamp(1e-7, 1.0 - 1e-7);
-            (share / (1.0 - share)).ln()
+            libm::log(share / (1.0 - share))
         }
-        _ => value.ln(),
+        _ => libm::log(value),
     }
 }
 
 /// From the real line to the support of the prior.
 fn back(prior: &Prior, value: f64) -> f64 {
     match *prior {
-        Prior::Uniform { low, high } => low + (high - low) / (1.0 + (-value).exp()),
-        _ => value.exp(),
+        Prior::Uniform { low, high } => low + (high - low) / (1.0 + libm::exp(-value)),
+        _ => libm::exp(value),
     }
 }
 

@@ -180,12 +180,12 @@ fn scan(
     bound: f32,
     found: &mut Vec<Candidate>,
 ) {
-    match target.terms.as_slice() {
-        &[a] => scan_modes([a], table, noise, shift, blocks, bound, found),
-        &[a, b] => scan_modes([a, b], table, noise, shift, blocks, bound, found),
-        &[a, b, c] => scan_modes([a, b, c], table, noise, shift, blocks, bound, found),
-        &[a, b, c, d] => scan_modes([a, b, c, d], table, noise, shift, blocks, bound, found),
-        &[a, b, c, d, e] => scan_modes([a, b, c, d, e], table, noise, shift, blocks, bound, found),
+    match *target.terms.as_slice() {
+        [a] => scan_modes([a], table, noise, shift, blocks, bound, found),
+        [a, b] => scan_modes([a, b], table, noise, shift, blocks, bound, found),
+        [a, b, c] => scan_modes([a, b, c], table, noise, shift, blocks, bound, found),
+        [a, b, c, d] => scan_modes([a, b, c, d], table, noise, shift, blocks, bound, found),
+        [a, b, c, d, e] => scan_modes([a, b, c, d, e], table, noise, shift, blocks, bound, found),
         _ => {}
     }
 }

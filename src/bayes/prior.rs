@@ -54,7 +54,7 @@ impl Prior {
             },
             Self::LogNormal { median, log_sd } => {
                 let z: f64 = StandardNormal.sample(generator);
-                median * (log_sd * z).exp()
+                median * libm::exp(log_sd * z)
             }
             Self::Uniform { low, high } => low + (high - low) * generator.random::<f64>(),
         }
@@ -67,7 +67,7 @@ impl Prior {
             Self::Fixed { value: fixed } if value == fixed => 0.0,
             Self::TruncatedNormal { mean, sd } if value > 0.0 => -0.5 * ((value - mean) / sd).powi(2),
             Self::LogNormal { median, log_sd } if value > 0.0 => {
-                -value.ln() - 0.5 * ((value / median).ln() / log_sd).powi(2)
+                -libm::log(value) - 0.5 * (libm::log(value / median) / log_sd).powi(2)
             }
             Self::Uniform { low, high } if (low..=high).contains(&value) => 0.0,
             _ => f64::NEG_INFINITY,

@@ -378,16 +378,16 @@ impl Source {
                     .zip(weights)
                     .map(|(ancestor, weight)| {
                         let squared: f64 = point.iter().zip(ancestor).map(|(a, b)| (a - b) * (a - b)).sum();
-                        weight * (-0.5 * squared).exp()
+                        weight * libm::exp(-0.5 * squared)
                     })
                     .sum();
-                proposer.prior.log_density(theta) - density.ln()
+                proposer.prior.log_density(theta) - libm::log(density)
             })
             .collect();
         let highest = logarithms.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         logarithms
             .iter_mut()
-            .for_each(|value| *value = (*value - highest).exp());
+            .for_each(|value| *value = libm::exp(*value - highest));
         let total: f64 = logarithms.iter().sum();
         logarithms.iter_mut().for_each(|value| *value /= total);
         logarithms

@@ -1,11 +1,13 @@
 //! Inference of one rod: planned once, then a pure function of observation and seed.
 
 use super::abc::{self, Accepted};
-use super::distance::Target;
+use super::conflict::{self, Conflict};
+use super::distance::{self, Target};
 use super::posterior::Posterior;
+use super::prior_tail::prior_tail;
 use super::sequential::{self, SequentialSettings};
 use super::table::{NoiseTable, Table, Tables};
-use super::{AbcSettings, Accept, Adjustment, Method, Noise, Observation, RodPrior};
+use super::{AbcSettings, Accept, Adjustment, Distance, Method, Noise, Observation, RodPrior};
 use super::{adjust, diagnostics};
 use crate::forward::{ForwardModel, MAX_MODES};
 use crate::record::Rejection;
@@ -154,6 +156,38 @@ impl Inference {
             Method::Rejection => self.reject(&target, seed),
             Method::Sequential => self.sequence(&target, seed),
         }
+    }
+
+    /// How far the observed frequencies lie from everything the beam can produce, and how far out in
+    /// what the prior produces. Rejects what [`Inference::run`] rejects as no observation.
+    pub fn conflict(&self, observation: &Observation) -> Result<Conflict, Rejection> {
+        check_observation(observation, self.table.modes())?;
+        let target = Target::new(
+            observation,
+            &self.discrepancy,
+            self.settings.noise,
+            Distance::Euclidean,
+        )
+        .ok_or_else(|| no_label(observation, "no finite weights"))?;
+        let Observation {
+            orders, frequency_hz, ..
+        } = observation;
+        let sd_hz: Vec<f64> = distance::error_sds(observation, self.settings.noise)
+            .zip(orders.iter().zip(frequency_hz))
+            .map(|(sd, (&order, frequency))| sd.hypot(self.discrepancy[order - 1] * frequency))
+            .collect();
+        let conflict::Nearest {
+            score,
+            nearest_hz,
+            residuals,
+        } = conflict::nearest(orders, frequency_hz, &sd_hz);
+        Ok(Conflict {
+            score,
+            nearest_hz,
+            residuals,
+            violation: conflict::violation(orders, frequency_hz, &sd_hz),
+            prior_tail: prior_tail(&target, &self.table, &self.noise),
+        })
     }
 
     /// The table of simulated draws.

@@ -12,16 +12,19 @@
 
 pub mod abc;
 pub mod adjust;
+pub mod conflict;
 pub mod diagnostics;
 pub mod distance;
 pub mod inference;
 pub mod observation;
 pub mod posterior;
 pub mod prior;
+mod prior_tail;
 pub mod sequential;
 pub mod settings;
 pub mod table;
 
+pub use conflict::{Conflict, Violation};
 pub use inference::{Inference, PlanError};
 pub use observation::{InvalidObservation, Observation};
 pub use posterior::{Marginal, Posterior, Stop};

@@ -1,0 +1,247 @@
+//! Local-linear regression adjustment of accepted draws (Beaumont, Zhang and Balding 2002).
+//!
+//! Near the observation y_0 the parameters are taken as linear in the simulated frequencies,
+//! g(theta_i) = alpha + (y_i - y_0)' beta + residual, fitted by least squares with Epanechnikov weights
+//! w_i (1 - d_i^2 / epsilon^2); each draw moves to g^-1(g(theta_i) - (y_i - y_0)' beta). g keeps every
+//! quantity inside the support of its prior: the logarithm, or the logit between the ends of a uniform.
+
+use super::{Prior, RodPrior};
+use nalgebra::{DMatrix, SymmetricEigen};
+
+/// Directions of the scaled design with less than this share of the largest eigenvalue count as absent.
+const RANK_TOLERANCE: f64 = 1e-10;
+
+/// Moves `particles` (row-major, points x quantities) and multiplies `weights`, which sum to one before
+/// and after, by the kernel. `differences` are y_i - y_0, row-major (points x modes).
+///
+/// Returns false and changes nothing if fewer points carry weight than twice the coefficients sought.
+pub fn linear(
+    prior: &RodPrior,
+    particles: &mut [f64],
+    differences: &[f64],
+    distances: &[f64],
+    epsilon: f64,
+    weights: &mut [f64],
+) -> bool {
+    let points = weights.len();
+    let modes = differences.len().checked_div(points).unwrap_or(0);
+    let kernel: Vec<f64> = weights
+        .iter()
+        .zip(distances)
+        .map(|(&weight, &distance)| weight * epanechnikov(distance, epsilon))
+        .collect();
+    if modes == 0 || kernel.iter().filter(|&&w| w > 0.0).count() < 2 * (modes + 1) {
+        return false;
+    }
+    let total: f64 = kernel.iter().sum();
+    for (weight, kernel) in weights.iter_mut().zip(&kernel) {
+        *weight = kernel / total;
+    }
+
+    let priors = prior.priors();
+    let uncertain: Vec<usize> = (0..priors.len()).filter(|&i| !priors[i].is_fixed()).collect();
+    let width = priors.len();
+    let design = DMatrix::from_row_slice(points, modes, differences);
+    let response = DMatrix::from_fn(points, uncertain.len(), |point, slot| {
+        let quantity = uncertain[slot];
+        forth(&priors[quantity], particles[point * width + quantity])
+    });
+    let slopes = weighted_least_squares(&design, &response, weights);
+    let moved = response - design * slopes;
+    for (point, theta) in particles.chunks_exact_mut(width).enumerate() {
+        for (slot, &quantity) in uncertain.iter().enumerate() {
+            theta[quantity] = back(&priors[quantity], moved[(point, slot)]);
+        }
+    }
+    true
+}
+
+/// 1 - (d / epsilon)^2 inside the tolerance; one for all when every distance is zero.
+fn epanechnikov(distance: f64, epsilon: f64) -> f64 {
+    if epsilon > 0.0 {
+        (1.0 - (distance / epsilon).powi(2)).max(0.0)
+    } else {
+        1.0
+    }
+}
+
+/// Slopes (modes x quantities) of response on design with an intercept. Centring takes the intercept
+/// out, scaling to unit variance makes one rank tolerance serve all columns; directions without
+/// variance get slope zero (minimum-norm solution).
+fn weighted_least_squares(design: &DMatrix<f64>, response: &DMatrix<f64>, weights: &[f64]) -> DMatrix<f64> {
+    let centred = |matrix: &DMatrix<f64>| {
+        let mut result = matrix.clone();
+        for mut column in result.column_iter_mut() {
+            let mean: f64 = column.iter().zip(weights).map(|(x, w)| w * x).sum();
+            for (x, w) in column.iter_mut().zip(weights) {
+                *x = (*x - mean) * w.sqrt();
+            }
+        }
+        result
+    };
+    let mut x = centred(design);
+    let scales: Vec<f64> = x
+        .column_iter_mut()
+        .map(|mut column| {
+            let norm = column.norm();
+            let scale = if norm > 0.0 { norm } else { 1.0 };
+            column /= scale;
+            scale
+        })
+        .collect();
+    let right = x.tr_mul(&centred(response));
+    let eigen = SymmetricEigen::new(x.tr_mul(&x));
+    let largest = eigen.eigenvalues.max();
+    let mut rotated = eigen.eigenvectors.tr_mul(&right);
+    for (mut row, &eigenvalue) in rotated.row_iter_mut().zip(eigen.eigenvalues.iter()) {
+        row *= if eigenvalue > RANK_TOLERANCE * largest {
+            1.0 / eigenvalue
+        } else {
+            0.0
+        };
+    }
+    let mut slopes = eigen.eigenvectors * rotated;
+    for (mut row, scale) in slopes.row_iter_mut().zip(scales) {
+        row /= scale;
+    }
+    slopes
+}
+
+/// From the support of the prior to the real line.
+fn forth(prior: &Prior, value: f64) -> f64 {
+    match *prior {
+        Prior::Uniform { low, high } => {
+            // Tables round to f32, which may reach an end of the support.
+            let share = ((value - low) / (high - low)).clamp(1e-7, 1.0 - 1e-7);
+            libm::log(share / (1.0 - share))
+        }
+        _ => libm::log(value),
+    }
+}
+
+/// From the real line to the support of the prior.
+fn back(prior: &Prior, value: f64) -> f64 {
+    match *prior {
+        Prior::Uniform { low, high } => low + (high - low) / (1.0 + libm::exp(-value)),
+        _ => libm::exp(value),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::beam::{Parameterisation, Section};
+
+    /// Direct section with an uncertain force and rigidity, everything else fixed.
+    fn prior(force: Prior, rigidity: Prior) -> RodPrior {
+        let fixed = |value| Prior::Fixed { value };
+        let rest = [fixed(1.0), fixed(0.0), fixed(0.0), fixed(1.0)];
+        RodPrior::new(
+            Parameterisation::new(Section::Direct),
+            [force, rigidity].into_iter().chain(rest).collect(),
+        )
+        .unwrap()
+    }
+
+    const LOG_NORMAL: Prior = Prior::LogNormal {
+        median: 1.0,
+        log_sd: 1.0,
+    };
+
+    #[test]
+    fn an_exactly_linear_relation_collapses_to_the_observation() {
+        // ln theta_0 = 1 + 2 x_0 - x_1: adjusted to x = 0 every particle is e.
+        let prior = prior(LOG_NORMAL, LOG_NORMAL);
+        let points = 50;
+        let (mut particles, mut differences, mut distances) = (vec![], vec![], vec![]);
+        for i in 0..points {
+            let x = [(i as f64 * 0.7).sin(), (i as f64 * 1.3).cos()];
+            differences.extend(x);
+            distances.push((x[0] * x[0] + x[1] * x[1]).sqrt());
+            particles.extend([(1.0 + 2.0 * x[0] - x[1]).exp(), 3.0, 1.0, 0.0, 0.0, 1.0]);
+        }
+        let mut weights = vec![1.0 / points as f64; points];
+        assert!(linear(
+            &prior,
+            &mut particles,
+            &differences,
+            &distances,
+            2.0,
+            &mut weights
+        ));
+        for theta in particles.chunks_exact(6) {
+            assert!((theta[0] - 1f64.exp()).abs() < 1e-12);
+            assert!((theta[1] - 3.0).abs() < 1e-12);
+            assert_eq!(theta[2..], [1.0, 0.0, 0.0, 1.0]);
+        }
+        assert!((weights.iter().sum::<f64>() - 1.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_repeated_column_is_no_trouble() {
+        let prior = prior(LOG_NORMAL, LOG_NORMAL);
+        let points = 40;
+        let (mut particles, mut differences, mut distances) = (vec![], vec![], vec![]);
+        for i in 0..points {
+            let x = (i as f64 * 0.7).sin();
+            differences.extend([x, 2.0 * x, 0.0]);
+            distances.push(x.abs());
+            particles.extend([(0.5 * x).exp(), 1.0, 1.0, 0.0, 0.0, 1.0]);
+        }
+        let mut weights = vec![1.0 / points as f64; points];
+        assert!(linear(
+            &prior,
+            &mut particles,
+            &differences,
+            &distances,
+            1.1,
+            &mut weights
+        ));
+        for theta in particles.chunks_exact(6) {
+            assert!((theta[0] - 1.0).abs() < 1e-9, "{}", theta[0]);
+        }
+    }
+
+    #[test]
+    fn a_uniform_quantity_stays_between_its_ends() {
+        let uniform = Prior::Uniform { low: 2.0, high: 5.0 };
+        let prior = prior(uniform, LOG_NORMAL);
+        let points = 40;
+        let (mut particles, mut differences, mut distances) = (vec![], vec![], vec![]);
+        for i in 0..points {
+            // The ends themselves too, as f32 rounding produces them.
+            let share = i as f64 / (points - 1) as f64;
+            differences.push(share + 3.0);
+            distances.push(share);
+            particles.extend([2.0 + 3.0 * share, 1.0, 1.0, 0.0, 0.0, 1.0]);
+        }
+        let mut weights = vec![1.0 / points as f64; points];
+        assert!(linear(
+            &prior,
+            &mut particles,
+            &differences,
+            &distances,
+            1.5,
+            &mut weights
+        ));
+        for theta in particles.chunks_exact(6) {
+            assert!((2.0..=5.0).contains(&theta[0]));
+        }
+    }
+
+    #[test]
+    fn too_few_points_are_left_alone() {
+        let prior = prior(LOG_NORMAL, LOG_NORMAL);
+        let mut particles = vec![1.0; 3 * 6];
+        let mut weights = vec![1.0 / 3.0; 3];
+        assert!(!linear(
+            &prior,
+            &mut particles,
+            &[0.1, 0.2, 0.3],
+            &[0.1, 0.2, 0.3],
+            0.3,
+            &mut weights
+        ));
+        assert_eq!(weights, [1.0 / 3.0; 3]);
+    }
+}

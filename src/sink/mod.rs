@@ -1,1 +1,9 @@
-//! Recordings out: MCAP files.
+//! Recordings out: MCAP files that appear whole or not at all.
+
+pub mod atomic;
+pub mod mcap;
+pub mod message;
+
+pub use self::atomic::AtomicFile;
+pub use self::mcap::{ChannelId, ChannelSpec, Compression, RecordingWriter, SinkError, WriterOptions};
+pub use self::message::{Encoding, Layout, Precision};

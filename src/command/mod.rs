@@ -1,3 +1,4 @@
 //! One file per subcommand, each with one `run`.
 
 pub mod check;
+pub mod simulate;

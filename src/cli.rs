@@ -1,6 +1,6 @@
 //! Arguments as typed.
 
-use crate::command::{check, identify, replay};
+use crate::command::{check, identify, replay, simulate};
 use clap::{ArgAction, Parser, Subcommand};
 use std::io;
 use tracing_subscriber::EnvFilter;
@@ -28,6 +28,8 @@ pub enum Command {
     Replay(replay::Args),
     /// One recording, or frequencies measured elsewhere, to the posterior of the axial force.
     Identify(identify::Args),
+    /// Recordings from the beam model, faults included, as MCAP files.
+    Simulate(simulate::Args),
     /// A configuration: every fault at once with its key and line, or what holds.
     Check(check::Args),
 }

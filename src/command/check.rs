@@ -39,13 +39,16 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
             }
             Ok(ExitCode::SUCCESS)
         }
-        Err(error) => {
-            eprintln!("{error}");
-            if let ConfigError::Faults { origin, faults } = &error {
-                let plural = if faults.len() == 1 { "" } else { "s" };
-                eprintln!("{origin}: {} fault{plural}", faults.len());
-            }
-            Ok(ExitCode::from(2))
-        }
+        Err(error) => Ok(refuse(&error)),
     }
+}
+
+/// Says on standard error what is wrong with a configuration; the exit code of bad arguments.
+pub fn refuse(error: &ConfigError) -> ExitCode {
+    eprintln!("{error}");
+    if let ConfigError::Faults { origin, faults } = error {
+        let plural = if faults.len() == 1 { "" } else { "s" };
+        eprintln!("{origin}: {} fault{plural}", faults.len());
+    }
+    ExitCode::from(2)
 }

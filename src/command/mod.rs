@@ -6,6 +6,7 @@ pub mod identify;
 mod render;
 pub mod replay;
 mod setup;
+pub mod simulate;
 
 use crate::bayes::PlanError;
 use crate::cli::Command;
@@ -23,6 +24,7 @@ pub fn run(command: &Command) -> anyhow::Result<ExitCode> {
         Command::Replay(args) => replay::run(args),
         Command::Identify(args) => identify::run(args),
         Command::Check(args) => check::run(args),
+        Command::Simulate(args) => simulate::run(args),
     }
 }
 

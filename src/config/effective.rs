@@ -65,6 +65,11 @@ impl Node {
         }
     }
 
+    /// The section's full name.
+    pub(super) fn name(&self) -> &str {
+        &self.header
+    }
+
     fn bracketed(&self) -> String {
         if self.is_element {
             format!("[[{}]]", self.header)

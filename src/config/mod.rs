@@ -23,10 +23,11 @@ mod value;
 
 pub use effective::KeyReference;
 pub use fault::{ConfigError, Fault};
+pub use simulation::{SimulationConfig, field_of};
 
 use crate::analysis::AnalysisSettings;
 use crate::record::{RecordSettings, RodChannels};
-use crate::synthesis::Simulation;
+
 use fault::Faults;
 use reader::Table;
 use sha2::{Digest, Sha256};
@@ -50,7 +51,7 @@ pub struct Config {
     /// How samples are cut into records and when a record is refused.
     pub record: RecordSettings,
     /// What `simulate` writes; none if the configuration has no `[simulation]`.
-    pub simulation: Option<Simulation>,
+    pub simulation: Option<SimulationConfig>,
     effective: effective::Node,
 }
 
@@ -178,10 +179,15 @@ impl Config {
         text
     }
 
-    /// SHA-256 of the effective configuration without comments: equal for texts that mean the same.
+    /// SHA-256 of the effective configuration without comments and without `[simulation]`: equal for
+    /// texts that mean the same for measured data.
     pub fn hash(&self) -> [u8; 32] {
         let mut text = String::new();
-        self.effective.print(false, &mut text);
+        let mut effective = self.effective.clone();
+        effective
+            .children
+            .retain(|section| section.name() != "simulation");
+        effective.print(false, &mut text);
         Sha256::digest(text.as_bytes()).into()
     }
 

@@ -119,10 +119,10 @@ fn read(table: &mut Table<'_>, shared: &Shared) -> Option<RodConfig> {
     let displacement = table.section(
         "channel",
         "Its displacement, velocity or acceleration.",
-        |table| channel::read(table, "displacement", &Unit::MOTION, Unit::Metre),
+        |table| channel::read(table, "value", &Unit::MOTION, Unit::Metre),
     );
     let temperature = table.optional_section("temperature", "Its temperature.", |table| {
-        channel::read(table, "temperature", &Unit::TEMPERATURE, Unit::Celsius)
+        channel::read(table, "value", &Unit::TEMPERATURE, Unit::Celsius)
     });
 
     let (id, section) = (RodId(id?), section?);

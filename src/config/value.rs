@@ -2,7 +2,7 @@
 
 use super::effective::Node;
 use super::fault::Faults;
-use super::range::{Range, plain};
+use super::range::Range;
 use super::reader::Table;
 use crate::record::Timestamp;
 use toml::Spanned;
@@ -64,11 +64,6 @@ impl<'t> Value<'t> {
         self.fault(format!("{} is {found}, {wanted} is wanted", self.typed()));
     }
 
-    /// Whether it is a number.
-    pub(super) fn is_number(&self) -> bool {
-        matches!(self.value.get_ref(), DeValue::Integer(_) | DeValue::Float(_))
-    }
-
     /// Whether it is a table.
     pub(super) fn is_table(&self) -> bool {
         matches!(self.value.get_ref(), DeValue::Table(_))
@@ -125,15 +120,6 @@ impl<'t> Value<'t> {
                 None
             }
         }
-    }
-
-    /// `true` or `false`.
-    pub(super) fn boolean(&self) -> Option<bool> {
-        if let DeValue::Boolean(value) = self.value.get_ref() {
-            return Some(*value);
-        }
-        self.wrong_type("true or false");
-        None
     }
 
     /// A string.
@@ -292,9 +278,4 @@ pub(super) fn toml_floats(numbers: &[f64]) -> String {
         .map(|number| super::range::toml_float(*number))
         .collect();
     format!("[{}]", numbers.join(", "))
-}
-
-/// `3 to 5`, as people write it.
-pub(super) fn from_to(low: f64, high: f64) -> String {
-    format!("{} to {}", plain(low), plain(high))
 }

@@ -1,0 +1,327 @@
+//! `tirante simulate`: a recording of simulated rods, with the truth known.
+
+use super::check::refuse;
+use crate::config::{Config, SimulationConfig};
+use crate::record::{Channel, Unit};
+use crate::sink::{AtomicFile, ChannelId, ChannelSpec, Layout, RecordingWriter, SinkError, WriterOptions};
+use crate::synthesis::{Message, SimulatedRecord, Simulation, Synthesis, SynthesisError};
+use indicatif::{ProgressBar, ProgressStyle};
+use rayon::prelude::*;
+use serde_json::json;
+use std::collections::BTreeMap;
+use std::io::{Seek, Write};
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::time::{Duration, Instant};
+
+/// Writes a recording of simulated rods as the configuration's `[simulation]` describes it: modes,
+/// damping, noise, temperature, loss of force, faults. The same seed gives the same file to the byte.
+#[derive(Debug, clap::Args)]
+#[command(
+    after_help = "Example:\n  tirante simulate --config config/campaign.toml --out campaign.mcap --truth truth.jsonl"
+)]
+pub struct Args {
+    /// The configuration; it needs a section `[simulation]`.
+    #[arg(long, value_name = "FILE")]
+    pub config: PathBuf,
+    /// The recording to write (MCAP).
+    #[arg(long, value_name = "FILE")]
+    pub out: PathBuf,
+    /// What the rods are in truth, one JSON object a rod and record.
+    #[arg(long, value_name = "FILE")]
+    pub truth: Option<PathBuf>,
+    /// Seed, instead of the configuration's.
+    #[arg(long, value_name = "N")]
+    pub seed: Option<u64>,
+    /// Overwrite files that exist.
+    #[arg(long)]
+    pub force: bool,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// A file cannot be written.
+pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
+    let config = match Config::load(&args.config) {
+        Ok(config) => config,
+        Err(error) => return Ok(refuse(&error)),
+    };
+    let Some(settings) = &config.simulation else {
+        eprintln!(
+            "{}: has no section [simulation]; config/campaign.toml shows one",
+            args.config.display()
+        );
+        return Ok(ExitCode::from(2));
+    };
+    for path in std::iter::once(&args.out).chain(&args.truth) {
+        if path.exists() && !args.force {
+            eprintln!("{}: exists; --force overwrites it", path.display());
+            return Ok(ExitCode::from(2));
+        }
+    }
+    let seed = args.seed.unwrap_or(config.seed);
+    let options = WriterOptions {
+        compression: settings.compression,
+        ..WriterOptions::default()
+    };
+    let mut recording = Recording::new(
+        RecordingWriter::create(&args.out, options)?,
+        &config,
+        settings,
+        seed,
+    )?;
+    let mut truth = args.truth.as_deref().map(AtomicFile::create).transpose()?;
+    let simulation = &settings.simulation;
+    let synthesis = Synthesis::new(simulation, seed);
+    let mut progress = Progress::new(simulation.records);
+    let mut first = None;
+    let mut last = None;
+    for batch in batches(simulation) {
+        let rods_of = |index| {
+            (0..simulation.rods.len())
+                .map(|rod| synthesis.record(rod, index))
+                .collect()
+        };
+        let made: Result<Vec<Vec<SimulatedRecord>>, SynthesisError> =
+            batch.into_par_iter().map(rods_of).collect();
+        let made = match made {
+            Ok(made) => made,
+            Err(error) => {
+                eprintln!("{}: {error}", args.config.display());
+                return Ok(ExitCode::from(2));
+            }
+        };
+        for rods in made {
+            recording.write(&rods)?;
+            if let Some(file) = &mut truth {
+                for rod in &rods {
+                    writeln!(file, "{}", truth_line(rod, simulation, seed))?;
+                }
+            }
+            progress.advance();
+            first.get_or_insert_with(|| summaries(&rods));
+            last = Some(rods);
+        }
+    }
+    progress.finish();
+    let (samples, messages) = (recording.samples, recording.messages);
+    recording.writer.save()?;
+    if let Some(file) = truth {
+        file.commit()?;
+    }
+    println!(
+        "{}: simulated, seed {seed}: {} x {} s at {} Hz of {}, {samples} samples in {messages} messages, {:.2} MB",
+        args.out.display(),
+        simulation.records,
+        simulation.record_s,
+        simulation.fs_hz,
+        if let [_] = simulation.rods[..] {
+            "one rod".to_owned()
+        } else {
+            format!("{} rods", simulation.rods.len())
+        },
+        std::fs::metadata(&args.out)?.len() as f64 * 1e-6
+    );
+    let last = last.as_deref().map(summaries).unwrap_or_default();
+    for (first, last) in first.unwrap_or_default().iter().zip(&last) {
+        println!("  first {first}");
+        if simulation.records > 1 {
+            println!("  last  {last}");
+        }
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Records made at once: enough for every thread, few enough for memory. The split does not change them.
+fn batches(simulation: &Simulation) -> impl Iterator<Item = Vec<usize>> {
+    let samples = simulation.samples().max(1) * simulation.rods.len().max(1);
+    let together = (2_000_000 / samples).clamp(1, 4 * rayon::current_num_threads());
+    let records = simulation.records;
+    (0..records)
+        .step_by(together)
+        .map(move |begin| (begin..records.min(begin + together)).collect())
+}
+
+/// The recording being written.
+struct Recording<W: Write + Seek> {
+    writer: RecordingWriter<W>,
+    /// Channels of each rod: displacement, and temperature if this rod is the one that writes it.
+    channels: Vec<((ChannelId, Unit), Option<(ChannelId, Unit)>)>,
+    fs_hz: f64,
+    samples: u64,
+    messages: u64,
+}
+
+impl<W: Write + Seek> Recording<W> {
+    fn new(
+        mut writer: RecordingWriter<W>,
+        config: &Config,
+        settings: &SimulationConfig,
+        seed: u64,
+    ) -> Result<Self, SinkError> {
+        let facts = BTreeMap::from([
+            ("simulated".to_owned(), "yes: no rod was measured".to_owned()),
+            (
+                "by".to_owned(),
+                concat!("tirante simulate ", env!("CARGO_PKG_VERSION")).to_owned(),
+            ),
+            ("seed".to_owned(), seed.to_string()),
+            ("config".to_owned(), config.effective()),
+        ]);
+        writer.metadata("tirante.simulation", facts)?;
+        let simulation = &settings.simulation;
+        let layout = match simulation.samples_per_message {
+            0 | 1 => Layout::Sample,
+            length => Layout::Batch(length),
+        };
+        let mut add = |channel: &Channel, layout| {
+            let spec = ChannelSpec {
+                topic: channel.topic.clone(),
+                encoding: settings.encoding,
+                layout,
+                precision: settings.precision,
+                unit: channel.unit,
+            };
+            writer.add_channel(spec).map(|id| (id, channel.unit))
+        };
+        let mut thermometers: Vec<&str> = Vec::new();
+        let mut channels = Vec::new();
+        for rod in &simulation.rods {
+            let displacement = add(&rod.displacement, layout)?;
+            let shown = rod.temperature.as_ref().filter(|channel| {
+                simulation.climate.is_some() && !thermometers.contains(&channel.topic.as_str())
+            });
+            let temperature = match shown {
+                Some(channel) => {
+                    thermometers.push(&channel.topic);
+                    Some(add(channel, Layout::Sample)?)
+                }
+                None => None,
+            };
+            channels.push((displacement, temperature));
+        }
+        Ok(Self {
+            writer,
+            channels,
+            fs_hz: simulation.fs_hz,
+            samples: 0,
+            messages: 0,
+        })
+    }
+
+    /// One record of every rod, the channels side by side as a recorder would write them.
+    fn write(&mut self, rods: &[SimulatedRecord]) -> Result<(), SinkError> {
+        let mut sent: Vec<(f64, ChannelId, Unit, &Message)> = Vec::new();
+        for (rod, (displacement, temperature)) in rods.iter().zip(&self.channels) {
+            let streams = [
+                (Some(displacement), &rod.displacement),
+                (temperature.as_ref(), &rod.temperature),
+            ];
+            for (channel, messages) in streams {
+                let Some(&(id, unit)) = channel else { continue };
+                let count = messages.len() as f64;
+                sent.extend(
+                    messages
+                        .iter()
+                        .enumerate()
+                        .map(|(i, message)| (i as f64 / count, id, unit, message)),
+                );
+            }
+        }
+        // Stable: within a channel the order of sending stays, whatever the stamps say.
+        sent.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let mut values = Vec::new();
+        for (_, id, unit, message) in sent {
+            values.clear();
+            values.extend(message.samples.iter().map(|value| in_unit(*value, unit)));
+            self.writer
+                .write_message(id, message.stamp, self.fs_hz, &values)?;
+            self.messages += 1;
+            self.samples += values.len() as u64;
+        }
+        Ok(())
+    }
+}
+
+/// An SI value (or degrees Celsius) in `unit`: the inverse of [`Unit::convert`], which is affine.
+fn in_unit(value: f64, unit: Unit) -> f64 {
+    let (zero, one) = (unit.convert(0.0), unit.convert(1.0));
+    (value - zero) / (one - zero)
+}
+
+/// What one rod is in truth during one record, as a JSON object.
+fn truth_line(record: &SimulatedRecord, simulation: &Simulation, seed: u64) -> serde_json::Value {
+    let truth = &record.truth;
+    json!({
+        "rod": record.rod,
+        "record": record.number,
+        "start": record.start,
+        "duration_s": simulation.record_s,
+        "axial_force_n": truth.axial_force_n,
+        "relative_force": truth.relative_force,
+        "air_c": truth.air_c,
+        "rod_c": truth.rod_c,
+        "frequency_hz": truth.frequency_hz,
+        "seed": seed,
+    })
+}
+
+fn summaries(rods: &[SimulatedRecord]) -> Vec<String> {
+    let summary = |record: &SimulatedRecord| {
+        let truth = &record.truth;
+        let frequencies: Vec<String> = truth.frequency_hz.iter().map(|f| format!("{f:.3}")).collect();
+        let force = truth
+            .axial_force_n
+            .map_or(String::new(), |force| format!(", {:.1} kN", force * 1e-3));
+        let temperature = truth
+            .rod_c
+            .map_or(String::new(), |celsius| format!(", rod at {celsius:.1} degC"));
+        format!(
+            "{} {}: {} Hz{force}{temperature}",
+            record.start,
+            record.rod,
+            frequencies.join(", ")
+        )
+    };
+    rods.iter().map(summary).collect()
+}
+
+/// A progress bar on standard error that appears after two seconds.
+struct Progress {
+    since: Instant,
+    records: u64,
+    done: u64,
+    bar: Option<ProgressBar>,
+}
+
+impl Progress {
+    fn new(records: usize) -> Self {
+        Self {
+            since: Instant::now(),
+            records: records as u64,
+            done: 0,
+            bar: None,
+        }
+    }
+
+    fn advance(&mut self) {
+        self.done += 1;
+        if self.bar.is_none() && self.since.elapsed() > Duration::from_secs(2) {
+            let bar = ProgressBar::new(self.records);
+            if let Ok(style) = ProgressStyle::with_template("{wide_bar} {pos}/{len} records, {eta} left") {
+                bar.set_style(style);
+            }
+            self.bar = Some(bar);
+        }
+        if let Some(bar) = &self.bar {
+            bar.set_position(self.done);
+        }
+    }
+
+    fn finish(&self) {
+        if let Some(bar) = &self.bar {
+            bar.finish_and_clear();
+        }
+    }
+}

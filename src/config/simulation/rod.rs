@@ -1,0 +1,397 @@
+//! `[[simulation.rod]]`: one simulated rod, its truth and its sensor.
+
+use super::super::RodConfig;
+use super::super::prior::{quantity_key, sane};
+use super::super::range::{Range, toml_float, toml_string};
+use super::super::reader::{Absent, Table, key};
+use super::super::value::toml_floats;
+use super::fault;
+use crate::beam::Section;
+use crate::forward::MAX_MODES;
+use crate::synthesis::{AddedMass, Change, Line, Pull, PullKind, Sensor, SimulatedRod, Thermal, Truth};
+
+/// Damping ratio of a rod that states none: iron between masonry walls.
+const DAMPING: f64 = 0.002;
+
+const PULLS: [(&str, PullKind); 2] = [("release", PullKind::Release), ("blow", PullKind::Blow)];
+
+/// One rod; none if it has a fault that leaves nothing to build.
+pub(super) fn read(
+    table: &mut Table<'_>,
+    rods: &[Option<RodConfig>],
+    has_climate: bool,
+    records: usize,
+) -> Option<SimulatedRod> {
+    let id = table.take(
+        key("id", "id of the [[rod]] it stands for"),
+        "the id of a [[rod]]",
+        Absent::Required,
+        |value| value.name_string().map(str::to_owned),
+        |id| toml_string(id),
+    );
+    let config = id
+        .as_ref()
+        .and_then(|id| rods.iter().flatten().find(|rod| rod.analysis.rod.0 == *id));
+    if let (Some(id), None) = (&id, config)
+        && rods.iter().all(Option::is_some)
+    {
+        let known: Vec<&str> = rods
+            .iter()
+            .flatten()
+            .map(|rod| rod.analysis.rod.0.as_str())
+            .collect();
+        table.fault_of(
+            "id",
+            format!("no [[rod]] is called \"{id}\", there are: {}", known.join(", ")),
+        );
+    }
+    let frequencies_hz = table.take(
+        key(
+            "frequencies_hz",
+            "natural frequencies given directly, without a beam behind them [Hz]",
+        ),
+        "a list of 1 to 5 ascending numbers, 0.01 to 10000",
+        Absent::Nothing("those of the truth's beam"),
+        |value| {
+            let list = value.numbers(Range::within(0.01, 1e4), 1, MAX_MODES)?;
+            if list.windows(2).any(|pair| pair[0] >= pair[1]) {
+                value.fault("is not in ascending order");
+            }
+            Some(list)
+        },
+        |list| toml_floats(list),
+    );
+    let is_beam = !table.has("frequencies_hz");
+    let modes = table.integer(
+        key("modes", "mode orders simulated, from the first").only(is_beam, "no frequencies_hz"),
+        1,
+        MAX_MODES as u64,
+        MAX_MODES as u64,
+    ) as usize;
+    let modes = frequencies_hz.as_ref().map_or(modes, Vec::len);
+    let damping = table
+        .take(
+            key("damping", "damping ratio, one for all modes or one per mode [-]"),
+            "0.00001 <= damping <= 0.5, or a list with one per mode",
+            Absent::Default(vec![DAMPING]),
+            |value| {
+                let range = Range::within(1e-5, 0.5);
+                if value.is_array() {
+                    value.numbers(range, modes, modes)
+                } else {
+                    value.number(range).map(|one| vec![one])
+                }
+            },
+            |list| {
+                if let [one] = list.as_slice() {
+                    toml_float(*one)
+                } else {
+                    toml_floats(list)
+                }
+            },
+        )
+        .map(|list| {
+            if let [one] = list[..] {
+                vec![one; modes]
+            } else {
+                list
+            }
+        });
+    let ambient_m = table.number(
+        key(
+            "ambient_m",
+            "standard deviation of the first mode's ambient response at its antinode [m]",
+        ),
+        Range::within(0.0, 0.1),
+        20e-6,
+    );
+    let section = config.map(|config| config.analysis.prior.parameterisation().section());
+    let theta = match (is_beam, config) {
+        (false, _) => {
+            if table.has("truth") {
+                table.ignore(&["truth"]);
+                table.fault_of("truth", "has no effect beside frequencies_hz; remove one of them");
+            }
+            None
+        }
+        (true, Some(config)) => Some(table.section(
+            "truth",
+            "What a simulated rod is in truth (SI).",
+            |table| truth(table, config),
+        )),
+        (true, None) => {
+            table.ignore(&["truth"]);
+            None
+        }
+    };
+    let sensor = table.section("sensor", "The sensor of a simulated rod.", sensor);
+    let pull = table.optional_section(
+        "pull",
+        "Pulls or blows on a schedule, beside the ambient load.",
+        pull,
+    );
+    let thermal_of = |table: &mut Table<'_>| thermal(table, section);
+    let thermal = table.optional_section("thermal", "How temperature acts on the axial force.", thermal_of);
+    if thermal.is_some() && !has_climate {
+        table.fault_of("thermal", "has no effect without [simulation.climate]");
+    }
+    if thermal.is_some() && !is_beam {
+        table.fault_of("thermal", "has no effect on frequencies_hz");
+    }
+    let interference = table.list("line", "A sinusoid that is no mode.", |table| Line {
+        frequency_hz: table
+            .maybe_number(
+                key("frequency_hz", "its frequency [Hz]"),
+                Range::above(0.0, 5e4),
+                Absent::Required,
+            )
+            .unwrap_or(1.0),
+        amplitude_m: table
+            .maybe_number(
+                key("amplitude_m", "its amplitude [m]"),
+                Range::within(0.0, 1.0),
+                Absent::Required,
+            )
+            .unwrap_or(0.0),
+    });
+    let changes = table.list(
+        "change",
+        "A change of the axial force besides temperature.",
+        change,
+    );
+    if !changes.is_empty() && !is_beam {
+        table.fault_of("change", "has no effect on frequencies_hz");
+    }
+    let added_mass = table.optional_section("added_mass", "A mass hung onto a simulated rod.", added_mass);
+    if added_mass.is_some() && !is_beam {
+        table.fault_of("added_mass", "has no effect on frequencies_hz");
+    }
+    let faults = table.list("fault", "Something that goes wrong in some records.", |table| {
+        fault::read(table, records)
+    });
+
+    let config = config?;
+    let truth = match (frequencies_hz, theta) {
+        (Some(list), _) => Truth::Frequencies(list),
+        (None, Some(theta)) => Truth::Beam {
+            section: section?,
+            theta,
+        },
+        (None, None) => return None,
+    };
+    Some(SimulatedRod {
+        truth,
+        damping: damping?,
+        ambient_m,
+        pull,
+        sensor,
+        interference,
+        thermal: thermal.unwrap_or(FREE),
+        changes,
+        added_mass,
+        faults: faults.into_iter().collect::<Option<Vec<_>>>()?,
+        ..by_default(config)
+    })
+}
+
+/// A rod no temperature acts on.
+const FREE: Thermal = Thermal {
+    restraint: 0.0,
+    expansion_per_k: 0.0,
+    axial_rigidity_n: None,
+    reference_c: None,
+    lag_h: 0.0,
+};
+
+/// A rod of the configuration at the centre of its priors, with a good sensor in ambient vibration.
+pub(super) fn by_default(config: &RodConfig) -> SimulatedRod {
+    SimulatedRod {
+        rod: config.analysis.rod.clone(),
+        displacement: config.channels.displacement.clone(),
+        temperature: config.channels.temperature.clone(),
+        truth: Truth::Beam {
+            section: config.analysis.prior.parameterisation().section(),
+            theta: config.analysis.prior.centre(),
+        },
+        damping: vec![DAMPING; MAX_MODES],
+        ambient_m: 20e-6,
+        pull: None,
+        sensor: Sensor {
+            at: 0.4,
+            noise_m: 1e-6,
+            pink_m: 0.0,
+            resolution_m: 1e-8,
+        },
+        interference: Vec::new(),
+        thermal: FREE,
+        changes: Vec::new(),
+        added_mass: None,
+        faults: Vec::new(),
+    }
+}
+
+fn truth(table: &mut Table<'_>, config: &RodConfig) -> Vec<f64> {
+    let prior = &config.analysis.prior;
+    let quantities = prior.parameterisation().quantities().iter().zip(prior.centre());
+    quantities
+        .map(|(&quantity, centre)| table.number(quantity_key(quantity), sane(quantity), centre))
+        .collect()
+}
+
+fn share_of_length() -> Range {
+    Range::within(0.01, 0.99)
+}
+
+fn sensor(table: &mut Table<'_>) -> Sensor {
+    Sensor {
+        at: table.number(
+            key(
+                "at",
+                "where it looks, as a share of the length; 0.5 sees no even mode [-]",
+            ),
+            share_of_length(),
+            0.4,
+        ),
+        noise_m: table.number(
+            key("noise_m", "standard deviation of its white noise, per sample [m]"),
+            Range::within(0.0, 0.1),
+            1e-6,
+        ),
+        pink_m: table.number(
+            key("pink_m", "standard deviation of its 1/f noise above 1 mHz [m]"),
+            Range::within(0.0, 0.1),
+            0.0,
+        ),
+        resolution_m: table.number(
+            key("resolution_m", "smallest step of its output, 0 for none [m]"),
+            Range::within(0.0, 0.01),
+            1e-8,
+        ),
+    }
+}
+
+fn pull(table: &mut Table<'_>) -> Pull {
+    let kind = table.choice(
+        key("kind", "a slow pull and sudden release, or a blow"),
+        &PULLS,
+        PullKind::Release,
+    );
+    let time = Range::within(0.0, 86_400.0);
+    Pull {
+        kind,
+        at: table.number(
+            key("at", "where, as a share of the length [-]"),
+            share_of_length(),
+            0.3,
+        ),
+        deflection_m: table.number(
+            key(
+                "deflection_m",
+                "deflection there at release; for a blow the first mode's amplitude [m]",
+            ),
+            Range::above(0.0, 0.5),
+            1e-3,
+        ),
+        first_s: table.number(
+            key("first_s", "first release, from the start of each record [s]"),
+            time,
+            5.0,
+        ),
+        every_s: table.number(
+            key("every_s", "from one release to the next [s]"),
+            Range::within(1.0, 86_400.0),
+            86_400.0,
+        ),
+        ramp_s: table.number(
+            key("ramp_s", "how long the pull takes [s]")
+                .only(kind == PullKind::Release, "kind = \"release\""),
+            Range::within(0.0, 600.0),
+            2.0,
+        ),
+    }
+}
+
+fn thermal(table: &mut Table<'_>, section: Option<Section>) -> Thermal {
+    let is_direct = section == Some(Section::Direct);
+    let rigidity = Range::within(1e3, 1e12);
+    let meaning = key("axial_rigidity_n", "axial rigidity E A [N]");
+    let absent = if is_direct {
+        Absent::Required
+    } else {
+        Absent::Nothing("E and A of the truth")
+    };
+    Thermal {
+        restraint: table.number(
+            key("restraint", "restraint of the ends, 0 free to 1 rigid [-]"),
+            Range::within(0.0, 1.0),
+            0.5,
+        ),
+        expansion_per_k: table.number(
+            key("expansion_per_k", "expansion coefficient [1/K]"),
+            Range::within(0.0, 1e-4),
+            1.2e-5,
+        ),
+        axial_rigidity_n: table.maybe_number(meaning, rigidity, absent),
+        reference_c: table.maybe_number(
+            key(
+                "reference_c",
+                "temperature at which the truth's axial force holds [degC]",
+            ),
+            Range::within(-60.0, 60.0),
+            Absent::Nothing("the climate's mean"),
+        ),
+        lag_h: table.number(
+            key("lag_h", "time constant with which the rod follows the air [h]"),
+            Range::within(0.0, 120.0),
+            1.0,
+        ),
+    }
+}
+
+fn change(table: &mut Table<'_>) -> Change {
+    let days = Range::within(0.0, 36_525.0);
+    Change {
+        start_d: table.number(
+            key("start_d", "begin, from the start of the simulation [d]"),
+            days,
+            0.0,
+        ),
+        over_d: table.number(
+            key("over_d", "how long it grows before it stays; 0 is a step [d]"),
+            days,
+            0.0,
+        ),
+        relative: table
+            .maybe_number(
+                key(
+                    "relative",
+                    "final change as a share of the truth's axial force [-]",
+                ),
+                Range::within(-0.99, 10.0),
+                Absent::Required,
+            )
+            .unwrap_or(0.0),
+    }
+}
+
+fn added_mass(table: &mut Table<'_>) -> AddedMass {
+    AddedMass {
+        mass_kg: table
+            .maybe_number(
+                key("mass_kg", "how much [kg]"),
+                Range::above(0.0, 1e4),
+                Absent::Required,
+            )
+            .unwrap_or(0.0),
+        at: table.number(
+            key("at", "where, as a share of the length [-]"),
+            share_of_length(),
+            0.5,
+        ),
+        start_d: table.number(
+            key("start_d", "from when, from the start of the simulation [d]"),
+            Range::within(0.0, 36_525.0),
+            0.0,
+        ),
+    }
+}

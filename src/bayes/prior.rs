@@ -111,6 +111,19 @@ impl Prior {
         }
     }
 
+    /// Mean and standard deviation, SI; those before truncation for a truncated normal.
+    pub fn mean_and_sd(&self) -> (f64, f64) {
+        match *self {
+            Self::Fixed { value } => (value, 0.0),
+            Self::TruncatedNormal { mean, sd } => (mean, sd),
+            Self::LogNormal { median, log_sd } => {
+                let mean = median * (0.5 * log_sd * log_sd).exp();
+                (mean, mean * (log_sd * log_sd).exp_m1().sqrt())
+            }
+            Self::Uniform { low, high } => (0.5 * (low + high), (high - low) / 12f64.sqrt()),
+        }
+    }
+
     /// Whether the quantity is known exactly.
     pub fn is_fixed(&self) -> bool {
         matches!(self, Self::Fixed { .. })

@@ -1,11 +1,10 @@
 //! `tirante identify`: one recording, or frequencies measured elsewhere, to the posterior.
 
-use super::render::{self, Outcome};
+use super::render::{self, CONFLICT_SHOWN, Outcome};
 use super::setup::{self, Overrides};
 use super::{BadArguments, WITH_LOSSES};
 use super::campaign::{self, Reading};
 use crate::analysis::{Identification, Plan};
-use crate::bayes::Prior;
 use crate::config::Config;
 use crate::modes::Mode;
 use crate::record::RodId;
@@ -162,8 +161,8 @@ fn describe(plan: &Plan, identification: &Identification) -> String {
     let prior = &plan.settings().prior;
     for (quantity, before) in prior.parameterisation().quantities().iter().zip(prior.priors()) {
         let (mean, sd) = before.mean_and_sd();
-        if let Prior::Fixed { value } = before {
-            line(format!("  {:<24} {value:>12.5}  fixed", quantity.key()));
+        if before.is_fixed() {
+            line(format!("  {:<24} {mean:>12.5}  fixed", quantity.key()));
         } else if let Some(after) = identification.posterior.marginal(*quantity) {
             line(format!(
                 "  {:<24} {:>12.4e} {:>6.3}   {:>12.4e} {:>6.3}   {:>12.4e} {:>12.4e}",
@@ -183,7 +182,15 @@ fn describe(plan: &Plan, identification: &Identification) -> String {
         "  {} of {} draws accepted, epsilon {:.4}, effective sample size {:.0}",
         posterior.accepted, posterior.draws, posterior.epsilon, posterior.ess
     ));
-    line(format!("  conflict {}", identification.conflict));
+    let conflict = &identification.conflict;
+    line(format!(
+        "  conflict {:.1}: standard deviations from the nearest frequencies the model can produce",
+        conflict.score
+    ));
+    if let Some(violation) = conflict.violation.as_ref().filter(|_| conflict.score >= CONFLICT_SHOWN) {
+        line(format!("  ! model and data disagree: {violation}"));
+        line("    the force may be wrong by more than its interval says".to_owned());
+    }
     text
 }
 

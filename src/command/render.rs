@@ -1,7 +1,7 @@
 //! A record as one line: JSON for programs, a table for people.
 
-use crate::analysis::{Identification, Measurement, VERSION};
-use crate::bayes::posterior::Marginal;
+use crate::analysis::{Identification, VERSION};
+use crate::bayes::{Marginal, Posterior};
 use crate::beam::Quantity;
 use crate::modes::Mode;
 use crate::record::{Flag, Rejection, RodId, Timestamp};
@@ -11,6 +11,9 @@ use std::fmt::Write;
 
 /// From this many standard deviations on, people are told that model and data disagree.
 pub const CONFLICT_SHOWN: f64 = 3.0;
+
+/// The state of a rod whose force is not tracked.
+const NOT_MONITORING: &str = "not-monitoring";
 
 /// One record that was read: what came of it.
 #[derive(Debug)]
@@ -40,14 +43,15 @@ struct Line<'a> {
     duration_s: Option<f64>,
     fs_hz: Option<f64>,
     modes: &'a [Mode],
-    axial_force_n: Option<Summary>,
+    axial_force_n: Option<Marginal>,
     parameters: BTreeMap<&'static str, Parameter>,
     epsilon: Option<f64>,
     draws: Option<usize>,
     accepted: Option<usize>,
     ess: Option<f64>,
     conflict: Option<f64>,
-    relative_force: Option<Summary>,
+    prior_tail: Option<f64>,
+    relative_force: Option<()>,
     not_axial_p: Option<f64>,
     temperature_c: Option<f64>,
     state: &'static str,
@@ -73,37 +77,46 @@ struct Reason<'a> {
     detail: &'a Rejection,
 }
 
+/// The uncertain quantities besides the axial force.
+fn parameters(posterior: &Posterior) -> BTreeMap<&'static str, Parameter> {
+    let quantities = posterior.parameterisation.quantities().iter();
+    quantities
+        .filter(|&&quantity| quantity != Quantity::AxialForce)
+        .filter_map(|&quantity| {
+            let marginal = posterior.marginal(quantity).filter(|marginal| marginal.sd > 0.0)?;
+            Some((quantity.key(), Parameter { mean: marginal.mean, cv: marginal.cv }))
+        })
+        .collect()
+}
+
 /// One JSON object without a line end (design 5.1): SI, the unit as a suffix, every field present.
 pub fn json(outcome: &Outcome, config_hash: &str) -> String {
     let line = match outcome {
         Outcome::Identified(identification) => {
             let posterior = &identification.posterior;
-            let uncertain = posterior.quantities().iter().filter(|&&q| q != Quantity::AxialForce);
-            let parameters = uncertain.map(|&quantity| {
-                let summary = Summary::of(posterior, quantity);
-                (quantity.key(), Parameter { mean: summary.mean, cv: summary.cv })
-            });
+            let measurement = identification.measurement.as_ref();
             Line {
                 rod: &identification.rod,
-                start: identification.start,
-                duration_s: identification.duration_s,
-                fs_hz: identification.fs_hz,
+                start: measurement.map(|m| m.start),
+                duration_s: measurement.map(|m| m.duration_s),
+                fs_hz: measurement.map(|m| m.fs_hz),
                 modes: &identification.modes,
-                axial_force_n: Some(identification.axial_force_n()),
-                parameters: parameters.collect(),
+                axial_force_n: posterior.marginal(Quantity::AxialForce),
+                parameters: parameters(posterior),
                 epsilon: Some(posterior.epsilon),
                 draws: Some(posterior.draws),
                 accepted: Some(posterior.accepted),
                 ess: Some(posterior.ess),
                 conflict: Some(identification.conflict.score),
+                prior_tail: Some(identification.conflict.prior_tail),
                 relative_force: None,
                 not_axial_p: None,
-                temperature_c: identification.temperature_c,
-                state: "not-monitoring",
+                temperature_c: measurement.and_then(|m| m.temperature_c),
+                state: NOT_MONITORING,
                 alarms: [],
-                flags: &identification.flags,
+                flags: measurement.map_or(&[], |m| &m.flags),
                 rejection: None,
-                seed: Some(identification.seed),
+                seed: Some(posterior.seed),
                 config: config_hash,
                 analysis_version: VERSION,
             }
@@ -121,10 +134,11 @@ pub fn json(outcome: &Outcome, config_hash: &str) -> String {
             accepted: None,
             ess: None,
             conflict: None,
+            prior_tail: None,
             relative_force: None,
             not_axial_p: None,
             temperature_c: None,
-            state: "not-monitoring",
+            state: NOT_MONITORING,
             alarms: [],
             flags: &[],
             rejection: Some(Reason { code: rejection.code(), message: rejection.to_string(), detail: rejection }),
@@ -180,7 +194,12 @@ impl Table {
     }
 
     fn identified(&self, identification: &Identification) -> String {
-        let mut line = self.opening(&identification.rod, identification.start, identification.duration_s);
+        let measurement = identification.measurement.as_ref();
+        let mut line = self.opening(
+            &identification.rod,
+            measurement.map(|m| m.start),
+            measurement.map(|m| m.duration_s),
+        );
         for order in 1..=self.modes {
             let mode = identification.modes.iter().find(|mode| mode.order == order);
             let cell = mode.map_or_else(
@@ -189,24 +208,25 @@ impl Table {
             );
             let _ = write!(line, "  {cell:>18}");
         }
-        let force = identification.axial_force_n();
-        let kn = |newton: f64| newton * 1e-3;
-        let _ = write!(
-            line,
-            "  {:>17}  {:>13}  {:>8}",
-            format!("{:.0} ± {:.0} ({:.0} %)", kn(force.mean), kn(force.sd), force.cv * 100.0),
-            format!("{:.0} to {:.0}", kn(force.q025), kn(force.q975)),
-            format!(
-                "{:.1}{}",
-                identification.conflict.score,
-                if identification.conflict.score >= CONFLICT_SHOWN { " !" } else { "  " }
-            )
-        );
-        for flag in &identification.flags {
+        let (force, interval) = match identification.posterior.marginal(Quantity::AxialForce) {
+            Some(force) => (
+                format!("{:.0} ± {:.0} ({:.0} %)", kilo(force.mean), kilo(force.sd), force.cv * 100.0),
+                format!("{:.0} to {:.0}", kilo(force.q025), kilo(force.q975)),
+            ),
+            None => ("-".to_owned(), "-".to_owned()),
+        };
+        let score = identification.conflict.score;
+        let mark = if score >= CONFLICT_SHOWN { " !" } else { "" };
+        let _ = write!(line, "  {force:>17}  {interval:>13}  {:>8}", format!("{score:.1}{mark}"));
+        for flag in measurement.map_or(&[][..], |m| &m.flags) {
             let _ = write!(line, "  [{flag}]");
         }
         line
     }
+}
+
+fn kilo(value: f64) -> f64 {
+    value * 1e-3
 }
 
 /// `2026-03-01 06:00:00`: UTC, fractions of a second cut off.

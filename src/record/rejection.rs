@@ -182,3 +182,17 @@ pub enum Flag {
         jitter: f64,
     },
 }
+
+impl std::fmt::Display for Flag {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Unverified => write!(f, "unverified: no checksums in the file"),
+            Self::Truncated => write!(f, "the file ends early"),
+            Self::Filled { samples } => write!(f, "{samples} samples filled"),
+            Self::Dropped { samples } => write!(f, "{samples} samples dropped"),
+            Self::Despiked { samples } => write!(f, "{samples} spikes removed"),
+            Self::Clipped { share } => write!(f, "{:.2} % clipped", share * 100.0),
+            Self::Jitter { jitter } => write!(f, "stamps jitter by {:.0} %", jitter * 100.0),
+        }
+    }
+}

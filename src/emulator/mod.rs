@@ -1,5 +1,11 @@
 //! Emulators that stand in for the beam: chaos expansions with their error reports.
 
+pub mod basis;
+pub mod expansion;
+pub mod reduced;
+
+pub use reduced::{Reduced, ReducedModel};
+
 use serde::Serialize;
 
 /// Which forward model answers for the natural frequencies.

@@ -1,5 +1,20 @@
 //! Emulators that stand in for the beam: chaos expansions with their error reports.
 
+pub mod basis;
+pub mod design;
+pub mod expansion;
+pub mod fallback;
+pub mod fit;
+pub mod germ;
+pub mod pce;
+pub mod reduced;
+pub mod validate;
+
+pub use fallback::OrExact;
+pub use pce::{FitError, Pce};
+pub use reduced::{Reduced, ReducedModel};
+pub use validate::ErrorReport;
+
 use serde::Serialize;
 
 /// Which forward model answers for the natural frequencies.

@@ -4,7 +4,9 @@
 
 use divan::{Bencher, black_box};
 use std::sync::Arc;
-use tirante::bayes::{AbcSettings, Accept, Adjustment, Inference, Method, Observation, RodPrior, Table, Tables};
+use tirante::bayes::{
+    AbcSettings, Accept, Adjustment, Inference, Method, Observation, RodPrior, Table, Tables,
+};
 use tirante::beam::Quantity;
 use tirante::beam::exact::Exact;
 
@@ -90,7 +92,10 @@ fn marginals_of_seven_quantities(bencher: Bencher<'_, '_>, draws: usize) {
     let posterior = todi(rejection(draws)).run(&record(), 5).expect("a posterior");
     bencher.bench_local(|| {
         let quantities = posterior.parameterisation.quantities();
-        quantities.iter().filter_map(|&q: &Quantity| posterior.marginal(q)).count()
+        quantities
+            .iter()
+            .filter_map(|&q: &Quantity| posterior.marginal(q))
+            .count()
     });
 }
 

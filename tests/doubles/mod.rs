@@ -1,6 +1,8 @@
 //! Forward models with answers known in closed form, to judge the inference against.
 #![allow(dead_code)]
 
+pub mod metropolis;
+
 use std::f64::consts::PI;
 use tirante::bayes::{Prior, RodPrior};
 use tirante::beam::{Parameterisation, Section};

@@ -38,6 +38,25 @@ pub trait ForwardModel: Send + Sync {
     /// The first `out.len()` natural frequencies [Hz], ascending; `out.len() <= self.modes()`.
     fn frequencies(&self, theta: &[f64], out: &mut [f64]) -> Result<(), OutsideRange>;
 
+    /// The slopes `d ln f_n / d ln N` of the first `out.len()` modes: what a small relative change of
+    /// axial force does to each frequency. Unless a model knows better, by central differences.
+    fn log_slopes(&self, theta: &[f64], out: &mut [f64]) -> Result<(), OutsideRange> {
+        // Truncation and the rounding of a frequency good to 1e-14 balance near this step, at 1e-9.
+        let step = 1e-4f64;
+        let mut moved = theta.to_vec();
+        let mut below = [0.0; MAX_MODES];
+        let below = &mut below[..out.len()];
+        // The axial force comes first in every parameterisation.
+        moved[0] = theta[0] * (-step).exp();
+        self.frequencies(&moved, below)?;
+        moved[0] = theta[0] * step.exp();
+        self.frequencies(&moved, out)?;
+        for (above, &below) in out.iter_mut().zip(below.iter()) {
+            *above = (*above / below).ln() / (2.0 * step);
+        }
+        Ok(())
+    }
+
     /// Frequencies of many parameter vectors: `thetas` row-major (points x quantities), `out`
     /// row-major (points x modes). A point outside the model's range gets NaN in its whole row.
     fn frequencies_of_many(&self, thetas: &[f64], modes: usize, out: &mut [f64]) {

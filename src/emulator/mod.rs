@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 /// Which forward model answers for the natural frequencies.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
 #[serde(rename_all = "kebab-case", tag = "model")]
 pub enum ModelSettings {
     /// Roots of the characteristic determinant.
@@ -14,16 +14,11 @@ pub enum ModelSettings {
         elements: usize,
     },
     /// Chaos in the dimensionless groups, one for every rod and prior (the default).
+    #[default]
     Reduced,
     /// The paper's Hermite chaos in the germs of the uncertain parameters.
     Pce {
         /// Total order; the paper: 5.
         order: usize,
     },
-}
-
-impl Default for ModelSettings {
-    fn default() -> Self {
-        Self::Reduced
-    }
 }

@@ -4,8 +4,11 @@ mod simulator;
 
 use rand::RngExt;
 use rayon::prelude::*;
-use simulator::{SimulatedMode, ambient_sd, normal, simulate};
+use simulator::{SimulatedMode, ambient_sd, simulate};
 use std::f64::consts::PI;
+use tirante::bayes::RodPrior;
+use tirante::beam::exact::Exact;
+use tirante::forward::ForwardModel;
 use tirante::modes::{ModalPlan, ModeSettings, Pattern, Resonance, label};
 use tirante::random;
 use tirante::record::{Excitation, Rejection};
@@ -14,18 +17,18 @@ use tirante::spectrum::{PeakSettings, WelchSettings};
 const TODI: [f64; 3] = [4.492, 9.288, 13.252];
 const FS: f64 = 100.0;
 
-/// Frequencies of tensioned beams on hinges, f_n = n/(2l) sqrt(N/m) sqrt(1 + n^2 pi^2 EI/(N l^2)), over
-/// the paper's prior; springs raise all orders by a common few per cent, which N covers.
+/// The paper's rod: draws from its prior through the exact solver.
 fn pattern(modes: usize) -> Pattern {
+    let prior = RodPrior::todi();
+    let exact = Exact::new(*prior.parameterisation());
     let mut rng = random::stream(5, 0);
-    let mut draw = |mean: f64, cv: f64| mean * (1.0 + cv * normal(&mut rng)).max(0.1);
+    let mut theta = vec![0.0; prior.parameterisation().len()];
     let mut rows = Vec::new();
     for _ in 0..4000 {
-        let (n, e, rho, a) = (draw(8e5, 0.2), draw(2e11, 0.3), draw(7500.0, 0.1), draw(0.07, 0.1));
-        let (l, m, ei) = (14.0, rho * a * a, e * a.powi(4) / 12.0);
-        for order in 1..=modes {
-            let k = order as f64;
-            rows.push(k / (2.0 * l) * (n / m).sqrt() * (1.0 + (k * PI / l).powi(2) * ei / n).sqrt());
+        prior.sample(&mut rng, &mut theta);
+        let mut row = vec![0.0; modes];
+        if exact.frequencies(&theta, &mut row).is_ok() {
+            rows.extend(row);
         }
     }
     Pattern::new(&rows, modes).unwrap()

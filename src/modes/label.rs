@@ -9,10 +9,11 @@
 //!
 //! with detection probability `p_d`, foreign peaks of density `c` per unit of ln f, and a kernel `k`
 //! as wide as standard error and model discrepancy together. A mode is reported when its peak holds
-//! 90 % of the probability over all assignments, and nothing is reported unless the odds against
-//! all peaks being foreign are 100 to 1. One peak alone therefore counts only for a rod known so well
-//! (about 2 % in frequency) that it could hardly be anything else; a vague prior needs two or more
-//! modes in the right proportion.
+//! 60 % of the probability over all assignments and no more than 10 % lies with rivals (the same peak
+//! as another mode, another peak as this mode); nothing is reported unless the odds against all
+//! peaks being foreign are 100 to 1. One peak alone therefore counts only for a rod known so well
+//! (a few per cent in frequency) that it could hardly be anything else; a vague prior needs two or
+//! more modes in the right proportion.
 
 use super::{Mode, ModeSettings, Resonance};
 use crate::forward::MAX_MODES;
@@ -31,9 +32,11 @@ const WIDE: f64 = 3.0;
 /// The kernel ends at this many tolerances.
 const CUT: f64 = 7.5;
 /// Least odds that at least one peak is a mode of the rod.
-const LEAST_ODDS: f64 = 30.0;
-/// Least probability of a reported mode's peak.
-const LEAST_PROBABILITY: f64 = 0.9;
+const LEAST_ODDS: f64 = 100.0;
+/// Least probability of a reported mode's peak; the rest is that it is foreign, or the rivals'.
+const LEAST_PROBABILITY: f64 = 0.6;
+/// Most probability of rivals: the same peak as another mode, or another peak as the same mode.
+const MOST_RIVAL: f64 = 0.1;
 /// Most resonances considered, those of the strongest evidence.
 const MOST_PEAKS: usize = 30;
 /// Fewest draws a pattern is made from.
@@ -151,16 +154,17 @@ pub fn label(
         odds,
     };
     for order in 1..=settings.count.min(pattern.modes) {
-        let mut share = vec![0.0; peaks.len()];
-        for (&code, weight) in &weights {
-            if let Some(peak) = peak_of(code, order) {
-                share[peak] += weight / total;
-            }
-        }
-        let Some((peak, &probability)) = share.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1)) else {
-            continue;
+        let share = |holds: &dyn Fn(Code) -> bool| -> f64 {
+            weights.iter().filter(|&(&code, _)| holds(code)).map(|(_, weight)| weight / total).sum()
         };
-        if probability >= LEAST_PROBABILITY {
+        let best = (0..peaks.len())
+            .map(|peak| (peak, share(&|code| peak_of(code, order) == Some(peak))))
+            .max_by(|a, b| a.1.total_cmp(&b.1));
+        let Some((peak, probability)) = best else { continue };
+        let rival = share(&|code| {
+            (1..=pattern.modes).any(|n| peak_of(code, n).is_some_and(|p| (p == peak) != (n == order)))
+        });
+        if probability >= LEAST_PROBABILITY && rival <= MOST_RIVAL {
             labelling.modes.push(Mode {
                 order,
                 frequency_hz: peaks[peak].frequency_hz,
@@ -168,6 +172,22 @@ pub fn label(
                 damping: Some(peaks[peak].damping),
             });
             labelling.probability.push(probability);
+        }
+    }
+    // One mode must carry the odds by itself, every other peak foreign.
+    if let [Mode { order, frequency_hz, .. }] = labelling.modes[..] {
+        let alone: f64 = weights
+            .iter()
+            .filter(|&(&code, _)| {
+                (1..=pattern.modes).all(|n| peak_of(code, n).is_some() == (n == order))
+                    && peak_of(code, order).is_some_and(|p| peaks[p].frequency_hz == frequency_hz)
+            })
+            .map(|(_, weight)| weight / none)
+            .sum();
+        if alone < LEAST_ODDS {
+            return Err(refused(format!(
+                "only mode {order} at {frequency_hz:.2} Hz is clear, and by itself its odds are {alone:.1}, {LEAST_ODDS} needed"
+            )));
         }
     }
     if labelling.modes.is_empty() {
@@ -187,7 +207,8 @@ fn peak_of(code: Code, order: usize) -> Option<usize> {
 /// The unnormalised probability of every assignment that some draw supports.
 fn assignments(peaks: &[&Resonance], pattern: &Pattern, discrepancy: &[f64]) -> BTreeMap<Code, f64> {
     let modes = pattern.modes;
-    let foreign = peaks.len().max(2) as f64 / (pattern.high_hz / pattern.low_hz).ln();
+    // One foreign peak in the band, or as many as there are more than the modes usually used.
+    let foreign = peaks.len().saturating_sub(3).max(1) as f64 / (pattern.high_hz / pattern.low_hz).ln();
     let log_peak: Vec<f64> = peaks.iter().map(|r| r.frequency_hz.ln()).collect();
     let tolerance = |order: usize, r: &Resonance| {
         let stated = discrepancy.get(order).or(discrepancy.last()).copied().unwrap_or(0.0);

@@ -123,10 +123,11 @@ struct Moments {
 }
 
 /// Evaluates the likelihood of a resonance; `None` where it is not defined (too few lines, damping
-/// beyond 50 %, rounding).
+/// beyond 50 %, a frequency outside the band, rounding).
 pub fn resonance(band: &Band, excitation: Excitation, p: &Parameters) -> Option<Value> {
     let damping = p.log_damping.exp();
-    if !(damping < 0.5 && p.frequency_hz > 0.0 && p.log_ratio < 60.0) {
+    let inside = (p.frequency_hz - band.middle_hz).abs() < band.half_width_hz;
+    if !(inside && damping < 0.5 && p.log_ratio < 60.0) {
         return None;
     }
     let ratio = p.log_ratio.exp();

@@ -2,23 +2,40 @@
 
 mod simulator;
 
+use rand::RngExt;
 use rayon::prelude::*;
 use simulator::{SimulatedMode, ambient_sd, simulate};
 use std::f64::consts::PI;
-use tirante::modes::{Resonance, refine};
-use tirante::record::{Excitation, Record};
-use tirante::spectrum::{PeakSettings, Transforms, Welch, WelchSettings, pick_peaks};
+use tirante::bayes::RodPrior;
+use tirante::beam::exact::Exact;
+use tirante::forward::ForwardModel;
+use tirante::modes::{ModalPlan, ModeSettings, Pattern, Resonance, label};
+use tirante::random;
+use tirante::record::{Excitation, Rejection};
+use tirante::spectrum::{PeakSettings, WelchSettings};
 
 const TODI: [f64; 3] = [4.492, 9.288, 13.252];
 const FS: f64 = 100.0;
 
-fn resonances(transforms: &Transforms, record: &Record) -> Vec<Resonance> {
-    let settings = WelchSettings::default();
-    let nperseg = settings.nperseg(record.fs_hz, record.samples.len());
-    let welch = Welch::plan_with(transforms, record.fs_hz, nperseg, settings.noverlap(nperseg), settings.window).unwrap();
-    let spectrum = welch.run(&record.samples).unwrap();
-    let peaks = pick_peaks(&spectrum, &PeakSettings::default(), 2.0, 25.0);
-    refine(transforms, record, &peaks, &[], spectrum.df_hz).resonances
+/// The paper's rod: draws from its prior through the exact solver.
+fn pattern(modes: usize) -> Pattern {
+    let prior = RodPrior::todi();
+    let exact = Exact::new(*prior.parameterisation());
+    let mut rng = random::stream(5, 0);
+    let mut theta = vec![0.0; prior.parameterisation().len()];
+    let mut rows = Vec::new();
+    for _ in 0..4000 {
+        prior.sample(&mut rng, &mut theta);
+        let mut row = vec![0.0; modes];
+        if exact.frequencies(&theta, &mut row).is_ok() {
+            rows.extend(row);
+        }
+    }
+    Pattern::new(&rows, modes).unwrap()
+}
+
+fn plan() -> ModalPlan {
+    ModalPlan::new(WelchSettings::default(), PeakSettings::default(), ModeSettings::default(), pattern(5), vec![0.0; 3])
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -52,10 +69,15 @@ impl Cell {
     /// Per mode: (found, lines, covered, mean square of z, median sd, median damping).
     fn run(&self, repeats: u64) -> Vec<Score> {
         let modes = self.modes();
-        let transforms = Transforms::default();
+        // Other records in every cell.
+        let base = (self.seconds * 1e6 + self.damping * 1e9 + self.snr_db * 1e3) as u64 * 100_000;
+        let plan = plan();
         let all: Vec<Vec<Resonance>> = (0..repeats)
             .into_par_iter()
-            .map(|seed| resonances(&transforms, &simulate(seed + 1000, FS, self.seconds, &modes, 1.0, self.excitation)))
+            .map(|seed| {
+                let record = simulate(base + seed, FS, self.seconds, &modes, 1.0, self.excitation);
+                plan.resonances(&record, 2.0, 25.0).unwrap().1
+            })
             .collect();
         TODI.iter()
             .map(|&truth| {
@@ -144,4 +166,50 @@ fn campaign() {
         }
     }
     print_cells(&cells, repeats);
+}
+
+fn resonance(frequency_hz: f64) -> Resonance {
+    Resonance {
+        frequency_hz,
+        frequency_sd_hz: 0.003 * frequency_hz,
+        damping: 0.005,
+        damping_log_sd: 0.2,
+        peak_to_noise: 1e3,
+        evidence: 500.0,
+        line: false,
+    }
+}
+
+fn labels(frequencies: &[f64]) -> Result<Vec<(usize, f64)>, Rejection> {
+    let resonances: Vec<Resonance> = frequencies.iter().map(|&f| resonance(f)).collect();
+    let labelling = label(&resonances, &pattern(5), &ModeSettings::default(), &[0.0; 3])?;
+    println!("{frequencies:?} {:?} {:.3e}", labelling.probability, labelling.odds);
+    Ok(labelling.modes.iter().map(|m| (m.order, m.frequency_hz)).collect())
+}
+
+#[test]
+fn try_labels() {
+    for f in [&TODI[..], &[5.0, 15.8], &[5.0, 10.3], &[5.0], &[10.3, 16.2], &[5.0,10.3,16.2,22.5,29.7], &[3.1,5.0,7.7,10.3,16.2,19.0], &[5.0,13.0], &[4.492,13.252], &[4.492,9.288],
+      &[7.0, 14.5], &[6.2,12.9,20.4], &[3.9,8.0,12.3]] {
+        println!("{f:?} {:?}", labels(f));
+    }
+}
+
+#[test]
+fn foreign_peaks_alone_are_rarely_labelled() {
+    let mut rng = random::stream(11, 0);
+    let pattern = pattern(5);
+    for count in [1, 2, 3, 5, 8] {
+        let mut labelled = 0;
+        let mut two = 0;
+        for _ in 0..400 {
+            let mut f: Vec<f64> = (0..count).map(|_| (2.6f64.ln() + (51.0f64 / 2.6).ln() * rng.random::<f64>()).exp()).collect();
+            f.sort_by(f64::total_cmp);
+            let resonances: Vec<Resonance> = f.iter().map(|&f| resonance(f)).collect();
+            let l = label(&resonances, &pattern, &ModeSettings::default(), &[0.0; 3]);
+            labelled += usize::from(l.is_ok());
+            two += usize::from(l.is_ok_and(|l| l.modes.len() > 1));
+        }
+        println!("{count} foreign: {labelled} of 400 labelled, {two} with two or more");
+    }
 }

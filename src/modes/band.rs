@@ -41,8 +41,9 @@ impl Coefficients {
     /// The band `low_hz` to `high_hz` without masked lines; abscissae relative to its middle.
     pub fn band(&self, low_hz: f64, high_hz: f64, masks: &[Mask]) -> Band {
         let n = self.lines.len();
-        let first = ((low_hz * self.duration_s).ceil().max(1.0) as usize).min(n);
-        let end = ((high_hz * self.duration_s).floor().max(0.0) as usize + 1).clamp(first, n.max(1) - 1);
+        // Neither 0 Hz nor the Nyquist line: their coefficients are real.
+        let first = (low_hz * self.duration_s).ceil().max(1.0) as usize;
+        let end = ((high_hz * self.duration_s).floor().max(0.0) as usize + 1).min(n.saturating_sub(1));
         let middle = 0.5 * (low_hz + high_hz);
         let half = 0.5 * (high_hz - low_hz);
         let mut band = Band {

@@ -84,19 +84,26 @@ pub fn shape(frequency_hz: f64, damping: f64, f: f64) -> Complex<f64> {
     Complex::new(scale * gamma, -scale * detuning)
 }
 
-/// Prior of the damping ratio: log-normal, median 0.5 %, a factor of 4.5 up and down within one
-/// standard deviation. It decides only where the record cannot.
-const DAMPING_LOG_MEDIAN: f64 = -5.298_317_366_548_036;
-const DAMPING_LOG_SD: f64 = 1.5;
+/// Prior of the damping ratio: log-normal, median 0.6 %, standard deviation 1.7 of the logarithm (a
+/// factor of 5.5 up and down). It decides only where the record cannot.
+const DAMPING_LOG_MEDIAN: f64 = -5.116;
+const DAMPING_LOG_SD: f64 = 1.7;
 const RATIO_LOG_MEDIAN: f64 = 6.0;
 const RATIO_LOG_SD: f64 = 6.0;
+/// Ambient response during a free decay, relative to the noise floor at the peak: its amplitude has a
+/// half-Cauchy prior, so that a level too low to be seen is allowed for, not excluded.
+const DECAY_RATIO: f64 = 30.0;
 const SLOPE_SD: f64 = 1.0;
 
-fn log_prior(p: &Parameters) -> f64 {
+fn log_prior(p: &Parameters, excitation: Excitation) -> f64 {
     let a = (p.log_damping - DAMPING_LOG_MEDIAN) / DAMPING_LOG_SD;
     let b = (p.log_ratio - RATIO_LOG_MEDIAN) / RATIO_LOG_SD;
     let c = p.slope / SLOPE_SD;
-    -0.5 * (a * a + b * b + c * c)
+    let ratio = match excitation {
+        Excitation::Ambient => -0.5 * b * b,
+        Excitation::FreeDecay => 0.5 * p.log_ratio - (p.log_ratio.exp() / DECAY_RATIO).ln_1p(),
+    };
+    ratio - 0.5 * (a * a + c * c)
 }
 
 /// Weighted sums over the lines that the smooth terms are taken out of: rows are the smooth terms.
@@ -116,10 +123,11 @@ struct Moments {
 }
 
 /// Evaluates the likelihood of a resonance; `None` where it is not defined (too few lines, damping
-/// beyond 50 %, rounding).
+/// beyond 50 %, a frequency outside the band, rounding).
 pub fn resonance(band: &Band, excitation: Excitation, p: &Parameters) -> Option<Value> {
     let damping = p.log_damping.exp();
-    if !(damping < 0.5 && p.frequency_hz > 0.0 && p.log_ratio < 60.0) {
+    let inside = (p.frequency_hz - band.middle_hz).abs() < band.half_width_hz;
+    if !(inside && damping < 0.5 && p.log_ratio < 60.0) {
         return None;
     }
     let ratio = p.log_ratio.exp();
@@ -174,7 +182,7 @@ pub fn resonance(band: &Band, excitation: Excitation, p: &Parameters) -> Option<
         return None;
     }
     Some(Value {
-        log_posterior: -log_det - dof * quad.ln() + log_prior(p),
+        log_posterior: -log_det - dof * quad.ln() + log_prior(p, excitation),
         log_profile: -moments.log_det - lines * least.ln(),
         noise: quad / dof,
         transient: reduced.hj / reduced.hh,

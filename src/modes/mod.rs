@@ -5,10 +5,11 @@ pub mod identify;
 pub mod label;
 pub mod likelihood;
 pub mod optimum;
+pub mod posterior;
 pub mod refine;
 
-//pub use identify::{ModalEstimate, ModalPlan};
-//pub use label::{Labelling, Pattern, label};
+pub use identify::{ModalEstimate, ModalPlan};
+pub use label::{Labelling, Pattern, label};
 pub use refine::{Refinement, refine};
 
 use serde::Serialize;

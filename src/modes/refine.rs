@@ -3,6 +3,7 @@
 use super::band::{Band, Coefficients};
 use super::likelihood::{self, Parameters, Value};
 use super::optimum::{golden, maximise};
+use super::posterior::moments;
 use super::{Mask, Resonance};
 use crate::record::{Excitation, Record};
 use crate::spectrum::{Peak, Transforms};
@@ -14,7 +15,7 @@ const HALF_WIDTHS: f64 = 8.0;
 /// Fewest lines to either side of the peak.
 const LEAST_LINES: f64 = 16.0;
 /// Most lines of a band; very long records of wide peaks use a narrower band.
-const MOST_LINES: f64 = 1200.0;
+const MOST_LINES: f64 = 2000.0;
 /// A band never reaches further than this share of the peak's frequency.
 const WIDEST: f64 = 0.35;
 /// A neighbour with at least this prominence is a peak of its own and bounds the band \[dB\].
@@ -57,7 +58,7 @@ pub fn refine(
 ) -> Refinement {
     let samples = match record.excitation {
         Excitation::Ambient => &record.samples[..],
-        Excitation::FreeDecay => after_largest_deflection(&record.samples),
+        Excitation::FreeDecay => &record.samples[largest_deflection(&record.samples)..],
     };
     let coefficients = Coefficients::of(transforms, record.fs_hz, samples);
     let context = Context {
@@ -98,17 +99,16 @@ pub fn refine(
     Refinement { resonances }
 }
 
-/// The samples from the largest deviation from the mean on, but at least half of them.
-fn after_largest_deflection(samples: &[f64]) -> &[f64] {
+/// Where the first half of the samples deviates most from the mean of all.
+pub(super) fn largest_deflection(samples: &[f64]) -> usize {
     let mean = samples.iter().sum::<f64>() / samples.len().max(1) as f64;
-    let first_half = &samples[..samples.len() / 2];
     let (mut at, mut largest) = (0, 0.0);
-    for (i, x) in first_half.iter().enumerate() {
+    for (i, x) in samples[..samples.len() / 2].iter().enumerate() {
         if (x - mean).abs() > largest {
             (at, largest) = (i, (x - mean).abs());
         }
     }
-    &samples[at..]
+    at
 }
 
 struct Context<'a> {
@@ -217,19 +217,26 @@ impl Context<'_> {
         Some(p)
     }
 
-    /// The optimum, its value and the standard errors of frequency and log damping.
+    /// The parameters and the standard errors of frequency and log damping: the optimum with its
+    /// curvature where the record determines damping and excitation well, else the posterior's mean
+    /// and standard deviation (few independent fluctuations: the curvature alone would promise too
+    /// much).
     fn climb(&self, band: &Band, start: Parameters) -> Option<(Parameters, f64, f64)> {
         let gamma = start.log_damping.exp() * start.frequency_hz;
         let reach = [gamma.max(0.5 / band.duration_s), 1.0, 2.0, 1.0];
-        let found = maximise(
-            |x| {
-                likelihood::resonance(band, self.excitation, &Parameters::from_array(*x)).map(|v| v.log_posterior)
-            },
-            start.to_array(),
-            reach,
-        )?;
-        let sd = |i: usize| found.covariance[(i, i)].sqrt();
-        Some((Parameters::from_array(found.at), sd(0), sd(1)))
+        let log_posterior = |x: &[f64; 4]| {
+            likelihood::resonance(band, self.excitation, &Parameters::from_array(*x)).map(|v| v.log_posterior)
+        };
+        let found = maximise(log_posterior, start.to_array(), reach)?;
+        let (mut at, mut covariance) = (found.at, found.covariance);
+        let wide = |i: usize, limit: f64| found.covariance[(i, i)] > limit * limit;
+        if (wide(1, 0.12) || wide(2, 0.7))
+            && let Some(posterior) = moments(log_posterior, &found)
+        {
+            (at, covariance) = (posterior.mean, posterior.covariance);
+        }
+        let sd = |i: usize| covariance[(i, i)].sqrt();
+        Some((Parameters::from_array(at), sd(0), sd(1)))
     }
 
     /// Whether the fit is a resonance, a line, or nothing (`None`).

@@ -4,7 +4,7 @@ use crate::bayes::{AbcSettings, Conflict, Inference, Observation, PlanError, Pos
 use crate::beam::exact;
 use crate::emulator::ModelSettings;
 use crate::forward::{ForwardModel, MAX_MODES};
-use crate::modes::{self, Mode, ModeSettings, Pattern};
+use crate::modes::{ModalPlan, Mode, ModeSettings, Pattern};
 use crate::random;
 use crate::record::{Flag, Record, Rejection, RodId, Timestamp};
 use crate::spectrum::{PeakSettings, WelchSettings};
@@ -73,7 +73,7 @@ pub struct Measurement {
 /// What is prepared once per rod: its pattern of modes and its simulated table.
 pub struct Plan {
     settings: AnalysisSettings,
-    pattern: Pattern,
+    modal: ModalPlan,
     inference: Inference,
 }
 
@@ -95,8 +95,16 @@ impl Plan {
             settings.modes.count,
             tables,
         )?;
-        let pattern = Pattern::new(&predicted_frequencies(&settings.prior, settings.seed), MAX_MODES);
-        Ok(Self { settings, pattern, inference })
+        let predicted = predicted_frequencies(&settings.prior, settings.seed);
+        let pattern = Pattern::new(&predicted, MAX_MODES).ok_or(PlanError::Unpredictable)?;
+        let modal = ModalPlan::new(
+            settings.welch,
+            settings.peaks,
+            settings.modes.clone(),
+            pattern,
+            settings.discrepancy.clone(),
+        );
+        Ok(Self { settings, modal, inference })
     }
 
     /// What the plan was made from.
@@ -110,8 +118,7 @@ impl Plan {
     /// # Errors
     /// The reason why the record gives no force.
     pub fn run(&self, record: &Record) -> Result<Identification, Rejection> {
-        let AnalysisSettings { welch, peaks, modes, .. } = &self.settings;
-        let estimate = modes::identify(record, welch, peaks, modes, &self.pattern)?;
+        let estimate = self.modal.identify(record)?;
         let seed = self.seed_of(&record.identity());
         let identification = self.infer(estimate.modes, seed)?;
         Ok(Identification {

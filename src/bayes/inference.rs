@@ -64,6 +64,9 @@ pub enum PlanError {
         /// How many modes.
         modes: usize,
     },
+    /// Hardly any draw from the prior has natural frequencies.
+    #[error("the prior allows almost no rod that can vibrate; check its values and units")]
+    Unpredictable,
     /// The number of draws is out of range.
     #[error("{draws} draws: between {} and {} are possible", DRAWS.start(), DRAWS.end())]
     Draws {

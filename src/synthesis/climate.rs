@@ -108,3 +108,88 @@ impl Weather {
         grid[i] * (1.0 - share) + grid[i + 1] * share
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const CLIMATE: Climate = Climate {
+        mean_c: 14.0,
+        season_k: 8.0,
+        warmest_day: 205.0,
+        day_k: 3.0,
+        warmest_hour: 14.0,
+        weather_k: 0.0,
+        weather_d: 3.0,
+        noise_k: 0.0,
+        every_s: 10.0,
+    };
+
+    fn at(text: &str) -> Timestamp {
+        Timestamp::from_nanos(text.parse::<jiff::Timestamp>().unwrap().as_nanosecond() as i64)
+    }
+
+    #[test]
+    fn the_warmest_hour_is_a_summer_afternoon() {
+        let start = at("2025-01-01T00:00:00Z");
+        let weather = Weather::new(&CLIMATE, start, 400.0 * DAY, 1);
+        let warmest = (0..400 * 24)
+            .map(|hour| start.plus_seconds(f64::from(hour) * HOUR))
+            .max_by(|a, b| weather.air_c(*a).total_cmp(&weather.air_c(*b)))
+            .unwrap();
+        // The year's phase drifts by up to a day within four years; so may the day.
+        let day = warmest.seconds_since(start) / DAY;
+        assert!((day - 204.6).abs() < 1.6, "{warmest}");
+        assert!(warmest.to_string().contains("T14:00"), "{warmest}");
+        assert!((weather.air_c(warmest) - 25.0).abs() < 0.01);
+    }
+
+    #[test]
+    fn a_rod_follows_the_air_as_the_equation_of_heat_says() {
+        // Oracle: T' = (T_air - T) / lag by small explicit steps, with weather.
+        let climate = Climate {
+            weather_k: 3.0,
+            ..CLIMATE
+        };
+        let start = at("2025-03-01T00:00:00Z");
+        let weather = Weather::new(&climate, start, 20.0 * DAY, 5);
+        let lag_h = 5.0;
+        let lagged = weather.lagged(lag_h);
+        let step = 20.0;
+        let mut rod = weather.rod_c(&lagged, start);
+        for i in 0..(10.0 * DAY / step) as usize {
+            let now = start.plus_seconds(i as f64 * step);
+            let exact = weather.rod_c(&lagged, now);
+            // The weather is a staircase of 10 min there, a polygon here: a few hundredths of a kelvin.
+            assert!((rod - exact).abs() < 0.1, "{now}: {rod} {exact}");
+            rod += step / (lag_h * HOUR) * (weather.air_c(now) - rod);
+        }
+    }
+
+    #[test]
+    fn weather_has_the_variance_and_memory_asked_for() {
+        let climate = Climate {
+            season_k: 0.0,
+            day_k: 0.0,
+            weather_k: 2.0,
+            weather_d: 0.5,
+            ..CLIMATE
+        };
+        let start = at("2025-01-01T00:00:00Z");
+        let days = 4000.0;
+        let weather = Weather::new(&climate, start, days * DAY, 3);
+        let series: Vec<f64> = (0..8000)
+            .map(|i| weather.air_c(start.plus_seconds(i as f64 * 0.5 * DAY)) - climate.mean_c)
+            .collect();
+        let n = series.len() as f64;
+        let variance = series.iter().map(|x| x * x).sum::<f64>() / n;
+        let next: f64 = series.windows(2).map(|pair| pair[0] * pair[1]).sum::<f64>() / n;
+        // About 6000 independent values: sd of the variance 2 %, of the correlation 1 %.
+        assert!((variance / 4.0 - 1.0).abs() < 0.08, "{variance}");
+        assert!(
+            (next / variance - (-1.0f64).exp()).abs() < 0.05,
+            "{}",
+            next / variance
+        );
+    }
+}

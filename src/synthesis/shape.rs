@@ -115,3 +115,92 @@ impl Shape {
         )
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::beam::exact;
+
+    fn beam(axial_force_n: f64, end_stiffness_n_m: [f64; 2]) -> Beam {
+        Beam {
+            length_m: 14.0,
+            flexural_rigidity_n_m2: 4e5,
+            mass_per_length_kg_m: 37.0,
+            axial_force_n,
+            end_stiffness_n_m,
+        }
+    }
+
+    fn shapes(beam: &Beam) -> Vec<(f64, Shape)> {
+        let mut frequencies = [0.0; 5];
+        exact::frequencies(beam, &mut frequencies).unwrap();
+        frequencies.iter().map(|f| (*f, Shape::of(beam, *f))).collect()
+    }
+
+    fn cases() -> [Beam; 4] {
+        [
+            beam(8e5, [4e5, 4e5]),
+            beam(8e5, [0.0, 2e6]),
+            beam(1e3, [1e7, 1e3]),
+            beam(4e6, [0.0, 0.0]),
+        ]
+    }
+
+    #[test]
+    fn shapes_hold_at_both_supports() {
+        for beam in cases() {
+            for (_, shape) in shapes(&beam) {
+                assert!(shape.at(0.0).abs() < 1e-9 && shape.at(1.0).abs() < 1e-9);
+                let (slope, curvature) = shape.derivatives(1.0);
+                let moment = beam.flexural_rigidity_n_m2 * curvature + beam.end_stiffness_n_m[1] * slope;
+                let scale = (beam.flexural_rigidity_n_m2 + beam.end_stiffness_n_m[1]) * shape.beta;
+                // Not used to find the shape: it holds because omega is a natural frequency.
+                assert!(moment.abs() < 1e-7 * scale, "{moment:e} of {scale:e}");
+            }
+        }
+    }
+
+    #[test]
+    fn shapes_are_orthogonal_and_their_rayleigh_quotient_is_the_frequency() {
+        for beam in cases() {
+            let shapes = shapes(&beam);
+            let grid = 4000;
+            let integral = |f: &dyn Fn(f64) -> f64| {
+                // The midpoint rule, another one than the shape's own.
+                (0..grid).map(|i| f((i as f64 + 0.5) / grid as f64)).sum::<f64>() / grid as f64
+            };
+            for (i, (frequency, shape)) in shapes.iter().enumerate() {
+                for (_, other) in &shapes[i + 1..] {
+                    let product = integral(&|x| shape.at(x) * other.at(x));
+                    assert!(product.abs() < 1e-6, "{product:e}");
+                }
+                let norm = integral(&|x| shape.at(x).powi(2));
+                assert!((norm - shape.mean_square()).abs() < 1e-6);
+                let bending = integral(&|x| beam.flexural_rigidity_n_m2 * shape.derivatives(x).1.powi(2));
+                let tension = integral(&|x| beam.axial_force_n * shape.derivatives(x).0.powi(2));
+                let springs: f64 = [0.0, 1.0]
+                    .iter()
+                    .zip(beam.end_stiffness_n_m)
+                    .map(|(end, k)| k * shape.derivatives(*end).0.powi(2) / beam.length_m)
+                    .sum();
+                let omega = ((bending + tension + springs) / (beam.mass_per_length_kg_m * norm)).sqrt();
+                assert!(
+                    (omega / (2.0 * PI * frequency) - 1.0).abs() < 1e-5,
+                    "{omega} {frequency}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn a_hinged_shape_is_a_sine_and_mid_span_sees_no_even_mode() {
+        for (order, (_, shape)) in (1..).zip(shapes(&beam(8e5, [0.0, 0.0]))) {
+            for x in [0.1, 0.25, 0.4, 0.77] {
+                assert!((shape.at(x) - Shape::sine(order).at(x)).abs() < 1e-4);
+            }
+        }
+        for (_, shape) in shapes(&beam(8e5, [4e5, 4e5])).iter().skip(1).step_by(2) {
+            assert!(shape.at(0.5).abs() < 1e-9);
+        }
+    }
+}

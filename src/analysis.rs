@@ -104,7 +104,11 @@ impl Plan {
             pattern,
             settings.discrepancy.clone(),
         );
-        Ok(Self { settings, modal, inference })
+        Ok(Self {
+            settings,
+            modal,
+            inference,
+        })
     }
 
     /// What the plan was made from.
@@ -156,11 +160,21 @@ impl Plan {
         };
         let posterior = self.inference.run(&observation, seed)?;
         let conflict = self.inference.conflict(&observation)?;
-        Ok(Identification { rod: self.settings.rod.clone(), measurement: None, modes, posterior, conflict })
+        Ok(Identification {
+            rod: self.settings.rod.clone(),
+            measurement: None,
+            modes,
+            posterior,
+            conflict,
+        })
     }
 
     fn seed_of(&self, identity: &[u8]) -> u64 {
-        random::seed(&[&self.settings.seed.to_le_bytes(), self.settings.rod.0.as_bytes(), identity])
+        random::seed(&[
+            &self.settings.seed.to_le_bytes(),
+            self.settings.rod.0.as_bytes(),
+            identity,
+        ])
     }
 }
 

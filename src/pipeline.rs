@@ -82,7 +82,8 @@ fn serve<T, R>(
 
 fn message_of(panic: &(dyn std::any::Any + Send)) -> String {
     let text = panic.downcast_ref::<&str>().map(|s| (*s).to_owned());
-    text.or_else(|| panic.downcast_ref::<String>().cloned()).unwrap_or_else(|| "no message".to_owned())
+    text.or_else(|| panic.downcast_ref::<String>().cloned())
+        .unwrap_or_else(|| "no message".to_owned())
 }
 
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
@@ -97,7 +98,10 @@ struct Tickets {
 
 impl Tickets {
     fn new(count: usize) -> Self {
-        Self { left: Mutex::new(Some(count)), changed: Condvar::new() }
+        Self {
+            left: Mutex::new(Some(count)),
+            changed: Condvar::new(),
+        }
     }
 
     /// Waits for a ticket; false once closed.
@@ -207,7 +211,11 @@ mod tests {
             |i: u64| i,
             |_| {
                 count += 1;
-                if count == 5 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+                if count == 5 {
+                    ControlFlow::Break(())
+                } else {
+                    ControlFlow::Continue(())
+                }
             },
         );
         assert_eq!(count, 5);

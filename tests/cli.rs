@@ -7,7 +7,10 @@ use std::fs;
 /// The program, in the project's folder, with a cache of its own.
 fn tirante(cache: &tempfile::TempDir) -> Command {
     let mut command = Command::cargo_bin("tirante").unwrap();
-    command.current_dir(env!("CARGO_MANIFEST_DIR")).env("TIRANTE_CACHE_DIR", cache.path()).env_remove("TIRANTE_LOG");
+    command
+        .current_dir(env!("CARGO_MANIFEST_DIR"))
+        .env("TIRANTE_CACHE_DIR", cache.path())
+        .env_remove("TIRANTE_LOG");
     command
 }
 
@@ -18,7 +21,10 @@ fn text(bytes: &[u8]) -> String {
 #[test]
 fn the_first_command_of_the_readme_prints_the_papers_frequencies() {
     let cache = tempfile::tempdir().unwrap();
-    let output = tirante(&cache).args(["replay", "recordings/todi-pull.mcap"]).output().unwrap();
+    let output = tirante(&cache)
+        .args(["replay", "recordings/todi-pull.mcap"])
+        .output()
+        .unwrap();
     assert!(output.status.success(), "{}", text(&output.stderr));
     let table = text(&output.stdout);
     for wanted in ["axial force [kN]", "mode 1 [Hz]", "4.49", "9.28", "13.25"] {
@@ -31,33 +37,71 @@ fn the_first_command_of_the_readme_prints_the_papers_frequencies() {
 fn json_lines_hold_every_promised_field_and_the_same_bytes_at_any_thread_count() {
     let cache = tempfile::tempdir().unwrap();
     let lines = |threads: &str| {
-        let arguments = ["replay", "recordings/todi-pull.mcap", "--json", "--threads", threads];
+        let arguments = [
+            "replay",
+            "recordings/todi-pull.mcap",
+            "--json",
+            "--threads",
+            threads,
+        ];
         tirante(&cache).args(arguments).output().unwrap().stdout
     };
     let one = lines("1");
     assert_eq!(one, lines("3"));
     let line: Value = serde_json::from_slice(&one).unwrap();
     for field in [
-        "rod", "start", "duration_s", "fs_hz", "modes", "axial_force_n", "parameters", "epsilon", "accepted",
-        "conflict", "relative_force", "not_axial_p", "temperature_c", "state", "alarms", "rejection", "seed",
+        "rod",
+        "start",
+        "duration_s",
+        "fs_hz",
+        "modes",
+        "axial_force_n",
+        "parameters",
+        "epsilon",
+        "accepted",
+        "conflict",
+        "relative_force",
+        "not_axial_p",
+        "temperature_c",
+        "state",
+        "alarms",
+        "rejection",
+        "seed",
     ] {
         assert!(line.get(field).is_some(), "no {field} in {line}");
     }
     for (index, wanted) in [4.492, 9.288, 13.252].into_iter().enumerate() {
         let mode = &line["modes"][index];
-        let (f, sd) = (mode["frequency_hz"].as_f64().unwrap(), mode["sd_hz"].as_f64().unwrap());
+        let (f, sd) = (
+            mode["frequency_hz"].as_f64().unwrap(),
+            mode["sd_hz"].as_f64().unwrap(),
+        );
         // Five standard errors: the recording is fixed, so this either always holds or never.
-        assert!((f - wanted).abs() < 5.0 * sd && sd < 0.02, "mode {}: {f} +- {sd}", index + 1);
+        assert!(
+            (f - wanted).abs() < 5.0 * sd && sd < 0.02,
+            "mode {}: {f} +- {sd}",
+            index + 1
+        );
     }
     let force = &line["axial_force_n"];
     assert!(force["q025"].as_f64().unwrap() < force["mean"].as_f64().unwrap());
-    assert!(line["conflict"].as_f64().unwrap() > 3.0, "the paper's own observation lies outside the model");
+    assert!(
+        line["conflict"].as_f64().unwrap() > 3.0,
+        "the paper's own observation lies outside the model"
+    );
 }
 
 #[test]
 fn frequencies_measured_elsewhere_give_a_posterior() {
     let cache = tempfile::tempdir().unwrap();
-    let arguments = ["identify", "--frequencies", "4.492,-,13.252", "--sd", "0.01", "--json"];
+    let arguments = [
+        "identify",
+        "--frequencies",
+        "4.492,-,13.252",
+        "--sd",
+        "0.01",
+        "--json",
+    ];
     let output = tirante(&cache).args(arguments).output().unwrap();
     assert!(output.status.success(), "{}", text(&output.stderr));
     let line: Value = serde_json::from_slice(&output.stdout).unwrap();
@@ -73,13 +117,28 @@ fn bad_arguments_exit_2_with_a_sentence() {
         (vec!["replay"], "PATH"),
         (vec!["replay", "--no-such-flag", "x"], "--no-such-flag"),
         (vec!["identify", "--frequencies", "9,4"], "mode 2"),
-        (vec!["identify", "--frequencies", "4.5", "--rod", "nobody"], "nobody"),
+        (
+            vec!["identify", "--frequencies", "4.5", "--rod", "nobody"],
+            "nobody",
+        ),
         (vec!["identify", "--frequencies", "4.5", "--alpha", "7"], "7"),
-        (vec!["replay", "recordings", "--config", "no/such.toml"], "no/such.toml"),
+        (
+            vec!["replay", "recordings", "--config", "no/such.toml"],
+            "no/such.toml",
+        ),
     ] {
         let output = tirante(&cache).args(&arguments).output().unwrap();
-        assert_eq!(output.status.code(), Some(2), "{arguments:?}: {}", text(&output.stderr));
-        assert!(text(&output.stderr).contains(wanted), "{arguments:?}: {}", text(&output.stderr));
+        assert_eq!(
+            output.status.code(),
+            Some(2),
+            "{arguments:?}: {}",
+            text(&output.stderr)
+        );
+        assert!(
+            text(&output.stderr).contains(wanted),
+            "{arguments:?}: {}",
+            text(&output.stderr)
+        );
         assert!(output.stdout.is_empty());
     }
 }
@@ -88,28 +147,55 @@ fn bad_arguments_exit_2_with_a_sentence() {
 fn a_broken_file_is_named_and_the_good_one_beside_it_is_still_read() {
     let cache = tempfile::tempdir().unwrap();
     let folder = tempfile::tempdir().unwrap();
-    let good = fs::read(format!("{}/recordings/todi-pull.mcap", env!("CARGO_MANIFEST_DIR"))).unwrap();
+    let good = fs::read(format!(
+        "{}/recordings/todi-pull.mcap",
+        env!("CARGO_MANIFEST_DIR")
+    ))
+    .unwrap();
     fs::write(folder.path().join("a-broken.mcap"), b"this is no recording").unwrap();
     fs::write(folder.path().join("b-good.mcap"), &good).unwrap();
-    let output = tirante(&cache).arg("replay").arg(folder.path()).arg("--json").output().unwrap();
+    let output = tirante(&cache)
+        .arg("replay")
+        .arg(folder.path())
+        .arg("--json")
+        .output()
+        .unwrap();
     assert_eq!(output.status.code(), Some(3), "{}", text(&output.stderr));
-    assert!(text(&output.stderr).contains("a-broken.mcap"), "{}", text(&output.stderr));
+    assert!(
+        text(&output.stderr).contains("a-broken.mcap"),
+        "{}",
+        text(&output.stderr)
+    );
     assert_eq!(text(&output.stdout).lines().count(), 1);
 }
 
 #[test]
 fn nothing_readable_at_all_exits_1() {
     let cache = tempfile::tempdir().unwrap();
-    let output = tirante(&cache).args(["replay", "no/such/file.mcap"]).output().unwrap();
+    let output = tirante(&cache)
+        .args(["replay", "no/such/file.mcap"])
+        .output()
+        .unwrap();
     assert_eq!(output.status.code(), Some(1));
-    assert!(text(&output.stderr).contains("no/such/file.mcap"), "{}", text(&output.stderr));
+    assert!(
+        text(&output.stderr).contains("no/such/file.mcap"),
+        "{}",
+        text(&output.stderr)
+    );
 }
 
 #[test]
 fn every_command_has_help_with_an_example() {
     let cache = tempfile::tempdir().unwrap();
     let help = text(&tirante(&cache).arg("help").output().unwrap().stdout);
-    for name in ["replay", "identify", "simulate", "frequencies", "emulator", "check"] {
+    for name in [
+        "replay",
+        "identify",
+        "simulate",
+        "frequencies",
+        "emulator",
+        "check",
+    ] {
         assert!(help.contains(name), "{name} is missing in\n{help}");
         let page = text(&tirante(&cache).args([name, "--help"]).output().unwrap().stdout);
         assert!(page.contains("Example"), "{name} --help has no example:\n{page}");

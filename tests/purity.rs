@@ -4,7 +4,16 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 const PURE: [&str; 10] = [
-    "record", "spectrum", "modes", "beam", "forward.rs", "emulator", "bayes", "analysis.rs", "synthesis", "random.rs",
+    "record",
+    "spectrum",
+    "modes",
+    "beam",
+    "forward.rs",
+    "emulator",
+    "bayes",
+    "analysis.rs",
+    "synthesis",
+    "random.rs",
 ];
 
 const FORBIDDEN: [&str; 20] = [
@@ -70,5 +79,9 @@ fn pure_modules_know_no_file_clock_generator_or_shell() {
             }
         }
     }
-    assert!(offences.is_empty(), "pure code reaches outside:\n{}", offences.join("\n"));
+    assert!(
+        offences.is_empty(),
+        "pure code reaches outside:\n{}",
+        offences.join("\n")
+    );
 }

@@ -60,10 +60,17 @@ impl Display for Tally {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let rejected: usize = self.rejected.values().sum();
         let records = self.identified + rejected + self.panicked;
-        write!(f, "{records} records from {} files: {} identified", self.files, self.identified)?;
+        write!(
+            f,
+            "{records} records from {} files: {} identified",
+            self.files, self.identified
+        )?;
         if rejected > 0 {
-            let reasons: Vec<String> =
-                self.rejected.iter().map(|(code, count)| format!("{count} {code}")).collect();
+            let reasons: Vec<String> = self
+                .rejected
+                .iter()
+                .map(|(code, count)| format!("{count} {code}"))
+                .collect();
             write!(f, ", {rejected} rejected ({})", reasons.join(", "))?;
         }
         if self.panicked > 0 {
@@ -92,7 +99,11 @@ pub fn run(
     mut on_outcome: impl FnMut(&Outcome, &ProgressBar) -> io::Result<()>,
 ) -> anyhow::Result<Tally> {
     let files = source::expand(paths)?;
-    let total: u64 = files.iter().filter_map(|file| file.metadata().ok()).map(|data| data.len()).sum();
+    let total: u64 = files
+        .iter()
+        .filter_map(|file| file.metadata().ok())
+        .map(|data| data.len())
+        .sum();
     let bar = progress(total);
     let done = Arc::new(AtomicU64::new(0));
     let channels: Vec<RodChannels> = config.rods.iter().map(|rod| rod.channels.clone()).collect();
@@ -126,7 +137,10 @@ pub fn run(
                 Ok(Done::File { path, result }) => tally.file(&path, &result, &bar),
                 Err(panic) => {
                     tally.panicked += 1;
-                    say(&bar, &format!("error: the analysis of one record broke ({panic})"));
+                    say(
+                        &bar,
+                        &format!("error: the analysis of one record broke ({panic})"),
+                    );
                 }
             }
             ControlFlow::Continue(())
@@ -182,19 +196,36 @@ fn progress(total: u64) -> ProgressBar {
 /// One step of reading: an event of a recording, or its end.
 enum Step {
     Event(Event),
-    File { path: PathBuf, result: Result<Summary, SourceError> },
+    File {
+        path: PathBuf,
+        result: Result<Summary, SourceError>,
+    },
 }
 
 enum Done {
     Record(Box<Outcome>),
-    File { path: PathBuf, result: Result<Summary, SourceError> },
+    File {
+        path: PathBuf,
+        result: Result<Summary, SourceError>,
+    },
 }
 
 fn analyse(step: Step, plans: &BTreeMap<RodId, Plan>) -> Done {
     let record = match step {
         Step::File { path, result } => return Done::File { path, result },
-        Step::Event(Event::Rejected { rod, start, duration_s, rejection }) => {
-            let outcome = Outcome::Rejected { rod, start, duration_s, fs_hz: None, rejection };
+        Step::Event(Event::Rejected {
+            rod,
+            start,
+            duration_s,
+            rejection,
+        }) => {
+            let outcome = Outcome::Rejected {
+                rod,
+                start,
+                duration_s,
+                fs_hz: None,
+                rejection,
+            };
             return Done::Record(Box::new(outcome));
         }
         Step::Event(Event::Record(record)) => record,
@@ -234,7 +265,15 @@ impl Recordings {
         done: Arc<AtomicU64>,
     ) -> Self {
         let settings = config.record;
-        Self { files: files.into_iter(), channels, settings, follow, done, bytes_of_closed: 0, open: None }
+        Self {
+            files: files.into_iter(),
+            channels,
+            settings,
+            follow,
+            done,
+            bytes_of_closed: 0,
+            open: None,
+        }
     }
 }
 
@@ -245,7 +284,8 @@ impl Iterator for Recordings {
         loop {
             if let Some((path, mut recording)) = self.open.take() {
                 let event = recording.next();
-                self.done.store(self.bytes_of_closed + recording.bytes_read(), Ordering::Relaxed);
+                self.done
+                    .store(self.bytes_of_closed + recording.bytes_read(), Ordering::Relaxed);
                 return Some(match event {
                     Some(event) => {
                         self.open = Some((path, recording));
@@ -253,14 +293,22 @@ impl Iterator for Recordings {
                     }
                     None => {
                         self.bytes_of_closed += recording.bytes_read();
-                        Step::File { path, result: Ok(recording.summary()) }
+                        Step::File {
+                            path,
+                            result: Ok(recording.summary()),
+                        }
                     }
                 });
             }
             let path = self.files.next()?;
             match Recording::open(&path, &self.channels, &self.settings, self.follow) {
                 Ok(recording) => self.open = Some((path, recording)),
-                Err(error) => return Some(Step::File { path, result: Err(error) }),
+                Err(error) => {
+                    return Some(Step::File {
+                        path,
+                        result: Err(error),
+                    });
+                }
             }
         }
     }

@@ -1,9 +1,9 @@
 //! `tirante identify`: one recording, or frequencies measured elsewhere, to the posterior.
 
+use super::campaign::{self, Reading};
 use super::render::{self, CONFLICT_SHOWN, Outcome};
 use super::setup::{self, Overrides};
 use super::{BadArguments, WITH_LOSSES};
-use super::campaign::{self, Reading};
 use crate::analysis::{Identification, Plan};
 use crate::config::Config;
 use crate::modes::Mode;
@@ -27,7 +27,11 @@ const DEFAULT_SD_HZ: f64 = 0.031_622_776_601_683_79;
   tirante identify --frequencies 4.492,-,13.252 --sd 0.005,-,0.01    (mode 2 not measured)")]
 pub struct Args {
     /// A recording; all its records are identified.
-    #[arg(value_name = "PATH", required_unless_present = "frequencies", conflicts_with = "frequencies")]
+    #[arg(
+        value_name = "PATH",
+        required_unless_present = "frequencies",
+        conflicts_with = "frequencies"
+    )]
     pub path: Option<PathBuf>,
 
     /// Natural frequencies [Hz] of modes 1, 2, ... up to 5, separated by commas; '-' where a mode was
@@ -36,7 +40,12 @@ pub struct Args {
     pub frequencies: Option<String>,
 
     /// Their standard errors [Hz]: one for all, or one per frequency. Default: the paper's 0.0316 Hz.
-    #[arg(long, value_name = "HZ[,HZ,...]", requires = "frequencies", allow_hyphen_values = true)]
+    #[arg(
+        long,
+        value_name = "HZ[,HZ,...]",
+        requires = "frequencies",
+        allow_hyphen_values = true
+    )]
     pub sd: Option<String>,
 
     /// The rod of the configuration; needed if it has several.
@@ -81,11 +90,19 @@ fn from_frequencies(args: &Args, list: &str) -> anyhow::Result<ExitCode> {
         analysis.discrepancy.resize(highest, last);
     }
     let plans = setup::plans(&config)?;
-    let plan = plans.get(&rod).ok_or_else(|| anyhow!("the rod {rod} has no plan"))?;
+    let plan = plans
+        .get(&rod)
+        .ok_or_else(|| anyhow!("the rod {rod} has no plan"))?;
     let (outcome, code) = match plan.run_frequencies(modes) {
         Ok(identification) => (Outcome::Identified(Box::new(identification)), ExitCode::SUCCESS),
         Err(rejection) => (
-            Outcome::Rejected { rod, start: None, duration_s: None, fs_hz: None, rejection },
+            Outcome::Rejected {
+                rod,
+                start: None,
+                duration_s: None,
+                fs_hz: None,
+                rejection,
+            },
             ExitCode::from(WITH_LOSSES),
         ),
     };
@@ -108,12 +125,7 @@ fn from_recording(args: &Args, path: &PathBuf) -> anyhow::Result<ExitCode> {
     Ok(tally.exit_code())
 }
 
-fn show(
-    args: &Args,
-    config: &Config,
-    plans: &BTreeMap<RodId, Plan>,
-    outcome: &Outcome,
-) -> io::Result<()> {
+fn show(args: &Args, config: &Config, plans: &BTreeMap<RodId, Plan>, outcome: &Outcome) -> io::Result<()> {
     let text = match outcome {
         _ if args.json => render::json(outcome, &args.overrides.provenance(config)) + "\n",
         Outcome::Identified(identification) => match plans.get(&identification.rod) {
@@ -147,7 +159,9 @@ fn describe(plan: &Plan, identification: &Identification) -> String {
     line(String::new());
     line("  mode   frequency [Hz]   standard error [Hz]   damping [%]".to_owned());
     for mode in &identification.modes {
-        let damping = mode.damping.map_or_else(|| "-".to_owned(), |zeta| format!("{:.3}", zeta * 100.0));
+        let damping = mode
+            .damping
+            .map_or_else(|| "-".to_owned(), |zeta| format!("{:.3}", zeta * 100.0));
         line(format!(
             "  {:>4}   {:>14.4}   {:>19.4}   {damping:>11}",
             mode.order, mode.frequency_hz, mode.sd_hz
@@ -187,7 +201,11 @@ fn describe(plan: &Plan, identification: &Identification) -> String {
         "  conflict {:.1}: standard deviations from the nearest frequencies the model can produce",
         conflict.score
     ));
-    if let Some(violation) = conflict.violation.as_ref().filter(|_| conflict.score >= CONFLICT_SHOWN) {
+    if let Some(violation) = conflict
+        .violation
+        .as_ref()
+        .filter(|_| conflict.score >= CONFLICT_SHOWN)
+    {
         line(format!("  ! model and data disagree: {violation}"));
         line("    the force may be wrong by more than its interval says".to_owned());
     }
@@ -196,7 +214,11 @@ fn describe(plan: &Plan, identification: &Identification) -> String {
 
 fn choose_rod(config: &Config, id: Option<&str>) -> anyhow::Result<RodId> {
     let known = || {
-        let ids: Vec<&str> = config.rods.iter().map(|rod| rod.analysis.rod.0.as_str()).collect();
+        let ids: Vec<&str> = config
+            .rods
+            .iter()
+            .map(|rod| rod.analysis.rod.0.as_str())
+            .collect();
         ids.join(", ")
     };
     match (id, config.rods.as_slice()) {
@@ -216,7 +238,11 @@ fn parse_modes(frequencies: &str, sd: Option<&str>) -> anyhow::Result<Vec<Mode>>
         && sds.len() != 1
         && sds.len() != frequencies.len()
     {
-        let message = format!("--sd has {} entries, --frequencies {}", sds.len(), frequencies.len());
+        let message = format!(
+            "--sd has {} entries, --frequencies {}",
+            sds.len(),
+            frequencies.len()
+        );
         return Err(BadArguments(message).into());
     }
     let mut modes: Vec<Mode> = Vec::new();
@@ -229,11 +255,20 @@ fn parse_modes(frequencies: &str, sd: Option<&str>) -> anyhow::Result<Vec<Mode>>
             Some(list) => list[index]
                 .ok_or_else(|| BadArguments(format!("--sd: mode {order} was measured, its error is '-'")))?,
         };
-        if modes.last().is_some_and(|before| before.frequency_hz >= frequency_hz) {
-            let message = format!("--frequencies: mode {order} at {frequency_hz} Hz is not above the one before");
+        if modes
+            .last()
+            .is_some_and(|before| before.frequency_hz >= frequency_hz)
+        {
+            let message =
+                format!("--frequencies: mode {order} at {frequency_hz} Hz is not above the one before");
             return Err(BadArguments(message).into());
         }
-        modes.push(Mode { order, frequency_hz, sd_hz, damping: None });
+        modes.push(Mode {
+            order,
+            frequency_hz,
+            sd_hz,
+            damping: None,
+        });
     }
     if modes.is_empty() {
         return Err(BadArguments("--frequencies: no mode was measured".to_owned()).into());
@@ -241,7 +276,10 @@ fn parse_modes(frequencies: &str, sd: Option<&str>) -> anyhow::Result<Vec<Mode>>
     if let Some(mode) = modes.last()
         && mode.order > crate::forward::MAX_MODES
     {
-        let message = format!("--frequencies: at most {} modes are used", crate::forward::MAX_MODES);
+        let message = format!(
+            "--frequencies: at most {} modes are used",
+            crate::forward::MAX_MODES
+        );
         return Err(BadArguments(message).into());
     }
     Ok(modes)

@@ -83,8 +83,17 @@ fn parameters(posterior: &Posterior) -> BTreeMap<&'static str, Parameter> {
     quantities
         .filter(|&&quantity| quantity != Quantity::AxialForce)
         .filter_map(|&quantity| {
-            let marginal = posterior.marginal(quantity).filter(|marginal| marginal.sd > 0.0)?;
-            Some((quantity.key(), Parameter { mean: marginal.mean, cv: marginal.cv }))
+            // A fixed quantity's spread is the rounding of its mean.
+            let marginal = posterior
+                .marginal(quantity)
+                .filter(|marginal| marginal.cv > 1e-9)?;
+            Some((
+                quantity.key(),
+                Parameter {
+                    mean: marginal.mean,
+                    cv: marginal.cv,
+                },
+            ))
         })
         .collect()
 }
@@ -121,7 +130,13 @@ pub fn json(outcome: &Outcome, config_hash: &str) -> String {
                 analysis_version: VERSION,
             }
         }
-        Outcome::Rejected { rod, start, duration_s, fs_hz, rejection } => Line {
+        Outcome::Rejected {
+            rod,
+            start,
+            duration_s,
+            fs_hz,
+            rejection,
+        } => Line {
             rod,
             start: *start,
             duration_s: *duration_s,
@@ -141,7 +156,11 @@ pub fn json(outcome: &Outcome, config_hash: &str) -> String {
             state: NOT_MONITORING,
             alarms: [],
             flags: &[],
-            rejection: Some(Reason { code: rejection.code(), message: rejection.to_string(), detail: rejection }),
+            rejection: Some(Reason {
+                code: rejection.code(),
+                message: rejection.to_string(),
+                detail: rejection,
+            }),
             seed: None,
             config: config_hash,
             analysis_version: VERSION,
@@ -160,17 +179,31 @@ pub struct Table {
 impl Table {
     /// A table for rods with these names, with columns for the first `modes` mode orders.
     pub fn new<'a>(rods: impl Iterator<Item = &'a RodId>, modes: usize) -> Self {
-        let rod_width = rods.map(|rod| rod.0.chars().count()).max().unwrap_or(0).max("rod".len());
+        let rod_width = rods
+            .map(|rod| rod.0.chars().count())
+            .max()
+            .unwrap_or(0)
+            .max("rod".len());
         Self { modes, rod_width }
     }
 
     /// The two header lines.
     pub fn header(&self) -> String {
-        let mut line = format!("{:<width$}  {:<20}  {:>6}", "rod", "start (UTC)", "length", width = self.rod_width);
+        let mut line = format!(
+            "{:<width$}  {:<20}  {:>6}",
+            "rod",
+            "start (UTC)",
+            "length",
+            width = self.rod_width
+        );
         for order in 1..=self.modes {
             let _ = write!(line, "  {:>18}", format!("mode {order} [Hz]"));
         }
-        let _ = write!(line, "  {:>17}  {:>13}  {:>8}", "axial force [kN]", "95 % interval", "conflict");
+        let _ = write!(
+            line,
+            "  {:>17}  {:>13}  {:>8}",
+            "axial force [kN]", "95 % interval", "conflict"
+        );
         let rule = "-".repeat(line.chars().count());
         format!("{line}\n{rule}")
     }
@@ -179,7 +212,13 @@ impl Table {
     pub fn row(&self, outcome: &Outcome) -> String {
         match outcome {
             Outcome::Identified(identification) => self.identified(identification),
-            Outcome::Rejected { rod, start, duration_s, rejection, .. } => {
+            Outcome::Rejected {
+                rod,
+                start,
+                duration_s,
+                rejection,
+                ..
+            } => {
                 let mut line = self.opening(rod, *start, *duration_s);
                 let _ = write!(line, "  rejected ({}): {rejection}", rejection.code());
                 line
@@ -190,7 +229,11 @@ impl Table {
     fn opening(&self, rod: &RodId, start: Option<Timestamp>, duration_s: Option<f64>) -> String {
         let start = start.map_or_else(|| "-".to_owned(), |time| to_seconds(time));
         let duration = duration_s.map_or_else(|| "-".to_owned(), |s| format!("{s:.0} s"));
-        format!("{:<width$}  {start:<20}  {duration:>6}", rod.0, width = self.rod_width)
+        format!(
+            "{:<width$}  {start:<20}  {duration:>6}",
+            rod.0,
+            width = self.rod_width
+        )
     }
 
     fn identified(&self, identification: &Identification) -> String {
@@ -210,14 +253,23 @@ impl Table {
         }
         let (force, interval) = match identification.posterior.marginal(Quantity::AxialForce) {
             Some(force) => (
-                format!("{:.0} ± {:.0} ({:.0} %)", kilo(force.mean), kilo(force.sd), force.cv * 100.0),
+                format!(
+                    "{:.0} ± {:.0} ({:.0} %)",
+                    kilo(force.mean),
+                    kilo(force.sd),
+                    force.cv * 100.0
+                ),
                 format!("{:.0} to {:.0}", kilo(force.q025), kilo(force.q975)),
             ),
             None => ("-".to_owned(), "-".to_owned()),
         };
         let score = identification.conflict.score;
         let mark = if score >= CONFLICT_SHOWN { " !" } else { "" };
-        let _ = write!(line, "  {force:>17}  {interval:>13}  {:>8}", format!("{score:.1}{mark}"));
+        let _ = write!(
+            line,
+            "  {force:>17}  {interval:>13}  {:>8}",
+            format!("{score:.1}{mark}")
+        );
         for flag in measurement.map_or(&[][..], |m| &m.flags) {
             let _ = write!(line, "  [{flag}]");
         }
@@ -232,5 +284,9 @@ fn kilo(value: f64) -> f64 {
 /// `2026-03-01 06:00:00`: UTC, fractions of a second cut off.
 fn to_seconds(time: Timestamp) -> String {
     let text = time.to_string();
-    text.trim_end_matches('Z').split('.').next().unwrap_or(&text).replace('T', " ")
+    text.trim_end_matches('Z')
+        .split('.')
+        .next()
+        .unwrap_or(&text)
+        .replace('T', " ")
 }

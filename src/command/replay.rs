@@ -44,7 +44,12 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let config = args.overrides.load()?;
     let plans = setup::plans(&config)?;
     let provenance = args.overrides.provenance(&config);
-    let modes = config.rods.iter().map(|rod| rod.analysis.modes.count).max().unwrap_or(0);
+    let modes = config
+        .rods
+        .iter()
+        .map(|rod| rod.analysis.modes.count)
+        .max()
+        .unwrap_or(0);
     let rods: Vec<&RodId> = config.rods.iter().map(|rod| &rod.analysis.rod).collect();
     let table = Table::new(rods.into_iter(), modes);
 
@@ -56,7 +61,11 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
                 header_due = false;
                 writeln!(output, "{}\n{}", config.site, table.header())?;
             }
-            let line = if args.json { render::json(outcome, &provenance) } else { table.row(outcome) };
+            let line = if args.json {
+                render::json(outcome, &provenance)
+            } else {
+                table.row(outcome)
+            };
             writeln!(output, "{line}")
         })
     })?;

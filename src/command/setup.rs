@@ -134,12 +134,25 @@ impl Overrides {
     /// Sixteen hexadecimal digits that name everything a result depends on besides its record: the
     /// effective configuration and what the command line overrides.
     pub fn provenance(&self, config: &Config) -> String {
-        let Self { config: _, model, draws, alpha, epsilon, distance, adjust, sequential, seed } = self;
+        let Self {
+            config: _,
+            model,
+            draws,
+            alpha,
+            epsilon,
+            distance,
+            adjust,
+            sequential,
+            seed,
+        } = self;
         let mut hash = Sha256::new();
         hash.update(config.hash());
         let overrides = (model, draws, alpha, epsilon, distance, adjust, sequential, seed);
         hash.update(format!("{overrides:?}").as_bytes());
-        hash.finalize()[..8].iter().map(|byte| format!("{byte:02x}")).collect()
+        hash.finalize()[..8]
+            .iter()
+            .map(|byte| format!("{byte:02x}"))
+            .collect()
     }
 }
 

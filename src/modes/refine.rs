@@ -72,13 +72,19 @@ pub fn refine(
     by_height.sort_by(|&a, &b| peaks[b].height_db.total_cmp(&peaks[a].height_db));
     let mut fits: Vec<(usize, Fit)> = Vec::new();
     for &i in &by_height {
-        if fits.iter().any(|(_, fit)| context.same(fit, peaks[i].frequency_hz)) {
+        if fits
+            .iter()
+            .any(|(_, fit)| context.same(fit, peaks[i].frequency_hz))
+        {
             continue;
         }
         let Some(fit) = context.fit(peaks[i].frequency_hz, context.limits(peaks, i), &[]) else {
             continue;
         };
-        if !fits.iter().any(|(_, other)| context.same(other, fit.resonance.frequency_hz)) {
+        if !fits
+            .iter()
+            .any(|(_, other)| context.same(other, fit.resonance.frequency_hz))
+        {
             fits.push((i, fit));
         }
     }
@@ -133,8 +139,15 @@ impl Context<'_> {
         let apart = |other: &&Peak| {
             other.prominence_db >= NEIGHBOUR_DB && (other.frequency_hz - own).abs() > 3.0 * self.line_hz
         };
-        let below = peaks[..i].iter().rev().find(apart).map(|p| 0.5 * (p.frequency_hz + own));
-        let above = peaks[i + 1..].iter().find(apart).map(|p| 0.5 * (p.frequency_hz + own));
+        let below = peaks[..i]
+            .iter()
+            .rev()
+            .find(apart)
+            .map(|p| 0.5 * (p.frequency_hz + own));
+        let above = peaks[i + 1..]
+            .iter()
+            .find(apart)
+            .map(|p| 0.5 * (p.frequency_hz + own));
         let low = below.unwrap_or(0.0).max((1.0 - WIDEST) * own);
         let high = above.unwrap_or(f64::INFINITY).min((1.0 + WIDEST) * own);
         (low, high.min(0.98 * self.nyquist_hz))
@@ -279,11 +292,13 @@ impl Context<'_> {
     /// Whether other modes lift the band of `fit` by more than a fifth of its noise floor.
     fn disturbed(&self, fit: &Fit, others: &[Fit]) -> bool {
         let f = fit.resonance.frequency_hz;
-        [f - fit.half_width_hz, f, f + fit.half_width_hz].iter().any(|&f| {
-            let lifted: f64 = others.iter().map(|other| skirt(other, f)).sum();
-            let pulled: f64 = others.iter().map(|other| pull(other, f).norm_sqr()).sum();
-            lifted + pulled > 0.2 * fit.value.noise
-        })
+        [f - fit.half_width_hz, f, f + fit.half_width_hz]
+            .iter()
+            .any(|&f| {
+                let lifted: f64 = others.iter().map(|other| skirt(other, f)).sum();
+                let pulled: f64 = others.iter().map(|other| pull(other, f).norm_sqr()).sum();
+                lifted + pulled > 0.2 * fit.value.noise
+            })
     }
 }
 
@@ -305,7 +320,12 @@ fn subtract(band: &mut Band, other: &Fit, excitation: Excitation) {
     let level = {
         let mut sorted = smallest;
         sorted.sort_by(f64::total_cmp);
-        sorted.get(sorted.len() / 5).copied().unwrap_or(0.0).max(f64::MIN_POSITIVE) / 0.223
+        sorted
+            .get(sorted.len() / 5)
+            .copied()
+            .unwrap_or(0.0)
+            .max(f64::MIN_POSITIVE)
+            / 0.223
     };
     for i in 0..band.len() {
         let f = band.frequency_hz[i];

@@ -115,10 +115,7 @@ impl<'t> Table<'t> {
                 Absent::Nothing(_) => None,
                 Absent::Required => {
                     if holds {
-                        self.fault_of(
-                            key.name,
-                            format!("is missing: {}, allowed: {allowed}", key.meaning),
-                        );
+                        self.absence_of(key.name, format!("{}, allowed: {allowed}", key.meaning));
                     }
                     None
                 }
@@ -208,6 +205,12 @@ impl<'t> Table<'t> {
             .and_then(|entries| entries.get(name))
             .map_or(self.at, |value| value.span().start);
         self.faults.add(self.path_of(name), at, message);
+    }
+
+    /// The fault that a key is missing; `what` says what it is.
+    pub(super) fn absence_of(&self, name: &str, what: impl Display) {
+        self.faults
+            .add_absence(self.path_of(name), self.at, format!("is missing: {what}"));
     }
 
     /// A fault of the table itself.

@@ -225,7 +225,7 @@ fn check_channels(table: &Table<'_>, rods: &[SimulatedRod], written: Written) {
             match channel.fs_hz {
                 Some(declared) if declared != written.fs_hz => {
                     fault(format!(
-                        "its channel declares {declared} Hz, simulated are {} Hz",
+                        "its channel declares fs_hz = {declared}, simulated are {} Hz",
                         written.fs_hz
                     ));
                 }

@@ -234,7 +234,12 @@ fn truth(table: &mut Table<'_>, config: &RodConfig) -> Vec<f64> {
     let prior = &config.analysis.prior;
     let quantities = prior.parameterisation().quantities().iter().zip(prior.centre());
     quantities
-        .map(|(&quantity, centre)| table.number(quantity_key(quantity), sane(quantity), centre))
+        .map(|(&quantity, centre)| {
+            let absent = Absent::Nothing("the prior's centre");
+            table
+                .maybe_number(quantity_key(quantity), sane(quantity), absent)
+                .unwrap_or(centre)
+        })
         .collect()
 }
 

@@ -202,7 +202,7 @@ fn relations_between_keys_are_checked() {
         ),
         (
             "[simulation]\nencoding = \"ros2\"\n",
-            "simulation.rod: \"rod-1\": field \"data\" is written",
+            "simulation.rod: \"rod-1\": encoding and samples_per_message write field \"data\"",
         ),
         (
             "[simulation]\n[[simulation.rod]]\nid = \"x\"\n",

@@ -240,7 +240,7 @@ fn check_channels(table: &Table<'_>, rods: &[SimulatedRod], written: Written) {
             let field = field_of(written.encoding, is_batch);
             if channel.field != field {
                 fault(format!(
-                    "field \"{field}\" is written, its channel {} reads \"{}\"",
+                    "encoding and samples_per_message write field \"{field}\", its channel {} reads \"{}\"",
                     channel.topic, channel.field
                 ));
             }
@@ -251,7 +251,7 @@ fn check_channels(table: &Table<'_>, rods: &[SimulatedRod], written: Written) {
                         "time stands in field \"{field}\", its channel reads \"{time}\""
                     )),
                     None => fault(format!(
-                        "no time is written into messages, its channel reads \"{time}\""
+                        "with samples_per_message = 1 no time is written into messages, its channel reads \"{time}\""
                     )),
                 }
             }

@@ -11,6 +11,9 @@ use super::value::Value;
 use std::fmt::Display;
 use toml::de::DeTable;
 
+/// How often a table may stand.
+const MOST_ELEMENTS: usize = 1000;
+
 /// A key: its name, what it means, and when it has an effect.
 #[derive(Clone, Copy)]
 pub(super) struct Key {
@@ -178,7 +181,14 @@ impl<'t> Table<'t> {
             return Vec::new();
         };
         let mut results = Vec::new();
-        for element in value.array_of_tables(name) {
+        let elements = value.array_of_tables(name);
+        if elements.len() > MOST_ELEMENTS {
+            value.fault(format!(
+                "stands {} times, at most {MOST_ELEMENTS} are allowed",
+                elements.len()
+            ));
+        }
+        for element in elements.into_iter().take(MOST_ELEMENTS) {
             let Some(entries) = element.table() else { continue };
             let node = self.node.child(name, meaning, true);
             let mut table = Table::new(self.faults, element.key.clone(), element.at, Some(entries), node);

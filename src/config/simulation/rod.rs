@@ -76,11 +76,14 @@ pub(super) fn read(
             Absent::Default(vec![DAMPING]),
             |value| {
                 let range = Range::within(1e-5, 0.5);
-                if value.is_array() {
-                    value.numbers(range, modes, modes)
-                } else {
-                    value.number(range).map(|one| vec![one])
+                if !value.is_array() {
+                    return value.number(range).map(|one| vec![one]);
                 }
+                let list = value.numbers(range, 1, MAX_MODES)?;
+                if list.len() != modes {
+                    value.fault(format!("has {} entries, modes = {modes}", list.len()));
+                }
+                Some(list)
             },
             |list| {
                 if let [one] = list.as_slice() {

@@ -198,7 +198,11 @@ impl Config {
     }
 }
 
-fn read_text(path: &Path) -> Result<String, ConfigError> {
+/// The text of a configuration file of at most [`LONGEST`] bytes.
+///
+/// # Errors
+/// It is no regular file, too long, not UTF-8, or cannot be read.
+pub fn read_text(path: &Path) -> Result<String, ConfigError> {
     let unreadable = |reason: String| ConfigError::Unreadable {
         path: path.to_owned(),
         reason,

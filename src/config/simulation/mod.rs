@@ -200,6 +200,14 @@ fn climate(table: &mut Table<'_>) -> Climate {
             Range::within(0.01, 86_400.0),
             10.0,
         ),
+        between_s: table.maybe_number(
+            key(
+                "between_s",
+                "from one temperature message to the next between records [s]",
+            ),
+            Range::within(1.0, 86_400.0),
+            Absent::Nothing("no temperature between records"),
+        ),
     }
 }
 

@@ -121,7 +121,7 @@ fn clean_records_pass_without_a_flag() {
     let mut check = |name: String, samples: Vec<f64>| {
         count += 1;
         match only(run(&samples)) {
-            Ok(record) if record.flags.is_empty() => assert_eq!(record.samples, samples),
+            Ok(record) if record.flags.is_empty() => assert!(record.samples == samples),
             Ok(record) => refused.push(format!("{name}: {:?}", record.flags)),
             Err(rejection) => refused.push(format!("{name}: {rejection}")),
         }
@@ -304,7 +304,7 @@ fn jitter_is_tolerated_up_to_its_limit() {
         match only(events) {
             Ok(record) => {
                 assert!(passes, "{jitter}");
-                assert_eq!(record.samples, clean, "{jitter}");
+                assert!(record.samples == clean, "{jitter}");
                 assert!((record.fs_hz / FS - 1.0).abs() < 1e-4);
                 assert_eq!(jitter > 0.05, record.flags.iter().any(|flag| matches!(flag, Flag::Jitter { .. })));
             }
@@ -365,8 +365,8 @@ fn gaps_and_clock_steps_split() {
         let [Event::Record(first), Event::Record(second)] = &events[..] else {
             panic!("{shift_s}: {:?}", shown(&events));
         };
-        assert_eq!(first.samples, clean[..half], "{shift_s}");
-        assert_eq!(second.samples, clean[half..], "{shift_s}");
+        assert!(first.samples == clean[..half], "{shift_s}");
+        assert!(second.samples == clean[half..], "{shift_s}");
         assert_eq!(second.start.as_nanos(), nanos(half) + (shift_s * 1e9) as i64);
     }
     // One message with a wild stamp is dropped and told, its place filled.
@@ -394,8 +394,11 @@ fn windows_are_exact_and_batches_cut_inside() {
         let (Event::Record(one), Event::Record(other)) = (one, other) else {
             panic!("{:?}", shown(&batched));
         };
-        assert_eq!(one.samples, clean[i * 6000..clean.len().min((i + 1) * 6000)]);
-        assert_eq!(one.samples, other.samples);
+        let expected = &clean[i * 6000..clean.len().min((i + 1) * 6000)];
+        for found in [&one.samples, &other.samples] {
+            let first = found.iter().zip(expected).position(|(a, b)| a != b);
+            assert_eq!((found.len(), first), (expected.len(), None), "{i}");
+        }
         assert_eq!(one.start, other.start);
         assert_eq!(other.flags.contains(&Flag::Truncated), i == 3);
     }

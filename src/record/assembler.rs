@@ -42,6 +42,8 @@ const LATE: usize = 64;
 const LAG: usize = 32;
 /// Records that wait for the temperature beside them.
 const WAITING: usize = 4;
+/// Samples too few to say why they are no record.
+const FEW: usize = 64;
 /// Jitter worth a flag.
 const NOTABLE_JITTER: f64 = 0.05;
 
@@ -187,10 +189,30 @@ impl Assembler {
                 }
             }
         }
+        self.cut_rest();
         let open = std::mem::take(&mut self.open);
         self.close(open, cut_short, None);
         self.seen_until = i64::MIN;
         self.interval = None;
+    }
+
+    /// Cuts the windows that were still waiting for late messages.
+    fn cut_rest(&mut self) {
+        let Cut::Window { length_s } = self.settings.cut else { return };
+        let length_s = length_s.min(self.settings.max_duration_s);
+        while let (Some(&start), Some(&last), Some(&size), Some(interval)) =
+            (self.open.times.first(), self.open.times.last(), self.open.sizes.last(), self.interval)
+        {
+            let span = (last.saturating_sub(start) as f64 + interval * f64::from(size)) * 1e-9;
+            if span < length_s + 0.5e-9 * interval {
+                return;
+            }
+            let before = self.open.values.len();
+            self.cut_at(start, length_s, interval);
+            if self.open.values.len() == before {
+                return;
+            }
+        }
     }
 
     fn take(&mut self, (time, values): Message, queue: &mut VecDeque<Message>) {
@@ -211,6 +233,7 @@ impl Assembler {
             Some(Place::Astray) | None => {
                 self.astray.push((time, values));
                 if self.astray.len() > ASTRAY {
+                    self.cut_rest();
                     let open = std::mem::take(&mut self.open);
                     self.close(open, false, None);
                     self.seen_until = i64::MIN;
@@ -334,9 +357,16 @@ impl Assembler {
         };
         let start = Timestamp::from_nanos(first);
         let span_s = Timestamp::from_nanos(last).seconds_since(start);
+        let count = stretch.values.len();
         let even = match timing::even(stretch, self.declared_hz, &self.settings) {
             Ok(even) => even,
-            Err(Rejection::TooShort { .. }) => return self.too_short(start, span_s),
+            // Whatever else is wrong with it, it is too short.
+            Err(_) if span_s < self.settings.min_duration_s => return self.too_short(start, span_s),
+            // A few samples strewn over a long time are no long record.
+            Err(_) if count < FEW => {
+                let duration_s = self.declared_hz.map_or(0.0, |fs_hz| count as f64 / fs_hz);
+                return self.too_short(start, duration_s.min(span_s));
+            }
             Err(rejection) => return self.reject(Some(start), span_s, rejection),
         };
         match self.settings.cut {

@@ -105,7 +105,7 @@ pub fn check(mut samples: Vec<f64>, fs_hz: f64, settings: &RecordSettings) -> Re
             value: samples.first().copied().unwrap_or(0.0),
         });
     };
-    let held = held(&samples, range.step) as f64 / total;
+    let held = held(&samples, &range) as f64 / total;
     if held > settings.max_held {
         return Err(Rejection::Held {
             share: held,
@@ -177,8 +177,9 @@ impl Extent {
     }
 }
 
-/// Samples that repeat the one before although the signal moves on by more than its resolution.
-fn held(samples: &[f64], step: f64) -> usize {
+/// Samples that repeat the one before although the signal moves on by more than its resolution; those at
+/// the extremes are the rails' matter.
+fn held(samples: &[f64], range: &Extent) -> usize {
     let mut held = 0;
     let mut run = 0;
     for pair in samples.windows(2) {
@@ -186,7 +187,8 @@ fn held(samples: &[f64], step: f64) -> usize {
             run += 1;
         } else {
             // A little slack for steps that are sums of rounded numbers.
-            if run > 0 && (pair[1] - pair[0]).abs() > (HELD_STEPS + 0.01) * step {
+            let moves = (pair[1] - pair[0]).abs() > (HELD_STEPS + 0.01) * range.step;
+            if run > 0 && moves && pair[0] > range.low && pair[0] < range.high {
                 held += run;
             }
             run = 0;
@@ -218,7 +220,8 @@ fn clipped(samples: &[f64], range: &Extent) -> usize {
             near_low += 1;
         }
     }
-    let rail = |at: usize, near: usize| if at >= 3 && at as f64 > 1.5 * near as f64 { at } else { 0 };
+    // Few samples prove nothing either way.
+    let rail = |at: usize, near: usize| if at as f64 > 1.5 * near as f64 + 4.0 { at } else { 0 };
     rail(at_high, near_high) + rail(at_low, near_low)
 }
 

@@ -144,7 +144,8 @@ pub(super) fn even(
         let error = (fs_hz / declared_hz - 1.0).abs();
         // Standard error of a slope over evenly spaced points.
         let sd = jitter * 12f64.sqrt() / (count as f64).powf(1.5);
-        if error > settings.max_rate_error.max(4.0 * sd) {
+        // However few the stamps, twenty percent off is another rate.
+        if error > settings.max_rate_error.max((4.0 * sd).min(0.2)) {
             return Err(Rejection::Rate {
                 declared_hz,
                 measured_hz: fs_hz,

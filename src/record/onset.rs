@@ -54,8 +54,9 @@ pub(super) fn onsets(samples: &[f64], fs_hz: f64, ratio: f64) -> Vec<usize> {
         if !(level > ratio) {
             continue;
         }
-        let after = (end + persist).min(total - half);
-        if after <= end || (mean(end, after) / quiet).sqrt() < 0.5 * ratio {
+        // Beyond what a single spike does to the derivative.
+        let (later, after) = (end + 2 * half, (end + 2 * half + persist).min(total - half));
+        if after <= later || (mean(later, after) / quiet).sqrt() < 0.5 * ratio {
             continue;
         }
         armed = false;

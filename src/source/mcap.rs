@@ -1,0 +1,430 @@
+//! Reads MCAP strictly: what is handed out was checked, or is known to be unchecked.
+//!
+//! The framing is the `mcap` crate's reader; chunks are decompressed and checked here before anything
+//! in them is handed out. Besides broken framing and wrong checksums, these are refused: a message
+//! before its channel, a channel or schema that changes under its id, names that are not UTF-8,
+//! a chunk in a chunk, messages behind the data section, and sizes beyond any recorder's.
+
+use super::chunk::ChunkReader;
+use super::decode::SchemaRef;
+use super::verify::Trust;
+use super::wire::Fields;
+use mcap::McapError;
+use mcap::records::op;
+use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
+use std::collections::{BTreeMap, HashMap};
+use std::io::Read;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+
+/// Largest record accepted, compressed chunks included \[bytes\].
+pub const MAX_RECORD: usize = 16 << 20;
+
+/// Where and why a file cannot be believed any further.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Damage {
+    /// Position in the file \[bytes\].
+    pub offset: u64,
+    /// What is wrong there.
+    pub what: String,
+}
+
+/// What one step brought.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Progress {
+    /// There may be more.
+    More,
+    /// Nothing to read now; the file may grow.
+    Wait,
+    /// The file ended as it should.
+    Complete,
+    /// The file ended in the middle.
+    Truncated,
+}
+
+/// A channel as the file describes it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ChannelInfo {
+    /// The topic.
+    pub topic: String,
+    /// The message encoding.
+    pub encoding: String,
+    schema: u16,
+    metadata: BTreeMap<String, String>,
+}
+
+#[derive(Debug, Clone, PartialEq, Eq)]
+struct Schema {
+    name: String,
+    encoding: String,
+    data: Vec<u8>,
+}
+
+/// What is handed out.
+#[derive(Debug)]
+pub enum Item<'a> {
+    /// A channel, before its first message.
+    Channel(u16, &'a ChannelInfo, Option<SchemaRef<'a>>),
+    /// A message.
+    Message(Message<'a>),
+}
+
+/// A message.
+#[derive(Debug, Clone, Copy)]
+pub struct Message<'a> {
+    /// Its channel's id.
+    pub channel: u16,
+    /// When it was recorded \[ns since 1970\].
+    pub log_time: u64,
+    /// When it was sent \[ns since 1970\].
+    pub publish_time: u64,
+    /// Its content.
+    pub data: &'a [u8],
+}
+
+/// Reads one file from start to end.
+pub struct Reader<R> {
+    input: R,
+    framing: LinearReader,
+    contents: Contents,
+    /// Whether the input may grow.
+    live: bool,
+    bytes_read: u64,
+}
+
+struct Contents {
+    trust: Trust,
+    chunk: ChunkReader,
+    schemas: HashMap<u16, Schema>,
+    channels: HashMap<u16, ChannelInfo>,
+    offset: u64,
+    previous: u8,
+    data_ended: bool,
+    messages: u64,
+    /// Messages by the file's own count.
+    counted: Option<u64>,
+    unverified: bool,
+    /// Bytes of schemas and channels held.
+    held: usize,
+}
+
+/// Most bytes of schemas and channels held.
+const MAX_HELD: usize = 16 << 20;
+
+impl<R: Read> Reader<R> {
+    /// Starts at the first byte of `input`. With `live`, an end is taken for a pause.
+    pub fn new(input: R, trust: Trust, live: bool) -> Self {
+        let options = LinearReaderOptions::default()
+            .with_emit_chunks(true)
+            .with_validate_data_section_crc(true)
+            .with_validate_summary_section_crc(true)
+            .with_check_finishes_after_end_magic(!live)
+            .with_record_length_limit(MAX_RECORD);
+        Self {
+            input,
+            framing: LinearReader::new_with_options(options),
+            contents: Contents {
+                trust,
+                chunk: ChunkReader::default(),
+                schemas: HashMap::new(),
+                channels: HashMap::new(),
+                offset: 8,
+                previous: 0,
+                data_ended: false,
+                messages: 0,
+                counted: None,
+                unverified: false,
+                held: 0,
+            },
+            live,
+            bytes_read: 0,
+        }
+    }
+
+    /// Reads on, at most to the end of one record or chunk, and hands out what it held.
+    pub fn step(&mut self, each: &mut dyn FnMut(Item<'_>)) -> Result<Progress, Damage> {
+        // The framing is not ours: a panic in it ends the file, not the program.
+        let offset = self.contents.offset;
+        catch_unwind(AssertUnwindSafe(|| self.advance(each))).unwrap_or_else(|_| {
+            let what = "the reader gave up".to_owned();
+            Err(Damage { offset, what })
+        })
+    }
+
+    fn advance(&mut self, each: &mut dyn FnMut(Item<'_>)) -> Result<Progress, Damage> {
+        let Self {
+            input,
+            framing,
+            contents,
+            live,
+            bytes_read,
+        } = self;
+        let offset = contents.offset;
+        let damage = |what: String| Damage { offset, what };
+        let mut wanted = 0;
+        match framing.next_event() {
+            None => return contents.end(),
+            Some(Err(McapError::UnexpectedEof)) => return Ok(Progress::Truncated),
+            Some(Err(fault)) => return Err(damage(sentence(&fault))),
+            Some(Ok(LinearReadEvent::Record { opcode, data })) => {
+                contents.record(opcode, data, each).map_err(damage)?;
+                contents.offset += 9 + data.len() as u64;
+            }
+            Some(Ok(LinearReadEvent::ReadRequest(count))) => wanted = count,
+        }
+        if wanted > 0 {
+            let buffer = framing.insert(wanted.clamp(1 << 16, 1 << 20));
+            let count = match input.read(buffer) {
+                Ok(0) if *live => return Ok(Progress::Wait),
+                Ok(count) => count,
+                Err(fault) if fault.kind() == std::io::ErrorKind::Interrupted => return Ok(Progress::More),
+                Err(fault) => return Err(damage(format!("the file cannot be read: {fault}"))),
+            };
+            framing.notify_read(count);
+            *bytes_read += count as u64;
+        }
+        Ok(Progress::More)
+    }
+
+    /// Bytes read so far.
+    pub fn bytes_read(&self) -> u64 {
+        self.bytes_read
+    }
+
+    /// Messages handed out so far.
+    pub fn messages(&self) -> u64 {
+        self.contents.messages
+    }
+
+    /// Whether anything handed out so far could not be checked.
+    pub fn unverified(&self) -> bool {
+        self.contents.unverified
+    }
+}
+
+impl Contents {
+    /// What the end of the file says.
+    fn end(&self) -> Result<Progress, Damage> {
+        match self.counted {
+            Some(counted) if counted != self.messages => Err(Damage {
+                offset: self.offset,
+                what: format!(
+                    "the file counts {counted} messages in itself, but holds {}",
+                    self.messages
+                ),
+            }),
+            _ => Ok(Progress::Complete),
+        }
+    }
+
+    /// A record of the file itself.
+    fn record(&mut self, opcode: u8, data: &[u8], each: &mut dyn FnMut(Item<'_>)) -> Result<(), String> {
+        let previous = std::mem::replace(&mut self.previous, opcode);
+        if previous == 0 && opcode != op::HEADER {
+            return Err("the first record is not a header".to_owned());
+        }
+        let loose = matches!(opcode, op::SCHEMA | op::CHANNEL | op::MESSAGE);
+        if loose && !self.data_ended {
+            match self.trust {
+                Trust::Verified => {}
+                Trust::Unverified => self.unverified = true,
+                Trust::Damaged => {
+                    return Err("the checksum of the data is wrong, and this is not in a checked chunk".to_owned());
+                }
+            }
+        }
+        match opcode {
+            op::HEADER if previous != 0 => Err("a second header".to_owned()),
+            op::SCHEMA => self.schema(Fields(data)).map_err(str::to_owned),
+            op::CHANNEL => self.channel(Fields(data), each).map_err(str::to_owned),
+            op::MESSAGE if self.data_ended => Err("a message behind the end of the data".to_owned()),
+            op::CHUNK if self.data_ended => Err("a chunk behind the end of the data".to_owned()),
+            op::MESSAGE => {
+                let message = self.message(Fields(data))?;
+                self.messages += 1;
+                each(Item::Message(message));
+                Ok(())
+            }
+            op::CHUNK => self.chunk(data, each),
+            op::DATA_END => {
+                self.data_ended = true;
+                Ok(())
+            }
+            op::STATISTICS => {
+                self.counted = Some(Fields(data).u64()?);
+                Ok(())
+            }
+            op::MESSAGE_INDEX => self.message_index(previous, Fields(data)),
+            op::HEADER | op::FOOTER | op::ATTACHMENT | op::METADATA => Ok(()),
+            op::CHUNK_INDEX | op::ATTACHMENT_INDEX | op::METADATA_INDEX | op::SUMMARY_OFFSET
+                if self.data_ended =>
+            {
+                Ok(())
+            }
+            _ if self.trust == Trust::Verified || self.data_ended => Ok(()),
+            // Extensions of others; but in a damaged file this may have been a chunk.
+            0x80.. if self.trust == Trust::Unverified => Ok(()),
+            other => Err(format!("a record of unknown kind {other:#04x}")),
+        }
+    }
+
+    /// Index records are not needed, but an odd one may be a damaged chunk.
+    fn message_index(&self, previous: u8, mut fields: Fields<'_>) -> Result<(), String> {
+        if self.trust == Trust::Verified {
+            return Ok(());
+        }
+        let channel = fields.u16()?;
+        let length = fields.u32()?;
+        let entries = fields.bytes(u64::from(length))?;
+        let sound = matches!(previous, op::CHUNK | op::MESSAGE_INDEX)
+            && self.channels.contains_key(&channel)
+            && fields.0.is_empty()
+            && entries.len() % 16 == 0;
+        if sound {
+            Ok(())
+        } else {
+            Err("an index that belongs to no chunk".to_owned())
+        }
+    }
+
+    fn chunk(&mut self, data: &[u8], each: &mut dyn FnMut(Item<'_>)) -> Result<(), String> {
+        // Taken out while its buffer is borrowed.
+        let mut reader = std::mem::take(&mut self.chunk);
+        let outcome = self.chunk_records(&mut reader, data, each);
+        self.chunk = reader;
+        outcome
+    }
+
+    fn chunk_records(
+        &mut self,
+        reader: &mut ChunkReader,
+        data: &[u8],
+        each: &mut dyn FnMut(Item<'_>),
+    ) -> Result<(), String> {
+        let chunk = reader.read(data)?;
+        match (chunk.checked, self.trust) {
+            (true, _) | (false, Trust::Verified) => {}
+            (false, Trust::Unverified) => self.unverified = true,
+            (false, Trust::Damaged) => {
+                return Err("the checksum of the data is wrong, and this chunk has none".to_owned());
+            }
+        }
+        // The whole chunk is looked through before any of its messages is handed out.
+        let mut records = Fields(chunk.records);
+        while let Some((opcode, fields)) = records.record()? {
+            match opcode {
+                op::SCHEMA => self.schema(fields)?,
+                op::CHANNEL => self.channel(fields, each)?,
+                op::MESSAGE => {
+                    self.message(fields)?;
+                }
+                op::CHUNK => return Err("a chunk in a chunk".to_owned()),
+                0x80.. => {}
+                other => return Err(format!("a record of kind {other:#04x} in a chunk")),
+            }
+        }
+        let mut records = Fields(chunk.records);
+        while let Some((opcode, fields)) = records.record()? {
+            if opcode == op::MESSAGE {
+                let message = self.message(fields)?;
+                self.messages += 1;
+                each(Item::Message(message));
+            }
+        }
+        Ok(())
+    }
+
+    fn schema(&mut self, mut fields: Fields<'_>) -> Result<(), &'static str> {
+        let id = fields.u16()?;
+        let name = fields.text()?;
+        let encoding = fields.text()?;
+        let length = fields.u32()?;
+        let data = fields.bytes(u64::from(length))?;
+        match self.schemas.get(&id) {
+            _ if id == 0 => Err("a schema with id 0"),
+            Some(known) if known.name == name && known.encoding == encoding && known.data == data => Ok(()),
+            Some(_) => Err("a schema changes under its id"),
+            None => {
+                self.hold(name.len() + encoding.len() + data.len())?;
+                let schema = Schema {
+                    name: name.to_owned(),
+                    encoding: encoding.to_owned(),
+                    data: data.to_vec(),
+                };
+                self.schemas.insert(id, schema);
+                Ok(())
+            }
+        }
+    }
+
+    /// Accounts for a definition that is kept.
+    fn hold(&mut self, bytes: usize) -> Result<(), &'static str> {
+        self.held += bytes;
+        if self.held > MAX_HELD {
+            return Err("more schemas and channels than any recorder writes");
+        }
+        Ok(())
+    }
+
+    fn channel(&mut self, mut fields: Fields<'_>, each: &mut dyn FnMut(Item<'_>)) -> Result<(), &'static str> {
+        let length = fields.0.len();
+        let id = fields.u16()?;
+        let schema = fields.u16()?;
+        let owned = |text: &str| text.to_owned();
+        let channel = ChannelInfo {
+            topic: owned(fields.text()?),
+            encoding: owned(fields.text()?),
+            schema,
+            metadata: fields
+                .map()?
+                .into_iter()
+                .map(|(key, value)| (owned(key), owned(value)))
+                .collect(),
+        };
+        match self.channels.get(&id) {
+            Some(known) if *known == channel => return Ok(()),
+            Some(_) => return Err("a channel changes under its id"),
+            // Maps of many short texts take several times their bytes.
+            None => self.hold(8 * length)?,
+        }
+        let schema = match self.schemas.get(&schema) {
+            Some(known) => Some(SchemaRef {
+                name: &known.name,
+                encoding: &known.encoding,
+                data: &known.data,
+            }),
+            None if schema == 0 => None,
+            None => return Err("a channel before its schema"),
+        };
+        each(Item::Channel(id, &channel, schema));
+        self.channels.insert(id, channel);
+        Ok(())
+    }
+
+    fn message<'a>(&self, mut fields: Fields<'a>) -> Result<Message<'a>, &'static str> {
+        let channel = fields.u16()?;
+        let _sequence = fields.u32()?;
+        if !self.channels.contains_key(&channel) {
+            return Err("a message before its channel");
+        }
+        Ok(Message {
+            channel,
+            log_time: fields.u64()?,
+            publish_time: fields.u64()?,
+            data: fields.0,
+        })
+    }
+}
+
+/// What the framing says, in the words of this program.
+fn sentence(fault: &McapError) -> String {
+    match fault {
+        McapError::BadMagic => "not an MCAP file (its first or last bytes are wrong)".to_owned(),
+        McapError::RecordTooLarge { len, .. } | McapError::ChunkTooLarge(len) => {
+            format!("a record of {len} bytes, at most {MAX_RECORD} are read")
+        }
+        McapError::BadDataCrc { .. } => "the checksum of the data is wrong".to_owned(),
+        McapError::BadSummaryCrc { .. } => "the checksum of the summary is wrong".to_owned(),
+        McapError::BytesAfterEndMagic => "bytes after the end of the recording".to_owned(),
+        other => other.to_string(),
+    }
+}

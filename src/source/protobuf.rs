@@ -1,0 +1,384 @@
+//! Reads one field of a protobuf message by walking its wire format along a path.
+//!
+//! The descriptor in the file turns names into field numbers once; a message is then walked without
+//! being built. Semantics are proto3's: the last value of a singular field counts, a field without
+//! presence that is absent is its default, packed and unpacked lists are the same.
+
+use super::decode::{Decoded, DecodeError, SchemaRef, Time};
+use super::path::{FieldPath, Step};
+use super::stamp;
+use prost_reflect::prost::encoding::{DecodeContext, WireType, decode_key, decode_varint, skip_field};
+use prost_reflect::{DescriptorPool, FieldDescriptor, Kind, MessageDescriptor, Value};
+
+/// Where the value and its time stand.
+#[derive(Debug)]
+pub struct ProtobufPlan {
+    value: Target,
+    time: Option<TimePlan>,
+}
+
+/// A way down to one numeric or text field.
+#[derive(Debug)]
+struct Target {
+    path: String,
+    /// Field number and, in lists, index of each message on the way down.
+    parents: Vec<(u32, Option<usize>)>,
+    number: u32,
+    kind: Kind,
+    shape: Shape,
+    /// What an absent field without presence means.
+    default: Option<f64>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Shape {
+    Single,
+    List,
+    Element(usize),
+}
+
+#[derive(Debug)]
+enum TimePlan {
+    Nanos(Target),
+    Seconds(Target),
+    Text(Target),
+    Parts(Target, Target),
+}
+
+#[derive(Debug, Clone, Copy)]
+enum Number {
+    Integer(i64),
+    Float(f64),
+}
+
+impl Number {
+    fn float(self) -> f64 {
+        match self {
+            Self::Integer(value) => value as f64,
+            Self::Float(value) => value,
+        }
+    }
+
+    fn integer(self) -> Option<i64> {
+        match self {
+            Self::Integer(value) => Some(value),
+            Self::Float(_) => None,
+        }
+    }
+}
+
+impl ProtobufPlan {
+    /// Compiles the paths against the descriptor in the file.
+    pub fn compile(
+        schema: SchemaRef<'_>,
+        value: &FieldPath,
+        time: Option<&FieldPath>,
+    ) -> Result<Self, DecodeError> {
+        let broken = |what: String| DecodeError::Schema(format!("schema `{}`: {what}", schema.name));
+        let pool = DescriptorPool::decode(schema.data).map_err(|fault| broken(fault.to_string()))?;
+        let root = pool
+            .get_message_by_name(schema.name)
+            .ok_or_else(|| broken("its descriptor does not describe it".to_owned()))?;
+        let target = Target::compile(&root, value)?;
+        if let Some(found) = not_a_number(&target.kind) {
+            return Err(DecodeError::Type {
+                path: value.to_string(),
+                found,
+            });
+        }
+        Ok(Self {
+            value: target,
+            time: time.map(|path| TimePlan::compile(&root, path)).transpose()?,
+        })
+    }
+
+    /// Appends the samples in `message` to `out`.
+    pub fn decode(&self, message: &[u8], out: &mut Vec<f64>) -> Result<Decoded, DecodeError> {
+        let time = match &self.time {
+            None => Time::Outside,
+            Some(plan) => Time::Nanos(plan.decode(message)?),
+        };
+        let target = &self.value;
+        let array = target.shape == Shape::List;
+        if array {
+            target.walk(message, &mut |number| out.push(number.float()))?;
+        } else {
+            let number = target.single(message)?;
+            out.push(number.float());
+        }
+        Ok(Decoded { array, time })
+    }
+}
+
+fn not_a_number(kind: &Kind) -> Option<&'static str> {
+    match kind {
+        Kind::Message(_) => Some("a message"),
+        Kind::Enum(_) => Some("an enumeration"),
+        Kind::String => Some("text"),
+        Kind::Bytes => Some("bytes"),
+        Kind::Bool => Some("true or false"),
+        _ => None,
+    }
+}
+
+impl TimePlan {
+    fn compile(root: &MessageDescriptor, path: &FieldPath) -> Result<Self, DecodeError> {
+        let target = Target::compile(root, path)?;
+        let wrong = || DecodeError::Time {
+            path: path.to_string(),
+        };
+        if target.shape == Shape::List {
+            return Err(wrong());
+        }
+        match &target.kind {
+            Kind::Float | Kind::Double => Ok(Self::Seconds(target)),
+            Kind::String => Ok(Self::Text(target)),
+            Kind::Message(message) => {
+                let part = |names: &[&str]| {
+                    let field = names.iter().find_map(|name| message.get_field_by_name(name));
+                    field.map(|field| target.child(&field)).ok_or_else(wrong)
+                };
+                let seconds = part(&["seconds", "sec", "secs"])?;
+                let nanos = part(&["nanos", "nanosec", "nsec"])?;
+                Ok(Self::Parts(seconds, nanos))
+            }
+            kind if not_a_number(kind).is_none() => Ok(Self::Nanos(target)),
+            _ => Err(wrong()),
+        }
+    }
+
+    fn decode(&self, message: &[u8]) -> Result<i64, DecodeError> {
+        let (time, path) = match self {
+            Self::Nanos(target) => (target.single(message)?.integer(), &target.path),
+            Self::Seconds(target) => (stamp::from_seconds(target.single(message)?.float()), &target.path),
+            Self::Text(target) => {
+                let mut time = None;
+                target.find(message, 0, &mut |wire, buffer| {
+                    let text = bytes(wire, buffer)?;
+                    time = std::str::from_utf8(text).ok().and_then(stamp::from_text);
+                    Ok(())
+                })?;
+                (time, &target.path)
+            }
+            Self::Parts(seconds, nanos) => {
+                let seconds_found = seconds.single(message)?.integer();
+                let nanos = nanos.single(message)?.integer();
+                let time = seconds_found
+                    .zip(nanos)
+                    .and_then(|(seconds, nanos)| stamp::from_parts(seconds, nanos));
+                (time, &seconds.path)
+            }
+        };
+        time.ok_or_else(|| DecodeError::Time { path: path.clone() })
+    }
+}
+
+impl Target {
+    fn compile(root: &MessageDescriptor, path: &FieldPath) -> Result<Self, DecodeError> {
+        let mut message = root.clone();
+        let mut parents = Vec::new();
+        let mut steps = path.steps();
+        loop {
+            let missing = || {
+                let has = message.fields().map(|field| field.name().to_owned()).collect();
+                DecodeError::missing(path, has)
+            };
+            let [Step::Field(name), rest @ ..] = steps else {
+                return Err(missing());
+            };
+            let field = message.get_field_by_name(name).ok_or_else(missing)?;
+            if field.is_map() || field.is_group() {
+                return Err(DecodeError::Type {
+                    path: path.to_string(),
+                    found: "a map or a group",
+                });
+            }
+            let (index, rest) = match rest {
+                [Step::Index(index), rest @ ..] if field.is_list() => (Some(*index), rest),
+                _ => (None, rest),
+            };
+            if rest.is_empty() {
+                let shape = match index {
+                    Some(index) => Shape::Element(index),
+                    None if field.is_list() => Shape::List,
+                    None => Shape::Single,
+                };
+                return Ok(Self::leaf(path.to_string(), parents, &field, shape));
+            }
+            match field.kind() {
+                Kind::Message(next) if field.is_list() == index.is_some() => {
+                    parents.push((field.number(), index));
+                    message = next;
+                    steps = rest;
+                }
+                Kind::Message(_) => {
+                    return Err(DecodeError::missing(path, vec!["a list: write an index".to_owned()]));
+                }
+                _ => return Err(DecodeError::missing(path, vec!["no fields".to_owned()])),
+            }
+        }
+    }
+
+    fn leaf(path: String, parents: Vec<(u32, Option<usize>)>, field: &FieldDescriptor, shape: Shape) -> Self {
+        let default = match field.default_value() {
+            _ if field.supports_presence() || shape != Shape::Single => None,
+            Value::F64(value) => Some(value),
+            Value::F32(value) => Some(f64::from(value)),
+            _ => Some(0.0),
+        };
+        Self {
+            path,
+            parents,
+            number: field.number(),
+            kind: field.kind(),
+            shape,
+            default,
+        }
+    }
+
+    /// A field of the message this one leads to.
+    fn child(&self, field: &FieldDescriptor) -> Self {
+        let mut parents = self.parents.clone();
+        let index = match self.shape {
+            Shape::Element(index) => Some(index),
+            _ => None,
+        };
+        parents.push((self.number, index));
+        Self::leaf(self.path.clone(), parents, field, Shape::Single)
+    }
+
+    /// The one number this target leads to.
+    fn single(&self, message: &[u8]) -> Result<Number, DecodeError> {
+        let mut last = None;
+        let mut count = 0usize;
+        let wanted = match self.shape {
+            Shape::Element(index) => Some(index),
+            _ => None,
+        };
+        let found = self.walk(message, &mut |number| {
+            if wanted.is_none_or(|index| index == count) {
+                last = Some(number);
+            }
+            count += 1;
+        })?;
+        match (last, self.default) {
+            (Some(number), _) => Ok(number),
+            (None, Some(default)) if found => Ok(match self.kind {
+                Kind::Float | Kind::Double => Number::Float(default),
+                _ => Number::Integer(0),
+            }),
+            _ => Err(DecodeError::Missing {
+                path: self.path.clone(),
+                has: match wanted {
+                    Some(_) => format!("{count} items"),
+                    None => "nothing: it is not set in the message".to_owned(),
+                },
+            }),
+        }
+    }
+
+    /// Hands every number at this target to `each`, in order; whether its parent message is there.
+    fn walk(&self, message: &[u8], each: &mut impl FnMut(Number)) -> Result<bool, DecodeError> {
+        let list = self.shape != Shape::Single;
+        self.find(message, 0, &mut |wire, buffer| {
+            if wire == WireType::LengthDelimited && list {
+                let mut packed = bytes(wire, buffer)?;
+                while !packed.is_empty() {
+                    each(scalar(&self.kind, &mut packed)?);
+                }
+                return Ok(());
+            }
+            if wire != self.kind.wire_type() {
+                return Err(malformed("a field has the wrong wire type"));
+            }
+            each(scalar(&self.kind, buffer)?);
+            Ok(())
+        })
+    }
+
+    /// Walks down to the field and hands over each of its occurrences; whether the parent is there.
+    fn find(
+        &self,
+        mut buffer: &[u8],
+        depth: usize,
+        each: &mut dyn FnMut(WireType, &mut &[u8]) -> Result<(), DecodeError>,
+    ) -> Result<bool, DecodeError> {
+        let (number, index) = match self.parents.get(depth) {
+            Some(&(number, index)) => (number, index),
+            None => (self.number, None),
+        };
+        let leaf = depth == self.parents.len();
+        let mut reached = leaf;
+        let mut count = 0usize;
+        while !buffer.is_empty() {
+            let (tag, wire) = decode_key(&mut buffer).map_err(broken)?;
+            if tag != number {
+                skip_field(wire, tag, &mut buffer, DecodeContext::default()).map_err(broken)?;
+            } else if leaf {
+                each(wire, &mut buffer)?;
+            } else {
+                let inner = bytes(wire, &mut buffer)?;
+                if index.is_none_or(|index| index == count) {
+                    reached |= self.find(inner, depth + 1, each)?;
+                }
+                count += 1;
+            }
+        }
+        Ok(reached)
+    }
+}
+
+fn malformed(what: &str) -> DecodeError {
+    DecodeError::Malformed(format!("not a protobuf message: {what}"))
+}
+
+fn broken(fault: prost_reflect::prost::DecodeError) -> DecodeError {
+    malformed(&fault.to_string())
+}
+
+/// Takes a length-delimited field off the buffer.
+fn bytes<'a>(wire: WireType, buffer: &mut &'a [u8]) -> Result<&'a [u8], DecodeError> {
+    if wire != WireType::LengthDelimited {
+        return Err(malformed("a field has the wrong wire type"));
+    }
+    let length = decode_varint(buffer).map_err(broken)?;
+    let cut = || malformed("it is cut short");
+    let length = usize::try_from(length).map_err(|_| cut())?;
+    let (inner, rest) = buffer.split_at_checked(length).ok_or_else(cut)?;
+    *buffer = rest;
+    Ok(inner)
+}
+
+/// Takes a number off the buffer.
+#[inline]
+fn scalar(kind: &Kind, buffer: &mut &[u8]) -> Result<Number, DecodeError> {
+    let four = |buffer: &mut &[u8]| take::<4>(buffer);
+    let eight = |buffer: &mut &[u8]| take::<8>(buffer);
+    let unsigned = |value: u64| i64::try_from(value).map_or(Number::Float(value as f64), Number::Integer);
+    Ok(match kind {
+        Kind::Double => Number::Float(f64::from_le_bytes(eight(buffer)?)),
+        Kind::Float => Number::Float(f64::from(f32::from_le_bytes(four(buffer)?))),
+        Kind::Fixed64 => unsigned(u64::from_le_bytes(eight(buffer)?)),
+        Kind::Sfixed64 => Number::Integer(i64::from_le_bytes(eight(buffer)?)),
+        Kind::Fixed32 => Number::Integer(i64::from(u32::from_le_bytes(four(buffer)?))),
+        Kind::Sfixed32 => Number::Integer(i64::from(i32::from_le_bytes(four(buffer)?))),
+        kind => {
+            let raw = decode_varint(buffer).map_err(broken)?;
+            match kind {
+                Kind::Int32 => Number::Integer(i64::from(raw as i32)),
+                Kind::Int64 => Number::Integer(raw as i64),
+                Kind::Uint32 => Number::Integer(i64::from(raw as u32)),
+                Kind::Sint32 | Kind::Sint64 => Number::Integer((raw >> 1) as i64 ^ -((raw & 1) as i64)),
+                _ => unsigned(raw),
+            }
+        }
+    })
+}
+
+fn take<const N: usize>(buffer: &mut &[u8]) -> Result<[u8; N], DecodeError> {
+    let (head, rest) = buffer
+        .split_first_chunk::<N>()
+        .ok_or_else(|| malformed("it is cut short"))?;
+    *buffer = rest;
+    Ok(*head)
+}

@@ -65,7 +65,7 @@ pub fn maximise(
         for i in 0..4 {
             let bend = -hessian[(i, i)];
             let wanted = if bend > 0.0 { 0.5 * step[i] / bend.sqrt() } else { 2.0 * step[i] };
-            step[i] = wanted.clamp(0.1 * step[i], 4.0 * step[i]).min(0.2 * reach[i]);
+            step[i] = wanted.clamp(0.1 * step[i], 4.0 * step[i]).clamp(1e-5 * reach[i], 0.2 * reach[i]);
         }
         if !moved && !bowl {
             step = step.map(|s| 0.5 * s);

@@ -1,5 +1,17 @@
 //! From a spectrum to natural frequencies: refinement per peak, standard errors, mode orders.
 
+pub mod band;
+pub mod identify;
+pub mod label;
+pub mod likelihood;
+pub mod optimum;
+pub mod posterior;
+pub mod refine;
+
+pub use identify::{ModalEstimate, ModalPlan};
+pub use label::{Labelling, Pattern, label};
+pub use refine::{Refinement, refine};
+
 use serde::Serialize;
 
 /// One resonance found in a record, not yet given a mode order.
@@ -11,8 +23,15 @@ pub struct Resonance {
     pub frequency_sd_hz: f64,
     /// Damping ratio \[-\].
     pub damping: f64,
+    /// Standard error of the damping ratio's natural logarithm \[-\].
+    pub damping_log_sd: f64,
     /// Height of the fitted peak over the fitted noise floor, as a power ratio \[-\].
     pub peak_to_noise: f64,
+    /// Twice the gain in log likelihood over noise alone.
+    pub evidence: f64,
+    /// Whether a pure sine explains it as well: interference, or a record too short or too noisy to
+    /// tell a resonance from a line. Never believed to be a mode.
+    pub line: bool,
 }
 
 /// One natural frequency of a rod, measured in one record.

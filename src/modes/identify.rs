@@ -1,0 +1,163 @@
+//! One record to labelled natural frequencies: spectrum, peaks, refinement, labels.
+
+use super::label::{Labelling, Pattern, label};
+use super::refine::refine;
+use super::{Mode, ModeSettings, Resonance};
+use crate::record::{Excitation, Record, Rejection};
+use crate::spectrum::{Peak, PeakSettings, Spectrum, Transforms, Welch, WelchSettings, Window, pick_peaks};
+
+/// Fewest periods of the lowest expected frequency in a record.
+const LEAST_PERIODS: f64 = 15.0;
+/// Stretches from the onset in which the peaks of a free decay are looked for \[s\]: a quickly
+/// damped mode drowns in the noise of a long one.
+const DECAY_STRETCHES_S: [f64; 4] = [4.0, 12.0, 36.0, 108.0];
+
+/// What a record says about a rod's natural frequencies.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ModalEstimate {
+    /// The labelled modes, ascending in order.
+    pub modes: Vec<Mode>,
+    /// Probability of each mode's peak over all assignments, in the same order.
+    pub label_probability: Vec<f64>,
+    /// Every resonance and line found in the search band, labelled or not.
+    pub resonances: Vec<Resonance>,
+    /// Welch's spectrum, for plots.
+    pub spectrum: Spectrum,
+}
+
+/// How the records of one rod are searched for its modes; made once per rod.
+#[derive(Debug)]
+pub struct ModalPlan {
+    welch: WelchSettings,
+    peaks: PeakSettings,
+    modes: ModeSettings,
+    pattern: Pattern,
+    discrepancy: Vec<f64>,
+    transforms: Transforms,
+}
+
+impl ModalPlan {
+    /// From the settings, the rod's prior predictive pattern and its model discrepancy per order.
+    pub fn new(
+        welch: WelchSettings,
+        peaks: PeakSettings,
+        modes: ModeSettings,
+        pattern: Pattern,
+        discrepancy: Vec<f64>,
+    ) -> Self {
+        Self {
+            welch,
+            peaks,
+            modes,
+            pattern,
+            discrepancy,
+            transforms: Transforms::default(),
+        }
+    }
+
+    /// The pattern that labels are matched against.
+    pub fn pattern(&self) -> &Pattern {
+        &self.pattern
+    }
+
+    /// The labelled natural frequencies of a record, or why there are none. A pure function of the
+    /// plan and the record.
+    pub fn identify(&self, record: &Record) -> Result<ModalEstimate, Rejection> {
+        let (low_hz, high_hz) = self.pattern.band_hz();
+        let first_hz = self.pattern.first_mode_below_hz();
+        if 0.45 * record.fs_hz < first_hz {
+            return Err(Rejection::Undersampled {
+                fs_hz: record.fs_hz,
+                needed_hz: first_hz,
+            });
+        }
+        let (spectrum, resonances) = self.resonances(record, low_hz, high_hz)?;
+        if resonances.is_empty() {
+            return Err(Rejection::NoPeak { low_hz, high_hz });
+        }
+        let Labelling { modes, probability, .. } =
+            label(&resonances, &self.pattern, &self.modes, &self.discrepancy)?;
+        Ok(ModalEstimate {
+            modes,
+            label_probability: probability,
+            resonances,
+            spectrum,
+        })
+    }
+
+    /// Welch's spectrum of a record and its refined resonances between two frequencies \[Hz\].
+    pub fn resonances(
+        &self,
+        record: &Record,
+        low_hz: f64,
+        high_hz: f64,
+    ) -> Result<(Spectrum, Vec<Resonance>), Rejection> {
+        check(record, LEAST_PERIODS / low_hz)?;
+        let high_hz = high_hz.min(0.48 * record.fs_hz);
+        let n = record.samples.len();
+        let too_short = |_| Rejection::TooShort {
+            duration_s: record.duration_s(),
+            needed_s: LEAST_PERIODS / low_hz,
+        };
+        let nperseg = self.welch.nperseg(record.fs_hz, n);
+        let noverlap = self.welch.noverlap(nperseg);
+        let welch = Welch::plan_with(&self.transforms, record.fs_hz, nperseg, noverlap, self.welch.window)
+            .map_err(too_short)?;
+        let spectrum = welch.run(&record.samples).map_err(too_short)?;
+        let mut peaks = pick_peaks(&spectrum, &self.peaks, low_hz, high_hz);
+        if record.excitation == Excitation::FreeDecay {
+            for stretch_s in DECAY_STRETCHES_S {
+                self.add_decay_peaks(&mut peaks, record, stretch_s, (low_hz, high_hz));
+            }
+        }
+        let masks = &self.modes.masks;
+        peaks.retain(|p| !masks.iter().any(|m| (m.low_hz..=m.high_hz).contains(&p.frequency_hz)));
+        let refined = refine(&self.transforms, record, &peaks, masks, spectrum.df_hz);
+        Ok((spectrum, refined.resonances))
+    }
+
+    /// Peaks of the first `stretch_s` seconds, untapered, unless a peak stands there already.
+    fn add_decay_peaks(&self, peaks: &mut Vec<Peak>, record: &Record, stretch_s: f64, band_hz: (f64, f64)) {
+        let n = (stretch_s * record.fs_hz) as usize;
+        let onset = super::refine::largest_deflection(&record.samples);
+        let Some(stretch) = record.samples.get(onset..onset + n) else {
+            return;
+        };
+        let spectrum = Welch::plan_with(&self.transforms, record.fs_hz, n, 0, Window::Rectangular)
+            .and_then(|welch| welch.run(stretch));
+        let Ok(spectrum) = spectrum else { return };
+        let near = 2.0 * spectrum.df_hz;
+        // A single segment scatters: noise exceeds its median by 10 dB on one line in a thousand, by
+        // 14 dB on one in thirty million.
+        let settings = PeakSettings {
+            prominence_db: self.peaks.prominence_db + 4.0,
+            ..self.peaks
+        };
+        for peak in pick_peaks(&spectrum, &settings, band_hz.0, band_hz.1) {
+            if !peaks.iter().any(|p| (p.frequency_hz - peak.frequency_hz).abs() < near) {
+                peaks.push(peak);
+            }
+        }
+        peaks.sort_by(|a, b| a.frequency_hz.total_cmp(&b.frequency_hz));
+    }
+}
+
+/// What no spectrum can be made of.
+fn check(record: &Record, needed_s: f64) -> Result<(), Rejection> {
+    let samples = &record.samples;
+    let duration_s = record.duration_s();
+    if !(duration_s >= needed_s) || samples.len() < 64 {
+        return Err(Rejection::TooShort { duration_s, needed_s });
+    }
+    let missing = samples.iter().filter(|x| !x.is_finite()).count();
+    if missing > 0 {
+        return Err(Rejection::Missing {
+            share: missing as f64 / samples.len() as f64,
+            allowed: 0.0,
+        });
+    }
+    if samples.iter().all(|&x| x == samples[0]) {
+        return Err(Rejection::Constant { value: samples[0] });
+    }
+    Ok(())
+}

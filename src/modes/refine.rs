@@ -1,0 +1,309 @@
+//! Each picked peak refined to a natural frequency, damping ratio and standard errors.
+
+use super::band::{Band, Coefficients};
+use super::likelihood::{self, Parameters, Value};
+use super::optimum::{golden, maximise};
+use super::posterior::moments;
+use super::{Mask, Resonance};
+use crate::record::{Excitation, Record};
+use crate::spectrum::{Peak, Transforms};
+use realfft::num_complex::Complex;
+
+/// Half width of a band in half-power half-widths of its peak: beyond 8 the band holds less than a
+/// tenth more of what there is to know about the frequency (bandwidth factor 0.84, Au 2014).
+const HALF_WIDTHS: f64 = 8.0;
+/// Fewest lines to either side of the peak.
+const LEAST_LINES: f64 = 16.0;
+/// Most lines of a band; very long records of wide peaks use a narrower band.
+const MOST_LINES: f64 = 2000.0;
+/// A band never reaches further than this share of the peak's frequency.
+const WIDEST: f64 = 0.35;
+/// Twice the log-likelihood gain over noise that a peak needs beyond that of the search over lines.
+const LEAST_EVIDENCE: f64 = 16.0;
+/// Twice the log-likelihood gain over a pure sine that a resonance needs: two parameters more, and
+/// chi-square(2) exceeds 9.2 in 1 % of sines.
+const LEAST_OVER_SINE: f64 = 9.2;
+/// Damping below which nothing in a building vibrates: such a peak is a line.
+const LEAST_DAMPING: f64 = 2e-4;
+
+/// What the refinement of a record's peaks gives.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Refinement {
+    /// The resonances, ascending in frequency; lines are among them, marked.
+    pub resonances: Vec<Resonance>,
+}
+
+/// One fitted peak.
+#[derive(Debug, Clone, Copy)]
+struct Fit {
+    resonance: Resonance,
+    parameters: Parameters,
+    value: Value,
+    half_width_hz: f64,
+}
+
+/// Fits a resonance to the raw Fourier coefficients around each peak; peaks that turn out to be
+/// noise, or part of a resonance already fitted, are left out.
+///
+/// The highest peaks come first; what a lower one shows must stand above the skirts of those already
+/// fitted. `line_hz` is the line distance of the spectrum the peaks were picked from. A free decay is
+/// used from its largest deflection on.
+pub fn refine(
+    transforms: &Transforms,
+    record: &Record,
+    peaks: &[Peak],
+    masks: &[Mask],
+    line_hz: f64,
+) -> Refinement {
+    let samples = match record.excitation {
+        Excitation::Ambient => &record.samples[..],
+        Excitation::FreeDecay => &record.samples[largest_deflection(&record.samples)..],
+    };
+    let coefficients = Coefficients::of(transforms, record.fs_hz, samples);
+    let context = Context {
+        coefficients: &coefficients,
+        excitation: record.excitation,
+        masks,
+        line_hz,
+        nyquist_hz: 0.5 * record.fs_hz,
+    };
+    let mut by_height: Vec<usize> = (0..peaks.len()).collect();
+    by_height.sort_by(|&a, &b| peaks[b].height_db.total_cmp(&peaks[a].height_db));
+    let mut fits: Vec<Fit> = Vec::new();
+    for &i in &by_height {
+        let peak_hz = peaks[i].frequency_hz;
+        if fits.iter().any(|fit| context.same(fit, peak_hz)) {
+            continue;
+        }
+        if let Some(fit) = context.fit(peak_hz, &fits, None)
+            && !fits.iter().any(|other| context.same(other, fit.resonance.frequency_hz))
+        {
+            fits.push(fit);
+        }
+    }
+    let mut resonances: Vec<Resonance> = (0..fits.len())
+        .filter_map(|n| {
+            let others: Vec<Fit> = (0..fits.len()).filter(|&m| m != n).map(|m| fits[m]).collect();
+            if context.disturbed(&fits[n], &others) {
+                let again = context.fit(fits[n].resonance.frequency_hz, &others, Some(fits[n].value.noise));
+                return again.map(|fit| fit.resonance);
+            }
+            Some(fits[n].resonance)
+        })
+        .collect();
+    resonances.sort_by(|a, b| a.frequency_hz.total_cmp(&b.frequency_hz));
+    Refinement { resonances }
+}
+
+/// Where the first half of the samples deviates most from the mean of all.
+pub(super) fn largest_deflection(samples: &[f64]) -> usize {
+    let mean = samples.iter().sum::<f64>() / samples.len().max(1) as f64;
+    let (mut at, mut largest) = (0, 0.0);
+    for (i, x) in samples[..samples.len() / 2].iter().enumerate() {
+        if (x - mean).abs() > largest {
+            (at, largest) = (i, (x - mean).abs());
+        }
+    }
+    at
+}
+
+struct Context<'a> {
+    coefficients: &'a Coefficients,
+    excitation: Excitation,
+    masks: &'a [Mask],
+    line_hz: f64,
+    nyquist_hz: f64,
+}
+
+impl Context<'_> {
+    /// Whether a peak at `frequency_hz` is part of a resonance already fitted.
+    fn same(&self, fit: &Fit, frequency_hz: f64) -> bool {
+        let r = &fit.resonance;
+        let near = (1.5 * r.damping * r.frequency_hz).max(1.5 * self.line_hz);
+        (frequency_hz - r.frequency_hz).abs() < near
+    }
+
+    /// How far the band of a peak may reach: half way to the nearest resonances already fitted.
+    fn limits(&self, peak_hz: f64, others: &[Fit]) -> (f64, f64) {
+        let (mut low, mut high) = ((1.0 - WIDEST) * peak_hz, (1.0 + WIDEST) * peak_hz);
+        for other in others {
+            let middle = 0.5 * (other.resonance.frequency_hz + peak_hz);
+            if middle < peak_hz {
+                low = low.max(middle);
+            } else {
+                high = high.min(middle);
+            }
+        }
+        (low, high.min(0.98 * self.nyquist_hz))
+    }
+
+    fn band(&self, centre: f64, half: f64, limits: (f64, f64), others: &[Fit], level: Option<f64>) -> Band {
+        let t = self.coefficients.duration_s;
+        let half = half.max(LEAST_LINES / t).min(0.5 * MOST_LINES / t);
+        let (low, high) = ((centre - half).max(limits.0), (centre + half).min(limits.1));
+        let mut band = self.coefficients.band(low, high, self.masks);
+        let level = level.unwrap_or_else(|| band.quiet_level());
+        for other in others {
+            subtract(&mut band, other, self.excitation, level);
+        }
+        band
+    }
+
+    /// Fits the peak; `level` is the noise floor if an earlier fit found it.
+    fn fit(&self, peak_hz: f64, others: &[Fit], level: Option<f64>) -> Option<Fit> {
+        let limits = self.limits(peak_hz, others);
+        let mut half = HALF_WIDTHS * 0.01 * peak_hz;
+        let mut band = self.band(peak_hz, half, limits, others, level);
+        let mut start = self.start(&band, peak_hz)?;
+        for last in [false, false, true] {
+            let (p, sd, log_sd) = self.climb(&band, start)?;
+            let wanted = HALF_WIDTHS * p.log_damping.exp() * p.frequency_hz;
+            let next = self.band(p.frequency_hz, wanted, limits, others, level);
+            let ratio = next.len() as f64 / band.len().max(1) as f64;
+            if last || (0.7..1.5).contains(&ratio) {
+                return self.judge(&band, p, sd, log_sd, half);
+            }
+            (half, band, start) = (wanted, next, p);
+        }
+        None
+    }
+
+    /// The best of a coarse grid of parameters around a picked peak.
+    fn start(&self, band: &Band, peak_hz: f64) -> Option<Parameters> {
+        let near = 1.5 * self.line_hz;
+        let highest = (0..band.len())
+            .filter(|&i| (band.frequency_hz[i] - peak_hz).abs() <= near)
+            .max_by(|&a, &b| band.power(a).total_cmp(&band.power(b)))
+            .map_or(peak_hz, |i| band.frequency_hz[i]);
+        let ratios = match self.excitation {
+            Excitation::Ambient => [2.0, 6.0, 10.0],
+            Excitation::FreeDecay => [-1.0, 3.0, 7.0],
+        };
+        let mut best: Option<(f64, Parameters)> = None;
+        for log_damping in [-7.4, -6.0, -4.8, -3.7] {
+            for log_ratio in ratios {
+                for frequency_hz in [peak_hz, highest, 0.5 * (peak_hz + highest)] {
+                    let p = Parameters {
+                        frequency_hz,
+                        log_damping,
+                        log_ratio,
+                        slope: 0.0,
+                    };
+                    let Some(value) = likelihood::resonance(band, self.excitation, &p) else {
+                        continue;
+                    };
+                    if best.is_none_or(|(b, _)| value.log_posterior > b) {
+                        best = Some((value.log_posterior, p));
+                    }
+                }
+            }
+        }
+        let (_, mut p) = best?;
+        let gamma = p.log_damping.exp() * p.frequency_hz;
+        let reach = gamma.max(0.6 / band.duration_s);
+        p.frequency_hz = golden(
+            |frequency_hz| {
+                let p = Parameters { frequency_hz, ..p };
+                likelihood::resonance(band, self.excitation, &p).map(|v| v.log_posterior)
+            },
+            p.frequency_hz - reach,
+            p.frequency_hz + reach,
+            12,
+        );
+        Some(p)
+    }
+
+    /// The parameters and the standard errors of frequency and log damping: the optimum with its
+    /// curvature where the record determines damping and excitation well, else the posterior's mean
+    /// and standard deviation (few independent fluctuations: the curvature alone would promise too
+    /// much).
+    fn climb(&self, band: &Band, start: Parameters) -> Option<(Parameters, f64, f64)> {
+        let gamma = start.log_damping.exp() * start.frequency_hz;
+        let reach = [gamma.max(0.5 / band.duration_s), 1.0, 2.0, 1.0];
+        let log_posterior = |x: &[f64; 4]| {
+            likelihood::resonance(band, self.excitation, &Parameters::from_array(*x)).map(|v| v.log_posterior)
+        };
+        let found = maximise(log_posterior, start.to_array(), reach)?;
+        let (mut at, mut covariance) = (found.at, found.covariance);
+        let wide = |i: usize, limit: f64| found.covariance[(i, i)] > limit * limit;
+        if (wide(1, 0.12) || wide(2, 0.7))
+            && let Some(posterior) = moments(log_posterior, &found)
+        {
+            (at, covariance) = (posterior.mean, posterior.covariance);
+        }
+        let sd = |i: usize| covariance[(i, i)].sqrt();
+        Some((Parameters::from_array(at), sd(0), sd(1)))
+    }
+
+    /// Whether the fit is a resonance, a line, or nothing (`None`).
+    fn judge(&self, band: &Band, p: Parameters, sd: f64, log_sd: f64, half_width_hz: f64) -> Option<Fit> {
+        let value = likelihood::resonance(band, self.excitation, &p)?;
+        let noise = likelihood::noise_only(band, p.slope)?.max(likelihood::noise_only(band, 0.0)?);
+        let evidence = 2.0 * (value.log_profile - noise);
+        let lines_searched = self.nyquist_hz * band.duration_s;
+        if !(evidence > LEAST_EVIDENCE + 2.0 * lines_searched.ln() && sd.is_finite()) {
+            return None;
+        }
+        let reach = 0.75 / band.duration_s;
+        let sine_at = |f: f64| {
+            let flat = likelihood::sine(band, f, 0.0);
+            let sloped = likelihood::sine(band, f, p.slope);
+            flat.into_iter().chain(sloped).reduce(f64::max)
+        };
+        let sine_hz = golden(sine_at, p.frequency_hz - reach, p.frequency_hz + reach, 20);
+        let over_sine = 2.0 * (value.log_profile - sine_at(sine_hz)?);
+        let damping = p.log_damping.exp();
+        let undamped = (p.log_damping + log_sd).exp() < LEAST_DAMPING;
+        let gamma = damping * p.frequency_hz;
+        let transient = value.transient.norm_sqr() / value.noise;
+        Some(Fit {
+            resonance: Resonance {
+                frequency_hz: p.frequency_hz,
+                frequency_sd_hz: sd,
+                damping,
+                damping_log_sd: log_sd,
+                peak_to_noise: p.log_ratio.exp() + transient,
+                evidence,
+                line: over_sine < LEAST_OVER_SINE || undamped,
+            },
+            parameters: p,
+            value,
+            half_width_hz: half_width_hz.max(2.0 * gamma),
+        })
+    }
+
+    /// Whether other modes lift the band of `fit` by more than a fifth of its noise floor.
+    fn disturbed(&self, fit: &Fit, others: &[Fit]) -> bool {
+        let f = fit.resonance.frequency_hz;
+        [f - fit.half_width_hz, f, f + fit.half_width_hz].iter().any(|&f| {
+            let lifted: f64 = others.iter().map(|other| skirt(other, f)).sum();
+            let pulled: f64 = others.iter().map(|other| pull(other, f).norm_sqr()).sum();
+            lifted + pulled > 0.2 * fit.value.noise
+        })
+    }
+}
+
+/// The random part of another mode's spectrum at `f`.
+fn skirt(other: &Fit, f: f64) -> f64 {
+    let h = likelihood::shape(other.resonance.frequency_hz, other.resonance.damping, f);
+    other.value.noise * other.parameters.log_ratio.exp() * h.norm_sqr()
+}
+
+/// The transient of another mode at `f`.
+fn pull(other: &Fit, f: f64) -> Complex<f64> {
+    other.value.transient * likelihood::shape(other.resonance.frequency_hz, other.resonance.damping, f)
+}
+
+/// Takes another mode out of a band: its transient (free decays) from the coefficients, its random
+/// skirt into the shape of the noise floor, of which `level` is the height without it.
+fn subtract(band: &mut Band, other: &Fit, excitation: Excitation, level: f64) {
+    for i in 0..band.len() {
+        let f = band.frequency_hz[i];
+        if excitation == Excitation::FreeDecay {
+            let c = pull(other, f);
+            band.re[i] -= c.re;
+            band.im[i] -= c.im;
+        }
+        band.floor[i] += skirt(other, f) / level;
+    }
+}

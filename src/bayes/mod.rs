@@ -1,18 +1,33 @@
 //! Priors, approximate Bayesian computation, posteriors and their diagnostics.
+//!
+//! [`Inference::plan`] once per rod, [`Inference::run`] per record:
+//! * [`table`]       the simulated draws, drawn once and reused, and the noise that goes with them
+//! * [`distance`]    the generative model's last step and the pass that keeps the nearest draws
+//! * [`abc`]         rejection (paper, Algorithms 2 and 3)
+//! * [`adjust`]      local-linear regression adjustment of the accepted
+//! * [`sequential`]  a sequence of populations instead of one table
+//! * [`posterior`]   the weighted sample, its means and quantiles
+//! * [`conflict`]    how far the observation lies from everything the beam can produce
+//! * [`diagnostics`] Monte Carlo errors, effective sample size, tests of calibration
 
+pub mod abc;
+pub mod adjust;
+pub mod conflict;
+pub mod diagnostics;
+pub mod distance;
+pub mod inference;
+pub mod observation;
+pub mod posterior;
 pub mod prior;
+mod prior_tail;
+pub mod sequential;
 pub mod settings;
+pub mod table;
 
+pub use conflict::{Conflict, Violation};
+pub use inference::{Inference, PlanError};
+pub use observation::{InvalidObservation, Observation};
+pub use posterior::{Marginal, Posterior, Stop};
 pub use prior::{Prior, RodPrior};
 pub use settings::{AbcSettings, Accept, Adjustment, Distance, Method, Noise};
-
-/// Natural frequencies to be explained: one entry per measured mode, any order may be missing.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Observation {
-    /// Mode orders, from 1, ascending.
-    pub orders: Vec<usize>,
-    /// Natural frequencies \[Hz\].
-    pub frequency_hz: Vec<f64>,
-    /// Their standard errors \[Hz\].
-    pub sd_hz: Vec<f64>,
-}
+pub use table::{Table, Tables};

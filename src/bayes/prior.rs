@@ -54,7 +54,7 @@ impl Prior {
             },
             Self::LogNormal { median, log_sd } => {
                 let z: f64 = StandardNormal.sample(generator);
-                median * (log_sd * z).exp()
+                median * libm::exp(log_sd * z)
             }
             Self::Uniform { low, high } => low + (high - low) * generator.random::<f64>(),
         }
@@ -67,7 +67,7 @@ impl Prior {
             Self::Fixed { value: fixed } if value == fixed => 0.0,
             Self::TruncatedNormal { mean, sd } if value > 0.0 => -0.5 * ((value - mean) / sd).powi(2),
             Self::LogNormal { median, log_sd } if value > 0.0 => {
-                -value.ln() - 0.5 * ((value / median).ln() / log_sd).powi(2)
+                -libm::log(value) - 0.5 * (libm::log(value / median) / log_sd).powi(2)
             }
             Self::Uniform { low, high } if (low..=high).contains(&value) => 0.0,
             _ => f64::NEG_INFINITY,
@@ -82,6 +82,32 @@ impl Prior {
             Self::TruncatedNormal { mean, .. } => mean,
             Self::LogNormal { median, .. } => median,
             Self::Uniform { low, high } => 0.5 * (low + high),
+        }
+    }
+
+    /// What keeps this from being a distribution of a positive quantity; `None` if nothing does.
+    pub fn fault(&self) -> Option<&'static str> {
+        let finite = |values: &[f64]| values.iter().all(|value| value.is_finite());
+        match *self {
+            Self::Fixed { value } if !(value >= 0.0 && finite(&[value])) => {
+                Some("a fixed value must be zero or positive")
+            }
+            Self::TruncatedNormal { mean, sd } if !(finite(&[mean, sd]) && sd > 0.0) => {
+                Some("a normal needs a finite mean and a positive standard deviation")
+            }
+            // Further out fewer than one draw in seven hundred would be positive.
+            Self::TruncatedNormal { mean, sd } if mean < -3.0 * sd => {
+                Some("the mean lies more than three standard deviations below zero")
+            }
+            Self::LogNormal { median, log_sd }
+                if !(finite(&[median, log_sd]) && median > 0.0 && log_sd > 0.0) =>
+            {
+                Some("a log-normal needs a positive median and a positive log standard deviation")
+            }
+            Self::Uniform { low, high } if !(finite(&[low, high]) && low >= 0.0 && high > low) => {
+                Some("a uniform needs 0 <= low < high")
+            }
+            _ => None,
         }
     }
 

@@ -1,6 +1,6 @@
 //! Arguments as typed.
 
-use crate::command::{check, identify, replay, simulate};
+use crate::command::{check, emulator, frequencies, identify, replay, simulate};
 use clap::{ArgAction, Parser, Subcommand};
 use std::io;
 use tracing_subscriber::EnvFilter;
@@ -30,6 +30,10 @@ pub enum Command {
     Identify(identify::Args),
     /// Recordings from the beam model, faults included, as MCAP files.
     Simulate(simulate::Args),
+    /// Natural frequencies of a given rod, by every forward model side by side.
+    Frequencies(frequencies::Args),
+    /// Fits and judges the emulators.
+    Emulator(emulator::Args),
     /// A configuration: every fault at once with its key and line, or what holds.
     Check(check::Args),
 }

@@ -17,7 +17,7 @@ use tirante::forward::ForwardModel;
 use tirante::random;
 
 /// Records drawn from prior and model, with equal standard errors.
-fn records(count: usize, sd: f64, seed: u64) -> Vec<Observation> {
+fn records(count: usize, modes: usize, sd: f64, seed: u64) -> Vec<Observation> {
     use rand_distr::{Distribution, StandardNormal};
     let prior = RodPrior::todi();
     let model = Exact::new(*prior.parameterisation());
@@ -26,7 +26,7 @@ fn records(count: usize, sd: f64, seed: u64) -> Vec<Observation> {
         .map(|_| {
             let mut theta = vec![0.0; 7];
             prior.sample(&mut generator, &mut theta);
-            let mut f = [0.0; 3];
+            let mut f = vec![0.0; modes];
             model.frequencies(&theta, &mut f).unwrap();
             for f in &mut f {
                 let z: f64 = StandardNormal.sample(&mut generator);
@@ -39,81 +39,144 @@ fn records(count: usize, sd: f64, seed: u64) -> Vec<Observation> {
 
 /// Error of the posterior mean of N in posterior standard deviations (root mean square over records)
 /// and ratio of standard deviations (geometric mean and extremes), against Metropolis.
-#[test]
-#[ignore = "campaign: defaults of AbcSettings, about 5 minutes; run with --release --ignored --nocapture defaults"]
-fn defaults() {
+fn compare(modes: usize, sd: f64, choices: &[AbcSettings]) {
+    const RECORDS: usize = 12;
+    const STEPS: usize = 2_000_000;
     let prior = RodPrior::todi();
     let model: Arc<dyn ForwardModel> = Arc::new(Exact::new(*prior.parameterisation()));
     let tables = Tables::new(2024);
-    const RECORDS: usize = 12;
-    let steps = 2_000_000;
-    for sd in [0.002, 0.005, 0.01, 0.02, 0.0316] {
-        let records = records(RECORDS, sd, 99);
-        let chains = |seed| -> Vec<(f64, f64)> {
-            records
-                .par_iter()
-                .enumerate()
-                .map(|(i, record)| {
-                    let rows = metropolis(&prior, model.as_ref(), record, 0.0, steps, seed + i as u64);
-                    moments(&rows, 7, 0)
-                })
-                .collect()
-        };
-        let (first, second) = (chains(1000), chains(2000));
-        let reference: Vec<(f64, f64)> = first
+    let records = records(RECORDS, modes, sd, 99);
+    let chains = |seed| -> Vec<(f64, f64)> {
+        records
+            .par_iter()
+            .enumerate()
+            .map(|(i, record)| {
+                let rows = metropolis(&prior, model.as_ref(), record, 0.0, STEPS, seed + i as u64);
+                moments(&rows, 7, 0)
+            })
+            .collect()
+    };
+    let (first, second) = (chains(1000), chains(2000));
+    let reference: Vec<(f64, f64)> = first
+        .iter()
+        .zip(&second)
+        .map(|(a, b)| (0.5 * (a.0 + b.0), 0.5 * (a.1 + b.1)))
+        .collect();
+    let disagreement = rms(first.iter().zip(&second).map(|(a, b)| (a.0 - b.0) / (2.0 * a.1)));
+    println!(
+        "{modes} modes, sd {:.1} mHz; Metropolis' own error of the mean {disagreement:.3} sd",
+        1e3 * sd
+    );
+    for &settings in choices {
+        let inference = Inference::plan(
+            prior.clone(),
+            model.clone(),
+            vec![0.0; modes],
+            settings,
+            modes,
+            &tables,
+        )
+        .unwrap();
+        let posteriors: Vec<_> = records
             .iter()
-            .zip(&second)
-            .map(|(a, b)| (0.5 * (a.0 + b.0), 0.5 * (a.1 + b.1)))
+            .enumerate()
+            .map(|(i, record)| inference.run(record, 31 * i as u64 + 7).unwrap())
             .collect();
-        let disagreement = rms(first.iter().zip(&second).map(|(a, b)| (a.0 - b.0) / (2.0 * a.1)));
+        let force = Quantity::AxialForce;
+        let pairs = || posteriors.iter().zip(&reference);
+        let shift = rms(pairs().map(|(p, (mean, sd))| (p.mean(force).unwrap() - mean) / sd));
+        let ratios: Vec<f64> = pairs().map(|(p, (_, sd))| p.sd(force).unwrap() / sd).collect();
+        let centre = (ratios.iter().map(|r| r.ln()).sum::<f64>() / RECORDS as f64).exp();
+        let low = ratios.iter().copied().fold(f64::INFINITY, f64::min);
+        let high = ratios.iter().copied().fold(0.0, f64::max);
+        let epsilon = posteriors.iter().map(|p| p.epsilon).sum::<f64>() / RECORDS as f64;
+        let AbcSettings {
+            draws,
+            accept,
+            distance,
+            method,
+            adjustment,
+            ..
+        } = settings;
         println!(
-            "sd {:.1} mHz; Metropolis' own error of the mean {disagreement:.3} sd",
-            1e3 * sd
+            "  {draws:8} {accept:?} {distance:?} {method:?} {adjustment:?}: mean off {shift:.3} sd, sd ratio {centre:.3} ({low:.3} to {high:.3}), epsilon {epsilon:.4}"
         );
-        for draws in [10_000, 200_000, 1_000_000] {
-            for alpha in [0.05, 0.01, 0.002] {
-                if alpha * (draws as f64) < 50.0 {
-                    continue;
-                }
-                for distance in [Distance::Euclidean, Distance::Relative] {
-                    for adjustment in [Adjustment::None, Adjustment::Linear] {
-                        let settings = AbcSettings {
-                            draws,
-                            accept: Accept::Quantile(alpha),
-                            distance,
-                            noise: Noise::Record,
-                            method: Method::Rejection,
-                            adjustment,
-                        };
-                        let inference =
-                            Inference::plan(prior.clone(), model.clone(), vec![0.0; 3], settings, 3, &tables)
-                                .unwrap();
-                        let posteriors: Vec<_> = records
-                            .iter()
-                            .enumerate()
-                            .map(|(i, record)| inference.run(record, 31 * i as u64 + 7).unwrap())
-                            .collect();
-                        let force = Quantity::AxialForce;
-                        let shift = rms(posteriors
-                            .iter()
-                            .zip(&reference)
-                            .map(|(p, (mean, sd))| (p.mean(force).unwrap() - mean) / sd));
-                        let ratios: Vec<f64> = posteriors
-                            .iter()
-                            .zip(&reference)
-                            .map(|(p, (_, sd))| p.sd(force).unwrap() / sd)
-                            .collect();
-                        let centre = (ratios.iter().map(|r| r.ln()).sum::<f64>() / RECORDS as f64).exp();
-                        let low = ratios.iter().copied().fold(f64::INFINITY, f64::min);
-                        let high = ratios.iter().copied().fold(0.0, f64::max);
-                        let epsilon = posteriors.iter().map(|p| p.epsilon).sum::<f64>() / RECORDS as f64;
-                        println!(
-                            "  {draws:8} {alpha:.3} {distance:?} {adjustment:?}: mean off {shift:.3} sd, sd ratio {centre:.3} ({low:.3} to {high:.3}), epsilon {epsilon:.4}"
-                        );
-                    }
+    }
+}
+
+const CHOICE: AbcSettings = AbcSettings {
+    draws: 200_000,
+    accept: Accept::Quantile(0.02),
+    distance: Distance::Euclidean,
+    noise: Noise::Record,
+    method: Method::Rejection,
+    adjustment: Adjustment::Linear,
+};
+
+#[test]
+#[ignore = "campaign: defaults of AbcSettings, about 4 minutes; run with --release --ignored --nocapture defaults"]
+fn defaults() {
+    let mut choices = Vec::new();
+    for (draws, alphas) in [
+        (10_000, &[0.05, 0.01][..]),
+        (200_000, &[0.05, 0.02, 0.01, 0.002]),
+        (1_000_000, &[0.05, 0.02, 0.01, 0.002]),
+    ] {
+        for &alpha in alphas {
+            for distance in [Distance::Euclidean, Distance::Relative] {
+                for adjustment in [Adjustment::None, Adjustment::Linear] {
+                    choices.push(AbcSettings {
+                        draws,
+                        accept: Accept::Quantile(alpha),
+                        distance,
+                        adjustment,
+                        ..CHOICE
+                    });
                 }
             }
         }
+    }
+    for sd in [0.002, 0.005, 0.01, 0.02, 0.0316] {
+        compare(3, sd, &choices);
+    }
+}
+
+#[test]
+#[ignore = "campaign: other numbers of modes, and the sequence, about 4 minutes; run with --release --ignored --nocapture modes"]
+fn modes() {
+    let sequence = |draws| AbcSettings {
+        draws,
+        method: Method::Sequential,
+        accept: Accept::Quantile(2000.0 / draws as f64),
+        ..CHOICE
+    };
+    let alpha = |alpha| AbcSettings {
+        accept: Accept::Quantile(alpha),
+        ..CHOICE
+    };
+    let relative = AbcSettings {
+        distance: Distance::Relative,
+        ..CHOICE
+    };
+    let plain = AbcSettings {
+        adjustment: Adjustment::None,
+        ..CHOICE
+    };
+    let choices = [
+        CHOICE,
+        alpha(0.01),
+        alpha(0.05),
+        relative,
+        plain,
+        sequence(50_000),
+        sequence(200_000),
+        AbcSettings {
+            adjustment: Adjustment::None,
+            ..sequence(200_000)
+        },
+    ];
+    for modes in [1, 2, 3, 5] {
+        compare(modes, 0.01, &choices);
     }
 }
 

@@ -267,3 +267,20 @@ fn foreign_peaks_alone_are_rarely_labelled() {
         println!("{count} foreign: {labelled} of 400 labelled, {two} with two or more");
     }
 }
+
+#[test]
+#[ignore = "debug"]
+fn debug_cell() {
+    let var = |n: &str, d: f64| std::env::var(n).ok().and_then(|v| v.parse().ok()).unwrap_or(d);
+    let excitation = if var("FD", 1.0) > 0.0 { Excitation::FreeDecay } else { Excitation::Ambient };
+    let cell = Cell { excitation, damping: var("Z", 0.02), seconds: var("T", 600.0), snr_db: var("SNR", 30.0), ambient: 0.03 };
+    let plan = plan();
+    let base = (cell.seconds * 1e6 + cell.damping * 1e9 + cell.snr_db * 1e3) as u64 * 100_000;
+    for seed in 0..var("N", 20.0) as u64 {
+        let record = simulate(base + seed, FS, cell.seconds, &cell.modes(), 1.0, excitation);
+        println!("--- {seed}");
+        for r in plan.resonances(&record, 2.0, 25.0).unwrap().1 {
+            println!("{:.5} sd {:.3e} zeta {:.5} lsd {:.3} ptn {:.3e} ev {:.1} line {}", r.frequency_hz, r.frequency_sd_hz, r.damping, r.damping_log_sd, r.peak_to_noise, r.evidence, r.line);
+        }
+    }
+}

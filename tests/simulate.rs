@@ -261,6 +261,32 @@ fn a_slack_rod_is_refused() {
     assert!(matches!(error, SynthesisError::Slack { .. }), "{error}");
 }
 
+#[test]
+fn the_thermometer_logs_within_records_and_between_them_if_asked() {
+    let text =
+        "[simulation]\nrecords = 3\nrecord_s = 60\ninterval_s = 3600\n[simulation.climate]\nevery_s = 20\n";
+    let stamps = |text: &str, index: usize| -> Vec<f64> {
+        let record = record(text, index);
+        record
+            .temperature
+            .iter()
+            .map(|m| m.stamp.seconds_since(record.start).round())
+            .collect()
+    };
+    assert_eq!(stamps(text, 0), [0.0, 20.0, 40.0, 60.0]);
+    let more = format!("{text}between_s = 900\n");
+    assert_eq!(stamps(&more, 1), [0.0, 20.0, 40.0, 60.0, 960.0, 1860.0, 2760.0]);
+    assert_eq!(
+        stamps(&more, 2),
+        [0.0, 20.0, 40.0, 60.0],
+        "nothing after the last record"
+    );
+    let record = record(text, 0);
+    let mean = record.temperature.iter().map(|m| m.samples[0]).sum::<f64>() / 4.0;
+    // Four readings with a noise of 0.1 K.
+    assert!((mean - record.truth.air_c.unwrap()).abs() < 0.25);
+}
+
 const CLEAN: &str = "[simulation]\nrecord_s = 10\nrecords = 3\nfs_hz = 100\n[[simulation.rod]]\nid = \"a\"\n";
 
 fn spoiled(fault: &str) -> (SimulatedRecord, SimulatedRecord) {
@@ -437,4 +463,51 @@ fn the_recording_says_that_it_is_simulated_and_holds_the_samples() {
             "{micrometres} um, {metres} m"
         );
     }
+}
+
+/// Topic, time and content of every message, and the metadata.
+type Content = (
+    Vec<(String, u64, Vec<u8>)>,
+    std::collections::BTreeMap<String, String>,
+);
+
+fn content(bytes: &[u8]) -> Content {
+    let summary = mcap::Summary::read(bytes).unwrap().unwrap();
+    let facts = mcap::read::metadata(bytes, &summary.metadata_indexes[0]).unwrap();
+    let messages = mcap::MessageStream::new(bytes).unwrap().map(|message| {
+        let message = message.unwrap();
+        (
+            message.channel.topic.clone(),
+            message.log_time,
+            message.data.to_vec(),
+        )
+    });
+    (messages.collect(), facts.metadata)
+}
+
+#[test]
+fn the_shipped_recordings_are_what_their_commands_write() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let folder = tempfile::tempdir().unwrap();
+    let mut size = 0;
+    for (config, recording) in [
+        ("todi.toml", "todi-pull.mcap"),
+        ("campaign.toml", "campaign-2025.mcap"),
+    ] {
+        let (config, out) = (root.join("config").join(config), folder.path().join(recording));
+        assert!(run(&config, &out, None, false));
+        let shipped = fs::read(root.join("recordings").join(recording)).unwrap();
+        size += shipped.len();
+        // The file's own bytes also hold the version that wrote it.
+        let ((messages, mut facts), (wanted, mut made)) =
+            (content(&shipped), content(&fs::read(&out).unwrap()));
+        assert!(
+            messages == wanted,
+            "{recording} is not what its command writes: make it again"
+        );
+        assert_eq!(facts["config"], fs::read_to_string(&config).unwrap());
+        (facts.remove("by"), made.remove("by"));
+        assert_eq!(facts, made);
+    }
+    assert!(size < 10_000_000, "{size} bytes");
 }

@@ -5,16 +5,26 @@
 //! w_i (1 - d_i^2 / epsilon^2); each draw moves to g^-1(g(theta_i) - (y_i - y_0)' beta). g keeps every
 //! quantity inside the support of its prior: the logarithm, or the logit between the ends of a uniform.
 
+//!
+//! The observation must lie within reach of the accepted draws: where model and data disagree, as for
+//! the paper's own rod, all draws lie to one side of it, and a line through them says nothing there.
+
 use super::{Prior, RodPrior};
 use nalgebra::{DMatrix, SymmetricEigen};
 
 /// Directions of the scaled design with less than this share of the largest eigenvalue count as absent.
 const RANK_TOLERANCE: f64 = 1e-10;
 
+/// Farthest the observation may lie from the mean of the accepted y_i, in standard deviations of the
+/// accepted (Mahalanobis). Of 2400 records drawn from prior and model none lay beyond 4.7 and one in
+/// two hundred beyond 4 (five modes; beyond 3.2 none with three); the paper's rod lies at 8.6.
+const REACH: f64 = 4.0;
+
 /// Moves `particles` (row-major, points x quantities) and multiplies `weights`, which sum to one before
 /// and after, by the kernel. `differences` are y_i - y_0, row-major (points x modes).
 ///
-/// Returns false and changes nothing if fewer points carry weight than twice the coefficients sought.
+/// Returns false and changes nothing if fewer points carry weight than twice the coefficients sought,
+/// or if the observation is out of their [`REACH`].
 pub fn linear(
     prior: &RodPrior,
     particles: &mut [f64],
@@ -34,10 +44,7 @@ pub fn linear(
         return false;
     }
     let total: f64 = kernel.iter().sum();
-    for (weight, kernel) in weights.iter_mut().zip(&kernel) {
-        *weight = kernel / total;
-    }
-
+    let kernel: Vec<f64> = kernel.iter().map(|w| w / total).collect();
     let priors = prior.priors();
     let uncertain: Vec<usize> = (0..priors.len()).filter(|&i| !priors[i].is_fixed()).collect();
     let width = priors.len();
@@ -46,8 +53,12 @@ pub fn linear(
         let quantity = uncertain[slot];
         forth(&priors[quantity], particles[point * width + quantity])
     });
-    let slopes = weighted_least_squares(&design, &response, weights);
-    let moved = response - design * slopes;
+    let fit = weighted_least_squares(&design, &response, &kernel);
+    if fit.reach > REACH {
+        return false;
+    }
+    weights.copy_from_slice(&kernel);
+    let moved = response - design * fit.slopes;
     for (point, theta) in particles.chunks_exact_mut(width).enumerate() {
         for (slot, &quantity) in uncertain.iter().enumerate() {
             theta[quantity] = back(&priors[quantity], moved[(point, slot)]);
@@ -65,46 +76,66 @@ fn epanechnikov(distance: f64, epsilon: f64) -> f64 {
     }
 }
 
-/// Slopes (modes x quantities) of response on design with an intercept. Centring takes the intercept
-/// out, scaling to unit variance makes one rank tolerance serve all columns; directions without
-/// variance get slope zero (minimum-norm solution).
-fn weighted_least_squares(design: &DMatrix<f64>, response: &DMatrix<f64>, weights: &[f64]) -> DMatrix<f64> {
-    let centred = |matrix: &DMatrix<f64>| {
-        let mut result = matrix.clone();
-        for mut column in result.column_iter_mut() {
-            let mean: f64 = column.iter().zip(weights).map(|(x, w)| w * x).sum();
-            for (x, w) in column.iter_mut().zip(weights) {
-                *x = (*x - mean) * w.sqrt();
-            }
-        }
-        result
-    };
-    let mut x = centred(design);
+struct Fit {
+    /// Modes x quantities.
+    slopes: DMatrix<f64>,
+    /// Mahalanobis distance of a zero row from the weighted mean of the design.
+    reach: f64,
+}
+
+/// Weighted least squares of response on design with an intercept. Centring takes the intercept out,
+/// scaling to unit variance makes one rank tolerance serve all columns; directions without variance
+/// get slope zero (minimum-norm solution).
+fn weighted_least_squares(design: &DMatrix<f64>, response: &DMatrix<f64>, weights: &[f64]) -> Fit {
+    let (mut x, means) = centred(design, weights);
+    let mut offsets = DMatrix::from_fn(x.ncols(), 1, |i, _| means[i]);
     let scales: Vec<f64> = x
-        .column_iter_mut()
-        .map(|mut column| {
-            let norm = column.norm();
-            let scale = if norm > 0.0 { norm } else { 1.0 };
-            column /= scale;
-            scale
-        })
+        .column_iter()
+        .map(|column| Some(column.norm()).filter(|&norm| norm > 0.0).unwrap_or(1.0))
         .collect();
-    let right = x.tr_mul(&centred(response));
+    for (i, scale) in scales.iter().enumerate() {
+        x.column_mut(i).unscale_mut(*scale);
+        offsets[(i, 0)] /= scale;
+    }
+    let right = x.tr_mul(&centred(response, weights).0);
     let eigen = SymmetricEigen::new(x.tr_mul(&x));
     let largest = eigen.eigenvalues.max();
     let mut rotated = eigen.eigenvectors.tr_mul(&right);
-    for (mut row, &eigenvalue) in rotated.row_iter_mut().zip(eigen.eigenvalues.iter()) {
-        row *= if eigenvalue > RANK_TOLERANCE * largest {
+    let rotated_offsets = eigen.eigenvectors.tr_mul(&offsets);
+    let mut squared = 0.0;
+    for (i, &eigenvalue) in eigen.eigenvalues.iter().enumerate() {
+        let inverse = if eigenvalue > RANK_TOLERANCE * largest {
             1.0 / eigenvalue
         } else {
             0.0
         };
+        rotated.row_mut(i).scale_mut(inverse);
+        squared += inverse * rotated_offsets[(i, 0)].powi(2);
     }
     let mut slopes = eigen.eigenvectors * rotated;
     for (mut row, scale) in slopes.row_iter_mut().zip(scales) {
-        row /= scale;
+        row.unscale_mut(scale);
     }
-    slopes
+    Fit {
+        slopes,
+        reach: squared.sqrt(),
+    }
+}
+
+/// Columns less their weighted means, rows times the root of their weight; and those means.
+fn centred(matrix: &DMatrix<f64>, weights: &[f64]) -> (DMatrix<f64>, Vec<f64>) {
+    let mut result = matrix.clone();
+    let means = result
+        .column_iter_mut()
+        .map(|mut column| {
+            let mean: f64 = column.iter().zip(weights).map(|(x, w)| w * x).sum();
+            for (x, w) in column.iter_mut().zip(weights) {
+                *x = (*x - mean) * w.sqrt();
+            }
+            mean
+        })
+        .collect();
+    (result, means)
 }
 
 /// From the support of the prior to the real line.
@@ -211,7 +242,7 @@ mod tests {
         for i in 0..points {
             // The ends themselves too, as f32 rounding produces them.
             let share = i as f64 / (points - 1) as f64;
-            differences.push(share + 3.0);
+            differences.push(share - 0.3);
             distances.push(share);
             particles.extend([2.0 + 3.0 * share, 1.0, 1.0, 0.0, 0.0, 1.0]);
         }
@@ -226,6 +257,35 @@ mod tests {
         ));
         for theta in particles.chunks_exact(6) {
             assert!((2.0..=5.0).contains(&theta[0]));
+        }
+    }
+
+    #[test]
+    fn an_observation_out_of_reach_is_left_alone() {
+        let prior = prior(LOG_NORMAL, LOG_NORMAL);
+        let points = 40;
+        let near: Vec<f64> = (0..points).map(|i| (i as f64 * 0.7).sin()).collect();
+        // Uniform-ish around 0 with sd 0.7, then moved away from the observation by six of those.
+        for (away, expected) in [(0.0, true), (4.2, false)] {
+            let differences: Vec<f64> = near.iter().map(|x| x + away).collect();
+            let distances: Vec<f64> = differences.iter().map(|x| x.abs()).collect();
+            let mut particles: Vec<f64> = near
+                .iter()
+                .flat_map(|x| [(2.0 + x).exp(), 1.0, 1.0, 0.0, 0.0, 1.0])
+                .collect();
+            let before = particles.clone();
+            let mut weights = vec![1.0 / points as f64; points];
+            let done = linear(
+                &prior,
+                &mut particles,
+                &differences,
+                &distances,
+                5.3,
+                &mut weights,
+            );
+            assert_eq!(done, expected);
+            assert_eq!(particles == before, !expected);
+            assert_eq!(weights == vec![1.0 / points as f64; points], !expected);
         }
     }
 

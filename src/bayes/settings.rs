@@ -71,6 +71,9 @@ pub struct AbcSettings {
     pub adjustment: Adjustment,
 }
 
+/// The paper's choices but for more draws and the regression adjustment. Against the exact posterior of
+/// records with standard errors of 2 to 32 mHz the mean of N is off by 0.03 to 0.06 posterior standard
+/// deviations, without the adjustment by 0.2, with the paper's 10 000 draws by 0.22 (docs/abc.md).
 impl Default for AbcSettings {
     fn default() -> Self {
         Self {
@@ -79,7 +82,7 @@ impl Default for AbcSettings {
             distance: Distance::Euclidean,
             noise: Noise::Record,
             method: Method::Rejection,
-            adjustment: Adjustment::None,
+            adjustment: Adjustment::Linear,
         }
     }
 }

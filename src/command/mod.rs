@@ -6,6 +6,8 @@ pub mod identify;
 mod render;
 pub mod replay;
 mod setup;
+pub mod emulator;
+pub mod frequencies;
 pub mod simulate;
 
 use crate::bayes::PlanError;
@@ -23,6 +25,8 @@ pub fn run(command: &Command) -> anyhow::Result<ExitCode> {
     match command {
         Command::Replay(args) => replay::run(args),
         Command::Identify(args) => identify::run(args),
+        Command::Frequencies(args) => frequencies::run(args),
+        Command::Emulator(args) => emulator::run(args),
         Command::Check(args) => check::run(args),
         Command::Simulate(args) => simulate::run(args),
     }

@@ -1,7 +1,7 @@
 //! `tirante simulate`: a recording of simulated rods, with the truth known.
 
 use super::check::refuse;
-use crate::config::{Config, SimulationConfig};
+use crate::config::{Config, SimulationConfig, read_text};
 use crate::record::{Channel, Unit};
 use crate::sink::{AtomicFile, ChannelId, ChannelSpec, Layout, RecordingWriter, SinkError, WriterOptions};
 use crate::synthesis::{Message, SimulatedRecord, Simulation, Synthesis, SynthesisError};
@@ -43,8 +43,11 @@ pub struct Args {
 /// # Errors
 /// A file cannot be written.
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
-    let config = match Config::load(&args.config) {
-        Ok(config) => config,
+    let read = read_text(&args.config).and_then(|text| {
+        Config::parse(&text, &args.config.display().to_string()).map(|config| (text, config))
+    });
+    let (text, config) = match read {
+        Ok(read) => read,
         Err(error) => return Ok(refuse(&error)),
     };
     let Some(settings) = &config.simulation else {
@@ -65,12 +68,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         compression: settings.compression,
         ..WriterOptions::default()
     };
-    let mut recording = Recording::new(
-        RecordingWriter::create(&args.out, options)?,
-        &config,
-        settings,
-        seed,
-    )?;
+    let mut recording = Recording::new(RecordingWriter::create(&args.out, options)?, text, settings, seed)?;
     let mut truth = args.truth.as_deref().map(AtomicFile::create).transpose()?;
     let simulation = &settings.simulation;
     let synthesis = Synthesis::new(simulation, seed);
@@ -149,6 +147,7 @@ struct Recording<W: Write + Seek> {
     /// Channels of each rod: displacement, and temperature if this rod is the one that writes it.
     channels: Vec<((ChannelId, Unit), Option<(ChannelId, Unit)>)>,
     fs_hz: f64,
+    record_s: f64,
     samples: u64,
     messages: u64,
 }
@@ -156,7 +155,7 @@ struct Recording<W: Write + Seek> {
 impl<W: Write + Seek> Recording<W> {
     fn new(
         mut writer: RecordingWriter<W>,
-        config: &Config,
+        config: String,
         settings: &SimulationConfig,
         seed: u64,
     ) -> Result<Self, SinkError> {
@@ -167,7 +166,7 @@ impl<W: Write + Seek> Recording<W> {
                 concat!("tirante simulate ", env!("CARGO_PKG_VERSION")).to_owned(),
             ),
             ("seed".to_owned(), seed.to_string()),
-            ("config".to_owned(), config.effective()),
+            ("config".to_owned(), config),
         ]);
         writer.metadata("tirante.simulation", facts)?;
         let simulation = &settings.simulation;
@@ -205,6 +204,7 @@ impl<W: Write + Seek> Recording<W> {
             writer,
             channels,
             fs_hz: simulation.fs_hz,
+            record_s: simulation.record_s,
             samples: 0,
             messages: 0,
         })
@@ -214,18 +214,17 @@ impl<W: Write + Seek> Recording<W> {
     fn write(&mut self, rods: &[SimulatedRecord]) -> Result<(), SinkError> {
         let mut sent: Vec<(f64, ChannelId, Unit, &Message)> = Vec::new();
         for (rod, (displacement, temperature)) in rods.iter().zip(&self.channels) {
-            let streams = [
-                (Some(displacement), &rod.displacement),
-                (temperature.as_ref(), &rod.temperature),
-            ];
-            for (channel, messages) in streams {
-                let Some(&(id, unit)) = channel else { continue };
-                let count = messages.len() as f64;
+            // Stamps of displacement may be wrong on purpose: the place in the record is not.
+            let step_s = self.record_s / rod.displacement.len() as f64;
+            for (i, message) in rod.displacement.iter().enumerate() {
+                sent.push((i as f64 * step_s, displacement.0, displacement.1, message));
+            }
+            if let Some((id, unit)) = *temperature {
+                let since = |message: &Message| message.stamp.seconds_since(rod.start);
                 sent.extend(
-                    messages
+                    rod.temperature
                         .iter()
-                        .enumerate()
-                        .map(|(i, message)| (i as f64 / count, id, unit, message)),
+                        .map(|message| (since(message), id, unit, message)),
                 );
             }
         }

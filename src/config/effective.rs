@@ -13,7 +13,7 @@ pub(super) struct Node {
 }
 
 /// One key of the effective configuration.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone)]
 pub(super) struct Line {
     pub(super) key: &'static str,
     /// The value as TOML; none if nothing holds.
@@ -26,6 +26,13 @@ pub(super) struct Line {
     pub(super) allowed: String,
     pub(super) meaning: &'static str,
     pub(super) condition: Option<&'static str>,
+}
+
+/// Equal if the same holds, whether given or by default.
+impl PartialEq for Line {
+    fn eq(&self, other: &Self) -> bool {
+        self.key == other.key && self.value == other.value
+    }
 }
 
 /// One key as the documentation lists it.

@@ -1,6 +1,6 @@
 //! What is wrong with a configuration: one sentence per fault, with its key, line and column.
 
-use std::cell::RefCell;
+use std::cell::{Cell, RefCell};
 use std::fmt;
 use std::path::PathBuf;
 use thiserror::Error;
@@ -55,62 +55,118 @@ fn listed(origin: &str, faults: &[Fault]) -> String {
     lines.join("\n")
 }
 
+/// Faults beyond this number are counted, not listed.
+const MOST: usize = 500;
+
 /// Faults found so far in one text.
 pub(super) struct Faults<'t> {
     pub(super) text: &'t str,
-    list: RefCell<Vec<(usize, Fault)>>,
+    line_starts: Vec<usize>,
+    list: RefCell<Vec<Found>>,
+    count: Cell<usize>,
+}
+
+struct Found {
+    at: usize,
+    is_absence: bool,
+    fault: Fault,
 }
 
 impl<'t> Faults<'t> {
     pub(super) fn new(text: &'t str) -> Self {
+        let line_starts = std::iter::once(0)
+            .chain(text.match_indices('\n').map(|(i, _)| i + 1))
+            .collect();
         Self {
             text,
+            line_starts,
             list: RefCell::default(),
+            count: Cell::new(0),
         }
     }
 
     /// Adds a fault of `key` at byte `at` of the text.
     pub(super) fn add(&self, key: impl Into<String>, at: usize, message: impl Into<String>) {
-        let (line, column) = position(self.text, at);
-        let fault = Fault {
-            key: key.into(),
-            line,
-            column,
-            message: message.into(),
-        };
-        self.list.borrow_mut().push((at, fault));
+        self.push(key.into(), at, message.into(), false);
+    }
+
+    /// Adds that `key` is missing from the table at byte `at`.
+    pub(super) fn add_absence(&self, key: impl Into<String>, at: usize, message: impl Into<String>) {
+        self.push(key.into(), at, message.into(), true);
+    }
+
+    fn push(&self, key: String, at: usize, message: String, is_absence: bool) {
+        self.count.set(self.count.get() + 1);
+        if self.count.get() <= MOST {
+            let (line, column) = self.position(at);
+            let fault = Fault {
+                key,
+                line,
+                column,
+                message,
+            };
+            self.list.borrow_mut().push(Found {
+                at,
+                is_absence,
+                fault,
+            });
+        }
+    }
+
+    /// Forgets what a broken text only seems to lack or to have wrong: faults of keys it lacks and
+    /// faults in lines that hold a fault of the text itself.
+    pub(super) fn distrust_after_broken_text(&self) {
+        let mut list = self.list.borrow_mut();
+        let broken: Vec<usize> = list
+            .iter()
+            .filter(|found| found.fault.key.is_empty())
+            .map(|found| found.fault.line)
+            .collect();
+        list.retain(
+            |Found {
+                 fault, is_absence, ..
+             }| { fault.key.is_empty() || !(*is_absence || broken.contains(&fault.line)) },
+        );
     }
 
     /// How many so far.
     pub(super) fn count(&self) -> usize {
-        self.list.borrow().len()
+        self.count.get()
     }
 
     /// The line of byte `at`, from 1.
     pub(super) fn line(&self, at: usize) -> usize {
-        position(self.text, at).0
+        self.position(at).0
     }
 
-    /// All faults in the order of the text.
+    /// All faults in the order of the text; the last says how many more there are.
     pub(super) fn into_sorted(self) -> Vec<Fault> {
+        let more = self.count.get().saturating_sub(MOST);
         let mut list = self.list.into_inner();
-        list.sort_by_key(|(at, _)| *at);
-        list.into_iter().map(|(_, fault)| fault).collect()
+        list.sort_by_key(|found| found.at);
+        let mut faults: Vec<Fault> = list.into_iter().map(|found| found.fault).collect();
+        if let (Some(last), true) = (faults.last(), more > 0) {
+            let message = format!("and {more} more faults");
+            faults.push(Fault {
+                key: String::new(),
+                message,
+                line: last.line,
+                column: last.column,
+            });
+        }
+        faults
     }
-}
 
-/// Line and column, both from 1, of byte `at`; a position inside a character counts as the character.
-fn position(text: &str, at: usize) -> (usize, usize) {
-    let mut at = at.min(text.len());
-    while !text.is_char_boundary(at) {
-        at -= 1;
+    /// Line and column, both from 1, of byte `at`; a position inside a character counts as the character.
+    fn position(&self, at: usize) -> (usize, usize) {
+        let mut at = at.min(self.text.len());
+        while !self.text.is_char_boundary(at) {
+            at -= 1;
+        }
+        let line = self.line_starts.partition_point(|start| *start <= at);
+        let start = self.line_starts[line - 1];
+        (line, self.text[start..at].chars().count() + 1)
     }
-    let before = &text[..at];
-    let line_start = before.rfind('\n').map_or(0, |i| i + 1);
-    (
-        before.matches('\n').count() + 1,
-        before[line_start..].chars().count() + 1,
-    )
 }
 
 #[cfg(test)]
@@ -119,10 +175,10 @@ mod tests {
 
     #[test]
     fn positions_count_from_one_in_characters() {
-        assert_eq!(position("", 0), (1, 1));
-        assert_eq!(position("a\nbc", 3), (2, 2));
-        assert_eq!(position("é = x", 5), (1, 5));
-        assert_eq!(position("é", 1), (1, 1), "inside a character");
-        assert_eq!(position("a", 99), (1, 2));
+        assert_eq!(Faults::new("").position(0), (1, 1));
+        assert_eq!(Faults::new("a\nbc").position(3), (2, 2));
+        assert_eq!(Faults::new("é = x").position(5), (1, 5));
+        assert_eq!(Faults::new("é").position(1), (1, 1), "inside a character");
+        assert_eq!(Faults::new("a").position(99), (1, 2));
     }
 }

@@ -105,13 +105,12 @@ impl Config {
             );
             return Err(refused(faults));
         }
-        if !errors.is_empty() {
-            // What the parser recovered may lack keys the text has: a fault there would mislead.
-            return Err(refused(faults));
-        }
         let mut root = Table::root(&faults, entries.get_ref());
         let config = Self::read(&mut root);
         let effective = root.finish();
+        if !errors.is_empty() {
+            faults.distrust_after_broken_text();
+        }
         match config {
             Some(config) if faults.count() == 0 => Ok(Self { effective, ..config }),
             _ => Err(refused(faults)),
@@ -199,7 +198,11 @@ impl Config {
     }
 }
 
-fn read_text(path: &Path) -> Result<String, ConfigError> {
+/// The text of a configuration file of at most [`LONGEST`] bytes.
+///
+/// # Errors
+/// It is no regular file, too long, not UTF-8, or cannot be read.
+pub fn read_text(path: &Path) -> Result<String, ConfigError> {
     let unreadable = |reason: String| ConfigError::Unreadable {
         path: path.to_owned(),
         reason,

@@ -11,6 +11,9 @@ use super::value::Value;
 use std::fmt::Display;
 use toml::de::DeTable;
 
+/// How often a table may stand.
+const MOST_ELEMENTS: usize = 1000;
+
 /// A key: its name, what it means, and when it has an effect.
 #[derive(Clone, Copy)]
 pub(super) struct Key {
@@ -115,10 +118,7 @@ impl<'t> Table<'t> {
                 Absent::Nothing(_) => None,
                 Absent::Required => {
                     if holds {
-                        self.fault_of(
-                            key.name,
-                            format!("is missing: {}, allowed: {allowed}", key.meaning),
-                        );
+                        self.absence_of(key.name, format!("{}, allowed: {allowed}", key.meaning));
                     }
                     None
                 }
@@ -181,7 +181,14 @@ impl<'t> Table<'t> {
             return Vec::new();
         };
         let mut results = Vec::new();
-        for element in value.array_of_tables(name) {
+        let elements = value.array_of_tables(name);
+        if elements.len() > MOST_ELEMENTS {
+            value.fault(format!(
+                "stands {} times, at most {MOST_ELEMENTS} are allowed",
+                elements.len()
+            ));
+        }
+        for element in elements.into_iter().take(MOST_ELEMENTS) {
             let Some(entries) = element.table() else { continue };
             let node = self.node.child(name, meaning, true);
             let mut table = Table::new(self.faults, element.key.clone(), element.at, Some(entries), node);
@@ -208,6 +215,12 @@ impl<'t> Table<'t> {
             .and_then(|entries| entries.get(name))
             .map_or(self.at, |value| value.span().start);
         self.faults.add(self.path_of(name), at, message);
+    }
+
+    /// The fault that a key is missing; `what` says what it is.
+    pub(super) fn absence_of(&self, name: &str, what: impl Display) {
+        self.faults
+            .add_absence(self.path_of(name), self.at, format!("is missing: {what}"));
     }
 
     /// A fault of the table itself.

@@ -61,9 +61,9 @@ pub(super) fn read_all(root: &mut Table<'_>, shared: &Shared) -> Vec<Option<RodC
         rod
     });
     if rods.is_empty() && !root.has("rod") {
-        root.fault_of(
+        root.absence_of(
             "rod",
-            "is missing: at least one [[rod]] is wanted, config/minimal.toml shows one",
+            "at least one [[rod]] is wanted, config/minimal.toml shows one",
         );
     }
     rods

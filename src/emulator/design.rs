@@ -22,6 +22,15 @@ pub struct Axis {
     pub truncated: bool,
 }
 
+impl Axis {
+    /// Whether a germ lies between the outermost points. Rounding on the way to the value and back must not
+    /// exclude the points themselves.
+    #[inline]
+    pub fn holds(&self, z: f64) -> bool {
+        z >= self.nodes[0] - 1e-9 && z <= self.nodes[self.nodes.len() - 1] + 1e-9
+    }
+}
+
 /// The tensor grid; the last germ varies fastest.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Design {

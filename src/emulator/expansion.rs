@@ -71,22 +71,28 @@ impl Expansion {
     }
 }
 
+/// Work that is compiled once more for the wide vectors of newer processors. `run` must be marked
+/// `#[inline(always)]`, and so must what it calls in its loops, or it stays narrow (and still right).
+pub trait Kernel {
+    /// Does the work.
+    fn run(self);
+}
+
 /// Runs `kernel` compiled for the widest vectors this processor has; the results do not depend on it, for
 /// the compiler never fuses or reorders floating-point operations.
-#[inline(always)]
-pub fn vectorised<R>(kernel: impl FnOnce() -> R) -> R {
+pub fn vectorised(kernel: impl Kernel) {
     #[cfg(target_arch = "x86_64")]
     {
         #[target_feature(enable = "avx2")]
-        fn with_avx2<R>(kernel: impl FnOnce() -> R) -> R {
-            kernel()
+        fn with_avx2(kernel: impl Kernel) {
+            kernel.run();
         }
         if std::arch::is_x86_feature_detected!("avx2") {
             // SAFETY: the processor has AVX2, as the line above has asked.
             return unsafe { with_avx2(kernel) };
         }
     }
-    kernel()
+    kernel.run();
 }
 
 #[cfg(test)]
@@ -107,7 +113,15 @@ mod tests {
                 (outer[i][l], inner[i][l]) = (a[i], b[i]);
             }
         }
-        let block = vectorised(|| expansion.evaluate(&outer, &inner));
+        struct Evaluate<'a>(&'a Expansion, [&'a [[f64; LANES]]; 2], &'a mut [f64; LANES]);
+        impl Kernel for Evaluate<'_> {
+            #[inline(always)]
+            fn run(self) {
+                *self.2 = self.0.evaluate(self.1[0], self.1[1]);
+            }
+        }
+        let mut block = [0.0; LANES];
+        vectorised(Evaluate(&expansion, [&outer, &inner], &mut block));
         for (l, value) in block.into_iter().enumerate() {
             let (a, b) = point(l);
             let alone = expansion.evaluate(&a.map(|x| [x]), &b.map(|x| [x]))[0];

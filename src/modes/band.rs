@@ -63,6 +63,7 @@ impl Coefficients {
             band.im.push(self.lines[k].im);
             band.floor.push(1.0);
         }
+        band.largest = (0..band.len()).map(|i| band.power(i)).fold(0.0, f64::max);
         band
     }
 }
@@ -86,6 +87,8 @@ pub struct Band {
     pub im: Vec<f64>,
     /// Shape of the noise floor: 1, or more where the skirts of other modes lie.
     pub floor: Vec<f64>,
+    /// Largest raw periodogram ordinate.
+    pub largest: f64,
 }
 
 impl Band {
@@ -97,6 +100,18 @@ impl Band {
     /// Whether there are none.
     pub fn is_empty(&self) -> bool {
         self.re.is_empty()
+    }
+
+    /// The noise floor as the quietest fifth of the ordinates suggests it: the lower quintile of an
+    /// exponential distribution is 0.223 of its mean.
+    pub fn quiet_level(&self) -> f64 {
+        let mut powers: Vec<f64> = (0..self.len()).map(|i| self.power(i)).collect();
+        let fifth = powers.len() / 5;
+        if powers.is_empty() {
+            return f64::MIN_POSITIVE;
+        }
+        let (_, value, _) = powers.select_nth_unstable_by(fifth, f64::total_cmp);
+        (*value / 0.223).max(f64::MIN_POSITIVE)
     }
 
     /// Raw periodogram ordinate of entry `i`.

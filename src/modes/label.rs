@@ -230,7 +230,7 @@ fn peak_of(code: Code, order: usize) -> Option<usize> {
 fn assignments(peaks: &[&Resonance], pattern: &Pattern, discrepancy: &[f64]) -> BTreeMap<Code, f64> {
     let modes = pattern.modes;
     // One foreign peak in the band, or as many as there are more than the modes usually used.
-    let foreign = peaks.len().saturating_sub(3).max(1) as f64 / (pattern.high_hz / pattern.low_hz).ln();
+    let foreign = peaks.len().saturating_sub(2).max(1) as f64 / (pattern.high_hz / pattern.low_hz).ln();
     let log_peak: Vec<f64> = peaks.iter().map(|r| r.frequency_hz.ln()).collect();
     let tolerance = |order: usize, r: &Resonance| {
         let stated = discrepancy

@@ -17,8 +17,8 @@
 //! ```
 //!
 //! so that the covariance of the band is a diagonal plus a matrix of rank two: the exact likelihood
-//! costs one pass over the lines. For a free decay `z(0)` is unknown with a flat prior, and `W_k`
-//! stands for ambient excitation that goes on meanwhile: the same formula with the pull as `c`.
+//! costs one pass over the lines. For a free decay `c` is the pull, unknown with a very wide prior,
+//! and `W_k` stands for ambient excitation that goes on meanwhile.
 //! Whatever else varies smoothly across the band (leakage of drift and of other modes, the mode's
 //! own negative-frequency image) is `d_0 + d_1 x_k` with flat priors, integrated out.
 
@@ -171,13 +171,12 @@ pub fn resonance(band: &Band, excitation: Excitation, p: &Parameters) -> Option<
             )
         }
         Excitation::FreeDecay => {
-            // z(0) = 2 pi gamma sqrt(T) / (1 - e^(sT)) times the coefficient of the shape.
-            let jacobian = 2.0 * gamma.ln() - (1.0 - decay).norm_sqr().max(1e-12).ln();
-            (
-                moments.log_det + reduced.log_det + reduced.hh.ln() - jacobian,
-                reduced.jj - reduced.hj.norm_sqr() / reduced.hh,
-                lines - SMOOTH as f64 - 1.0,
-            )
+            let quad = reduced.jj - reduced.hj.norm_sqr() / reduced.hh;
+            let dof = lines - SMOOTH as f64 - 1.0;
+            // A transient as large as the band's largest ordinate, in units of the noise floor: a prior
+            // so wide that only a shape which the smooth terms imitate feels it.
+            let wide = band.largest * dof / quad.max(f64::MIN_POSITIVE);
+            (moments.log_det + reduced.log_det + (wide * reduced.hh).ln_1p(), quad, dof)
         }
     };
     let least = reduced.jj - reduced.hj.norm_sqr() / reduced.hh;

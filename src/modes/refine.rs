@@ -18,8 +18,6 @@ const LEAST_LINES: f64 = 16.0;
 const MOST_LINES: f64 = 2000.0;
 /// A band never reaches further than this share of the peak's frequency.
 const WIDEST: f64 = 0.35;
-/// A neighbour with at least this prominence is a peak of its own and bounds the band \[dB\].
-const NEIGHBOUR_DB: f64 = 10.0;
 /// Twice the log-likelihood gain over noise that a peak needs beyond that of the search over lines.
 const LEAST_EVIDENCE: f64 = 16.0;
 /// Twice the log-likelihood gain over a pure sine that a resonance needs: two parameters more, and
@@ -47,8 +45,9 @@ struct Fit {
 /// Fits a resonance to the raw Fourier coefficients around each peak; peaks that turn out to be
 /// noise, or part of a resonance already fitted, are left out.
 ///
-/// `line_hz` is the distance of the lines of the spectrum the peaks were picked from. A free decay
-/// is used from its largest deflection on.
+/// The highest peaks come first; what a lower one shows must stand above the skirts of those already
+/// fitted. `line_hz` is the line distance of the spectrum the peaks were picked from. A free decay is
+/// used from its largest deflection on.
 pub fn refine(
     transforms: &Transforms,
     record: &Record,
@@ -70,35 +69,26 @@ pub fn refine(
     };
     let mut by_height: Vec<usize> = (0..peaks.len()).collect();
     by_height.sort_by(|&a, &b| peaks[b].height_db.total_cmp(&peaks[a].height_db));
-    let mut fits: Vec<(usize, Fit)> = Vec::new();
+    let mut fits: Vec<Fit> = Vec::new();
     for &i in &by_height {
-        if fits
-            .iter()
-            .any(|(_, fit)| context.same(fit, peaks[i].frequency_hz))
-        {
+        let peak_hz = peaks[i].frequency_hz;
+        if fits.iter().any(|fit| context.same(fit, peak_hz)) {
             continue;
         }
-        let Some(fit) = context.fit(peaks[i].frequency_hz, context.limits(peaks, i), &[]) else {
-            continue;
-        };
-        if !fits
-            .iter()
-            .any(|(_, other)| context.same(other, fit.resonance.frequency_hz))
+        if let Some(fit) = context.fit(peak_hz, &fits, None)
+            && !fits.iter().any(|other| context.same(other, fit.resonance.frequency_hz))
         {
-            fits.push((i, fit));
+            fits.push(fit);
         }
     }
-    let first: Vec<Fit> = fits.iter().map(|(_, fit)| *fit).collect();
-    let mut resonances: Vec<Resonance> = fits
-        .iter()
-        .enumerate()
-        .filter_map(|(n, (i, fit))| {
-            let others: Vec<Fit> = (0..first.len()).filter(|&m| m != n).map(|m| first[m]).collect();
-            if context.disturbed(fit, &others) {
-                let again = context.fit(fit.resonance.frequency_hz, context.limits(peaks, *i), &others);
+    let mut resonances: Vec<Resonance> = (0..fits.len())
+        .filter_map(|n| {
+            let others: Vec<Fit> = (0..fits.len()).filter(|&m| m != n).map(|m| fits[m]).collect();
+            if context.disturbed(&fits[n], &others) {
+                let again = context.fit(fits[n].resonance.frequency_hz, &others, Some(fits[n].value.noise));
                 return again.map(|fit| fit.resonance);
             }
-            Some(fit.resonance)
+            Some(fits[n].resonance)
         })
         .collect();
     resonances.sort_by(|a, b| a.frequency_hz.total_cmp(&b.frequency_hz));
@@ -133,56 +123,49 @@ impl Context<'_> {
         (frequency_hz - r.frequency_hz).abs() < near
     }
 
-    /// How far the band of peak `i` may reach: half way to the next peak of its own standing.
-    fn limits(&self, peaks: &[Peak], i: usize) -> (f64, f64) {
-        let own = peaks[i].frequency_hz;
-        let apart = |other: &&Peak| {
-            other.prominence_db >= NEIGHBOUR_DB && (other.frequency_hz - own).abs() > 3.0 * self.line_hz
-        };
-        let below = peaks[..i]
-            .iter()
-            .rev()
-            .find(apart)
-            .map(|p| 0.5 * (p.frequency_hz + own));
-        let above = peaks[i + 1..]
-            .iter()
-            .find(apart)
-            .map(|p| 0.5 * (p.frequency_hz + own));
-        let low = below.unwrap_or(0.0).max((1.0 - WIDEST) * own);
-        let high = above.unwrap_or(f64::INFINITY).min((1.0 + WIDEST) * own);
+    /// How far the band of a peak may reach: half way to the nearest resonances already fitted.
+    fn limits(&self, peak_hz: f64, others: &[Fit]) -> (f64, f64) {
+        let (mut low, mut high) = ((1.0 - WIDEST) * peak_hz, (1.0 + WIDEST) * peak_hz);
+        for other in others {
+            let middle = 0.5 * (other.resonance.frequency_hz + peak_hz);
+            if middle < peak_hz {
+                low = low.max(middle);
+            } else {
+                high = high.min(middle);
+            }
+        }
         (low, high.min(0.98 * self.nyquist_hz))
     }
 
-    fn band(&self, centre: f64, half: f64, limits: (f64, f64), others: &[Fit]) -> Band {
+    fn band(&self, centre: f64, half: f64, limits: (f64, f64), others: &[Fit], level: Option<f64>) -> Band {
         let t = self.coefficients.duration_s;
         let half = half.max(LEAST_LINES / t).min(0.5 * MOST_LINES / t);
         let (low, high) = ((centre - half).max(limits.0), (centre + half).min(limits.1));
         let mut band = self.coefficients.band(low, high, self.masks);
+        let level = level.unwrap_or_else(|| band.quiet_level());
         for other in others {
-            subtract(&mut band, other, self.excitation);
+            subtract(&mut band, other, self.excitation, level);
         }
         band
     }
 
-    fn fit(&self, peak_hz: f64, limits: (f64, f64), others: &[Fit]) -> Option<Fit> {
+    /// Fits the peak; `level` is the noise floor if an earlier fit found it.
+    fn fit(&self, peak_hz: f64, others: &[Fit], level: Option<f64>) -> Option<Fit> {
+        let limits = self.limits(peak_hz, others);
         let mut half = HALF_WIDTHS * 0.01 * peak_hz;
-        let mut band = self.band(peak_hz, half, limits, others);
+        let mut band = self.band(peak_hz, half, limits, others, level);
         let mut start = self.start(&band, peak_hz)?;
-        for _ in 0..3 {
-            let p = self.climb(&band, start)?;
-            let gamma = p.0.log_damping.exp() * p.0.frequency_hz;
-            let wanted = HALF_WIDTHS * gamma;
-            let next = self.band(p.0.frequency_hz, wanted, limits, others);
+        for last in [false, false, true] {
+            let (p, sd, log_sd) = self.climb(&band, start)?;
+            let wanted = HALF_WIDTHS * p.log_damping.exp() * p.frequency_hz;
+            let next = self.band(p.frequency_hz, wanted, limits, others, level);
             let ratio = next.len() as f64 / band.len().max(1) as f64;
-            if (0.7..1.5).contains(&ratio) {
-                return self.judge(&band, p.0, p.1, p.2, half);
+            if last || (0.7..1.5).contains(&ratio) {
+                return self.judge(&band, p, sd, log_sd, half);
             }
-            half = wanted;
-            band = next;
-            start = p.0;
+            (half, band, start) = (wanted, next, p);
         }
-        let p = self.climb(&band, start)?;
-        self.judge(&band, p.0, p.1, p.2, half)
+        None
     }
 
     /// The best of a coarse grid of parameters around a picked peak.
@@ -292,13 +275,11 @@ impl Context<'_> {
     /// Whether other modes lift the band of `fit` by more than a fifth of its noise floor.
     fn disturbed(&self, fit: &Fit, others: &[Fit]) -> bool {
         let f = fit.resonance.frequency_hz;
-        [f - fit.half_width_hz, f, f + fit.half_width_hz]
-            .iter()
-            .any(|&f| {
-                let lifted: f64 = others.iter().map(|other| skirt(other, f)).sum();
-                let pulled: f64 = others.iter().map(|other| pull(other, f).norm_sqr()).sum();
-                lifted + pulled > 0.2 * fit.value.noise
-            })
+        [f - fit.half_width_hz, f, f + fit.half_width_hz].iter().any(|&f| {
+            let lifted: f64 = others.iter().map(|other| skirt(other, f)).sum();
+            let pulled: f64 = others.iter().map(|other| pull(other, f).norm_sqr()).sum();
+            lifted + pulled > 0.2 * fit.value.noise
+        })
     }
 }
 
@@ -314,19 +295,8 @@ fn pull(other: &Fit, f: f64) -> Complex<f64> {
 }
 
 /// Takes another mode out of a band: its transient (free decays) from the coefficients, its random
-/// skirt into the shape of the noise floor.
-fn subtract(band: &mut Band, other: &Fit, excitation: Excitation) {
-    let smallest = (0..band.len()).map(|i| band.power(i)).collect::<Vec<_>>();
-    let level = {
-        let mut sorted = smallest;
-        sorted.sort_by(f64::total_cmp);
-        sorted
-            .get(sorted.len() / 5)
-            .copied()
-            .unwrap_or(0.0)
-            .max(f64::MIN_POSITIVE)
-            / 0.223
-    };
+/// skirt into the shape of the noise floor, of which `level` is the height without it.
+fn subtract(band: &mut Band, other: &Fit, excitation: Excitation, level: f64) {
     for i in 0..band.len() {
         let f = band.frequency_hz[i];
         if excitation == Excitation::FreeDecay {

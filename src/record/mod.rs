@@ -1,10 +1,16 @@
 //! What a record is: an evenly sampled stretch of one rod's displacement, with what is known about it.
 
+pub mod assembler;
 pub mod channel;
+mod onset;
+pub mod quality;
 pub mod rejection;
 pub mod settings;
+mod temperature;
 pub mod time;
+mod timing;
 
+pub use assembler::{Assembler, Event};
 pub use channel::{Channel, RodChannels, TimeSource, Unit};
 pub use rejection::{Flag, Rejection};
 pub use settings::{Cut, RecordSettings};

@@ -83,6 +83,20 @@ pub enum Rejection {
         /// Highest frequency the first mode may have \[Hz\].
         needed_hz: f64,
     },
+    /// No free decay begins in the whole stretch.
+    #[error("no onset of a free decay in {duration_s:.1} s")]
+    NoOnset {
+        /// Length searched \[s\].
+        duration_s: f64,
+    },
+    /// The vibration level jumps and stays: a changed unit, range or sensor.
+    #[error("the level changes {ratio:.0}-fold at {time_s:.2} s and stays (unit, range or sensor changed?)")]
+    Level {
+        /// Larger over smaller level.
+        ratio: f64,
+        /// Where, from the record's start \[s\].
+        time_s: f64,
+    },
     /// Part of the record was damaged in the file.
     #[error("damaged in the file: {detail}")]
     Damaged {
@@ -139,6 +153,8 @@ impl Rejection {
             Self::Irregular { .. } => "irregular",
             Self::Rate { .. } => "rate",
             Self::Undersampled { .. } => "undersampled",
+            Self::NoOnset { .. } => "no-onset",
+            Self::Level { .. } => "level",
             Self::Damaged { .. } => "damaged",
             Self::NoPeak { .. } => "no-peak",
             Self::NoLabel { .. } => "no-label",
@@ -154,7 +170,7 @@ impl Rejection {
 pub enum Flag {
     /// The file has no checksums: its content could not be verified.
     Unverified,
-    /// The file ends in the middle of its data (cut short, or still being written).
+    /// The record may have gone on: the file is cut short, still being written, or damaged from there on.
     Truncated,
     /// Missing samples were filled by interpolation.
     Filled {
@@ -173,6 +189,11 @@ pub enum Flag {
     },
     /// Some samples at the rails, fewer than refused.
     Clipped {
+        /// Share of the samples.
+        share: f64,
+    },
+    /// The sensor repeated its last value, less often than refused.
+    Held {
         /// Share of the samples.
         share: f64,
     },

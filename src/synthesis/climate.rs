@@ -123,6 +123,7 @@ mod tests {
         weather_d: 3.0,
         noise_k: 0.0,
         every_s: 10.0,
+        between_s: None,
     };
 
     fn at(text: &str) -> Timestamp {

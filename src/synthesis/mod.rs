@@ -130,17 +130,25 @@ impl<'s> Synthesis<'s> {
         })
     }
 
-    /// What the thermometer says during record `index`: the air, with its own noise; one for all rods.
+    /// What the thermometer says during record `index` and until the next: the air, with its own noise;
+    /// one for all rods.
     fn temperature(&self, index: usize, start: Timestamp) -> Vec<Message> {
         let (Some(weather), Some(climate)) = (&self.weather, &self.simulation.climate) else {
             return Vec::new();
         };
         let seed = random::seed(&[b"simulated thermometer", &self.seed.to_le_bytes()]);
         let mut generator = random::stream(seed, index as u64);
-        let count = (self.simulation.record_s / climate.every_s).floor() as usize + 1;
-        (0..count)
-            .map(|i| {
-                let stamp = start.plus_seconds(i as f64 * climate.every_s);
+        let record_s = self.simulation.record_s;
+        let within = (record_s / climate.every_s).floor() as usize + 1;
+        let mut times: Vec<f64> = (0..within).map(|i| i as f64 * climate.every_s).collect();
+        if let Some(step) = climate.between_s.filter(|_| index + 1 < self.simulation.records) {
+            let between = ((self.simulation.interval_s - record_s) / step).ceil() as usize;
+            times.extend((1..between).map(|i| record_s + i as f64 * step));
+        }
+        times
+            .into_iter()
+            .map(|seconds| {
+                let stamp = start.plus_seconds(seconds);
                 let measured = weather.air_c(stamp) + climate.noise_k * normal(&mut generator);
                 Message {
                     stamp,

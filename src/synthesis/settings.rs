@@ -46,6 +46,8 @@ pub struct Climate {
     pub noise_k: f64,
     /// From one temperature message to the next within a record \[s\].
     pub every_s: f64,
+    /// From one temperature message to the next between records \[s\]; none logs in records only.
+    pub between_s: Option<f64>,
 }
 
 /// One simulated rod.

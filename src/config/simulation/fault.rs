@@ -2,6 +2,7 @@
 
 use super::super::range::Range;
 use super::super::reader::{Absent, Key, Table, key};
+use super::super::value::Value;
 use crate::synthesis::{Fault, FaultKind};
 
 #[derive(Clone, Copy, PartialEq)]
@@ -50,10 +51,27 @@ pub(super) fn read(table: &mut Table<'_>, records: usize) -> Option<Fault> {
             format!("\"{word}\"")
         },
     );
-    let last = records as u64;
-    let first_record =
-        table.integer(key("first_record", "first record it touches, from 1"), 1, last, 1) as usize;
-    let last_record = table.integer(key("last_record", "last record it touches"), 1, last, last) as usize;
+    let mut record = |key: Key, absent: Absent<usize>| {
+        let allowed = format!("1 <= {} <= records", key.name);
+        let read = |value: &Value<'_>| {
+            let number = value.integer(1, u64::from(u32::MAX))? as usize;
+            if number > records {
+                value.fault(format!("{number} is beyond records = {records}"));
+            }
+            Some(number)
+        };
+        table.take(key, allowed, absent, read, usize::to_string)
+    };
+    let first_record = record(
+        key("first_record", "first record it touches, from 1"),
+        Absent::Default(1),
+    )
+    .unwrap_or(1);
+    let last_record = record(
+        key("last_record", "last record it touches"),
+        Absent::Nothing("the last"),
+    )
+    .unwrap_or(records);
     if last_record < first_record {
         table.fault_of(
             "last_record",

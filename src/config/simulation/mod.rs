@@ -200,6 +200,14 @@ fn climate(table: &mut Table<'_>) -> Climate {
             Range::within(0.01, 86_400.0),
             10.0,
         ),
+        between_s: table.maybe_number(
+            key(
+                "between_s",
+                "from one temperature message to the next between records [s]",
+            ),
+            Range::within(1.0, 86_400.0),
+            Absent::Nothing("no temperature between records"),
+        ),
     }
 }
 
@@ -225,7 +233,7 @@ fn check_channels(table: &Table<'_>, rods: &[SimulatedRod], written: Written) {
             match channel.fs_hz {
                 Some(declared) if declared != written.fs_hz => {
                     fault(format!(
-                        "its channel declares {declared} Hz, simulated are {} Hz",
+                        "its channel declares fs_hz = {declared}, simulated are {} Hz",
                         written.fs_hz
                     ));
                 }
@@ -240,7 +248,7 @@ fn check_channels(table: &Table<'_>, rods: &[SimulatedRod], written: Written) {
             let field = field_of(written.encoding, is_batch);
             if channel.field != field {
                 fault(format!(
-                    "field \"{field}\" is written, its channel {} reads \"{}\"",
+                    "encoding and samples_per_message write field \"{field}\", its channel {} reads \"{}\"",
                     channel.topic, channel.field
                 ));
             }
@@ -251,7 +259,7 @@ fn check_channels(table: &Table<'_>, rods: &[SimulatedRod], written: Written) {
                         "time stands in field \"{field}\", its channel reads \"{time}\""
                     )),
                     None => fault(format!(
-                        "no time is written into messages, its channel reads \"{time}\""
+                        "with samples_per_message = 1 no time is written into messages, its channel reads \"{time}\""
                     )),
                 }
             }

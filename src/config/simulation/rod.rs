@@ -76,11 +76,14 @@ pub(super) fn read(
             Absent::Default(vec![DAMPING]),
             |value| {
                 let range = Range::within(1e-5, 0.5);
-                if value.is_array() {
-                    value.numbers(range, modes, modes)
-                } else {
-                    value.number(range).map(|one| vec![one])
+                if !value.is_array() {
+                    return value.number(range).map(|one| vec![one]);
                 }
+                let list = value.numbers(range, 1, MAX_MODES)?;
+                if list.len() != modes {
+                    value.fault(format!("has {} entries, modes = {modes}", list.len()));
+                }
+                Some(list)
             },
             |list| {
                 if let [one] = list.as_slice() {
@@ -234,7 +237,12 @@ fn truth(table: &mut Table<'_>, config: &RodConfig) -> Vec<f64> {
     let prior = &config.analysis.prior;
     let quantities = prior.parameterisation().quantities().iter().zip(prior.centre());
     quantities
-        .map(|(&quantity, centre)| table.number(quantity_key(quantity), sane(quantity), centre))
+        .map(|(&quantity, centre)| {
+            let absent = Absent::Nothing("the prior's centre");
+            table
+                .maybe_number(quantity_key(quantity), sane(quantity), absent)
+                .unwrap_or(centre)
+        })
         .collect()
 }
 

@@ -1,0 +1,525 @@
+//! Samples in, records out: one rod's stream cut into evenly sampled, checked records.
+//!
+//! Samples may come twice, late, with holes, or stamped by a clock that steps. What fits the running
+//! stretch joins it; a few messages that do not are put aside, and when they go on not fitting they
+//! start a new stretch. A finished stretch is put on an even axis, cut as configured and checked.
+
+use super::onset;
+use super::quality;
+use super::temperature::Temperature;
+use super::timing::{self, Even, Stretch};
+use super::{Cut, Excitation, Flag, Record, RecordSettings, Rejection, RodId, Timestamp};
+use std::collections::VecDeque;
+
+/// What becomes of a stretch of samples.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Event {
+    /// A record.
+    Record(Record),
+    /// A stretch that is none.
+    Rejected {
+        /// The rod.
+        rod: RodId,
+        /// Time of its first sample, if it has a time.
+        start: Option<Timestamp>,
+        /// Its length \[s\].
+        duration_s: f64,
+        /// Why it is no record.
+        rejection: Rejection,
+    },
+}
+
+/// Most samples in one record, whatever its length; bounds memory.
+pub const MAX_SAMPLES: usize = 1 << 22;
+
+/// Messages that tell the sample interval.
+const WARM: usize = 16;
+/// Messages that do not fit before they start a new stretch.
+const ASTRAY: usize = 3;
+/// How far back a late message may belong, in messages.
+const LATE: usize = 64;
+/// Messages a window waits for late ones.
+const LAG: usize = 32;
+/// Records that wait for the temperature beside them.
+const WAITING: usize = 4;
+/// Samples too few to say why they are no record.
+const FEW: usize = 64;
+/// Jitter worth a flag.
+const NOTABLE_JITTER: f64 = 0.05;
+
+type Message = (i64, Vec<f64>);
+
+/// Cuts one rod's samples into records.
+#[derive(Debug)]
+pub struct Assembler {
+    rod: RodId,
+    settings: RecordSettings,
+    declared_hz: Option<f64>,
+    temperature: Option<Temperature>,
+    /// The first messages of a stretch, while the sample interval is not known.
+    warm: Vec<Message>,
+    /// The running stretch and its sample interval \[ns\].
+    open: Stretch,
+    interval: Option<f64>,
+    astray: Vec<Message>,
+    dropped: usize,
+    /// Onsets before this time were seen already \[ns\].
+    seen_until: i64,
+    onsets: usize,
+    searched_s: f64,
+    searched_from: Option<Timestamp>,
+    unverified: bool,
+    waiting: VecDeque<Record>,
+    /// A run of stretches too short for a record, told as one.
+    short: Option<Short>,
+    samples: u64,
+    events: Vec<Event>,
+}
+
+#[derive(Debug)]
+struct Short {
+    start: Timestamp,
+    longest_s: f64,
+    total_s: f64,
+}
+
+/// How one message relates to the running stretch.
+enum Place {
+    Next,
+    Late(usize),
+    Duplicate,
+    Astray,
+}
+
+impl Assembler {
+    /// An assembler for one rod. `declared_hz` is the sample rate the configuration names, if any;
+    /// `temperature` says whether readings will come.
+    pub fn new(rod: RodId, settings: RecordSettings, declared_hz: Option<f64>, temperature: bool) -> Self {
+        Self {
+            rod,
+            settings,
+            declared_hz,
+            temperature: temperature.then(Temperature::default),
+            warm: Vec::new(),
+            open: Stretch::default(),
+            interval: None,
+            astray: Vec::new(),
+            dropped: 0,
+            seen_until: i64::MIN,
+            onsets: 0,
+            searched_s: 0.0,
+            searched_from: None,
+            unverified: false,
+            waiting: VecDeque::new(),
+            short: None,
+            samples: 0,
+            events: Vec::new(),
+        }
+    }
+
+    /// Samples taken so far.
+    pub fn samples(&self) -> u64 {
+        self.samples
+    }
+
+    /// From now on records come from data that could not be checked.
+    pub fn mark_unverified(&mut self) {
+        self.unverified = true;
+    }
+
+    /// Takes one message: the time of its first sample and its samples in SI; one that is not finite
+    /// is missing.
+    #[inline]
+    pub fn push(&mut self, time: Timestamp, values: &[f64]) {
+        if values.is_empty() {
+            return;
+        }
+        self.samples += values.len() as u64;
+        let time = time.as_nanos();
+        if self.astray.is_empty() && matches!(self.place(time, values), Some(Place::Next)) {
+            self.append(time, values);
+            return;
+        }
+        let mut queue = VecDeque::from([(time, values.to_vec())]);
+        while let Some(message) = queue.pop_front() {
+            self.take(message, &mut queue);
+        }
+    }
+
+    /// Takes a temperature \[degC\].
+    pub fn push_temperature(&mut self, time: Timestamp, celsius: f64) {
+        if let Some(temperature) = &mut self.temperature {
+            temperature.push(time, celsius);
+        }
+        self.release(false);
+    }
+
+    /// What became of the samples so far.
+    pub fn events(&mut self) -> std::vec::Drain<'_, Event> {
+        self.events.drain(..)
+    }
+
+    /// Ends the stream. With `cut_short`, the last record is one that may have gone on.
+    pub fn finish(&mut self, cut_short: bool) {
+        self.settle(cut_short);
+        let astray = std::mem::take(&mut self.astray);
+        if !astray.is_empty() {
+            self.warm = astray;
+            self.settle(cut_short);
+        }
+        if self.onsets == 0
+            && let Some(start) = self.searched_from
+        {
+            let duration_s = self.searched_s;
+            self.reject(Some(start), duration_s, Rejection::NoOnset { duration_s });
+        }
+        self.tell_short();
+        self.release(true);
+    }
+
+    /// Closes what is open.
+    fn settle(&mut self, cut_short: bool) {
+        if self.interval.is_none() && !self.warm.is_empty() {
+            let mut queue = VecDeque::new();
+            self.warmed(&mut queue);
+            while let Some(message) = queue.pop_front() {
+                self.take(message, &mut queue);
+                if self.interval.is_none() && queue.is_empty() && !self.warm.is_empty() {
+                    self.warmed(&mut queue);
+                }
+            }
+        }
+        self.cut_rest();
+        let open = std::mem::take(&mut self.open);
+        self.close(open, cut_short, None);
+        self.seen_until = i64::MIN;
+        self.interval = None;
+    }
+
+    /// Cuts the windows that were still waiting for late messages.
+    fn cut_rest(&mut self) {
+        let Cut::Window { length_s } = self.settings.cut else { return };
+        let length_s = length_s.min(self.settings.max_duration_s);
+        while let (Some(&start), Some(&last), Some(&size), Some(interval)) =
+            (self.open.times.first(), self.open.times.last(), self.open.sizes.last(), self.interval)
+        {
+            let span = (last.saturating_sub(start) as f64 + interval * f64::from(size)) * 1e-9;
+            if span < length_s + 0.5e-9 * interval {
+                return;
+            }
+            let before = self.open.values.len();
+            self.cut_at(start, length_s, interval);
+            if self.open.values.len() == before {
+                return;
+            }
+        }
+    }
+
+    fn take(&mut self, (time, values): Message, queue: &mut VecDeque<Message>) {
+        if self.interval.is_none() {
+            self.warm.push((time, values));
+            if self.warm.len() >= WARM {
+                self.warmed(queue);
+            }
+            return;
+        }
+        match self.place(time, &values) {
+            Some(Place::Next) => self.append(time, &values),
+            Some(Place::Late(back)) => self.open.insert(back, time, &values),
+            Some(Place::Duplicate) => {
+                self.dropped += values.len();
+                return;
+            }
+            Some(Place::Astray) | None => {
+                self.astray.push((time, values));
+                if self.astray.len() > ASTRAY {
+                    self.cut_rest();
+                    let open = std::mem::take(&mut self.open);
+                    self.close(open, false, None);
+                    self.seen_until = i64::MIN;
+                    self.interval = None;
+                    self.warm = std::mem::take(&mut self.astray);
+                }
+                return;
+            }
+        }
+        // It fits: what was put aside may fit now, or was a slip of the clock.
+        for (time, values) in std::mem::take(&mut self.astray) {
+            match self.place(time, &values) {
+                Some(Place::Next) => self.append(time, &values),
+                Some(Place::Late(back)) => self.open.insert(back, time, &values),
+                _ => self.dropped += values.len(),
+            }
+        }
+    }
+
+    /// Enough messages to know the sample interval: hands them over as a new stretch.
+    fn warmed(&mut self, queue: &mut VecDeque<Message>) {
+        let warm = std::mem::take(&mut self.warm);
+        let mut order: Vec<(i64, u32)> = warm.iter().map(|(time, values)| (*time, values.len() as u32)).collect();
+        order.sort_unstable();
+        let (times, sizes): (Vec<i64>, Vec<u32>) = order.into_iter().unzip();
+        let declared = self.declared_hz.map(|fs_hz| 1e9 / fs_hz);
+        // Stamps that do not advance leave one nanosecond; the stretch is refused when it is closed.
+        let interval = timing::interval(&times, &sizes).or(declared).unwrap_or(1.0);
+        self.interval = Some(interval);
+        for message in warm.into_iter().rev() {
+            queue.push_front(message);
+        }
+    }
+
+    #[inline]
+    fn place(&self, time: i64, values: &[f64]) -> Option<Place> {
+        let interval = self.interval?;
+        let (Some(&last), Some(&size)) = (self.open.times.last(), self.open.sizes.last()) else {
+            return Some(Place::Next);
+        };
+        let length = interval * f64::from(size);
+        let unit = interval * values.len() as f64;
+        // Nanoseconds between the end of the last message and this one.
+        let hole = time.saturating_sub(last) as f64 - length;
+        if time > last && hole > -0.5 * length.max(unit) - 1.0 || time > last && size == 1 {
+            let limit = (self.settings.max_gap_s * 1e9).max(0.5 * unit);
+            return Some(if hole > limit { Place::Astray } else { Place::Next });
+        }
+        Some(self.place_late(time, values, interval))
+    }
+
+    /// A message from the past: late if there is a hole for it, known if it is there already.
+    fn place_late(&self, time: i64, values: &[f64], interval: f64) -> Place {
+        let open = &self.open;
+        let count = open.times.len();
+        let oldest = count.saturating_sub(LATE);
+        let at = oldest + open.times[oldest..].partition_point(|&known| known < time);
+        if open.times.get(at) == Some(&time) {
+            let younger: usize = open.sizes[at..].iter().map(|&size| size as usize).sum();
+            let first = open.values.len() - younger;
+            let known = open.values.get(first..first + open.sizes[at] as usize);
+            let same = known.is_some_and(|known| {
+                known.len() == values.len() && known.iter().zip(values).all(|(a, b)| a.to_bits() == b.to_bits())
+            });
+            return if same { Place::Duplicate } else { Place::Astray };
+        }
+        if at == oldest || at == count {
+            return Place::Astray;
+        }
+        let unit = interval * values.len() as f64;
+        let end_before = open.times[at - 1] as f64 + interval * f64::from(open.sizes[at - 1]);
+        let fits = time as f64 >= end_before - 0.25 * unit
+            && time as f64 + unit <= open.times[at] as f64 + 0.25 * unit;
+        if fits { Place::Late(count - at) } else { Place::Astray }
+    }
+
+    /// Adds the next message and cuts if it is time.
+    #[inline]
+    fn append(&mut self, time: i64, values: &[f64]) {
+        self.open.push(time, values);
+        let (Some(interval), Some(&start)) = (self.interval, self.open.times.first()) else {
+            return;
+        };
+        let span = time.saturating_sub(start) as f64 * 1e-9;
+        let lag = LAG as f64 * interval * values.len() as f64 * 1e-9;
+        let longest = self.settings.max_duration_s;
+        let full = self.open.values.len() >= MAX_SAMPLES;
+        match self.settings.cut {
+            Cut::File if span >= longest || full => self.cut_at(start, longest.min(span), interval),
+            Cut::Window { length_s } => {
+                let length_s = length_s.min(longest);
+                if span >= length_s + lag {
+                    self.cut_at(start, length_s, interval);
+                } else if full {
+                    self.cut_at(start, span, interval);
+                }
+            }
+            Cut::FreeDecay { length_s, .. } if span >= (4.0 * length_s).max(60.0) || full => {
+                // Onsets near the end wait until their whole record is there, and the quiet before them.
+                let until = time.saturating_sub(nanos((length_s + 1.0).min(0.5 * span)));
+                let searched = self.open.clone();
+                self.close(searched, false, Some(until));
+                let quiet = nanos(onset::context(1e9 / interval) as f64 * interval * 1e-9);
+                self.open.split_front(until.saturating_sub(quiet), interval);
+                self.seen_until = until;
+            }
+            Cut::File | Cut::FreeDecay { .. } => {}
+        }
+    }
+
+    fn cut_at(&mut self, start: i64, seconds: f64, interval: f64) {
+        let boundary = start.saturating_add(nanos(seconds - 0.5e-9 * interval));
+        let front = self.open.split_front(boundary, interval);
+        self.close(front, false, None);
+    }
+
+    /// Turns a stretch into events. `until` bounds the onsets that count \[ns\].
+    fn close(&mut self, stretch: Stretch, cut_short: bool, until: Option<i64>) {
+        let (Some(&first), Some(&last)) = (stretch.times.first(), stretch.times.last()) else {
+            return;
+        };
+        let start = Timestamp::from_nanos(first);
+        let span_s = Timestamp::from_nanos(last).seconds_since(start);
+        let count = stretch.values.len();
+        let even = match timing::even(stretch, self.declared_hz, &self.settings) {
+            Ok(even) => even,
+            // Whatever else is wrong with it, it is too short.
+            Err(_) if span_s < self.settings.min_duration_s => return self.too_short(start, span_s),
+            // A few samples strewn over a long time are no long record.
+            Err(_) if count < FEW => {
+                let duration_s = self.declared_hz.map_or(0.0, |fs_hz| count as f64 / fs_hz);
+                return self.too_short(start, duration_s.min(span_s));
+            }
+            Err(rejection) => return self.reject(Some(start), span_s, rejection),
+        };
+        match self.settings.cut {
+            Cut::FreeDecay { ratio, length_s } => self.decays(&even, ratio, length_s, cut_short, until),
+            Cut::File | Cut::Window { .. } => self.pieces(even, cut_short),
+        }
+        self.dropped = 0;
+    }
+
+    /// One piece an onset.
+    fn decays(&mut self, even: &Even, ratio: f64, length_s: f64, cut_short: bool, until: Option<i64>) {
+        let total = even.samples.len();
+        let mut filled = even.samples.clone();
+        quality::fill(&mut filled);
+        let mut onsets = onset::onsets(&filled, even.fs_hz, ratio);
+        onsets.push(total);
+        self.searched_s += total as f64 / even.fs_hz;
+        self.searched_from.get_or_insert(even.start);
+        for pair in onsets.windows(2) {
+            let [onset, next] = *pair else { continue };
+            let start = even.start.plus_seconds(onset as f64 / even.fs_hz);
+            let waits = until.is_some_and(|until| start.as_nanos() >= until);
+            if start.as_nanos() < self.seen_until || waits {
+                continue;
+            }
+            self.onsets += 1;
+            let end = next.min(onset + (length_s * even.fs_hz).round() as usize);
+            let decay = Even {
+                start,
+                samples: even.samples[onset..end].to_vec(),
+                ..*even
+            };
+            self.pieces(decay, cut_short && end == total);
+        }
+    }
+
+    /// Splits at long holes and checks what is left.
+    fn pieces(&mut self, even: Even, cut_short: bool) {
+        let Even { start, fs_hz, samples, jitter } = even;
+        let total = samples.len();
+        let hole = (self.settings.max_gap_s * fs_hz).floor().max(0.0) as usize;
+        let least = self.settings.min_duration_s * fs_hz;
+        let mut spans = quality::spans(&samples, hole);
+        let long = |span: &std::ops::Range<usize>| span.len() as f64 >= least;
+        if !spans.iter().any(long) {
+            let missing = samples.iter().filter(|x| !x.is_finite()).count();
+            let share = missing as f64 / total.max(1) as f64;
+            let allowed = self.settings.max_missing;
+            if share > allowed {
+                let rejection = Rejection::Missing { share, allowed };
+                return self.reject(Some(start), total as f64 / fs_hz, rejection);
+            }
+        }
+        if let [span] = &spans[..]
+            && span.len() == total
+        {
+            // The common case: nothing to cut off, nothing to copy.
+            return self.piece(start, fs_hz, samples, jitter, cut_short);
+        }
+        for span in spans.drain(..) {
+            let start = start.plus_seconds(span.start as f64 / fs_hz);
+            let last = span.end == total;
+            self.piece(start, fs_hz, samples[span].to_vec(), jitter, cut_short && last);
+        }
+    }
+
+    fn piece(&mut self, start: Timestamp, fs_hz: f64, samples: Vec<f64>, jitter: f64, cut_short: bool) {
+        let duration_s = samples.len() as f64 / fs_hz;
+        // A hair less than asked for is a matter of rounding.
+        if duration_s < self.settings.min_duration_s * (1.0 - 1e-9) {
+            return self.too_short(start, duration_s);
+        }
+        let checked = match quality::check(samples, fs_hz, &self.settings) {
+            Ok(checked) => checked,
+            Err(rejection) => return self.reject(Some(start), duration_s, rejection),
+        };
+        let mut flags = checked.flags;
+        if self.dropped > 0 {
+            flags.push(Flag::Dropped { samples: self.dropped });
+        }
+        if jitter > NOTABLE_JITTER {
+            flags.push(Flag::Jitter { jitter });
+        }
+        if self.unverified {
+            flags.push(Flag::Unverified);
+        }
+        if cut_short {
+            flags.push(Flag::Truncated);
+        }
+        self.tell_short();
+        self.waiting.push_back(Record {
+            rod: self.rod.clone(),
+            start,
+            fs_hz,
+            samples: checked.samples,
+            temperature_c: None,
+            excitation: match self.settings.cut {
+                Cut::FreeDecay { .. } => Excitation::FreeDecay,
+                Cut::File | Cut::Window { .. } => Excitation::Ambient,
+            },
+            flags,
+        });
+        self.release(false);
+    }
+
+    /// Lets records go whose temperature is known, or that waited long enough.
+    fn release(&mut self, all: bool) {
+        while let Some(record) = self.waiting.front() {
+            let end = record.start.plus_seconds(record.duration_s());
+            let known = self.temperature.as_ref().is_none_or(|readings| readings.reaches(end));
+            let held: usize = self.waiting.iter().map(|record| record.samples.len()).sum();
+            if !(all || known || self.waiting.len() > WAITING || held > MAX_SAMPLES / 4) {
+                return;
+            }
+            let Some(mut record) = self.waiting.pop_front() else { return };
+            record.temperature_c = self.temperature.as_ref().and_then(|readings| readings.mean(record.start, end));
+            self.events.push(Event::Record(record));
+        }
+    }
+
+    fn reject(&mut self, start: Option<Timestamp>, duration_s: f64, rejection: Rejection) {
+        self.tell_short();
+        self.events.push(Event::Rejected {
+            rod: self.rod.clone(),
+            start,
+            duration_s,
+            rejection,
+        });
+    }
+
+    /// Notes a stretch too short for a record; a run of them is told as one.
+    fn too_short(&mut self, start: Timestamp, duration_s: f64) {
+        let short = self.short.get_or_insert(Short {
+            start,
+            longest_s: 0.0,
+            total_s: 0.0,
+        });
+        short.longest_s = short.longest_s.max(duration_s);
+        short.total_s += duration_s;
+    }
+
+    fn tell_short(&mut self) {
+        if let Some(short) = self.short.take() {
+            self.events.push(Event::Rejected {
+                rod: self.rod.clone(),
+                start: Some(short.start),
+                duration_s: short.total_s,
+                rejection: timing::too_short(short.longest_s, &self.settings),
+            });
+        }
+    }
+}
+
+fn nanos(seconds: f64) -> i64 {
+    (seconds * 1e9).round() as i64
+}

@@ -1,0 +1,131 @@
+//! The onset of free decays: short-term over long-term level.
+//!
+//! The level is that of a smoothed derivative, which the slow pull before a release hardly moves, in a
+//! short window over that in a long window before it (STA/LTA, Allen 1978). A single spike is no onset:
+//! the motion must go on.
+
+/// Half width of the smoothed derivative \[s\].
+const HALF_S: f64 = 0.01;
+/// Short window \[s\].
+const SHORT_S: f64 = 0.2;
+/// Long window \[s\], and the least of it at the start.
+const LONG_S: f64 = 4.0;
+const LONG_LEAST_S: f64 = 0.4;
+/// Motion must go on this long after an onset \[s\].
+const PERSIST_S: f64 = 0.5;
+
+/// Samples needed before the first onset that can be seen.
+pub(super) fn context(fs_hz: f64) -> usize {
+    ((LONG_S + SHORT_S + 2.0 * HALF_S) * fs_hz).ceil() as usize + 2
+}
+
+/// Indices of the first sample of each free decay; `samples` are finite.
+pub(super) fn onsets(samples: &[f64], fs_hz: f64, ratio: f64) -> Vec<usize> {
+    let count = |seconds: f64| ((seconds * fs_hz).round() as usize).max(1);
+    let half = count(HALF_S);
+    let short = count(SHORT_S).max(2 * half);
+    let (long, least) = (count(LONG_S), count(LONG_LEAST_S).max(short));
+    let persist = count(PERSIST_S);
+    let total = samples.len();
+    if total < least + short + persist + 2 * half {
+        return Vec::new();
+    }
+    let slope = derivative(samples, half);
+    let mut energy = Vec::with_capacity(total + 1);
+    let mut sum = 0.0;
+    energy.push(0.0);
+    for v in &slope {
+        sum += v * v;
+        energy.push(sum);
+    }
+    let mean = |from: usize, to: usize| (energy[to] - energy[from]) / (to - from) as f64;
+    let floor = 1e-12 * sum / total as f64;
+    let mut found = Vec::new();
+    let mut armed = true;
+    for end in (half + least + short)..(total - half) {
+        let from = end - short;
+        let quiet = mean(from.saturating_sub(long).max(half), from).max(floor);
+        let level = (mean(from, end) / quiet).sqrt();
+        if !armed {
+            armed = level < 0.5 * ratio;
+            continue;
+        }
+        // Written so that a level that is no number is no onset.
+        if !(level > ratio) {
+            continue;
+        }
+        // Beyond what a single spike does to the derivative.
+        let (later, after) = (end + 2 * half, (end + 2 * half + persist).min(total - half));
+        if after <= later || (mean(later, after) / quiet).sqrt() < 0.5 * ratio {
+            continue;
+        }
+        armed = false;
+        let window = from..(end + short).min(total - half);
+        let peak = slope[window.clone()].iter().fold(0.0f64, |peak, v| peak.max(v.abs()));
+        let threshold = (0.25 * peak).max(3.0 * quiet.sqrt());
+        let first = window.clone().find(|&i| slope[i].abs() > threshold).unwrap_or(end);
+        // The derivative looks `half` samples ahead.
+        found.push(first + half);
+    }
+    found
+}
+
+/// Mean of the next `half` samples less the mean of the last; zero at the ends.
+fn derivative(samples: &[f64], half: usize) -> Vec<f64> {
+    let mut slope = vec![0.0; samples.len()];
+    for i in half..samples.len().saturating_sub(half) {
+        let ahead: f64 = samples[i..i + half].iter().sum();
+        let behind: f64 = samples[i - half..i].iter().sum();
+        slope[i] = (ahead - behind) / half as f64;
+    }
+    slope
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Pulls and releases at the given times; deterministic noise.
+    fn pulls(times: &[f64], seconds: f64, fs_hz: f64, noise: f64) -> Vec<f64> {
+        let mut state = 1u64;
+        (0..(seconds * fs_hz) as usize)
+            .map(|i| {
+                let t = i as f64 / fs_hz;
+                state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+                let mut x = noise * ((state >> 33) as f64 / f64::from(1u32 << 31) - 0.5);
+                for &onset in times {
+                    if t >= onset {
+                        x += (-(t - onset) * 0.6).exp() * (28.0 * (t - onset)).cos();
+                    } else if t > onset - 2.0 {
+                        x += (t - onset + 2.0) / 2.0;
+                    }
+                }
+                x
+            })
+            .collect()
+    }
+
+    #[test]
+    fn a_release_is_found_where_it_is_and_a_pull_is_none() {
+        for fs_hz in [100.0, 200.0, 1000.0] {
+            let times = [6.0, 20.0, 34.5];
+            let found = onsets(&pulls(&times, 50.0, fs_hz, 0.02), fs_hz, 5.0);
+            assert_eq!(found.len(), 3, "{fs_hz} {found:?}");
+            for (found, time) in found.iter().zip(times) {
+                let late = *found as f64 / fs_hz - time;
+                // A tenth of a period of the motion (0.22 s), and not before the release by more than the filter.
+                assert!((-0.011..0.06).contains(&late), "{fs_hz}: {late}");
+            }
+        }
+    }
+
+    #[test]
+    fn noise_and_a_spike_are_no_onset() {
+        let mut samples = pulls(&[], 60.0, 200.0, 0.02);
+        assert!(onsets(&samples, 200.0, 4.0).is_empty());
+        samples[6000] += 5.0;
+        assert!(onsets(&samples, 200.0, 4.0).is_empty());
+        assert!(onsets(&[0.0; 5000], 200.0, 4.0).is_empty());
+        assert!(onsets(&[], 200.0, 4.0).is_empty());
+    }
+}

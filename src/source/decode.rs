@@ -38,6 +38,18 @@ pub enum DecodeError {
         /// The path.
         path: String,
     },
+    /// A stamp beside the message that no clock shows.
+    #[error("time {nanos} ns since 1970 is beyond the year 2262")]
+    Stamp {
+        /// As stamped.
+        nanos: u64,
+    },
+    /// An array of samples without their rate.
+    #[error("field `{path}` is an array: its sample rate is needed (`fs_hz`)")]
+    Rate {
+        /// The path.
+        path: String,
+    },
     /// The schema cannot be used.
     #[error("{0}")]
     Schema(String),

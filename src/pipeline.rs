@@ -8,30 +8,42 @@ use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread;
 
-/// Items taken from the input and not yet delivered, per worker; bounds memory when one item is slow.
-const IN_FLIGHT_PER_WORKER: usize = 3;
+/// Items in flight per worker at the most, however light.
+const ITEMS_PER_WORKER: usize = 4;
 
-/// Applies `work` to every item of `input` on `workers` threads and hands the results to `deliver`
-/// on the calling thread, in input order. The input is pulled on a thread of its own, at most
-/// [`IN_FLIGHT_PER_WORKER`] items per worker ahead of delivery.
+/// How much is done at once.
+#[derive(Debug, Clone, Copy)]
+pub struct Limits {
+    /// Threads that work.
+    pub workers: usize,
+    /// Summed weight of the items taken from the input and not yet delivered; an item heavier than
+    /// this goes alone.
+    pub weight: usize,
+}
+
+/// Applies `work` to every item of `input` on several threads and hands the results to `deliver` on
+/// the calling thread, in input order. The input is pulled on a thread of its own, ahead of delivery
+/// by at most one item more than `limits` allow, each weighing `weigh(item)`.
 ///
 /// A panic in `work` is delivered as `Err` with its message; the other items go on. A panic in
 /// `input` itself is resumed on the calling thread. `deliver` may break off the whole run.
 pub fn map_in_order<T: Send, R: Send>(
     input: impl Iterator<Item = T> + Send,
-    workers: usize,
+    limits: Limits,
+    weigh: impl Fn(&T) -> usize + Send,
     work: impl Fn(T) -> R + Sync,
     mut deliver: impl FnMut(Result<R, String>) -> ControlFlow<()>,
 ) {
-    let workers = workers.max(1);
-    let tickets = Tickets::new(workers * IN_FLIGHT_PER_WORKER);
-    let (job_sender, job_receiver) = sync_channel::<(usize, T)>(workers * IN_FLIGHT_PER_WORKER);
+    let workers = limits.workers.max(1);
+    let items = workers * ITEMS_PER_WORKER;
+    let tickets = Tickets::new(items, limits.weight);
+    let (job_sender, job_receiver) = sync_channel::<Job<T>>(items);
     let job_receiver = Mutex::new(job_receiver);
-    let (result_sender, result_receiver) = sync_channel(workers * IN_FLIGHT_PER_WORKER);
+    let (result_sender, result_receiver) = sync_channel(items);
 
     thread::scope(|scope| {
         let (tickets, job_receiver, work) = (&tickets, &job_receiver, &work);
-        scope.spawn(move || feed(input, tickets, &job_sender));
+        scope.spawn(move || feed(input, weigh, tickets, &job_sender));
         for _ in 0..workers {
             let results = result_sender.clone();
             scope.spawn(move || serve(job_receiver, work, &results));
@@ -40,14 +52,14 @@ pub fn map_in_order<T: Send, R: Send>(
 
         let mut waiting = BTreeMap::new();
         let mut next = 0;
-        'run: for (index, result) in &result_receiver {
-            waiting.insert(index, result);
-            while let Some(result) = waiting.remove(&next) {
+        'run: for Job { index, weight, content } in &result_receiver {
+            waiting.insert(index, (weight, content));
+            while let Some((weight, result)) = waiting.remove(&next) {
                 next += 1;
                 if deliver(result).is_break() {
                     break 'run;
                 }
-                tickets.give_back();
+                tickets.give_back(weight);
             }
         }
         // Whatever still runs finds its channel closed and stops.
@@ -56,25 +68,38 @@ pub fn map_in_order<T: Send, R: Send>(
     });
 }
 
-fn feed<T>(input: impl Iterator<Item = T>, tickets: &Tickets, jobs: &SyncSender<(usize, T)>) {
-    for job in input.enumerate() {
-        if !tickets.take() || jobs.send(job).is_err() {
+/// An item, or its result, with its place in the input.
+struct Job<T> {
+    index: usize,
+    weight: usize,
+    content: T,
+}
+
+fn feed<T>(
+    input: impl Iterator<Item = T>,
+    weigh: impl Fn(&T) -> usize,
+    tickets: &Tickets,
+    jobs: &SyncSender<Job<T>>,
+) {
+    for (index, content) in input.enumerate() {
+        let weight = weigh(&content);
+        if !tickets.take(weight) || jobs.send(Job { index, weight, content }).is_err() {
             return;
         }
     }
 }
 
 fn serve<T, R>(
-    jobs: &Mutex<Receiver<(usize, T)>>,
+    jobs: &Mutex<Receiver<Job<T>>>,
     work: &impl Fn(T) -> R,
-    results: &SyncSender<(usize, Result<R, String>)>,
+    results: &SyncSender<Job<Result<R, String>>>,
 ) {
     loop {
         let job = lock(jobs).recv();
-        let Ok((index, item)) = job else { return };
+        let Ok(Job { index, weight, content }) = job else { return };
         // The item is consumed and nothing shared is left half-changed: `work` only borrows.
-        let result = catch_unwind(AssertUnwindSafe(|| work(item))).map_err(|panic| message_of(&*panic));
-        if results.send((index, result)).is_err() {
+        let result = catch_unwind(AssertUnwindSafe(|| work(content))).map_err(|panic| message_of(&*panic));
+        if results.send(Job { index, weight, content: result }).is_err() {
             return;
         }
     }
@@ -90,44 +115,48 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// A counting semaphore that can be closed.
+/// A semaphore that counts items and their weight, and can be closed.
 struct Tickets {
-    left: Mutex<Option<usize>>,
+    items: usize,
+    weight: usize,
+    taken: Mutex<Taken>,
     changed: Condvar,
 }
 
+#[derive(Default)]
+struct Taken {
+    items: usize,
+    weight: usize,
+    closed: bool,
+}
+
 impl Tickets {
-    fn new(count: usize) -> Self {
-        Self {
-            left: Mutex::new(Some(count)),
-            changed: Condvar::new(),
-        }
+    fn new(items: usize, weight: usize) -> Self {
+        Self { items, weight, taken: Mutex::default(), changed: Condvar::new() }
     }
 
-    /// Waits for a ticket; false once closed.
-    fn take(&self) -> bool {
-        let mut left = lock(&self.left);
-        loop {
-            match left.as_mut() {
-                None => return false,
-                Some(0) => left = self.changed.wait(left).unwrap_or_else(PoisonError::into_inner),
-                Some(count) => {
-                    *count -= 1;
-                    return true;
-                }
-            }
-        }
+    /// Waits until there is room, or nothing else is in flight; false once closed.
+    fn take(&self, weight: usize) -> bool {
+        let full = |taken: &mut Taken| {
+            let room = taken.items < self.items && taken.weight.saturating_add(weight) <= self.weight;
+            !taken.closed && taken.items > 0 && !room
+        };
+        let waited = self.changed.wait_while(lock(&self.taken), full);
+        let mut taken = waited.unwrap_or_else(PoisonError::into_inner);
+        taken.items += 1;
+        taken.weight += weight;
+        !taken.closed
     }
 
-    fn give_back(&self) {
-        if let Some(count) = lock(&self.left).as_mut() {
-            *count += 1;
-        }
+    fn give_back(&self, weight: usize) {
+        let mut taken = lock(&self.taken);
+        taken.items -= 1;
+        taken.weight -= weight;
         self.changed.notify_one();
     }
 
     fn close(&self) {
-        *lock(&self.left) = None;
+        lock(&self.taken).closed = true;
         self.changed.notify_all();
     }
 }
@@ -138,13 +167,36 @@ mod tests {
     use std::sync::atomic::{AtomicUsize, Ordering};
     use std::time::Duration;
 
+    fn limits(workers: usize) -> Limits {
+        Limits { workers, weight: 1000 }
+    }
+
+    #[test]
+    fn heavy_items_go_alone() {
+        let at_once = AtomicUsize::new(0);
+        let work = |_| {
+            let others = at_once.fetch_add(1, Ordering::SeqCst);
+            thread::sleep(Duration::from_millis(1));
+            at_once.fetch_sub(1, Ordering::SeqCst);
+            others
+        };
+        let mut delivered = 0;
+        map_in_order(0..20, limits(4), |_| 5000, work, |others| {
+            assert_eq!(others, Ok(0));
+            delivered += 1;
+            ControlFlow::Continue(())
+        });
+        assert_eq!(delivered, 20);
+    }
+
     #[test]
     fn results_come_in_input_order_whatever_finishes_first() {
         for workers in [1, 2, 7] {
             let mut seen = Vec::new();
             map_in_order(
                 0..200u64,
-                workers,
+                limits(workers),
+                |_| 1,
                 |i| {
                     thread::sleep(Duration::from_micros((i * 37) % 300));
                     i * i
@@ -163,7 +215,8 @@ mod tests {
         let mut seen = Vec::new();
         map_in_order(
             0..10,
-            2,
+            limits(2),
+            |_| 1,
             |i| if i == 4 { panic!("item {i} is bad") } else { i },
             |result| {
                 seen.push(result);
@@ -186,7 +239,8 @@ mod tests {
         });
         map_in_order(
             input,
-            2,
+            limits(2),
+            |_| 1,
             |i| {
                 if i == 0 {
                     thread::sleep(Duration::from_millis(50));
@@ -199,7 +253,7 @@ mod tests {
         );
         assert_eq!(delivered.load(Ordering::SeqCst), 500);
         // One more than the tickets: the feeder pulls an item before it waits for its ticket.
-        assert!(most.load(Ordering::SeqCst) <= 2 * IN_FLIGHT_PER_WORKER + 1);
+        assert!(most.load(Ordering::SeqCst) <= 2 * ITEMS_PER_WORKER + 1);
     }
 
     #[test]
@@ -207,7 +261,8 @@ mod tests {
         let mut count = 0;
         map_in_order(
             0..,
-            2,
+            limits(2),
+            |_| 1,
             |i: u64| i,
             |_| {
                 count += 1;

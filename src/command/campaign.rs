@@ -4,20 +4,26 @@ use super::WITH_LOSSES;
 use super::render::Outcome;
 use crate::analysis::Plan;
 use crate::config::Config;
-use crate::pipeline::map_in_order;
+use crate::pipeline::{Limits, map_in_order};
 use crate::record::{RodChannels, RodId};
-use crate::source::{self, Event, Recording, SourceError, Summary};
+use crate::source::{self, Event, Follow, Options, Recording, SourceError, Summary};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::collections::BTreeMap;
 use std::fmt::{self, Display};
 use std::io::{self, IsTerminal};
 use std::ops::ControlFlow;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::thread;
 use std::time::Duration;
+
+/// Pause before a growing recording is looked at again.
+const FOLLOW_POLL: Duration = Duration::from_millis(200);
+
+/// Samples of records in memory between reading and analysis (8 bytes each).
+const SAMPLES_IN_FLIGHT: usize = 4 << 20;
 
 /// How recordings are read.
 #[derive(Debug, Clone, Copy, Default, clap::Args)]
@@ -98,7 +104,7 @@ pub fn run(
     reading: &Reading,
     mut on_outcome: impl FnMut(&Outcome, &ProgressBar) -> io::Result<()>,
 ) -> anyhow::Result<Tally> {
-    let files = source::expand(paths)?;
+    let files = source::recordings(paths)?;
     let total: u64 = files
         .iter()
         .filter_map(|file| file.metadata().ok())
@@ -117,7 +123,11 @@ pub fn run(
     let mut failure = None;
     map_in_order(
         input,
-        workers,
+        Limits { workers, weight: SAMPLES_IN_FLIGHT },
+        |step| match step {
+            Step::Event(Event::Record(record)) => record.samples.len(),
+            _ => 1,
+        },
         |step| analyse(step, plans),
         |result| {
             bar.set_position(done.load(Ordering::Relaxed));
@@ -134,7 +144,7 @@ pub fn run(
                         return ControlFlow::Break(());
                     }
                 }
-                Ok(Done::File { path, result }) => tally.file(&path, &result, &bar),
+                Ok(Done::File(result)) => tally.file(&result, &bar),
                 Err(panic) => {
                     tally.panicked += 1;
                     say(
@@ -154,21 +164,27 @@ pub fn run(
 }
 
 impl Tally {
-    fn file(&mut self, path: &Path, result: &Result<Summary, SourceError>, bar: &ProgressBar) {
+    fn file(&mut self, result: &Result<Summary, SourceError>, bar: &ProgressBar) {
         self.files += 1;
-        match result {
-            Ok(summary) => {
-                let losses = summary.losses();
-                if !losses.is_empty() {
-                    self.with_losses += 1;
-                }
-                for loss in losses {
-                    say(bar, &format!("warning: {}: {loss}", path.display()));
-                }
-            }
+        let summary = match result {
+            Ok(summary) => summary,
             Err(error) => {
                 self.unreadable += 1;
-                say(bar, &format!("error: {error}"));
+                return say(bar, &format!("error: {error}"));
+            }
+        };
+        for fault in summary.faults() {
+            say(bar, &format!("warning: {fault}"));
+        }
+        if summary.has_nothing() {
+            self.unreadable += 1;
+            for absence in summary.absences() {
+                say(bar, &format!("error: {absence}"));
+            }
+        } else {
+            self.with_losses += usize::from(summary.lost_data());
+            for absence in summary.absences() {
+                tracing::info!("{absence}");
             }
         }
     }
@@ -196,23 +212,17 @@ fn progress(total: u64) -> ProgressBar {
 /// One step of reading: an event of a recording, or its end.
 enum Step {
     Event(Event),
-    File {
-        path: PathBuf,
-        result: Result<Summary, SourceError>,
-    },
+    File(Result<Summary, SourceError>),
 }
 
 enum Done {
     Record(Box<Outcome>),
-    File {
-        path: PathBuf,
-        result: Result<Summary, SourceError>,
-    },
+    File(Result<Summary, SourceError>),
 }
 
 fn analyse(step: Step, plans: &BTreeMap<RodId, Plan>) -> Done {
     let record = match step {
-        Step::File { path, result } => return Done::File { path, result },
+        Step::File(result) => return Done::File(result),
         Step::Event(Event::Rejected {
             rod,
             start,
@@ -222,7 +232,7 @@ fn analyse(step: Step, plans: &BTreeMap<RodId, Plan>) -> Done {
             let outcome = Outcome::Rejected {
                 rod,
                 start,
-                duration_s,
+                duration_s: Some(duration_s),
                 fs_hz: None,
                 rejection,
             };
@@ -250,10 +260,10 @@ struct Recordings {
     files: std::vec::IntoIter<PathBuf>,
     channels: Vec<RodChannels>,
     settings: crate::record::RecordSettings,
-    follow: bool,
+    options: Options,
     done: Arc<AtomicU64>,
     bytes_of_closed: u64,
-    open: Option<(PathBuf, Recording)>,
+    open: Option<Recording>,
 }
 
 impl Recordings {
@@ -265,11 +275,12 @@ impl Recordings {
         done: Arc<AtomicU64>,
     ) -> Self {
         let settings = config.record;
+        let follow = follow.then(|| Follow { stop: Arc::default(), poll: FOLLOW_POLL });
         Self {
             files: files.into_iter(),
             channels,
             settings,
-            follow,
+            options: Options { follow },
             done,
             bytes_of_closed: 0,
             open: None,
@@ -282,32 +293,26 @@ impl Iterator for Recordings {
 
     fn next(&mut self) -> Option<Step> {
         loop {
-            if let Some((path, mut recording)) = self.open.take() {
+            if let Some(mut recording) = self.open.take() {
                 let event = recording.next();
                 self.done
-                    .store(self.bytes_of_closed + recording.bytes_read(), Ordering::Relaxed);
+                    .store(self.bytes_of_closed + recording.position().read, Ordering::Relaxed);
                 return Some(match event {
                     Some(event) => {
-                        self.open = Some((path, recording));
+                        self.open = Some(recording);
                         Step::Event(event)
                     }
                     None => {
-                        self.bytes_of_closed += recording.bytes_read();
-                        Step::File {
-                            path,
-                            result: Ok(recording.summary()),
-                        }
+                        self.bytes_of_closed += recording.position().read;
+                        Step::File(Ok(recording.summary().clone()))
                     }
                 });
             }
             let path = self.files.next()?;
-            match Recording::open(&path, &self.channels, &self.settings, self.follow) {
-                Ok(recording) => self.open = Some((path, recording)),
+            match Recording::open(&path, &self.channels, &self.settings, self.options.clone()) {
+                Ok(recording) => self.open = Some(recording),
                 Err(error) => {
-                    return Some(Step::File {
-                        path,
-                        result: Err(error),
-                    });
+                    return Some(Step::File(Err(error)));
                 }
             }
         }

@@ -213,6 +213,7 @@ impl std::fmt::Display for Flag {
             Self::Dropped { samples } => write!(f, "{samples} samples dropped"),
             Self::Despiked { samples } => write!(f, "{samples} spikes removed"),
             Self::Clipped { share } => write!(f, "{:.2} % clipped", share * 100.0),
+            Self::Held { share } => write!(f, "{:.1} % held", share * 100.0),
             Self::Jitter { jitter } => write!(f, "stamps jitter by {:.0} %", jitter * 100.0),
         }
     }

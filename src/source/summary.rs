@@ -51,6 +51,23 @@ impl Summary {
 
     /// One clear sentence for everything a person should know, most important first.
     pub fn sentences(&self) -> Vec<String> {
+        let mut sentences = self.faults();
+        sentences.extend(self.absences());
+        sentences
+    }
+
+    /// One sentence per configured topic that the file does not have; normal where every rod has files
+    /// of its own.
+    pub fn absences(&self) -> Vec<String> {
+        let topics: Vec<&str> = self.topics.keys().map(String::as_str).collect();
+        let has = if topics.is_empty() { "no topics at all".to_owned() } else { topics.join(", ") };
+        let sentence =
+            |(rod, topic): &(RodId, String)| format!("{}: no topic {topic} (rod {rod}); it has {has}", self.file);
+        self.missing.iter().map(sentence).collect()
+    }
+
+    /// One sentence per fault of the file and of its messages.
+    pub fn faults(&self) -> Vec<String> {
         let file = &self.file;
         let mut sentences = Vec::new();
         if let Some(damage) = &self.damage {
@@ -63,15 +80,6 @@ impl Summary {
                     topic.undecodable, topic.messages
                 ));
             }
-        }
-        let topics: Vec<&str> = self.topics.keys().map(String::as_str).collect();
-        for (rod, topic) in &self.missing {
-            let has = if topics.is_empty() {
-                "no topics at all".to_owned()
-            } else {
-                topics.join(", ")
-            };
-            sentences.push(format!("{file}: no topic {topic} (rod {rod}); it has {has}"));
         }
         if self.truncated {
             sentences.push(format!(

@@ -10,7 +10,7 @@ use super::fit::{Weighting, coefficients};
 use super::validate::{self, ErrorReport, GridErrors};
 use crate::bayes::RodPrior;
 use crate::beam::{Exact, FiniteElements, Parameterisation};
-use crate::forward::{ForwardModel, MAX_MODES, OutsideRange};
+use crate::forward::{FEW, ForwardModel, MAX_MODES, OutsideRange};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
@@ -489,6 +489,10 @@ impl ForwardModel for Pce {
         let mut germs = vec![[0.0; LANES]; self.axes.len()];
         let mut scratch = self.scratch();
         for (thetas, out) in thetas.chunks(LANES * width).zip(out.chunks_mut(LANES * modes)) {
+            if thetas.len() / width < FEW {
+                self.one_by_one(thetas, modes, out);
+                continue;
+            }
             for (l, theta) in thetas.chunks_exact(width).enumerate() {
                 for (axis, z) in self.axes.iter().zip(&mut germs) {
                     z[l] = axis.germ.germ(theta[axis.germ.index]);

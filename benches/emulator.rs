@@ -5,8 +5,7 @@ use divan::{Bencher, black_box};
 use std::sync::LazyLock;
 use tirante::bayes::RodPrior;
 use tirante::emulator::fit::Weighting;
-use tirante::emulator::pce::Training;
-use tirante::emulator::{Pce, Reduced, ReducedModel};
+use tirante::emulator::{Pce, Reduced, ReducedModel, Training};
 use tirante::forward::ForwardModel;
 use tirante::random;
 

@@ -38,7 +38,7 @@ pub trait ForwardModel: Send + Sync {
     /// How many mode orders it can give, from the first.
     fn modes(&self) -> usize;
 
-    /// The first `out.len()` natural frequencies [Hz], ascending; `out.len() <= self.modes()`.
+    /// The first `out.len()` natural frequencies \[Hz\], ascending; `out.len() <= self.modes()`.
     fn frequencies(&self, theta: &[f64], out: &mut [f64]) -> Result<(), OutsideRange>;
 
     /// The slopes `d ln f_n / d ln N` of the first `out.len()` modes: what a small relative change of

@@ -4,9 +4,8 @@ use rand::RngExt;
 use tirante::bayes::RodPrior;
 use tirante::beam::{Beam, exact};
 use tirante::emulator::fit::Weighting;
-use tirante::emulator::pce::Training;
 use tirante::emulator::validate::Spread;
-use tirante::emulator::{Pce, Reduced};
+use tirante::emulator::{Pce, Reduced, Training};
 use tirante::random;
 
 #[test]

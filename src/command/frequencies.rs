@@ -20,40 +20,40 @@ pub struct Args {
     /// Cross-section.
     #[arg(long, value_enum, default_value_t = Shape::Square)]
     pub section: Shape,
-    /// Axial force, tension positive [N].
+    /// Axial force in N, tension positive.
     #[arg(long, value_name = "N")]
     pub axial_force: Option<f64>,
-    /// Young's modulus [Pa].
+    /// Young's modulus in Pa.
     #[arg(long, value_name = "PA")]
     pub youngs_modulus: Option<f64>,
-    /// Mass density [kg/m^3].
+    /// Mass density in kg/m^3.
     #[arg(long, value_name = "KG/M3")]
     pub density: Option<f64>,
-    /// Side of a square section [m].
+    /// Side of a square section in m.
     #[arg(long, value_name = "M")]
     pub side: Option<f64>,
-    /// Diameter of a round section [m].
+    /// Diameter of a round section in m.
     #[arg(long, value_name = "M")]
     pub diameter: Option<f64>,
-    /// Width of a rectangle, across the plane of vibration [m].
+    /// Width of a rectangle in m, across the plane of vibration.
     #[arg(long, value_name = "M")]
     pub width: Option<f64>,
-    /// Height of a rectangle, in the plane of vibration [m].
+    /// Height of a rectangle in m, in the plane of vibration.
     #[arg(long, value_name = "M")]
     pub height: Option<f64>,
-    /// Flexural rigidity EI, for the section `direct` [N m^2].
+    /// Flexural rigidity EI in N m^2, for the section `direct`.
     #[arg(long, value_name = "N*M2")]
     pub flexural_rigidity: Option<f64>,
-    /// Mass per length, for the section `direct` [kg/m].
+    /// Mass per length in kg/m, for the section `direct`.
     #[arg(long, value_name = "KG/M")]
     pub mass_per_length: Option<f64>,
-    /// Rotational stiffness of the left support [N m/rad]; 0 is a hinge, inf a clamp.
+    /// Rotational stiffness of the left support in N m/rad; 0 is a hinge, inf a clamp.
     #[arg(long, value_name = "N*M")]
     pub spring_left: Option<f64>,
-    /// Rotational stiffness of the right support [N m/rad].
+    /// Rotational stiffness of the right support in N m/rad.
     #[arg(long, value_name = "N*M")]
     pub spring_right: Option<f64>,
-    /// Free length [m].
+    /// Free length in m.
     #[arg(long, value_name = "M")]
     pub length: Option<f64>,
     /// How many modes, 1 to 5.

@@ -5,6 +5,7 @@ use crate::beam::{Exact, FiniteElements, Parameterisation, Quantity, Section, fi
 use crate::cache::Cache;
 use crate::emulator::ReducedModel;
 use crate::forward::{ForwardModel, MAX_MODES};
+use std::io::Write;
 use std::process::ExitCode;
 
 /// Natural frequencies of a given rod by each forward model, with their differences.
@@ -146,12 +147,13 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         }
     });
 
+    let mut out = Vec::new();
     if args.json {
-        print_json(&parameterisation, &theta, &answers)?;
+        write_json(&mut out, &parameterisation, &theta, &answers)?;
     } else {
-        print_table(&answers, modes);
+        write_table(&mut out, &answers, modes)?;
     }
-    Ok(ExitCode::SUCCESS)
+    super::emulator::show(&out)
 }
 
 impl Args {
@@ -202,32 +204,39 @@ impl Args {
     }
 }
 
-fn print_table(answers: &[Answer], modes: usize) {
-    let Some((exact, slopes)) = answers.iter().find_map(|answer| answer.result.as_ref().ok()) else {
-        return;
-    };
-    let rest = || {
-        answers
-            .iter()
-            .skip(1)
-            .filter_map(|a| Some((a.model, &a.result.as_ref().ok()?.0)))
-    };
-    print!("mode   exact [Hz]");
-    rest().for_each(|(model, _)| print!("  {:>24}", format!("{model} - exact [Hz]")));
-    println!("   d ln f / d ln N");
-    for mode in 0..modes {
-        print!("{:>4}  {:>11.6}", mode + 1, exact[mode]);
-        rest().for_each(|(_, frequencies)| print!("  {:>24.2e}", frequencies[mode] - exact[mode]));
-        println!("  {:>16.4}", slopes[mode]);
+fn write_table(out: &mut impl Write, answers: &[Answer], modes: usize) -> std::io::Result<()> {
+    let mut answered = answers
+        .iter()
+        .filter_map(|a| Some((a.model, a.result.as_ref().ok()?)));
+    if let Some((_, (exact, slopes))) = answered.next() {
+        let rest: Vec<_> = answered.collect();
+        write!(out, "mode   exact [Hz]")?;
+        for (model, _) in &rest {
+            write!(out, "  {:>24}", format!("{model} - exact [Hz]"))?;
+        }
+        writeln!(out, "   d ln f / d ln N")?;
+        for mode in 0..modes {
+            write!(out, "{:>4}  {:>11.6}", mode + 1, exact[mode])?;
+            for (_, (frequencies, _)) in &rest {
+                write!(out, "  {:>24.2e}", frequencies[mode] - exact[mode])?;
+            }
+            writeln!(out, "  {:>16.4}", slopes[mode])?;
+        }
     }
     for answer in answers {
         if let Err(reason) = &answer.result {
             eprintln!("{} has no answer: {reason}", answer.model);
         }
     }
+    Ok(())
 }
 
-fn print_json(parameterisation: &Parameterisation, theta: &[f64], answers: &[Answer]) -> anyhow::Result<()> {
+fn write_json(
+    out: &mut impl Write,
+    parameterisation: &Parameterisation,
+    theta: &[f64],
+    answers: &[Answer],
+) -> anyhow::Result<()> {
     let quantities = parameterisation.quantities().iter().zip(theta);
     // JSON has no infinity: a clamp is null.
     let rod: serde_json::Map<_, _> = quantities
@@ -247,7 +256,7 @@ fn print_json(parameterisation: &Parameterisation, theta: &[f64], answers: &[Ans
                                    "modes": [], "outside": reason})
             }
         };
-        println!("{}", serde_json::to_string(&line)?);
+        writeln!(out, "{}", serde_json::to_string(&line)?)?;
     }
     Ok(())
 }

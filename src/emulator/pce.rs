@@ -70,7 +70,7 @@ impl Pce {
         };
         let mut pce = Self::assemble(prior, training.order, training.design.clone(), fitted);
         let exact = Exact::new(*prior.parameterisation());
-        let mut report = pce.validate(&exact, validate::SAMPLE, validate::SEED);
+        let mut report = pce.validate(&exact, (validate::SAMPLE, validate::SEED), &|_| ());
         report.grid = Some(pce.grid_errors(training));
         pce.fitted.report = report;
         pce
@@ -127,8 +127,14 @@ impl Pce {
         self.fitted.expansions.first().map_or(0, Expansion::terms)
     }
 
-    /// Judges it against `reference` on another sample from its prior.
-    pub fn validate(&self, reference: &dyn ForwardModel, sample: usize, seed: u64) -> ErrorReport {
+    /// Judges it against `reference` on another sample (draws and seed) from its prior, see
+    /// [`validate::on_prior`].
+    pub fn validate(
+        &self,
+        reference: &dyn ForwardModel,
+        sample: (usize, u64),
+        judged: &(dyn Fn(usize) + Sync),
+    ) -> ErrorReport {
         let extrapolate = |theta: &[f64], values: &mut [f64], slopes: &mut [f64]| {
             self.evaluate(theta, values);
             self.slopes(theta, slopes).or_else(|_| {
@@ -136,7 +142,7 @@ impl Pce {
                 Ok(())
             })
         };
-        validate::on_prior(self, Some(&extrapolate), reference, &self.prior, sample, seed)
+        validate::on_prior(self, Some(&extrapolate), reference, &self.prior, sample, judged)
     }
 
     fn grid_errors(&self, training: &Training) -> Vec<GridErrors> {

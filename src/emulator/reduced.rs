@@ -321,7 +321,7 @@ mod tests {
         let prior = RodPrior::todi();
         let model = ReducedModel::new(*prior.parameterisation());
         let exact = exact::Exact::new(*prior.parameterisation());
-        let report = validate::on_prior(&model, None, &exact, &prior, 5000, 3);
+        let report = validate::on_prior(&model, None, &exact, &prior, (5000, 3), &|_| ());
         assert_eq!(report.outside, 0);
         for mode in &report.modes {
             // A first trial of this idea reached 4e-7, 4e-6, 9e-6 rms and 3e-5 at most (design 4.2).

@@ -7,12 +7,14 @@ use super::basis::Recurrence;
 use super::design::{Axis, Design};
 use super::expansion::{Expansion, Kernel, LANES, vectorised};
 use super::fit::Weighting;
-use super::training::{FitError, MAX_ORDER, Training, split};
+use super::training::split;
 use super::validate::{self, ErrorReport, GridErrors};
 use crate::bayes::RodPrior;
 use crate::beam::{Exact, Parameterisation};
 use crate::forward::{FEW, ForwardModel, MAX_MODES, OutsideRange};
 use serde::{Deserialize, Serialize};
+
+pub use super::training::{FitError, MAX_ORDER, MAX_POINTS, Training};
 
 /// Raised whenever the same settings would give other coefficients.
 pub const VERSION: u32 = 1;

@@ -46,13 +46,10 @@ pub trait ForwardModel: Send + Sync {
         let mut moved = theta.to_vec();
         let mut below = [0.0; MAX_MODES];
         let below = &mut below[..out.len()];
-        let force = self.parameterisation().index(crate::beam::Quantity::AxialForce);
-        let Some(force) = force else {
-            return Ok(out.fill(0.0));
-        };
-        moved[force] = theta[force] * (-step).exp();
+        // The axial force comes first in every parameterisation.
+        moved[0] = theta[0] * (-step).exp();
         self.frequencies(&moved, below)?;
-        moved[force] = theta[force] * step.exp();
+        moved[0] = theta[0] * step.exp();
         self.frequencies(&moved, out)?;
         for (above, &below) in out.iter_mut().zip(below.iter()) {
             *above = (*above / below).ln() / (2.0 * step);

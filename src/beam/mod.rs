@@ -1,12 +1,17 @@
 //! The tensioned Euler-Bernoulli beam on rotational springs (paper, section 4.3).
 
+pub mod assembly;
+pub mod eigen;
+pub mod element;
 pub mod exact;
+pub mod finite_elements;
 pub mod section;
 
 use crate::forward::OutsideRange;
 use std::f64::consts::PI;
 
 pub use exact::Exact;
+pub use finite_elements::FiniteElements;
 pub use section::{Parameterisation, Quantity, Section};
 
 /// A uniform beam under tension on two supports with rotational springs.

@@ -1,9 +1,24 @@
 //! Emulators that stand in for the beam: chaos expansions with their error reports.
 
+pub mod basis;
+pub mod design;
+pub mod expansion;
+pub mod fallback;
+pub mod fit;
+pub mod germ;
+pub mod pce;
+pub mod reduced;
+pub mod validate;
+
+pub use fallback::OrExact;
+pub use pce::{FitError, Pce};
+pub use reduced::{Reduced, ReducedModel};
+pub use validate::ErrorReport;
+
 use serde::Serialize;
 
 /// Which forward model answers for the natural frequencies.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
 #[serde(rename_all = "kebab-case", tag = "model")]
 pub enum ModelSettings {
     /// Roots of the characteristic determinant.
@@ -14,16 +29,11 @@ pub enum ModelSettings {
         elements: usize,
     },
     /// Chaos in the dimensionless groups, one for every rod and prior (the default).
+    #[default]
     Reduced,
     /// The paper's Hermite chaos in the germs of the uncertain parameters.
     Pce {
         /// Total order; the paper: 5.
         order: usize,
     },
-}
-
-impl Default for ModelSettings {
-    fn default() -> Self {
-        Self::Reduced
-    }
 }

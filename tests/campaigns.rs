@@ -296,3 +296,63 @@ fn table_2() {
         );
     }
 }
+
+/// What the paper's observation says under other assumptions: the exact posterior of its model, of a
+/// unit error variance, and of a model discrepancy, by Metropolis and by the default ABC.
+#[test]
+#[ignore = "campaign: the paper's conflicting observation, about 1 minute; run with --release --ignored --nocapture conflicting"]
+fn conflicting() {
+    let prior = RodPrior::todi();
+    let model = Arc::new(Exact::new(*prior.parameterisation()));
+    let tables = Tables::new(3);
+    for (sd, discrepancy) in [
+        (1e-3f64.sqrt(), 0.0),
+        (1.0, 0.0),
+        (0.01, 0.01),
+        (0.01, 0.02),
+        (0.01, 0.03),
+    ] {
+        let record = Observation::first(&[4.492, 9.288, 13.252], sd).unwrap();
+        let chains: Vec<Vec<f64>> = (0..2u64)
+            .into_par_iter()
+            .map(|seed| metropolis(&prior, model.as_ref(), &record, discrepancy, 4_000_000, seed))
+            .collect();
+        let inference = Inference::plan(
+            prior.clone(),
+            model.clone(),
+            vec![discrepancy; 3],
+            AbcSettings {
+                draws: 1_000_000,
+                ..AbcSettings::default()
+            },
+            3,
+            &tables,
+        )
+        .unwrap();
+        let posterior = inference.run(&record, 1).unwrap();
+        let conflict = inference.conflict(&record).unwrap();
+        println!(
+            "sd {sd:.4} Hz, discrepancy {discrepancy}: conflict {:.2}, prior tail {:.4}, {}",
+            conflict.score,
+            conflict.prior_tail,
+            conflict
+                .violation
+                .map_or(String::from("no ratio violated"), |v| v.to_string())
+        );
+        for (name, column) in [("N", 0), ("E", 1), ("rho", 2), ("a", 3)] {
+            let q = prior.parameterisation().quantities()[column];
+            let [a, b] = [0, 1].map(|i| moments(&chains[i], 7, column));
+            println!(
+                "    {name:4} Metropolis {:.4e} and {:.4e} (cv {:.3}, {:.3}); ABC {:.4e} (cv {:.3}), epsilon {:.3}, {:?}",
+                a.0,
+                b.0,
+                a.1 / a.0,
+                b.1 / b.0,
+                posterior.mean(q).unwrap(),
+                posterior.cv(q).unwrap(),
+                posterior.epsilon,
+                posterior.adjustment
+            );
+        }
+    }
+}

@@ -356,3 +356,76 @@ fn conflicting() {
         }
     }
 }
+
+/// Records at the edge of the model and beyond: a string with its third mode lowered by 0 to 3 %, where
+/// the tolerance matters most. N by Metropolis and by four ways of ABC.
+#[test]
+#[ignore = "campaign: records at the model's edge, about 2 minutes; run with --release --ignored --nocapture edge"]
+fn edge() {
+    let prior = RodPrior::todi();
+    let model = Arc::new(Exact::new(*prior.parameterisation()));
+    let tables = Tables::new(3);
+    let ways = [
+        ("default", AbcSettings::default()),
+        (
+            "no adjustment",
+            AbcSettings {
+                adjustment: Adjustment::None,
+                ..AbcSettings::default()
+            },
+        ),
+        (
+            "1 000 000 draws",
+            AbcSettings {
+                draws: 1_000_000,
+                accept: Accept::Quantile(0.002),
+                ..AbcSettings::default()
+            },
+        ),
+        (
+            "sequence",
+            AbcSettings {
+                method: Method::Sequential,
+                ..AbcSettings::default()
+            },
+        ),
+    ];
+    let cases: Vec<([f64; 3], f64)> = [0.0, 0.0025, 0.005, 0.01, 0.02, 0.03]
+        .iter()
+        .map(|lowered| ([4.5, 9.005, 13.515 * (1.0 - lowered)], 0.01))
+        .chain([([4.492, 9.288, 13.252], 1e-3f64.sqrt())])
+        .collect();
+    let references: Vec<(f64, f64)> = cases
+        .par_iter()
+        .map(|(f, sd)| {
+            let record = Observation::first(f, *sd).unwrap();
+            moments(
+                &metropolis(&prior, model.as_ref(), &record, 0.0, 2_000_000, 1),
+                7,
+                0,
+            )
+        })
+        .collect();
+    for ((f, sd), (mean, spread)) in cases.iter().zip(references) {
+        let record = Observation::first(f, *sd).unwrap();
+        println!(
+            "{f:?}, sd {sd:.4}: Metropolis N {:.1} kN, cv {:.3}",
+            mean / 1e3,
+            spread / mean
+        );
+        for (name, settings) in ways {
+            let inference =
+                Inference::plan(prior.clone(), model.clone(), vec![0.0; 3], settings, 3, &tables).unwrap();
+            let posterior = inference.run(&record, 1).unwrap();
+            println!(
+                "    {name:16} N {:.1} kN, cv {:.3}, epsilon {:.3}, {:?} {:?}; conflict {:.2}",
+                posterior.mean(Quantity::AxialForce).unwrap() / 1e3,
+                posterior.cv(Quantity::AxialForce).unwrap(),
+                posterior.epsilon,
+                posterior.adjustment,
+                posterior.stop,
+                inference.conflict(&record).unwrap().score
+            );
+        }
+    }
+}

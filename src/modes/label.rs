@@ -11,9 +11,10 @@
 //! as wide as standard error and model discrepancy together. A mode is reported when its peak holds
 //! 60 % of the probability over all assignments and no more than 10 % lies with rivals (the same peak
 //! as another mode, another peak as this mode); nothing is reported unless the odds against all
-//! peaks being foreign are 100 to 1. One peak alone therefore counts only for a rod known so well
-//! (a few per cent in frequency) that it could hardly be anything else; a vague prior needs two or
-//! more modes in the right proportion.
+//! peaks being foreign are 100 to 1.
+//!
+//! One peak alone is never enough: with a tolerance of 3 % the odds that it is not foreign stay below
+//! 100 however well the rod is known, and nothing would speak against it if it were.
 
 use super::{Mode, ModeSettings, Resonance};
 use crate::forward::MAX_MODES;
@@ -163,7 +164,7 @@ pub fn label(
         probability: Vec::new(),
         odds,
     };
-    for order in 1..=settings.count.min(pattern.modes) {
+    for order in 1..=pattern.modes {
         let share = |holds: &dyn Fn(Code) -> bool| -> f64 {
             weights
                 .iter()
@@ -188,27 +189,18 @@ pub fn label(
             labelling.probability.push(probability);
         }
     }
-    // One mode must carry the odds by itself, every other peak foreign.
     if let [
         Mode {
             order, frequency_hz, ..
         },
     ] = labelling.modes[..]
     {
-        let alone: f64 = weights
-            .iter()
-            .filter(|&(&code, _)| {
-                (1..=pattern.modes).all(|n| peak_of(code, n).is_some() == (n == order))
-                    && peak_of(code, order).is_some_and(|p| peaks[p].frequency_hz == frequency_hz)
-            })
-            .map(|(_, weight)| weight / none)
-            .sum();
-        if alone < LEAST_ODDS {
-            return Err(refused(format!(
-                "only mode {order} at {frequency_hz:.2} Hz is clear, and by itself its odds are {alone:.1}, {LEAST_ODDS} needed"
-            )));
-        }
+        return Err(refused(format!(
+            "only one is clear, {frequency_hz:.2} Hz as mode {order}, and one peak alone proves nothing"
+        )));
     }
+    labelling.modes.retain(|mode| mode.order <= settings.count);
+    labelling.probability.truncate(labelling.modes.len());
     if labelling.modes.is_empty() {
         return Err(refused(format!(
             "the likeliest are {}",

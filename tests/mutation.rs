@@ -19,13 +19,25 @@ fn next(state: &mut u64) -> u64 {
 fn forms() -> impl Iterator<Item = (Encoding, Layout, WriterOptions)> {
     let encodings = [Encoding::Json, Encoding::Protobuf, Encoding::Ros2];
     encodings.into_iter().flat_map(|encoding| {
-        [Layout::Sample, Layout::Batch(50)].into_iter().flat_map(move |layout| {
-            [Compression::Zstd, Compression::Lz4, Compression::None].into_iter().flat_map(move |compression| {
-                [None, Some(3000)].into_iter().map(move |chunk_bytes| {
-                    (encoding, layout, WriterOptions { compression, chunk_bytes, ..Default::default() })
-                })
+        [Layout::Sample, Layout::Batch(50)]
+            .into_iter()
+            .flat_map(move |layout| {
+                [Compression::Zstd, Compression::Lz4, Compression::None]
+                    .into_iter()
+                    .flat_map(move |compression| {
+                        [None, Some(3000)].into_iter().map(move |chunk_bytes| {
+                            (
+                                encoding,
+                                layout,
+                                WriterOptions {
+                                    compression,
+                                    chunk_bytes,
+                                    ..Default::default()
+                                },
+                            )
+                        })
+                    })
             })
-        })
     })
 }
 
@@ -56,13 +68,20 @@ fn single_bits_never_change_what_is_handed_out() {
             partial += usize::from(found.len() < clean.len());
             for (found, clean) in found.iter().zip(&clean) {
                 // The last one may be cut short, but holds what the clean one holds.
-                assert!(clean.samples.starts_with(&found.samples), "{encoding:?} {layout:?} {options:?} byte {at}");
+                assert!(
+                    clean.samples.starts_with(&found.samples),
+                    "{encoding:?} {layout:?} {options:?} byte {at}"
+                );
                 assert_eq!((found.start, found.fs_hz), (clean.start, clean.fs_hz));
             }
             let silent = summary.damage.is_none() && !summary.truncated && !summary.unverified;
             if silent {
                 // Only what no checksum covers and nobody needs.
-                assert_eq!(found.len(), clean.len(), "{encoding:?} {layout:?} {options:?} byte {at}");
+                assert_eq!(
+                    found.len(),
+                    clean.len(),
+                    "{encoding:?} {layout:?} {options:?} byte {at}"
+                );
             }
         }
     }
@@ -115,7 +134,10 @@ fn files_without_checksums_never_panic() {
     let mut reasons = HashSet::new();
     for (encoding, layout, options) in forms() {
         let rods = [rod("r", "/laser", field(encoding, layout))];
-        let options = WriterOptions { checksums: false, ..options };
+        let options = WriterOptions {
+            checksums: false,
+            ..options
+        };
         let bytes = recording(encoding, layout, options, 200);
         for _ in 0..100 {
             let mut damaged = bytes.clone();
@@ -142,8 +164,19 @@ fn damaged_messages_and_schemas_never_panic() {
             let mut message = Vec::new();
             let head = (START, FS, tirante::record::Unit::Millimetre);
             match layout {
-                Layout::Sample => tirante::sink::message::encode_sample(&mut message, encoding, tirante::sink::Precision::Double, 1.5),
-                Layout::Batch(_) => tirante::sink::message::encode_batch(&mut message, encoding, tirante::sink::Precision::Double, head, &[1.0, -2.0]),
+                Layout::Sample => tirante::sink::message::encode_sample(
+                    &mut message,
+                    encoding,
+                    tirante::sink::Precision::Double,
+                    1.5,
+                ),
+                Layout::Batch(_) => tirante::sink::message::encode_batch(
+                    &mut message,
+                    encoding,
+                    tirante::sink::Precision::Double,
+                    head,
+                    &[1.0, -2.0],
+                ),
             }
             for round in 0..4000 {
                 let mut data = schema.data.clone();
@@ -153,10 +186,20 @@ fn damaged_messages_and_schemas_never_panic() {
                     let at = (next(&mut state) as usize) % target.len();
                     target[at] = next(&mut state) as u8;
                 }
-                let schema = SchemaRef { name: &schema.name, encoding: schema.encoding, data: &data };
-                let time = TimeSource::Field(if encoding == Encoding::Ros2 { "start".into() } else { "start_ns".into() });
+                let schema = SchemaRef {
+                    name: &schema.name,
+                    encoding: schema.encoding,
+                    data: &data,
+                };
+                let time = TimeSource::Field(if encoding == Encoding::Ros2 {
+                    "start".into()
+                } else {
+                    "start_ns".into()
+                });
                 for time in [TimeSource::Log, time] {
-                    if let Ok(decoder) = Decoder::compile(encoding.key(), Some(schema), field(encoding, layout), &time) {
+                    if let Ok(decoder) =
+                        Decoder::compile(encoding.key(), Some(schema), field(encoding, layout), &time)
+                    {
                         let mut out = Vec::new();
                         let _ = decoder.decode(&damaged, &mut out);
                         assert!(out.len() <= damaged.len() + 1);

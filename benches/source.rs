@@ -3,6 +3,8 @@
 //! `cargo bench --bench source`. Each measurement opens a file from memory, decompresses, checks, decodes,
 //! cuts and checks quality; the file holds one million samples unless its name says otherwise.
 
+#![allow(clippy::unwrap_used, reason = "a measurement that cannot be set up must stop")]
+
 use divan::Bencher;
 use divan::counter::ItemsCount;
 use std::io::Cursor;

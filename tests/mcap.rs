@@ -594,6 +594,60 @@ fn folders_are_read_in_the_order_of_their_data() {
     assert!(told.to_string().contains("not a regular file"));
 }
 
+/// Peak memory of this process so far \[MB\].
+fn peak_mb() -> f64 {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap();
+    let line = status.lines().find(|line| line.starts_with("VmHWM")).unwrap();
+    line.split_whitespace().nth(1).unwrap().parse::<f64>().unwrap() / 1024.0
+}
+
+#[test]
+#[ignore = "campaign: peak memory on a large and on hostile files, half a minute; run alone with --ignored --nocapture memory"]
+fn memory_is_bounded() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("large.mcap");
+    let samples = motion(200_000);
+    for (layout, hours) in [(Layout::Sample, 6), (Layout::Batch(200), 60)] {
+        let mut writer = RecordingWriter::create(&path, WriterOptions::default()).unwrap();
+        let id = writer
+            .add_channel(spec("/laser", Encoding::Json, layout))
+            .unwrap();
+        for part in 0..hours * 3600 / 1000 {
+            writer
+                .write_samples(id, START.plus_seconds(f64::from(part) * 1000.0), FS, &samples)
+                .unwrap();
+        }
+        writer.save().unwrap();
+        let size = std::fs::metadata(&path).unwrap().len() >> 20;
+        for (cut, settings) in [
+            ("windows of 60 s", windows(60.0)),
+            ("hours", RecordSettings::default()),
+        ] {
+            let rods = [rod("r", "/laser", field(Encoding::Json, layout))];
+            let count = Recording::open(&path, &rods, &settings, Options::default())
+                .unwrap()
+                .count();
+            println!(
+                "{hours} h in {size} MB, {layout:?}, cut in {cut}: {count} records, peak {:.0} MB",
+                peak_mb()
+            );
+            assert!(peak_mb() < 200.0);
+        }
+    }
+    // A chunk that is as large as it may be, and lengths that lie.
+    for size in [64u64 << 20, (64 << 20) + 1, 1 << 40] {
+        let zeros = zstd::bulk::compress(&vec![0u8; 60 << 20], 1).unwrap();
+        let (_, summary) = read(
+            raw(&[header(), chunk(size, 0, b"zstd", &zeros)]),
+            &[],
+            &RecordSettings::default(),
+        );
+        assert!(summary.damage.is_some());
+    }
+    println!("after bombs: peak {:.0} MB", peak_mb());
+    assert!(peak_mb() < 256.0);
+}
+
 #[test]
 fn reading_can_move_to_another_thread() {
     fn sendable<T: Send>() {}

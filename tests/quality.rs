@@ -84,8 +84,7 @@ fn assemble(stamped: impl IntoIterator<Item = (i64, f64)>, settings: RecordSetti
         assembler.push(Timestamp::from_nanos(time), &[sample]);
     }
     assembler.finish(false);
-    let events = assembler.events().collect();
-    events
+    assembler.events().collect()
 }
 
 fn run(samples: &[f64]) -> Vec<Event> {

@@ -286,7 +286,8 @@ impl Assembler {
         let unit = interval * values.len() as f64;
         // Nanoseconds between the end of the last message and this one.
         let hole = time.saturating_sub(last) as f64 - length;
-        if time > last && hole > -0.5 * length.max(unit) - 1.0 || time > last && size == 1 {
+        // Batches may not overlap by much; single samples only have to advance.
+        if time > last && (size == 1 || hole > -0.5 * length.max(unit) - 1.0) {
             let limit = (self.settings.max_gap_s * 1e9).max(0.5 * unit);
             return Some(if hole > limit { Place::Astray } else { Place::Next });
         }

@@ -50,8 +50,7 @@ pub(super) fn onsets(samples: &[f64], fs_hz: f64, ratio: f64) -> Vec<usize> {
             armed = level < 0.5 * ratio;
             continue;
         }
-        // Written so that a level that is no number is no onset.
-        if !(level > ratio) {
+        if level <= ratio || level.is_nan() {
             continue;
         }
         // Beyond what a single spike does to the derivative.

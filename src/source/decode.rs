@@ -116,7 +116,7 @@ pub enum Decoder {
     /// JSON.
     Json(JsonPlan),
     /// Protobuf.
-    Protobuf(ProtobufPlan),
+    Protobuf(Box<ProtobufPlan>),
     /// ROS 2 CDR.
     Cdr(CdrPlan),
 }
@@ -160,7 +160,10 @@ impl Decoder {
             "json" => Ok(Self::Json(JsonPlan::new(value, time))),
             "protobuf" => {
                 let schema = schema_in("protobuf")?;
-                guarded(&|| ProtobufPlan::compile(schema, &value, time.as_ref()).map(Self::Protobuf))
+                guarded(&|| {
+                    ProtobufPlan::compile(schema, &value, time.as_ref())
+                        .map(|plan| Self::Protobuf(Box::new(plan)))
+                })
             }
             "cdr" => {
                 let schema = schema_in("ros2msg")?;

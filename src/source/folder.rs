@@ -23,7 +23,9 @@ pub fn recordings(paths: &[PathBuf]) -> Result<Vec<PathBuf>, SourceError> {
         for entry in fs::read_dir(path).map_err(failed)? {
             let entry = entry.map_err(failed)?;
             let path = entry.path();
-            let named = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("mcap"));
+            let named = path
+                .extension()
+                .is_some_and(|extension| extension.eq_ignore_ascii_case("mcap"));
             // The entry's own type: links may lead out of the folder and are not followed.
             if named && entry.file_type().is_ok_and(|kind| kind.is_file()) {
                 found.push(path);

@@ -247,6 +247,11 @@ impl<'a> Scan<'a, '_> {
     fn sample(&mut self) -> Result<(), Fault> {
         match self.peek() {
             b'-' | b'0'..=b'9' => {
+                if let Some((value, end)) = plain(self.bytes, self.at) {
+                    self.out.push(value);
+                    self.at = end;
+                    return Ok(());
+                }
                 let number = self.number()?;
                 let value = number.value(self.text);
                 self.out.push(value);
@@ -404,6 +409,48 @@ fn into<'p>(path: Found<'p>, key: &str) -> Found<'p> {
         return into_field(path, &key);
     }
     into_field(path, key)
+}
+
+/// A number of the common kind, `-?digits.digits` with at most 15 of them, and where it ends; `None` for
+/// any other, and for what is none.
+#[inline(always)]
+fn plain(bytes: &[u8], start: usize) -> Option<(f64, usize)> {
+    let rest = bytes.get(start..)?;
+    let (negative, rest) = match rest {
+        [b'-', rest @ ..] => (true, rest),
+        _ => (false, rest),
+    };
+    let mut mantissa = 0u64;
+    let whole = digits(rest, &mut mantissa);
+    let fraction = match rest.get(whole) {
+        Some(b'.') => digits(&rest[whole + 1..], &mut mantissa),
+        _ => return None,
+    };
+    let length = whole + 1 + fraction;
+    let sound = fraction > 0 && (whole == 1 || (whole > 1 && rest[0] != b'0'));
+    if !sound || whole + fraction > 15 || matches!(rest.get(length), Some(b'e' | b'E')) {
+        return None;
+    }
+    let value = mantissa as f64 / POWERS[fraction];
+    Some((
+        if negative { -value } else { value },
+        start + usize::from(negative) + length,
+    ))
+}
+
+/// Appends the digits at the start to a number, wrapping; how many there are.
+#[inline(always)]
+fn digits(bytes: &[u8], number: &mut u64) -> usize {
+    let mut count = 0;
+    for byte in bytes {
+        let digit = byte.wrapping_sub(b'0');
+        if digit > 9 {
+            break;
+        }
+        *number = number.wrapping_mul(10).wrapping_add(u64::from(digit));
+        count += 1;
+    }
+    count
 }
 
 struct Number {

@@ -51,6 +51,9 @@ enum Number {
     Float(f64),
 }
 
+/// What is done with each occurrence of a field: its wire type and the buffer it stands at.
+type Visit<'a> = dyn FnMut(WireType, &mut &[u8]) -> Result<(), DecodeError> + 'a;
+
 impl Number {
     fn float(self) -> f64 {
         match self {
@@ -300,12 +303,7 @@ impl Target {
     }
 
     /// Walks down to the field and hands over each of its occurrences; whether the parent is there.
-    fn find(
-        &self,
-        mut buffer: &[u8],
-        depth: usize,
-        each: &mut dyn FnMut(WireType, &mut &[u8]) -> Result<(), DecodeError>,
-    ) -> Result<bool, DecodeError> {
+    fn find(&self, mut buffer: &[u8], depth: usize, each: &mut Visit<'_>) -> Result<bool, DecodeError> {
         let (number, index) = match self.parents.get(depth) {
             Some(&(number, index)) => (number, index),
             None => (self.number, None),

@@ -3,7 +3,9 @@
 use super::decode::{DecodeError, Decoded, Decoder, SchemaRef, Time};
 use super::mcap::{ChannelInfo, Item, Message};
 use super::summary::{Summary, TopicSummary};
-use crate::record::{Assembler, Channel, Event, RecordSettings, Rejection, RodChannels, TimeSource, Timestamp};
+use crate::record::{
+    Assembler, Channel, Event, RecordSettings, Rejection, RodChannels, TimeSource, Timestamp,
+};
 
 /// Everything between messages and events for one file.
 pub(super) struct Router {
@@ -63,7 +65,9 @@ impl Router {
             Item::Channel(id, channel, schema) => self.channel(id, channel, schema),
             Item::Unverified => {
                 self.unverified = true;
-                self.rods.iter_mut().for_each(|rod| rod.assembler.mark_unverified());
+                self.rods
+                    .iter_mut()
+                    .for_each(|rod| rod.assembler.mark_unverified());
             }
         }
     }
@@ -80,13 +84,20 @@ impl Router {
         });
         let mut routes = Vec::new();
         for (rod, Rod { config, .. }) in self.rods.iter().enumerate() {
-            let quantities = [(Some(&config.displacement), false), (config.temperature.as_ref(), true)];
+            let quantities = [
+                (Some(&config.displacement), false),
+                (config.temperature.as_ref(), true),
+            ];
             for (wanted, temperature) in quantities {
                 let Some(wanted) = wanted.filter(|wanted| wanted.topic == channel.topic) else {
                     continue;
                 };
                 let decoder = Decoder::compile(&channel.encoding, schema, &wanted.field, &wanted.time);
-                routes.push(Route { rod, temperature, decoder });
+                routes.push(Route {
+                    rod,
+                    temperature,
+                    decoder,
+                });
             }
         }
         let id = usize::from(id);
@@ -109,14 +120,21 @@ impl Router {
             topics,
             ..
         } = self;
-        let Some(listed) = channels.get(usize::from(message.channel)).filter(|listed| listed.known) else {
+        let Some(listed) = channels
+            .get(usize::from(message.channel))
+            .filter(|listed| listed.known)
+        else {
             return;
         };
-        let Some((_, summary)) = topics.get_mut(listed.topic) else { return };
+        let Some((_, summary)) = topics.get_mut(listed.topic) else {
+            return;
+        };
         summary.messages += 1;
         let mut fault = None;
         for route in &listed.routes {
-            let Some(rod) = rods.get_mut(route.rod) else { continue };
+            let Some(rod) = rods.get_mut(route.rod) else {
+                continue;
+            };
             if let Err(found) = route.take(rod, &message, scratch) {
                 fault.get_or_insert(found);
             }
@@ -164,7 +182,10 @@ impl Router {
         summary.unverified = self.unverified;
         summary.topics = self.topics.iter().cloned().collect();
         summary.missing.clear();
-        for Rod { config, assembler, .. } in &self.rods {
+        for Rod {
+            config, assembler, ..
+        } in &self.rods
+        {
             summary.samples.insert(config.rod.clone(), assembler.samples());
             let wanted = [Some(&config.displacement), config.temperature.as_ref()];
             for Channel { topic, .. } in wanted.into_iter().flatten() {

@@ -46,7 +46,10 @@ impl Summary {
     /// Whether the file has none of the configured topics.
     pub fn has_nothing(&self) -> bool {
         !self.samples.is_empty()
-            && self.samples.keys().all(|rod| self.missing.iter().any(|(missing, _)| missing == rod))
+            && self
+                .samples
+                .keys()
+                .all(|rod| self.missing.iter().any(|(missing, _)| missing == rod))
     }
 
     /// One clear sentence for everything a person should know, most important first.

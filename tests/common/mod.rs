@@ -2,7 +2,9 @@
 #![allow(dead_code, reason = "each test file uses its part")]
 
 use std::io::Cursor;
-use tirante::record::{Channel, Cut, Record, RecordSettings, RodChannels, RodId, TimeSource, Timestamp, Unit};
+use tirante::record::{
+    Channel, Cut, Record, RecordSettings, RodChannels, RodId, TimeSource, Timestamp, Unit,
+};
 use tirante::sink::{ChannelSpec, Encoding, Layout, Precision, RecordingWriter, WriterOptions};
 use tirante::source::{Event, Options, Recording, Summary};
 
@@ -14,7 +16,10 @@ pub fn motion(count: usize) -> Vec<f64> {
     (0..count)
         .map(|i| {
             let t = i as f64 / FS;
-            (28.2 * t).sin() + 0.4 * (58.4 * t + 1.0).sin() + 0.1 * (611.0 * t).sin() + 1e-3 * (i as f64 * 0.37).cos()
+            (28.2 * t).sin()
+                + 0.4 * (58.4 * t + 1.0).sin()
+                + 0.1 * (611.0 * t).sin()
+                + 1e-3 * (i as f64 * 0.37).cos()
         })
         .collect()
 }
@@ -72,7 +77,14 @@ pub fn windows(length_s: f64) -> RecordSettings {
 }
 
 pub fn read(bytes: Vec<u8>, rods: &[RodChannels], settings: &RecordSettings) -> (Vec<Event>, Summary) {
-    let mut recording = Recording::new("test.mcap", Cursor::new(bytes), rods, settings, Options::default()).unwrap();
+    let mut recording = Recording::new(
+        "test.mcap",
+        Cursor::new(bytes),
+        rods,
+        settings,
+        Options::default(),
+    )
+    .unwrap();
     let events: Vec<Event> = recording.by_ref().collect();
     (events, recording.summary().clone())
 }

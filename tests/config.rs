@@ -234,6 +234,26 @@ fn relations_between_keys_are_checked() {
 }
 
 #[test]
+fn a_chaos_that_cannot_be_fitted_is_refused() {
+    let found = messages(&format!("{TODI}\n[emulator]\nmodel = \"pce\"\norder = 12\n"));
+    assert!(
+        found.len() == 1 && found[0].contains("needs 4826809 model solves for the 6 uncertain"),
+        "{found:?}"
+    );
+    let mut known = MINIMAL.replace("{ low = 0, high = 500e3 }", "0");
+    known = known
+        .replace("{ mean = 150e3, cv = 0.3 }", "150e3")
+        .replace("{ mean = 190e9, cv = 0.1 }", "190e9");
+    known = known.replace("{ mean = 7600, cv = 0.03 }", "7600");
+    good(&known);
+    let found = messages(&format!("{known}\n[emulator]\nmodel = \"pce\"\n"));
+    assert!(
+        found.len() == 1 && found[0].contains("rod rod-1 has none"),
+        "{found:?}"
+    );
+}
+
+#[test]
 fn duplicates_are_refused() {
     let twice = format!("{MINIMAL}\n{MINIMAL}");
     let found = messages(&twice);

@@ -149,6 +149,7 @@ impl Config {
             seed,
         };
         let rods = rod::read_all(root, &shared);
+        emulator::check_chaos(root, model, &rods);
         let simulation = root.optional_section("simulation", "What `tirante simulate` writes.", |table| {
             simulation::read(table, &rods)
         });

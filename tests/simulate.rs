@@ -1,5 +1,7 @@
 //! Simulated recordings: the physics against closed forms, the faults one by one, the bytes.
 
+#![allow(clippy::unwrap_used)]
+
 use std::f64::consts::PI;
 use std::fs;
 use std::path::Path;

@@ -128,16 +128,15 @@ impl<'t> Faults<'t> {
     /// faults in lines that hold a fault of the text itself.
     pub(super) fn distrust_after_broken_text(&self) {
         let mut list = self.list.borrow_mut();
+        let line = |found: &Found| self.line_starts.partition_point(|start| *start <= found.at);
         let broken: Vec<usize> = list
             .iter()
             .filter(|found| found.fault.key.is_empty())
-            .map(|found| found.fault.line)
+            .map(line)
             .collect();
-        list.retain(
-            |Found {
-                 fault, is_absence, ..
-             }| { fault.key.is_empty() || !(*is_absence || broken.contains(&fault.line)) },
-        );
+        list.retain(|found| {
+            found.fault.key.is_empty() || !(found.is_absence || broken.contains(&line(found)))
+        });
     }
 
     /// How many so far.

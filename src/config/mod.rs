@@ -1,7 +1,7 @@
 //! The TOML configuration: every fault reported at once, with its key and line.
 //!
-//! A new section is one `read` function that takes its keys from a [`reader::Table`], one line in
-//! [`Config::read`], and its keys in `docs/configuration.md` (a test compares the two).
+//! A new section is one `read` function that takes its keys from a `reader::Table`, one line in
+//! `Config::read`, and its keys in `docs/configuration.md` (a test compares the two).
 
 mod abc;
 mod channel;

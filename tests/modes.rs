@@ -35,13 +35,7 @@ fn pattern(modes: usize) -> Pattern {
 }
 
 fn plan() -> ModalPlan {
-    ModalPlan::new(
-        WelchSettings::default(),
-        PeakSettings::default(),
-        ModeSettings::default(),
-        pattern(5),
-        vec![0.0; 3],
-    )
+    ModalPlan::new(WelchSettings::default(), PeakSettings::default(), ModeSettings::default(), pattern(5), vec![0.0; 3])
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -61,21 +55,13 @@ impl Cell {
             .zip([0.0, -3.0, -6.0])
             .map(|(&frequency_hz, drop_db)| {
                 let (ambient, pull) = match self.excitation {
-                    Excitation::Ambient => (
-                        ambient_sd(frequency_hz, self.damping, self.snr_db + drop_db, 1.0, FS),
-                        0.0,
-                    ),
+                    Excitation::Ambient => (ambient_sd(frequency_hz, self.damping, self.snr_db + drop_db, 1.0, FS), 0.0),
                     Excitation::FreeDecay => {
                         let pull = 10f64.powf((self.snr_db + drop_db) / 20.0);
                         (self.ambient * pull, pull)
                     }
                 };
-                SimulatedMode {
-                    frequency_hz,
-                    damping: self.damping,
-                    ambient,
-                    pull,
-                }
+                SimulatedMode { frequency_hz, damping: self.damping, ambient, pull }
             })
             .collect()
     }
@@ -95,21 +81,14 @@ impl Cell {
             .collect();
         TODI.iter()
             .map(|&truth| {
-                let mut score = Score {
-                    repeats: repeats as usize,
-                    ..Score::default()
-                };
+                let mut score = Score { repeats: repeats as usize, ..Score::default() };
                 let mut sds = Vec::new();
                 let mut dampings = Vec::new();
                 for found in &all {
                     let nearest = found.iter().min_by(|a, b| {
-                        (a.frequency_hz - truth)
-                            .abs()
-                            .total_cmp(&(b.frequency_hz - truth).abs())
+                        (a.frequency_hz - truth).abs().total_cmp(&(b.frequency_hz - truth).abs())
                     });
-                    let Some(r) = nearest.filter(|r| (r.frequency_hz - truth).abs() < 0.5) else {
-                        continue;
-                    };
+                    let Some(r) = nearest.filter(|r| (r.frequency_hz - truth).abs() < 0.5) else { continue };
                     if r.line {
                         score.lines += 1;
                         continue;
@@ -144,9 +123,7 @@ struct Score {
 }
 
 fn print_cells(cells: &[Cell], repeats: u64) {
-    println!(
-        "excitation damping_% seconds snr_db mode found_% lines_% coverage_% binomial rms_z sd/floor damping_%"
-    );
+    println!("excitation damping_% seconds snr_db mode found_% lines_% coverage_% binomial rms_z sd/floor damping_%");
     for cell in cells {
         for (n, s) in cell.run(repeats).iter().enumerate() {
             let found = s.found.max(1) as f64;
@@ -173,10 +150,7 @@ fn print_cells(cells: &[Cell], repeats: u64) {
 #[test]
 #[ignore = "campaign"]
 fn campaign() {
-    let repeats = std::env::var("REPEATS")
-        .ok()
-        .and_then(|r| r.parse().ok())
-        .unwrap_or(100);
+    let repeats = std::env::var("REPEATS").ok().and_then(|r| r.parse().ok()).unwrap_or(100);
     let mut cells = Vec::new();
     for excitation in [Excitation::Ambient, Excitation::FreeDecay] {
         for seconds in [20.0, 60.0, 200.0, 600.0] {
@@ -186,13 +160,7 @@ fn campaign() {
                     Excitation::FreeDecay => ([6.0, 30.0, 60.0], 0.03),
                 };
                 for snr_db in levels {
-                    cells.push(Cell {
-                        excitation,
-                        damping,
-                        seconds,
-                        snr_db,
-                        ambient,
-                    });
+                    cells.push(Cell { excitation, damping, seconds, snr_db, ambient });
                 }
             }
         }
@@ -215,34 +183,14 @@ fn resonance(frequency_hz: f64) -> Resonance {
 fn labels(frequencies: &[f64]) -> Result<Vec<(usize, f64)>, Rejection> {
     let resonances: Vec<Resonance> = frequencies.iter().map(|&f| resonance(f)).collect();
     let labelling = label(&resonances, &pattern(5), &ModeSettings::default(), &[0.0; 3])?;
-    println!(
-        "{frequencies:?} {:?} {:.3e}",
-        labelling.probability, labelling.odds
-    );
-    Ok(labelling
-        .modes
-        .iter()
-        .map(|m| (m.order, m.frequency_hz))
-        .collect())
+    println!("{frequencies:?} {:?} {:.3e}", labelling.probability, labelling.odds);
+    Ok(labelling.modes.iter().map(|m| (m.order, m.frequency_hz)).collect())
 }
 
 #[test]
 fn try_labels() {
-    for f in [
-        &TODI[..],
-        &[5.0, 15.8],
-        &[5.0, 10.3],
-        &[5.0],
-        &[10.3, 16.2],
-        &[5.0, 10.3, 16.2, 22.5, 29.7],
-        &[3.1, 5.0, 7.7, 10.3, 16.2, 19.0],
-        &[5.0, 13.0],
-        &[4.492, 13.252],
-        &[4.492, 9.288],
-        &[7.0, 14.5],
-        &[6.2, 12.9, 20.4],
-        &[3.9, 8.0, 12.3],
-    ] {
+    for f in [&TODI[..], &[5.0, 15.8], &[5.0, 10.3], &[5.0], &[10.3, 16.2], &[5.0,10.3,16.2,22.5,29.7], &[3.1,5.0,7.7,10.3,16.2,19.0], &[5.0,13.0], &[4.492,13.252], &[4.492,9.288],
+      &[7.0, 14.5], &[6.2,12.9,20.4], &[3.9,8.0,12.3]] {
         println!("{f:?} {:?}", labels(f));
     }
 }
@@ -255,9 +203,7 @@ fn foreign_peaks_alone_are_rarely_labelled() {
         let mut labelled = 0;
         let mut two = 0;
         for _ in 0..400 {
-            let mut f: Vec<f64> = (0..count)
-                .map(|_| (2.6f64.ln() + (51.0f64 / 2.6).ln() * rng.random::<f64>()).exp())
-                .collect();
+            let mut f: Vec<f64> = (0..count).map(|_| (2.6f64.ln() + (51.0f64 / 2.6).ln() * rng.random::<f64>()).exp()).collect();
             f.sort_by(f64::total_cmp);
             let resonances: Vec<Resonance> = f.iter().map(|&f| resonance(f)).collect();
             let l = label(&resonances, &pattern, &ModeSettings::default(), &[0.0; 3]);
@@ -272,34 +218,15 @@ fn foreign_peaks_alone_are_rarely_labelled() {
 #[ignore = "debug"]
 fn debug_cell() {
     let var = |n: &str, d: f64| std::env::var(n).ok().and_then(|v| v.parse().ok()).unwrap_or(d);
-    let excitation = if var("FD", 1.0) > 0.0 {
-        Excitation::FreeDecay
-    } else {
-        Excitation::Ambient
-    };
-    let cell = Cell {
-        excitation,
-        damping: var("Z", 0.02),
-        seconds: var("T", 600.0),
-        snr_db: var("SNR", 30.0),
-        ambient: 0.03,
-    };
+    let excitation = if var("FD", 1.0) > 0.0 { Excitation::FreeDecay } else { Excitation::Ambient };
+    let cell = Cell { excitation, damping: var("Z", 0.02), seconds: var("T", 600.0), snr_db: var("SNR", 30.0), ambient: 0.03 };
     let plan = plan();
     let base = (cell.seconds * 1e6 + cell.damping * 1e9 + cell.snr_db * 1e3) as u64 * 100_000;
     for seed in 0..var("N", 20.0) as u64 {
         let record = simulate(base + seed, FS, cell.seconds, &cell.modes(), 1.0, excitation);
         println!("--- {seed}");
         for r in plan.resonances(&record, 2.0, 25.0).unwrap().1 {
-            println!(
-                "{:.5} sd {:.3e} zeta {:.5} lsd {:.3} ptn {:.3e} ev {:.1} line {}",
-                r.frequency_hz,
-                r.frequency_sd_hz,
-                r.damping,
-                r.damping_log_sd,
-                r.peak_to_noise,
-                r.evidence,
-                r.line
-            );
+            println!("{:.5} sd {:.3e} zeta {:.5} lsd {:.3} ptn {:.3e} ev {:.1} line {}", r.frequency_hz, r.frequency_sd_hz, r.damping, r.damping_log_sd, r.peak_to_noise, r.evidence, r.line);
         }
     }
 }

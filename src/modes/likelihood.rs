@@ -142,10 +142,7 @@ pub fn resonance(band: &Band, excitation: Excitation, p: &Parameters) -> Option<
     let reduced = reduce(&moments).filter(|r| r.hh > 0.0)?;
     let lines = band.len() as f64;
     // e^(sT)
-    let decay = Complex::from_polar(
-        (-TAU * gamma * band.duration_s).exp(),
-        TAU * damped * band.duration_s,
-    );
+    let decay = Complex::from_polar((-TAU * gamma * band.duration_s).exp(), TAU * damped * band.duration_s);
     let (log_det, quad, dof) = match excitation {
         Excitation::Ambient => {
             let u = ratio / (TAU * gamma * band.duration_s);
@@ -176,11 +173,7 @@ pub fn resonance(band: &Band, excitation: Excitation, p: &Parameters) -> Option<
             // A transient as large as the band's largest ordinate, in units of the noise floor: a prior
             // so wide that only a shape which the smooth terms imitate feels it.
             let wide = band.largest * dof / quad.max(f64::MIN_POSITIVE);
-            (
-                moments.log_det + reduced.log_det + (wide * reduced.hh).ln_1p(),
-                quad,
-                dof,
-            )
+            (moments.log_det + reduced.log_det + (wide * reduced.hh).ln_1p(), quad, dof)
         }
     };
     let least = reduced.jj - reduced.hj.norm_sqr() / reduced.hh;
@@ -219,7 +212,12 @@ pub fn noise_only(band: &Band, slope: f64) -> Option<f64> {
 
 /// One pass over the lines. `response` gives the shape's real and imaginary part and the real weight
 /// of the rank-two term; the diagonal is `ratio |h|^2 + floor e^(slope x)`.
-fn gather(band: &Band, slope: f64, ratio: f64, response: impl Fn(f64) -> (f64, f64, f64)) -> Option<Moments> {
+fn gather(
+    band: &Band,
+    slope: f64,
+    ratio: f64,
+    response: impl Fn(f64) -> (f64, f64, f64),
+) -> Option<Moments> {
     if band.len() < 8 {
         return None;
     }
@@ -297,8 +295,7 @@ fn reduce(m: &Moments) -> Option<Reduced> {
     let h = solve(m.bh);
     let p = solve([m.bp[0].into(), m.bp[1].into()]);
     let j = solve(m.bj);
-    let dot =
-        |a: &[Complex<f64>; SMOOTH], b: &[Complex<f64>; SMOOTH]| a[0].conj() * b[0] + a[1].conj() * b[1];
+    let dot = |a: &[Complex<f64>; SMOOTH], b: &[Complex<f64>; SMOOTH]| a[0].conj() * b[0] + a[1].conj() * b[1];
     Some(Reduced {
         hh: m.hh - dot(&h, &h).re,
         hp: m.hp - dot(&h, &p),

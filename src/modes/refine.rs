@@ -76,9 +76,7 @@ pub fn refine(
             continue;
         }
         if let Some(fit) = context.fit(peak_hz, &fits, None)
-            && !fits
-                .iter()
-                .any(|other| context.same(other, fit.resonance.frequency_hz))
+            && !fits.iter().any(|other| context.same(other, fit.resonance.frequency_hz))
         {
             fits.push(fit);
         }
@@ -277,13 +275,11 @@ impl Context<'_> {
     /// Whether other modes lift the band of `fit` by more than a fifth of its noise floor.
     fn disturbed(&self, fit: &Fit, others: &[Fit]) -> bool {
         let f = fit.resonance.frequency_hz;
-        [f - fit.half_width_hz, f, f + fit.half_width_hz]
-            .iter()
-            .any(|&f| {
-                let lifted: f64 = others.iter().map(|other| skirt(other, f)).sum();
-                let pulled: f64 = others.iter().map(|other| pull(other, f).norm_sqr()).sum();
-                lifted + pulled > 0.2 * fit.value.noise
-            })
+        [f - fit.half_width_hz, f, f + fit.half_width_hz].iter().any(|&f| {
+            let lifted: f64 = others.iter().map(|other| skirt(other, f)).sum();
+            let pulled: f64 = others.iter().map(|other| pull(other, f).norm_sqr()).sum();
+            lifted + pulled > 0.2 * fit.value.noise
+        })
     }
 }
 

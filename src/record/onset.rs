@@ -61,14 +61,9 @@ pub(super) fn onsets(samples: &[f64], fs_hz: f64, ratio: f64) -> Vec<usize> {
         }
         armed = false;
         let window = from..(end + short).min(total - half);
-        let peak = slope[window.clone()]
-            .iter()
-            .fold(0.0f64, |peak, v| peak.max(v.abs()));
+        let peak = slope[window.clone()].iter().fold(0.0f64, |peak, v| peak.max(v.abs()));
         let threshold = (0.25 * peak).max(3.0 * quiet.sqrt());
-        let first = window
-            .clone()
-            .find(|&i| slope[i].abs() > threshold)
-            .unwrap_or(end);
+        let first = window.clone().find(|&i| slope[i].abs() > threshold).unwrap_or(end);
         // The derivative looks `half` samples ahead.
         found.push(first + half);
     }

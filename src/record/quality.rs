@@ -134,9 +134,7 @@ pub fn check(mut samples: Vec<f64>, fs_hz: f64, settings: &RecordSettings) -> Re
         if (missing + spikes.samples) as f64 > settings.max_missing * total {
             return Err(too_many(missing + spikes.samples));
         }
-        flags.push(Flag::Despiked {
-            samples: spikes.samples,
-        });
+        flags.push(Flag::Despiked { samples: spikes.samples });
     }
     if let Some((height, at)) = step(&samples, fs_hz, range.step) {
         return Err(Rejection::Step {
@@ -223,13 +221,7 @@ fn clipped(samples: &[f64], range: &Extent) -> usize {
         }
     }
     // Few samples prove nothing either way.
-    let rail = |at: usize, near: usize| {
-        if at as f64 > 1.5 * near as f64 + 4.0 {
-            at
-        } else {
-            0
-        }
-    };
+    let rail = |at: usize, near: usize| if at as f64 > 1.5 * near as f64 + 4.0 { at } else { 0 };
     rail(at_high, near_high) + rail(at_low, near_low)
 }
 
@@ -328,10 +320,7 @@ struct Sums {
 impl Sums {
     fn of(samples: &[f64]) -> Self {
         let mean = samples.iter().sum::<f64>() / samples.len().max(1) as f64;
-        let (mut first, mut second) = (
-            Vec::with_capacity(samples.len() + 1),
-            Vec::with_capacity(samples.len() + 1),
-        );
+        let (mut first, mut second) = (Vec::with_capacity(samples.len() + 1), Vec::with_capacity(samples.len() + 1));
         let (mut a, mut b) = (0.0, 0.0);
         first.push(a);
         second.push(b);
@@ -365,10 +354,7 @@ fn step(samples: &[f64], fs_hz: f64, resolution: f64) -> Option<(f64, usize)> {
     }
     let sums = Sums::of(samples);
     let blocks = total / window;
-    let inside = (0..blocks)
-        .map(|i| sums.stats(i * window..(i + 1) * window).1)
-        .sum::<f64>()
-        / blocks as f64;
+    let inside = (0..blocks).map(|i| sums.stats(i * window..(i + 1) * window).1).sum::<f64>() / blocks as f64;
     let floor = resolution.powi(2).max(0.04 * inside);
     let mut worst: Option<(f64, f64, usize)> = None;
     for at in window..=total - window {

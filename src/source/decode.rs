@@ -60,11 +60,7 @@ impl DecodeError {
         }
         Self::Missing {
             path: path.to_string(),
-            has: if has.is_empty() {
-                "nothing".to_owned()
-            } else {
-                has.join(", ")
-            },
+            has: if has.is_empty() { "nothing".to_owned() } else { has.join(", ") },
         }
     }
 }

@@ -3,7 +3,7 @@
 //! One pass over the bytes checks the whole message against RFC 8259 and picks up the numbers at the
 //! path on the way; nothing is allocated for the rest. Numbers are rounded correctly.
 
-use super::decode::{DecodeError, Decoded, Time};
+use super::decode::{Decoded, DecodeError, Time};
 use super::path::{FieldPath, Found, Step, into_field, into_item};
 use super::stamp;
 
@@ -25,8 +25,8 @@ impl JsonPlan {
 
     /// Appends the samples in `message` to `out`; `null` is a missing sample (NaN).
     pub fn decode(&self, message: &[u8], out: &mut Vec<f64>) -> Result<Decoded, DecodeError> {
-        let text =
-            std::str::from_utf8(message).map_err(|fault| malformed("not UTF-8", fault.valid_up_to()))?;
+        let text = std::str::from_utf8(message)
+            .map_err(|fault| malformed("not UTF-8", fault.valid_up_to()))?;
         let mut scan = Scan {
             text,
             bytes: message,
@@ -485,10 +485,7 @@ mod tests {
         assert_eq!(told("z"), "no field `z`; there is: header, point, t");
         assert_eq!(told("point.z"), "no field `point.z`; there is: x, y");
         assert_eq!(told("point.y[5]"), "no field `point.y[5]`; there is: 2 items");
-        assert_eq!(
-            told("point"),
-            "field `point` is an object, not a number or an array of numbers"
-        );
+        assert_eq!(told("point"), "field `point` is an object, not a number or an array of numbers");
         assert!(decode(message, "point.x", Some("t")).is_ok());
         assert!(decode(message, "point.x", Some("point.y")).is_err());
     }
@@ -496,34 +493,16 @@ mod tests {
     #[test]
     fn refuses_what_json_refuses() {
         for bad in [
-            "",
-            "{",
-            "{\"v\":}",
-            "{\"v\":1,}",
-            "{\"v\":01}",
-            "{\"v\":1.}",
-            "{\"v\":.5}",
-            "{\"v\":+1}",
-            "{\"v\":1e}",
-            "{\"v\":NaN}",
-            "{\"v\":1}x",
-            "{\"v\":1 \"w\":2}",
-            "{\"v\":1,\"w\":\"\n\"}",
-            "{\"v\":1,\"w\":\"\\x\"}",
-            "{\"v\":1,\"w\":tru}",
-            "{\"v\":[1,]}",
-            "{\"v\":[1 2]}",
-            "{\"v\":1,\"v\":2}",
-            "{\"v\":1,\"w\":\"\\u12\"}",
+            "", "{", "{\"v\":}", "{\"v\":1,}", "{\"v\":01}", "{\"v\":1.}", "{\"v\":.5}", "{\"v\":+1}", "{\"v\":1e}",
+            "{\"v\":NaN}", "{\"v\":1}x", "{\"v\":1 \"w\":2}", "{\"v\":1,\"w\":\"\n\"}", "{\"v\":1,\"w\":\"\\x\"}",
+            "{\"v\":1,\"w\":tru}", "{\"v\":[1,]}", "{\"v\":[1 2]}", "{\"v\":1,\"v\":2}", "{\"v\":1,\"w\":\"\\u12\"}",
         ] {
             assert!(decode(bad, "v", None).is_err(), "{bad}");
         }
         assert!(decode(&("[".repeat(1000) + &"]".repeat(1000)), "v", None).is_err());
-        assert!(
-            JsonPlan::new(FieldPath::parse("v").unwrap(), None)
-                .decode(b"{\"v\":1,\"w\":\"\xff\"}", &mut Vec::new())
-                .is_err()
-        );
+        assert!(JsonPlan::new(FieldPath::parse("v").unwrap(), None)
+            .decode(b"{\"v\":1,\"w\":\"\xff\"}", &mut Vec::new())
+            .is_err());
     }
 
     proptest! {

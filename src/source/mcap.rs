@@ -228,9 +228,7 @@ impl Contents {
                 Trust::Verified => {}
                 Trust::Unverified => self.unverified = true,
                 Trust::Damaged => {
-                    return Err(
-                        "the checksum of the data is wrong, and this is not in a checked chunk".to_owned(),
-                    );
+                    return Err("the checksum of the data is wrong, and this is not in a checked chunk".to_owned());
                 }
             }
         }
@@ -367,11 +365,7 @@ impl Contents {
         Ok(())
     }
 
-    fn channel(
-        &mut self,
-        mut fields: Fields<'_>,
-        each: &mut dyn FnMut(Item<'_>),
-    ) -> Result<(), &'static str> {
+    fn channel(&mut self, mut fields: Fields<'_>, each: &mut dyn FnMut(Item<'_>)) -> Result<(), &'static str> {
         let length = fields.0.len();
         let id = fields.u16()?;
         let schema = fields.u16()?;

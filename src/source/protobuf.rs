@@ -4,7 +4,7 @@
 //! being built. Semantics are proto3's: the last value of a singular field counts, a field without
 //! presence that is absent is its default, packed and unpacked lists are the same.
 
-use super::decode::{DecodeError, Decoded, SchemaRef, Time};
+use super::decode::{Decoded, DecodeError, SchemaRef, Time};
 use super::path::{FieldPath, Step};
 use super::stamp;
 use prost_reflect::prost::encoding::{DecodeContext, WireType, decode_key, decode_varint, skip_field};
@@ -212,10 +212,7 @@ impl Target {
                     steps = rest;
                 }
                 Kind::Message(_) => {
-                    return Err(DecodeError::missing(
-                        path,
-                        vec!["a list: write an index".to_owned()],
-                    ));
+                    return Err(DecodeError::missing(path, vec!["a list: write an index".to_owned()]));
                 }
                 _ => return Err(DecodeError::missing(path, vec!["no fields".to_owned()])),
             }

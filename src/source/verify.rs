@@ -51,10 +51,7 @@ fn check(file: &mut File) -> io::Result<Trust> {
         0 => footer_at,
         at => at,
     };
-    let Some(end_at) = summary_at
-        .checked_sub(DATA_END)
-        .filter(|_| summary_at <= footer_at)
-    else {
+    let Some(end_at) = summary_at.checked_sub(DATA_END).filter(|_| summary_at <= footer_at) else {
         return Ok(Trust::Unverified);
     };
     file.seek(SeekFrom::Start(end_at))?;

@@ -6,6 +6,9 @@ use thiserror::Error;
 /// The most mode orders any model is asked for.
 pub const MAX_MODES: usize = 5;
 
+/// Points fewer than this are not worth a block.
+pub const FEW: usize = 5;
+
 /// Parameters for which a model has no trustworthy answer.
 #[derive(Debug, Clone, PartialEq, Error)]
 #[error("{what} = {value:.4e} lies outside the {model}'s range {low:.4e} to {high:.4e}")]
@@ -35,7 +38,7 @@ pub trait ForwardModel: Send + Sync {
     /// How many mode orders it can give, from the first.
     fn modes(&self) -> usize;
 
-    /// The first `out.len()` natural frequencies [Hz], ascending; `out.len() <= self.modes()`.
+    /// The first `out.len()` natural frequencies \[Hz\], ascending; `out.len() <= self.modes()`.
     fn frequencies(&self, theta: &[f64], out: &mut [f64]) -> Result<(), OutsideRange>;
 
     /// The slopes `d ln f_n / d ln N` of the first `out.len()` modes: what a small relative change of
@@ -60,6 +63,12 @@ pub trait ForwardModel: Send + Sync {
     /// Frequencies of many parameter vectors: `thetas` row-major (points x quantities), `out`
     /// row-major (points x modes). A point outside the model's range gets NaN in its whole row.
     fn frequencies_of_many(&self, thetas: &[f64], modes: usize, out: &mut [f64]) {
+        self.one_by_one(thetas, modes, out);
+    }
+
+    /// What [`ForwardModel::frequencies_of_many`] promises, one call per point: for models without anything
+    /// better, and for the few points that do not fill a block.
+    fn one_by_one(&self, thetas: &[f64], modes: usize, out: &mut [f64]) {
         let width = self.parameterisation().len();
         for (theta, row) in thetas.chunks_exact(width).zip(out.chunks_exact_mut(modes)) {
             if self.frequencies(theta, row).is_err() {

@@ -353,6 +353,8 @@ mod tests {
     }
 
     proptest! {
+        #![proptest_config(crate::beam::seeded(500))]
+
         #[test]
         fn roots_are_zeros_of_the_full_determinant_and_one_per_interval(
             log_lambda in -4.0f64..1.0, s_l in 0.0f64..=1.0, s_r in 0.0f64..=1.0, order in 1usize..=5,

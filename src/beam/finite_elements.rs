@@ -181,7 +181,7 @@ mod tests {
     }
 
     proptest! {
-        #![proptest_config(ProptestConfig::with_cases(48))]
+        #![proptest_config(crate::beam::seeded(48))]
 
         #[test]
         fn the_dense_solver_finds_the_same_eigenvalues(
@@ -209,7 +209,7 @@ mod tests {
     }
 
     proptest! {
-        #![proptest_config(ProptestConfig::with_cases(400))]
+        #![proptest_config(crate::beam::seeded(400))]
 
         #[test]
         fn no_mode_is_missed_or_swapped(

@@ -3,10 +3,11 @@
 use crate::bayes::RodPrior;
 use crate::beam::{Exact, FiniteElements, finite_elements};
 use crate::cache::{Cache, Origin};
-use crate::emulator::validate::{self, ErrorReport, ModeErrors, Spread};
+use crate::emulator::validate::{self, ErrorReport, GridErrors, ModeErrors, Spread};
 use crate::emulator::{FitError, Pce, ReducedModel};
 use crate::forward::ForwardModel;
 use indicatif::{ProgressBar, ProgressStyle};
+use std::io::{self, Write};
 use std::process::ExitCode;
 
 /// Fit an emulator, or judge one.
@@ -45,7 +46,7 @@ pub struct ValidateArgs {
     #[arg(long, value_enum, default_value_t = Truth::Exact)]
     pub reference: Truth,
     /// Draws from the prior.
-    #[arg(long, default_value_t = validate::SAMPLE as u32, value_parser = clap::value_parser!(u32).range(1..=10_000_000))]
+    #[arg(long, default_value_t = validate::SAMPLE as u32, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     pub sample: u32,
     /// Seed of the draws.
     #[arg(long, default_value_t = validate::SEED)]
@@ -83,38 +84,49 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
 /// Runs on a rod with this prior. Exit code 2: no chaos of that order can be fitted for it.
 pub fn run_for(args: &Args, prior: &RodPrior) -> anyhow::Result<ExitCode> {
     let cache = Cache::of_user();
-    let done = match &args.action {
+    let text = match &args.action {
         Action::Train { order } => train(&cache, prior, usize::from(*order)),
-        Action::Validate(args) => judge(args, &cache, prior)?,
+        Action::Validate(args) => validated(args, &cache, prior),
     };
-    Ok(match done {
-        Ok(()) => ExitCode::SUCCESS,
+    match text {
+        Ok(text) => show(&text?),
         Err(error) => {
             eprintln!("tirante emulator: {error}");
-            ExitCode::from(2)
+            Ok(ExitCode::from(2))
         }
-    })
+    }
 }
 
-fn train(cache: &Cache, prior: &RodPrior, order: usize) -> Result<(), FitError> {
+/// Writes results to standard output; a reader that has seen enough (`| head`) is no failure.
+pub(super) fn show(text: &[u8]) -> anyhow::Result<ExitCode> {
+    let mut out = io::stdout().lock();
+    match out.write_all(text).and_then(|()| out.flush()) {
+        Err(error) if error.kind() != io::ErrorKind::BrokenPipe => Err(error.into()),
+        _ => Ok(ExitCode::SUCCESS),
+    }
+}
+
+fn train(cache: &Cache, prior: &RodPrior, order: usize) -> Result<io::Result<Vec<u8>>, FitError> {
     let (pce, origin) = fitted_pce(cache, prior, order)?;
     let where_from = match &origin {
         Origin::Read(path) => format!("already in {}", path.display()),
         Origin::Kept(path) => format!("fitted, kept in {}", path.display()),
         Origin::Fitted => "fitted, not kept (no usable cache directory)".to_owned(),
     };
-    println!(
-        "pce of order {}, {} terms per mode: {where_from}",
+    let mut text = format!(
+        "pce of order {}, {} terms per mode: {where_from}\n",
         pce.order(),
         pce.terms()
     );
-    print_report(pce.report());
-    Ok(())
+    Ok(table(pce.report()).map(|table| {
+        text.push_str(&table);
+        text.into_bytes()
+    }))
 }
 
-fn judge(args: &ValidateArgs, cache: &Cache, prior: &RodPrior) -> anyhow::Result<Result<(), FitError>> {
+fn validated(args: &ValidateArgs, cache: &Cache, prior: &RodPrior) -> Result<io::Result<Vec<u8>>, FitError> {
     let parameterisation = *prior.parameterisation();
-    let sample = args.sample as usize;
+    let sample = (args.sample as usize, args.seed);
     let reference: Box<dyn ForwardModel> = match args.reference {
         Truth::Exact => Box::new(Exact::new(parameterisation)),
         Truth::FiniteElements => Box::new(FiniteElements::new(parameterisation, finite_elements::ELEMENTS)),
@@ -122,40 +134,26 @@ fn judge(args: &ValidateArgs, cache: &Cache, prior: &RodPrior) -> anyhow::Result
     let mut reports = Vec::new();
     if args.model != Which::Pce {
         let model = ReducedModel::new(parameterisation);
-        reports.push(validate::on_prior(
-            &model,
-            None,
-            &*reference,
-            prior,
-            sample,
-            args.seed,
-        ));
+        reports.push(judging(args, |judged| {
+            validate::on_prior(&model, None, &*reference, prior, sample, judged)
+        }));
     }
     if args.model != Which::Reduced {
-        let pce = match fitted_pce(cache, prior, usize::from(args.order)) {
-            Ok((pce, _)) => pce,
-            Err(error) => return Ok(Err(error)),
-        };
-        let mut report = pce.validate(&*reference, sample, args.seed);
+        let (pce, _) = fitted_pce(cache, prior, usize::from(args.order))?;
+        let mut report = judging(args, |judged| pce.validate(&*reference, sample, judged));
         report.grid.clone_from(&pce.report().grid);
         reports.push(report);
     }
-    for report in &reports {
-        if args.json {
-            println!("{}", serde_json::to_string(report)?);
-        } else {
-            print_report(report);
-        }
-    }
-    Ok(Ok(()))
+    let line = |report: &ErrorReport| Ok(serde_json::to_string(report)? + "\n");
+    let texts = reports
+        .iter()
+        .map(|report| if args.json { line(report) } else { table(report) });
+    Ok(texts.collect::<io::Result<String>>().map(String::into_bytes))
 }
 
 /// The paper's chaos from the cache, or fitted behind a progress bar on standard error.
 pub(super) fn fitted_pce(cache: &Cache, prior: &RodPrior, order: usize) -> Result<(Pce, Origin), FitError> {
-    let bar = ProgressBar::new(0).with_message("finite-element solves");
-    if let Ok(style) = ProgressStyle::with_template("{msg} {wide_bar} {human_pos}/{human_len} {eta}") {
-        bar.set_style(style);
-    }
+    let bar = progress("finite-element solves");
     let fitted = cache.pce(prior, order, finite_elements::ELEMENTS, &|done, all| {
         bar.set_length(all as u64);
         bar.inc(done as u64);
@@ -164,44 +162,117 @@ pub(super) fn fitted_pce(cache: &Cache, prior: &RodPrior, order: usize) -> Resul
     fitted
 }
 
-fn print_report(report: &ErrorReport) {
-    println!();
-    println!(
-        "{} against {}: {} draws from the prior, {} outside the trained range (answered by the exact model)",
-        report.emulator, report.reference, report.sample, report.outside
-    );
-    print_modes(&report.modes);
-    if let Some(all) = &report.extrapolated {
-        println!("all draws, had those outside been extrapolated");
-        print_modes(all);
-    }
-    if let Some(grid) = &report.grid {
-        println!("on the fitting points   mean [Hz]   variance [Hz^2]");
-        for errors in grid {
-            println!(
-                "  mode {:>15}  {:>10.1e}  {:>16.2e}",
-                errors.order, errors.mean_hz, errors.variance_hz2
-            );
-        }
-    }
+/// Runs a validation behind a progress bar.
+fn judging(args: &ValidateArgs, work: impl FnOnce(&(dyn Fn(usize) + Sync)) -> ErrorReport) -> ErrorReport {
+    let bar = progress("draws judged");
+    bar.set_length(u64::from(args.sample));
+    let report = work(&|count| bar.inc(count as u64));
+    bar.finish_and_clear();
+    report
 }
 
-fn print_modes(modes: &[ModeErrors]) {
-    println!(
+/// A progress bar on standard error; nothing where that is no terminal.
+fn progress(message: &'static str) -> ProgressBar {
+    let bar = ProgressBar::new(0).with_message(message);
+    if let Ok(style) = ProgressStyle::with_template("{msg} {wide_bar} {human_pos}/{human_len} {eta}") {
+        bar.set_style(style);
+    }
+    bar
+}
+
+/// An error report for people.
+fn table(report: &ErrorReport) -> io::Result<String> {
+    let mut out = Vec::new();
+    let ErrorReport {
+        emulator,
+        reference,
+        sample,
+        outside,
+        ..
+    } = report;
+    writeln!(out)?;
+    writeln!(
+        out,
+        "{emulator} against {reference}: {sample} draws from the prior, {outside} outside the trained range"
+    )?;
+    if *outside > 0 {
+        writeln!(out, "inside the trained range (the exact model answers outside)")?;
+    }
+    modes(&mut out, &report.modes)?;
+    if let Some(all) = &report.extrapolated {
+        writeln!(out, "all draws, had those outside been extrapolated")?;
+        modes(&mut out, all)?;
+    }
+    if let Some(grid) = &report.grid {
+        writeln!(out, "on the fitting points")?;
+        writeln!(out, "mode    mean [Hz]   variance [Hz^2]")?;
+        for GridErrors {
+            order,
+            mean_hz,
+            variance_hz2,
+        } in grid
+        {
+            writeln!(out, "{order:>4}    {mean_hz:<9.1e}   {variance_hz2:.2e}")?;
+        }
+    }
+    Ok(String::from_utf8_lossy(&out).into_owned())
+}
+
+fn modes(out: &mut impl Write, modes: &[ModeErrors]) -> io::Result<()> {
+    writeln!(
+        out,
         "        frequency [Hz]                 relative [-]                   slope d ln f / d ln N [-]"
-    );
-    println!("mode    rms      99.9 %   max          rms      99.9 %   max          rms      99.9 %   max");
+    )?;
+    writeln!(
+        out,
+        "mode    rms      99.9 %   max          rms      99.9 %   max          rms      99.9 %   max"
+    )?;
     let cells = |s: &Spread| format!("{:<8.1e} {:<8.1e} {:<8.1e}", s.rms, s.q999, s.max);
-    for mode in modes {
-        let slope = mode
-            .slope
+    for ModeErrors {
+        order,
+        value_hz,
+        relative,
+        slope,
+    } in modes
+    {
+        let slope = slope
             .as_ref()
             .map_or_else(|| "the force is fixed".to_owned(), cells);
-        println!(
-            "{:>4}    {}     {}     {slope}",
-            mode.order,
-            cells(&mode.value_hz),
-            cells(&mode.relative)
+        let line = format!(
+            "{order:>4}    {}     {}     {slope}",
+            cells(value_hz),
+            cells(relative)
         );
+        writeln!(out, "{}", line.trim_end())?;
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_report_is_readable_and_complete() {
+        let prior = RodPrior::todi();
+        let args = ValidateArgs {
+            model: Which::Reduced,
+            order: 5,
+            reference: Truth::Exact,
+            sample: 200,
+            seed: 1,
+            json: false,
+        };
+        let nowhere = Cache::at(std::path::Path::new("/nonexistent"));
+        let text = |args: &ValidateArgs| {
+            String::from_utf8(validated(args, &nowhere, &prior).unwrap().unwrap()).unwrap()
+        };
+        let table = text(&args);
+        assert!(
+            table.contains("reduced against exact: 200 draws from the prior, 0 outside the trained range")
+        );
+        assert_eq!(table.lines().count(), 9);
+        let json: ErrorReport = serde_json::from_str(&text(&ValidateArgs { json: true, ..args })).unwrap();
+        assert_eq!((json.sample, json.modes.len()), (200, 5));
     }
 }

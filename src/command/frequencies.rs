@@ -5,6 +5,7 @@ use crate::beam::{Exact, FiniteElements, Parameterisation, Quantity, Section, fi
 use crate::cache::Cache;
 use crate::emulator::ReducedModel;
 use crate::forward::{ForwardModel, MAX_MODES};
+use std::io::Write;
 use std::process::ExitCode;
 
 /// Natural frequencies of a given rod by each forward model, with their differences.
@@ -20,40 +21,40 @@ pub struct Args {
     /// Cross-section.
     #[arg(long, value_enum, default_value_t = Shape::Square)]
     pub section: Shape,
-    /// Axial force, tension positive [N].
+    /// Axial force in N, tension positive.
     #[arg(long, value_name = "N")]
     pub axial_force: Option<f64>,
-    /// Young's modulus [Pa].
+    /// Young's modulus in Pa.
     #[arg(long, value_name = "PA")]
     pub youngs_modulus: Option<f64>,
-    /// Mass density [kg/m^3].
+    /// Mass density in kg/m^3.
     #[arg(long, value_name = "KG/M3")]
     pub density: Option<f64>,
-    /// Side of a square section [m].
+    /// Side of a square section in m.
     #[arg(long, value_name = "M")]
     pub side: Option<f64>,
-    /// Diameter of a round section [m].
+    /// Diameter of a round section in m.
     #[arg(long, value_name = "M")]
     pub diameter: Option<f64>,
-    /// Width of a rectangle, across the plane of vibration [m].
+    /// Width of a rectangle in m, across the plane of vibration.
     #[arg(long, value_name = "M")]
     pub width: Option<f64>,
-    /// Height of a rectangle, in the plane of vibration [m].
+    /// Height of a rectangle in m, in the plane of vibration.
     #[arg(long, value_name = "M")]
     pub height: Option<f64>,
-    /// Flexural rigidity EI, for the section `direct` [N m^2].
+    /// Flexural rigidity EI in N m^2, for the section `direct`.
     #[arg(long, value_name = "N*M2")]
     pub flexural_rigidity: Option<f64>,
-    /// Mass per length, for the section `direct` [kg/m].
+    /// Mass per length in kg/m, for the section `direct`.
     #[arg(long, value_name = "KG/M")]
     pub mass_per_length: Option<f64>,
-    /// Rotational stiffness of the left support [N m/rad]; 0 is a hinge, inf a clamp.
+    /// Rotational stiffness of the left support in N m/rad; 0 is a hinge, inf a clamp.
     #[arg(long, value_name = "N*M")]
     pub spring_left: Option<f64>,
-    /// Rotational stiffness of the right support [N m/rad].
+    /// Rotational stiffness of the right support in N m/rad.
     #[arg(long, value_name = "N*M")]
     pub spring_right: Option<f64>,
-    /// Free length [m].
+    /// Free length in m.
     #[arg(long, value_name = "M")]
     pub length: Option<f64>,
     /// How many modes, 1 to 5.
@@ -146,12 +147,13 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         }
     });
 
+    let mut out = Vec::new();
     if args.json {
-        print_json(&parameterisation, &theta, &answers)?;
+        write_json(&mut out, &parameterisation, &theta, &answers)?;
     } else {
-        print_table(&answers, modes);
+        write_table(&mut out, &answers, modes)?;
     }
-    Ok(ExitCode::SUCCESS)
+    super::emulator::show(&out)
 }
 
 impl Args {
@@ -202,32 +204,39 @@ impl Args {
     }
 }
 
-fn print_table(answers: &[Answer], modes: usize) {
-    let Some((exact, slopes)) = answers.iter().find_map(|answer| answer.result.as_ref().ok()) else {
-        return;
-    };
-    let rest = || {
-        answers
-            .iter()
-            .skip(1)
-            .filter_map(|a| Some((a.model, &a.result.as_ref().ok()?.0)))
-    };
-    print!("mode   exact [Hz]");
-    rest().for_each(|(model, _)| print!("  {:>24}", format!("{model} - exact [Hz]")));
-    println!("   d ln f / d ln N");
-    for mode in 0..modes {
-        print!("{:>4}  {:>11.6}", mode + 1, exact[mode]);
-        rest().for_each(|(_, frequencies)| print!("  {:>24.2e}", frequencies[mode] - exact[mode]));
-        println!("  {:>16.4}", slopes[mode]);
+fn write_table(out: &mut impl Write, answers: &[Answer], modes: usize) -> std::io::Result<()> {
+    let mut answered = answers
+        .iter()
+        .filter_map(|a| Some((a.model, a.result.as_ref().ok()?)));
+    if let Some((_, (exact, slopes))) = answered.next() {
+        let rest: Vec<_> = answered.collect();
+        write!(out, "mode   exact [Hz]")?;
+        for (model, _) in &rest {
+            write!(out, "  {:>24}", format!("{model} - exact [Hz]"))?;
+        }
+        writeln!(out, "   d ln f / d ln N")?;
+        for mode in 0..modes {
+            write!(out, "{:>4}  {:>11.6}", mode + 1, exact[mode])?;
+            for (_, (frequencies, _)) in &rest {
+                write!(out, "  {:>24.2e}", frequencies[mode] - exact[mode])?;
+            }
+            writeln!(out, "  {:>16.4}", slopes[mode])?;
+        }
     }
     for answer in answers {
         if let Err(reason) = &answer.result {
             eprintln!("{} has no answer: {reason}", answer.model);
         }
     }
+    Ok(())
 }
 
-fn print_json(parameterisation: &Parameterisation, theta: &[f64], answers: &[Answer]) -> anyhow::Result<()> {
+fn write_json(
+    out: &mut impl Write,
+    parameterisation: &Parameterisation,
+    theta: &[f64],
+    answers: &[Answer],
+) -> anyhow::Result<()> {
     let quantities = parameterisation.quantities().iter().zip(theta);
     // JSON has no infinity: a clamp is null.
     let rod: serde_json::Map<_, _> = quantities
@@ -247,7 +256,7 @@ fn print_json(parameterisation: &Parameterisation, theta: &[f64], answers: &[Ans
                                    "modes": [], "outside": reason})
             }
         };
-        println!("{}", serde_json::to_string(&line)?);
+        writeln!(out, "{}", serde_json::to_string(&line)?)?;
     }
     Ok(())
 }

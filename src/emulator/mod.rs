@@ -8,11 +8,14 @@ pub mod fit;
 pub mod germ;
 pub mod pce;
 pub mod reduced;
+mod reduced_fit;
+pub mod training;
 pub mod validate;
 
 pub use fallback::OrExact;
-pub use pce::{FitError, Pce};
+pub use pce::Pce;
 pub use reduced::{Reduced, ReducedModel};
+pub use training::{FitError, Training};
 pub use validate::ErrorReport;
 
 use serde::Serialize;

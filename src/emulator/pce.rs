@@ -3,60 +3,23 @@
 //! Its trained range is the box spanned by the design's points (for order 5, 3.32 standard deviations
 //! either side of the mean): beyond it a polynomial of order 5 is anybody's guess, and a query is refused.
 
-use super::basis::{Recurrence, total_degree};
+use super::basis::Recurrence;
 use super::design::{Axis, Design};
 use super::expansion::{Expansion, Kernel, LANES, vectorised};
-use super::fit::{Weighting, coefficients};
+use super::fit::Weighting;
+use super::training::split;
 use super::validate::{self, ErrorReport, GridErrors};
 use crate::bayes::RodPrior;
-use crate::beam::{Exact, FiniteElements, Parameterisation};
-use crate::forward::{ForwardModel, MAX_MODES, OutsideRange};
-use rayon::prelude::*;
+use crate::beam::{Exact, Parameterisation};
+use crate::forward::{FEW, ForwardModel, MAX_MODES, OutsideRange};
 use serde::{Deserialize, Serialize};
-use thiserror::Error;
+
+pub use super::training::{FitError, MAX_ORDER, MAX_POINTS, Training};
 
 /// Raised whenever the same settings would give other coefficients.
 pub const VERSION: u32 = 1;
-/// The most design points that are solved.
-pub const MAX_POINTS: usize = 4_000_000;
-/// The highest total order.
-pub const MAX_ORDER: usize = 12;
 /// The name in refusals.
 const MODEL: &str = "Hermite chaos";
-/// Design points solved between two reports of progress.
-const BLOCK: usize = 256;
-
-/// Why no chaos can be fitted.
-#[derive(Debug, Clone, PartialEq, Error)]
-pub enum FitError {
-    /// Every quantity is fixed.
-    #[error(
-        "the chaos expands uncertain quantities, but every one is fixed; use the exact or the reduced model"
-    )]
-    NothingUncertain,
-    /// The order is not one that can be fitted.
-    #[error("chaos order {order}; it must lie between 1 and {MAX_ORDER}")]
-    Order {
-        /// The order asked for.
-        order: usize,
-    },
-    /// The tensor grid is too large.
-    #[error(
-        "order {order} with {germs} uncertain quantities needs {points} model solves, at most {MAX_POINTS} are made; lower the order or fix a quantity"
-    )]
-    TooLarge {
-        /// The order asked for.
-        order: usize,
-        /// Uncertain quantities.
-        germs: usize,
-        /// Points of the grid.
-        points: usize,
-    },
-    /// The forward model has no answer at a design point.
-    #[error("a design point is no rod: {0}")]
-    Model(#[from] OutsideRange),
-}
-
 /// The fitted coefficients with their error report: what the cache keeps.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Fitted {
@@ -77,86 +40,6 @@ pub struct Pce {
     outer: Vec<Vec<usize>>,
     inner: Vec<Vec<usize>>,
     fitted: Fitted,
-}
-
-/// Frequencies on the design points, to be fitted.
-#[derive(Debug, Clone)]
-pub struct Training {
-    design: Design,
-    order: usize,
-    /// Per mode, one frequency \[Hz\] per design point.
-    values: Vec<Vec<f64>>,
-}
-
-impl Training {
-    /// Solves the finite-element model on the whole design, in parallel; `solved` is told how many points
-    /// more are done, and how many there are.
-    pub fn solve(
-        prior: &RodPrior,
-        order: usize,
-        elements: usize,
-        solved: &(dyn Fn(usize, usize) + Sync),
-    ) -> Result<Self, FitError> {
-        if order == 0 || order > MAX_ORDER {
-            return Err(FitError::Order { order });
-        }
-        let design = Design::new(prior, order);
-        let (germs, points) = (design.axes.len(), design.len());
-        if germs == 0 {
-            return Err(FitError::NothingUncertain);
-        }
-        if points > MAX_POINTS {
-            return Err(FitError::TooLarge { order, germs, points });
-        }
-        let model = FiniteElements::new(*prior.parameterisation(), elements);
-        let mut rows = vec![[0.0; MAX_MODES]; points];
-        rows.par_chunks_mut(BLOCK)
-            .enumerate()
-            .try_for_each(|(block, rows)| {
-                let mut theta = vec![0.0; prior.parameterisation().len()];
-                for (i, row) in rows.iter_mut().enumerate() {
-                    design.theta(block * BLOCK + i, &mut theta);
-                    model.frequencies(&theta, row)?;
-                }
-                solved(rows.len(), points);
-                Ok::<(), OutsideRange>(())
-            })?;
-        let values = (0..MAX_MODES)
-            .map(|mode| rows.iter().map(|row| row[mode]).collect())
-            .collect();
-        Ok(Self {
-            design,
-            order,
-            values,
-        })
-    }
-
-    /// The expansions of the first `modes` modes, fitted by least squares.
-    pub fn fit(&self, modes: usize, weighting: Weighting) -> Vec<Expansion> {
-        let (outer, inner) = split(self.design.axes.len(), self.order);
-        let count = self.order + 1;
-        let place =
-            |a: &[usize], b: &[usize]| a.iter().chain(b).fold(0, |place, &degree| place * count + degree);
-        let one = |values: &Vec<f64>| {
-            let tensor = coefficients(&self.design, self.order, values.clone(), weighting);
-            let rows: Vec<Vec<f64>> = outer
-                .iter()
-                .map(|a| {
-                    let left = self.order - a.iter().sum::<usize>();
-                    let partners = inner.iter().take_while(|b| b.iter().sum::<usize>() <= left);
-                    partners.map(|b| tensor[place(a, b)]).collect()
-                })
-                .collect();
-            Expansion::new(rows.iter().map(Vec::as_slice))
-        };
-        self.values[..modes].iter().map(one).collect()
-    }
-}
-
-/// The multi-indices of the first and of the second half of the germs.
-fn split(germs: usize, order: usize) -> (Vec<Vec<usize>>, Vec<Vec<usize>>) {
-    let inner = germs / 2;
-    (total_degree(germs - inner, order), total_degree(inner, order))
 }
 
 impl Pce {
@@ -189,7 +72,7 @@ impl Pce {
         };
         let mut pce = Self::assemble(prior, training.order, training.design.clone(), fitted);
         let exact = Exact::new(*prior.parameterisation());
-        let mut report = pce.validate(&exact, validate::SAMPLE, validate::SEED);
+        let mut report = pce.validate(&exact, (validate::SAMPLE, validate::SEED), &|_| ());
         report.grid = Some(pce.grid_errors(training));
         pce.fitted.report = report;
         pce
@@ -246,8 +129,14 @@ impl Pce {
         self.fitted.expansions.first().map_or(0, Expansion::terms)
     }
 
-    /// Judges it against `reference` on another sample from its prior.
-    pub fn validate(&self, reference: &dyn ForwardModel, sample: usize, seed: u64) -> ErrorReport {
+    /// Judges it against `reference` on another sample (draws and seed) from its prior, see
+    /// [`validate::on_prior`].
+    pub fn validate(
+        &self,
+        reference: &dyn ForwardModel,
+        sample: (usize, u64),
+        judged: &(dyn Fn(usize) + Sync),
+    ) -> ErrorReport {
         let extrapolate = |theta: &[f64], values: &mut [f64], slopes: &mut [f64]| {
             self.evaluate(theta, values);
             self.slopes(theta, slopes).or_else(|_| {
@@ -255,7 +144,7 @@ impl Pce {
                 Ok(())
             })
         };
-        validate::on_prior(self, Some(&extrapolate), reference, &self.prior, sample, seed)
+        validate::on_prior(self, Some(&extrapolate), reference, &self.prior, sample, judged)
     }
 
     fn grid_errors(&self, training: &Training) -> Vec<GridErrors> {
@@ -489,6 +378,10 @@ impl ForwardModel for Pce {
         let mut germs = vec![[0.0; LANES]; self.axes.len()];
         let mut scratch = self.scratch();
         for (thetas, out) in thetas.chunks(LANES * width).zip(out.chunks_mut(LANES * modes)) {
+            if thetas.len() / width < FEW {
+                self.one_by_one(thetas, modes, out);
+                continue;
+            }
             for (l, theta) in thetas.chunks_exact(width).enumerate() {
                 for (axis, z) in self.axes.iter().zip(&mut germs) {
                     z[l] = axis.germ.germ(theta[axis.germ.index]);

@@ -3,6 +3,7 @@
 use crate::bayes::RodPrior;
 use crate::forward::{ForwardModel, MAX_MODES, OutsideRange};
 use crate::random;
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 /// How large the absolute values of an error are.
@@ -83,7 +84,7 @@ pub const SAMPLE: usize = 20_000;
 pub const SEED: u64 = 20_260_101;
 
 /// What a validation asks of a model: frequencies and slopes of one parameter vector.
-pub type Both<'a> = &'a dyn Fn(&[f64], &mut [f64], &mut [f64]) -> Result<(), OutsideRange>;
+pub type Both<'a> = &'a (dyn Fn(&[f64], &mut [f64], &mut [f64]) -> Result<(), OutsideRange> + Sync);
 
 /// Frequencies and slopes of a forward model; slopes it does not know are NaN.
 pub fn both(model: &dyn ForwardModel) -> impl Fn(&[f64], &mut [f64], &mut [f64]) -> Result<(), OutsideRange> {
@@ -96,54 +97,91 @@ pub fn both(model: &dyn ForwardModel) -> impl Fn(&[f64], &mut [f64], &mut [f64])
     }
 }
 
-/// Compares `emulator` with `reference` on `sample` draws from `prior`; `extrapolate` answers outside the
-/// emulator's range, for the report only. Draws the reference refuses are left out.
+/// Compares `emulator` with `reference` on `sample` draws from `prior`, in parallel blocks with a stream each.
+///
+/// `extrapolate` answers outside the emulator's range, for the report only. Draws the reference refuses are
+/// left out. `judged` is told how many draws more are done.
 pub fn on_prior(
     emulator: &dyn ForwardModel,
     extrapolate: Option<Both>,
     reference: &dyn ForwardModel,
     prior: &RodPrior,
-    sample: usize,
-    seed: u64,
+    (sample, seed): (usize, u64),
+    judged: &(dyn Fn(usize) + Sync),
 ) -> ErrorReport {
     let modes = emulator.modes().min(reference.modes()).min(MAX_MODES);
-    let (mut inside, mut all) = (Errors::new(modes), Errors::new(modes));
-    let mut outside = 0;
-    let mut generator = random::stream(seed, 0);
-    let mut theta = vec![0.0; prior.parameterisation().len()];
-    let (of_emulator, of_reference) = (both(emulator), both(reference));
-    let mut truth = [[0.0; MAX_MODES]; 2];
-    let mut answer = [[0.0; MAX_MODES]; 2];
-    let ask = |model: Both, theta: &[f64], to: &mut [[f64; MAX_MODES]; 2]| {
-        let [values, slopes] = to;
-        model(theta, &mut values[..modes], &mut slopes[..modes])
-    };
-    for _ in 0..sample {
-        prior.sample(&mut generator, &mut theta);
-        if ask(&of_reference, &theta, &mut truth).is_err() {
-            continue;
-        }
-        if ask(&of_emulator, &theta, &mut answer).is_ok() {
-            inside.add(&answer, &truth);
-            all.add(&answer, &truth);
-        } else {
-            outside += 1;
-            if let Some(model) = extrapolate
-                && ask(model, &theta, &mut answer).is_ok()
-            {
-                all.add(&answer, &truth);
+    let blocks: Vec<Block> = (0..sample.div_ceil(random::BLOCK))
+        .into_par_iter()
+        .map(|block| {
+            let mut generator = random::stream(seed, block as u64);
+            let mut theta = vec![0.0; prior.parameterisation().len()];
+            let mut errors = Block::new(modes);
+            let count = random::BLOCK.min(sample - block * random::BLOCK);
+            for _ in 0..count {
+                prior.sample(&mut generator, &mut theta);
+                errors.judge(&theta, &both(emulator), extrapolate, &both(reference));
             }
-        }
-    }
+            judged(count);
+            errors
+        })
+        .collect();
+    let mut all = Block::new(modes);
+    blocks.into_iter().for_each(|block| all.append(block));
     ErrorReport {
         emulator: emulator.name().to_owned(),
         reference: reference.name().to_owned(),
         sample,
         seed,
-        outside,
-        modes: inside.report(),
-        extrapolated: (outside > 0 && extrapolate.is_some()).then(|| all.report()),
+        outside: all.outside,
+        modes: all.inside.report(),
+        extrapolated: (all.outside > 0 && extrapolate.is_some()).then(|| all.anywhere.report()),
         grid: None,
+    }
+}
+
+/// What a block of draws showed.
+struct Block {
+    inside: Errors,
+    anywhere: Errors,
+    outside: usize,
+    modes: usize,
+}
+
+impl Block {
+    fn new(modes: usize) -> Self {
+        Self {
+            inside: Errors::new(modes),
+            anywhere: Errors::new(modes),
+            outside: 0,
+            modes,
+        }
+    }
+
+    fn judge(&mut self, theta: &[f64], emulator: Both, extrapolate: Option<Both>, reference: Both) {
+        let ask = |model: Both| {
+            let mut answer = [[0.0; MAX_MODES]; 2];
+            let [values, slopes] = &mut answer;
+            model(theta, &mut values[..self.modes], &mut slopes[..self.modes]).map(|()| answer)
+        };
+        let Ok(truth) = ask(reference) else { return };
+        match (ask(emulator), extrapolate) {
+            (Ok(answer), _) => {
+                self.inside.add(&answer, &truth);
+                self.anywhere.add(&answer, &truth);
+            }
+            (Err(_), extrapolate) => {
+                if let Some(Ok(answer)) = extrapolate.map(ask) {
+                    self.anywhere.add(&answer, &truth);
+                }
+                self.outside += 1;
+            }
+        }
+    }
+
+    fn append(&mut self, other: Self) {
+        self.inside.append(other.inside);
+        self.anywhere.append(other.anywhere);
+        self.outside += other.outside;
     }
 }
 
@@ -172,6 +210,15 @@ impl Errors {
             let error = answer[1][mode] - truth[1][mode];
             self.slope[mode].extend(error.is_finite().then_some(error));
         }
+    }
+
+    fn append(&mut self, other: Self) {
+        let join = |to: &mut Vec<Vec<f64>>, from: Vec<Vec<f64>>| {
+            to.iter_mut().zip(from).for_each(|(to, from)| to.extend(from));
+        };
+        join(&mut self.value, other.value);
+        join(&mut self.relative, other.relative);
+        join(&mut self.slope, other.slope);
     }
 
     fn report(&self) -> Vec<ModeErrors> {
@@ -206,7 +253,7 @@ mod tests {
     fn a_model_agrees_with_itself() {
         let prior = RodPrior::todi();
         let exact = Exact::new(*prior.parameterisation());
-        let report = on_prior(&exact, None, &exact, &prior, 100, 1);
+        let report = on_prior(&exact, None, &exact, &prior, (100, 1), &|_| ());
         assert_eq!((report.sample, report.outside), (100, 0));
         assert!(
             report

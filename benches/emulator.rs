@@ -1,0 +1,68 @@
+//! Speed of fitting and evaluating the emulators; `cargo bench --bench emulator`.
+
+use divan::counter::ItemsCount;
+use divan::{Bencher, black_box};
+use std::sync::LazyLock;
+use tirante::bayes::RodPrior;
+use tirante::emulator::fit::Weighting;
+use tirante::emulator::{Pce, Reduced, ReducedModel, Training};
+use tirante::forward::ForwardModel;
+use tirante::random;
+
+fn main() {
+    divan::main();
+}
+
+static TRAINING: LazyLock<Option<Training>> =
+    LazyLock::new(|| Training::solve(&RodPrior::todi(), 5, 50, &|_, _| ()).ok());
+
+fn draws(count: usize) -> Vec<f64> {
+    let prior = RodPrior::todi();
+    let mut generator = random::stream(1, 0);
+    let mut thetas = vec![0.0; count * prior.parameterisation().len()];
+    thetas
+        .chunks_exact_mut(7)
+        .for_each(|theta| prior.sample(&mut generator, theta));
+    thetas
+}
+
+/// Three modes of many points, as inference asks for them; per item is per point.
+fn many(bencher: Bencher, model: &dyn ForwardModel, points: usize) {
+    let thetas = draws(points);
+    let mut out = vec![0.0; 3 * points];
+    bencher.counter(ItemsCount::new(points)).bench_local(|| {
+        model.frequencies_of_many(black_box(&thetas), 3, &mut out);
+        black_box(&out);
+    });
+}
+
+/// Least squares on 46656 points, 462 terms, three outputs, beyond the model solves.
+#[divan::bench(sample_count = 20)]
+fn pce_fit_3_modes(bencher: Bencher) {
+    if let Some(training) = &*TRAINING {
+        bencher.bench_local(|| training.fit(3, Weighting::Equal));
+    }
+}
+
+#[divan::bench(args = [1, 1000, 100_000])]
+fn pce_eval_3_modes(bencher: Bencher, points: usize) {
+    if let Some(training) = &*TRAINING {
+        let pce = Pce::from_training(&RodPrior::todi(), training, Weighting::Equal);
+        many(bencher, &pce, points);
+    }
+}
+
+/// Exact solves included.
+#[divan::bench(sample_count = 20)]
+fn reduced_fit_5_modes() -> Reduced {
+    Reduced::fit()
+}
+
+#[divan::bench(args = [1, 1000, 100_000])]
+fn reduced_eval_3_modes(bencher: Bencher, points: usize) {
+    many(
+        bencher,
+        &ReducedModel::new(*RodPrior::todi().parameterisation()),
+        points,
+    );
+}

@@ -4,7 +4,7 @@ use proptest::prelude::*;
 use std::path::Path;
 use tirante::bayes::{Accept, Noise, Prior, RodPrior};
 use tirante::beam::Quantity;
-use tirante::config::{Config, ConfigError, Fault, KeyReference, LONGEST};
+use tirante::config::{Config, ConfigError, Fault, KeyReference, LONGEST, Setting};
 use tirante::emulator::ModelSettings;
 use tirante::record::{Cut, RecordSettings, TimeSource, Unit};
 use tirante::synthesis::Truth;
@@ -234,6 +234,26 @@ fn relations_between_keys_are_checked() {
 }
 
 #[test]
+fn a_chaos_that_cannot_be_fitted_is_refused() {
+    let found = messages(&format!("{TODI}\n[emulator]\nmodel = \"pce\"\norder = 12\n"));
+    assert!(
+        found.len() == 1 && found[0].contains("needs 4826809 model solves for the 6 uncertain"),
+        "{found:?}"
+    );
+    let mut known = MINIMAL.replace("{ low = 0, high = 500e3 }", "0");
+    known = known
+        .replace("{ mean = 150e3, cv = 0.3 }", "150e3")
+        .replace("{ mean = 190e9, cv = 0.1 }", "190e9");
+    known = known.replace("{ mean = 7600, cv = 0.03 }", "7600");
+    good(&known);
+    let found = messages(&format!("{known}\n[emulator]\nmodel = \"pce\"\n"));
+    assert!(
+        found.len() == 1 && found[0].contains("rod rod-1 has none"),
+        "{found:?}"
+    );
+}
+
+#[test]
 fn duplicates_are_refused() {
     let twice = format!("{MINIMAL}\n{MINIMAL}");
     let found = messages(&twice);
@@ -410,6 +430,53 @@ fn the_hash_is_that_of_the_meaning_for_measured_data() {
     );
     assert_ne!(config, same);
     assert_ne!(config.hash(), good(&TODI.replace("7500", "7501")).hash());
+}
+
+#[test]
+fn settings_of_the_command_line_stand_over_the_file() {
+    let settings = |texts: &[&str]| {
+        texts
+            .iter()
+            .map(|text| text.parse().unwrap())
+            .collect::<Vec<Setting>>()
+    };
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/minimal.toml");
+    let set = settings(&[
+        "abc.draws=5000",
+        "abc.accept={ quantile = 0.05 }",
+        "record.cut=window",
+        "site.seed=9",
+    ]);
+    let config = Config::resolve(Some(&file), &set).unwrap();
+    let abc = config.rods[0].analysis.abc;
+    assert_eq!((abc.draws, abc.accept), (5000, Accept::Quantile(0.05)));
+    assert_eq!(config.record.cut, Cut::Window { length_s: 60.0 });
+    assert_eq!((config.seed, config.rods[0].analysis.seed), (9, 9));
+    assert_ne!(
+        config.hash(),
+        good(MINIMAL).hash(),
+        "what is computed with is what is hashed"
+    );
+    assert_eq!(config, good(&config.effective()));
+    let todi = Config::resolve(None, &settings(&["record.cut=file"])).unwrap();
+    assert_eq!(todi.record.cut, Cut::File, "over the file's own");
+
+    let error = Config::resolve(
+        Some(&file),
+        &settings(&["abc.draws=5", "abc.drams=5", "rod=1", "abc.noise=["]),
+    )
+    .unwrap_err();
+    let shown = error.to_string();
+    assert!(
+        shown.contains("command line: abc.draws: 5 is out of range, allowed: 1000 <= draws"),
+        "{shown}"
+    );
+    assert!(
+        shown.contains("command line: abc.drams: unknown key, did you mean draws?"),
+        "{shown}"
+    );
+    assert!(shown.contains("command line: rod: 1 is an integer"), "{shown}");
+    assert!(shown.contains("command line: no TOML"), "{shown}");
 }
 
 /// A number as someone might type it.

@@ -1,6 +1,6 @@
 //! `tirante check`: a configuration, every fault at once, or what holds.
 
-use crate::config::{Config, ConfigError};
+use crate::config::{Config, ConfigError, Setting};
 use std::io::Write;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -8,7 +8,9 @@ use std::process::ExitCode;
 /// Checks a configuration: reports every fault at once with its key and line (exit code 2), or prints
 /// it with all defaults filled in.
 #[derive(Debug, clap::Args)]
-#[command(after_help = "Example:\n  tirante check config/todi.toml")]
+#[command(
+    after_help = "Examples:\n  tirante check config/todi.toml\n  tirante check config/todi.toml --set abc.draws=1000000"
+)]
 pub struct Args {
     /// The configuration; without one, the built-in rod of the paper.
     #[arg(value_name = "FILE", conflicts_with = "config")]
@@ -16,6 +18,9 @@ pub struct Args {
     /// The configuration, as for the other commands.
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
+    /// A setting over the configuration's, as KEY=VALUE; may be repeated.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub settings: Vec<Setting>,
     /// Only the exit code and the faults, no effective configuration.
     #[arg(long, short)]
     pub quiet: bool,
@@ -26,10 +31,8 @@ pub struct Args {
 /// # Errors
 /// Standard output cannot be written.
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
-    let config = match args.path.as_ref().or(args.config.as_ref()) {
-        Some(path) => Config::load(path),
-        None => Ok(Config::built_in()),
-    };
+    let path = args.path.as_deref().or(args.config.as_deref());
+    let config = Config::resolve(path, &args.settings);
     match config {
         Ok(config) => {
             if !args.quiet {

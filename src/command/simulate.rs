@@ -141,11 +141,20 @@ fn batches(simulation: &Simulation) -> impl Iterator<Item = Vec<usize>> {
         .map(move |begin| (begin..records.min(begin + together)).collect())
 }
 
+/// A channel and the unit its samples are written in.
+type Stream = (ChannelId, Unit);
+
+/// The channels of one rod.
+struct RodStreams {
+    displacement: Stream,
+    /// None if there is no climate, or another rod writes the same thermometer.
+    temperature: Option<Stream>,
+}
+
 /// The recording being written.
 struct Recording<W: Write + Seek> {
     writer: RecordingWriter<W>,
-    /// Channels of each rod: displacement, and temperature if this rod is the one that writes it.
-    channels: Vec<((ChannelId, Unit), Option<(ChannelId, Unit)>)>,
+    channels: Vec<RodStreams>,
     fs_hz: f64,
     record_s: f64,
     samples: u64,
@@ -198,7 +207,10 @@ impl<W: Write + Seek> Recording<W> {
                 }
                 None => None,
             };
-            channels.push((displacement, temperature));
+            channels.push(RodStreams {
+                displacement,
+                temperature,
+            });
         }
         Ok(Self {
             writer,
@@ -213,13 +225,14 @@ impl<W: Write + Seek> Recording<W> {
     /// One record of every rod, the channels side by side as a recorder would write them.
     fn write(&mut self, rods: &[SimulatedRecord]) -> Result<(), SinkError> {
         let mut sent: Vec<(f64, ChannelId, Unit, &Message)> = Vec::new();
-        for (rod, (displacement, temperature)) in rods.iter().zip(&self.channels) {
+        for (rod, streams) in rods.iter().zip(&self.channels) {
+            let (id, unit) = streams.displacement;
             // Stamps of displacement may be wrong on purpose: the place in the record is not.
             let step_s = self.record_s / rod.displacement.len() as f64;
             for (i, message) in rod.displacement.iter().enumerate() {
-                sent.push((i as f64 * step_s, displacement.0, displacement.1, message));
+                sent.push((i as f64 * step_s, id, unit, message));
             }
-            if let Some((id, unit)) = *temperature {
+            if let Some((id, unit)) = streams.temperature {
                 let since = |message: &Message| message.stamp.seconds_since(rod.start);
                 sent.extend(
                     rod.temperature

@@ -4,6 +4,7 @@ use super::range::{Range, toml_string};
 use super::reader::{Absent, Table, key};
 use super::value::Value;
 use crate::record::{Channel, TimeSource, Unit};
+use crate::source::FieldPath;
 
 /// One channel; `field` and `unit` are the defaults, `units` what is allowed.
 pub(super) fn read(table: &mut Table<'_>, field: &str, units: &[Unit], unit: Unit) -> Option<Channel> {
@@ -75,27 +76,14 @@ fn time(value: &Value<'_>) -> Option<TimeSource> {
     })
 }
 
-/// A path into a message: names with dots between, each with indices in brackets behind it.
+/// A path into a message, as the decoders read it.
 fn path(value: &Value<'_>) -> Option<String> {
     let text = value.name_string()?;
-    let is_path = text.split('.').all(|part| {
-        let (name, mut rest) = part.split_at(part.find('[').unwrap_or(part.len()));
-        if name.is_empty() || name.contains(']') || name.contains(char::is_whitespace) {
-            return false;
+    match FieldPath::parse(text) {
+        Ok(_) => Some(text.to_owned()),
+        Err(error) => {
+            value.fault(error.to_string());
+            None
         }
-        while let Some(inside) = rest.strip_prefix('[') {
-            let Some((index, behind)) = inside.split_once(']') else {
-                return false;
-            };
-            if index.is_empty() || index.len() > 9 || !index.bytes().all(|byte| byte.is_ascii_digit()) {
-                return false;
-            }
-            rest = behind;
-        }
-        rest.is_empty()
-    });
-    if !is_path {
-        value.fault(format!("\"{text}\" is no path: write names with dots between and indices in brackets, like point.z or data[3]"));
     }
-    is_path.then(|| text.to_owned())
 }

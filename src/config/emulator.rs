@@ -1,7 +1,9 @@
 //! `[emulator]`: which forward model answers for the natural frequencies.
 
+use super::RodConfig;
 use super::reader::{Table, key};
 use crate::emulator::ModelSettings;
+use crate::emulator::pce::{MAX_ORDER, MAX_POINTS};
 
 #[derive(Clone, Copy, PartialEq)]
 enum Kind {
@@ -38,7 +40,7 @@ pub(super) fn read(table: &mut Table<'_>) -> ModelSettings {
     let order = table.integer(
         key("order", "total order of the chaos").only(kind == Kind::Pce, "model = \"pce\""),
         1,
-        8,
+        MAX_ORDER as u64,
         5,
     );
     match kind {
@@ -50,5 +52,37 @@ pub(super) fn read(table: &mut Table<'_>) -> ModelSettings {
         Kind::Pce => ModelSettings::Pce {
             order: order as usize,
         },
+    }
+}
+
+/// The paper's chaos expands the uncertain quantities of a rod, on a tensor grid of (order + 1) points each.
+pub(super) fn check_chaos(root: &Table<'_>, model: ModelSettings, rods: &[Option<RodConfig>]) {
+    let ModelSettings::Pce { order } = model else {
+        return;
+    };
+    for rod in rods.iter().flatten() {
+        let uncertain = rod
+            .analysis
+            .prior
+            .priors()
+            .iter()
+            .filter(|prior| !prior.is_fixed())
+            .count();
+        let points = (order as f64 + 1.0).powi(uncertain as i32);
+        let id = &rod.analysis.rod;
+        if uncertain == 0 {
+            root.fault_of(
+                "emulator",
+                format!("model = \"pce\" expands uncertain quantities, rod {id} has none"),
+            );
+        } else if points > MAX_POINTS as f64 {
+            root.fault_of(
+                "emulator",
+                format!(
+                    "model = \"pce\" of order {order} needs {points} model solves for the {uncertain} uncertain \
+                     quantities of rod {id}, at most {MAX_POINTS} are made: lower the order or fix a quantity"
+                ),
+            );
+        }
     }
 }

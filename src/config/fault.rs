@@ -10,9 +10,9 @@ use thiserror::Error;
 pub struct Fault {
     /// The full path of the key (`rod[0].priors.density_kg_m3.cv`); empty for a fault of the text itself.
     pub key: String,
-    /// Line in the text, from 1.
+    /// Line in the text, from 1; 0 for a setting of the command line.
     pub line: usize,
-    /// Column in the line, in characters, from 1.
+    /// Column in the line, in characters, from 1; 0 for a setting of the command line.
     pub column: usize,
     /// What is wrong and what is allowed.
     pub message: String,
@@ -21,7 +21,9 @@ pub struct Fault {
 /// `14:34: rod[0].priors.density_kg_m3.cv: 3.0 is out of range, allowed: 0 < cv <= 1`
 impl fmt::Display for Fault {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}:{}: ", self.line, self.column)?;
+        if self.line > 0 {
+            write!(f, "{}:{}: ", self.line, self.column)?;
+        }
         if !self.key.is_empty() {
             write!(f, "{}: ", self.key)?;
         }
@@ -51,8 +53,14 @@ pub enum ConfigError {
 }
 
 fn listed(origin: &str, faults: &[Fault]) -> String {
-    let lines: Vec<String> = faults.iter().map(|fault| format!("{origin}:{fault}")).collect();
-    lines.join("\n")
+    let shown = |fault: &Fault| {
+        if fault.line > 0 {
+            format!("{origin}:{fault}")
+        } else {
+            format!("command line: {fault}")
+        }
+    };
+    faults.iter().map(shown).collect::<Vec<_>>().join("\n")
 }
 
 /// Faults beyond this number are counted, not listed.
@@ -61,6 +69,8 @@ const MOST: usize = 500;
 /// Faults found so far in one text.
 pub(super) struct Faults<'t> {
     pub(super) text: &'t str,
+    /// Where the file ends and the settings of the command line begin.
+    end: usize,
     line_starts: Vec<usize>,
     list: RefCell<Vec<Found>>,
     count: Cell<usize>,
@@ -73,12 +83,13 @@ struct Found {
 }
 
 impl<'t> Faults<'t> {
-    pub(super) fn new(text: &'t str) -> Self {
+    pub(super) fn new(text: &'t str, end: usize) -> Self {
         let line_starts = std::iter::once(0)
             .chain(text.match_indices('\n').map(|(i, _)| i + 1))
             .collect();
         Self {
             text,
+            end,
             line_starts,
             list: RefCell::default(),
             count: Cell::new(0),
@@ -117,16 +128,15 @@ impl<'t> Faults<'t> {
     /// faults in lines that hold a fault of the text itself.
     pub(super) fn distrust_after_broken_text(&self) {
         let mut list = self.list.borrow_mut();
+        let line = |found: &Found| self.line_starts.partition_point(|start| *start <= found.at);
         let broken: Vec<usize> = list
             .iter()
             .filter(|found| found.fault.key.is_empty())
-            .map(|found| found.fault.line)
+            .map(line)
             .collect();
-        list.retain(
-            |Found {
-                 fault, is_absence, ..
-             }| { fault.key.is_empty() || !(*is_absence || broken.contains(&fault.line)) },
-        );
+        list.retain(|found| {
+            found.fault.key.is_empty() || !(found.is_absence || broken.contains(&line(found)))
+        });
     }
 
     /// How many so far.
@@ -159,6 +169,9 @@ impl<'t> Faults<'t> {
 
     /// Line and column, both from 1, of byte `at`; a position inside a character counts as the character.
     fn position(&self, at: usize) -> (usize, usize) {
+        if at > self.end {
+            return (0, 0);
+        }
         let mut at = at.min(self.text.len());
         while !self.text.is_char_boundary(at) {
             at -= 1;
@@ -173,12 +186,21 @@ impl<'t> Faults<'t> {
 mod tests {
     use super::*;
 
+    fn faults(text: &str) -> Faults<'_> {
+        Faults::new(text, text.len())
+    }
+
     #[test]
     fn positions_count_from_one_in_characters() {
-        assert_eq!(Faults::new("").position(0), (1, 1));
-        assert_eq!(Faults::new("a\nbc").position(3), (2, 2));
-        assert_eq!(Faults::new("é = x").position(5), (1, 5));
-        assert_eq!(Faults::new("é").position(1), (1, 1), "inside a character");
-        assert_eq!(Faults::new("a").position(99), (1, 2));
+        assert_eq!(faults("").position(0), (1, 1));
+        assert_eq!(faults("a\nbc").position(3), (2, 2));
+        assert_eq!(faults("é = x").position(5), (1, 5));
+        assert_eq!(faults("é").position(1), (1, 1), "inside a character");
+        assert_eq!(faults("a").position(1), (1, 2));
+        assert_eq!(
+            faults("a").position(99),
+            (0, 0),
+            "behind the text: the command line"
+        );
     }
 }

@@ -1,7 +1,7 @@
 //! The TOML configuration: every fault reported at once, with its key and line.
 //!
-//! A new section is one `read` function that takes its keys from a [`reader::Table`], one line in
-//! [`Config::read`], and its keys in `docs/configuration.md` (a test compares the two).
+//! A new section is one `read` function that takes its keys from a `reader::Table`, one line in
+//! `Config::read`, and its keys in `docs/configuration.md` (a test compares the two).
 
 mod abc;
 mod channel;
@@ -14,6 +14,7 @@ mod range;
 mod reader;
 mod record;
 mod rod;
+mod setting;
 mod simulation;
 mod site;
 mod spectrum;
@@ -23,6 +24,7 @@ mod value;
 
 pub use effective::KeyReference;
 pub use fault::{ConfigError, Fault};
+pub use setting::Setting;
 pub use simulation::{SimulationConfig, field_of};
 
 use crate::analysis::AnalysisSettings;
@@ -38,6 +40,8 @@ use toml::de::DeTable;
 
 /// The longest configuration read \[bytes\].
 pub const LONGEST: usize = 1 << 20;
+
+const BUILT_IN: &str = include_str!("../../config/todi.toml");
 
 /// Everything a run depends on besides its data.
 #[derive(Debug, Clone, PartialEq)]
@@ -67,7 +71,7 @@ pub struct RodConfig {
 impl Config {
     /// The configuration shipped in the program: the paper's rod (`config/todi.toml`).
     pub fn built_in() -> Self {
-        match Self::parse(include_str!("../../config/todi.toml"), "config/todi.toml") {
+        match Self::parse(BUILT_IN, "config/todi.toml") {
             Ok(config) => config,
             Err(error) => unreachable!("the built-in configuration is tested: {error}"),
         }
@@ -82,17 +86,47 @@ impl Config {
         Self::parse(&text, &path.display().to_string())
     }
 
+    /// What a command works with: the file at `path` or else the built-in configuration, with the
+    /// command line's settings over it. They are validated as if the file held them, and they are part of
+    /// the hash.
+    ///
+    /// # Errors
+    /// The file cannot be read, or the faults of file and settings, all of them.
+    pub fn resolve(path: Option<&Path>, settings: &[Setting]) -> Result<Self, ConfigError> {
+        match path {
+            Some(path) => Self::parse_with(&read_text(path)?, &path.display().to_string(), settings),
+            None => Self::parse_with(BUILT_IN, "config/todi.toml", settings),
+        }
+    }
+
     /// Reads and validates a text called `origin` in messages.
     ///
     /// # Errors
     /// Its faults, all of them, in the order of the text.
     pub fn parse(text: &str, origin: &str) -> Result<Self, ConfigError> {
+        Self::parse_with(text, origin, &[])
+    }
+
+    fn parse_with(text: &str, origin: &str, settings: &[Setting]) -> Result<Self, ConfigError> {
         let refused = |faults: Faults| ConfigError::Faults {
             origin: origin.to_owned(),
             faults: faults.into_sorted(),
         };
-        let faults = Faults::new(text);
-        let (entries, errors) = DeTable::parse_recoverable(text);
+        // Settings stand behind the text; blanks in front of each give its values their places there.
+        let mut whole = text.to_owned();
+        let mut padded = Vec::new();
+        for setting in settings {
+            whole.push('\n');
+            padded.push(format!("{:1$}{setting}", "", whole.len()));
+            whole += &setting.to_string();
+        }
+        let faults = Faults::new(&whole, text.len());
+        let (mut entries, mut errors) = DeTable::parse_recoverable(text);
+        for line in &padded {
+            let (over, more) = DeTable::parse_recoverable(line);
+            setting::merge(entries.get_mut(), over.into_inner());
+            errors.extend(more);
+        }
         for error in &errors {
             let at = error.span().map_or(text.len(), |span| span.start);
             faults.add("", at, format!("no TOML: {}", error.message()));
@@ -149,6 +183,7 @@ impl Config {
             seed,
         };
         let rods = rod::read_all(root, &shared);
+        emulator::check_chaos(root, model, &rods);
         let simulation = root.optional_section("simulation", "What `tirante simulate` writes.", |table| {
             simulation::read(table, &rods)
         });

@@ -123,11 +123,11 @@ mod tests {
 
     #[test]
     fn successive_maxima_obey_the_logarithmic_decrement() {
-        let (f, zeta) = (9.288, 0.01);
+        let (f, zeta) = (9.288, 0.01_f64);
         let oscillator = Oscillator::new(f, zeta);
-        let period = 1.0 / (f * (1.0 - zeta * zeta as f64).sqrt());
+        let period = 1.0 / (f * (1.0 - zeta * zeta).sqrt());
         let ratio = oscillator.free((1.0, 0.0), period).0 / oscillator.free((1.0, 0.0), 2.0 * period).0;
-        let decrement = 2.0 * PI * zeta / (1.0 - zeta * zeta as f64).sqrt();
+        let decrement = 2.0 * PI * zeta / (1.0 - zeta * zeta).sqrt();
         assert!((ratio.ln() - decrement).abs() < 1e-12);
     }
 

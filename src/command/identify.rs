@@ -2,7 +2,7 @@
 
 use super::campaign::{self, Reading};
 use super::render::{self, CONFLICT_SHOWN, Outcome};
-use super::setup::{self, Overrides};
+use super::setup::{self, Setup};
 use super::{BadArguments, WITH_LOSSES};
 use crate::analysis::{Identification, Plan};
 use crate::config::Config;
@@ -56,9 +56,9 @@ pub struct Args {
     #[arg(long)]
     pub json: bool,
 
-    /// Overrides of the configuration.
+    /// The configuration.
     #[command(flatten)]
-    pub overrides: Overrides,
+    pub setup: Setup,
 }
 
 /// Runs the command.
@@ -74,7 +74,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
 }
 
 fn from_frequencies(args: &Args, list: &str) -> anyhow::Result<ExitCode> {
-    let mut config = args.overrides.load()?;
+    let mut config = args.setup.load()?;
     let modes = parse_modes(list, args.sd.as_deref())?;
     if args.sd.is_none() {
         eprintln!("no --sd: every frequency is taken with the paper's standard error of 0.0316 Hz");
@@ -111,7 +111,7 @@ fn from_frequencies(args: &Args, list: &str) -> anyhow::Result<ExitCode> {
 }
 
 fn from_recording(args: &Args, path: &PathBuf) -> anyhow::Result<ExitCode> {
-    let mut config = args.overrides.load()?;
+    let mut config = args.setup.load()?;
     if let Some(id) = &args.rod {
         let rod = choose_rod(&config, Some(id))?;
         config.rods.retain(|candidate| candidate.analysis.rod == rod);
@@ -127,7 +127,7 @@ fn from_recording(args: &Args, path: &PathBuf) -> anyhow::Result<ExitCode> {
 
 fn show(args: &Args, config: &Config, plans: &BTreeMap<RodId, Plan>, outcome: &Outcome) -> io::Result<()> {
     let text = match outcome {
-        _ if args.json => render::json(outcome, &args.overrides.provenance(config)) + "\n",
+        _ if args.json => render::json(outcome, &setup::provenance(config)) + "\n",
         Outcome::Identified(identification) => match plans.get(&identification.rod) {
             Some(plan) => describe(plan, identification),
             None => String::new(),

@@ -40,8 +40,11 @@ pub struct BadArguments(pub String);
 /// Says on stderr what went wrong and gives the exit code: 2 for arguments and configuration, 1 for
 /// everything else.
 pub fn report(error: &anyhow::Error) -> ExitCode {
+    if let Some(faults) = error.downcast_ref::<ConfigError>() {
+        return check::refuse(faults);
+    }
     eprintln!("error: {error:#}");
-    if error.is::<BadArguments>() || error.is::<ConfigError>() || error.is::<PlanError>() {
+    if error.is::<BadArguments>() || error.is::<PlanError>() {
         ExitCode::from(USAGE)
     } else {
         ExitCode::FAILURE

@@ -2,7 +2,7 @@
 
 use super::campaign::{self, Reading};
 use super::render::{self, Table};
-use super::setup::{self, Overrides};
+use super::setup::{self, Setup};
 use crate::record::RodId;
 use std::io::{self, Write};
 use std::path::PathBuf;
@@ -31,9 +31,9 @@ pub struct Args {
     #[command(flatten)]
     pub reading: Reading,
 
-    /// Overrides of the configuration.
+    /// The configuration.
     #[command(flatten)]
-    pub overrides: Overrides,
+    pub setup: Setup,
 }
 
 /// Runs the command.
@@ -41,9 +41,9 @@ pub struct Args {
 /// # Errors
 /// Bad arguments or configuration, no recording at all, or an output that cannot be written.
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
-    let config = args.overrides.load()?;
+    let config = args.setup.load()?;
     let plans = setup::plans(&config)?;
-    let provenance = args.overrides.provenance(&config);
+    let provenance = setup::provenance(&config);
     let modes = config
         .rods
         .iter()

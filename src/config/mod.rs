@@ -122,9 +122,9 @@ impl Config {
         }
         let faults = Faults::new(&whole, text.len());
         let (mut entries, mut errors) = DeTable::parse_recoverable(text);
-        for line in &padded {
+        for (line, setting) in padded.iter().zip(settings) {
             let (over, more) = DeTable::parse_recoverable(line);
-            setting::merge(entries.get_mut(), over.into_inner());
+            setting::merge(entries.get_mut(), over.into_inner(), setting.levels());
             errors.extend(more);
         }
         for error in &errors {

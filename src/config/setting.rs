@@ -47,6 +47,13 @@ impl FromStr for Setting {
     }
 }
 
+impl Setting {
+    /// How many tables the key goes through.
+    pub(super) fn levels(&self) -> usize {
+        self.key.matches('.').count()
+    }
+}
+
 /// As a line of TOML.
 impl fmt::Display for Setting {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -54,14 +61,15 @@ impl fmt::Display for Setting {
     }
 }
 
-/// Puts `over` over `entries`: tables are merged, everything else is replaced.
-pub(super) fn merge<'t>(entries: &mut DeTable<'t>, over: DeTable<'t>) {
+/// Puts `over`, one setting whose key names `levels` nested tables, over `entries`: those tables are
+/// merged, the value itself replaces what was there.
+pub(super) fn merge<'t>(entries: &mut DeTable<'t>, over: DeTable<'t>, levels: usize) {
     for (key, value) in over {
         let name: &str = key.get_ref();
         match (entries.get_mut(name).map(toml::Spanned::get_mut), value.get_ref()) {
-            (Some(DeValue::Table(below)), DeValue::Table(_)) => {
+            (Some(DeValue::Table(below)), DeValue::Table(_)) if levels > 0 => {
                 if let DeValue::Table(above) = value.into_inner() {
-                    merge(below, above);
+                    merge(below, above, levels - 1);
                 }
             }
             _ => {

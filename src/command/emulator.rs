@@ -1,21 +1,35 @@
 //! `tirante emulator`: fits emulators into the cache, and says how wrong they are.
 
+use super::setup;
 use crate::bayes::RodPrior;
 use crate::beam::{Exact, FiniteElements, finite_elements};
 use crate::cache::{Cache, Origin};
+use crate::config::Config;
 use crate::emulator::validate::{self, ErrorReport, GridErrors, ModeErrors, Spread};
 use crate::emulator::{FitError, Pce, ReducedModel};
 use crate::forward::ForwardModel;
 use indicatif::{ProgressBar, ProgressStyle};
 use std::io::{self, Write};
+use std::path::PathBuf;
 use std::process::ExitCode;
 
 /// Fit an emulator, or judge one.
 #[derive(Debug, Clone, clap::Args)]
+#[command(after_help = "Examples:
+  tirante emulator validate
+  tirante emulator train --order 5 --config config/campaign.toml --rod nave-3")]
 pub struct Args {
     /// What to do.
     #[command(subcommand)]
     pub action: Action,
+
+    /// The configuration whose rod's prior is meant; without it the paper's rod.
+    #[arg(long, global = true, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+
+    /// The rod of the configuration; needed if it has several.
+    #[arg(long, global = true, value_name = "ID")]
+    pub rod: Option<String>,
 }
 
 /// What to do with an emulator.
@@ -76,13 +90,13 @@ pub enum Truth {
     FiniteElements,
 }
 
-/// Runs on the paper's rod.
+/// Runs the command. Exit code 2: no chaos of that order can be fitted for the rod.
+///
+/// # Errors
+/// Bad arguments or configuration, or an output that cannot be written.
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
-    run_for(args, &RodPrior::todi())
-}
-
-/// Runs on a rod with this prior. Exit code 2: no chaos of that order can be fitted for it.
-pub fn run_for(args: &Args, prior: &RodPrior) -> anyhow::Result<ExitCode> {
+    let config = Config::resolve(args.config.as_deref(), &[])?;
+    let prior = &setup::choose_rod(&config, args.rod.as_deref())?.analysis.prior;
     let cache = Cache::of_user();
     let text = match &args.action {
         Action::Train { order } => train(&cache, prior, usize::from(*order)),

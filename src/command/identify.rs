@@ -79,7 +79,7 @@ fn from_frequencies(args: &Args, list: &str) -> anyhow::Result<ExitCode> {
     if args.sd.is_none() {
         eprintln!("no --sd: every frequency is taken with the paper's standard error of 0.0316 Hz");
     }
-    let rod = choose_rod(&config, args.rod.as_deref())?;
+    let rod = setup::choose_rod(&config, args.rod.as_deref())?.analysis.rod.clone();
     config.rods.retain(|candidate| candidate.analysis.rod == rod);
     let highest = modes.iter().map(|mode| mode.order).max().unwrap_or(0);
     for candidate in &mut config.rods {
@@ -113,7 +113,7 @@ fn from_frequencies(args: &Args, list: &str) -> anyhow::Result<ExitCode> {
 fn from_recording(args: &Args, path: &PathBuf) -> anyhow::Result<ExitCode> {
     let mut config = args.setup.load()?;
     if let Some(id) = &args.rod {
-        let rod = choose_rod(&config, Some(id))?;
+        let rod = setup::choose_rod(&config, Some(id))?.analysis.rod.clone();
         config.rods.retain(|candidate| candidate.analysis.rod == rod);
     }
     let plans = setup::plans(&config)?;
@@ -210,25 +210,6 @@ fn describe(plan: &Plan, identification: &Identification) -> String {
         line("    the force may be wrong by more than its interval says".to_owned());
     }
     text
-}
-
-fn choose_rod(config: &Config, id: Option<&str>) -> anyhow::Result<RodId> {
-    let known = || {
-        let ids: Vec<&str> = config
-            .rods
-            .iter()
-            .map(|rod| rod.analysis.rod.0.as_str())
-            .collect();
-        ids.join(", ")
-    };
-    match (id, config.rods.as_slice()) {
-        (Some(id), _) => config
-            .rod(id)
-            .map(|rod| rod.analysis.rod.clone())
-            .ok_or_else(|| BadArguments(format!("--rod {id}: the configuration has {}", known())).into()),
-        (None, [only]) => Ok(only.analysis.rod.clone()),
-        (None, _) => Err(BadArguments(format!("--rod is needed: the configuration has {}", known())).into()),
-    }
 }
 
 fn parse_modes(frequencies: &str, sd: Option<&str>) -> anyhow::Result<Vec<Mode>> {

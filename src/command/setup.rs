@@ -1,9 +1,10 @@
 //! From arguments to plans: the configuration, what the command line puts over it, the forward models.
 
+use super::BadArguments;
 use crate::analysis::Plan;
 use crate::bayes::Tables;
 use crate::cache;
-use crate::config::{Config, ConfigError, Setting};
+use crate::config::{Config, ConfigError, RodConfig, Setting};
 use crate::record::RodId;
 use clap::Args;
 use std::collections::BTreeMap;
@@ -81,4 +82,22 @@ pub fn plans(config: &Config) -> anyhow::Result<BTreeMap<RodId, Plan>> {
         plans.insert(settings.rod.clone(), Plan::new(settings, model, &tables)?);
     }
     Ok(plans)
+}
+
+/// The rod called `id`, or the only one.
+///
+/// # Errors
+/// No rod of that name, or several and no name.
+pub fn choose_rod<'c>(config: &'c Config, id: Option<&str>) -> Result<&'c RodConfig, BadArguments> {
+    let known = || {
+        let ids: Vec<&str> = config.rods.iter().map(|rod| rod.analysis.rod.0.as_str()).collect();
+        ids.join(", ")
+    };
+    match (id, config.rods.as_slice()) {
+        (Some(id), _) => config
+            .rod(id)
+            .ok_or_else(|| BadArguments(format!("--rod {id}: the configuration has {}", known()))),
+        (None, [only]) => Ok(only),
+        (None, _) => Err(BadArguments(format!("--rod is needed: the configuration has {}", known()))),
+    }
 }

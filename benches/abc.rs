@@ -9,6 +9,8 @@ use tirante::bayes::{
 };
 use tirante::beam::Quantity;
 use tirante::beam::exact::Exact;
+use tirante::emulator::fallback::OrExact;
+use tirante::emulator::reduced::ReducedModel;
 
 fn main() {
     divan::main();
@@ -42,6 +44,13 @@ fn table_exact(draws: usize) -> Table {
     Table::draw(&prior, &model, 3, draws, 1)
 }
 
+#[divan::bench(args = [10_000, 100_000, 1_000_000], sample_count = 5)]
+fn table_reduced(draws: usize) -> Table {
+    let prior = RodPrior::todi();
+    let model = OrExact::new(ReducedModel::new(*prior.parameterisation()));
+    Table::draw(&prior, &model, 3, draws, 1)
+}
+
 #[divan::bench(args = [10_000, 100_000, 200_000, 1_000_000])]
 fn run(bencher: Bencher<'_, '_>, draws: usize) {
     let (inference, record) = (todi(rejection(draws)), record());
@@ -71,7 +80,26 @@ fn run_adjusted(bencher: Bencher<'_, '_>, draws: usize) {
     bencher.bench_local(|| black_box(inference.run(&record, 5)));
 }
 
+/// The table drawn for this record alone, then the record.
 #[divan::bench(sample_count = 5)]
+fn run_without_table_1000000_reduced(bencher: Bencher<'_, '_>) {
+    let (prior, record) = (RodPrior::todi(), record());
+    let model = Arc::new(OrExact::new(ReducedModel::new(*prior.parameterisation())));
+    bencher.bench_local(|| {
+        let settings = rejection(1_000_000);
+        let inference = Inference::plan(
+            prior.clone(),
+            model.clone(),
+            vec![0.0; 3],
+            settings,
+            3,
+            &Tables::new(1),
+        );
+        black_box(inference.expect("a plan").run(&record, 5))
+    });
+}
+
+#[divan::bench(sample_count = 20)]
 fn run_default(bencher: Bencher<'_, '_>) {
     let (inference, record) = (todi(AbcSettings::default()), record());
     bencher.bench_local(|| black_box(inference.run(&record, 5)));

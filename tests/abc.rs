@@ -1,4 +1,5 @@
 //! The inference against posteriors known in closed form, and its edges.
+#![allow(clippy::unwrap_used)] // helpers of tests are tests
 
 mod doubles;
 
@@ -10,6 +11,8 @@ use tirante::bayes::{
 };
 use tirante::beam::Quantity;
 use tirante::beam::exact::Exact;
+use tirante::emulator::fallback::OrExact;
+use tirante::emulator::reduced::ReducedModel;
 use tirante::forward::ForwardModel;
 use tirante::record::Rejection;
 
@@ -655,4 +658,26 @@ fn conflicts_are_told_apart_from_wrong_priors() {
     let fast = Observation::first(&[10.50, 21.40, 33.06], 1e-3f64.sqrt()).unwrap();
     let conflict = inference.conflict(&fast).unwrap();
     assert!(conflict.score < 2.0 && conflict.prior_tail < 1e-3, "{conflict:?}");
+}
+
+/// Another forward model is another argument. The tables share their draws, so the posteriors differ by
+/// the emulator's error alone, a hundredth of a millihertz: a few draws at the rim of the tolerance.
+#[test]
+fn emulator_and_exact_model_give_one_posterior() {
+    let run = |model: Arc<dyn ForwardModel>| {
+        let settings = AbcSettings {
+            draws: 100_000,
+            ..AbcSettings::default()
+        };
+        let prior = RodPrior::todi();
+        let inference = Inference::plan(prior, model, vec![0.0; 3], settings, 3, &Tables::new(4)).unwrap();
+        let record = Observation::first(&[5.25, 10.70, 16.53], 0.01).unwrap();
+        inference.run(&record, 1).unwrap()
+    };
+    let parameterisation = *RodPrior::todi().parameterisation();
+    let exact = run(Arc::new(Exact::new(parameterisation)));
+    let reduced = run(Arc::new(OrExact::new(ReducedModel::new(parameterisation))));
+    let sd = exact.sd(FORCE).unwrap();
+    assert!((exact.mean(FORCE).unwrap() - reduced.mean(FORCE).unwrap()).abs() < 0.01 * sd);
+    assert!((reduced.sd(FORCE).unwrap() / sd - 1.0).abs() < 0.01);
 }

@@ -2,6 +2,7 @@
 //! paper's own study. Each prints the table that `docs/abc.md` shows.
 //!
 //! `cargo test --release --test campaigns -- --ignored --nocapture [name]`
+#![allow(clippy::unwrap_used)] // helpers of tests are tests
 
 mod doubles;
 

@@ -1,5 +1,6 @@
 //! Simulation-based calibration: truths drawn from the prior, records from the model, and the rank of
 //! each truth in its posterior. The ranks are uniform if the posteriors are right (Talts et al. 2018).
+#![allow(clippy::unwrap_used)] // helpers of tests are tests
 
 use rand_distr::{Distribution as _, StandardNormal};
 use rayon::prelude::*;

@@ -19,7 +19,7 @@ const RANK_TOLERANCE: f64 = 1e-10;
 /// Farthest the observation may lie from the mean of the accepted y_i, in standard deviations of the
 /// accepted (Mahalanobis). Records drawn from prior and model lie up to 4.7 away, a third mode 1 % too
 /// low for the model 4.4, the paper's rod 8.6, where the adjusted force still depends on the tolerance.
-const REACH: f64 = 5.0;
+pub const REACH: f64 = 5.0;
 
 /// Moves `particles` (row-major, points x quantities) and multiplies `weights`, which sum to one before
 /// and after, by the kernel. `differences` are y_i - y_0, row-major (points x modes).

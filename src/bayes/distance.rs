@@ -133,7 +133,7 @@ pub fn within(
 /// The `count` nearest draws (fewer if there are not enough valid ones), ascending by index; equal
 /// distances are decided by the lower index.
 ///
-/// A first look at [`PILOT_BLOCKS`] blocks bounds the wanted distance from above, by the sample
+/// A first look at some blocks bounds the wanted distance from above, by the sample
 /// quantile five standard deviations beyond; should that miss, the pass is repeated without a bound.
 pub fn nearest(
     target: &Target,

@@ -199,3 +199,65 @@ impl RodPrior {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_no_distribution_of_a_positive_quantity_is_named() {
+        let todi = RodPrior::todi();
+        assert!(todi.priors().iter().all(|prior| prior.fault().is_none()));
+        let normal = |mean, sd| Prior::TruncatedNormal { mean, sd };
+        let uniform = |low, high| Prior::Uniform { low, high };
+        let log_normal = |median, log_sd| Prior::LogNormal { median, log_sd };
+        for bad in [
+            Prior::Fixed { value: -1.0 },
+            Prior::Fixed { value: f64::NAN },
+            normal(1.0, 0.0),
+            normal(f64::INFINITY, 1.0),
+            // Would be redrawn for ever.
+            normal(-40.0, 1.0),
+            log_normal(0.0, 1.0),
+            log_normal(1.0, -1.0),
+            uniform(2.0, 2.0),
+            uniform(-1.0, 2.0),
+            uniform(0.0, f64::INFINITY),
+        ] {
+            assert!(bad.fault().is_some(), "{bad:?}");
+        }
+        assert!(Prior::Fixed { value: 0.0 }.fault().is_none());
+        assert!(normal(0.0, 1.0).fault().is_none());
+        assert!(uniform(0.0, 2.0).fault().is_none());
+    }
+
+    #[test]
+    fn draws_have_the_density_they_claim() {
+        // Means by the trapezoidal rule on the density against means of draws.
+        let priors = [
+            Prior::TruncatedNormal { mean: 0.5, sd: 1.0 },
+            Prior::LogNormal {
+                median: 1.0,
+                log_sd: 0.4,
+            },
+            Prior::Uniform { low: 1.0, high: 4.0 },
+        ];
+        for prior in priors {
+            let (mut mass, mut moment) = (0.0, 0.0);
+            for i in 1..100_000 {
+                let x = i as f64 * 1e-4;
+                let density = libm::exp(prior.log_density(x));
+                mass += density;
+                moment += density * x;
+            }
+            let mut generator = crate::random::stream(9, 0);
+            let count = 200_000;
+            let mean = (0..count).map(|_| prior.sample(&mut generator)).sum::<f64>() / f64::from(count);
+            // Standard deviations below 0.9: four standard errors of the mean.
+            assert!(
+                (mean - moment / mass).abs() < 4.0 * 0.9 / f64::from(count).sqrt(),
+                "{prior:?}"
+            );
+        }
+    }
+}

@@ -1,5 +1,8 @@
 //! Speed of the way from samples to labelled natural frequencies, one core.
 
+// Machinery of tests and benches: a panic is the report.
+#![allow(clippy::unwrap_used)]
+
 use divan::{Bencher, black_box};
 use tirante::bayes::RodPrior;
 use tirante::beam::exact::Exact;

@@ -1,5 +1,8 @@
 //! Natural frequencies and their standard errors against simulated records whose truth is known.
 
+// Machinery of tests and benches: a panic is the report.
+#![allow(clippy::unwrap_used)]
+
 mod simulator;
 
 use rand::RngExt;

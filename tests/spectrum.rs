@@ -1,5 +1,8 @@
 //! Welch's density and the peak picking against scipy, the textbook transform and closed forms.
 
+// Machinery of tests and benches: a panic is the report.
+#![allow(clippy::unwrap_used)]
+
 use proptest::prelude::*;
 use rand_distr::{Distribution, StandardNormal};
 use std::f64::consts::{PI, TAU};

@@ -138,8 +138,7 @@ pub fn resonance(band: &Band, excitation: Excitation, p: &Parameters) -> Option<
     let gamma = damping * p.frequency_hz;
     let moments = gather(band, p.slope, ratio, |f| {
         let detuning = f - damped;
-        let pole = gamma / (gamma * gamma + detuning * detuning);
-        let scale = pole * (2.0 * damped / (f + damped));
+        let scale = gamma * 2.0 * damped / ((gamma * gamma + detuning * detuning) * (f + damped));
         (scale * gamma, -scale * detuning, scale * gamma)
     })?;
     let reduced = reduce(&moments).filter(|r| r.hh > 0.0)?;
@@ -227,6 +226,7 @@ fn gather(band: &Band, slope: f64, ratio: f64, response: impl Fn(f64) -> (f64, f
         return None;
     }
     let mut m = Moments::default();
+    let mut product = 1.0f64;
     for cell in &band.cells {
         let x = cell.x;
         let (hr, hi, p) = response(cell.frequency_hz);
@@ -234,7 +234,16 @@ fn gather(band: &Band, slope: f64, ratio: f64, response: impl Fn(f64) -> (f64, f
         let d = ratio * h2 + cell.floor * (1.0 + slope * x);
         let w = 1.0 / d;
         let wn = w * cell.lines;
-        m.log_det += cell.lines * d.ln();
+        if cell.lines == 1.0 {
+            // One logarithm for many lines.
+            product *= d;
+            if !(1e-150..1e150).contains(&product) {
+                m.log_det += product.ln();
+                product = 1.0;
+            }
+        } else {
+            m.log_det += cell.lines * d.ln();
+        }
         let (whr, whi, wp) = (wn * hr, wn * hi, wn * p);
         let (wjr, wji) = (w * cell.re, w * cell.im);
         m.hh += wn * h2;
@@ -260,6 +269,7 @@ fn gather(band: &Band, slope: f64, ratio: f64, response: impl Fn(f64) -> (f64, f
         m.bj[1].re += wjr * x;
         m.bj[1].im += wji * x;
     }
+    m.log_det += product.ln();
     m.log_det.is_finite().then_some(m)
 }
 

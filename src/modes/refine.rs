@@ -2,7 +2,7 @@
 
 use super::band::{Band, Coefficients};
 use super::likelihood::{self, Parameters, Value};
-use super::optimum::{golden, maximise};
+use super::optimum::{Optimum, golden, maximise};
 use super::posterior::moments;
 use super::{Mask, Resonance};
 use crate::record::{Excitation, Record};
@@ -171,12 +171,14 @@ impl Context<'_> {
         let mut band = self.band((peak_hz, half, 0.5 * self.line_hz), limits, others, level);
         let mut start = self.start(&band, peak_hz)?;
         for last in [false, false, true] {
-            let (p, sd, log_sd) = self.climb(&band, start)?;
+            let top = self.climb(&band, start)?;
+            let p = Parameters::from_array(top.at);
             let gamma = p.log_damping.exp() * p.frequency_hz;
             let wanted = HALF_WIDTHS * gamma;
             let next = self.band((p.frequency_hz, wanted, gamma), limits, others, level);
             let ratio = next.lines / band.lines.max(1.0);
             if last || (0.7..1.5).contains(&ratio) {
+                let (p, sd, log_sd) = self.errors(&band, &top);
                 return self.judge(&band, p, sd, log_sd, half);
             }
             (half, band, start) = (wanted, next, p);
@@ -231,22 +233,28 @@ impl Context<'_> {
         Some(p)
     }
 
+    /// The posterior's maximum near `start`.
+    fn climb(&self, band: &Band, start: Parameters) -> Option<Optimum> {
+        let gamma = start.log_damping.exp() * start.frequency_hz;
+        let reach = [gamma.max(0.5 / band.duration_s), 1.0, 2.0, 1.0];
+        maximise(|x| self.log_posterior(band, x), start.to_array(), reach)
+    }
+
+    fn log_posterior(&self, band: &Band, x: &[f64; 4]) -> Option<f64> {
+        likelihood::resonance(band, self.excitation, &Parameters::from_array(*x)).map(|v| v.log_posterior)
+    }
+
     /// The parameters and the standard errors of frequency and log damping: the optimum with its
     /// curvature where the record determines damping and excitation well, else the posterior's mean
     /// and standard deviation (few independent fluctuations: the curvature alone would promise too
     /// much).
-    fn climb(&self, band: &Band, start: Parameters) -> Option<(Parameters, f64, f64)> {
-        let gamma = start.log_damping.exp() * start.frequency_hz;
-        let reach = [gamma.max(0.5 / band.duration_s), 1.0, 2.0, 1.0];
-        let log_posterior = |x: &[f64; 4]| {
-            likelihood::resonance(band, self.excitation, &Parameters::from_array(*x)).map(|v| v.log_posterior)
-        };
-        let found = maximise(log_posterior, start.to_array(), reach)?;
+    fn errors(&self, band: &Band, found: &Optimum) -> (Parameters, f64, f64) {
+        let log_posterior = |x: &[f64; 4]| self.log_posterior(band, x);
         let (mut at, mut covariance) = (found.at, found.covariance);
         let wide = |i: usize, limit: f64| found.covariance[(i, i)] > limit * limit;
         let posterior = match self.excitation {
-            Excitation::FreeDecay => moments(log_posterior, &found),
-            Excitation::Ambient if wide(1, 0.12) || wide(2, 0.7) => moments(log_posterior, &found),
+            Excitation::FreeDecay => moments(log_posterior, found),
+            Excitation::Ambient if wide(1, 0.12) || wide(2, 0.7) => moments(log_posterior, found),
             Excitation::Ambient => None,
         };
         if let Some(posterior) = posterior {
@@ -259,7 +267,7 @@ impl Context<'_> {
             Excitation::FreeDecay => covariance[(2, 2)].min(0.15),
         };
         let sd = |i: usize| covariance[(i, i)].sqrt();
-        Some((Parameters::from_array(at), sd(0) * (1.0 + 0.6 * scale), sd(1)))
+        (Parameters::from_array(at), sd(0) * (1.0 + 0.6 * scale), sd(1))
     }
 
     /// Whether the fit is a resonance, a line, or nothing (`None`).

@@ -4,7 +4,7 @@
 //! advanced from sample to sample by its exact transition matrix and its exact noise covariance
 //! `Q = P - F P F'` (P the stationary covariance).
 
-#![allow(dead_code)]
+#![allow(dead_code, clippy::unwrap_used)]
 
 use rand::Rng;
 use rand_distr::{Distribution, StandardNormal};

@@ -1,5 +1,10 @@
 //! Recordings written and read back: every encoding and layout, damage, growth, and files of others.
 
+#![allow(
+    clippy::unwrap_used,
+    reason = "a recording that cannot be made fails the test"
+)]
+
 mod common;
 
 use common::*;

@@ -1,5 +1,9 @@
 //! Recordings made for tests.
 #![allow(dead_code, reason = "each test file uses its part")]
+#![allow(
+    clippy::unwrap_used,
+    reason = "a recording that cannot be made fails the test"
+)]
 
 use std::io::Cursor;
 use tirante::record::{

@@ -84,8 +84,7 @@ fn assemble(stamped: impl IntoIterator<Item = (i64, f64)>, settings: RecordSetti
         assembler.push(Timestamp::from_nanos(time), &[sample]);
     }
     assembler.finish(false);
-    let events = assembler.events().collect();
-    events
+    assembler.events().collect()
 }
 
 fn run(samples: &[f64]) -> Vec<Event> {
@@ -105,7 +104,11 @@ fn only(events: Vec<Event>) -> Result<Record, Rejection> {
 fn shown(events: &[Event]) -> Vec<String> {
     let one = |event: &Event| match event {
         Event::Record(record) => format!("record of {} with {:?}", record.samples.len(), record.flags),
-        Event::Rejected { duration_s, rejection, .. } => format!("{duration_s}: {rejection}"),
+        Event::Rejected {
+            duration_s,
+            rejection,
+            ..
+        } => format!("{duration_s}: {rejection}"),
     };
     events.iter().map(one).collect()
 }
@@ -131,13 +134,19 @@ fn clean_records_pass_without_a_flag() {
             let samples = ambient(seed, 60.0, FS, snr);
             check(format!("ambient {seed} {snr}"), samples.clone());
             for step in [0.3, 0.05, 0.003] {
-                check(format!("ambient {seed} {snr} by {step}"), quantised(&samples, step));
+                check(
+                    format!("ambient {seed} {snr} by {step}"),
+                    quantised(&samples, step),
+                );
             }
             for zeta in [0.001, 0.005, 0.02] {
                 let samples = decay(seed, 60.0, FS, zeta, 10.0 * snr);
                 check(format!("decay {seed} {snr} {zeta}"), samples.clone());
                 for step in [0.1, 0.01, 0.001] {
-                    check(format!("decay {seed} {snr} {zeta} by {step}"), quantised(&samples, step));
+                    check(
+                        format!("decay {seed} {snr} {zeta} by {step}"),
+                        quantised(&samples, step),
+                    );
                 }
             }
         }
@@ -150,20 +159,34 @@ fn clean_records_pass_without_a_flag() {
 fn missing_samples_are_filled_or_refused() {
     for seed in 0..5 {
         let clean = ambient(seed, 60.0, FS, 100.0);
-        for (share, passes) in [(0.001, true), (0.01, true), (0.05, false), (0.2, false), (0.6, false)] {
+        for (share, passes) in [
+            (0.001, true),
+            (0.01, true),
+            (0.05, false),
+            (0.2, false),
+            (0.6, false),
+        ] {
             for absent in [true, false] {
                 let mut noise = Noise(seed + 100);
                 // Lost on the way, or sent as NaN.
-                let stamped = clean.iter().enumerate().filter_map(|(i, &x)| match noise.uniform() < share && i > 0 {
-                    true if absent => None,
-                    true => Some((nanos(i), f64::NAN)),
-                    false => Some((nanos(i), x)),
-                });
+                let stamped =
+                    clean
+                        .iter()
+                        .enumerate()
+                        .filter_map(|(i, &x)| match noise.uniform() < share && i > 0 {
+                            true if absent => None,
+                            true => Some((nanos(i), f64::NAN)),
+                            false => Some((nanos(i), x)),
+                        });
                 let events = assemble(stamped, RecordSettings::default());
                 match only(events) {
                     Ok(record) => {
                         assert!(passes, "{share}");
-                        assert!(matches!(record.flags[..], [Flag::Filled { .. }]), "{:?}", record.flags);
+                        assert!(
+                            matches!(record.flags[..], [Flag::Filled { .. }]),
+                            "{:?}",
+                            record.flags
+                        );
                         assert!((record.fs_hz - FS).abs() < 1e-6);
                         assert_eq!(record.samples.len(), clean.len());
                     }
@@ -222,10 +245,17 @@ fn clipping_is_flagged_or_refused() {
             let samples: Vec<f64> = fall.iter().map(|x| x.clamp(-rail, rail)).collect();
             let outcome = only(run(&samples));
             let noticed = match &outcome {
-                Ok(record) => record.flags.iter().any(|flag| matches!(flag, Flag::Clipped { .. })),
+                Ok(record) => record
+                    .flags
+                    .iter()
+                    .any(|flag| matches!(flag, Flag::Clipped { .. })),
                 Err(rejection) => rejection.code() == "clipped",
             };
-            assert!(noticed, "rail {rail}: {outcome:?}", outcome = outcome.map(|r| r.flags));
+            assert!(
+                noticed,
+                "rail {rail}: {outcome:?}",
+                outcome = outcome.map(|r| r.flags)
+            );
         }
     }
 }
@@ -234,7 +264,13 @@ fn clipping_is_flagged_or_refused() {
 fn spikes_are_replaced_or_refused() {
     for seed in 0..5 {
         let clean = ambient(seed, 60.0, FS, 100.0);
-        for (count, height, refused) in [(1, 20.0, false), (10, 20.0, false), (50, 20.0, true), (100, 100.0, true), (400, 50.0, true)] {
+        for (count, height, refused) in [
+            (1, 20.0, false),
+            (10, 20.0, false),
+            (50, 20.0, true),
+            (100, 100.0, true),
+            (400, 50.0, true),
+        ] {
             for width in [1, 2] {
                 let mut noise = Noise(seed + 7);
                 let mut samples = clean.clone();
@@ -247,8 +283,18 @@ fn spikes_are_replaced_or_refused() {
                 match only(run(&samples)) {
                     Ok(record) => {
                         assert!(!refused, "{count}");
-                        assert_eq!(record.flags, [Flag::Despiked { samples: count * width }]);
-                        let worst = record.samples.iter().zip(&clean).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+                        assert_eq!(
+                            record.flags,
+                            [Flag::Despiked {
+                                samples: count * width
+                            }]
+                        );
+                        let worst = record
+                            .samples
+                            .iter()
+                            .zip(&clean)
+                            .map(|(a, b)| (a - b).abs())
+                            .fold(0.0, f64::max);
                         assert!(worst < 1.0, "{worst}");
                     }
                     Err(rejection) => {
@@ -268,8 +314,16 @@ fn steps_and_changes_of_level_are_refused() {
         for height in [10.0, 20.0, 50.0, 200.0, 1e4] {
             for place in [0.2, 0.5, 0.9] {
                 let at = (place * clean.len() as f64) as usize;
-                let samples: Vec<f64> = clean.iter().enumerate().map(|(i, x)| x + if i < at { 0.0 } else { height }).collect();
-                let Err(Rejection::Step { height: found, time_s }) = only(run(&samples)) else {
+                let samples: Vec<f64> = clean
+                    .iter()
+                    .enumerate()
+                    .map(|(i, x)| x + if i < at { 0.0 } else { height })
+                    .collect();
+                let Err(Rejection::Step {
+                    height: found,
+                    time_s,
+                }) = only(run(&samples))
+                else {
                     panic!("a step of {height} passed");
                 };
                 assert!((found / height - 1.0).abs() < 0.5 && (time_s - at as f64 / FS).abs() < 0.6);
@@ -277,7 +331,11 @@ fn steps_and_changes_of_level_are_refused() {
         }
         for ratio in [1e-2, 1e-3, 1e-4, 1e-6, 1e-9] {
             let at = clean.len() / 2;
-            let samples: Vec<f64> = clean.iter().enumerate().map(|(i, x)| if i < at { *x } else { x * ratio }).collect();
+            let samples: Vec<f64> = clean
+                .iter()
+                .enumerate()
+                .map(|(i, x)| if i < at { *x } else { x * ratio })
+                .collect();
             assert!(matches!(code(&samples), "level" | "step"), "{ratio}");
         }
         // Drift and sway are no steps.
@@ -297,16 +355,27 @@ fn jitter_is_tolerated_up_to_its_limit() {
     let clean = ambient(3, 60.0, FS, 100.0);
     for (jitter, passes) in [(0.0, true), (0.1, true), (0.3, true), (0.8, false), (3.0, false)] {
         let mut noise = Noise(11);
-        let mut stamps: Vec<i64> = (0..clean.len()).map(|i| nanos(i) + (jitter * noise.normal() * 5e6) as i64).collect();
+        let mut stamps: Vec<i64> = (0..clean.len())
+            .map(|i| nanos(i) + (jitter * noise.normal() * 5e6) as i64)
+            .collect();
         // Recorders stamp in the order of arrival.
         stamps.sort_unstable();
-        let events = assemble(stamps.into_iter().zip(clean.iter().copied()), RecordSettings::default());
+        let events = assemble(
+            stamps.into_iter().zip(clean.iter().copied()),
+            RecordSettings::default(),
+        );
         match only(events) {
             Ok(record) => {
                 assert!(passes, "{jitter}");
                 assert!(record.samples == clean, "{jitter}");
                 assert!((record.fs_hz / FS - 1.0).abs() < 1e-4);
-                assert_eq!(jitter > 0.05, record.flags.iter().any(|flag| matches!(flag, Flag::Jitter { .. })));
+                assert_eq!(
+                    jitter > 0.05,
+                    record
+                        .flags
+                        .iter()
+                        .any(|flag| matches!(flag, Flag::Jitter { .. }))
+                );
             }
             Err(rejection) => assert!(!passes, "{jitter}: {rejection}"),
         }
@@ -317,7 +386,10 @@ fn jitter_is_tolerated_up_to_its_limit() {
 fn a_wrong_rate_is_told() {
     let clean = ambient(3, 60.0, FS, 100.0);
     for error in [0.002, 0.01, 0.1, 0.5, 2.0] {
-        let stamped = clean.iter().enumerate().map(|(i, &x)| (((i as f64 / FS) * (1.0 + error) * 1e9) as i64, x));
+        let stamped = clean
+            .iter()
+            .enumerate()
+            .map(|(i, &x)| (((i as f64 / FS) * (1.0 + error) * 1e9) as i64, x));
         let rejection = only(assemble(stamped, RecordSettings::default())).unwrap_err();
         assert_eq!(rejection.code(), "rate", "{error}");
     }
@@ -358,9 +430,10 @@ fn gaps_and_clock_steps_split() {
     let clean = ambient(5, 60.0, FS, 100.0);
     let half = clean.len() / 2;
     for shift_s in [-1e6, -100.0, -1.0, -0.5, -0.03, 0.5, 1.0, 100.0, 1e6] {
-        let stamped = clean.iter().enumerate().map(|(i, &x)| {
-            (nanos(i) + if i < half { 0 } else { (shift_s * 1e9) as i64 }, x)
-        });
+        let stamped = clean
+            .iter()
+            .enumerate()
+            .map(|(i, &x)| (nanos(i) + if i < half { 0 } else { (shift_s * 1e9) as i64 }, x));
         let events = assemble(stamped, RecordSettings::default());
         let [Event::Record(first), Event::Record(second)] = &events[..] else {
             panic!("{shift_s}: {:?}", shown(&events));
@@ -371,17 +444,27 @@ fn gaps_and_clock_steps_split() {
     }
     // One message with a wild stamp is dropped and told, its place filled.
     for wild in [0, nanos(0) - 5, nanos(0) + 4_000_000_000_000_000_000, i64::MAX] {
-        let stamped = clean.iter().enumerate().map(|(i, &x)| (if i == 3000 { wild } else { nanos(i) }, x));
+        let stamped = clean
+            .iter()
+            .enumerate()
+            .map(|(i, &x)| (if i == 3000 { wild } else { nanos(i) }, x));
         let record = only(assemble(stamped, RecordSettings::default())).unwrap();
         assert_eq!(record.samples.len(), clean.len());
-        assert_eq!(record.flags, [Flag::Filled { samples: 1 }, Flag::Dropped { samples: 1 }]);
+        assert_eq!(
+            record.flags,
+            [Flag::Filled { samples: 1 }, Flag::Dropped { samples: 1 }]
+        );
     }
 }
 
 #[test]
 fn windows_are_exact_and_batches_cut_inside() {
     let clean = ambient(5, 95.0, FS, 100.0);
-    let settings = RecordSettings { cut: Cut::Window { length_s: 30.0 }, min_duration_s: 2.0, ..Default::default() };
+    let settings = RecordSettings {
+        cut: Cut::Window { length_s: 30.0 },
+        min_duration_s: 2.0,
+        ..Default::default()
+    };
     let single = assemble(clean.iter().enumerate().map(|(i, &x)| (nanos(i), x)), settings);
     let mut assembler = Assembler::new(RodId("r".into()), settings, Some(FS), false);
     for (i, batch) in clean.chunks(64).enumerate() {
@@ -421,31 +504,54 @@ fn free_decays_begin_at_their_onset() {
         }
         samples.push(x);
     }
-    let settings = RecordSettings { cut: Cut::FreeDecay { ratio: 5.0, length_s: 20.0 }, ..Default::default() };
+    let settings = RecordSettings {
+        cut: Cut::FreeDecay {
+            ratio: 5.0,
+            length_s: 20.0,
+        },
+        ..Default::default()
+    };
     let events = assemble(samples.iter().enumerate().map(|(i, &x)| (nanos(i), x)), settings);
     assert_eq!(events.len(), pulls.len(), "{:?}", shown(&events));
     for (event, &pull) in events.iter().zip(&pulls) {
-        let Event::Record(record) = event else { panic!("{:?}", shown(&events)) };
+        let Event::Record(record) = event else {
+            panic!("{:?}", shown(&events))
+        };
         let late = record.start.seconds_since(Timestamp::from_nanos(nanos(pull)));
         assert!((-0.011..0.06).contains(&late), "{late}");
         assert_eq!(record.samples.len(), 4000);
     }
     let quiet: Vec<f64> = (0..20_000).map(|_| noise.normal()).collect();
     let events = assemble(quiet.iter().enumerate().map(|(i, &x)| (nanos(i), x)), settings);
-    assert!(matches!(&events[..], [Event::Rejected { rejection: Rejection::NoOnset { .. }, .. }]));
+    assert!(matches!(
+        &events[..],
+        [Event::Rejected {
+            rejection: Rejection::NoOnset { .. },
+            ..
+        }]
+    ));
 }
 
 #[test]
 fn hostile_stamps_neither_hang_nor_fill_memory() {
     let mut noise = Noise(1);
     for span in [1u64, 1000, 1 << 30, 1 << 50, 1 << 62] {
-        let stamped: Vec<(i64, f64)> = (0..20_000).map(|_| ((noise.bits() % span) as i64, noise.normal())).collect();
+        let stamped: Vec<(i64, f64)> = (0..20_000)
+            .map(|_| ((noise.bits() % span) as i64, noise.normal()))
+            .collect();
         let events = assemble(stamped, RecordSettings::default());
-        assert!(!events.iter().any(|event| matches!(event, Event::Record(_))), "{span}");
+        assert!(
+            !events.iter().any(|event| matches!(event, Event::Record(_))),
+            "{span}"
+        );
         assert!(events.len() < 100, "{span}: {} events", events.len());
     }
     // A nanosecond apart at first, then as far as a gap may be.
     let stamped = (0..2000i64).map(|i| (if i < 20 { i } else { i * 99_000_000 }, i as f64));
-    assert!(!assemble(stamped, RecordSettings::default()).iter().any(|event| matches!(event, Event::Record(_))));
+    assert!(
+        !assemble(stamped, RecordSettings::default())
+            .iter()
+            .any(|event| matches!(event, Event::Record(_)))
+    );
     assert!(assemble((0..5000).map(|i| (0, f64::from(i))), RecordSettings::default()).len() < 3);
 }

@@ -198,11 +198,16 @@ impl Assembler {
 
     /// Cuts the windows that were still waiting for late messages.
     fn cut_rest(&mut self) {
-        let Cut::Window { length_s } = self.settings.cut else { return };
+        let Cut::Window { length_s } = self.settings.cut else {
+            return;
+        };
         let length_s = length_s.min(self.settings.max_duration_s);
-        while let (Some(&start), Some(&last), Some(&size), Some(interval)) =
-            (self.open.times.first(), self.open.times.last(), self.open.sizes.last(), self.interval)
-        {
+        while let (Some(&start), Some(&last), Some(&size), Some(interval)) = (
+            self.open.times.first(),
+            self.open.times.last(),
+            self.open.sizes.last(),
+            self.interval,
+        ) {
             let span = (last.saturating_sub(start) as f64 + interval * f64::from(size)) * 1e-9;
             if span < length_s + 0.5e-9 * interval {
                 return;
@@ -256,7 +261,10 @@ impl Assembler {
     /// Enough messages to know the sample interval: hands them over as a new stretch.
     fn warmed(&mut self, queue: &mut VecDeque<Message>) {
         let warm = std::mem::take(&mut self.warm);
-        let mut order: Vec<(i64, u32)> = warm.iter().map(|(time, values)| (*time, values.len() as u32)).collect();
+        let mut order: Vec<(i64, u32)> = warm
+            .iter()
+            .map(|(time, values)| (*time, values.len() as u32))
+            .collect();
         order.sort_unstable();
         let (times, sizes): (Vec<i64>, Vec<u32>) = order.into_iter().unzip();
         let declared = self.declared_hz.map(|fs_hz| 1e9 / fs_hz);
@@ -278,7 +286,8 @@ impl Assembler {
         let unit = interval * values.len() as f64;
         // Nanoseconds between the end of the last message and this one.
         let hole = time.saturating_sub(last) as f64 - length;
-        if time > last && hole > -0.5 * length.max(unit) - 1.0 || time > last && size == 1 {
+        // Batches may not overlap by much; single samples only have to advance.
+        if time > last && (size == 1 || hole > -0.5 * length.max(unit) - 1.0) {
             let limit = (self.settings.max_gap_s * 1e9).max(0.5 * unit);
             return Some(if hole > limit { Place::Astray } else { Place::Next });
         }
@@ -296,7 +305,8 @@ impl Assembler {
             let first = open.values.len() - younger;
             let known = open.values.get(first..first + open.sizes[at] as usize);
             let same = known.is_some_and(|known| {
-                known.len() == values.len() && known.iter().zip(values).all(|(a, b)| a.to_bits() == b.to_bits())
+                known.len() == values.len()
+                    && known.iter().zip(values).all(|(a, b)| a.to_bits() == b.to_bits())
             });
             return if same { Place::Duplicate } else { Place::Astray };
         }
@@ -307,7 +317,11 @@ impl Assembler {
         let end_before = open.times[at - 1] as f64 + interval * f64::from(open.sizes[at - 1]);
         let fits = time as f64 >= end_before - 0.25 * unit
             && time as f64 + unit <= open.times[at] as f64 + 0.25 * unit;
-        if fits { Place::Late(count - at) } else { Place::Astray }
+        if fits {
+            Place::Late(count - at)
+        } else {
+            Place::Astray
+        }
     }
 
     /// Adds the next message and cuts if it is time.
@@ -405,7 +419,12 @@ impl Assembler {
 
     /// Splits at long holes and checks what is left.
     fn pieces(&mut self, even: Even, cut_short: bool) {
-        let Even { start, fs_hz, samples, jitter } = even;
+        let Even {
+            start,
+            fs_hz,
+            samples,
+            jitter,
+        } = even;
         let total = samples.len();
         let hole = (self.settings.max_gap_s * fs_hz).floor().max(0.0) as usize;
         let least = self.settings.min_duration_s * fs_hz;
@@ -445,7 +464,9 @@ impl Assembler {
         };
         let mut flags = checked.flags;
         if self.dropped > 0 {
-            flags.push(Flag::Dropped { samples: self.dropped });
+            flags.push(Flag::Dropped {
+                samples: self.dropped,
+            });
         }
         if jitter > NOTABLE_JITTER {
             flags.push(Flag::Jitter { jitter });
@@ -476,13 +497,21 @@ impl Assembler {
     fn release(&mut self, all: bool) {
         while let Some(record) = self.waiting.front() {
             let end = record.start.plus_seconds(record.duration_s());
-            let known = self.temperature.as_ref().is_none_or(|readings| readings.reaches(end));
+            let known = self
+                .temperature
+                .as_ref()
+                .is_none_or(|readings| readings.reaches(end));
             let held: usize = self.waiting.iter().map(|record| record.samples.len()).sum();
             if !(all || known || self.waiting.len() > WAITING || held > MAX_SAMPLES / 4) {
                 return;
             }
-            let Some(mut record) = self.waiting.pop_front() else { return };
-            record.temperature_c = self.temperature.as_ref().and_then(|readings| readings.mean(record.start, end));
+            let Some(mut record) = self.waiting.pop_front() else {
+                return;
+            };
+            record.temperature_c = self
+                .temperature
+                .as_ref()
+                .and_then(|readings| readings.mean(record.start, end));
             self.events.push(Event::Record(record));
         }
     }

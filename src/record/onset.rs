@@ -50,8 +50,7 @@ pub(super) fn onsets(samples: &[f64], fs_hz: f64, ratio: f64) -> Vec<usize> {
             armed = level < 0.5 * ratio;
             continue;
         }
-        // Written so that a level that is no number is no onset.
-        if !(level > ratio) {
+        if level <= ratio || level.is_nan() {
             continue;
         }
         // Beyond what a single spike does to the derivative.
@@ -61,9 +60,14 @@ pub(super) fn onsets(samples: &[f64], fs_hz: f64, ratio: f64) -> Vec<usize> {
         }
         armed = false;
         let window = from..(end + short).min(total - half);
-        let peak = slope[window.clone()].iter().fold(0.0f64, |peak, v| peak.max(v.abs()));
+        let peak = slope[window.clone()]
+            .iter()
+            .fold(0.0f64, |peak, v| peak.max(v.abs()));
         let threshold = (0.25 * peak).max(3.0 * quiet.sqrt());
-        let first = window.clone().find(|&i| slope[i].abs() > threshold).unwrap_or(end);
+        let first = window
+            .clone()
+            .find(|&i| slope[i].abs() > threshold)
+            .unwrap_or(end);
         // The derivative looks `half` samples ahead.
         found.push(first + half);
     }

@@ -134,7 +134,9 @@ pub fn check(mut samples: Vec<f64>, fs_hz: f64, settings: &RecordSettings) -> Re
         if (missing + spikes.samples) as f64 > settings.max_missing * total {
             return Err(too_many(missing + spikes.samples));
         }
-        flags.push(Flag::Despiked { samples: spikes.samples });
+        flags.push(Flag::Despiked {
+            samples: spikes.samples,
+        });
     }
     if let Some((height, at)) = step(&samples, fs_hz, range.step) {
         return Err(Rejection::Step {
@@ -221,7 +223,13 @@ fn clipped(samples: &[f64], range: &Extent) -> usize {
         }
     }
     // Few samples prove nothing either way.
-    let rail = |at: usize, near: usize| if at as f64 > 1.5 * near as f64 + 4.0 { at } else { 0 };
+    let rail = |at: usize, near: usize| {
+        if at as f64 > 1.5 * near as f64 + 4.0 {
+            at
+        } else {
+            0
+        }
+    };
     rail(at_high, near_high) + rail(at_low, near_low)
 }
 
@@ -245,14 +253,23 @@ fn despike(samples: &mut [f64], fs_hz: f64, step: f64) -> Spikes {
     }
     let rough = |samples: &[f64], i: usize| (samples[i] - 0.5 * (samples[i - 1] + samples[i + 1])).abs();
     let mut bad: Vec<usize> = Vec::new();
-    let mut scratch = Vec::with_capacity(block);
+    let mut some = Vec::with_capacity(block);
     for from in (1..total - 1).step_by(block) {
         let to = (from + block).min(total - 1);
-        scratch.clear();
-        scratch.extend((from..to).map(|i| rough(samples, i)));
-        let scale = (median(&mut scratch) / 0.6745).max(step);
+        // Some sixty samples tell the scale well enough for so high a threshold.
+        some.clear();
+        some.extend((from..to).step_by((block / 64).max(1)).map(|i| rough(samples, i)));
+        let scale = (median(&mut some) / 0.6745).max(step);
+        let limit = 0.5 * SPIKE * scale;
+        let around = &samples[from - 1..to + 1];
+        let largest = around
+            .windows(3)
+            .fold(0.0f64, |most, w| most.max((w[1] - 0.5 * (w[0] + w[2])).abs()));
+        if largest <= limit {
+            continue;
+        }
         for i in from..to {
-            if rough(samples, i) > 0.5 * SPIKE * scale {
+            if rough(samples, i) > limit {
                 // The neighbours of a spike are rough too; each candidate is judged against its surroundings.
                 for candidate in i - 1..=i + 1 {
                     if bad.last().is_none_or(|&last| candidate > last) && outlier(samples, candidate, scale) {
@@ -311,35 +328,48 @@ fn variance(samples: &[f64]) -> f64 {
     samples.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / count
 }
 
-/// Running sums of a signal and its square about its mean.
-struct Sums {
-    first: Vec<f64>,
-    second: Vec<f64>,
+/// Sums of a signal and its square, in blocks.
+struct Blocks {
+    /// Running sums at the block boundaries.
+    sums: Vec<(f64, f64)>,
+    size: usize,
 }
 
-impl Sums {
-    fn of(samples: &[f64]) -> Self {
-        let mean = samples.iter().sum::<f64>() / samples.len().max(1) as f64;
-        let (mut first, mut second) = (Vec::with_capacity(samples.len() + 1), Vec::with_capacity(samples.len() + 1));
-        let (mut a, mut b) = (0.0, 0.0);
-        first.push(a);
-        second.push(b);
-        for x in samples {
-            a += x - mean;
-            b += (x - mean) * (x - mean);
-            first.push(a);
-            second.push(b);
+impl Blocks {
+    fn of(samples: &[f64], size: usize, mean: f64) -> Self {
+        let mut sums = Vec::with_capacity(samples.len() / size + 1);
+        let (mut first, mut second) = (0.0, 0.0);
+        sums.push((first, second));
+        for block in samples.chunks_exact(size) {
+            let (mut a, mut b) = (0.0, 0.0);
+            for x in block {
+                let x = x - mean;
+                a += x;
+                b += x * x;
+            }
+            first += a;
+            second += b;
+            sums.push((first, second));
         }
-        Self { first, second }
+        Self { sums, size }
     }
 
-    /// Mean and variance of a stretch.
-    fn stats(&self, range: Range<usize>) -> (f64, f64) {
-        let count = range.len() as f64;
-        let mean = (self.first[range.end] - self.first[range.start]) / count;
-        let square = (self.second[range.end] - self.second[range.start]) / count;
-        (mean, (square - mean * mean).max(0.0))
+    /// Number of whole blocks.
+    fn len(&self) -> usize {
+        self.sums.len() - 1
     }
+
+    /// Mean (less the signal's) and variance over a range of blocks.
+    fn stats(&self, range: Range<usize>) -> (f64, f64) {
+        let count = (range.len() * self.size) as f64;
+        let (from, to) = (self.sums[range.start], self.sums[range.end]);
+        let mean = (to.0 - from.0) / count;
+        (mean, ((to.1 - from.1) / count - mean * mean).max(0.0))
+    }
+}
+
+fn mean(samples: &[f64]) -> f64 {
+    samples.iter().sum::<f64>() / samples.len().max(1) as f64
 }
 
 /// The largest abrupt change of the mean, if it is larger than the vibration around it: height and place.
@@ -347,24 +377,40 @@ impl Sums {
 /// Means over a second on either side are compared with the scatter about them; a straight ramp reaches
 /// 3.5 of these, a slow oscillation 4.2, so that drift and sway are no steps.
 fn step(samples: &[f64], fs_hz: f64, resolution: f64) -> Option<(f64, usize)> {
-    let window = (fs_hz.round() as usize).max(16);
-    let total = samples.len();
-    if total < 3 * window {
+    // Blocks to a window. A step inside a block adds less than 0.03 of its square to the scatter, so that
+    // none larger than asked for falls below the coarse limit; what passes that is looked at closely.
+    const WINDOW: usize = 16;
+    const COARSE: f64 = 15.0;
+    let size = ((fs_hz / WINDOW as f64).round() as usize).max(1);
+    let window = WINDOW * size;
+    let middle = mean(samples);
+    let blocks = Blocks::of(samples, size, middle);
+    if blocks.len() < 3 * WINDOW {
         return None;
     }
-    let sums = Sums::of(samples);
-    let blocks = total / window;
-    let inside = (0..blocks).map(|i| sums.stats(i * window..(i + 1) * window).1).sum::<f64>() / blocks as f64;
+    let whole = (0..blocks.len() / WINDOW).map(|i| blocks.stats(i * WINDOW..(i + 1) * WINDOW).1);
+    let inside = whole.sum::<f64>() / (blocks.len() / WINDOW) as f64;
     let floor = resolution.powi(2).max(0.04 * inside);
-    let mut worst: Option<(f64, f64, usize)> = None;
-    for at in window..=total - window {
+    let score = |sums: &Blocks, at: usize, window: usize| {
         let (before, scatter_before) = sums.stats(at - window..at);
         let (after, scatter_after) = sums.stats(at..at + window);
-        let scatter = (0.5 * (scatter_before + scatter_after)).max(floor);
         let height = after - before;
-        let score = height * height / scatter;
-        if score > STEP * STEP && worst.is_none_or(|(most, ..)| score > most) {
-            worst = Some((score, height, at));
+        let scatter = (0.5 * (scatter_before + scatter_after)).max(floor);
+        (height * height / scatter, height)
+    };
+    let mut worst: Option<(f64, f64, usize)> = None;
+    for at in WINDOW..=blocks.len() - WINDOW {
+        if score(&blocks, at, WINDOW).0 < COARSE {
+            continue;
+        }
+        let from = (at * size).saturating_sub(window + size);
+        let to = (at * size + window + size).min(samples.len());
+        let near = Blocks::of(&samples[from..to], 1, middle);
+        for close in window..=near.len() - window {
+            let (score, height) = score(&near, close, window);
+            if score > STEP * STEP && worst.is_none_or(|(most, ..)| score > most) {
+                worst = Some((score, height, from + close));
+            }
         }
     }
     worst.map(|(_, height, at)| (height, at))
@@ -376,24 +422,32 @@ fn step(samples: &[f64], fs_hz: f64, resolution: f64) -> Option<(f64, usize)> {
 /// not fall, is no vibration.
 fn level_change(samples: &[f64], fs_hz: f64, resolution: f64) -> Option<(f64, usize)> {
     let window = (fs_hz.round() as usize).max(16);
-    let blocks = samples.len() / window;
+    let sums = Blocks::of(samples, window, mean(samples));
+    let blocks = sums.len();
     if blocks < 8 {
         return None;
     }
-    let sums = Sums::of(samples);
     let level: Vec<f64> = (0..blocks)
-        .map(|i| sums.stats(i * window..(i + 1) * window).1.sqrt().max(resolution))
+        .map(|i| sums.stats(i..i + 1).1.sqrt().max(resolution))
         .collect();
+    let running = |levels: &mut dyn Iterator<Item = &f64>| -> Vec<(f64, f64)> {
+        levels
+            .scan((f64::INFINITY, 0.0f64), |(least, most), &level| {
+                (*least, *most) = (least.min(level), most.max(level));
+                Some((*least, *most))
+            })
+            .collect()
+    };
+    let before = running(&mut level.iter());
+    let after = running(&mut level.iter().rev());
     // The block with the change in it belongs to neither side.
     for i in 2..blocks - 4 {
-        let largest = |range: Range<usize>| level[range].iter().fold(0.0f64, |a, &b| a.max(b));
-        let least = |range: Range<usize>| level[range].iter().fold(f64::INFINITY, |a, &b| a.min(b));
-        let up = least(i + 1..blocks) / largest(0..i);
-        let down = least(0..i) / largest(i + 1..blocks);
+        let ((least_before, most_before), (least_after, most_after)) = (before[i - 1], after[blocks - i - 2]);
+        let up = least_after / most_before;
+        let down = least_before / most_after;
         let third = (blocks - i - 1).div_ceil(3);
-        let mean = |range: Range<usize>| level[range.clone()].iter().sum::<f64>() / range.len() as f64;
-        let stays = mean(blocks - third..blocks) >= 0.95 * mean(i + 1..i + 1 + third);
-        let ratio = if stays { up.max(down) } else { down };
+        let stays = || mean(&level[blocks - third..]) >= 0.95 * mean(&level[i + 1..i + 1 + third]);
+        let ratio = if up > LEVEL && stays() { up } else { down };
         if ratio > LEVEL {
             return Some((ratio, i * window));
         }

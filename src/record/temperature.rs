@@ -33,7 +33,8 @@ impl Temperature {
 
     /// Whether readings have come beyond this time.
     pub fn reaches(&self, time: Timestamp) -> bool {
-        self.last.is_some_and(|last| last > time.as_nanos().div_euclid(1_000_000_000))
+        self.last
+            .is_some_and(|last| last > time.as_nanos().div_euclid(1_000_000_000))
     }
 
     /// The mean from `start` to `end`; with no reading in between, the last one before if it is recent.
@@ -49,7 +50,10 @@ impl Temperature {
         if count > 0 {
             return Some(sum / f64::from(count));
         }
-        let (_, (sum, count)) = self.seconds.range(from.saturating_sub(STALE_S)..from).next_back()?;
+        let (_, (sum, count)) = self
+            .seconds
+            .range(from.saturating_sub(STALE_S)..from)
+            .next_back()?;
         Some(sum / f64::from(*count))
     }
 }

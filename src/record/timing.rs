@@ -1,6 +1,6 @@
 //! Stamps to an even time axis: sample rate by regression, missing samples by their holes.
 
-use super::{Rejection, RecordSettings, Timestamp};
+use super::{RecordSettings, Rejection, Timestamp};
 
 /// Messages in time order, not yet on an even axis.
 #[derive(Debug, Clone, Default)]
@@ -56,7 +56,9 @@ impl Stretch {
         };
         let mut rest = None;
         if let (Some(&time), Some(size)) = (front.times.last(), front.sizes.last_mut()) {
-            let kept = (boundary.saturating_sub(time) as f64 / interval).ceil().clamp(1.0, f64::from(*size)) as u32;
+            let kept = (boundary.saturating_sub(time) as f64 / interval)
+                .ceil()
+                .clamp(1.0, f64::from(*size)) as u32;
             let moved = *size - kept;
             if moved > 0 {
                 *size = kept;
@@ -156,7 +158,11 @@ pub(super) fn even(
         }
     }
     // The first stamp itself where the line agrees with it, so that exact stamps stay exact.
-    let start = if line.start.abs() < 0.01 * dt { 0.0 } else { line.start };
+    let start = if line.start.abs() < 0.01 * dt {
+        0.0
+    } else {
+        line.start
+    };
     Ok(Even {
         start: Timestamp::from_nanos(origin.saturating_add(start.round() as i64)),
         fs_hz,
@@ -175,7 +181,11 @@ pub(super) fn too_short(duration_s: f64, settings: &RecordSettings) -> Rejection
 fn nine_digits(value: f64) -> f64 {
     let scale = 10f64.powi(8 - value.abs().log10().floor() as i32);
     let rounded = (value * scale).round() / scale;
-    if rounded.is_finite() && rounded > 0.0 { rounded } else { value }
+    if rounded.is_finite() && rounded > 0.0 {
+        rounded
+    } else {
+        value
+    }
 }
 
 fn median_size(sizes: &[u32]) -> f64 {
@@ -237,7 +247,9 @@ fn persistent(times: &[i64], sizes: &[u32], dt: f64, late: &[f64], quantum: f64)
             continue;
         }
         let at = i + 1;
-        let mut before: Vec<f64> = (at.saturating_sub(NEIGHBOURS).max(last)..at).map(offset).collect();
+        let mut before: Vec<f64> = (at.saturating_sub(NEIGHBOURS).max(last)..at)
+            .map(offset)
+            .collect();
         let mut after: Vec<f64> = (at..(at + NEIGHBOURS).min(times.len())).map(offset).collect();
         let whole = ((median(&mut after) - median(&mut before)) / quantum).round();
         if whole >= 1.0 {
@@ -262,14 +274,18 @@ fn regress(times: &[i64], sizes: &[u32], lost: &[(usize, u64)]) -> Line {
     let points = || {
         let mut lost = lost.iter().peekable();
         let mut number = 0.0;
-        times.iter().zip(sizes).enumerate().map(move |(i, (&time, &size))| {
-            if let Some((_, count)) = lost.next_if(|(at, _)| *at == i) {
-                number += *count as f64;
-            }
-            let point = (number, time.saturating_sub(times[0]) as f64);
-            number += f64::from(size);
-            point
-        })
+        times
+            .iter()
+            .zip(sizes)
+            .enumerate()
+            .map(move |(i, (&time, &size))| {
+                if let Some((_, count)) = lost.next_if(|(at, _)| *at == i) {
+                    number += *count as f64;
+                }
+                let point = (number, time.saturating_sub(times[0]) as f64);
+                number += f64::from(size);
+                point
+            })
     };
     let count = times.len() as f64;
     let (sum_k, sum_t) = points().fold((0.0, 0.0), |(k, t), point| (k + point.0, t + point.1));

@@ -4,7 +4,7 @@
 //! the field and its time are picked up on the way. The whole message is walked, so one that is cut
 //! short gives an error even if the field itself is there.
 
-use super::decode::{Decoded, DecodeError, SchemaRef, Time};
+use super::decode::{DecodeError, Decoded, SchemaRef, Time};
 use super::path::{FieldPath, Found, Step, into_field, into_item};
 use super::stamp;
 use re_cdr::{BigEndian, ByteOrder, CdrReader, LittleEndian};
@@ -113,8 +113,7 @@ impl CdrPlan {
     ) -> Result<Self, DecodeError> {
         let broken = |what: String| DecodeError::Schema(format!("schema `{}`: {what}", schema.name));
         let text = std::str::from_utf8(schema.data).map_err(|_| broken("not UTF-8".to_owned()))?;
-        let parsed =
-            MessageSchema::parse(schema.name, text).map_err(|fault| broken(format!("{fault:#}")))?;
+        let parsed = MessageSchema::parse(schema.name, text).map_err(|fault| broken(format!("{fault:#}")))?;
         let mut compiler = Compiler {
             schema: &parsed,
             name: schema.name,
@@ -124,15 +123,14 @@ impl CdrPlan {
             value_found: false,
             time_found: false,
         };
-        let ops = compiler.message(
-            &parsed.spec,
-            Some(value.steps()),
-            time.map(FieldPath::steps),
-            0,
-        )?;
+        let ops = compiler.message(&parsed.spec, Some(value.steps()), time.map(FieldPath::steps), 0)?;
         if !compiler.value_found || (time.is_some() && !compiler.time_found) {
             // The compiler reports what it cannot find; this is only for paths it never reached.
-            let path = if compiler.value_found { time.unwrap_or(value) } else { value };
+            let path = if compiler.value_found {
+                time.unwrap_or(value)
+            } else {
+                value
+            };
             return Err(DecodeError::missing(path, Vec::new()));
         }
         Ok(Self {
@@ -235,7 +233,10 @@ impl<'a> Compiler<'a> {
             self.field(&field.ty, spec, value, time, role, depth, &mut ops)?;
         }
         if stamp_here {
-            let takes = |wanted: Use| ops.iter().any(|op| matches!(op, Op::Take(_, used) if *used == wanted));
+            let takes = |wanted: Use| {
+                ops.iter()
+                    .any(|op| matches!(op, Op::Take(_, used) if *used == wanted))
+            };
             if !takes(Use::Seconds) || !takes(Use::Nanos) {
                 return Err(self.time_error());
             }
@@ -370,7 +371,10 @@ impl<'a> Compiler<'a> {
             match (path, steps) {
                 (Some(_), Some([Step::Index(index), ..])) => indices.push(*index),
                 (Some(path), Some(_)) => {
-                    return Err(DecodeError::missing(path, vec!["a list: write an index".to_owned()]));
+                    return Err(DecodeError::missing(
+                        path,
+                        vec!["a list: write an index".to_owned()],
+                    ));
                 }
                 _ => {}
             }
@@ -437,7 +441,11 @@ fn least_size(ops: &[Op]) -> usize {
         },
         Op::Text | Op::TakeText => 4,
         Op::Repeat { count: None, .. } => 4,
-        Op::Repeat { count: Some(count), each, .. } => least_size(each).saturating_mul(*count),
+        Op::Repeat {
+            count: Some(count),
+            each,
+            ..
+        } => least_size(each).saturating_mul(*count),
     };
     ops.iter().fold(0usize, |sum, op| sum.saturating_add(one(op)))
 }
@@ -557,7 +565,9 @@ fn array<'a, B: ByteOrder>(
     }
     let size = primitive.size();
     reader.align(size).map_err(short)?;
-    let bytes = count.checked_mul(size).ok_or_else(|| malformed("it is cut short"))?;
+    let bytes = count
+        .checked_mul(size)
+        .ok_or_else(|| malformed("it is cut short"))?;
     reader.read_bytes(bytes).map_err(short)
 }
 
@@ -591,10 +601,14 @@ fn floats<B: ByteOrder>(primitive: Primitive, bytes: &[u8], out: &mut Vec<f64>) 
     match primitive {
         Primitive::F64 => out.extend(bytes.chunks_exact(8).map(B::read_f64)),
         Primitive::F32 => out.extend(bytes.chunks_exact(4).map(|b| f64::from(B::read_f32(b)))),
-        other => out.extend(bytes.chunks_exact(other.size()).map(|b| match number::<B>(other, b) {
-            Number::Integer(value) => value as f64,
-            Number::Float(value) => value,
-        })),
+        other => out.extend(
+            bytes
+                .chunks_exact(other.size())
+                .map(|b| match number::<B>(other, b) {
+                    Number::Integer(value) => value as f64,
+                    Number::Float(value) => value,
+                }),
+        ),
     }
 }
 
@@ -656,12 +670,18 @@ mod tests {
                 ("last", vec![9.0]),
             ] {
                 let mut out = Vec::new();
-                let plan = compile(path, Some("header.stamp")).unwrap_or_else(|fault| panic!("{path}: {fault}"));
+                let plan =
+                    compile(path, Some("header.stamp")).unwrap_or_else(|fault| panic!("{path}: {fault}"));
                 let decoded = plan.decode(&bytes, &mut out).unwrap();
                 assert_eq!(out, expected, "{path}");
                 assert_eq!(decoded.time, Time::Nanos(12_000_000_034));
             }
-            assert!(compile("sensors[2].value", None).unwrap().decode(&bytes, &mut Vec::new()).is_err());
+            assert!(
+                compile("sensors[2].value", None)
+                    .unwrap()
+                    .decode(&bytes, &mut Vec::new())
+                    .is_err()
+            );
             for cut in 0..bytes.len() {
                 let plan = compile("header.stamp.sec", None).unwrap();
                 assert!(plan.decode(&bytes[..cut], &mut Vec::new()).is_err(), "{cut}");
@@ -669,14 +689,22 @@ mod tests {
         }
         let mut parameter_list = message::<LittleEndian>(1);
         parameter_list[1] = 3;
-        assert!(compile("last", None).unwrap().decode(&parameter_list, &mut Vec::new()).is_err());
+        assert!(
+            compile("last", None)
+                .unwrap()
+                .decode(&parameter_list, &mut Vec::new())
+                .is_err()
+        );
     }
 
     #[test]
     fn says_what_is_there_instead() {
         let told = |path| compile(path, None).unwrap_err().to_string();
         assert_eq!(told("z"), "no field `z`; there is: header, sensors, point, last");
-        assert_eq!(told("header.seq"), "no field `header.seq`; there is: stamp, frame_id");
+        assert_eq!(
+            told("header.seq"),
+            "no field `header.seq`; there is: stamp, frame_id"
+        );
         assert!(told("sensors").contains("write an index"));
         assert!(told("header.frame_id").contains("is text"));
         assert!(told("point[3]").contains("fewer items"));
@@ -684,8 +712,16 @@ mod tests {
 
     #[test]
     fn hostile_definitions_are_refused() {
-        for text in ["A a\n====\nMSG: x/A\nA a\n", "wstring w\nfloat64 v\n", "Nowhere n\nfloat64 v\n"] {
-            let schema = SchemaRef { name: "x/msg/Top", encoding: "ros2msg", data: text.as_bytes() };
+        for text in [
+            "A a\n====\nMSG: x/A\nA a\n",
+            "wstring w\nfloat64 v\n",
+            "Nowhere n\nfloat64 v\n",
+        ] {
+            let schema = SchemaRef {
+                name: "x/msg/Top",
+                encoding: "ros2msg",
+                data: text.as_bytes(),
+            };
             let plan = CdrPlan::compile(schema, &FieldPath::parse("v").unwrap(), None);
             assert!(plan.is_err(), "{text}");
         }

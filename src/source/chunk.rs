@@ -49,10 +49,17 @@ impl ChunkReader {
                 self.lz4(compressed, size)?;
                 &self.records
             }
-            other => return Err(format!("chunk compression `{other}` cannot be read; zstd, lz4 and none can")),
+            other => {
+                return Err(format!(
+                    "chunk compression `{other}` cannot be read; zstd, lz4 and none can"
+                ));
+            }
         };
         if records.len() != size {
-            return Err(format!("a chunk decompresses to {} bytes, not {size}", records.len()));
+            return Err(format!(
+                "a chunk decompresses to {} bytes, not {size}",
+                records.len()
+            ));
         }
         if crc != 0 && crc32fast::hash(records) != crc {
             return Err("the checksum of a chunk is wrong".to_owned());

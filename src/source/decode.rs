@@ -38,6 +38,18 @@ pub enum DecodeError {
         /// The path.
         path: String,
     },
+    /// A stamp beside the message that no clock shows.
+    #[error("time {nanos} ns since 1970 is beyond the year 2262")]
+    Stamp {
+        /// As stamped.
+        nanos: u64,
+    },
+    /// An array of samples without their rate.
+    #[error("field `{path}` is an array: its sample rate is needed (`fs_hz`)")]
+    Rate {
+        /// The path.
+        path: String,
+    },
     /// The schema cannot be used.
     #[error("{0}")]
     Schema(String),
@@ -60,7 +72,11 @@ impl DecodeError {
         }
         Self::Missing {
             path: path.to_string(),
-            has: if has.is_empty() { "nothing".to_owned() } else { has.join(", ") },
+            has: if has.is_empty() {
+                "nothing".to_owned()
+            } else {
+                has.join(", ")
+            },
         }
     }
 }
@@ -100,7 +116,7 @@ pub enum Decoder {
     /// JSON.
     Json(JsonPlan),
     /// Protobuf.
-    Protobuf(ProtobufPlan),
+    Protobuf(Box<ProtobufPlan>),
     /// ROS 2 CDR.
     Cdr(CdrPlan),
 }
@@ -144,7 +160,10 @@ impl Decoder {
             "json" => Ok(Self::Json(JsonPlan::new(value, time))),
             "protobuf" => {
                 let schema = schema_in("protobuf")?;
-                guarded(&|| ProtobufPlan::compile(schema, &value, time.as_ref()).map(Self::Protobuf))
+                guarded(&|| {
+                    ProtobufPlan::compile(schema, &value, time.as_ref())
+                        .map(|plan| Self::Protobuf(Box::new(plan)))
+                })
             }
             "cdr" => {
                 let schema = schema_in("ros2msg")?;

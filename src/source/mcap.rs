@@ -66,6 +66,8 @@ pub enum Item<'a> {
     Channel(u16, &'a ChannelInfo, Option<SchemaRef<'a>>),
     /// A message.
     Message(Message<'a>),
+    /// What follows could not be checked.
+    Unverified,
 }
 
 /// A message.
@@ -96,6 +98,8 @@ struct Contents {
     chunk: ChunkReader,
     schemas: HashMap<u16, Schema>,
     channels: HashMap<u16, ChannelInfo>,
+    /// Which channel ids are known; asked for every message.
+    known: Vec<bool>,
     offset: u64,
     previous: u8,
     data_ended: bool,
@@ -127,6 +131,7 @@ impl<R: Read> Reader<R> {
                 chunk: ChunkReader::default(),
                 schemas: HashMap::new(),
                 channels: HashMap::new(),
+                known: vec![false; 1 << 16],
                 offset: 8,
                 previous: 0,
                 data_ended: false,
@@ -195,9 +200,9 @@ impl<R: Read> Reader<R> {
         self.contents.messages
     }
 
-    /// Whether anything handed out so far could not be checked.
-    pub fn unverified(&self) -> bool {
-        self.contents.unverified
+    /// Whether the end of the data was reached (a summary may follow).
+    pub fn data_ended(&self) -> bool {
+        self.contents.data_ended
     }
 }
 
@@ -226,9 +231,11 @@ impl Contents {
         if loose && !self.data_ended {
             match self.trust {
                 Trust::Verified => {}
-                Trust::Unverified => self.unverified = true,
+                Trust::Unverified => self.unverified(each),
                 Trust::Damaged => {
-                    return Err("the checksum of the data is wrong, and this is not in a checked chunk".to_owned());
+                    return Err(
+                        "the checksum of the data is wrong, and this is not in a checked chunk".to_owned(),
+                    );
                 }
             }
         }
@@ -264,6 +271,12 @@ impl Contents {
             // Extensions of others; but in a damaged file this may have been a chunk.
             0x80.. if self.trust == Trust::Unverified => Ok(()),
             other => Err(format!("a record of unknown kind {other:#04x}")),
+        }
+    }
+
+    fn unverified(&mut self, each: &mut dyn FnMut(Item<'_>)) {
+        if !std::mem::replace(&mut self.unverified, true) {
+            each(Item::Unverified);
         }
     }
 
@@ -303,7 +316,7 @@ impl Contents {
         let chunk = reader.read(data)?;
         match (chunk.checked, self.trust) {
             (true, _) | (false, Trust::Verified) => {}
-            (false, Trust::Unverified) => self.unverified = true,
+            (false, Trust::Unverified) => self.unverified(each),
             (false, Trust::Damaged) => {
                 return Err("the checksum of the data is wrong, and this chunk has none".to_owned());
             }
@@ -365,7 +378,11 @@ impl Contents {
         Ok(())
     }
 
-    fn channel(&mut self, mut fields: Fields<'_>, each: &mut dyn FnMut(Item<'_>)) -> Result<(), &'static str> {
+    fn channel(
+        &mut self,
+        mut fields: Fields<'_>,
+        each: &mut dyn FnMut(Item<'_>),
+    ) -> Result<(), &'static str> {
         let length = fields.0.len();
         let id = fields.u16()?;
         let schema = fields.u16()?;
@@ -397,13 +414,14 @@ impl Contents {
         };
         each(Item::Channel(id, &channel, schema));
         self.channels.insert(id, channel);
+        self.known[usize::from(id)] = true;
         Ok(())
     }
 
     fn message<'a>(&self, mut fields: Fields<'a>) -> Result<Message<'a>, &'static str> {
         let channel = fields.u16()?;
         let _sequence = fields.u32()?;
-        if !self.channels.contains_key(&channel) {
+        if !self.known[usize::from(channel)] {
             return Err("a message before its channel");
         }
         Ok(Message {

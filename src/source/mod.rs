@@ -3,13 +3,57 @@
 pub mod cdr;
 mod chunk;
 pub mod decode;
+pub mod folder;
 pub mod json;
 pub mod mcap;
 pub mod path;
 pub mod protobuf;
+pub mod recording;
+mod route;
 pub mod stamp;
+pub mod summary;
 mod verify;
 mod wire;
 
 pub use self::decode::{DecodeError, Decoder, SchemaRef};
+pub use self::folder::recordings;
 pub use self::path::FieldPath;
+pub use self::recording::{Follow, Options, Position, Recording};
+pub use self::summary::{Summary, TopicSummary};
+pub use crate::record::Event;
+
+use std::io;
+use thiserror::Error;
+
+/// Why a recording cannot be opened.
+#[derive(Debug, Error)]
+pub enum SourceError {
+    /// The file system said no.
+    #[error("{path}: cannot be read: {source}")]
+    Io {
+        /// The file.
+        path: String,
+        /// What it said.
+        source: io::Error,
+    },
+    /// A pipe, a device, a folder where a file is needed.
+    #[error("{path}: not a regular file")]
+    NotAFile {
+        /// The path.
+        path: String,
+    },
+    /// A folder without recordings.
+    #[error("{path}: no recordings (*.mcap) in this folder")]
+    Empty {
+        /// The folder.
+        path: String,
+    },
+    /// A field path that is none.
+    #[error("rod {rod}: {source}")]
+    Field {
+        /// The rod.
+        rod: String,
+        /// What is wrong with it.
+        source: path::PathError,
+    },
+}

@@ -111,14 +111,23 @@ mod tests {
 
     #[test]
     fn reads_what_it_writes() {
-        for path in ["z", "point.z", "data[3]", "sensors[0].value", "a[1][2].b", "[3].value"] {
+        for path in [
+            "z",
+            "point.z",
+            "data[3]",
+            "sensors[0].value",
+            "a[1][2].b",
+            "[3].value",
+        ] {
             assert_eq!(FieldPath::parse(path).unwrap().to_string(), path);
         }
     }
 
     #[test]
     fn refuses_what_is_no_path() {
-        for path in ["", ".", "a..b", "a[", "a[x]", "a[-1]", "a]", "a[0]b", ".a", "a.[0]"] {
+        for path in [
+            "", ".", "a..b", "a[", "a[x]", "a[-1]", "a]", "a[0]b", ".a", "a.[0]",
+        ] {
             assert!(FieldPath::parse(path).is_err(), "{path}");
         }
         assert!(FieldPath::parse(&"a.".repeat(40)).is_err());

@@ -4,7 +4,7 @@
 //! being built. Semantics are proto3's: the last value of a singular field counts, a field without
 //! presence that is absent is its default, packed and unpacked lists are the same.
 
-use super::decode::{Decoded, DecodeError, SchemaRef, Time};
+use super::decode::{DecodeError, Decoded, SchemaRef, Time};
 use super::path::{FieldPath, Step};
 use super::stamp;
 use prost_reflect::prost::encoding::{DecodeContext, WireType, decode_key, decode_varint, skip_field};
@@ -50,6 +50,9 @@ enum Number {
     Integer(i64),
     Float(f64),
 }
+
+/// What is done with each occurrence of a field: its wire type and the buffer it stands at.
+type Visit<'a> = dyn FnMut(WireType, &mut &[u8]) -> Result<(), DecodeError> + 'a;
 
 impl Number {
     fn float(self) -> f64 {
@@ -212,7 +215,10 @@ impl Target {
                     steps = rest;
                 }
                 Kind::Message(_) => {
-                    return Err(DecodeError::missing(path, vec!["a list: write an index".to_owned()]));
+                    return Err(DecodeError::missing(
+                        path,
+                        vec!["a list: write an index".to_owned()],
+                    ));
                 }
                 _ => return Err(DecodeError::missing(path, vec!["no fields".to_owned()])),
             }
@@ -297,12 +303,7 @@ impl Target {
     }
 
     /// Walks down to the field and hands over each of its occurrences; whether the parent is there.
-    fn find(
-        &self,
-        mut buffer: &[u8],
-        depth: usize,
-        each: &mut dyn FnMut(WireType, &mut &[u8]) -> Result<(), DecodeError>,
-    ) -> Result<bool, DecodeError> {
+    fn find(&self, mut buffer: &[u8], depth: usize, each: &mut Visit<'_>) -> Result<bool, DecodeError> {
         let (number, index) = match self.parents.get(depth) {
             Some(&(number, index)) => (number, index),
             None => (self.number, None),

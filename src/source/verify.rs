@@ -1,6 +1,5 @@
 //! The checksum over a whole MCAP file, looked at before anything in it is believed.
 
-use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom};
 
 /// What the checksum over a file's data section says.
@@ -20,7 +19,7 @@ const FOOTER: u64 = 9 + 20;
 const DATA_END: u64 = 9 + 4;
 
 /// Reads the file once to check it, and goes back to its start.
-pub fn verify(file: &mut File) -> io::Result<Trust> {
+pub fn verify(file: &mut (impl Read + Seek)) -> io::Result<Trust> {
     let trust = check(file);
     file.seek(SeekFrom::Start(0))?;
     match trust {
@@ -30,7 +29,7 @@ pub fn verify(file: &mut File) -> io::Result<Trust> {
     }
 }
 
-fn check(file: &mut File) -> io::Result<Trust> {
+fn check(file: &mut (impl Read + Seek)) -> io::Result<Trust> {
     let length = file.seek(SeekFrom::End(0))?;
     let tail_length = FOOTER + MAGIC.len() as u64;
     if length < tail_length + DATA_END {
@@ -51,7 +50,10 @@ fn check(file: &mut File) -> io::Result<Trust> {
         0 => footer_at,
         at => at,
     };
-    let Some(end_at) = summary_at.checked_sub(DATA_END).filter(|_| summary_at <= footer_at) else {
+    let Some(end_at) = summary_at
+        .checked_sub(DATA_END)
+        .filter(|_| summary_at <= footer_at)
+    else {
         return Ok(Trust::Unverified);
     };
     file.seek(SeekFrom::Start(end_at))?;

@@ -10,19 +10,13 @@ impl<'a> Fields<'a> {
     /// The next `count` bytes, or why not.
     pub fn bytes(&mut self, count: u64) -> Result<&'a [u8], &'static str> {
         let count = usize::try_from(count).map_err(|_| "a record ends too early")?;
-        let (head, rest) = self
-            .0
-            .split_at_checked(count)
-            .ok_or("a record ends too early")?;
+        let (head, rest) = self.0.split_at_checked(count).ok_or("a record ends too early")?;
         self.0 = rest;
         Ok(head)
     }
 
     fn array<const N: usize>(&mut self) -> Result<[u8; N], &'static str> {
-        let (head, rest) = self
-            .0
-            .split_first_chunk::<N>()
-            .ok_or("a record ends too early")?;
+        let (head, rest) = self.0.split_first_chunk::<N>().ok_or("a record ends too early")?;
         self.0 = rest;
         Ok(*head)
     }

@@ -1,0 +1,91 @@
+//! What a recording held, and what was wrong with it, in sentences.
+
+use crate::record::RodId;
+use std::collections::BTreeMap;
+
+/// What a recording held.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Summary {
+    /// The file, as named.
+    pub file: String,
+    /// All messages, wanted or not.
+    pub messages: u64,
+    /// Samples of each configured rod.
+    pub samples: BTreeMap<RodId, u64>,
+    /// Where and why the file could not be believed any further.
+    pub damage: Option<String>,
+    /// Whether it ended in the middle.
+    pub truncated: bool,
+    /// Whether some of it has no checksum.
+    pub unverified: bool,
+    /// Every topic of the file.
+    pub topics: BTreeMap<String, TopicSummary>,
+    /// Configured topics the file does not have.
+    pub missing: Vec<(RodId, String)>,
+}
+
+/// What one topic held.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct TopicSummary {
+    /// Its message encoding.
+    pub encoding: String,
+    /// Its messages.
+    pub messages: u64,
+    /// Those of a configured channel that gave no samples.
+    pub undecodable: u64,
+    /// Why the first of them did not.
+    pub fault: Option<String>,
+}
+
+impl Summary {
+    /// Whether any data was lost: damage, or messages that could not be decoded.
+    pub fn lost_data(&self) -> bool {
+        self.damage.is_some() || self.topics.values().any(|topic| topic.undecodable > 0)
+    }
+
+    /// Whether the file has none of the configured topics.
+    pub fn has_nothing(&self) -> bool {
+        !self.samples.is_empty()
+            && self
+                .samples
+                .keys()
+                .all(|rod| self.missing.iter().any(|(missing, _)| missing == rod))
+    }
+
+    /// One clear sentence for everything a person should know, most important first.
+    pub fn sentences(&self) -> Vec<String> {
+        let file = &self.file;
+        let mut sentences = Vec::new();
+        if let Some(damage) = &self.damage {
+            sentences.push(damage.clone());
+        }
+        for (name, topic) in &self.topics {
+            if let Some(fault) = &topic.fault {
+                sentences.push(format!(
+                    "{file}: topic {name}: {} of {} messages give no samples: {fault}",
+                    topic.undecodable, topic.messages
+                ));
+            }
+        }
+        let topics: Vec<&str> = self.topics.keys().map(String::as_str).collect();
+        for (rod, topic) in &self.missing {
+            let has = if topics.is_empty() {
+                "no topics at all".to_owned()
+            } else {
+                topics.join(", ")
+            };
+            sentences.push(format!("{file}: no topic {topic} (rod {rod}); it has {has}"));
+        }
+        if self.truncated {
+            sentences.push(format!(
+                "{file}: ends in the middle (cut short, or still being written); what is complete was used"
+            ));
+        }
+        if self.unverified {
+            sentences.push(format!(
+                "{file}: some of it has no checksum, damage would go unseen; records from there on are marked unverified"
+            ));
+        }
+        sentences
+    }
+}

@@ -1,17 +1,20 @@
 //! Natural frequencies and their standard errors against simulated records whose truth is known.
 
+// Machinery of tests and benches: a panic is the report.
+#![allow(clippy::unwrap_used)]
+
 mod simulator;
 
 use rand::RngExt;
 use rayon::prelude::*;
-use simulator::{SimulatedMode, ambient_sd, simulate};
+use simulator::{SimulatedMode, ambient_sd, normal, simulate};
 use std::f64::consts::PI;
 use tirante::bayes::RodPrior;
 use tirante::beam::exact::Exact;
 use tirante::forward::ForwardModel;
 use tirante::modes::{ModalPlan, ModeSettings, Pattern, Resonance, label};
 use tirante::random;
-use tirante::record::{Excitation, Rejection};
+use tirante::record::{Excitation, Record, Rejection};
 use tirante::spectrum::{PeakSettings, WelchSettings};
 
 const TODI: [f64; 3] = [4.492, 9.288, 13.252];
@@ -35,7 +38,13 @@ fn pattern(modes: usize) -> Pattern {
 }
 
 fn plan() -> ModalPlan {
-    ModalPlan::new(WelchSettings::default(), PeakSettings::default(), ModeSettings::default(), pattern(5), vec![0.0; 3])
+    ModalPlan::new(
+        WelchSettings::default(),
+        PeakSettings::default(),
+        ModeSettings::default(),
+        pattern(5),
+        vec![0.0; 3],
+    )
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -55,13 +64,21 @@ impl Cell {
             .zip([0.0, -3.0, -6.0])
             .map(|(&frequency_hz, drop_db)| {
                 let (ambient, pull) = match self.excitation {
-                    Excitation::Ambient => (ambient_sd(frequency_hz, self.damping, self.snr_db + drop_db, 1.0, FS), 0.0),
+                    Excitation::Ambient => (
+                        ambient_sd(frequency_hz, self.damping, self.snr_db + drop_db, 1.0, FS),
+                        0.0,
+                    ),
                     Excitation::FreeDecay => {
                         let pull = 10f64.powf((self.snr_db + drop_db) / 20.0);
                         (self.ambient * pull, pull)
                     }
                 };
-                SimulatedMode { frequency_hz, damping: self.damping, ambient, pull }
+                SimulatedMode {
+                    frequency_hz,
+                    damping: self.damping,
+                    ambient,
+                    pull,
+                }
             })
             .collect()
     }
@@ -81,14 +98,21 @@ impl Cell {
             .collect();
         TODI.iter()
             .map(|&truth| {
-                let mut score = Score { repeats: repeats as usize, ..Score::default() };
+                let mut score = Score {
+                    repeats: repeats as usize,
+                    ..Score::default()
+                };
                 let mut sds = Vec::new();
                 let mut dampings = Vec::new();
                 for found in &all {
                     let nearest = found.iter().min_by(|a, b| {
-                        (a.frequency_hz - truth).abs().total_cmp(&(b.frequency_hz - truth).abs())
+                        (a.frequency_hz - truth)
+                            .abs()
+                            .total_cmp(&(b.frequency_hz - truth).abs())
                     });
-                    let Some(r) = nearest.filter(|r| (r.frequency_hz - truth).abs() < 0.5) else { continue };
+                    let Some(r) = nearest.filter(|r| (r.frequency_hz - truth).abs() < 0.5) else {
+                        continue;
+                    };
                     if r.line {
                         score.lines += 1;
                         continue;
@@ -123,7 +147,9 @@ struct Score {
 }
 
 fn print_cells(cells: &[Cell], repeats: u64) {
-    println!("excitation damping_% seconds snr_db mode found_% lines_% coverage_% binomial rms_z sd/floor damping_%");
+    println!(
+        "excitation damping_% seconds snr_db mode found_% lines_% coverage_% binomial rms_z sd/floor damping_%"
+    );
     for cell in cells {
         for (n, s) in cell.run(repeats).iter().enumerate() {
             let found = s.found.max(1) as f64;
@@ -148,11 +174,18 @@ fn print_cells(cells: &[Cell], repeats: u64) {
 }
 
 #[test]
-#[ignore = "campaign"]
+#[ignore = "campaign: statistics over every cell, 10 minutes; run with REPEATS=150 cargo test --release --test modes -- --ignored --nocapture"]
 fn campaign() {
-    let repeats = std::env::var("REPEATS").ok().and_then(|r| r.parse().ok()).unwrap_or(100);
+    let repeats = std::env::var("REPEATS")
+        .ok()
+        .and_then(|r| r.parse().ok())
+        .unwrap_or(100);
     let mut cells = Vec::new();
+    let only = std::env::var("ONLY").unwrap_or_default();
     for excitation in [Excitation::Ambient, Excitation::FreeDecay] {
+        if !format!("{excitation:?}").starts_with(&only) {
+            continue;
+        }
         for seconds in [20.0, 60.0, 200.0, 600.0] {
             for damping in [0.001, 0.003, 0.01, 0.02] {
                 let (levels, ambient) = match excitation {
@@ -160,7 +193,13 @@ fn campaign() {
                     Excitation::FreeDecay => ([6.0, 30.0, 60.0], 0.03),
                 };
                 for snr_db in levels {
-                    cells.push(Cell { excitation, damping, seconds, snr_db, ambient });
+                    cells.push(Cell {
+                        excitation,
+                        damping,
+                        seconds,
+                        snr_db,
+                        ambient,
+                    });
                 }
             }
         }
@@ -183,50 +222,243 @@ fn resonance(frequency_hz: f64) -> Resonance {
 fn labels(frequencies: &[f64]) -> Result<Vec<(usize, f64)>, Rejection> {
     let resonances: Vec<Resonance> = frequencies.iter().map(|&f| resonance(f)).collect();
     let labelling = label(&resonances, &pattern(5), &ModeSettings::default(), &[0.0; 3])?;
-    println!("{frequencies:?} {:?} {:.3e}", labelling.probability, labelling.odds);
-    Ok(labelling.modes.iter().map(|m| (m.order, m.frequency_hz)).collect())
+    Ok(labelling
+        .modes
+        .iter()
+        .map(|m| (m.order, m.frequency_hz))
+        .collect())
 }
 
 #[test]
-fn try_labels() {
-    for f in [&TODI[..], &[5.0, 15.8], &[5.0, 10.3], &[5.0], &[10.3, 16.2], &[5.0,10.3,16.2,22.5,29.7], &[3.1,5.0,7.7,10.3,16.2,19.0], &[5.0,13.0], &[4.492,13.252], &[4.492,9.288],
-      &[7.0, 14.5], &[6.2,12.9,20.4], &[3.9,8.0,12.3]] {
-        println!("{f:?} {:?}", labels(f));
+fn the_papers_frequencies_are_modes_one_to_three() {
+    // f3 / f1 = 2.950, although hinged ends force 3 or more.
+    assert_eq!(labels(&TODI).unwrap(), [(1, TODI[0]), (2, TODI[1]), (3, TODI[2])]);
+}
+
+#[test]
+fn missing_higher_and_foreign_peaks_do_not_shift_the_orders() {
+    // Mid-span: no even orders. The fourth and fifth are not taken for lower ones.
+    assert_eq!(labels(&[5.0, 15.8]).unwrap(), [(1, 5.0), (3, 15.8)]);
+    assert_eq!(labels(&[10.3, 16.2]).unwrap(), [(2, 10.3), (3, 16.2)]);
+    let all = [(1, 5.0), (2, 10.3), (3, 16.2)];
+    assert_eq!(labels(&[5.0, 10.3, 16.2, 22.5, 29.7]).unwrap(), all);
+    assert_eq!(labels(&[3.1, 5.0, 7.7, 10.3, 16.2, 19.0]).unwrap(), all);
+}
+
+#[test]
+fn one_peak_or_a_wrong_proportion_is_refused() {
+    for frequencies in [&[5.0][..], &[5.0, 13.0], &[21.0]] {
+        assert!(
+            matches!(labels(frequencies), Err(Rejection::NoLabel { .. })),
+            "{frequencies:?}"
+        );
     }
+    // A line is never a mode.
+    let lines: Vec<Resonance> = TODI
+        .iter()
+        .map(|&f| Resonance {
+            line: true,
+            ..resonance(f)
+        })
+        .collect();
+    assert!(label(&lines, &pattern(5), &ModeSettings::default(), &[0.0; 3]).is_err());
 }
 
 #[test]
-fn foreign_peaks_alone_are_rarely_labelled() {
+fn foreign_resonances_alone_are_mostly_refused() {
+    // Peaks thrown at random over the band: what is labelled is labelled by chance. 400 draws of each
+    // number: binomial error 2 %. Measured 0, 8, 17, 20 and 15 %: a pair in the right proportion and range does
+    // turn up among many.
     let mut rng = random::stream(11, 0);
     let pattern = pattern(5);
-    for count in [1, 2, 3, 5, 8] {
+    for count in [1usize, 2, 3, 5, 8] {
         let mut labelled = 0;
-        let mut two = 0;
         for _ in 0..400 {
-            let mut f: Vec<f64> = (0..count).map(|_| (2.6f64.ln() + (51.0f64 / 2.6).ln() * rng.random::<f64>()).exp()).collect();
+            let mut f: Vec<f64> = (0..count)
+                .map(|_| 2.6 * 20f64.powf(rng.random::<f64>()))
+                .collect();
             f.sort_by(f64::total_cmp);
             let resonances: Vec<Resonance> = f.iter().map(|&f| resonance(f)).collect();
-            let l = label(&resonances, &pattern, &ModeSettings::default(), &[0.0; 3]);
-            labelled += usize::from(l.is_ok());
-            two += usize::from(l.is_ok_and(|l| l.modes.len() > 1));
+            labelled +=
+                usize::from(label(&resonances, &pattern, &ModeSettings::default(), &[0.0; 3]).is_ok());
         }
-        println!("{count} foreign: {labelled} of 400 labelled, {two} with two or more");
+        println!("{count} foreign: {labelled} of 400 labelled");
+        assert!(
+            labelled <= if count == 1 { 0 } else { 100 },
+            "{count} foreign: {labelled}"
+        );
     }
 }
 
 #[test]
-#[ignore = "debug"]
-fn debug_cell() {
-    let var = |n: &str, d: f64| std::env::var(n).ok().and_then(|v| v.parse().ok()).unwrap_or(d);
-    let excitation = if var("FD", 1.0) > 0.0 { Excitation::FreeDecay } else { Excitation::Ambient };
-    let cell = Cell { excitation, damping: var("Z", 0.02), seconds: var("T", 600.0), snr_db: var("SNR", 30.0), ambient: 0.03 };
+fn noise_alone_is_never_identified() {
     let plan = plan();
-    let base = (cell.seconds * 1e6 + cell.damping * 1e9 + cell.snr_db * 1e3) as u64 * 100_000;
-    for seed in 0..var("N", 20.0) as u64 {
-        let record = simulate(base + seed, FS, cell.seconds, &cell.modes(), 1.0, excitation);
-        println!("--- {seed}");
-        for r in plan.resonances(&record, 2.0, 25.0).unwrap().1 {
-            println!("{:.5} sd {:.3e} zeta {:.5} lsd {:.3} ptn {:.3e} ev {:.1} line {}", r.frequency_hz, r.frequency_sd_hz, r.damping, r.damping_log_sd, r.peak_to_noise, r.evidence, r.line);
+    let records = 300;
+    let identified: usize = (0..records)
+        .into_par_iter()
+        .map(|seed| {
+            let seconds = [20.0, 60.0, 120.0][seed as usize % 3];
+            let excitation = if seed % 2 == 0 {
+                Excitation::Ambient
+            } else {
+                Excitation::FreeDecay
+            };
+            let mut record = simulate(9_000_000 + seed, FS, seconds, &[], 1.0, excitation);
+            if seed % 5 == 0 {
+                // Drift of a random walk beneath the noise.
+                let mut rng = random::stream(seed, 9);
+                let mut level = 0.0;
+                for sample in &mut record.samples {
+                    level += 0.1 * normal(&mut rng);
+                    *sample += level;
+                }
+            }
+            usize::from(plan.identify(&record).is_ok())
+        })
+        .sum();
+    assert!(identified <= 3, "{identified} of {records}");
+}
+
+#[test]
+fn lines_are_lines_and_a_mode_between_them_is_found() {
+    let cell = Cell {
+        excitation: Excitation::Ambient,
+        damping: 0.005,
+        seconds: 60.0,
+        snr_db: 45.0,
+        ambient: 0.0,
+    };
+    let mut record = simulate(77, FS, 60.0, &cell.modes(), 1.0, Excitation::Ambient);
+    for (i, sample) in record.samples.iter_mut().enumerate() {
+        let t = i as f64 / FS;
+        *sample += 2.0 * (2.0 * PI * 7.31 * t).sin() + 1.0 * (2.0 * PI * 17.777 * t).cos();
+    }
+    let plan = plan();
+    let estimate = plan.identify(&record).unwrap();
+    let orders: Vec<usize> = estimate.modes.iter().map(|m| m.order).collect();
+    assert_eq!(orders, [1, 2, 3]);
+    let lines: Vec<f64> = estimate
+        .resonances
+        .iter()
+        .filter(|r| r.line)
+        .map(|r| r.frequency_hz)
+        .collect();
+    assert!(
+        lines.iter().any(|f| (f - 7.31).abs() < 0.01) && lines.iter().any(|f| (f - 17.777).abs() < 0.01),
+        "{lines:?}"
+    );
+}
+
+#[test]
+fn a_sensor_at_mid_span_sees_modes_one_and_three() {
+    let cell = Cell {
+        excitation: Excitation::Ambient,
+        damping: 0.005,
+        seconds: 60.0,
+        snr_db: 45.0,
+        ambient: 0.0,
+    };
+    let modes: Vec<SimulatedMode> = [5.0, 15.8]
+        .iter()
+        .zip(cell.modes())
+        .map(|(&frequency_hz, mode)| SimulatedMode { frequency_hz, ..mode })
+        .collect();
+    let estimate = plan()
+        .identify(&simulate(5, FS, 60.0, &modes, 1.0, Excitation::Ambient))
+        .unwrap();
+    assert_eq!(estimate.modes.iter().map(|m| m.order).collect::<Vec<_>>(), [1, 3]);
+}
+
+#[test]
+fn two_modes_close_together_are_told_apart() {
+    let modes = [4.5, 5.3].map(|frequency_hz| SimulatedMode {
+        frequency_hz,
+        damping: 0.005,
+        ambient: ambient_sd(frequency_hz, 0.005, 45.0, 1.0, FS),
+        pull: 0.0,
+    });
+    let found = plan()
+        .resonances(
+            &simulate(8, FS, 120.0, &modes, 1.0, Excitation::Ambient),
+            2.0,
+            25.0,
+        )
+        .unwrap()
+        .1;
+    assert_eq!(found.len(), 2, "{found:?}");
+    for (r, mode) in found.iter().zip(modes) {
+        assert!(
+            (r.frequency_hz - mode.frequency_hz).abs() < 3.5 * r.frequency_sd_hz,
+            "{r:?}"
+        );
+    }
+}
+
+#[test]
+fn damaged_and_hopeless_records_are_refused_by_name() {
+    let plan = plan();
+    let mut record = simulate(1, FS, 60.0, &[], 1.0, Excitation::Ambient);
+    let with = |samples: Vec<f64>, fs_hz: f64| {
+        plan.identify(&Record {
+            samples,
+            fs_hz,
+            ..record.clone()
+        })
+    };
+    assert!(matches!(
+        with(vec![1.0; 6000], FS),
+        Err(Rejection::Constant { .. })
+    ));
+    assert!(matches!(with(vec![], FS), Err(Rejection::TooShort { .. })));
+    assert!(matches!(
+        with(record.samples[..300].to_vec(), FS),
+        Err(Rejection::TooShort { .. })
+    ));
+    assert!(matches!(
+        with(record.samples.clone(), 8.0),
+        Err(Rejection::Undersampled { .. })
+    ));
+    let huge: Vec<f64> = record.samples.iter().map(|x| x * 1e300).collect();
+    assert!(with(huge, FS).is_err());
+    record.samples[17] = f64::NAN;
+    assert!(matches!(plan.identify(&record), Err(Rejection::Missing { .. })));
+}
+
+/// A small version of the campaign below: every cell within three binomial errors of 95 %, and the
+/// standard error near the ambient floor.
+#[test]
+fn intervals_cover_the_truth() {
+    for (excitation, damping, seconds, snr_db) in [
+        (Excitation::Ambient, 0.001, 60.0, 60.0),
+        (Excitation::Ambient, 0.01, 20.0, 40.0),
+        (Excitation::Ambient, 0.003, 200.0, 40.0),
+        (Excitation::Ambient, 0.02, 200.0, 25.0),
+        (Excitation::FreeDecay, 0.003, 60.0, 60.0),
+        (Excitation::FreeDecay, 0.01, 20.0, 30.0),
+    ] {
+        let cell = Cell {
+            excitation,
+            damping,
+            seconds,
+            snr_db,
+            ambient: 0.03,
+        };
+        let scores = cell.run(40);
+        let found: usize = scores.iter().map(|s| s.found).sum();
+        let covered: usize = scores.iter().map(|s| s.covered).sum();
+        let share = covered as f64 / found as f64;
+        println!(
+            "{cell:?}: {covered} of {found}, sd/floor {:?}",
+            scores.iter().map(|s| s.sd_over_floor).collect::<Vec<_>>()
+        );
+        assert!(found >= 100, "{cell:?}: found {found} of 120");
+        // Three binomial errors of 0.95 at 120: 6 %.
+        assert!((0.89..=1.0).contains(&share), "{cell:?}: {covered} of {found}");
+        if excitation == Excitation::Ambient {
+            assert!(
+                scores.iter().all(|s| (0.67..1.5).contains(&s.sd_over_floor)),
+                "{cell:?}"
+            );
         }
     }
 }

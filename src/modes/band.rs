@@ -39,36 +39,74 @@ impl Coefficients {
     }
 
     /// The band `low_hz` to `high_hz` without masked lines; abscissae relative to its middle.
-    pub fn band(&self, low_hz: f64, high_hz: f64, masks: &[Mask]) -> Band {
+    ///
+    /// Neighbouring lines are added up into one cell as long as the cell stays narrower than
+    /// `width_hz` of its frequency; a zero keeps every line for itself. The likelihood's sums over
+    /// lines need only each cell's number of lines, sum of coefficients and sum of powers wherever
+    /// the response does not change across the cell, so that the cost stops growing with the length
+    /// of the record.
+    pub fn band(&self, low_hz: f64, high_hz: f64, masks: &[Mask], width_hz: impl Fn(f64) -> f64) -> Band {
         let n = self.lines.len();
         // Neither 0 Hz nor the Nyquist line: their coefficients are real.
         let first = (low_hz * self.duration_s).ceil().max(1.0) as usize;
         let end = ((high_hz * self.duration_s).floor().max(0.0) as usize + 1).min(n.saturating_sub(1));
-        let middle = 0.5 * (low_hz + high_hz);
-        let half = 0.5 * (high_hz - low_hz);
         let mut band = Band {
             duration_s: self.duration_s,
-            middle_hz: middle,
-            half_width_hz: half,
+            middle_hz: 0.5 * (low_hz + high_hz),
+            half_width_hz: 0.5 * (high_hz - low_hz),
             ..Band::default()
         };
-        for k in first..end {
-            let f = k as f64 / self.duration_s;
-            if masks.iter().any(|m| (m.low_hz..=m.high_hz).contains(&f)) {
-                continue;
+        let mut k = first;
+        while k < end {
+            let start_hz = k as f64 / self.duration_s;
+            let most = (width_hz(start_hz) * self.duration_s).max(1.0) as usize;
+            let mut cell = Cell::default();
+            for (line, value) in self.lines.iter().enumerate().take(end.min(k + most)).skip(k) {
+                let f = line as f64 / self.duration_s;
+                if masks.iter().any(|m| (m.low_hz..=m.high_hz).contains(&f)) {
+                    continue;
+                }
+                cell.lines += 1.0;
+                cell.frequency_hz += f;
+                cell.re += value.re;
+                cell.im += value.im;
+                let power = value.norm_sqr();
+                cell.power += power;
+                band.largest = band.largest.max(power);
             }
-            band.frequency_hz.push(f);
-            band.x.push((f - middle) / half);
-            band.re.push(self.lines[k].re);
-            band.im.push(self.lines[k].im);
-            band.floor.push(1.0);
+            if cell.lines > 0.0 {
+                cell.frequency_hz /= cell.lines;
+                cell.x = (cell.frequency_hz - band.middle_hz) / band.half_width_hz;
+                cell.floor = 1.0;
+                band.lines += cell.lines;
+                band.cells.push(cell);
+            }
+            k += most;
         }
-        band.largest = (0..band.len()).map(|i| band.power(i)).fold(0.0, f64::max);
         band
     }
 }
 
-/// The coefficients of one record in a narrow band, one entry a line.
+/// One or several neighbouring Fourier coefficients.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Cell {
+    /// How many.
+    pub lines: f64,
+    /// Their mean frequency \[Hz\].
+    pub frequency_hz: f64,
+    /// The same as -1 to 1 across the band.
+    pub x: f64,
+    /// Sum of the real parts.
+    pub re: f64,
+    /// Sum of the imaginary parts.
+    pub im: f64,
+    /// Sum of the squared magnitudes.
+    pub power: f64,
+    /// Shape of the noise floor: 1, or more where the skirts of other modes lie.
+    pub floor: f64,
+}
+
+/// The coefficients of one record in a narrow band.
 #[derive(Debug, Clone, Default)]
 pub struct Band {
     /// Length of the record, T \[s\].
@@ -77,45 +115,24 @@ pub struct Band {
     pub middle_hz: f64,
     /// Half its width \[Hz\].
     pub half_width_hz: f64,
-    /// Frequencies \[Hz\].
-    pub frequency_hz: Vec<f64>,
-    /// Frequencies as -1 to 1 across the band.
-    pub x: Vec<f64>,
-    /// Real parts of the coefficients.
-    pub re: Vec<f64>,
-    /// Imaginary parts.
-    pub im: Vec<f64>,
-    /// Shape of the noise floor: 1, or more where the skirts of other modes lie.
-    pub floor: Vec<f64>,
+    /// How many coefficients.
+    pub lines: f64,
     /// Largest raw periodogram ordinate.
     pub largest: f64,
+    /// The coefficients, in ascending frequency.
+    pub cells: Vec<Cell>,
 }
 
 impl Band {
-    /// How many lines.
-    pub fn len(&self) -> usize {
-        self.re.len()
-    }
-
-    /// Whether there are none.
-    pub fn is_empty(&self) -> bool {
-        self.re.is_empty()
-    }
-
-    /// The noise floor as the quietest fifth of the ordinates suggests it: the lower quintile of an
-    /// exponential distribution is 0.223 of its mean.
+    /// The noise floor as the quietest fifth of the cells suggests it: the lower quintile of an
+    /// exponential distribution is 0.223 of its mean (a cell of several lines scatters less).
     pub fn quiet_level(&self) -> f64 {
-        let mut powers: Vec<f64> = (0..self.len()).map(|i| self.power(i)).collect();
+        let mut powers: Vec<f64> = self.cells.iter().map(|c| c.power / c.lines).collect();
         let fifth = powers.len() / 5;
         if powers.is_empty() {
             return f64::MIN_POSITIVE;
         }
         let (_, value, _) = powers.select_nth_unstable_by(fifth, f64::total_cmp);
         (*value / 0.223).max(f64::MIN_POSITIVE)
-    }
-
-    /// Raw periodogram ordinate of entry `i`.
-    pub fn power(&self, i: usize) -> f64 {
-        self.re[i] * self.re[i] + self.im[i] * self.im[i]
     }
 }

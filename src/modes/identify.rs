@@ -75,8 +75,9 @@ impl ModalPlan {
         if resonances.is_empty() {
             return Err(Rejection::NoPeak { low_hz, high_hz });
         }
-        let Labelling { modes, probability, .. } =
-            label(&resonances, &self.pattern, &self.modes, &self.discrepancy)?;
+        let Labelling {
+            modes, probability, ..
+        } = label(&resonances, &self.pattern, &self.modes, &self.discrepancy)?;
         Ok(ModalEstimate {
             modes,
             label_probability: probability,
@@ -101,8 +102,14 @@ impl ModalPlan {
         };
         let nperseg = self.welch.nperseg(record.fs_hz, n);
         let noverlap = self.welch.noverlap(nperseg);
-        let welch = Welch::plan_with(&self.transforms, record.fs_hz, nperseg, noverlap, self.welch.window)
-            .map_err(too_short)?;
+        let welch = Welch::plan_with(
+            &self.transforms,
+            record.fs_hz,
+            nperseg,
+            noverlap,
+            self.welch.window,
+        )
+        .map_err(too_short)?;
         let spectrum = welch.run(&record.samples).map_err(too_short)?;
         let mut peaks = pick_peaks(&spectrum, &self.peaks, low_hz, high_hz);
         if record.excitation == Excitation::FreeDecay {
@@ -111,7 +118,11 @@ impl ModalPlan {
             }
         }
         let masks = &self.modes.masks;
-        peaks.retain(|p| !masks.iter().any(|m| (m.low_hz..=m.high_hz).contains(&p.frequency_hz)));
+        peaks.retain(|p| {
+            !masks
+                .iter()
+                .any(|m| (m.low_hz..=m.high_hz).contains(&p.frequency_hz))
+        });
         let refined = refine(&self.transforms, record, &peaks, masks, spectrum.df_hz);
         Ok((spectrum, refined.resonances))
     }
@@ -134,7 +145,10 @@ impl ModalPlan {
             ..self.peaks
         };
         for peak in pick_peaks(&spectrum, &settings, band_hz.0, band_hz.1) {
-            if !peaks.iter().any(|p| (p.frequency_hz - peak.frequency_hz).abs() < near) {
+            if !peaks
+                .iter()
+                .any(|p| (p.frequency_hz - peak.frequency_hz).abs() < near)
+            {
                 peaks.push(peak);
             }
         }
@@ -146,7 +160,7 @@ impl ModalPlan {
 fn check(record: &Record, needed_s: f64) -> Result<(), Rejection> {
     let samples = &record.samples;
     let duration_s = record.duration_s();
-    if !(duration_s >= needed_s) || samples.len() < 64 {
+    if duration_s.is_nan() || duration_s < needed_s || samples.len() < 64 {
         return Err(Rejection::TooShort { duration_s, needed_s });
     }
     let missing = samples.iter().filter(|x| !x.is_finite()).count();

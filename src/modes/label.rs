@@ -11,9 +11,10 @@
 //! as wide as standard error and model discrepancy together. A mode is reported when its peak holds
 //! 60 % of the probability over all assignments and no more than 10 % lies with rivals (the same peak
 //! as another mode, another peak as this mode); nothing is reported unless the odds against all
-//! peaks being foreign are 100 to 1. One peak alone therefore counts only for a rod known so well
-//! (a few per cent in frequency) that it could hardly be anything else; a vague prior needs two or
-//! more modes in the right proportion.
+//! peaks being foreign are 100 to 1.
+//!
+//! One peak alone is never enough: with a tolerance of 3 % the odds that it is not foreign stay below
+//! 100 however well the rod is known, and nothing would speak against it if it were.
 
 use super::{Mode, ModeSettings, Resonance};
 use crate::forward::MAX_MODES;
@@ -125,7 +126,13 @@ pub fn label(
 ) -> Result<Labelling, Rejection> {
     let mut peaks: Vec<&Resonance> = resonances
         .iter()
-        .filter(|r| !r.line && !settings.masks.iter().any(|m| (m.low_hz..=m.high_hz).contains(&r.frequency_hz)))
+        .filter(|r| {
+            !r.line
+                && !settings
+                    .masks
+                    .iter()
+                    .any(|m| (m.low_hz..=m.high_hz).contains(&r.frequency_hz))
+        })
         .collect();
     peaks.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
     peaks.truncate(MOST_PEAKS);
@@ -139,7 +146,11 @@ pub fn label(
     }
     let weights = assignments(&peaks, pattern, discrepancy);
     let total: f64 = weights.values().sum();
-    let none = weights.get(&NOTHING).copied().unwrap_or(0.0).max(f64::MIN_POSITIVE);
+    let none = weights
+        .get(&NOTHING)
+        .copied()
+        .unwrap_or(0.0)
+        .max(f64::MIN_POSITIVE);
     let odds = (total - none) / none;
     if odds < LEAST_ODDS {
         let (low, high) = pattern.band_hz();
@@ -153,9 +164,13 @@ pub fn label(
         probability: Vec::new(),
         odds,
     };
-    for order in 1..=settings.count.min(pattern.modes) {
+    for order in 1..=pattern.modes {
         let share = |holds: &dyn Fn(Code) -> bool| -> f64 {
-            weights.iter().filter(|&(&code, _)| holds(code)).map(|(_, weight)| weight / total).sum()
+            weights
+                .iter()
+                .filter(|&(&code, _)| holds(code))
+                .map(|(_, weight)| weight / total)
+                .sum()
         };
         let best = (0..peaks.len())
             .map(|peak| (peak, share(&|code| peak_of(code, order) == Some(peak))))
@@ -174,24 +189,23 @@ pub fn label(
             labelling.probability.push(probability);
         }
     }
-    // One mode must carry the odds by itself, every other peak foreign.
-    if let [Mode { order, frequency_hz, .. }] = labelling.modes[..] {
-        let alone: f64 = weights
-            .iter()
-            .filter(|&(&code, _)| {
-                (1..=pattern.modes).all(|n| peak_of(code, n).is_some() == (n == order))
-                    && peak_of(code, order).is_some_and(|p| peaks[p].frequency_hz == frequency_hz)
-            })
-            .map(|(_, weight)| weight / none)
-            .sum();
-        if alone < LEAST_ODDS {
-            return Err(refused(format!(
-                "only mode {order} at {frequency_hz:.2} Hz is clear, and by itself its odds are {alone:.1}, {LEAST_ODDS} needed"
-            )));
-        }
+    if let [
+        Mode {
+            order, frequency_hz, ..
+        },
+    ] = labelling.modes[..]
+    {
+        return Err(refused(format!(
+            "only one is clear, {frequency_hz:.2} Hz as mode {order}, and one peak alone proves nothing"
+        )));
     }
+    labelling.modes.retain(|mode| mode.order <= settings.count);
+    labelling.probability.truncate(labelling.modes.len());
     if labelling.modes.is_empty() {
-        return Err(refused(format!("the likeliest are {}", describe(&weights, total, &peaks))));
+        return Err(refused(format!(
+            "the likeliest are {}",
+            describe(&weights, total, &peaks)
+        )));
     }
     Ok(labelling)
 }
@@ -211,8 +225,14 @@ fn assignments(peaks: &[&Resonance], pattern: &Pattern, discrepancy: &[f64]) -> 
     let foreign = peaks.len().saturating_sub(2).max(1) as f64 / (pattern.high_hz / pattern.low_hz).ln();
     let log_peak: Vec<f64> = peaks.iter().map(|r| r.frequency_hz.ln()).collect();
     let tolerance = |order: usize, r: &Resonance| {
-        let stated = discrepancy.get(order).or(discrepancy.last()).copied().unwrap_or(0.0);
-        stated.max(LEAST_TOLERANCE).hypot(r.frequency_sd_hz / r.frequency_hz)
+        let stated = discrepancy
+            .get(order)
+            .or(discrepancy.last())
+            .copied()
+            .unwrap_or(0.0);
+        stated
+            .max(LEAST_TOLERANCE)
+            .hypot(r.frequency_sd_hz / r.frequency_hz)
     };
     let tolerances: Vec<f64> = (0..modes)
         .flat_map(|order| peaks.iter().map(move |r| tolerance(order, r)))
@@ -225,7 +245,11 @@ fn assignments(peaks: &[&Resonance], pattern: &Pattern, discrepancy: &[f64]) -> 
         partial.push((NOTHING, 1.0));
         for (order, &log_mode) in draw.iter().enumerate() {
             next.clear();
-            next.extend(partial.iter().map(|&(code, weight)| (code, weight * (1.0 - DETECTION))));
+            next.extend(
+                partial
+                    .iter()
+                    .map(|&(code, weight)| (code, weight * (1.0 - DETECTION))),
+            );
             for (peak, &log) in log_peak.iter().enumerate() {
                 let tolerance = tolerances[order * peaks.len() + peak];
                 let distance = (log - log_mode) / tolerance;
@@ -234,7 +258,8 @@ fn assignments(peaks: &[&Resonance], pattern: &Pattern, discrepancy: &[f64]) -> 
                 }
                 let gain = DETECTION * kernel(distance) / (tolerance * foreign);
                 // Peaks ascend with the orders: only above every peak already taken.
-                let taken = |code: Code| (code.checked_ilog2().map_or(0, |top| code >> (top / 5 * 5))) as usize;
+                let taken =
+                    |code: Code| (code.checked_ilog2().map_or(0, |top| code >> (top / 5 * 5))) as usize;
                 next.extend(
                     partial
                         .iter()
@@ -261,7 +286,9 @@ fn describe(weights: &BTreeMap<Code, f64>, total: f64, peaks: &[&Resonance]) -> 
     best.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
     let one = |&(code, weight): &(Code, f64)| {
         let parts: Vec<String> = (1..=MAX_MODES)
-            .filter_map(|order| peak_of(code, order).map(|p| format!("{order} at {:.2} Hz", peaks[p].frequency_hz)))
+            .filter_map(|order| {
+                peak_of(code, order).map(|p| format!("{order} at {:.2} Hz", peaks[p].frequency_hz))
+            })
             .collect();
         format!("({}; {:.0} %)", parts.join(", "), 100.0 * weight / total)
     };

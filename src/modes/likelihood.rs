@@ -30,6 +30,9 @@ use std::f64::consts::TAU;
 /// Number of smooth nuisance terms (constant, slope).
 const SMOOTH: usize = 2;
 
+/// Fewest lines a likelihood is made of.
+const LEAST_LINES: f64 = 8.0;
+
 /// The parameters of one resonance: what is optimised, in this order.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Parameters {
@@ -39,7 +42,7 @@ pub struct Parameters {
     pub log_damping: f64,
     /// Natural logarithm of the stationary peak's height over the noise floor (power).
     pub log_ratio: f64,
-    /// Slope of the noise floor's logarithm, per half width of the band.
+    /// Relative slope of the noise floor per half width of the band, between -1 and 1.
     pub slope: f64,
 }
 
@@ -93,7 +96,7 @@ const RATIO_LOG_SD: f64 = 6.0;
 /// Ambient response during a free decay, relative to the noise floor at the peak: its amplitude has a
 /// half-Cauchy prior, so that a level too low to be seen is allowed for, not excluded.
 const DECAY_RATIO: f64 = 30.0;
-const SLOPE_SD: f64 = 1.0;
+const SLOPE_SD: f64 = 0.5;
 
 fn log_prior(p: &Parameters, excitation: Excitation) -> f64 {
     let a = (p.log_damping - DAMPING_LOG_MEDIAN) / DAMPING_LOG_SD;
@@ -135,14 +138,16 @@ pub fn resonance(band: &Band, excitation: Excitation, p: &Parameters) -> Option<
     let gamma = damping * p.frequency_hz;
     let moments = gather(band, p.slope, ratio, |f| {
         let detuning = f - damped;
-        let pole = gamma / (gamma * gamma + detuning * detuning);
-        let scale = pole * (2.0 * damped / (f + damped));
+        let scale = gamma * 2.0 * damped / ((gamma * gamma + detuning * detuning) * (f + damped));
         (scale * gamma, -scale * detuning, scale * gamma)
     })?;
     let reduced = reduce(&moments).filter(|r| r.hh > 0.0)?;
-    let lines = band.len() as f64;
+    let lines = band.lines;
     // e^(sT)
-    let decay = Complex::from_polar((-TAU * gamma * band.duration_s).exp(), TAU * damped * band.duration_s);
+    let decay = Complex::from_polar(
+        (-TAU * gamma * band.duration_s).exp(),
+        TAU * damped * band.duration_s,
+    );
     let (log_det, quad, dof) = match excitation {
         Excitation::Ambient => {
             let u = ratio / (TAU * gamma * band.duration_s);
@@ -155,7 +160,7 @@ pub fn resonance(band: &Band, excitation: Excitation, p: &Parameters) -> Option<
             let k21 = kappa * g11;
             let k22 = 1.0 + kappa * g12;
             let det = (k11 * k22 - k12 * k21).re;
-            if !(det > 0.0) {
+            if det.is_nan() || det <= 0.0 {
                 return None;
             }
             let (m1, m2) = (v * reduced.hj + kappa.conj() * reduced.pj, kappa * reduced.hj);
@@ -173,7 +178,11 @@ pub fn resonance(band: &Band, excitation: Excitation, p: &Parameters) -> Option<
             // A transient as large as the band's largest ordinate, in units of the noise floor: a prior
             // so wide that only a shape which the smooth terms imitate feels it.
             let wide = band.largest * dof / quad.max(f64::MIN_POSITIVE);
-            (moments.log_det + reduced.log_det + (wide * reduced.hh).ln_1p(), quad, dof)
+            (
+                moments.log_det + reduced.log_det + (wide * reduced.hh).ln_1p(),
+                quad,
+                dof,
+            )
         }
     };
     let least = reduced.jj - reduced.hj.norm_sqr() / reduced.hh;
@@ -200,49 +209,44 @@ pub fn sine(band: &Band, frequency_hz: f64, slope: f64) -> Option<f64> {
     })?;
     let reduced = reduce(&moments).filter(|r| r.hh > 0.0)?;
     let least = reduced.jj - reduced.hj.norm_sqr() / reduced.hh;
-    (least > 0.0).then(|| -moments.log_det - band.len() as f64 * least.ln())
+    (least > 0.0).then(|| -moments.log_det - band.lines * least.ln())
 }
 
 /// Log likelihood (profile) of noise of the given slope alone.
 pub fn noise_only(band: &Band, slope: f64) -> Option<f64> {
     let moments = gather(band, slope, 0.0, |_| (0.0, 0.0, 0.0))?;
     let reduced = reduce(&moments)?;
-    (reduced.jj > 0.0).then(|| -moments.log_det - band.len() as f64 * reduced.jj.ln())
+    (reduced.jj > 0.0).then(|| -moments.log_det - band.lines * reduced.jj.ln())
 }
 
 /// One pass over the lines. `response` gives the shape's real and imaginary part and the real weight
-/// of the rank-two term; the diagonal is `ratio |h|^2 + floor e^(slope x)`.
-fn gather(
-    band: &Band,
-    slope: f64,
-    ratio: f64,
-    response: impl Fn(f64) -> (f64, f64, f64),
-) -> Option<Moments> {
-    if band.len() < 8 {
+/// of the rank-two term; the diagonal is `ratio |h|^2 + floor (1 + slope x)`.
+fn gather(band: &Band, slope: f64, ratio: f64, response: impl Fn(f64) -> (f64, f64, f64)) -> Option<Moments> {
+    if band.lines < LEAST_LINES || slope.abs() >= 1.0 {
         return None;
     }
     let mut m = Moments::default();
-    let mut product = 1.0;
-    for (i, (((&f, &x), (&jr, &ji)), &floor)) in band
-        .frequency_hz
-        .iter()
-        .zip(&band.x)
-        .zip(band.re.iter().zip(&band.im))
-        .zip(&band.floor)
-        .enumerate()
-    {
-        let (hr, hi, p) = response(f);
+    let mut product = 1.0f64;
+    for cell in &band.cells {
+        let x = cell.x;
+        let (hr, hi, p) = response(cell.frequency_hz);
         let h2 = hr * hr + hi * hi;
-        let d = ratio * h2 + floor * (slope * x).exp();
+        let d = ratio * h2 + cell.floor * (1.0 + slope * x);
         let w = 1.0 / d;
-        product *= d;
-        if i % 4 == 3 {
-            m.log_det += product.ln();
-            product = 1.0;
+        let wn = w * cell.lines;
+        if cell.lines == 1.0 {
+            // One logarithm for many lines.
+            product *= d;
+            if !(1e-150..1e150).contains(&product) {
+                m.log_det += product.ln();
+                product = 1.0;
+            }
+        } else {
+            m.log_det += cell.lines * d.ln();
         }
-        let (whr, whi, wp) = (w * hr, w * hi, w * p);
-        let (wjr, wji) = (w * jr, w * ji);
-        m.hh += w * h2;
+        let (whr, whi, wp) = (wn * hr, wn * hi, wn * p);
+        let (wjr, wji) = (w * cell.re, w * cell.im);
+        m.hh += wn * h2;
         m.hp.re += whr * p;
         m.hp.im -= whi * p;
         m.pp += wp * p;
@@ -250,10 +254,10 @@ fn gather(
         m.hj.im += hr * wji - hi * wjr;
         m.pj.re += p * wjr;
         m.pj.im += p * wji;
-        m.jj += jr * wjr + ji * wji;
-        m.bb[0][0] += w;
-        m.bb[1][0] += w * x;
-        m.bb[1][1] += w * x * x;
+        m.jj += w * cell.power;
+        m.bb[0][0] += wn;
+        m.bb[1][0] += wn * x;
+        m.bb[1][1] += wn * x * x;
         m.bh[0].re += whr;
         m.bh[0].im += whi;
         m.bh[1].re += whr * x;
@@ -295,7 +299,8 @@ fn reduce(m: &Moments) -> Option<Reduced> {
     let h = solve(m.bh);
     let p = solve([m.bp[0].into(), m.bp[1].into()]);
     let j = solve(m.bj);
-    let dot = |a: &[Complex<f64>; SMOOTH], b: &[Complex<f64>; SMOOTH]| a[0].conj() * b[0] + a[1].conj() * b[1];
+    let dot =
+        |a: &[Complex<f64>; SMOOTH], b: &[Complex<f64>; SMOOTH]| a[0].conj() * b[0] + a[1].conj() * b[1];
     Some(Reduced {
         hh: m.hh - dot(&h, &h).re,
         hp: m.hp - dot(&h, &p),

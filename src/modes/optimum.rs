@@ -36,7 +36,11 @@ pub fn maximise(
         let bowl = eigen.eigenvalues.iter().all(|&l| l > 1e-9 * largest);
         let along = eigen.eigenvectors.transpose() * gradient;
         let newton = Vector4::from_fn(|i, _| {
-            along[i] / eigen.eigenvalues[i].abs().max(1e-6 * largest).max(f64::MIN_POSITIVE)
+            along[i]
+                / eigen.eigenvalues[i]
+                    .abs()
+                    .max(1e-6 * largest)
+                    .max(f64::MIN_POSITIVE)
         });
         let mut direction = eigen.eigenvectors * newton;
         let gain = 0.5 * along.dot(&newton);
@@ -45,7 +49,11 @@ pub fn maximise(
                 * Matrix4::from_diagonal(&eigen.eigenvalues.map(f64::recip))
                 * eigen.eigenvectors.transpose();
             let covariance = Matrix4::from_fn(|i, j| inverse[(i, j)] * step[i] * step[j]);
-            return Some(Optimum { at, value, covariance });
+            return Some(Optimum {
+                at,
+                value,
+                covariance,
+            });
         }
         let excess = (0..4)
             .map(|i| (direction[i] * step[i] / reach[i]).abs())
@@ -64,8 +72,14 @@ pub fn maximise(
         }
         for i in 0..4 {
             let bend = -hessian[(i, i)];
-            let wanted = if bend > 0.0 { 0.5 * step[i] / bend.sqrt() } else { 2.0 * step[i] };
-            step[i] = wanted.clamp(0.1 * step[i], 4.0 * step[i]).clamp(1e-5 * reach[i], 0.2 * reach[i]);
+            let wanted = if bend > 0.0 {
+                0.5 * step[i] / bend.sqrt()
+            } else {
+                2.0 * step[i]
+            };
+            step[i] = wanted
+                .clamp(0.1 * step[i], 4.0 * step[i])
+                .clamp(1e-5 * reach[i], 0.2 * reach[i]);
         }
         if !moved && !bowl {
             step = step.map(|s| 0.5 * s);

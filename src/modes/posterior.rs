@@ -1,4 +1,4 @@
-//! Mean and covariance of a four-parameter posterior by importance sampling on fixed points.
+//! Mean and covariance of a four-parameter posterior, beyond the curvature at its maximum.
 
 use super::optimum::Optimum;
 use nalgebra::{Matrix4, Vector4};

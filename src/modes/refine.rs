@@ -2,7 +2,7 @@
 
 use super::band::{Band, Coefficients};
 use super::likelihood::{self, Parameters, Value};
-use super::optimum::{golden, maximise};
+use super::optimum::{Optimum, golden, maximise};
 use super::posterior::moments;
 use super::{Mask, Resonance};
 use crate::record::{Excitation, Record};
@@ -12,10 +12,12 @@ use realfft::num_complex::Complex;
 /// Half width of a band in half-power half-widths of its peak: beyond 8 the band holds less than a
 /// tenth more of what there is to know about the frequency (bandwidth factor 0.84, Au 2014).
 const HALF_WIDTHS: f64 = 8.0;
-/// Fewest lines to either side of the peak.
-const LEAST_LINES: f64 = 16.0;
-/// Most lines of a band; very long records of wide peaks use a narrower band.
-const MOST_LINES: f64 = 2000.0;
+/// Width of a cell of lines as a share of its distance from the peak (at least the core's half width):
+/// the mean of a Lorentzian over such a cell is its value at the middle to 0.3 %.
+const CELL: f64 = 0.1;
+/// Fewest lines to either side of the peak: the noise floor must be known from lines that the mode does
+/// not reach, or excitation that goes on during a decay is taken for noise.
+const LEAST_LINES: f64 = 40.0;
 /// A band never reaches further than this share of the peak's frequency.
 const WIDEST: f64 = 0.35;
 /// Twice the log-likelihood gain over noise that a peak needs beyond that of the search over lines.
@@ -76,7 +78,9 @@ pub fn refine(
             continue;
         }
         if let Some(fit) = context.fit(peak_hz, &fits, None)
-            && !fits.iter().any(|other| context.same(other, fit.resonance.frequency_hz))
+            && !fits
+                .iter()
+                .any(|other| context.same(other, fit.resonance.frequency_hz))
         {
             fits.push(fit);
         }
@@ -137,11 +141,22 @@ impl Context<'_> {
         (low, high.min(0.98 * self.nyquist_hz))
     }
 
-    fn band(&self, centre: f64, half: f64, limits: (f64, f64), others: &[Fit], level: Option<f64>) -> Band {
-        let t = self.coefficients.duration_s;
-        let half = half.max(LEAST_LINES / t).min(0.5 * MOST_LINES / t);
+    /// The band around `centre`; `core` is the half width within which it must stay fine.
+    fn band(
+        &self,
+        (centre, half, core): (f64, f64, f64),
+        limits: (f64, f64),
+        others: &[Fit],
+        level: Option<f64>,
+    ) -> Band {
+        let half = half.max(LEAST_LINES / self.coefficients.duration_s);
         let (low, high) = ((centre - half).max(limits.0), (centre + half).min(limits.1));
-        let mut band = self.coefficients.band(low, high, self.masks);
+        let width = |f: f64| match self.excitation {
+            Excitation::Ambient => CELL * (f - centre).abs().max(core),
+            // The pull stands far above the noise: what a cell smooths would look like noise.
+            Excitation::FreeDecay => 0.0,
+        };
+        let mut band = self.coefficients.band(low, high, self.masks, width);
         let level = level.unwrap_or_else(|| band.quiet_level());
         for other in others {
             subtract(&mut band, other, self.excitation, level);
@@ -153,14 +168,17 @@ impl Context<'_> {
     fn fit(&self, peak_hz: f64, others: &[Fit], level: Option<f64>) -> Option<Fit> {
         let limits = self.limits(peak_hz, others);
         let mut half = HALF_WIDTHS * 0.01 * peak_hz;
-        let mut band = self.band(peak_hz, half, limits, others, level);
+        let mut band = self.band((peak_hz, half, 0.5 * self.line_hz), limits, others, level);
         let mut start = self.start(&band, peak_hz)?;
         for last in [false, false, true] {
-            let (p, sd, log_sd) = self.climb(&band, start)?;
-            let wanted = HALF_WIDTHS * p.log_damping.exp() * p.frequency_hz;
-            let next = self.band(p.frequency_hz, wanted, limits, others, level);
-            let ratio = next.len() as f64 / band.len().max(1) as f64;
+            let top = self.climb(&band, start)?;
+            let p = Parameters::from_array(top.at);
+            let gamma = p.log_damping.exp() * p.frequency_hz;
+            let wanted = HALF_WIDTHS * gamma;
+            let next = self.band((p.frequency_hz, wanted, gamma), limits, others, level);
+            let ratio = next.lines / band.lines.max(1.0);
             if last || (0.7..1.5).contains(&ratio) {
+                let (p, sd, log_sd) = self.errors(&band, &top);
                 return self.judge(&band, p, sd, log_sd, half);
             }
             (half, band, start) = (wanted, next, p);
@@ -171,10 +189,12 @@ impl Context<'_> {
     /// The best of a coarse grid of parameters around a picked peak.
     fn start(&self, band: &Band, peak_hz: f64) -> Option<Parameters> {
         let near = 1.5 * self.line_hz;
-        let highest = (0..band.len())
-            .filter(|&i| (band.frequency_hz[i] - peak_hz).abs() <= near)
-            .max_by(|&a, &b| band.power(a).total_cmp(&band.power(b)))
-            .map_or(peak_hz, |i| band.frequency_hz[i]);
+        let highest = band
+            .cells
+            .iter()
+            .filter(|c| (c.frequency_hz - peak_hz).abs() <= near)
+            .max_by(|a, b| (a.power / a.lines).total_cmp(&(b.power / b.lines)))
+            .map_or(peak_hz, |c| c.frequency_hz);
         let ratios = match self.excitation {
             Excitation::Ambient => [2.0, 6.0, 10.0],
             Excitation::FreeDecay => [-1.0, 3.0, 7.0],
@@ -213,26 +233,41 @@ impl Context<'_> {
         Some(p)
     }
 
+    /// The posterior's maximum near `start`.
+    fn climb(&self, band: &Band, start: Parameters) -> Option<Optimum> {
+        let gamma = start.log_damping.exp() * start.frequency_hz;
+        let reach = [gamma.max(0.5 / band.duration_s), 1.0, 2.0, 1.0];
+        maximise(|x| self.log_posterior(band, x), start.to_array(), reach)
+    }
+
+    fn log_posterior(&self, band: &Band, x: &[f64; 4]) -> Option<f64> {
+        likelihood::resonance(band, self.excitation, &Parameters::from_array(*x)).map(|v| v.log_posterior)
+    }
+
     /// The parameters and the standard errors of frequency and log damping: the optimum with its
     /// curvature where the record determines damping and excitation well, else the posterior's mean
     /// and standard deviation (few independent fluctuations: the curvature alone would promise too
     /// much).
-    fn climb(&self, band: &Band, start: Parameters) -> Option<(Parameters, f64, f64)> {
-        let gamma = start.log_damping.exp() * start.frequency_hz;
-        let reach = [gamma.max(0.5 / band.duration_s), 1.0, 2.0, 1.0];
-        let log_posterior = |x: &[f64; 4]| {
-            likelihood::resonance(band, self.excitation, &Parameters::from_array(*x)).map(|v| v.log_posterior)
-        };
-        let found = maximise(log_posterior, start.to_array(), reach)?;
+    fn errors(&self, band: &Band, found: &Optimum) -> (Parameters, f64, f64) {
+        let log_posterior = |x: &[f64; 4]| self.log_posterior(band, x);
         let (mut at, mut covariance) = (found.at, found.covariance);
         let wide = |i: usize, limit: f64| found.covariance[(i, i)] > limit * limit;
-        if (wide(1, 0.12) || wide(2, 0.7))
-            && let Some(posterior) = moments(log_posterior, &found)
-        {
+        let posterior = match self.excitation {
+            Excitation::FreeDecay => moments(log_posterior, found),
+            Excitation::Ambient if wide(1, 0.12) || wide(2, 0.7) => moments(log_posterior, found),
+            Excitation::Ambient => None,
+        };
+        if let Some(posterior) = posterior {
             (at, covariance) = (posterior.mean, posterior.covariance);
         }
+        // The frequency's error scales with a variance known only as well as `scale` (of its logarithm):
+        // the 95 % point of a t with 2/scale degrees of freedom over the normal's, to first order.
+        let scale = match self.excitation {
+            Excitation::Ambient => covariance[(1, 1)].min(0.5),
+            Excitation::FreeDecay => covariance[(2, 2)].min(0.15),
+        };
         let sd = |i: usize| covariance[(i, i)].sqrt();
-        Some((Parameters::from_array(at), sd(0), sd(1)))
+        (Parameters::from_array(at), sd(0) * (1.0 + 0.6 * scale), sd(1))
     }
 
     /// Whether the fit is a resonance, a line, or nothing (`None`).
@@ -275,11 +310,13 @@ impl Context<'_> {
     /// Whether other modes lift the band of `fit` by more than a fifth of its noise floor.
     fn disturbed(&self, fit: &Fit, others: &[Fit]) -> bool {
         let f = fit.resonance.frequency_hz;
-        [f - fit.half_width_hz, f, f + fit.half_width_hz].iter().any(|&f| {
-            let lifted: f64 = others.iter().map(|other| skirt(other, f)).sum();
-            let pulled: f64 = others.iter().map(|other| pull(other, f).norm_sqr()).sum();
-            lifted + pulled > 0.2 * fit.value.noise
-        })
+        [f - fit.half_width_hz, f, f + fit.half_width_hz]
+            .iter()
+            .any(|&f| {
+                let lifted: f64 = others.iter().map(|other| skirt(other, f)).sum();
+                let pulled: f64 = others.iter().map(|other| pull(other, f).norm_sqr()).sum();
+                lifted + pulled > 0.2 * fit.value.noise
+            })
     }
 }
 
@@ -297,13 +334,14 @@ fn pull(other: &Fit, f: f64) -> Complex<f64> {
 /// Takes another mode out of a band: its transient (free decays) from the coefficients, its random
 /// skirt into the shape of the noise floor, of which `level` is the height without it.
 fn subtract(band: &mut Band, other: &Fit, excitation: Excitation, level: f64) {
-    for i in 0..band.len() {
-        let f = band.frequency_hz[i];
+    for cell in &mut band.cells {
         if excitation == Excitation::FreeDecay {
-            let c = pull(other, f);
-            band.re[i] -= c.re;
-            band.im[i] -= c.im;
+            // The cells of a free decay hold one line each.
+            let c = pull(other, cell.frequency_hz);
+            cell.re -= c.re;
+            cell.im -= c.im;
+            cell.power = cell.re * cell.re + cell.im * cell.im;
         }
-        band.floor[i] += skirt(other, f) / level;
+        cell.floor += skirt(other, cell.frequency_hz) / level;
     }
 }

@@ -78,7 +78,11 @@ pub fn noise_floor(spectrum: &Spectrum, level_db: &[f64]) -> Vec<f64> {
         }
         let (a, low) = knots[k];
         let (b, high) = knots[(k + 1).min(knots.len() - 1)];
-        let share = if b > a { (i - a) as f64 / (b - a) as f64 } else { 0.0 };
+        let share = if b > a {
+            (i - a) as f64 / (b - a) as f64
+        } else {
+            0.0
+        };
         floor.push(low + share.min(1.0) * (high - low));
     }
     floor

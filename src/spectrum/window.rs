@@ -15,7 +15,10 @@ impl Window {
         (0..n)
             .map(|i| {
                 let turn = TAU * i as f64 / n as f64;
-                (0..).zip(cosines).map(|(m, a)| a * (f64::from(m) * turn).cos()).sum()
+                (0..)
+                    .zip(cosines)
+                    .map(|(m, a)| a * (f64::from(m) * turn).cos())
+                    .sum()
             })
             .collect()
     }
@@ -75,7 +78,12 @@ mod tests {
 
     #[test]
     fn windows_are_periodic() {
-        for window in [Window::Hann, Window::Hamming, Window::Blackman, Window::Rectangular] {
+        for window in [
+            Window::Hann,
+            Window::Hamming,
+            Window::Blackman,
+            Window::Rectangular,
+        ] {
             let w = window.weights(64);
             for i in 1..64 {
                 assert!((w[i] - w[64 - i]).abs() < 1e-15);

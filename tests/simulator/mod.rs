@@ -4,7 +4,7 @@
 //! advanced from sample to sample by its exact transition matrix and its exact noise covariance
 //! `Q = P - F P F'` (P the stationary covariance).
 
-#![allow(dead_code)]
+#![allow(dead_code, clippy::unwrap_used)]
 
 use rand::Rng;
 use rand_distr::{Distribution, StandardNormal};
@@ -35,8 +35,14 @@ impl SimulatedMode {
         let (s, c) = (wd * dt).sin_cos();
         let e = (-z * w * dt).exp();
         let k = z * w / wd;
-        let f = [[e * (c + k * s), e * s / wd], [-e * s * w * w / wd, e * (c - k * s)]];
-        let p = [self.ambient * self.ambient, (self.ambient * w) * (self.ambient * w)];
+        let f = [
+            [e * (c + k * s), e * s / wd],
+            [-e * s * w * w / wd, e * (c - k * s)],
+        ];
+        let p = [
+            self.ambient * self.ambient,
+            (self.ambient * w) * (self.ambient * w),
+        ];
         let q00 = p[0] - (f[0][0] * f[0][0] * p[0] + f[0][1] * f[0][1] * p[1]);
         let q01 = -(f[0][0] * f[1][0] * p[0] + f[0][1] * f[1][1] * p[1]);
         let q11 = p[1] - (f[1][0] * f[1][0] * p[0] + f[1][1] * f[1][1] * p[1]);
@@ -74,9 +80,18 @@ pub fn record(fs: f64, samples: Vec<f64>, excitation: Excitation) -> Record {
     }
 }
 
-pub fn simulate(seed: u64, fs: f64, seconds: f64, modes: &[SimulatedMode], noise: f64, excitation: Excitation) -> Record {
+pub fn simulate(
+    seed: u64,
+    fs: f64,
+    seconds: f64,
+    modes: &[SimulatedMode],
+    noise: f64,
+    excitation: Excitation,
+) -> Record {
     let mut rng = random::stream(seed, 0);
-    let mut samples: Vec<f64> = (0..(seconds * fs) as usize).map(|_| noise * normal(&mut rng)).collect();
+    let mut samples: Vec<f64> = (0..(seconds * fs) as usize)
+        .map(|_| noise * normal(&mut rng))
+        .collect();
     for mode in modes {
         mode.add(&mut rng, fs, &mut samples);
     }

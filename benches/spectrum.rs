@@ -1,0 +1,143 @@
+//! Speed of the way from samples to labelled natural frequencies, one core.
+
+// Machinery of tests and benches: a panic is the report.
+#![allow(clippy::unwrap_used)]
+
+use divan::{Bencher, black_box};
+use tirante::bayes::RodPrior;
+use tirante::beam::exact::Exact;
+use tirante::forward::ForwardModel;
+use tirante::modes::{ModalPlan, ModeSettings, Pattern, label, refine};
+use tirante::random;
+use tirante::record::{Excitation, Record};
+use tirante::spectrum::{PeakSettings, Spectrum, Transforms, Welch, WelchSettings, Window, pick_peaks};
+
+#[path = "../tests/simulator/mod.rs"]
+mod simulator;
+use simulator::{SimulatedMode, ambient_sd, simulate};
+
+fn main() {
+    divan::main();
+}
+
+const FS: f64 = 200.0;
+
+fn record(seconds: f64, excitation: Excitation) -> Record {
+    let modes: Vec<SimulatedMode> = [4.492, 9.288, 13.252]
+        .iter()
+        .map(|&frequency_hz| SimulatedMode {
+            frequency_hz,
+            damping: 0.005,
+            ambient: if excitation == Excitation::Ambient {
+                ambient_sd(frequency_hz, 0.005, 40.0, 1.0, FS)
+            } else {
+                0.1
+            },
+            pull: if excitation == Excitation::Ambient {
+                0.0
+            } else {
+                100.0
+            },
+        })
+        .collect();
+    simulate(7, FS, seconds, &modes, 1.0, excitation)
+}
+
+fn pattern() -> Pattern {
+    let prior = RodPrior::todi();
+    let exact = Exact::new(*prior.parameterisation());
+    let mut rng = random::stream(5, 0);
+    let mut theta = vec![0.0; prior.parameterisation().len()];
+    let mut rows = Vec::new();
+    for _ in 0..2000 {
+        prior.sample(&mut rng, &mut theta);
+        let mut row = [0.0; 5];
+        if exact.frequencies(&theta, &mut row).is_ok() {
+            rows.extend(row);
+        }
+    }
+    Pattern::new(&rows, 5).unwrap()
+}
+
+fn plan() -> ModalPlan {
+    ModalPlan::new(
+        WelchSettings::default(),
+        PeakSettings::default(),
+        ModeSettings::default(),
+        pattern(),
+        vec![0.02; 3],
+    )
+}
+
+fn spectrum(transforms: &Transforms, record: &Record) -> Spectrum {
+    let settings = WelchSettings::default();
+    let nperseg = settings.nperseg(record.fs_hz, record.samples.len());
+    let welch = Welch::plan_with(
+        transforms,
+        record.fs_hz,
+        nperseg,
+        settings.noverlap(nperseg),
+        settings.window,
+    )
+    .unwrap();
+    welch.run(&record.samples).unwrap()
+}
+
+#[divan::bench(args = [36_000, 360_000, 3_600_000])]
+fn welch_16384(bencher: Bencher, samples: usize) {
+    let x: Vec<f64> = (0..samples).map(|i| ((i * i) as f64).sin()).collect();
+    let welch = Welch::plan(1000.0, 16_384, 8_192, Window::Hann).unwrap();
+    bencher.bench_local(|| welch.run(black_box(&x)).unwrap());
+}
+
+#[divan::bench(args = [60.0, 600.0, 3600.0])]
+fn welch_and_peaks(bencher: Bencher, seconds: f64) {
+    let record = record(seconds, Excitation::Ambient);
+    let transforms = Transforms::default();
+    bencher.bench_local(|| {
+        let spectrum = spectrum(&transforms, black_box(&record));
+        pick_peaks(&spectrum, &PeakSettings::default(), 2.0, 60.0)
+    });
+}
+
+#[divan::bench(args = [20.0, 60.0, 600.0, 3600.0])]
+fn refine_ambient(bencher: Bencher, seconds: f64) {
+    let record = record(seconds, Excitation::Ambient);
+    let transforms = Transforms::default();
+    let spectrum = spectrum(&transforms, &record);
+    let peaks = pick_peaks(&spectrum, &PeakSettings::default(), 2.0, 60.0);
+    bencher.bench_local(|| refine(&transforms, black_box(&record), &peaks, &[], spectrum.df_hz));
+}
+
+#[divan::bench(args = [20.0, 60.0, 600.0])]
+fn refine_free_decay(bencher: Bencher, seconds: f64) {
+    let record = record(seconds, Excitation::FreeDecay);
+    let transforms = Transforms::default();
+    let spectrum = spectrum(&transforms, &record);
+    let peaks = pick_peaks(&spectrum, &PeakSettings::default(), 2.0, 60.0);
+    bencher.bench_local(|| refine(&transforms, black_box(&record), &peaks, &[], spectrum.df_hz));
+}
+
+#[divan::bench(args = [2000])]
+fn label_three_peaks(bencher: Bencher, _draws: usize) {
+    let plan = plan();
+    let resonances = plan
+        .resonances(&record(60.0, Excitation::Ambient), 2.0, 60.0)
+        .unwrap()
+        .1;
+    bencher.bench_local(|| {
+        label(
+            black_box(&resonances),
+            plan.pattern(),
+            &ModeSettings::default(),
+            &[0.02; 3],
+        )
+    });
+}
+
+#[divan::bench(args = [60.0, 600.0])]
+fn identify(bencher: Bencher, seconds: f64) {
+    let record = record(seconds, Excitation::Ambient);
+    let plan = plan();
+    bencher.bench_local(|| plan.identify(black_box(&record)));
+}

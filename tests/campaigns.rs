@@ -296,3 +296,136 @@ fn table_2() {
         );
     }
 }
+
+/// What the paper's observation says under other assumptions: the exact posterior of its model, of a
+/// unit error variance, and of a model discrepancy, by Metropolis and by the default ABC.
+#[test]
+#[ignore = "campaign: the paper's conflicting observation, about 1 minute; run with --release --ignored --nocapture conflicting"]
+fn conflicting() {
+    let prior = RodPrior::todi();
+    let model = Arc::new(Exact::new(*prior.parameterisation()));
+    let tables = Tables::new(3);
+    for (sd, discrepancy) in [
+        (1e-3f64.sqrt(), 0.0),
+        (1.0, 0.0),
+        (0.01, 0.01),
+        (0.01, 0.02),
+        (0.01, 0.03),
+    ] {
+        let record = Observation::first(&[4.492, 9.288, 13.252], sd).unwrap();
+        let chains: Vec<Vec<f64>> = (0..2u64)
+            .into_par_iter()
+            .map(|seed| metropolis(&prior, model.as_ref(), &record, discrepancy, 4_000_000, seed))
+            .collect();
+        let inference = Inference::plan(
+            prior.clone(),
+            model.clone(),
+            vec![discrepancy; 3],
+            AbcSettings {
+                draws: 1_000_000,
+                ..AbcSettings::default()
+            },
+            3,
+            &tables,
+        )
+        .unwrap();
+        let posterior = inference.run(&record, 1).unwrap();
+        let conflict = inference.conflict(&record).unwrap();
+        println!(
+            "sd {sd:.4} Hz, discrepancy {discrepancy}: conflict {:.2}, prior tail {:.4}, {}",
+            conflict.score,
+            conflict.prior_tail,
+            conflict
+                .violation
+                .map_or(String::from("no ratio violated"), |v| v.to_string())
+        );
+        for (name, column) in [("N", 0), ("E", 1), ("rho", 2), ("a", 3)] {
+            let q = prior.parameterisation().quantities()[column];
+            let [a, b] = [0, 1].map(|i| moments(&chains[i], 7, column));
+            println!(
+                "    {name:4} Metropolis {:.4e} and {:.4e} (cv {:.3}, {:.3}); ABC {:.4e} (cv {:.3}), epsilon {:.3}, {:?}",
+                a.0,
+                b.0,
+                a.1 / a.0,
+                b.1 / b.0,
+                posterior.mean(q).unwrap(),
+                posterior.cv(q).unwrap(),
+                posterior.epsilon,
+                posterior.adjustment
+            );
+        }
+    }
+}
+
+/// Records at the edge of the model and beyond: a string with its third mode lowered by 0 to 3 %, where
+/// the tolerance matters most. N by Metropolis and by four ways of ABC.
+#[test]
+#[ignore = "campaign: records at the model's edge, about 2 minutes; run with --release --ignored --nocapture edge"]
+fn edge() {
+    let prior = RodPrior::todi();
+    let model = Arc::new(Exact::new(*prior.parameterisation()));
+    let tables = Tables::new(3);
+    let ways = [
+        ("default", AbcSettings::default()),
+        (
+            "no adjustment",
+            AbcSettings {
+                adjustment: Adjustment::None,
+                ..AbcSettings::default()
+            },
+        ),
+        (
+            "1 000 000 draws",
+            AbcSettings {
+                draws: 1_000_000,
+                accept: Accept::Quantile(0.002),
+                ..AbcSettings::default()
+            },
+        ),
+        (
+            "sequence",
+            AbcSettings {
+                method: Method::Sequential,
+                ..AbcSettings::default()
+            },
+        ),
+    ];
+    let cases: Vec<([f64; 3], f64)> = [0.0, 0.0025, 0.005, 0.01, 0.02, 0.03]
+        .iter()
+        .map(|lowered| ([4.5, 9.005, 13.515 * (1.0 - lowered)], 0.01))
+        .chain([([4.492, 9.288, 13.252], 1e-3f64.sqrt())])
+        .collect();
+    let references: Vec<(f64, f64)> = cases
+        .par_iter()
+        .map(|(f, sd)| {
+            let record = Observation::first(f, *sd).unwrap();
+            moments(
+                &metropolis(&prior, model.as_ref(), &record, 0.0, 2_000_000, 1),
+                7,
+                0,
+            )
+        })
+        .collect();
+    for ((f, sd), (mean, spread)) in cases.iter().zip(references) {
+        let record = Observation::first(f, *sd).unwrap();
+        println!(
+            "{f:?}, sd {sd:.4}: Metropolis N {:.1} kN, cv {:.3}",
+            mean / 1e3,
+            spread / mean
+        );
+        for (name, settings) in ways {
+            let inference =
+                Inference::plan(prior.clone(), model.clone(), vec![0.0; 3], settings, 3, &tables).unwrap();
+            let posterior = inference.run(&record, 1).unwrap();
+            println!(
+                "    {name:16} N {:.1} kN, cv {:.3}, epsilon {:.3}, {:?} {:?}; conflict {:.2}",
+                posterior.mean(Quantity::AxialForce).unwrap() / 1e3,
+                posterior.cv(Quantity::AxialForce).unwrap(),
+                posterior.epsilon,
+                posterior.adjustment,
+                posterior.stop,
+                inference.conflict(&record).unwrap().score
+            );
+        }
+    }
+}

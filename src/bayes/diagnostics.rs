@@ -159,3 +159,78 @@ fn kolmogorov_p(statistic: f64, count: f64) -> f64 {
         .sum();
     (2.0 * sum).clamp(0.0, 1.0)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn equal(count: usize) -> Vec<f64> {
+        vec![1.0 / count as f64; count]
+    }
+
+    /// numpy 2.4: `np.quantile(x, shares, method="hazen")`, `x.std(ddof=1)`.
+    #[test]
+    fn equal_weights_give_the_textbook_figures() {
+        let x = [3.0, 1.0, 4.0, 1.5, 9.0, 2.6, 5.3, 5.8, 9.7, 9.3];
+        let found = quantiles(&x, &equal(10), &[0.025, 0.1, 0.5, 0.77, 0.975]);
+        for (found, wanted) in found.iter().zip([1.0, 1.25, 4.65, 9.06, 9.7]) {
+            assert!((found - wanted).abs() < 1e-12, "{found} {wanted}");
+        }
+        assert!((mean(&x, &equal(10)) - 5.12).abs() < 1e-12);
+        assert!((sd(&x, &equal(10)) - 3.268978773596155).abs() < 1e-12);
+        // For equal weights the error of the mean is that of independent draws (with n, not n - 1).
+        let wanted = 3.268978773596155 * 0.9f64.sqrt() / 10f64.sqrt();
+        assert!((mean_error(&x, &equal(10)) - wanted).abs() < 1e-12);
+        assert!((effective_sample_size(&equal(10)) - 10.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn weight_pulls() {
+        let (x, w) = ([1.0, 2.0, 3.0], [0.25, 0.5, 0.25]);
+        assert_eq!(mean(&x, &w), 2.0);
+        assert_eq!(quantiles(&x, &w, &[0.125, 0.5, 0.3125]), [1.0, 2.0, 1.5]);
+        assert!((effective_sample_size(&w) - 8.0 / 3.0).abs() < 1e-12);
+        // Weight on one value alone.
+        assert_eq!(sd(&x, &[0.0, 1.0, 0.0]), 0.0);
+        assert_eq!(quantiles(&[7.0], &[1.0], &[0.025, 0.975]), [7.0, 7.0]);
+        assert!(quantiles(&[], &[], &[0.5])[0].is_nan());
+    }
+
+    /// The error of the median of a standard normal is sqrt(pi / 2n).
+    #[test]
+    fn quantile_error_matches_the_normal_median() {
+        let normal = statrs::distribution::Normal::standard();
+        let n = 2000;
+        let x: Vec<f64> = (0..n)
+            .map(|i| normal.inverse_cdf((i as f64 + 0.5) / n as f64))
+            .collect();
+        let wanted = (std::f64::consts::PI / (2.0 * n as f64)).sqrt();
+        assert!((quantile_error(&x, &equal(n), 0.5) / wanted - 1.0).abs() < 1e-2);
+    }
+
+    /// scipy 1.17: `kstest(u, "uniform")` (exact; the approximation is good to about 1 %), `chisquare`.
+    #[test]
+    fn uniformity_matches_scipy() {
+        let golden = |n: usize, power: f64| -> Vec<f64> {
+            (1..=n)
+                .map(|i| (i as f64 * 0.618_033_988_749_894_9).fract().powf(power))
+                .collect()
+        };
+        let test = uniformity(&golden(50, 1.4), 10).unwrap();
+        assert_eq!(test.histogram, [9, 7, 5, 5, 4, 5, 3, 4, 5, 3]);
+        assert!((test.chi_square - 6.0).abs() < 1e-12);
+        assert!((test.chi_square_p - 0.7399182920946538).abs() < 1e-9);
+        assert!((test.kolmogorov_smirnov - 0.14013299854531733).abs() < 1e-12);
+        assert!((test.kolmogorov_smirnov_p - 0.2551).abs() < 0.01);
+        let test = uniformity(&golden(200, 1.1), 10).unwrap();
+        assert!((test.kolmogorov_smirnov - 0.03619605628252176).abs() < 1e-12);
+        assert!((test.kolmogorov_smirnov_p - 0.9473).abs() < 0.01);
+        assert!(uniformity(&[], 10).is_none() && uniformity(&[0.5], 1).is_none());
+    }
+
+    #[test]
+    fn a_rank_is_the_share_below() {
+        assert_eq!(rank(2.0, &[1.0, 2.0, 3.0], &[0.2, 0.5, 0.3]), 0.2 + 0.25);
+        assert_eq!(rank(f64::INFINITY, &[1.0, 2.0], &[0.5, 0.5]), 1.0);
+    }
+}

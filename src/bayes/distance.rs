@@ -308,3 +308,105 @@ fn scan_block_wide<const M: usize>(
         scan_block::<M, false>(terms, input, bound, found);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bayes::{RodPrior, Tables};
+    use crate::beam::exact::Exact;
+    use crate::forward::MAX_MODES;
+
+    fn target(orders: &[usize], discrepancy: f64) -> Target {
+        let all = [5.1, 10.4, 16.1, 22.3, 29.0];
+        let observation = Observation {
+            orders: orders.to_vec(),
+            frequency_hz: orders.iter().map(|&n| all[n - 1]).collect(),
+            sd_hz: vec![0.05; orders.len()],
+        };
+        let discrepancy = [discrepancy; MAX_MODES];
+        Target::new(&observation, &discrepancy, Noise::Record, Distance::Relative).unwrap()
+    }
+
+    fn tables(draws: usize) -> (std::sync::Arc<Table>, NoiseTable) {
+        let (tables, prior) = (Tables::new(3), RodPrior::todi());
+        let model = Exact::new(*prior.parameterisation());
+        (
+            tables.simulated(&prior, &model, MAX_MODES, draws),
+            tables.noise(draws, MAX_MODES),
+        )
+    }
+
+    /// One draw after the other, as the definition says, then sorted.
+    fn by_definition(target: &Target, table: &Table, noise: &NoiseTable, shift: usize) -> Vec<Candidate> {
+        let mut all: Vec<Candidate> = (0..table.draws())
+            .map(|draw| {
+                let mut squared = 0f32;
+                for term in target.terms() {
+                    let frequency = table.frequency(draw, term.mode);
+                    let z = noise.at(draw, term.mode, shift);
+                    let error = if target.terms().iter().all(|t| t.discrepancy == 0.0) {
+                        term.sd * z
+                    } else {
+                        let scaled = term.discrepancy * frequency;
+                        (term.sd * term.sd + scaled * scaled).sqrt() * z
+                    };
+                    let difference = ((frequency - term.observed) + error) * term.weight;
+                    squared += difference * difference;
+                }
+                Candidate::new(squared, draw as u32)
+            })
+            .collect();
+        all.sort();
+        all
+    }
+
+    /// To the bit, for any modes, shift, share, and a table that ends within a block. On a processor
+    /// with AVX2 this compares the wide pass with plain arithmetic.
+    #[test]
+    fn the_pass_finds_exactly_the_nearest() {
+        for draws in [1000, 1025, 20_000] {
+            let (table, noise) = tables(draws);
+            for orders in [&[1][..], &[2, 5], &[1, 2, 3], &[1, 2, 3, 4, 5]] {
+                for discrepancy in [0.0, 0.02] {
+                    for shift in [0, 1, draws - 1, draws / 2 + 1] {
+                        let target = target(orders, discrepancy);
+                        let reference = by_definition(&target, &table, &noise, shift);
+                        for count in [1, 57, draws / 2, draws] {
+                            let mut wanted = reference[..count].to_vec();
+                            wanted.sort_by_key(|candidate| candidate.draw());
+                            assert_eq!(nearest(&target, &table, &noise, shift, count), wanted);
+                        }
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn both_widths_give_the_same_bits() {
+        let (table, noise) = tables(4096);
+        let target = target(&[1, 3, 4], 0.01);
+        let terms: [Term; 3] = target.terms().try_into().unwrap();
+        for block in 0..table.blocks() {
+            let input = Block {
+                first: 0,
+                frequency: terms.map(|term| table.block(block, term.mode)),
+                z: terms.map(|term| noise.block(block, term.mode, 5)),
+            };
+            let (mut narrow, mut wide) = (Vec::new(), Vec::new());
+            scan_block::<3, false>(&terms, &input, f32::MAX, &mut narrow);
+            if has_avx2() {
+                scan_block_wide(&terms, &input, false, f32::MAX, &mut wide);
+                assert_eq!(narrow, wide);
+            }
+        }
+    }
+
+    #[test]
+    fn equal_distances_are_decided_by_the_index() {
+        assert!(Candidate::new(1.0, 7) < Candidate::new(1.0, 8));
+        assert!(Candidate::new(0.5, 9) < Candidate::new(1.0, 0));
+        assert_eq!(Candidate::new(0.25, 3).distance_squared(), 0.25);
+        assert_eq!(Candidate::new(0.25, u32::MAX).draw(), u32::MAX as usize);
+    }
+}

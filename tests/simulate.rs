@@ -9,6 +9,8 @@ use tirante::beam::exact;
 use tirante::beam::{Parameterisation, Section};
 use tirante::command::simulate;
 use tirante::config::{Config, SimulationConfig};
+use tirante::record::{Cut, Event};
+use tirante::source::{Options, Recording};
 use tirante::synthesis::{SimulatedRecord, Synthesis, SynthesisError};
 
 const ROD: &str = r#"
@@ -513,4 +515,51 @@ fn the_shipped_recordings_are_what_their_commands_write() {
         assert_eq!(facts, made);
     }
     assert!(size < 10_000_000, "{size} bytes");
+}
+
+/// The shipped recordings through the reader with their configurations: every record, at its time, with
+/// its temperature, none refused.
+#[test]
+fn the_shipped_recordings_are_read_with_their_configurations() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    for (config, recording) in [
+        ("todi.toml", "todi-pull.mcap"),
+        ("campaign.toml", "campaign-2025.mcap"),
+    ] {
+        let config = Config::load(&root.join("config").join(config)).unwrap();
+        let rods: Vec<_> = config.rods.iter().map(|rod| rod.channels.clone()).collect();
+        let path = root.join("recordings").join(recording);
+        let reader = Recording::open(&path, &rods, &config.record, Options::default()).unwrap();
+        let simulation = &config.simulation.as_ref().unwrap().simulation;
+        let synthesis = Synthesis::new(simulation, config.seed);
+        let mut found = 0;
+        for event in reader {
+            let Event::Record(record) = event else {
+                panic!("{event:?}")
+            };
+            let simulated = synthesis.record(0, found).unwrap();
+            assert_eq!(record.flags, [], "{}", record.start);
+            assert_eq!(record.fs_hz, simulation.fs_hz);
+            let late_s = record.start.seconds_since(simulated.start);
+            if config.record.cut == Cut::File {
+                assert_eq!(late_s, 0.0);
+                assert_eq!(record.samples.len(), simulation.samples());
+            } else {
+                // Struck after 5 s: the onset is found within a few samples.
+                assert!((5.0..5.1).contains(&late_s), "{late_s}");
+            }
+            let skipped = (late_s * simulation.fs_hz).round() as usize;
+            for (read, made) in record.samples.iter().zip(&samples(&simulated)[skipped..]) {
+                // Written as 32-bit numbers.
+                assert!((read - made).abs() <= 6e-8 * made.abs(), "{read} {made}");
+            }
+            match (record.temperature_c, simulated.truth.air_c) {
+                // Thirteen readings with a noise of 0.1 K.
+                (Some(read), Some(air)) => assert!((read - air).abs() < 0.15, "{read} {air}"),
+                (read, air) => assert!(read.is_none() && air.is_none()),
+            }
+            found += 1;
+        }
+        assert_eq!(found, simulation.records);
+    }
 }

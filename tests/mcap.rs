@@ -377,8 +377,11 @@ fn behind_damage_nothing_is_believed_before_it_everything() {
     assert!(stopped >= 2, "{stopped}");
 }
 
+/// Opcode and content.
+type RawRecord = (u8, Vec<u8>);
+
 /// A file of raw records.
-fn raw(records: &[(u8, Vec<u8>)]) -> Vec<u8> {
+fn raw(records: &[RawRecord]) -> Vec<u8> {
     let mut bytes = b"\x89MCAP0\r\n".to_vec();
     for (opcode, content) in records {
         bytes.push(*opcode);
@@ -437,7 +440,7 @@ fn contradictions_and_lies_are_refused_with_a_reason() {
     let inner_chunk = raw(&[chunk(inner.len() as u64, 0, b"", &inner)])[8..].to_vec();
     let schema = |data: &[u8]| (3u8, [vec![1, 0], text(b"s"), text(b"e"), text(data)].concat());
     let bomb = zstd_zeros();
-    let cases: Vec<(&str, Vec<(u8, Vec<u8>)>)> = vec![
+    let cases: [(&str, Vec<RawRecord>); 16] = [
         ("a message before its channel", vec![header(), message(3)]),
         (
             "a channel changes under its id",

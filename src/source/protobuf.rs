@@ -7,7 +7,9 @@
 use super::decode::{DecodeError, Decoded, SchemaRef, Time};
 use super::path::{FieldPath, Step};
 use super::stamp;
+use prost_reflect::prost::Message as _;
 use prost_reflect::prost::encoding::{DecodeContext, WireType, decode_key, decode_varint, skip_field};
+use prost_reflect::prost_types::{FileDescriptorProto, FileDescriptorSet};
 use prost_reflect::{DescriptorPool, FieldDescriptor, Kind, MessageDescriptor, Value};
 
 /// Where the value and its time stand.
@@ -78,7 +80,17 @@ impl ProtobufPlan {
         time: Option<&FieldPath>,
     ) -> Result<Self, DecodeError> {
         let broken = |what: String| DecodeError::Schema(format!("schema `{}`: {what}", schema.name));
-        let pool = DescriptorPool::decode(schema.data).map_err(|fault| broken(fault.to_string()))?;
+        let set = FileDescriptorSet::decode(schema.data).map_err(|fault| broken(fault.to_string()))?;
+        // The library panics on any other.
+        let known = |file: &FileDescriptorProto| matches!(file.syntax(), "" | "proto2" | "proto3");
+        if let Some(file) = set.file.iter().find(|file| !known(file)) {
+            return Err(broken(format!(
+                "syntax `{}` is not read; proto2 and proto3 are",
+                file.syntax()
+            )));
+        }
+        let pool =
+            DescriptorPool::from_file_descriptor_set(set).map_err(|fault| broken(fault.to_string()))?;
         let root = pool
             .get_message_by_name(schema.name)
             .ok_or_else(|| broken("its descriptor does not describe it".to_owned()))?;
@@ -382,4 +394,148 @@ fn take<const N: usize>(buffer: &mut &[u8]) -> Result<[u8; N], DecodeError> {
         .ok_or_else(|| malformed("it is cut short"))?;
     *buffer = rest;
     Ok(*head)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sink::message;
+    use crate::sink::{Encoding, Layout, Precision};
+    use prost_reflect::DynamicMessage;
+
+    const PROTO: &str = r#"
+        syntax = "proto3";
+        package t;
+        message Stamp { int64 seconds = 1; int32 nanos = 2; }
+        message Point { double x = 1; optional float y = 2; sint32 z = 3; }
+        message Top {
+            Stamp stamp = 1;
+            repeated Point points = 2;
+            repeated int32 packed = 3;
+            repeated fixed32 loose = 4 [packed = false];
+            string text = 5;
+            Point point = 6;
+            map<string, double> map = 7;
+            uint64 big = 8;
+        }"#;
+
+    fn schema() -> Vec<u8> {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join("t.proto"), PROTO).unwrap();
+        protox::compile(["t.proto"], [folder.path()])
+            .unwrap()
+            .encode_to_vec()
+    }
+
+    fn plan(data: &[u8], value: &str, time: Option<&str>) -> Result<ProtobufPlan, DecodeError> {
+        let schema = SchemaRef {
+            name: "t.Top",
+            encoding: "protobuf",
+            data,
+        };
+        let time = time.map(|path| FieldPath::parse(path).unwrap());
+        ProtobufPlan::compile(schema, &FieldPath::parse(value).unwrap(), time.as_ref())
+    }
+
+    #[test]
+    fn reads_what_the_library_writes() {
+        let data = schema();
+        let descriptor = DescriptorPool::decode(data.as_slice())
+            .unwrap()
+            .get_message_by_name("t.Top")
+            .unwrap();
+        let json = r#"{"stamp":{"seconds":"3","nanos":5},"points":[{"x":1.5},{"y":2.5,"z":-7}],"packed":[1,-2,3],
+                       "loose":[4,5],"text":"2026-03-01T06:00:00Z","map":{"a":1},"big":"18446744073709551615"}"#;
+        let value: serde_json::Value = serde_json::from_str(json).unwrap();
+        let mut message = DynamicMessage::new(descriptor.clone());
+        let point = descriptor.get_field_by_name("points").unwrap().kind();
+        let Kind::Message(point) = point else {
+            unreachable!()
+        };
+        let mut points = vec![DynamicMessage::new(point.clone()), DynamicMessage::new(point)];
+        points[0].set_field_by_name("x", Value::F64(1.5));
+        points[1].set_field_by_name("y", Value::F32(2.5));
+        points[1].set_field_by_name("z", Value::I32(-7));
+        message.set_field_by_name(
+            "points",
+            Value::List(points.into_iter().map(Value::Message).collect()),
+        );
+        let Kind::Message(stamp) = descriptor.get_field_by_name("stamp").unwrap().kind() else {
+            unreachable!()
+        };
+        let mut stamp = DynamicMessage::new(stamp);
+        stamp.set_field_by_name("seconds", Value::I64(3));
+        stamp.set_field_by_name("nanos", Value::I32(5));
+        message.set_field_by_name("stamp", Value::Message(stamp));
+        message.set_field_by_name("packed", Value::List([1, -2, 3].map(Value::I32).into()));
+        message.set_field_by_name("loose", Value::List([4, 5].map(Value::U32).into()));
+        message.set_field_by_name("text", Value::String(value["text"].as_str().unwrap().into()));
+        message.set_field_by_name("big", Value::U64(u64::MAX));
+        let bytes = message.encode_to_vec();
+        for (path, expected) in [
+            ("points[0].x", vec![1.5]),
+            // Absent without presence is the default.
+            ("points[1].x", vec![0.0]),
+            ("points[1].y", vec![2.5]),
+            ("points[1].z", vec![-7.0]),
+            ("packed", vec![1.0, -2.0, 3.0]),
+            ("packed[1]", vec![-2.0]),
+            ("loose", vec![4.0, 5.0]),
+            ("big", vec![u64::MAX as f64]),
+        ] {
+            for (time, expected_time) in [("stamp", 3_000_000_005), ("text", 1_772_344_800_000_000_000)] {
+                let mut out = Vec::new();
+                let decoded = plan(&data, path, Some(time))
+                    .unwrap()
+                    .decode(&bytes, &mut out)
+                    .unwrap();
+                assert_eq!(
+                    (out, decoded.time),
+                    (expected.clone(), Time::Nanos(expected_time)),
+                    "{path}"
+                );
+            }
+        }
+        // Absent with presence, out of range, in an absent message.
+        for path in ["points[0].y", "points[2].x", "point.x", "packed[3]"] {
+            let told = plan(&data, path, None)
+                .unwrap()
+                .decode(&bytes, &mut Vec::new())
+                .unwrap_err();
+            assert!(matches!(told, DecodeError::Missing { .. }), "{path}: {told}");
+        }
+        for cut in 1..bytes.len() {
+            // Either at a field boundary or an error; never a panic.
+            let _ = plan(&data, "packed", Some("stamp"))
+                .unwrap()
+                .decode(&bytes[..cut], &mut Vec::new());
+        }
+    }
+
+    #[test]
+    fn paths_are_checked_against_the_descriptor() {
+        let data = schema();
+        let told = |path| plan(&data, path, None).unwrap_err().to_string();
+        assert!(told("z").starts_with("no field `z`; there is: stamp, points, packed"));
+        assert!(told("points.x").contains("write an index"));
+        assert!(told("text").contains("is text"));
+        assert!(told("map.a").contains("a map"));
+        assert!(told("point").contains("a message"));
+        assert!(plan(&data, "big", Some("points")).is_err());
+        assert!(plan(b"junk", "z", None).is_err());
+    }
+
+    #[test]
+    fn an_unknown_syntax_is_refused() {
+        let mut schema = message::schema(Encoding::Protobuf, Layout::Sample, Precision::Double);
+        let at = schema.data.windows(6).position(|w| w == b"proto3").unwrap();
+        schema.data[at + 5] = b'6';
+        let schema = SchemaRef {
+            name: &schema.name,
+            encoding: schema.encoding,
+            data: &schema.data,
+        };
+        let told = ProtobufPlan::compile(schema, &FieldPath::parse("value").unwrap(), None).unwrap_err();
+        assert!(told.to_string().contains("`proto6`"), "{told}");
+    }
 }

@@ -13,7 +13,7 @@
 //! as another mode, another peak as this mode); nothing is reported unless the odds against all
 //! peaks being foreign are 100 to 1.
 //!
-//! One peak alone is never enough: with a tolerance of 3 % the odds that it is not foreign stay below
+//! One clear mode alone, among the orders used (at least 1 and 2), is never enough: with a tolerance of 3 % the odds that it is not foreign stay below
 //! 100 however well the rod is known, and nothing would speak against it if it were.
 
 use super::{Mode, ModeSettings, Resonance};
@@ -164,7 +164,7 @@ pub fn label(
         probability: Vec::new(),
         odds,
     };
-    for order in 1..=pattern.modes {
+    for order in 1..=settings.count.max(2).min(pattern.modes) {
         let share = |holds: &dyn Fn(Code) -> bool| -> f64 {
             weights
                 .iter()

@@ -14,8 +14,9 @@ pub struct Optimum {
 }
 
 const MAX_ITERATIONS: usize = 30;
-/// Converged when a full step promises less than this; a log likelihood needs no more.
-const LEAST_GAIN: f64 = 1e-3;
+/// Converged when a full step promises less than this (a fifth of a standard deviation); the step is
+/// still taken.
+const LEAST_GAIN: f64 = 0.02;
 
 /// Newton's method with second differences, made to climb where the function is not concave.
 ///
@@ -49,6 +50,10 @@ pub fn maximise(
                 * Matrix4::from_diagonal(&eigen.eigenvalues.map(f64::recip))
                 * eigen.eigenvectors.transpose();
             let covariance = Matrix4::from_fn(|i, j| inverse[(i, j)] * step[i] * step[j]);
+            let last: [f64; 4] = std::array::from_fn(|i| at[i] + direction[i] * step[i]);
+            if let Some(better) = objective(&last).filter(|&v| v > value) {
+                (at, value) = (last, better);
+            }
             return Some(Optimum {
                 at,
                 value,

@@ -177,7 +177,7 @@ impl Context<'_> {
             let wanted = HALF_WIDTHS * gamma;
             let next = self.band((p.frequency_hz, wanted, gamma), limits, others, level);
             let ratio = next.lines / band.lines.max(1.0);
-            if last || (0.7..1.5).contains(&ratio) {
+            if last || (0.45..1.6).contains(&ratio) {
                 let (p, sd, log_sd) = self.errors(&band, &top);
                 return self.judge(&band, p, sd, log_sd, half);
             }

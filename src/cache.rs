@@ -25,16 +25,12 @@ const FORMAT: &str = "tirante-emulator 1";
 /// The longest file that is read \[bytes\].
 const LONGEST: u64 = 64 << 20;
 
-/// The forward model that `settings` name, for rods with this prior: the one entry for every command.
+/// The forward model that `settings` name, for rods with this prior.
 ///
 /// A Hermite chaos comes from the user's cache directory, or is fitted and kept there; outside its trained
 /// range the exact model answers ([`OrExact`]).
-pub fn model(settings: &ModelSettings, prior: &RodPrior) -> Result<Arc<dyn ForwardModel>, FitError> {
-    model_with(settings, prior, &Cache::of_user(), &|_, _| ())
-}
-
-/// [`model`] with another cache; `solved` is told how many model solves more a fit has done, and of how many.
-pub fn model_with(
+/// `solved` is told how many model solves more a fit has done, and of how many.
+pub fn model(
     settings: &ModelSettings,
     prior: &RodPrior,
     cache: &Cache,
@@ -326,7 +322,7 @@ mod tests {
             (ModelSettings::Reduced, "reduced"),
             (ModelSettings::Pce { order: 3 }, "pce"),
         ] {
-            let model = model_with(&settings, &prior, &cache, &|_, _| ()).unwrap();
+            let model = model(&settings, &prior, &cache, &|_, _| ()).unwrap();
             assert_eq!(model.name(), name);
             let (mut f, mut closed) = ([0.0; 3], [0.0; 3]);
             // Far out in the prior's tail too.
@@ -342,6 +338,6 @@ mod tests {
                 }
             }
         }
-        assert!(model_with(&ModelSettings::Pce { order: 0 }, &prior, &cache, &|_, _| ()).is_err());
+        assert!(model(&ModelSettings::Pce { order: 0 }, &prior, &cache, &|_, _| ()).is_err());
     }
 }

@@ -38,6 +38,14 @@ pub struct Reading {
     pub follow: bool,
 }
 
+/// Says on stderr what came of a campaign, and gives the exit code.
+pub fn conclude(tally: Option<Tally>) -> ExitCode {
+    tally.map_or(ExitCode::SUCCESS, |tally| {
+        eprintln!("{tally}");
+        tally.exit_code()
+    })
+}
+
 /// What came of a campaign.
 #[derive(Debug, Default)]
 pub struct Tally {
@@ -51,7 +59,7 @@ pub struct Tally {
 
 impl Tally {
     /// 0 good, 1 nothing could be read or something broke, 3 rejected records or lost data.
-    pub fn exit_code(&self) -> ExitCode {
+    fn exit_code(&self) -> ExitCode {
         if self.panicked > 0 || (self.files > 0 && self.unreadable == self.files) {
             ExitCode::FAILURE
         } else if !self.rejected.is_empty() || self.unreadable > 0 || self.with_losses > 0 {
@@ -93,17 +101,18 @@ impl Display for Tally {
 }
 
 /// Runs every record of `paths` (files, or folders of them) through its rod's plan and hands the
-/// outcomes to `on_outcome` in the order of the recordings. What was lost is said on stderr.
+/// outcomes to `on_outcome` in the order of the recordings. What was lost is said on stderr. `None` if
+/// the reader of stdout has seen enough (`| head`).
 ///
 /// # Errors
-/// No path holds a recording, or `on_outcome` failed; a broken pipe ends the run without an error.
+/// No path holds a recording, or `on_outcome` failed.
 pub fn run(
     paths: &[PathBuf],
     config: &Config,
     plans: &BTreeMap<RodId, Plan>,
     reading: &Reading,
     mut on_outcome: impl FnMut(&Outcome, &ProgressBar) -> io::Result<()>,
-) -> anyhow::Result<Tally> {
+) -> anyhow::Result<Option<Tally>> {
     let files = source::recordings(paths)?;
     let total: u64 = files
         .iter()
@@ -158,8 +167,9 @@ pub fn run(
     );
     bar.finish_and_clear();
     match failure {
-        Some(error) if error.kind() != io::ErrorKind::BrokenPipe => Err(error.into()),
-        _ => Ok(tally),
+        Some(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(None),
+        Some(error) => Err(error.into()),
+        None => Ok(Some(tally)),
     }
 }
 

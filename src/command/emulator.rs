@@ -186,7 +186,7 @@ fn judging(args: &ValidateArgs, work: impl FnOnce(&(dyn Fn(usize) + Sync)) -> Er
 }
 
 /// A progress bar on standard error; nothing where that is no terminal.
-fn progress(message: &'static str) -> ProgressBar {
+pub(super) fn progress(message: &'static str) -> ProgressBar {
     let bar = ProgressBar::new(0).with_message(message);
     if let Ok(style) = ProgressStyle::with_template("{msg} {wide_bar} {human_pos}/{human_len} {eta}") {
         bar.set_style(style);

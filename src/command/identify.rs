@@ -121,8 +121,7 @@ fn from_recording(args: &Args, path: &PathBuf) -> anyhow::Result<ExitCode> {
     let tally = campaign::run(paths, &config, &plans, &Reading::default(), |outcome, bar| {
         bar.suspend(|| show(args, &config, &plans, outcome))
     })?;
-    eprintln!("{tally}");
-    Ok(tally.exit_code())
+    Ok(campaign::conclude(tally))
 }
 
 fn show(args: &Args, config: &Config, plans: &BTreeMap<RodId, Plan>, outcome: &Outcome) -> io::Result<()> {

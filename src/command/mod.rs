@@ -43,7 +43,7 @@ pub fn report(error: &anyhow::Error) -> ExitCode {
     if let Some(faults) = error.downcast_ref::<ConfigError>() {
         return check::refuse(faults);
     }
-    eprintln!("error: {error:#}");
+    eprintln!("error: {error}");
     if error.is::<BadArguments>() || error.is::<PlanError>() {
         ExitCode::from(USAGE)
     } else {

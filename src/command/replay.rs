@@ -69,6 +69,5 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
             writeln!(output, "{line}")
         })
     })?;
-    eprintln!("{tally}");
-    Ok(tally.exit_code())
+    Ok(campaign::conclude(tally))
 }

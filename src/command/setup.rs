@@ -1,9 +1,9 @@
 //! From arguments to plans: the configuration, what the command line puts over it, the forward models.
 
-use super::BadArguments;
+use super::{BadArguments, emulator};
 use crate::analysis::Plan;
 use crate::bayes::Tables;
-use crate::cache;
+use crate::cache::{self, Cache};
 use crate::config::{Config, ConfigError, RodConfig, Setting};
 use crate::record::RodId;
 use clap::Args;
@@ -75,10 +75,17 @@ pub fn provenance(config: &Config) -> String {
 /// Settings that contradict each other, or an emulator that cannot be fitted.
 pub fn plans(config: &Config) -> anyhow::Result<BTreeMap<RodId, Plan>> {
     let tables = Tables::new(config.seed);
+    let cache = Cache::of_user();
     let mut plans = BTreeMap::new();
     for rod in &config.rods {
         let settings = rod.analysis.clone();
-        let model = cache::model(&settings.model, &settings.prior)?;
+        let bar = emulator::progress("fitting the chaos, finite-element solves");
+        let model = cache::model(&settings.model, &settings.prior, &cache, &|done, all| {
+            bar.set_length(all as u64);
+            bar.inc(done as u64);
+        });
+        bar.finish_and_clear();
+        let model = model?;
         plans.insert(settings.rod.clone(), Plan::new(settings, model, &tables)?);
     }
     Ok(plans)

@@ -152,13 +152,14 @@ impl Router {
         }
     }
 
-    /// Ends every stream; `damage` stands for what was not read, one rejection a rod.
+    /// Ends every stream; `damage` stands for what was not read, one rejection for each rod the file had
+    /// messages of.
     pub fn finish(&mut self, cut_short: bool, damage: Option<&str>, to: &mut impl Extend<Event>) {
         for rod in &mut self.rods {
             rod.assembler.finish(cut_short);
             to.extend(rod.assembler.events());
             let rejection = match damage {
-                Some(detail) => Rejection::Damaged {
+                Some(detail) if rod.messages > 0 => Rejection::Damaged {
                     detail: detail.to_owned(),
                 },
                 // Messages there were, samples none: one offered record that gave nothing.
@@ -166,7 +167,7 @@ impl Router {
                     share: 1.0,
                     allowed: 0.0,
                 },
-                None => continue,
+                _ => continue,
             };
             to.extend([Event::Rejected {
                 rod: rod.config.rod.clone(),

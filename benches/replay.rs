@@ -50,7 +50,9 @@ fn replay(config: &Path, recording: &Path, draws: usize) {
 /// A recording of the paper's rod, written once per layout and size.
 fn simulated(samples_per_message: usize, records: usize) -> (PathBuf, PathBuf) {
     static FOLDER: OnceLock<TempDir> = OnceLock::new();
-    let folder = FOLDER.get_or_init(|| tempfile::tempdir().expect("a temporary folder")).path();
+    let folder = FOLDER
+        .get_or_init(|| tempfile::tempdir().expect("a temporary folder"))
+        .path();
     let name = format!("{samples_per_message}-{records}");
     let config = folder.join(format!("{name}.toml"));
     let recording = folder.join(format!("{name}.mcap"));
@@ -64,7 +66,11 @@ fn simulated(samples_per_message: usize, records: usize) -> (PathBuf, PathBuf) {
             .arg(&recording)
             .output()
             .expect("the program starts");
-        assert!(output.status.success(), "simulate: {}", String::from_utf8_lossy(&output.stderr));
+        assert!(
+            output.status.success(),
+            "simulate: {}",
+            String::from_utf8_lossy(&output.stderr)
+        );
     }
     (config, recording)
 }
@@ -113,6 +119,10 @@ spring_right_n_m = 400e3
 at = 0.4
 noise_m = 1e-6
 "#,
-        field = if samples_per_message == 1 { "value" } else { "values" }
+        field = if samples_per_message == 1 {
+            "value"
+        } else {
+            "values"
+        }
     )
 }

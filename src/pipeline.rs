@@ -52,7 +52,12 @@ pub fn map_in_order<T: Send, R: Send>(
 
         let mut waiting = BTreeMap::new();
         let mut next = 0;
-        'run: for Job { index, weight, content } in &result_receiver {
+        'run: for Job {
+            index,
+            weight,
+            content,
+        } in &result_receiver
+        {
             waiting.insert(index, (weight, content));
             while let Some((weight, result)) = waiting.remove(&next) {
                 next += 1;
@@ -83,7 +88,15 @@ fn feed<T>(
 ) {
     for (index, content) in input.enumerate() {
         let weight = weigh(&content);
-        if !tickets.take(weight) || jobs.send(Job { index, weight, content }).is_err() {
+        if !tickets.take(weight)
+            || jobs
+                .send(Job {
+                    index,
+                    weight,
+                    content,
+                })
+                .is_err()
+        {
             return;
         }
     }
@@ -96,10 +109,24 @@ fn serve<T, R>(
 ) {
     loop {
         let job = lock(jobs).recv();
-        let Ok(Job { index, weight, content }) = job else { return };
+        let Ok(Job {
+            index,
+            weight,
+            content,
+        }) = job
+        else {
+            return;
+        };
         // The item is consumed and nothing shared is left half-changed: `work` only borrows.
         let result = catch_unwind(AssertUnwindSafe(|| work(content))).map_err(|panic| message_of(&*panic));
-        if results.send(Job { index, weight, content: result }).is_err() {
+        if results
+            .send(Job {
+                index,
+                weight,
+                content: result,
+            })
+            .is_err()
+        {
             return;
         }
     }
@@ -132,7 +159,12 @@ struct Taken {
 
 impl Tickets {
     fn new(items: usize, weight: usize) -> Self {
-        Self { items, weight, taken: Mutex::default(), changed: Condvar::new() }
+        Self {
+            items,
+            weight,
+            taken: Mutex::default(),
+            changed: Condvar::new(),
+        }
     }
 
     /// Waits until there is room, or nothing else is in flight; false once closed.
@@ -168,7 +200,10 @@ mod tests {
     use std::time::Duration;
 
     fn limits(workers: usize) -> Limits {
-        Limits { workers, weight: 1000 }
+        Limits {
+            workers,
+            weight: 1000,
+        }
     }
 
     #[test]
@@ -181,11 +216,17 @@ mod tests {
             others
         };
         let mut delivered = 0;
-        map_in_order(0..20, limits(4), |_| 5000, work, |others| {
-            assert_eq!(others, Ok(0));
-            delivered += 1;
-            ControlFlow::Continue(())
-        });
+        map_in_order(
+            0..20,
+            limits(4),
+            |_| 5000,
+            work,
+            |others| {
+                assert_eq!(others, Ok(0));
+                delivered += 1;
+                ControlFlow::Continue(())
+            },
+        );
         assert_eq!(delivered, 20);
     }
 

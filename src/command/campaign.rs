@@ -132,7 +132,10 @@ pub fn run(
     let mut failure = None;
     map_in_order(
         input,
-        Limits { workers, weight: SAMPLES_IN_FLIGHT },
+        Limits {
+            workers,
+            weight: SAMPLES_IN_FLIGHT,
+        },
         |step| match step {
             Step::Event(Event::Record(record)) => record.samples.len(),
             _ => 1,
@@ -285,7 +288,10 @@ impl Recordings {
         done: Arc<AtomicU64>,
     ) -> Self {
         let settings = config.record;
-        let follow = follow.then(|| Follow { stop: Arc::default(), poll: FOLLOW_POLL });
+        let follow = follow.then(|| Follow {
+            stop: Arc::default(),
+            poll: FOLLOW_POLL,
+        });
         Self {
             files: files.into_iter(),
             channels,
@@ -305,8 +311,10 @@ impl Iterator for Recordings {
         loop {
             if let Some(mut recording) = self.open.take() {
                 let event = recording.next();
-                self.done
-                    .store(self.bytes_of_closed + recording.position().read, Ordering::Relaxed);
+                self.done.store(
+                    self.bytes_of_closed + recording.position().read,
+                    Ordering::Relaxed,
+                );
                 return Some(match event {
                     Some(event) => {
                         self.open = Some(recording);

@@ -34,12 +34,12 @@ pub struct Args {
     )]
     pub path: Option<PathBuf>,
 
-    /// Natural frequencies [Hz] of modes 1, 2, ... up to 5, separated by commas; '-' where a mode was
+    /// Natural frequencies in Hz of modes 1, 2, ... up to 5, separated by commas; '-' where a mode was
     /// not measured.
     #[arg(long, value_name = "HZ,HZ,...", allow_hyphen_values = true)]
     pub frequencies: Option<String>,
 
-    /// Their standard errors [Hz]: one for all, or one per frequency. Default: the paper's 0.0316 Hz.
+    /// Their standard errors in Hz: one for all, or one per frequency. Default: the paper's 0.0316 Hz.
     #[arg(
         long,
         value_name = "HZ[,HZ,...]",
@@ -79,7 +79,10 @@ fn from_frequencies(args: &Args, list: &str) -> anyhow::Result<ExitCode> {
     if args.sd.is_none() {
         eprintln!("no --sd: every frequency is taken with the paper's standard error of 0.0316 Hz");
     }
-    let rod = setup::choose_rod(&config, args.rod.as_deref())?.analysis.rod.clone();
+    let rod = setup::choose_rod(&config, args.rod.as_deref())?
+        .analysis
+        .rod
+        .clone();
     config.rods.retain(|candidate| candidate.analysis.rod == rod);
     let highest = modes.iter().map(|mode| mode.order).max().unwrap_or(0);
     for candidate in &mut config.rods {

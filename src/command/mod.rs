@@ -2,12 +2,12 @@
 
 mod campaign;
 pub mod check;
+pub mod emulator;
+pub mod frequencies;
 pub mod identify;
 mod render;
 pub mod replay;
 mod setup;
-pub mod emulator;
-pub mod frequencies;
 pub mod simulate;
 
 use crate::bayes::PlanError;

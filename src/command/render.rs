@@ -227,7 +227,7 @@ impl Table {
     }
 
     fn opening(&self, rod: &RodId, start: Option<Timestamp>, duration_s: Option<f64>) -> String {
-        let start = start.map_or_else(|| "-".to_owned(), |time| to_seconds(time));
+        let start = start.map_or_else(|| "-".to_owned(), to_seconds);
         let duration = duration_s.map_or_else(|| "-".to_owned(), |s| format!("{s:.0} s"));
         format!(
             "{:<width$}  {start:<20}  {duration:>6}",

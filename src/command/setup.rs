@@ -57,8 +57,14 @@ impl Setup {
         };
         put("emulator.model", self.model.clone());
         put("abc.draws", self.draws.map(|draws| draws.to_string()));
-        put("abc.accept", self.alpha.map(|alpha| format!("{{ quantile = {alpha} }}")));
-        put("abc.accept", self.epsilon.map(|epsilon| format!("{{ epsilon = {epsilon} }}")));
+        put(
+            "abc.accept",
+            self.alpha.map(|alpha| format!("{{ quantile = {alpha} }}")),
+        );
+        put(
+            "abc.accept",
+            self.epsilon.map(|epsilon| format!("{{ epsilon = {epsilon} }}")),
+        );
         put("site.seed", self.seed.map(|seed| seed.to_string()));
         Config::resolve(self.config.as_deref(), &settings)
     }
@@ -66,7 +72,10 @@ impl Setup {
 
 /// Sixteen hexadecimal digits that name everything a result depends on besides its record.
 pub fn provenance(config: &Config) -> String {
-    config.hash()[..8].iter().map(|byte| format!("{byte:02x}")).collect()
+    config.hash()[..8]
+        .iter()
+        .map(|byte| format!("{byte:02x}"))
+        .collect()
 }
 
 /// Prepares every rod of the configuration: model (fitted or from the cache), table, pattern.
@@ -97,7 +106,11 @@ pub fn plans(config: &Config) -> anyhow::Result<BTreeMap<RodId, Plan>> {
 /// No rod of that name, or several and no name.
 pub fn choose_rod<'c>(config: &'c Config, id: Option<&str>) -> Result<&'c RodConfig, BadArguments> {
     let known = || {
-        let ids: Vec<&str> = config.rods.iter().map(|rod| rod.analysis.rod.0.as_str()).collect();
+        let ids: Vec<&str> = config
+            .rods
+            .iter()
+            .map(|rod| rod.analysis.rod.0.as_str())
+            .collect();
         ids.join(", ")
     };
     match (id, config.rods.as_slice()) {
@@ -105,6 +118,9 @@ pub fn choose_rod<'c>(config: &'c Config, id: Option<&str>) -> Result<&'c RodCon
             .rod(id)
             .ok_or_else(|| BadArguments(format!("--rod {id}: the configuration has {}", known()))),
         (None, [only]) => Ok(only),
-        (None, _) => Err(BadArguments(format!("--rod is needed: the configuration has {}", known()))),
+        (None, _) => Err(BadArguments(format!(
+            "--rod is needed: the configuration has {}",
+            known()
+        ))),
     }
 }

@@ -63,9 +63,14 @@ impl Summary {
     /// of its own.
     pub fn absences(&self) -> Vec<String> {
         let topics: Vec<&str> = self.topics.keys().map(String::as_str).collect();
-        let has = if topics.is_empty() { "no topics at all".to_owned() } else { topics.join(", ") };
-        let sentence =
-            |(rod, topic): &(RodId, String)| format!("{}: no topic {topic} (rod {rod}); it has {has}", self.file);
+        let has = if topics.is_empty() {
+            "no topics at all".to_owned()
+        } else {
+            topics.join(", ")
+        };
+        let sentence = |(rod, topic): &(RodId, String)| {
+            format!("{}: no topic {topic} (rod {rod}); it has {has}", self.file)
+        };
         self.missing.iter().map(sentence).collect()
     }
 

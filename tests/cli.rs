@@ -6,7 +6,7 @@ use std::fs;
 
 /// The program, in the project's folder, with a cache of its own.
 fn tirante(cache: &tempfile::TempDir) -> Command {
-    let mut command = Command::cargo_bin("tirante").unwrap();
+    let mut command = Command::cargo_bin("tirante").expect("the program is built");
     command
         .current_dir(env!("CARGO_MANIFEST_DIR"))
         .env("TIRANTE_CACHE_DIR", cache.path())
@@ -15,7 +15,7 @@ fn tirante(cache: &tempfile::TempDir) -> Command {
 }
 
 fn text(bytes: &[u8]) -> String {
-    String::from_utf8(bytes.to_vec()).unwrap()
+    String::from_utf8(bytes.to_vec()).expect("UTF-8")
 }
 
 #[test]

@@ -41,8 +41,8 @@ const FORBIDDEN: [&str; 20] = [
 
 fn rust_files(path: &Path, found: &mut Vec<PathBuf>) {
     if path.is_dir() {
-        for entry in fs::read_dir(path).unwrap() {
-            rust_files(&entry.unwrap().path(), found);
+        for entry in fs::read_dir(path).expect("a folder of src").flatten() {
+            rust_files(&entry.path(), found);
         }
     } else if path.extension().is_some_and(|e| e == "rs") {
         found.push(path.to_owned());

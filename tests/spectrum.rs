@@ -268,7 +268,7 @@ fn peaks_stand_on_a_coloured_floor_and_noise_has_none() {
 
 #[test]
 fn plans_may_be_used_from_many_threads_with_the_same_bits() {
-    let x: Vec<f64> = (0..50_000)
+    let x: Vec<f64> = (0..50_000i32)
         .map(|i| (f64::from(i) * PI * 0.01).sin() + f64::from((i % 1013).pow(2) % 1013) * 1e-3)
         .collect();
     let plan = Welch::plan(100.0, 2048, 1024, Window::Hann).unwrap();

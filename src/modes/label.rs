@@ -13,8 +13,9 @@
 //! as another mode, another peak as this mode); nothing is reported unless the odds against all
 //! peaks being foreign are 100 to 1.
 //!
-//! One clear mode alone, among the orders used (at least 1 and 2), is never enough: with a tolerance of 3 % the odds that it is not foreign stay below
-//! 100 however well the rod is known, and nothing would speak against it if it were.
+//! One clear mode alone, among the orders used (at least 1 and 2), is never enough: with a tolerance of
+//! 3 % the odds that it is not foreign stay below 100 however well the rod is known, and nothing would
+//! speak against it if it were.
 
 use super::{Mode, ModeSettings, Resonance};
 use crate::forward::MAX_MODES;
@@ -116,7 +117,7 @@ pub struct Labelling {
 /// Assigns resonances (ascending in frequency) to mode orders.
 ///
 /// `discrepancy` is the model's relative standard deviation per order, as in the analysis settings;
-/// orders beyond its end use the last entry, and none is taken below 2.5 %. Lines and resonances in
+/// orders beyond its end use the last entry, and none is taken below 3 %. Lines and resonances in
 /// masked bands are ignored.
 pub fn label(
     resonances: &[Resonance],

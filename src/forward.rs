@@ -1,6 +1,6 @@
 //! The map from a rod's parameters to its natural frequencies, by whichever model stands behind it.
 
-use crate::beam::{Beam, Parameterisation};
+use crate::beam::Parameterisation;
 use thiserror::Error;
 
 /// The most mode orders any model is asked for.
@@ -77,6 +77,3 @@ pub trait ForwardModel: Send + Sync {
         }
     }
 }
-
-/// A model of the natural frequencies of a beam given by its mechanics rather than its parameters.
-pub type BeamSolver = fn(&Beam, &mut [f64]) -> Result<(), OutsideRange>;

@@ -69,18 +69,6 @@ pub fn mean_error(values: &[f64], weights: &[f64]) -> f64 {
     sum.sqrt()
 }
 
-/// Monte Carlo standard error of a quantile: half the distance between the quantiles one binomial
-/// standard deviation sqrt(p (1 - p) / ESS) to either side (no density estimate needed).
-pub fn quantile_error(values: &[f64], weights: &[f64], share: f64) -> f64 {
-    let step = (share * (1.0 - share) / effective_sample_size(weights)).sqrt();
-    let sides = quantiles(
-        values,
-        weights,
-        &[(share - step).max(0.0), (share + step).min(1.0)],
-    );
-    0.5 * (sides[1] - sides[0])
-}
-
 /// Where the truth stands in a posterior: the posterior probability of smaller values plus half that
 /// of equal ones, from 0 to 1. Uniform over repeated (truth, record) pairs drawn from prior and model
 /// if the posterior is right (Cook, Gelman and Rubin 2006; Talts et al. 2018).
@@ -194,18 +182,6 @@ mod tests {
         assert_eq!(sd(&x, &[0.0, 1.0, 0.0]), 0.0);
         assert_eq!(quantiles(&[7.0], &[1.0], &[0.025, 0.975]), [7.0, 7.0]);
         assert!(quantiles(&[], &[], &[0.5])[0].is_nan());
-    }
-
-    /// The error of the median of a standard normal is sqrt(pi / 2n).
-    #[test]
-    fn quantile_error_matches_the_normal_median() {
-        let normal = statrs::distribution::Normal::standard();
-        let n = 2000;
-        let x: Vec<f64> = (0..n)
-            .map(|i| normal.inverse_cdf((i as f64 + 0.5) / n as f64))
-            .collect();
-        let wanted = (std::f64::consts::PI / (2.0 * n as f64)).sqrt();
-        assert!((quantile_error(&x, &equal(n), 0.5) / wanted - 1.0).abs() < 1e-2);
     }
 
     /// scipy 1.17: `kstest(u, "uniform")` (exact; the approximation is good to about 1 %), `chisquare`.

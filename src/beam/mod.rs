@@ -8,7 +8,6 @@ pub mod finite_elements;
 pub mod section;
 
 use crate::forward::OutsideRange;
-use std::f64::consts::PI;
 
 pub use exact::Exact;
 pub use finite_elements::FiniteElements;
@@ -66,10 +65,11 @@ impl Beam {
 
 /// Natural frequency `order` \[Hz\] of the same beam on hinges:
 /// `n^2 pi / (2 l^2) sqrt(EI / m) sqrt(1 + N l^2 / (n^2 pi^2 EI))`.
-pub fn hinged_frequency(beam: &Beam, order: usize) -> f64 {
-    let wavenumber = order as f64 * PI / beam.length_m;
+#[cfg(test)]
+pub(crate) fn hinged_frequency(beam: &Beam, order: usize) -> f64 {
+    let wavenumber = order as f64 * std::f64::consts::PI / beam.length_m;
     let stiffness = beam.axial_force_n + beam.flexural_rigidity_n_m2 * wavenumber * wavenumber;
-    wavenumber * (stiffness / beam.mass_per_length_kg_m).sqrt() / (2.0 * PI)
+    wavenumber * (stiffness / beam.mass_per_length_kg_m).sqrt() / (2.0 * std::f64::consts::PI)
 }
 
 /// Property tests of this crate's numerics: so many cases, always the same ones.

@@ -26,7 +26,7 @@ impl Reduced {
     }
 
     /// Fits with another truncation.
-    pub fn with_tolerance(tolerance: f64) -> Self {
+    fn with_tolerance(tolerance: f64) -> Self {
         let legendre = Recurrence::legendre(POINTS_U.max(POINTS_S));
         let (gauss_u, gauss_s) = (legendre.gauss(POINTS_U), legendre.gauss(POINTS_S));
         // projection[degree][node] = weight p_degree(node).

@@ -202,22 +202,6 @@ impl<W: Write + Seek> RecordingWriter<W> {
         Ok(())
     }
 
-    /// Writes one message a sample, each with its own stamp: for jitter, faults and odd clocks.
-    pub fn write_stamped(
-        &mut self,
-        channel: ChannelId,
-        stamps: &[Timestamp],
-        samples: &[f64],
-    ) -> Result<(), SinkError> {
-        if stamps.len() != samples.len() {
-            return Err(SinkError::Samples("as many stamps as samples are needed"));
-        }
-        for (&time, sample) in stamps.iter().zip(samples) {
-            self.write_message(channel, time, 1.0, std::slice::from_ref(sample))?;
-        }
-        Ok(())
-    }
-
     /// Writes one message: a batch of `values` from `time` on, or the first of them alone.
     pub fn write_message(
         &mut self,

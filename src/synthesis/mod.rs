@@ -166,7 +166,7 @@ impl Simulation {
     }
 
     /// Start of record `index`, from 0.
-    pub fn start_of(&self, index: usize) -> Timestamp {
+    fn start_of(&self, index: usize) -> Timestamp {
         self.start.plus_seconds(index as f64 * self.interval_s)
     }
 

@@ -103,7 +103,7 @@ fn factorise(assembly: &Assembly, shift: f64, factor: &mut Band) -> usize {
     let mut negative = 0;
     for window in 0..assembly.size {
         let [column, next @ ..] = &mut factor[window..window + BANDWIDTH + 1] else {
-            unreachable!()
+            unreachable!("the factor has BANDWIDTH rows beyond the last")
         };
         // A pivot of zero means the shift is an eigenvalue of a leading block; any tiny one does.
         let pivot = if column[0] == 0.0 { f64::EPSILON } else { column[0] };

@@ -1,5 +1,5 @@
 //! Forward models with answers known in closed form, to judge the inference against.
-#![allow(dead_code)]
+#![allow(dead_code, reason = "each test file uses its part")]
 
 pub mod metropolis;
 

@@ -4,7 +4,11 @@
 //! advanced from sample to sample by its exact transition matrix and its exact noise covariance
 //! `Q = P - F P F'` (P the stationary covariance).
 
-#![allow(dead_code, clippy::unwrap_used)]
+#![allow(
+    dead_code,
+    clippy::unwrap_used,
+    reason = "each test file uses its part; helpers of tests are tests"
+)]
 
 use rand::Rng;
 use rand_distr::{Distribution, StandardNormal};

@@ -116,7 +116,7 @@ pub struct Labelling {
 /// Assigns resonances (ascending in frequency) to mode orders.
 ///
 /// `discrepancy` is the model's relative standard deviation per order, as in the analysis settings;
-/// orders beyond its end use the last entry, and none is taken below 2.5 %. Lines and resonances in
+/// orders beyond its end use the last entry, and none is taken below 3 %. Lines and resonances in
 /// masked bands are ignored.
 pub fn label(
     resonances: &[Resonance],

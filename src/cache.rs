@@ -13,6 +13,7 @@ use crate::beam::{Exact, FiniteElements, finite_elements};
 use crate::emulator::pce::{self, Fitted};
 use crate::emulator::{FitError, ModelSettings, OrExact, Pce, ReducedModel};
 use crate::forward::ForwardModel;
+use crate::sink::AtomicFile;
 use sha2::{Digest, Sha256};
 use std::fmt::Write as _;
 use std::fs::File;
@@ -190,25 +191,13 @@ fn parse(bytes: &[u8], key: &str) -> Result<Fitted, String> {
 fn write(path: &Path, key: &str, fitted: &Fitted) -> std::io::Result<()> {
     let body = serde_json::to_vec(fitted)?;
     let checksum = hex(Sha256::digest(&body).as_slice());
-    let directory = path.parent().unwrap_or(Path::new("."));
-    std::fs::create_dir_all(directory)?;
-    let mut name = path.file_name().unwrap_or_default().to_owned();
-    name.push(format!(".{}.tmp", std::process::id()));
-    let beside = directory.join(name);
-    let written = File::create(&beside).and_then(|mut file| {
-        file.write_all(format!("{FORMAT}\n{key}\n{checksum}\n").as_bytes())?;
-        file.write_all(&body)?;
-        file.sync_all()?;
-        std::fs::rename(&beside, path)
-    });
-    if written.is_err() {
-        // Nothing more can be done about a leftover that cannot be removed.
-        let _ = std::fs::remove_file(&beside);
-    } else if let Ok(directory) = File::open(directory) {
-        // Some file systems cannot flush a directory; the file itself is whole either way.
-        let _ = directory.sync_all();
+    if let Some(directory) = path.parent() {
+        std::fs::create_dir_all(directory)?;
     }
-    written
+    let mut file = AtomicFile::create(path)?;
+    file.write_all(format!("{FORMAT}\n{key}\n{checksum}\n").as_bytes())?;
+    file.write_all(&body)?;
+    file.commit()
 }
 
 #[cfg(test)]

@@ -18,6 +18,7 @@
 //! * [`analysis`] a plan once per rod, then one pure `run` per record
 //! * [`synthesis`] displacement histories of a simulated rod, faults included
 //! * [`random`]   seeds and counter-based streams
+//! * `wide`       inner loops on the widest vectors a processor has
 //!
 //! Shell (everything that waits, fails or remembers):
 //! * [`config`]   the TOML configuration, every fault reported at once
@@ -46,3 +47,4 @@ pub mod sink;
 pub mod source;
 pub mod spectrum;
 pub mod synthesis;
+mod wide;

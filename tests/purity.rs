@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-const PURE: [&str; 10] = [
+const PURE: [&str; 11] = [
     "record",
     "spectrum",
     "modes",
@@ -14,6 +14,7 @@ const PURE: [&str; 10] = [
     "analysis.rs",
     "synthesis",
     "random.rs",
+    "wide.rs",
 ];
 
 const FORBIDDEN: [&str; 20] = [

@@ -396,6 +396,21 @@ fn run(config: &Path, out: &Path, seed: Option<u64>, force: bool) -> bool {
 }
 
 #[test]
+fn recording_and_truth_are_two_files() {
+    let folder = tempfile::tempdir().unwrap();
+    let both = folder.path().join("both");
+    let status = std::process::Command::new(env!("CARGO_BIN_EXE_tirante"))
+        .args(["simulate", "--config", "config/campaign.toml", "--out"])
+        .arg(&both)
+        .arg("--truth")
+        .arg(&both)
+        .status()
+        .unwrap();
+    assert_eq!(status.code(), Some(2));
+    assert!(!both.exists());
+}
+
+#[test]
 fn the_same_seed_gives_the_same_bytes_at_any_thread_count() {
     let folder = tempfile::tempdir().unwrap();
     let config = folder.path().join("c.toml");

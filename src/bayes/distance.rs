@@ -7,6 +7,7 @@
 use super::table::{NoiseTable, Table};
 use super::{Distance, Noise, Observation};
 use crate::random::BLOCK;
+use crate::wide::{Kernel, vectorised};
 
 /// Draws looked at to bound the nearest share before the full pass.
 const PILOT_BLOCKS: usize = 16;
@@ -199,19 +200,35 @@ fn scan_modes<const M: usize>(
     bound: f32,
     found: &mut Vec<Candidate>,
 ) {
-    let plain = terms.iter().all(|term| term.discrepancy == 0.0);
-    let wide = has_avx2();
+    if terms.iter().all(|term| term.discrepancy == 0.0) {
+        scan_blocks::<M, true>(&terms, table, noise, shift, blocks, bound, found);
+    } else {
+        scan_blocks::<M, false>(&terms, table, noise, shift, blocks, bound, found);
+    }
+}
+
+/// `PLAIN`: no mode has a discrepancy.
+fn scan_blocks<const M: usize, const PLAIN: bool>(
+    terms: &[Term; M],
+    table: &Table,
+    noise: &NoiseTable,
+    shift: usize,
+    blocks: std::ops::Range<usize>,
+    bound: f32,
+    found: &mut Vec<Candidate>,
+) {
     for block in blocks {
         let input = Block {
             first: (block * BLOCK) as u32,
             frequency: terms.map(|term| table.block(block, term.mode)),
             z: terms.map(|term| noise.block(block, term.mode, shift)),
         };
-        match (plain, wide) {
-            (true, false) => scan_block::<M, true>(&terms, &input, bound, found),
-            (false, false) => scan_block::<M, false>(&terms, &input, bound, found),
-            (plain, true) => scan_block_wide(&terms, &input, plain, bound, found),
-        }
+        vectorised(ScanBlock::<M, PLAIN> {
+            terms,
+            input: &input,
+            bound,
+            found: &mut *found,
+        });
     }
 }
 
@@ -221,8 +238,8 @@ struct Block<'a, const M: usize> {
     z: [&'a [f32]; M],
 }
 
-/// `PLAIN`: no mode has a discrepancy. Element by element the same operations at any vector width
-/// (no fused multiply-add), so the bits do not depend on the processor.
+/// Element by element the same operations at any vector width (no fused multiply-add), so the bits do
+/// not depend on the processor.
 #[inline(always)]
 fn scan_block<const M: usize, const PLAIN: bool>(
     terms: &[Term; M],
@@ -256,56 +273,18 @@ fn scan_block<const M: usize, const PLAIN: bool>(
     }
 }
 
-#[cfg(target_arch = "x86_64")]
-fn has_avx2() -> bool {
-    std::arch::is_x86_feature_detected!("avx2")
-}
-
-#[cfg(not(target_arch = "x86_64"))]
-fn has_avx2() -> bool {
-    false
-}
-
-#[cfg(target_arch = "x86_64")]
-fn scan_block_wide<const M: usize>(
-    terms: &[Term; M],
-    input: &Block<'_, M>,
-    plain: bool,
+/// [`scan_block`] for [`vectorised`].
+struct ScanBlock<'a, const M: usize, const PLAIN: bool> {
+    terms: &'a [Term; M],
+    input: &'a Block<'a, M>,
     bound: f32,
-    found: &mut Vec<Candidate>,
-) {
-    #[target_feature(enable = "avx2")]
-    fn scan<const M: usize, const PLAIN: bool>(
-        terms: &[Term; M],
-        input: &Block<'_, M>,
-        bound: f32,
-        found: &mut Vec<Candidate>,
-    ) {
-        scan_block::<M, PLAIN>(terms, input, bound, found);
-    }
-    // SAFETY: only called when `has_avx2` said that the processor has AVX2, the one feature `scan`
-    // needs beyond the baseline; its body is safe code.
-    unsafe {
-        if plain {
-            scan::<M, true>(terms, input, bound, found);
-        } else {
-            scan::<M, false>(terms, input, bound, found);
-        }
-    }
+    found: &'a mut Vec<Candidate>,
 }
 
-#[cfg(not(target_arch = "x86_64"))]
-fn scan_block_wide<const M: usize>(
-    terms: &[Term; M],
-    input: &Block<'_, M>,
-    plain: bool,
-    bound: f32,
-    found: &mut Vec<Candidate>,
-) {
-    if plain {
-        scan_block::<M, true>(terms, input, bound, found);
-    } else {
-        scan_block::<M, false>(terms, input, bound, found);
+impl<const M: usize, const PLAIN: bool> Kernel for ScanBlock<'_, M, PLAIN> {
+    #[inline(always)]
+    fn run(self) {
+        scan_block::<M, PLAIN>(self.terms, self.input, self.bound, self.found);
     }
 }
 
@@ -395,10 +374,13 @@ mod tests {
             };
             let (mut narrow, mut wide) = (Vec::new(), Vec::new());
             scan_block::<3, false>(&terms, &input, f32::MAX, &mut narrow);
-            if has_avx2() {
-                scan_block_wide(&terms, &input, false, f32::MAX, &mut wide);
-                assert_eq!(narrow, wide);
-            }
+            vectorised(ScanBlock::<3, false> {
+                terms: &terms,
+                input: &input,
+                bound: f32::MAX,
+                found: &mut wide,
+            });
+            assert_eq!(narrow, wide);
         }
     }
 

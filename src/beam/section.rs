@@ -150,7 +150,7 @@ impl Parameterisation {
     }
 
     /// How many entries `theta` has.
-    #[allow(clippy::len_without_is_empty)]
+    #[expect(clippy::len_without_is_empty, reason = "every section has quantities")]
     pub fn len(&self) -> usize {
         self.quantities().len()
     }

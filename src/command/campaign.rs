@@ -1,16 +1,16 @@
 //! Recorded campaigns through the plans: every record's outcome in order, losses named, all counted.
 
 use super::WITH_LOSSES;
+use super::progress::Progress;
 use super::render::Outcome;
 use crate::analysis::Plan;
 use crate::config::Config;
 use crate::pipeline::{Limits, map_in_order};
 use crate::record::{RodChannels, RodId};
 use crate::source::{self, Event, Follow, Options, Recording, SourceError, Summary};
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::collections::BTreeMap;
 use std::fmt::{self, Display};
-use std::io::{self, IsTerminal};
+use std::io;
 use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -111,7 +111,7 @@ pub fn run(
     config: &Config,
     plans: &BTreeMap<RodId, Plan>,
     reading: &Reading,
-    mut on_outcome: impl FnMut(&Outcome, &ProgressBar) -> io::Result<()>,
+    mut on_outcome: impl FnMut(&Outcome, &Progress) -> io::Result<()>,
 ) -> anyhow::Result<Option<Tally>> {
     let files = source::recordings(paths)?;
     let total: u64 = files
@@ -119,7 +119,10 @@ pub fn run(
         .filter_map(|file| file.metadata().ok())
         .map(|data| data.len())
         .sum();
-    let bar = progress(total);
+    let bar = Progress::new(
+        total,
+        "{bar:40} {percent:>3} %  {bytes} of {total_bytes}, {eta} left",
+    );
     let done = Arc::new(AtomicU64::new(0));
     let channels: Vec<RodChannels> = config.rods.iter().map(|rod| rod.channels.clone()).collect();
     let input = Recordings::new(files, channels, config, reading.follow, Arc::clone(&done));
@@ -142,7 +145,7 @@ pub fn run(
         },
         |step| analyse(step, plans),
         |result| {
-            bar.set_position(done.load(Ordering::Relaxed));
+            bar.set(done.load(Ordering::Relaxed), total);
             match result {
                 Ok(Done::Record(outcome)) => {
                     match outcome.as_ref() {
@@ -159,16 +162,13 @@ pub fn run(
                 Ok(Done::File(result)) => tally.file(&result, &bar),
                 Err(panic) => {
                     tally.panicked += 1;
-                    say(
-                        &bar,
-                        &format!("error: the analysis of one record broke ({panic})"),
-                    );
+                    bar.say(&format!("error: the analysis of one record broke ({panic})"));
                 }
             }
             ControlFlow::Continue(())
         },
     );
-    bar.finish_and_clear();
+    drop(bar);
     match failure {
         Some(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(None),
         Some(error) => Err(error.into()),
@@ -177,22 +177,22 @@ pub fn run(
 }
 
 impl Tally {
-    fn file(&mut self, result: &Result<Summary, SourceError>, bar: &ProgressBar) {
+    fn file(&mut self, result: &Result<Summary, SourceError>, bar: &Progress) {
         self.files += 1;
         let summary = match result {
             Ok(summary) => summary,
             Err(error) => {
                 self.unreadable += 1;
-                return say(bar, &format!("error: {error}"));
+                return bar.say(&format!("error: {error}"));
             }
         };
         for fault in summary.faults() {
-            say(bar, &format!("warning: {fault}"));
+            bar.say(&format!("warning: {fault}"));
         }
         if summary.has_nothing() {
             self.unreadable += 1;
             for absence in summary.absences() {
-                say(bar, &format!("error: {absence}"));
+                bar.say(&format!("error: {absence}"));
             }
         } else {
             self.with_losses += usize::from(summary.lost_data());
@@ -201,25 +201,6 @@ impl Tally {
             }
         }
     }
-}
-
-fn say(bar: &ProgressBar, line: &str) {
-    bar.suspend(|| eprintln!("{line}"));
-}
-
-/// A bar on stderr if that is a terminal; it shows after two seconds at the earliest.
-fn progress(total: u64) -> ProgressBar {
-    if !io::stderr().is_terminal() {
-        return ProgressBar::hidden();
-    }
-    let bar = ProgressBar::with_draw_target(Some(total), ProgressDrawTarget::stderr_with_hz(5));
-    if let Ok(style) =
-        ProgressStyle::with_template("{bar:40} {percent:>3} %  {bytes} of {total_bytes}, {eta} left")
-    {
-        bar.set_style(style);
-    }
-    bar.enable_steady_tick(Duration::from_millis(200));
-    bar
 }
 
 /// One step of reading: an event of a recording, or its end.

@@ -1,7 +1,6 @@
 //! `tirante check`: a configuration, every fault at once, or what holds.
 
 use crate::config::{Config, ConfigError, Setting};
-use std::io::Write;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -36,9 +35,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     match config {
         Ok(config) => {
             if !args.quiet {
-                std::io::stdout()
-                    .lock()
-                    .write_all(config.effective().as_bytes())?;
+                return super::print(config.effective().as_bytes());
             }
             Ok(ExitCode::SUCCESS)
         }
@@ -53,5 +50,5 @@ pub fn refuse(error: &ConfigError) -> ExitCode {
         let plural = if faults.len() == 1 { "" } else { "s" };
         eprintln!("{origin}: {} fault{plural}", faults.len());
     }
-    ExitCode::from(2)
+    ExitCode::from(super::USAGE)
 }

@@ -1,6 +1,7 @@
 //! `tirante emulator`: fits emulators into the cache, and says how wrong they are.
 
-use super::setup;
+use super::progress::Progress;
+use super::{USAGE, print, setup};
 use crate::bayes::RodPrior;
 use crate::beam::{Exact, FiniteElements, finite_elements};
 use crate::cache::{Cache, Origin};
@@ -8,7 +9,6 @@ use crate::config::Config;
 use crate::emulator::validate::{self, ErrorReport, GridErrors, ModeErrors, Spread};
 use crate::emulator::{FitError, Pce, ReducedModel};
 use crate::forward::ForwardModel;
-use indicatif::{ProgressBar, ProgressStyle};
 use std::io::{self, Write};
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -103,20 +103,11 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         Action::Validate(args) => validated(args, &cache, prior),
     };
     match text {
-        Ok(text) => show(&text?),
+        Ok(text) => print(&text?),
         Err(error) => {
             eprintln!("tirante emulator: {error}");
-            Ok(ExitCode::from(2))
+            Ok(ExitCode::from(USAGE))
         }
-    }
-}
-
-/// Writes results to standard output; a reader that has seen enough (`| head`) is no failure.
-pub(super) fn show(text: &[u8]) -> anyhow::Result<ExitCode> {
-    let mut out = io::stdout().lock();
-    match out.write_all(text).and_then(|()| out.flush()) {
-        Err(error) if error.kind() != io::ErrorKind::BrokenPipe => Err(error.into()),
-        _ => Ok(ExitCode::SUCCESS),
     }
 }
 
@@ -167,31 +158,20 @@ fn validated(args: &ValidateArgs, cache: &Cache, prior: &RodPrior) -> Result<io:
 
 /// The paper's chaos from the cache, or fitted behind a progress bar on standard error.
 pub(super) fn fitted_pce(cache: &Cache, prior: &RodPrior, order: usize) -> Result<(Pce, Origin), FitError> {
-    let bar = progress("finite-element solves");
-    let fitted = cache.pce(prior, order, finite_elements::ELEMENTS, &|done, all| {
-        bar.set_length(all as u64);
-        bar.inc(done as u64);
-    });
-    bar.finish_and_clear();
-    fitted
+    let solves = Progress::of_solves();
+    cache.pce(prior, order, finite_elements::ELEMENTS, &|more, all| {
+        solves.add(more as u64, all as u64);
+    })
 }
 
 /// Runs a validation behind a progress bar.
 fn judging(args: &ValidateArgs, work: impl FnOnce(&(dyn Fn(usize) + Sync)) -> ErrorReport) -> ErrorReport {
-    let bar = progress("draws judged");
-    bar.set_length(u64::from(args.sample));
-    let report = work(&|count| bar.inc(count as u64));
-    bar.finish_and_clear();
-    report
-}
-
-/// A progress bar on standard error; nothing where that is no terminal.
-pub(super) fn progress(message: &'static str) -> ProgressBar {
-    let bar = ProgressBar::new(0).with_message(message);
-    if let Ok(style) = ProgressStyle::with_template("{msg} {wide_bar} {human_pos}/{human_len} {eta}") {
-        bar.set_style(style);
-    }
-    bar
+    let sample = u64::from(args.sample);
+    let judged = Progress::new(
+        sample,
+        "{wide_bar} {human_pos}/{human_len} draws judged, {eta} left",
+    );
+    work(&|more| judged.add(more as u64, sample))
 }
 
 /// An error report for people.

@@ -113,12 +113,12 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         }
         Err(reason) => {
             eprintln!("tirante frequencies: {reason}");
-            return Ok(ExitCode::from(2));
+            return Ok(ExitCode::from(super::USAGE));
         }
     };
     if let Err(outside) = parameterisation.beam(&theta).check("beam") {
         eprintln!("tirante frequencies: {outside}");
-        return Ok(ExitCode::from(2));
+        return Ok(ExitCode::from(super::USAGE));
     }
 
     let modes = usize::from(args.modes);
@@ -153,7 +153,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     } else {
         write_table(&mut out, &answers, modes)?;
     }
-    super::emulator::show(&out)
+    super::print(&out)
 }
 
 impl Args {

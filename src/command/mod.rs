@@ -5,6 +5,7 @@ pub mod check;
 pub mod emulator;
 pub mod frequencies;
 pub mod identify;
+mod progress;
 mod render;
 pub mod replay;
 mod setup;
@@ -13,6 +14,7 @@ pub mod simulate;
 use crate::bayes::PlanError;
 use crate::cli::Command;
 use crate::config::ConfigError;
+use std::io::{self, Write};
 use std::process::ExitCode;
 
 /// Exit code: finished, but with rejections or lost data.
@@ -38,10 +40,14 @@ pub fn run(command: &Command) -> anyhow::Result<ExitCode> {
 pub struct BadArguments(pub String);
 
 /// Says on stderr what went wrong and gives the exit code: 2 for arguments and configuration, 1 for
-/// everything else.
+/// everything else. A reader of stdout that has seen enough (`| head`) is no failure.
 pub fn report(error: &anyhow::Error) -> ExitCode {
     if let Some(faults) = error.downcast_ref::<ConfigError>() {
         return check::refuse(faults);
+    }
+    let seen_enough = |error: &io::Error| error.kind() == io::ErrorKind::BrokenPipe;
+    if error.downcast_ref().is_some_and(seen_enough) {
+        return ExitCode::SUCCESS;
     }
     eprintln!("error: {error}");
     if error.is::<BadArguments>() || error.is::<PlanError>() {
@@ -49,4 +55,12 @@ pub fn report(error: &anyhow::Error) -> ExitCode {
     } else {
         ExitCode::FAILURE
     }
+}
+
+/// Writes results to stdout.
+fn print(text: &[u8]) -> anyhow::Result<ExitCode> {
+    let mut out = io::stdout().lock();
+    out.write_all(text)?;
+    out.flush()?;
+    Ok(ExitCode::SUCCESS)
 }

@@ -1,6 +1,7 @@
 //! From arguments to plans: the configuration, what the command line puts over it, the forward models.
 
-use super::{BadArguments, emulator};
+use super::BadArguments;
+use super::progress::Progress;
 use crate::analysis::Plan;
 use crate::bayes::Tables;
 use crate::cache::{self, Cache};
@@ -88,13 +89,11 @@ pub fn plans(config: &Config) -> anyhow::Result<BTreeMap<RodId, Plan>> {
     let mut plans = BTreeMap::new();
     for rod in &config.rods {
         let settings = rod.analysis.clone();
-        let bar = emulator::progress("fitting the chaos, finite-element solves");
-        let model = cache::model(&settings.model, &settings.prior, &cache, &|done, all| {
-            bar.set_length(all as u64);
-            bar.inc(done as u64);
-        });
-        bar.finish_and_clear();
-        let model = model?;
+        let solves = Progress::of_solves();
+        let model = cache::model(&settings.model, &settings.prior, &cache, &|more, all| {
+            solves.add(more as u64, all as u64);
+        })?;
+        drop(solves);
         plans.insert(settings.rod.clone(), Plan::new(settings, model, &tables)?);
     }
     Ok(plans)

@@ -1,18 +1,18 @@
 //! `tirante simulate`: a recording of simulated rods, with the truth known.
 
 use super::check::refuse;
+use super::progress::Progress;
+use super::{USAGE, print};
 use crate::config::{Config, SimulationConfig, read_text};
 use crate::record::{Channel, Unit};
 use crate::sink::{AtomicFile, ChannelId, ChannelSpec, Layout, RecordingWriter, SinkError, WriterOptions};
 use crate::synthesis::{Message, SimulatedRecord, Simulation, Synthesis, SynthesisError};
-use indicatif::{ProgressBar, ProgressStyle};
 use rayon::prelude::*;
 use serde_json::json;
 use std::collections::BTreeMap;
 use std::io::{Seek, Write};
 use std::path::PathBuf;
 use std::process::ExitCode;
-use std::time::{Duration, Instant};
 
 /// Writes a recording of simulated rods as the configuration's `[simulation]` describes it: modes,
 /// damping, noise, temperature, loss of force, faults. The same seed gives the same file to the byte.
@@ -55,12 +55,16 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
             "{}: has no section [simulation]; config/campaign.toml shows one",
             args.config.display()
         );
-        return Ok(ExitCode::from(2));
+        return Ok(ExitCode::from(USAGE));
     };
+    if args.truth.as_ref() == Some(&args.out) {
+        eprintln!("{}: cannot be recording and truth at once", args.out.display());
+        return Ok(ExitCode::from(USAGE));
+    }
     for path in std::iter::once(&args.out).chain(&args.truth) {
         if path.exists() && !args.force {
             eprintln!("{}: exists; --force overwrites it", path.display());
-            return Ok(ExitCode::from(2));
+            return Ok(ExitCode::from(USAGE));
         }
     }
     let seed = args.seed.unwrap_or(config.seed);
@@ -72,7 +76,8 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let mut truth = args.truth.as_deref().map(AtomicFile::create).transpose()?;
     let simulation = &settings.simulation;
     let synthesis = Synthesis::new(simulation, seed);
-    let mut progress = Progress::new(simulation.records);
+    let records = simulation.records as u64;
+    let progress = Progress::new(records, "{wide_bar} {pos}/{len} records, {eta} left");
     let mut first = None;
     let mut last = None;
     for batch in batches(simulation) {
@@ -87,7 +92,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
             Ok(made) => made,
             Err(error) => {
                 eprintln!("{}: {error}", args.config.display());
-                return Ok(ExitCode::from(2));
+                return Ok(ExitCode::from(USAGE));
             }
         };
         for rods in made {
@@ -97,19 +102,19 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
                     writeln!(file, "{}", truth_line(rod, simulation, seed))?;
                 }
             }
-            progress.advance();
+            progress.add(1, records);
             first.get_or_insert_with(|| summaries(&rods));
             last = Some(rods);
         }
     }
-    progress.finish();
+    drop(progress);
     let (samples, messages) = (recording.samples, recording.messages);
     recording.writer.save()?;
     if let Some(file) = truth {
         file.commit()?;
     }
-    println!(
-        "{}: simulated, seed {seed}: {} x {} s at {} Hz of {}, {samples} samples in {messages} messages, {:.2} MB",
+    let mut text = format!(
+        "{}: simulated, seed {seed}: {} x {} s at {} Hz of {}, {samples} samples in {messages} messages, {:.2} MB\n",
         args.out.display(),
         simulation.records,
         simulation.record_s,
@@ -123,12 +128,12 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     );
     let last = last.as_deref().map(summaries).unwrap_or_default();
     for (first, last) in first.unwrap_or_default().iter().zip(&last) {
-        println!("  first {first}");
+        text += &format!("  first {first}\n");
         if simulation.records > 1 {
-            println!("  last  {last}");
+            text += &format!("  last  {last}\n");
         }
     }
-    Ok(ExitCode::SUCCESS)
+    print(text.as_bytes())
 }
 
 /// Records made at once: enough for every thread, few enough for memory. The split does not change them.
@@ -297,43 +302,4 @@ fn summaries(rods: &[SimulatedRecord]) -> Vec<String> {
         )
     };
     rods.iter().map(summary).collect()
-}
-
-/// A progress bar on standard error that appears after two seconds.
-struct Progress {
-    since: Instant,
-    records: u64,
-    done: u64,
-    bar: Option<ProgressBar>,
-}
-
-impl Progress {
-    fn new(records: usize) -> Self {
-        Self {
-            since: Instant::now(),
-            records: records as u64,
-            done: 0,
-            bar: None,
-        }
-    }
-
-    fn advance(&mut self) {
-        self.done += 1;
-        if self.bar.is_none() && self.since.elapsed() > Duration::from_secs(2) {
-            let bar = ProgressBar::new(self.records);
-            if let Ok(style) = ProgressStyle::with_template("{wide_bar} {pos}/{len} records, {eta} left") {
-                bar.set_style(style);
-            }
-            self.bar = Some(bar);
-        }
-        if let Some(bar) = &self.bar {
-            bar.set_position(self.done);
-        }
-    }
-
-    fn finish(&self) {
-        if let Some(bar) = &self.bar {
-            bar.finish_and_clear();
-        }
-    }
 }

@@ -13,8 +13,9 @@
 //! as another mode, another peak as this mode); nothing is reported unless the odds against all
 //! peaks being foreign are 100 to 1.
 //!
-//! One clear mode alone, among the orders used (at least 1 and 2), is never enough: with a tolerance of 3 % the odds that it is not foreign stay below
-//! 100 however well the rod is known, and nothing would speak against it if it were.
+//! One clear mode alone, among the orders used (at least 1 and 2), is never enough: with a tolerance of
+//! 3 % the odds that it is not foreign stay below 100 however well the rod is known, and nothing would
+//! speak against it if it were.
 
 use super::{Mode, ModeSettings, Resonance};
 use crate::forward::MAX_MODES;

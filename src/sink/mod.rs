@@ -1,6 +1,6 @@
 //! Recordings out: MCAP files that appear whole or not at all.
 
-pub mod atomic;
+mod atomic;
 pub mod mcap;
 pub mod message;
 

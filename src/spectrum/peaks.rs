@@ -55,6 +55,9 @@ fn prominence(values: &[f64], peak: usize) -> f64 {
 /// same quartile would have with this many segments. Computed every few lines, linear between.
 pub fn noise_floor(spectrum: &Spectrum, level_db: &[f64]) -> Vec<f64> {
     let n = level_db.len();
+    if n == 0 {
+        return Vec::new();
+    }
     let reach = ((2.0 / spectrum.df_hz).ceil() as usize).max(20);
     let stride = (reach / 8).max(1);
     // Quartile to median of a chi-square of 2m degrees of freedom in decibels: 3.83 dB for m = 1,

@@ -1,0 +1,72 @@
+//! Progress on standard error, for people only: nothing where that is no terminal, nothing of short work.
+
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use std::io::{self, IsTerminal};
+use std::time::{Duration, Instant};
+
+/// Work that takes less shows no bar.
+const PATIENCE: Duration = Duration::from_secs(2);
+
+/// A bar that shows up after two seconds.
+pub struct Progress {
+    bar: ProgressBar,
+    since: Instant,
+}
+
+impl Progress {
+    /// A bar over `all` steps (zero if not known yet) in the format of `indicatif`.
+    pub fn new(all: u64, template: &str) -> Self {
+        let bar = ProgressBar::with_draw_target(Some(all), ProgressDrawTarget::hidden());
+        if let Ok(style) = ProgressStyle::with_template(template) {
+            bar.set_style(style);
+        }
+        Self {
+            bar,
+            since: Instant::now(),
+        }
+    }
+
+    /// A bar for the model solves that train a chaos.
+    pub fn of_solves() -> Self {
+        Self::new(
+            0,
+            "{wide_bar} {human_pos}/{human_len} finite-element solves for the chaos, {eta} left",
+        )
+    }
+
+    /// So many steps are done, of so many.
+    pub fn set(&self, done: u64, all: u64) {
+        self.bar.set_length(all);
+        self.bar.set_position(done);
+        self.show();
+    }
+
+    /// So many steps more are done, of so many.
+    pub fn add(&self, more: u64, all: u64) {
+        self.bar.set_length(all);
+        self.bar.inc(more);
+        self.show();
+    }
+
+    /// Prints without the bar in the way.
+    pub fn suspend<T>(&self, print: impl FnOnce() -> T) -> T {
+        self.bar.suspend(print)
+    }
+
+    /// A line on standard error.
+    pub fn say(&self, line: &str) {
+        self.suspend(|| eprintln!("{line}"));
+    }
+
+    fn show(&self) {
+        if self.bar.is_hidden() && self.since.elapsed() > PATIENCE && io::stderr().is_terminal() {
+            self.bar.set_draw_target(ProgressDrawTarget::stderr_with_hz(5));
+        }
+    }
+}
+
+impl Drop for Progress {
+    fn drop(&mut self) {
+        self.bar.finish_and_clear();
+    }
+}

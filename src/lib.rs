@@ -46,3 +46,4 @@ pub mod sink;
 pub mod source;
 pub mod spectrum;
 pub mod synthesis;
+mod vectorised;

@@ -5,13 +5,14 @@
 
 use super::basis::Recurrence;
 use super::design::{Axis, Design};
-use super::expansion::{Expansion, Kernel, LANES, vectorised};
+use super::expansion::{Expansion, LANES};
 use super::fit::Weighting;
 use super::training::split;
 use super::validate::{self, ErrorReport, GridErrors};
 use crate::bayes::RodPrior;
 use crate::beam::{Exact, Parameterisation};
 use crate::forward::{FEW, ForwardModel, MAX_MODES, OutsideRange};
+use crate::vectorised::{Kernel, vectorised};
 use serde::{Deserialize, Serialize};
 
 pub use super::training::{FitError, MAX_ORDER, MAX_POINTS, Training};

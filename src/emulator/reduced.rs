@@ -19,10 +19,11 @@
 //! are left out. Measured errors stand in docs/emulators.md.
 
 use super::basis::Recurrence;
-use super::expansion::{Expansion, Kernel, LANES, vectorised};
+use super::expansion::{Expansion, LANES};
 use super::reduced_fit::{DEGREES_S, INNER};
 use crate::beam::{Beam, Parameterisation};
 use crate::forward::{FEW, ForwardModel, MAX_MODES, OutsideRange};
+use crate::vectorised::{Kernel, vectorised};
 use std::f64::consts::PI;
 use std::sync::{Arc, LazyLock};
 

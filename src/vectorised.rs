@@ -1,0 +1,25 @@
+//! The widest vectors of the processor at hand, with the same bits as on any other.
+
+/// Work that is compiled once more for the wide vectors of newer processors. `run` must be marked
+/// `#[inline(always)]`, and so must what it calls in its loops, or it stays narrow (and still right).
+pub trait Kernel {
+    /// Does the work.
+    fn run(self);
+}
+
+/// Runs `kernel` compiled for the widest vectors this processor has; the results do not depend on it, for
+/// the compiler never fuses or reorders floating-point operations.
+pub fn vectorised(kernel: impl Kernel) {
+    #[cfg(target_arch = "x86_64")]
+    {
+        #[target_feature(enable = "avx2")]
+        fn with_avx2(kernel: impl Kernel) {
+            kernel.run();
+        }
+        if std::arch::is_x86_feature_detected!("avx2") {
+            // SAFETY: the processor has AVX2, as the line above has asked.
+            return unsafe { with_avx2(kernel) };
+        }
+    }
+    kernel.run();
+}

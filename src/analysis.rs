@@ -14,7 +14,7 @@ use std::sync::Arc;
 pub const VERSION: u32 = 1;
 
 /// Draws from the prior that make up the pattern by which peaks are given their mode orders.
-const PATTERN_DRAWS: usize = 4096;
+const PATTERN_DRAWS: usize = 2048;
 
 /// Everything the analysis of one rod depends on.
 #[derive(Debug, Clone, PartialEq)]

@@ -17,6 +17,9 @@ use std::process::ExitCode;
 /// Standard error of a frequency given without one \[Hz\]: the paper's Sigma = 1e-3 Hz^2.
 const DEFAULT_SD_HZ: f64 = 0.031_622_776_601_683_79;
 
+/// Up to this share of the prior's own records as far out, people are told that the prior is doubtful.
+const PRIOR_TAIL_SHOWN: f64 = 0.002;
+
 /// Identifies the axial force from one recording, or from natural frequencies measured elsewhere.
 ///
 /// Prints prior and posterior of every uncertain parameter, or one JSON object with --json.
@@ -203,13 +206,19 @@ fn describe(plan: &Plan, identification: &Identification) -> String {
         "  conflict {:.1}: standard deviations from the nearest frequencies the model can produce",
         conflict.score
     ));
-    if let Some(violation) = conflict
-        .violation
-        .as_ref()
-        .filter(|_| conflict.score >= CONFLICT_SHOWN)
-    {
-        line(format!("  ! model and data disagree: {violation}"));
+    if conflict.score >= CONFLICT_SHOWN {
+        let reason = conflict
+            .violation
+            .map(|violation| format!(": {violation}"))
+            .unwrap_or_default();
+        line(format!("  ! model and data disagree{reason}"));
         line("    the force may be wrong by more than its interval says".to_owned());
+    } else if conflict.prior_tail <= PRIOR_TAIL_SHOWN {
+        line(format!(
+            "  ! prior and data disagree: {:.1} % of the rods the prior allows lie as far out; check length,",
+            conflict.prior_tail * 100.0
+        ));
+        line("    section, material and the expected force".to_owned());
     }
     text
 }

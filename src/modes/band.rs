@@ -78,8 +78,7 @@ impl Coefficients {
                 cell.frequency_hz /= cell.lines;
                 cell.x = (cell.frequency_hz - band.middle_hz) / band.half_width_hz;
                 cell.floor = 1.0;
-                band.lines += cell.lines;
-                band.cells.push(cell);
+                band.push(&cell);
             }
             k += most;
         }
@@ -106,6 +105,65 @@ pub struct Cell {
     pub floor: f64,
 }
 
+/// Cells side by side: what the likelihood adds up at once. Lanes beyond the last cell hold no lines.
+pub const LANES: usize = 8;
+
+/// [`LANES`] neighbouring cells, quantity by quantity.
+#[derive(Debug, Clone, Copy)]
+pub struct Block {
+    /// As in [`Cell`], one entry per lane.
+    pub lines: [f64; LANES],
+    /// Mean frequencies \[Hz\].
+    pub frequency_hz: [f64; LANES],
+    /// The same as -1 to 1 across the band.
+    pub x: [f64; LANES],
+    /// Sums of the real parts.
+    pub re: [f64; LANES],
+    /// Sums of the imaginary parts.
+    pub im: [f64; LANES],
+    /// Sums of the squared magnitudes.
+    pub power: [f64; LANES],
+    /// Shape of the noise floor.
+    pub floor: [f64; LANES],
+}
+
+impl Block {
+    /// No lines at all, at a frequency where every response is finite.
+    fn empty(frequency_hz: f64) -> Self {
+        Self {
+            lines: [0.0; LANES],
+            frequency_hz: [frequency_hz; LANES],
+            x: [0.0; LANES],
+            re: [0.0; LANES],
+            im: [0.0; LANES],
+            power: [0.0; LANES],
+            floor: [1.0; LANES],
+        }
+    }
+
+    fn get(&self, lane: usize) -> Cell {
+        Cell {
+            lines: self.lines[lane],
+            frequency_hz: self.frequency_hz[lane],
+            x: self.x[lane],
+            re: self.re[lane],
+            im: self.im[lane],
+            power: self.power[lane],
+            floor: self.floor[lane],
+        }
+    }
+
+    fn set(&mut self, lane: usize, cell: &Cell) {
+        self.lines[lane] = cell.lines;
+        self.frequency_hz[lane] = cell.frequency_hz;
+        self.x[lane] = cell.x;
+        self.re[lane] = cell.re;
+        self.im[lane] = cell.im;
+        self.power[lane] = cell.power;
+        self.floor[lane] = cell.floor;
+    }
+}
+
 /// The coefficients of one record in a narrow band.
 #[derive(Debug, Clone, Default)]
 pub struct Band {
@@ -119,15 +177,48 @@ pub struct Band {
     pub lines: f64,
     /// Largest raw periodogram ordinate.
     pub largest: f64,
-    /// The coefficients, in ascending frequency.
-    pub cells: Vec<Cell>,
+    /// How many cells.
+    cells: usize,
+    blocks: Vec<Block>,
 }
 
 impl Band {
+    fn push(&mut self, cell: &Cell) {
+        let lane = self.cells % LANES;
+        if lane == 0 {
+            self.blocks.push(Block::empty(cell.frequency_hz));
+        }
+        if let Some(block) = self.blocks.last_mut() {
+            block.set(lane, cell);
+        }
+        self.cells += 1;
+        self.lines += cell.lines;
+    }
+
+    /// The cells side by side, in ascending frequency.
+    pub fn blocks(&self) -> &[Block] {
+        &self.blocks
+    }
+
+    /// The cells one by one, in ascending frequency.
+    pub fn cells(&self) -> impl Iterator<Item = Cell> {
+        (0..self.cells).map(|i| self.blocks[i / LANES].get(i % LANES))
+    }
+
+    /// Changes the content of every cell, not its number of lines.
+    pub fn for_each(&mut self, mut change: impl FnMut(&mut Cell)) {
+        for i in 0..self.cells {
+            let block = &mut self.blocks[i / LANES];
+            let mut cell = block.get(i % LANES);
+            change(&mut cell);
+            block.set(i % LANES, &cell);
+        }
+    }
+
     /// The noise floor as the quietest fifth of the cells suggests it: the lower quintile of an
     /// exponential distribution is 0.223 of its mean (a cell of several lines scatters less).
     pub fn quiet_level(&self) -> f64 {
-        let mut powers: Vec<f64> = self.cells.iter().map(|c| c.power / c.lines).collect();
+        let mut powers: Vec<f64> = self.cells().map(|c| c.power / c.lines).collect();
         let fifth = powers.len() / 5;
         if powers.is_empty() {
             return f64::MIN_POSITIVE;

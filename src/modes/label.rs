@@ -238,19 +238,24 @@ fn assignments(peaks: &[&Resonance], pattern: &Pattern, discrepancy: &[f64]) -> 
     let tolerances: Vec<f64> = (0..modes)
         .flat_map(|order| peaks.iter().map(move |r| tolerance(order, r)))
         .collect();
-    let mut weights = BTreeMap::new();
-    let mut partial: Vec<(Code, f64)> = Vec::new();
+    // Assignments of the first orders are nodes of a tree: reached many thousand times, found by index.
+    let mut tree = Tree::new(peaks.len());
+    let mut partial: Vec<Partial> = Vec::new();
     let mut next = Vec::new();
     for draw in pattern.log_frequency.chunks_exact(modes) {
         partial.clear();
-        partial.push((NOTHING, 1.0));
+        partial.push(Partial {
+            node: Tree::ROOT,
+            peaks_taken: 0,
+            weight: 1.0,
+        });
         for (order, &log_mode) in draw.iter().enumerate() {
             next.clear();
-            next.extend(
-                partial
-                    .iter()
-                    .map(|&(code, weight)| (code, weight * (1.0 - DETECTION))),
-            );
+            next.extend(partial.iter().map(|&before| Partial {
+                node: tree.child(before.node, 0),
+                weight: before.weight * (1.0 - DETECTION),
+                ..before
+            }));
             for (peak, &log) in log_peak.iter().enumerate() {
                 let tolerance = tolerances[order * peaks.len() + peak];
                 let distance = (log - log_mode) / tolerance;
@@ -259,22 +264,79 @@ fn assignments(peaks: &[&Resonance], pattern: &Pattern, discrepancy: &[f64]) -> 
                 }
                 let gain = DETECTION * kernel(distance) / (tolerance * foreign);
                 // Peaks ascend with the orders: only above every peak already taken.
-                let taken =
-                    |code: Code| (code.checked_ilog2().map_or(0, |top| code >> (top / 5 * 5))) as usize;
-                next.extend(
-                    partial
-                        .iter()
-                        .filter(|&&(code, _)| taken(code) < peak + 1)
-                        .map(|&(code, weight)| (code | ((peak as Code + 1) << (5 * order)), weight * gain)),
-                );
+                for before in partial.iter().filter(|before| before.peaks_taken <= peak) {
+                    next.push(Partial {
+                        node: tree.child(before.node, peak + 1),
+                        peaks_taken: peak + 1,
+                        weight: before.weight * gain,
+                    });
+                }
             }
             std::mem::swap(&mut partial, &mut next);
         }
-        for &(code, weight) in &partial {
-            *weights.entry(code).or_insert(0.0) += weight;
+        for last in &partial {
+            tree.weights[last.node] += last.weight;
         }
     }
-    weights
+    tree.leaves(modes)
+}
+
+/// An assignment of the first few orders under one draw.
+#[derive(Clone, Copy)]
+struct Partial {
+    node: usize,
+    /// The highest peak taken, counted from 1.
+    peaks_taken: usize,
+    weight: f64,
+}
+
+/// Assignments by their first orders: the children of a node say what becomes of the next order (0
+/// missing, else the peak's number).
+struct Tree {
+    choices: usize,
+    children: Vec<usize>,
+    weights: Vec<f64>,
+}
+
+impl Tree {
+    const ROOT: usize = 0;
+
+    fn new(peaks: usize) -> Self {
+        let choices = peaks + 1;
+        Self {
+            choices,
+            children: vec![0; choices],
+            weights: vec![0.0],
+        }
+    }
+
+    fn child(&mut self, node: usize, choice: usize) -> usize {
+        let slot = node * self.choices + choice;
+        if self.children[slot] == 0 {
+            self.children[slot] = self.weights.len();
+            self.weights.push(0.0);
+            self.children.resize(self.children.len() + self.choices, 0);
+        }
+        self.children[slot]
+    }
+
+    /// The weights of the nodes at `depth`, all there are.
+    fn leaves(&self, depth: usize) -> BTreeMap<Code, f64> {
+        let mut level = vec![(Self::ROOT, NOTHING)];
+        for order in 0..depth {
+            let below = level.iter().flat_map(|&(node, code)| {
+                (0..self.choices).filter_map(move |choice| {
+                    let child = self.children[node * self.choices + choice];
+                    (child != 0).then_some((child, code | ((choice as Code) << (5 * order))))
+                })
+            });
+            level = below.collect();
+        }
+        level
+            .into_iter()
+            .map(|(node, code)| (code, self.weights[node]))
+            .collect()
+    }
 }
 
 fn kernel(distance: f64) -> f64 {

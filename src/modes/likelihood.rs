@@ -22,8 +22,10 @@
 //! Whatever else varies smoothly across the band (leakage of drift and of other modes, the mode's
 //! own negative-frequency image) is `d_0 + d_1 x_k` with flat priors, integrated out.
 
-use super::band::Band;
+use super::band::{Band, Block, LANES};
+use super::logarithm::ln;
 use crate::record::Excitation;
+use crate::wide::{Kernel, vectorised};
 use realfft::num_complex::Complex;
 use std::f64::consts::TAU;
 
@@ -136,11 +138,7 @@ pub fn resonance(band: &Band, excitation: Excitation, p: &Parameters) -> Option<
     let ratio = p.log_ratio.exp();
     let damped = p.frequency_hz * (1.0 - damping * damping).sqrt();
     let gamma = damping * p.frequency_hz;
-    let moments = gather(band, p.slope, ratio, |f| {
-        let detuning = f - damped;
-        let scale = gamma * 2.0 * damped / ((gamma * gamma + detuning * detuning) * (f + damped));
-        (scale * gamma, -scale * detuning, scale * gamma)
-    })?;
+    let moments = gather(band, p.slope, ratio, Resonant { damped, gamma })?;
     let reduced = reduce(&moments).filter(|r| r.hh > 0.0)?;
     let lines = band.lines;
     // e^(sT)
@@ -200,13 +198,11 @@ pub fn resonance(band: &Band, excitation: Excitation, p: &Parameters) -> Option<
 /// Log likelihood (profile, comparable with [`Value::log_profile`]) of an undamped sine of frequency
 /// `f` in noise of the given slope.
 pub fn sine(band: &Band, frequency_hz: f64, slope: f64) -> Option<f64> {
-    let half_line = 0.5 / band.duration_s;
-    let moments = gather(band, slope, 0.0, |f| {
-        // sin(pi x) / (pi x) at the Fourier frequencies, up to a factor common to all lines.
-        let offset = (f - frequency_hz) / half_line;
-        let offset = if offset.abs() < 1e-6 { 1e-6 } else { offset };
-        (0.0, -1.0 / offset, 0.0)
-    })?;
+    let sine = Sine {
+        frequency_hz,
+        half_line_hz: 0.5 / band.duration_s,
+    };
+    let moments = gather(band, slope, 0.0, sine)?;
     let reduced = reduce(&moments).filter(|r| r.hh > 0.0)?;
     let least = reduced.jj - reduced.hj.norm_sqr() / reduced.hh;
     (least > 0.0).then(|| -moments.log_det - band.lines * least.ln())
@@ -214,63 +210,154 @@ pub fn sine(band: &Band, frequency_hz: f64, slope: f64) -> Option<f64> {
 
 /// Log likelihood (profile) of noise of the given slope alone.
 pub fn noise_only(band: &Band, slope: f64) -> Option<f64> {
-    let moments = gather(band, slope, 0.0, |_| (0.0, 0.0, 0.0))?;
+    let moments = gather(band, slope, 0.0, Nothing)?;
     let reduced = reduce(&moments)?;
     (reduced.jj > 0.0).then(|| -moments.log_det - band.lines * reduced.jj.ln())
 }
 
-/// One pass over the lines. `response` gives the shape's real and imaginary part and the real weight
-/// of the rank-two term; the diagonal is `ratio |h|^2 + floor (1 + slope x)`.
-fn gather(band: &Band, slope: f64, ratio: f64, response: impl Fn(f64) -> (f64, f64, f64)) -> Option<Moments> {
+/// What is looked for in the band: its shape's real and imaginary part at `f` and the real weight of
+/// the rank-two term.
+trait Response {
+    fn at(&self, f: f64) -> (f64, f64, f64);
+}
+
+/// [`shape`], and its real weight.
+struct Resonant {
+    damped: f64,
+    gamma: f64,
+}
+
+impl Response for Resonant {
+    #[inline(always)]
+    fn at(&self, f: f64) -> (f64, f64, f64) {
+        let Self { damped, gamma } = *self;
+        let detuning = f - damped;
+        let scale = gamma * 2.0 * damped / ((gamma * gamma + detuning * detuning) * (f + damped));
+        (scale * gamma, -scale * detuning, scale * gamma)
+    }
+}
+
+/// sin(pi x) / (pi x) at the Fourier frequencies, up to a factor common to all lines.
+struct Sine {
+    frequency_hz: f64,
+    half_line_hz: f64,
+}
+
+impl Response for Sine {
+    #[inline(always)]
+    fn at(&self, f: f64) -> (f64, f64, f64) {
+        let offset = (f - self.frequency_hz) / self.half_line_hz;
+        let offset = if offset.abs() < 1e-6 { 1e-6 } else { offset };
+        (0.0, -1.0 / offset, 0.0)
+    }
+}
+
+struct Nothing;
+
+impl Response for Nothing {
+    #[inline(always)]
+    fn at(&self, _: f64) -> (f64, f64, f64) {
+        (0.0, 0.0, 0.0)
+    }
+}
+
+/// One pass over the lines; the diagonal is `ratio |h|^2 + floor (1 + slope x)`, positive for a slope
+/// within -1 to 1.
+fn gather(band: &Band, slope: f64, ratio: f64, response: impl Response) -> Option<Moments> {
     if band.lines < LEAST_LINES || slope.abs() >= 1.0 {
         return None;
     }
-    let mut m = Moments::default();
-    let mut product = 1.0f64;
-    for cell in &band.cells {
-        let x = cell.x;
-        let (hr, hi, p) = response(cell.frequency_hz);
-        let h2 = hr * hr + hi * hi;
-        let d = ratio * h2 + cell.floor * (1.0 + slope * x);
-        let w = 1.0 / d;
-        let wn = w * cell.lines;
-        if cell.lines == 1.0 {
-            // One logarithm for many lines.
-            product *= d;
-            if !(1e-150..1e150).contains(&product) {
-                m.log_det += product.ln();
-                product = 1.0;
-            }
-        } else {
-            m.log_det += cell.lines * d.ln();
-        }
-        let (whr, whi, wp) = (wn * hr, wn * hi, wn * p);
-        let (wjr, wji) = (w * cell.re, w * cell.im);
-        m.hh += wn * h2;
-        m.hp.re += whr * p;
-        m.hp.im -= whi * p;
-        m.pp += wp * p;
-        m.hj.re += hr * wjr + hi * wji;
-        m.hj.im += hr * wji - hi * wjr;
-        m.pj.re += p * wjr;
-        m.pj.im += p * wji;
-        m.jj += w * cell.power;
-        m.bb[0][0] += wn;
-        m.bb[1][0] += wn * x;
-        m.bb[1][1] += wn * x * x;
-        m.bh[0].re += whr;
-        m.bh[0].im += whi;
-        m.bh[1].re += whr * x;
-        m.bh[1].im += whi * x;
-        m.bp[0] += wp;
-        m.bp[1] += wp * x;
-        m.bj[0].re += wjr;
-        m.bj[0].im += wji;
-        m.bj[1].re += wjr * x;
-        m.bj[1].im += wji * x;
-    }
-    m.log_det += product.ln();
+    let mut sums = [[0.0; LANES]; SUMS];
+    vectorised(Gather {
+        blocks: band.blocks(),
+        slope,
+        ratio,
+        response,
+        sums: &mut sums,
+    });
+    let total = sums.map(|lanes| {
+        let four: [f64; 4] = std::array::from_fn(|l| lanes[l] + lanes[l + 4]);
+        (four[0] + four[2]) + (four[1] + four[3])
+    });
+    let pair = |i: usize| Complex::new(total[i], total[i + 1]);
+    let m = Moments {
+        hh: total[0],
+        // The rank-two weight is real.
+        hp: pair(1).conj(),
+        pp: total[3],
+        hj: pair(4),
+        pj: pair(6),
+        jj: total[8],
+        bb: [[total[9], 0.0], [total[10], total[11]]],
+        bh: [pair(12), pair(14)],
+        bp: [total[16], total[17]],
+        bj: [pair(18), pair(20)],
+        log_det: total[22],
+    };
     m.log_det.is_finite().then_some(m)
+}
+
+/// Sums of one pass.
+const SUMS: usize = 23;
+
+/// The pass itself: [`LANES`] cells at once, each lane its own sums.
+struct Gather<'a, R> {
+    blocks: &'a [Block],
+    slope: f64,
+    ratio: f64,
+    response: R,
+    sums: &'a mut [[f64; LANES]; SUMS],
+}
+
+impl<R: Response> Kernel for Gather<'_, R> {
+    #[inline(always)]
+    fn run(self) {
+        let Self {
+            blocks,
+            slope,
+            ratio,
+            response,
+            sums: total,
+        } = self;
+        // Its own, so that the compiler sees that nothing else points there.
+        let mut sums = [[0.0; LANES]; SUMS];
+        for block in blocks {
+            for l in 0..LANES {
+                let x = block.x[l];
+                let (hr, hi, p) = response.at(block.frequency_hz[l]);
+                let h2 = hr * hr + hi * hi;
+                let d = ratio * h2 + block.floor[l] * (1.0 + slope * x);
+                let w = 1.0 / d;
+                let wn = w * block.lines[l];
+                let (whr, whi, wp) = (wn * hr, wn * hi, wn * p);
+                let (wjr, wji) = (w * block.re[l], w * block.im[l]);
+                sums[0][l] += wn * h2;
+                sums[1][l] += whr * p;
+                sums[2][l] += whi * p;
+                sums[3][l] += wp * p;
+                sums[4][l] += hr * wjr + hi * wji;
+                sums[5][l] += hr * wji - hi * wjr;
+                sums[6][l] += p * wjr;
+                sums[7][l] += p * wji;
+                sums[8][l] += w * block.power[l];
+                sums[9][l] += wn;
+                sums[10][l] += wn * x;
+                sums[11][l] += wn * x * x;
+                sums[12][l] += whr;
+                sums[13][l] += whi;
+                sums[14][l] += whr * x;
+                sums[15][l] += whi * x;
+                sums[16][l] += wp;
+                sums[17][l] += wp * x;
+                sums[18][l] += wjr;
+                sums[19][l] += wji;
+                sums[20][l] += wjr * x;
+                sums[21][l] += wji * x;
+                sums[22][l] += block.lines[l] * ln(d);
+            }
+        }
+        *total = sums;
+    }
 }
 
 /// The sums with the smooth terms projected out, and the log determinant that costs.

@@ -4,6 +4,7 @@ pub mod band;
 pub mod identify;
 pub mod label;
 pub mod likelihood;
+mod logarithm;
 pub mod optimum;
 pub mod posterior;
 pub mod refine;

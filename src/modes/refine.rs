@@ -190,8 +190,7 @@ impl Context<'_> {
     fn start(&self, band: &Band, peak_hz: f64) -> Option<Parameters> {
         let near = 1.5 * self.line_hz;
         let highest = band
-            .cells
-            .iter()
+            .cells()
             .filter(|c| (c.frequency_hz - peak_hz).abs() <= near)
             .max_by(|a, b| (a.power / a.lines).total_cmp(&(b.power / b.lines)))
             .map_or(peak_hz, |c| c.frequency_hz);
@@ -334,7 +333,7 @@ fn pull(other: &Fit, f: f64) -> Complex<f64> {
 /// Takes another mode out of a band: its transient (free decays) from the coefficients, its random
 /// skirt into the shape of the noise floor, of which `level` is the height without it.
 fn subtract(band: &mut Band, other: &Fit, excitation: Excitation, level: f64) {
-    for cell in &mut band.cells {
+    band.for_each(|cell| {
         if excitation == Excitation::FreeDecay {
             // The cells of a free decay hold one line each.
             let c = pull(other, cell.frequency_hz);
@@ -343,5 +342,5 @@ fn subtract(band: &mut Band, other: &Fit, excitation: Excitation, level: f64) {
             cell.power = cell.re * cell.re + cell.im * cell.im;
         }
         cell.floor += skirt(other, cell.frequency_hz) / level;
-    }
+    });
 }

@@ -1,0 +1,31 @@
+#!/usr/bin/env python3
+"""Draws what a terminal shows as an SVG: the first argument is the prompt line, standard input the output.
+
+tirante replay recordings/campaign-2025.mcap --config config/campaign.toml | head -12 |
+    python3 docs/images/terminal_svg.py 'tirante replay recordings/campaign-2025.mcap --config config/campaign.toml' > docs/images/replay.svg
+"""
+import sys
+from xml.sax.saxutils import escape
+
+STEP, LEADING, MARGIN = 7.8, 19, 16
+prompt = sys.argv[1]
+lines = [line.rstrip("\n") for line in sys.stdin]
+columns = max(len(line) for line in [*lines, "$ " + prompt])
+width = columns * STEP + 2 * MARGIN
+height = (len(lines) + 1) * LEADING + 2 * MARGIN
+
+
+def text(row, content, colour):
+    y = MARGIN + LEADING * row + 14
+    # A fixed length keeps the columns aligned whatever monospace font stands in.
+    length = f' textLength="{len(content) * STEP:.1f}"' if content else ""
+    return f'<text x="{MARGIN}" y="{y}" fill="{colour}"{length} lengthAdjust="spacingAndGlyphs">{escape(content)}</text>'
+
+
+print(f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width:.0f} {height}" font-size="13" '
+      'font-family="ui-monospace, DejaVu Sans Mono, Menlo, Consolas, monospace" xml:space="preserve">')
+print(f'<rect width="{width:.0f}" height="{height}" rx="8" fill="#1e2329"/>')
+print(text(0, "$ " + prompt, "#8fc7ff"))
+for row, line in enumerate(lines, 1):
+    print(text(row, line, "#8a949e" if set(line) <= {"-"} else "#e6e6e6"))
+print("</svg>")

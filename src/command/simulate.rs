@@ -1,10 +1,12 @@
 //! `tirante simulate`: a recording of simulated rods, with the truth known.
 
+use super::BadArguments;
 use super::check::refuse;
 use crate::config::{Config, SimulationConfig, read_text};
 use crate::record::{Channel, Unit};
 use crate::sink::{AtomicFile, ChannelId, ChannelSpec, Layout, RecordingWriter, SinkError, WriterOptions};
 use crate::synthesis::{Message, SimulatedRecord, Simulation, Synthesis, SynthesisError};
+use anyhow::Context;
 use indicatif::{ProgressBar, ProgressStyle};
 use rayon::prelude::*;
 use serde_json::json;
@@ -51,17 +53,28 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         Err(error) => return Ok(refuse(&error)),
     };
     let Some(settings) = &config.simulation else {
-        eprintln!(
+        tell!(
             "{}: has no section [simulation]; config/campaign.toml shows one",
             args.config.display()
         );
         return Ok(ExitCode::from(2));
     };
+    if args.truth.as_ref() == Some(&args.out) {
+        let both = BadArguments(format!(
+            "--out and --truth are the same file, {}",
+            args.out.display()
+        ));
+        return Err(both.into());
+    }
     for path in std::iter::once(&args.out).chain(&args.truth) {
-        if path.exists() && !args.force {
-            eprintln!("{}: exists; --force overwrites it", path.display());
-            return Ok(ExitCode::from(2));
-        }
+        let fault = match std::fs::metadata(path) {
+            Err(_) => continue,
+            // Moving a file over a device or a pipe would destroy it.
+            Ok(kind) if !kind.is_file() => "exists and is not a regular file",
+            Ok(_) if !args.force => "exists; --force overwrites it",
+            Ok(_) => continue,
+        };
+        return Err(BadArguments(format!("{}: {fault}", path.display())).into());
     }
     let seed = args.seed.unwrap_or(config.seed);
     let options = WriterOptions {
@@ -69,7 +82,11 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         ..WriterOptions::default()
     };
     let mut recording = Recording::new(RecordingWriter::create(&args.out, options)?, text, settings, seed)?;
-    let mut truth = args.truth.as_deref().map(AtomicFile::create).transpose()?;
+    let mut truth = args
+        .truth
+        .as_deref()
+        .map(|path| AtomicFile::create(path).with_context(|| format!("cannot write {}", path.display())))
+        .transpose()?;
     let simulation = &settings.simulation;
     let synthesis = Synthesis::new(simulation, seed);
     let mut progress = Progress::new(simulation.records);
@@ -86,7 +103,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         let made = match made {
             Ok(made) => made,
             Err(error) => {
-                eprintln!("{}: {error}", args.config.display());
+                tell!("{}: {error}", args.config.display());
                 return Ok(ExitCode::from(2));
             }
         };
@@ -108,7 +125,9 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     if let Some(file) = truth {
         file.commit()?;
     }
-    println!(
+    let mut output = std::io::stdout().lock();
+    writeln!(
+        output,
         "{}: simulated, seed {seed}: {} x {} s at {} Hz of {}, {samples} samples in {messages} messages, {:.2} MB",
         args.out.display(),
         simulation.records,
@@ -120,12 +139,12 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
             format!("{} rods", simulation.rods.len())
         },
         std::fs::metadata(&args.out)?.len() as f64 * 1e-6
-    );
+    )?;
     let last = last.as_deref().map(summaries).unwrap_or_default();
     for (first, last) in first.unwrap_or_default().iter().zip(&last) {
-        println!("  first {first}");
+        writeln!(output, "  first {first}")?;
         if simulation.records > 1 {
-            println!("  last  {last}");
+            writeln!(output, "  last  {last}")?;
         }
     }
     Ok(ExitCode::SUCCESS)

@@ -58,6 +58,8 @@ pub struct Identification {
 /// The record behind an identification.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Measurement {
+    /// The record's [identity](Record::identity): the same data, the same identity.
+    pub identity: [u8; 32],
     /// Time of the first sample.
     pub start: Timestamp,
     /// Length of the record \[s\].
@@ -123,10 +125,12 @@ impl Plan {
     /// The reason why the record gives no force.
     pub fn run(&self, record: &Record) -> Result<Identification, Rejection> {
         let estimate = self.modal.identify(record)?;
-        let seed = self.seed_of(&record.identity());
+        let identity = record.identity();
+        let seed = self.seed_of(&identity);
         let identification = self.infer(estimate.modes, seed)?;
         Ok(Identification {
             measurement: Some(Measurement {
+                identity,
                 start: record.start,
                 duration_s: record.duration_s(),
                 fs_hz: record.fs_hz,

@@ -582,7 +582,10 @@ fn folders_are_read_in_the_order_of_their_data() {
     std::fs::create_dir(folder.path().join("deep.mcap")).unwrap();
     #[cfg(unix)]
     std::os::unix::fs::symlink("/etc/hostname", folder.path().join("link.mcap")).unwrap();
-    let found = tirante::source::recordings(&[folder.path().to_owned()]).unwrap();
+    let found = tirante::source::recordings(&[folder.path().to_owned()])
+        .into_iter()
+        .collect::<Result<Vec<_>, _>>()
+        .unwrap();
     let names: Vec<_> = found
         .iter()
         .map(|path| path.file_name().unwrap().to_str().unwrap())
@@ -591,11 +594,12 @@ fn folders_are_read_in_the_order_of_their_data() {
     let empty = tempfile::tempdir().unwrap();
     assert!(
         tirante::source::recordings(&[empty.path().to_owned()])
+            .remove(0)
             .unwrap_err()
             .to_string()
             .contains("no recordings")
     );
-    assert!(tirante::source::recordings(&[empty.path().join("absent")]).is_err());
+    assert!(tirante::source::recordings(&[empty.path().join("absent")])[0].is_err());
     let told = Recording::open(empty.path(), &[], &RecordSettings::default(), Options::default())
         .map(|_| ())
         .unwrap_err();

@@ -8,7 +8,7 @@ use crate::config::Config;
 use crate::pipeline::{Limits, map_in_order};
 use crate::record::{RodChannels, RodId};
 use crate::source::{self, Event, Follow, Options, Recording, SourceError, Summary};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashSet};
 use std::fmt::{self, Display};
 use std::io;
 use std::ops::ControlFlow;
@@ -41,7 +41,7 @@ pub struct Reading {
 /// Says on stderr what came of a campaign, and gives the exit code.
 pub fn conclude(tally: Option<Tally>) -> ExitCode {
     tally.map_or(ExitCode::SUCCESS, |tally| {
-        eprintln!("{tally}");
+        tell!("{tally}");
         tally.exit_code()
     })
 }
@@ -51,6 +51,7 @@ pub fn conclude(tally: Option<Tally>) -> ExitCode {
 pub struct Tally {
     identified: usize,
     rejected: BTreeMap<&'static str, usize>,
+    repeated: usize,
     panicked: usize,
     files: usize,
     unreadable: usize,
@@ -73,7 +74,7 @@ impl Tally {
 impl Display for Tally {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let rejected: usize = self.rejected.values().sum();
-        let records = self.identified + rejected + self.panicked;
+        let records = self.identified + rejected + self.repeated + self.panicked;
         write!(
             f,
             "{records} records from {} files: {} identified",
@@ -86,6 +87,9 @@ impl Display for Tally {
                 .map(|(code, count)| format!("{count} {code}"))
                 .collect();
             write!(f, ", {rejected} rejected ({})", reasons.join(", "))?;
+        }
+        if self.repeated > 0 {
+            write!(f, ", {} left out (the same data as one before)", self.repeated)?;
         }
         if self.panicked > 0 {
             write!(f, ", {} broke the program (please report)", self.panicked)?;
@@ -102,10 +106,11 @@ impl Display for Tally {
 
 /// Runs every record of `paths` (files, or folders of them) through its rod's plan and hands the
 /// outcomes to `on_outcome` in the order of the recordings. What was lost is said on stderr. `None` if
-/// the reader of stdout has seen enough (`| head`).
+/// the reader of stdout has seen enough (`| head`). A record with the same data as one before (a copied or
+/// renamed file) is counted and left out.
 ///
 /// # Errors
-/// No path holds a recording, or `on_outcome` failed.
+/// `on_outcome` failed.
 pub fn run(
     paths: &[PathBuf],
     config: &Config,
@@ -113,9 +118,10 @@ pub fn run(
     reading: &Reading,
     mut on_outcome: impl FnMut(&Outcome, &Progress) -> io::Result<()>,
 ) -> anyhow::Result<Option<Tally>> {
-    let files = source::recordings(paths)?;
+    let files = source::recordings(paths);
     let total: u64 = files
         .iter()
+        .flatten()
         .filter_map(|file| file.metadata().ok())
         .map(|data| data.len())
         .sum();
@@ -133,6 +139,7 @@ pub fn run(
 
     let mut tally = Tally::default();
     let mut failure = None;
+    let mut seen = HashSet::new();
     map_in_order(
         input,
         Limits {
@@ -147,7 +154,11 @@ pub fn run(
         |result| {
             bar.set(done.load(Ordering::Relaxed), total);
             match result {
-                Ok(Done::Record(outcome)) => {
+                Ok(Done::Record { outcome, identity }) => {
+                    if identity.is_some_and(|identity| !seen.insert(identity)) {
+                        tally.repeated += 1;
+                        return ControlFlow::Continue(());
+                    }
                     match outcome.as_ref() {
                         Outcome::Identified(_) => tally.identified += 1,
                         Outcome::Rejected { rejection, .. } => {
@@ -210,7 +221,11 @@ enum Step {
 }
 
 enum Done {
-    Record(Box<Outcome>),
+    /// A record's outcome; the identity of its samples, if there were any to speak of.
+    Record {
+        outcome: Box<Outcome>,
+        identity: Option<[u8; 32]>,
+    },
     File(Result<Summary, SourceError>),
 }
 
@@ -230,28 +245,40 @@ fn analyse(step: Step, plans: &BTreeMap<RodId, Plan>) -> Done {
                 fs_hz: None,
                 rejection,
             };
-            return Done::Record(Box::new(outcome));
+            return Done::Record {
+                outcome: Box::new(outcome),
+                identity: None,
+            };
         }
         Step::Event(Event::Record(record)) => record,
     };
-    let outcome = match plans.get(&record.rod).map(|plan| plan.run(&record)) {
-        Some(Ok(identification)) => Outcome::Identified(Box::new(identification)),
-        Some(Err(rejection)) => Outcome::Rejected {
-            rod: record.rod.clone(),
-            start: Some(record.start),
-            duration_s: Some(record.duration_s()),
-            fs_hz: Some(record.fs_hz),
-            rejection,
-        },
+    let (identity, outcome) = match plans.get(&record.rod).map(|plan| plan.run(&record)) {
+        Some(Ok(identification)) => (
+            identification.measurement.as_ref().map(|m| m.identity),
+            Outcome::Identified(Box::new(identification)),
+        ),
+        Some(Err(rejection)) => {
+            let outcome = Outcome::Rejected {
+                rod: record.rod.clone(),
+                start: Some(record.start),
+                duration_s: Some(record.duration_s()),
+                fs_hz: Some(record.fs_hz),
+                rejection,
+            };
+            (Some(record.identity()), outcome)
+        }
         // The reader only cuts records of rods of the same configuration the plans were made from.
         None => unreachable!("the rod {} has channels but no plan", record.rod),
     };
-    Done::Record(Box::new(outcome))
+    Done::Record {
+        outcome: Box::new(outcome),
+        identity,
+    }
 }
 
 /// The events of many files, one after another, each followed by its end.
 struct Recordings {
-    files: std::vec::IntoIter<PathBuf>,
+    files: std::vec::IntoIter<Result<PathBuf, SourceError>>,
     channels: Vec<RodChannels>,
     settings: crate::record::RecordSettings,
     options: Options,
@@ -262,7 +289,7 @@ struct Recordings {
 
 impl Recordings {
     fn new(
-        files: Vec<PathBuf>,
+        files: Vec<Result<PathBuf, SourceError>>,
         channels: Vec<RodChannels>,
         config: &Config,
         follow: bool,
@@ -307,8 +334,10 @@ impl Iterator for Recordings {
                     }
                 });
             }
-            let path = self.files.next()?;
-            match Recording::open(&path, &self.channels, &self.settings, self.options.clone()) {
+            let opened = self.files.next()?.and_then(|path| {
+                Recording::open(&path, &self.channels, &self.settings, self.options.clone())
+            });
+            match opened {
                 Ok(recording) => self.open = Some(recording),
                 Err(error) => {
                     return Some(Step::File(Err(error)));

@@ -45,10 +45,10 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
 
 /// Says on standard error what is wrong with a configuration; the exit code of bad arguments.
 pub fn refuse(error: &ConfigError) -> ExitCode {
-    eprintln!("{error}");
+    tell!("{error}");
     if let ConfigError::Faults { origin, faults } = error {
         let plural = if faults.len() == 1 { "" } else { "s" };
-        eprintln!("{origin}: {} fault{plural}", faults.len());
+        tell!("{origin}: {} fault{plural}", faults.len());
     }
     ExitCode::from(super::USAGE)
 }

@@ -105,7 +105,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     match text {
         Ok(text) => print(&text?),
         Err(error) => {
-            eprintln!("tirante emulator: {error}");
+            tell!("tirante emulator: {error}");
             Ok(ExitCode::from(USAGE))
         }
     }

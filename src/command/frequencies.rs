@@ -14,6 +14,7 @@ use std::process::ExitCode;
 /// The paper's chaos is trained for that rod's prior and answers only inside it.
 #[derive(Debug, Clone, clap::Args)]
 #[command(
+    allow_negative_numbers = true,
     after_help = "Example: tirante frequencies --length 9.5 --section round --diameter 0.04 \
                         --axial-force 60e3 --spring-left 0 --spring-right 5e4"
 )]
@@ -107,17 +108,17 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let theta = match args.theta(&parameterisation) {
         Ok((theta, defaults)) => {
             if !defaults.is_empty() {
-                eprintln!("not given, taken from the paper's rod: {}", defaults.join(", "));
+                tell!("not given, taken from the paper's rod: {}", defaults.join(", "));
             }
             theta
         }
         Err(reason) => {
-            eprintln!("tirante frequencies: {reason}");
+            tell!("tirante frequencies: {reason}");
             return Ok(ExitCode::from(super::USAGE));
         }
     };
     if let Err(outside) = parameterisation.beam(&theta).check("beam") {
-        eprintln!("tirante frequencies: {outside}");
+        tell!("tirante frequencies: {outside}");
         return Ok(ExitCode::from(super::USAGE));
     }
 
@@ -225,7 +226,7 @@ fn write_table(out: &mut impl Write, answers: &[Answer], modes: usize) -> std::i
     }
     for answer in answers {
         if let Err(reason) = &answer.result {
-            eprintln!("{} has no answer: {reason}", answer.model);
+            tell!("{} has no answer: {reason}", answer.model);
         }
     }
     Ok(())

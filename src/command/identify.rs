@@ -20,6 +20,9 @@ const DEFAULT_SD_HZ: f64 = 0.031_622_776_601_683_79;
 /// Up to this share of the prior's own records as far out, people are told that the prior is doubtful.
 const PRIOR_TAIL_SHOWN: f64 = 0.002;
 
+/// No rod vibrates faster \[Hz\].
+const HIGHEST_HZ: f64 = 1e5;
+
 /// Identifies the axial force from one recording, or from natural frequencies measured elsewhere.
 ///
 /// Prints prior and posterior of every uncertain parameter, or one JSON object with --json.
@@ -80,7 +83,7 @@ fn from_frequencies(args: &Args, list: &str) -> anyhow::Result<ExitCode> {
     let mut config = args.setup.load()?;
     let modes = parse_modes(list, args.sd.as_deref())?;
     if args.sd.is_none() {
-        eprintln!("no --sd: every frequency is taken with the paper's standard error of 0.0316 Hz");
+        tell!("no --sd: every frequency is taken with the paper's standard error of 0.0316 Hz");
     }
     let rod = setup::choose_rod(&config, args.rod.as_deref())?
         .analysis
@@ -282,8 +285,11 @@ fn parse_list(flag: &str, text: &str) -> anyhow::Result<Vec<Option<f64>>> {
         .map(|entry| match entry.trim() {
             "-" | "" => Ok(None),
             number => match number.parse::<f64>() {
-                Ok(value) if value.is_finite() && value > 0.0 => Ok(Some(value)),
-                _ => Err(BadArguments(format!("{flag}: '{number}' is no positive number of hertz")).into()),
+                Ok(value) if value > 0.0 && value <= HIGHEST_HZ => Ok(Some(value)),
+                _ => Err(BadArguments(format!(
+                    "{flag}: '{number}' is no number of hertz above 0 and up to {HIGHEST_HZ}"
+                ))
+                .into()),
             },
         })
         .collect()

@@ -1,5 +1,14 @@
 //! One file per subcommand, each with one `run`.
 
+/// A line of diagnostics on stderr. A stderr that cannot be written (full, closed) is no reason to lose
+/// results, let alone to panic as the standard macro does.
+macro_rules! tell {
+    ($($part:tt)*) => {{
+        use std::io::Write as _;
+        let _ = writeln!(std::io::stderr(), $($part)*);
+    }};
+}
+
 mod campaign;
 pub mod check;
 pub mod emulator;
@@ -49,7 +58,7 @@ pub fn report(error: &anyhow::Error) -> ExitCode {
     if error.downcast_ref().is_some_and(seen_enough) {
         return ExitCode::SUCCESS;
     }
-    eprintln!("error: {error}");
+    tell!("error: {error:#}");
     if error.is::<BadArguments>() || error.is::<PlanError>() {
         ExitCode::from(USAGE)
     } else {

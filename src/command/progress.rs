@@ -55,7 +55,7 @@ impl Progress {
 
     /// A line on standard error.
     pub fn say(&self, line: &str) {
-        self.suspend(|| eprintln!("{line}"));
+        self.suspend(|| tell!("{line}"));
     }
 
     fn show(&self) {

@@ -1,5 +1,6 @@
 //! `tirante simulate`: a recording of simulated rods, with the truth known.
 
+use super::BadArguments;
 use super::check::refuse;
 use super::progress::Progress;
 use super::{USAGE, print};
@@ -7,6 +8,7 @@ use crate::config::{Config, SimulationConfig, read_text};
 use crate::record::{Channel, Unit};
 use crate::sink::{AtomicFile, ChannelId, ChannelSpec, Layout, RecordingWriter, SinkError, WriterOptions};
 use crate::synthesis::{Message, SimulatedRecord, Simulation, Synthesis, SynthesisError};
+use anyhow::Context;
 use rayon::prelude::*;
 use serde_json::json;
 use std::collections::BTreeMap;
@@ -51,21 +53,28 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         Err(error) => return Ok(refuse(&error)),
     };
     let Some(settings) = &config.simulation else {
-        eprintln!(
+        tell!(
             "{}: has no section [simulation]; config/campaign.toml shows one",
             args.config.display()
         );
         return Ok(ExitCode::from(USAGE));
     };
     if args.truth.as_ref() == Some(&args.out) {
-        eprintln!("{}: cannot be recording and truth at once", args.out.display());
-        return Ok(ExitCode::from(USAGE));
+        let both = BadArguments(format!(
+            "--out and --truth are the same file, {}",
+            args.out.display()
+        ));
+        return Err(both.into());
     }
     for path in std::iter::once(&args.out).chain(&args.truth) {
-        if path.exists() && !args.force {
-            eprintln!("{}: exists; --force overwrites it", path.display());
-            return Ok(ExitCode::from(USAGE));
-        }
+        let fault = match std::fs::metadata(path) {
+            Err(_) => continue,
+            // Moving a file over a device or a pipe would destroy it.
+            Ok(kind) if !kind.is_file() => "exists and is not a regular file",
+            Ok(_) if !args.force => "exists; --force overwrites it",
+            Ok(_) => continue,
+        };
+        return Err(BadArguments(format!("{}: {fault}", path.display())).into());
     }
     let seed = args.seed.unwrap_or(config.seed);
     let options = WriterOptions {
@@ -73,7 +82,11 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         ..WriterOptions::default()
     };
     let mut recording = Recording::new(RecordingWriter::create(&args.out, options)?, text, settings, seed)?;
-    let mut truth = args.truth.as_deref().map(AtomicFile::create).transpose()?;
+    let mut truth = args
+        .truth
+        .as_deref()
+        .map(|path| AtomicFile::create(path).with_context(|| format!("cannot write {}", path.display())))
+        .transpose()?;
     let simulation = &settings.simulation;
     let synthesis = Synthesis::new(simulation, seed);
     let records = simulation.records as u64;
@@ -91,7 +104,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         let made = match made {
             Ok(made) => made,
             Err(error) => {
-                eprintln!("{}: {error}", args.config.display());
+                tell!("{}: {error}", args.config.display());
                 return Ok(ExitCode::from(USAGE));
             }
         };

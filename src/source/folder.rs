@@ -7,34 +7,15 @@ use std::io::{BufReader, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
 /// Expands folders to their `*.mcap` files (regular files only, not below) and puts all recordings in the
-/// order of their first message; files without one come last, by name.
-pub fn recordings(paths: &[PathBuf]) -> Result<Vec<PathBuf>, SourceError> {
+/// order of their first message; files without one come last, by name. Before them stand the paths that
+/// lead to no recording, each with its reason: the others are still worth reading.
+pub fn recordings(paths: &[PathBuf]) -> Vec<Result<PathBuf, SourceError>> {
     let mut found = Vec::new();
+    let mut failed = Vec::new();
     for path in paths {
-        let failed = |source| SourceError::Io {
-            path: path.display().to_string(),
-            source,
-        };
-        if !fs::metadata(path).map_err(failed)?.is_dir() {
-            found.push(path.clone());
-            continue;
-        }
-        let before = found.len();
-        for entry in fs::read_dir(path).map_err(failed)? {
-            let entry = entry.map_err(failed)?;
-            let path = entry.path();
-            let named = path
-                .extension()
-                .is_some_and(|extension| extension.eq_ignore_ascii_case("mcap"));
-            // The entry's own type: links may lead out of the folder and are not followed.
-            if named && entry.file_type().is_ok_and(|kind| kind.is_file()) {
-                found.push(path);
-            }
-        }
-        if found.len() == before {
-            return Err(SourceError::Empty {
-                path: path.display().to_string(),
-            });
+        match expand(path) {
+            Ok(files) => found.extend(files),
+            Err(error) => failed.push(Err(error)),
         }
     }
     let mut timed: Vec<(u64, PathBuf)> = found
@@ -43,7 +24,37 @@ pub fn recordings(paths: &[PathBuf]) -> Result<Vec<PathBuf>, SourceError> {
         .collect();
     timed.sort();
     timed.dedup();
-    Ok(timed.into_iter().map(|(_, path)| path).collect())
+    failed.extend(timed.into_iter().map(|(_, path)| Ok(path)));
+    failed
+}
+
+/// The recordings of one path: itself, or a folder's.
+fn expand(path: &Path) -> Result<Vec<PathBuf>, SourceError> {
+    let failed = |source| SourceError::Io {
+        path: path.display().to_string(),
+        source,
+    };
+    if !fs::metadata(path).map_err(failed)?.is_dir() {
+        return Ok(vec![path.to_owned()]);
+    }
+    let mut files = Vec::new();
+    for entry in fs::read_dir(path).map_err(failed)? {
+        let entry = entry.map_err(failed)?;
+        let path = entry.path();
+        let named = path
+            .extension()
+            .is_some_and(|extension| extension.eq_ignore_ascii_case("mcap"));
+        // The entry's own type: links may lead out of the folder and are not followed.
+        if named && entry.file_type().is_ok_and(|kind| kind.is_file()) {
+            files.push(path);
+        }
+    }
+    if files.is_empty() {
+        return Err(SourceError::Empty {
+            path: path.display().to_string(),
+        });
+    }
+    Ok(files)
 }
 
 /// Records looked at for the first message.

@@ -14,7 +14,7 @@ use std::sync::Arc;
 pub const VERSION: u32 = 1;
 
 /// Draws from the prior that make up the pattern by which peaks are given their mode orders.
-const PATTERN_DRAWS: usize = 4096;
+const PATTERN_DRAWS: usize = 2048;
 
 /// Everything the analysis of one rod depends on.
 #[derive(Debug, Clone, PartialEq)]
@@ -87,15 +87,25 @@ impl Plan {
         model: Arc<dyn ForwardModel>,
         tables: &Tables,
     ) -> Result<Self, PlanError> {
-        let inference = Inference::plan(
-            settings.prior.clone(),
-            model,
-            settings.discrepancy.clone(),
-            settings.abc,
-            settings.modes.count,
-            tables,
-        )?;
-        let predicted = predicted_frequencies(&settings.prior, settings.seed);
+        let (inference, (predicted, ())) = rayon::join(
+            || {
+                Inference::plan(
+                    settings.prior.clone(),
+                    model,
+                    settings.discrepancy.clone(),
+                    settings.abc,
+                    settings.modes.count,
+                    tables,
+                )
+            },
+            || {
+                rayon::join(
+                    || predicted_frequencies(&settings.prior, settings.seed),
+                    Conflict::prepare,
+                )
+            },
+        );
+        let inference = inference?;
         let pattern = Pattern::new(&predicted, MAX_MODES).ok_or(PlanError::Unpredictable)?;
         let modal = ModalPlan::new(
             settings.welch,

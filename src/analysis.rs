@@ -89,15 +89,25 @@ impl Plan {
         model: Arc<dyn ForwardModel>,
         tables: &Tables,
     ) -> Result<Self, PlanError> {
-        let inference = Inference::plan(
-            settings.prior.clone(),
-            model,
-            settings.discrepancy.clone(),
-            settings.abc,
-            settings.modes.count,
-            tables,
-        )?;
-        let predicted = predicted_frequencies(&settings.prior, settings.seed);
+        let (inference, (predicted, ())) = rayon::join(
+            || {
+                Inference::plan(
+                    settings.prior.clone(),
+                    model,
+                    settings.discrepancy.clone(),
+                    settings.abc,
+                    settings.modes.count,
+                    tables,
+                )
+            },
+            || {
+                rayon::join(
+                    || predicted_frequencies(&settings.prior, settings.seed),
+                    Conflict::prepare,
+                )
+            },
+        );
+        let inference = inference?;
         let pattern = Pattern::new(&predicted, MAX_MODES).ok_or(PlanError::Unpredictable)?;
         let modal = ModalPlan::new(
             settings.welch,

@@ -48,6 +48,13 @@ pub struct Conflict {
     pub prior_tail: f64,
 }
 
+impl Conflict {
+    /// Solves the grid that every score starts from, once a process; else the first score does.
+    pub fn prepare() {
+        LazyLock::force(&LINES);
+    }
+}
+
 /// A ratio of two observed frequencies that no tensioned beam on rotational springs has.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Violation {
@@ -159,6 +166,11 @@ type Point = [f64; 3];
 
 /// n G_n of all modes at a point, up to a common factor.
 fn pattern(point: Point) -> [f64; MAX_MODES] {
+    pattern_of(0..MAX_MODES, point)
+}
+
+/// The same of some modes, counted from zero; the others stay zero.
+fn pattern_of(modes: impl Iterator<Item = usize>, point: Point) -> [f64; MAX_MODES] {
     let u = point[0].clamp(1e-7, 1.0 - 1e-4);
     let lambda = 0.1 * u / (1.0 - u);
     let supports = [point[1], point[2]].map(|fixity| {
@@ -166,10 +178,12 @@ fn pattern(point: Point) -> [f64; MAX_MODES] {
         Support::from_stiffness(stiffness, 1.0)
     });
     let tension = 1.0 / (lambda * lambda);
-    std::array::from_fn(|i| {
+    let mut pattern = [0.0; MAX_MODES];
+    for i in modes {
         let wavenumber = exact::wavenumber(i + 1, tension, &supports);
-        wavenumber / PI * (1.0 + (lambda * wavenumber).powi(2)).sqrt()
-    })
+        pattern[i] = wavenumber / PI * (1.0 + (lambda * wavenumber).powi(2)).sqrt();
+    }
+    pattern
 }
 
 /// The patterns of one pair of fixities along tension, string first.
@@ -298,7 +312,7 @@ impl Data<'_> {
     }
 
     fn at(&self, point: Point) -> Fit {
-        self.fit(&pattern(point))
+        self.fit(&pattern_of(self.orders.iter().map(|order| order - 1), point))
     }
 }
 

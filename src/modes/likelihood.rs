@@ -322,6 +322,10 @@ impl<R: Response> Kernel for Gather<'_, R> {
         // Its own, so that the compiler sees that nothing else points there.
         let mut sums = [[0.0; LANES]; SUMS];
         for block in blocks {
+            #[expect(
+                clippy::needless_range_loop,
+                reason = "one index for all quantities of a lane"
+            )]
             for l in 0..LANES {
                 let x = block.x[l];
                 let (hr, hi, p) = response.at(block.frequency_hz[l]);
@@ -397,4 +401,40 @@ fn reduce(m: &Moments) -> Option<Reduced> {
         jj: m.jj - dot(&j, &j).re,
         log_det: 2.0 * (l00.ln() + l11.ln()),
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::modes::band::Coefficients;
+
+    #[test]
+    fn wide_and_narrow_vectors_give_the_same_bits() {
+        let lines = (0..203).map(|i| Complex::new((i as f64).sin(), (1.7 * i as f64).cos()));
+        let coefficients = Coefficients {
+            duration_s: 20.0,
+            lines: lines.collect(),
+        };
+        let band = coefficients.band(1.0, 8.9, &[], |f| 0.1 * (f - 5.0).abs());
+        let sums = |wide: bool| {
+            let mut sums = [[0.0; LANES]; SUMS];
+            let gather = Gather {
+                blocks: band.blocks(),
+                slope: 0.1,
+                ratio: 300.0,
+                response: Resonant {
+                    damped: 5.0,
+                    gamma: 0.02,
+                },
+                sums: &mut sums,
+            };
+            if wide {
+                vectorised(gather);
+            } else {
+                gather.run();
+            }
+            sums.map(|lanes| lanes.map(f64::to_bits))
+        };
+        assert_eq!(sums(true), sums(false));
+    }
 }

@@ -3,6 +3,7 @@
 use super::optimum::Optimum;
 use nalgebra::{Matrix4, Vector4};
 use statrs::distribution::{ContinuousCDF, Normal};
+use std::sync::LazyLock;
 
 /// Widths of the proposal's three normal components, in standard deviations of the Gaussian it is
 /// built on: the wide ones reach the tails of a skewed posterior.
@@ -45,6 +46,26 @@ pub fn moments(log_posterior: impl Fn(&[f64; 4]) -> Option<f64>, start: &Optimum
     found.filter(|m| m.effective >= LEAST_EFFECTIVE)
 }
 
+/// The points before scaling, with the proposal's log density there: one of each mirrored pair.
+static POINTS: LazyLock<Vec<(Vector4<f64>, f64)>> = LazyLock::new(|| {
+    // Root of x^5 = x + 1.
+    const GOLDEN: f64 = 1.167_303_978_261_418_7;
+    let normal = Normal::standard();
+    let point = |i: usize| {
+        let z = Vector4::from_fn(|j, _| {
+            let u = (0.5 + (i + 1) as f64 * GOLDEN.powi(-(j as i32 + 1))).fract();
+            WIDTHS[i % WIDTHS.len()] * normal.inverse_cdf(u.clamp(1e-9, 1.0 - 1e-9))
+        });
+        let square = z.norm_squared();
+        let proposal: f64 = WIDTHS
+            .iter()
+            .map(|w| (-0.5 * square / (w * w)).exp() / w.powi(4))
+            .sum();
+        (z, proposal.ln())
+    };
+    (0..PAIRS[0].max(PAIRS[1])).map(point).collect()
+});
+
 fn sample(
     log_posterior: &impl Fn(&[f64; 4]) -> Option<f64>,
     mean: &Vector4<f64>,
@@ -52,28 +73,14 @@ fn sample(
     reference: f64,
     pairs: usize,
 ) -> Option<Moments> {
-    // Root of x^5 = x + 1.
-    const GOLDEN: f64 = 1.167_303_978_261_418_7;
-    let normal = Normal::standard();
     let factor = covariance.cholesky()?.l();
     let mut points = Vec::with_capacity(2 * pairs);
-    for i in 0..pairs {
-        let z = Vector4::from_fn(|j, _| {
-            let u = (0.5 + (i + 1) as f64 * GOLDEN.powi(-(j as i32 + 1))).fract();
-            normal.inverse_cdf(u.clamp(1e-9, 1.0 - 1e-9))
-        });
-        for sign in [1.0, -1.0] {
-            let z = z * (sign * WIDTHS[i % WIDTHS.len()]);
-            let x = mean + factor * z;
-            let Some(log_target) = log_posterior(&x.into()) else {
-                continue;
-            };
-            let square = z.norm_squared();
-            let proposal: f64 = WIDTHS
-                .iter()
-                .map(|w| (-0.5 * square / (w * w)).exp() / w.powi(4))
-                .sum();
-            points.push((x, log_target - reference - proposal.ln()));
+    for (z, log_proposal) in &POINTS[..pairs] {
+        let step = factor * z;
+        for x in [mean + step, mean - step] {
+            if let Some(log_target) = log_posterior(&x.into()) {
+                points.push((x, log_target - reference - log_proposal));
+            }
         }
     }
     let highest = points.iter().map(|p| p.1).fold(f64::NEG_INFINITY, f64::max);

@@ -35,6 +35,13 @@ pub struct Refinement {
     pub resonances: Vec<Resonance>,
 }
 
+/// A maximum of the likelihood, with the band it was found in.
+struct Found {
+    band: Band,
+    top: Optimum,
+    half_width_hz: f64,
+}
+
 /// One fitted peak.
 #[derive(Debug, Clone, Copy)]
 struct Fit {
@@ -71,28 +78,38 @@ pub fn refine(
     };
     let mut by_height: Vec<usize> = (0..peaks.len()).collect();
     by_height.sort_by(|&a, &b| peaks[b].height_db.total_cmp(&peaks[a].height_db));
+    // Where the peaks are, by curvature alone; then, each beside all others, their errors.
     let mut fits: Vec<Fit> = Vec::new();
+    let mut maxima: Vec<Found> = Vec::new();
     for &i in &by_height {
         let peak_hz = peaks[i].frequency_hz;
         if fits.iter().any(|fit| context.same(fit, peak_hz)) {
             continue;
         }
-        if let Some(fit) = context.fit(peak_hz, &fits, None)
+        let found = context.maximum(peak_hz, None, &fits, None);
+        if let Some((found, fit)) =
+            found.and_then(|found| context.provisional(&found).map(|fit| (found, fit)))
             && !fits
                 .iter()
                 .any(|other| context.same(other, fit.resonance.frequency_hz))
         {
             fits.push(fit);
+            maxima.push(found);
         }
     }
-    let mut resonances: Vec<Resonance> = (0..fits.len())
-        .filter_map(|n| {
+    let mut resonances: Vec<Resonance> = maxima
+        .iter()
+        .enumerate()
+        .filter_map(|(n, found)| {
             let others: Vec<Fit> = (0..fits.len()).filter(|&m| m != n).map(|m| fits[m]).collect();
-            if context.disturbed(&fits[n], &others) {
-                let again = context.fit(fits[n].resonance.frequency_hz, &others, Some(fits[n].value.noise));
-                return again.map(|fit| fit.resonance);
-            }
-            Some(fits[n].resonance)
+            let fit = if context.disturbed(&fits[n], &others) {
+                let at = fits[n].parameters;
+                let level = Some(fits[n].value.noise);
+                context.with_errors(&context.maximum(at.frequency_hz, Some(at), &others, level)?)
+            } else {
+                context.with_errors(found)
+            };
+            fit.map(|fit| fit.resonance)
         })
         .collect();
     resonances.sort_by(|a, b| a.frequency_hz.total_cmp(&b.frequency_hz));
@@ -164,12 +181,27 @@ impl Context<'_> {
         band
     }
 
-    /// Fits the peak; `level` is the noise floor if an earlier fit found it.
-    fn fit(&self, peak_hz: f64, others: &[Fit], level: Option<f64>) -> Option<Fit> {
+    /// The likelihood's maximum at a peak; `before` and `level` are its place and the noise floor if an
+    /// earlier fit found them.
+    fn maximum(
+        &self,
+        peak_hz: f64,
+        before: Option<Parameters>,
+        others: &[Fit],
+        level: Option<f64>,
+    ) -> Option<Found> {
         let limits = self.limits(peak_hz, others);
         let mut half = HALF_WIDTHS * 0.01 * peak_hz;
-        let mut band = self.band((peak_hz, half, 0.5 * self.line_hz), limits, others, level);
-        let mut start = self.start(&band, peak_hz)?;
+        let mut core = 0.5 * self.line_hz;
+        if let Some(before) = before {
+            core = before.log_damping.exp() * before.frequency_hz;
+            half = HALF_WIDTHS * core;
+        }
+        let mut band = self.band((peak_hz, half, core), limits, others, level);
+        let mut start = match before {
+            Some(before) => before,
+            None => self.start(&band, peak_hz)?,
+        };
         for last in [false, false, true] {
             let top = self.climb(&band, start)?;
             let p = Parameters::from_array(top.at);
@@ -178,12 +210,33 @@ impl Context<'_> {
             let next = self.band((p.frequency_hz, wanted, gamma), limits, others, level);
             let ratio = next.lines / band.lines.max(1.0);
             if last || (0.45..1.6).contains(&ratio) {
-                let (p, sd, log_sd) = self.errors(&band, &top);
-                return self.judge(&band, p, sd, log_sd, half);
+                return Some(Found {
+                    band,
+                    top,
+                    half_width_hz: half,
+                });
             }
             (half, band, start) = (wanted, next, p);
         }
         None
+    }
+
+    /// The fit at a maximum with the errors that its curvature promises.
+    fn provisional(&self, found: &Found) -> Option<Fit> {
+        let sd = |i: usize| found.top.covariance[(i, i)].sqrt();
+        self.judge(
+            &found.band,
+            Parameters::from_array(found.top.at),
+            sd(0),
+            sd(1),
+            found.half_width_hz,
+        )
+    }
+
+    /// The fit at a maximum with its standard errors.
+    fn with_errors(&self, found: &Found) -> Option<Fit> {
+        let (p, sd, log_sd) = self.errors(&found.band, &found.top);
+        self.judge(&found.band, p, sd, log_sd, found.half_width_hz)
     }
 
     /// The best of a coarse grid of parameters around a picked peak.

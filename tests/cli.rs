@@ -201,3 +201,115 @@ fn every_command_has_help_with_an_example() {
         assert!(page.contains("Example"), "{name} --help has no example:\n{page}");
     }
 }
+
+#[test]
+fn one_bad_path_does_not_stop_the_others_and_copies_are_left_out() {
+    let cache = tempfile::tempdir().unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let good = concat!(env!("CARGO_MANIFEST_DIR"), "/recordings/todi-pull.mcap");
+    let copy = folder.path().join("copy.mcap");
+    fs::copy(good, &copy).unwrap();
+    let output = tirante(&cache)
+        .args(["replay", "--json", "no/such.mcap", good])
+        .arg(&copy)
+        .output()
+        .unwrap();
+    let said = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(3), "{said}");
+    assert_eq!(text(&output.stdout).lines().count(), 1);
+    assert!(
+        said.contains("no/such.mcap") && said.contains("1 left out"),
+        "{said}"
+    );
+}
+
+#[test]
+#[cfg(target_os = "linux")]
+fn a_full_stdout_is_exit_1_and_a_full_stderr_loses_nothing() {
+    use std::process::{Command, Stdio};
+    let cache = tempfile::tempdir().unwrap();
+    let full = || Stdio::from(fs::OpenOptions::new().write(true).open("/dev/full").unwrap());
+    let made = cache.path().join("made.mcap");
+    let run = |arguments: &[&str], stdout: Stdio, stderr: Stdio| {
+        Command::new(env!("CARGO_BIN_EXE_tirante"))
+            .current_dir(env!("CARGO_MANIFEST_DIR"))
+            .env("TIRANTE_CACHE_DIR", cache.path())
+            .args(arguments)
+            .stdout(stdout)
+            .stderr(stderr)
+            .spawn()
+            .unwrap()
+            .wait_with_output()
+            .unwrap()
+    };
+    let replay = ["replay", "recordings/todi-pull.mcap"];
+    let out = ["--out", made.to_str().unwrap()];
+    let simulate = [&["simulate", "--config", "config/todi.toml"], &out[..]].concat();
+    for arguments in [
+        &replay[..],
+        &simulate,
+        &["check"],
+        &["identify", "--frequencies", "4.5"],
+    ] {
+        let output = run(arguments, full(), Stdio::piped());
+        let said = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(1), "{arguments:?}: {said}");
+        assert!(!said.contains("panicked"), "{arguments:?}: {said}");
+    }
+    let output = run(&replay, Stdio::piped(), full());
+    assert_eq!(output.status.code(), Some(0));
+    assert!(text(&output.stdout).contains("kN"));
+}
+
+#[test]
+fn a_growing_recording_gives_what_the_finished_one_gives() {
+    use std::io::Write;
+    let cache = tempfile::tempdir().unwrap();
+    let whole = fs::read(concat!(env!("CARGO_MANIFEST_DIR"), "/recordings/todi-pull.mcap")).unwrap();
+    let path = cache.path().join("growing.mcap");
+    let mut file = fs::File::create(&path).unwrap();
+    file.write_all(&whole[..7]).unwrap();
+    let follower = std::process::Command::new(env!("CARGO_BIN_EXE_tirante"))
+        .env("TIRANTE_CACHE_DIR", cache.path())
+        .args(["replay", "--follow", "--json"])
+        .arg(&path)
+        .stdout(std::process::Stdio::piped())
+        .spawn()
+        .unwrap();
+    for piece in whole[7..].chunks(whole.len() / 9) {
+        std::thread::sleep(std::time::Duration::from_millis(50));
+        file.write_all(piece).unwrap();
+    }
+    let followed = follower.wait_with_output().unwrap();
+    let read = tirante(&cache)
+        .args(["replay", "--json"])
+        .arg(&path)
+        .output()
+        .unwrap();
+    assert_eq!(text(&followed.stdout), text(&read.stdout));
+    assert_eq!(text(&read.stdout).lines().count(), 1);
+}
+
+#[test]
+fn simulate_destroys_nothing_it_should_not() {
+    let cache = tempfile::tempdir().unwrap();
+    let target = cache.path().join("a.mcap");
+    let target = target.to_str().unwrap();
+    fs::write(target, "kept").unwrap();
+    let device = if cfg!(unix) { "/dev/null" } else { "." };
+    for (files, wanted) in [
+        (vec!["--out", target], "exists"),
+        (vec!["--out", target, "--truth", target, "--force"], "same file"),
+        (vec!["--out", device, "--force"], "not a regular file"),
+    ] {
+        let output = tirante(&cache)
+            .args(["simulate", "--config", "config/todi.toml"])
+            .args(&files)
+            .output()
+            .unwrap();
+        let said = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{files:?}: {said}");
+        assert!(said.contains(wanted), "{files:?}: {said}");
+    }
+    assert_eq!(fs::read(target).unwrap(), b"kept");
+}

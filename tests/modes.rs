@@ -9,8 +9,9 @@ use rand::RngExt;
 use rayon::prelude::*;
 use simulator::{SimulatedMode, ambient_sd, normal, simulate};
 use std::f64::consts::PI;
-use tirante::bayes::RodPrior;
+use tirante::bayes::{Prior, RodPrior};
 use tirante::beam::exact::Exact;
+use tirante::beam::{Parameterisation, Section};
 use tirante::forward::ForwardModel;
 use tirante::modes::{ModalPlan, ModeSettings, Pattern, Resonance, label};
 use tirante::random;
@@ -22,7 +23,11 @@ const FS: f64 = 100.0;
 
 /// The paper's rod: draws from its prior through the exact solver.
 fn pattern(modes: usize) -> Pattern {
-    let prior = RodPrior::todi();
+    pattern_of(&RodPrior::todi(), modes)
+}
+
+/// Draws from a rod's prior through the exact solver.
+fn pattern_of(prior: &RodPrior, modes: usize) -> Pattern {
     let exact = Exact::new(*prior.parameterisation());
     let mut rng = random::stream(5, 0);
     let mut theta = vec![0.0; prior.parameterisation().len()];
@@ -243,6 +248,33 @@ fn missing_higher_and_foreign_peaks_do_not_shift_the_orders() {
     let all = [(1, 5.0), (2, 10.3), (3, 16.2)];
     assert_eq!(labels(&[5.0, 10.3, 16.2, 22.5, 29.7]).unwrap(), all);
     assert_eq!(labels(&[3.1, 5.0, 7.7, 10.3, 16.2, 19.0]).unwrap(), all);
+}
+
+/// A real case of the whole-program campaign: 383 kN where the prior said 1101 +- 220. The lowest two
+/// peaks were called foreign, the next two modes 2 and 3, and the force came out four times too large.
+#[test]
+fn a_rod_far_from_its_guessed_force_keeps_its_orders() {
+    let normal = |mean: f64, cv: f64| Prior::TruncatedNormal { mean, sd: cv * mean };
+    let spring = Prior::Uniform {
+        low: 0.0,
+        high: 2.005e6,
+    };
+    let priors = vec![
+        normal(1.1008e6, 0.2),
+        normal(2.0e11, 0.3),
+        normal(7700.0, 0.1),
+        normal(0.08769, 0.03),
+        spring,
+        spring,
+        Prior::Fixed { value: 6.7157 },
+    ];
+    let prior = RodPrior::new(Parameterisation::new(Section::Round), priors).unwrap();
+    let pattern = pattern_of(&prior, 5);
+    let peaks: Vec<Resonance> = [8.3085, 19.0571, 34.0965, 53.9982].map(resonance).to_vec();
+    let found = label(&peaks, &pattern, &ModeSettings::default(), &[0.01; 3]).unwrap();
+    let orders: Vec<usize> = found.modes.iter().map(|mode| mode.order).collect();
+    assert_eq!(orders, [1, 2, 3]);
+    assert!((found.modes[2].frequency_hz - 34.0965).abs() < 1e-9);
 }
 
 #[test]

@@ -1,7 +1,7 @@
 //! `tirante identify`: one recording, or frequencies measured elsewhere, to the posterior.
 
 use super::campaign::{self, Reading};
-use super::render::{self, CONFLICT_SHOWN, Outcome};
+use super::render::{self, CONFLICT_SHOWN, Outcome, PRIOR_TAIL_SHOWN};
 use super::setup::{self, Setup};
 use super::{BadArguments, WITH_LOSSES};
 use crate::analysis::{Identification, Plan};
@@ -16,9 +16,6 @@ use std::process::ExitCode;
 
 /// Standard error of a frequency given without one \[Hz\]: the paper's Sigma = 1e-3 Hz^2.
 const DEFAULT_SD_HZ: f64 = 0.031_622_776_601_683_79;
-
-/// Up to this share of the prior's own records as far out, people are told that the prior is doubtful.
-const PRIOR_TAIL_SHOWN: f64 = 0.002;
 
 /// No rod vibrates faster \[Hz\].
 const HIGHEST_HZ: f64 = 1e5;

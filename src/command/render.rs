@@ -12,6 +12,9 @@ use std::fmt::Write;
 /// From this many standard deviations on, people are told that model and data disagree.
 pub const CONFLICT_SHOWN: f64 = 3.0;
 
+/// Up to this share of the prior's own records as far out, people are told that the prior is doubtful.
+pub const PRIOR_TAIL_SHOWN: f64 = 0.01;
+
 /// The state of a rod whose force is not tracked.
 const NOT_MONITORING: &str = "not-monitoring";
 
@@ -264,7 +267,11 @@ impl Table {
             None => ("-".to_owned(), "-".to_owned()),
         };
         let score = identification.conflict.score;
-        let mark = if score >= CONFLICT_SHOWN { " !" } else { "" };
+        let mark = match () {
+            () if score >= CONFLICT_SHOWN => " !",
+            () if identification.conflict.prior_tail <= PRIOR_TAIL_SHOWN => " ?",
+            () => "",
+        };
         let _ = write!(
             line,
             "  {force:>17}  {interval:>13}  {:>8}",

@@ -17,7 +17,8 @@ use std::process::ExitCode;
   tirante replay /data/2026 --config site.toml --json > forces.jsonl
 
 A ' !' behind the conflict says that no parameters of the model reproduce the measured frequencies
-within their errors: the force may be wrong by more than its interval says.")]
+within their errors: the force may be wrong by more than its interval says. A ' ?' says that hardly
+any rod the prior allows has such frequencies: check length, section, material and expected force.")]
 pub struct Args {
     /// MCAP recordings, or folders of them.
     #[arg(value_name = "PATH", required = true)]

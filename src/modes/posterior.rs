@@ -8,8 +8,8 @@ use std::sync::LazyLock;
 /// Widths of the proposal's three normal components, in standard deviations of the Gaussian it is
 /// built on: the wide ones reach the tails of a skewed posterior.
 const WIDTHS: [f64; 3] = [0.8, 1.3, 2.2];
-/// Pairs of points in each of two rounds; the second starts from what the first found.
-const PAIRS: [usize; 2] = [72, 120];
+/// Groups of four points in each of two rounds; the second starts from what the first found.
+const GROUPS: [usize; 2] = [36, 60];
 /// Fewest effective points for a result to be used.
 const LEAST_EFFECTIVE: f64 = 20.0;
 
@@ -27,14 +27,17 @@ pub struct Moments {
 /// Moments of `exp(log_posterior)` starting from Laplace's approximation; `None` if the points miss
 /// the posterior.
 ///
-/// The points are an additive recurrence (golden ratio of dimension four) in mirrored pairs, so the
-/// result has no randomness and is exact for a Gaussian's mean.
+/// The points are an additive recurrence (golden ratio of dimension four) in groups of four: each with its
+/// mirror image, and both with the first parameter (the frequency) mirrored alone. So the result has no
+/// randomness and is exact for a Gaussian's mean; and what skews the other parameters cannot lean on the
+/// frequency through a chance correlation of the fixed points (in mirrored pairs alone it did, by 0.18
+/// standard deviations in every record).
 pub fn moments(log_posterior: impl Fn(&[f64; 4]) -> Option<f64>, start: &Optimum) -> Option<Moments> {
     let mut mean = Vector4::from(start.at);
     let mut covariance = start.covariance;
     let mut found = None;
-    for pairs in PAIRS {
-        let round = sample(&log_posterior, &mean, &covariance, start.value, pairs)?;
+    for groups in GROUPS {
+        let round = sample(&log_posterior, &mean, &covariance, start.value, groups)?;
         if round.effective < 0.25 * LEAST_EFFECTIVE {
             return None;
         }
@@ -46,7 +49,7 @@ pub fn moments(log_posterior: impl Fn(&[f64; 4]) -> Option<f64>, start: &Optimum
     found.filter(|m| m.effective >= LEAST_EFFECTIVE)
 }
 
-/// The points before scaling, with the proposal's log density there: one of each mirrored pair.
+/// The points before scaling, with the proposal's log density there: one of each group.
 static POINTS: LazyLock<Vec<(Vector4<f64>, f64)>> = LazyLock::new(|| {
     // Root of x^5 = x + 1.
     const GOLDEN: f64 = 1.167_303_978_261_418_7;
@@ -63,7 +66,7 @@ static POINTS: LazyLock<Vec<(Vector4<f64>, f64)>> = LazyLock::new(|| {
             .sum();
         (z, proposal.ln())
     };
-    (0..PAIRS[0].max(PAIRS[1])).map(point).collect()
+    (0..GROUPS[0].max(GROUPS[1])).map(point).collect()
 });
 
 fn sample(
@@ -71,13 +74,14 @@ fn sample(
     mean: &Vector4<f64>,
     covariance: &Matrix4<f64>,
     reference: f64,
-    pairs: usize,
+    groups: usize,
 ) -> Option<Moments> {
     let factor = covariance.cholesky()?.l();
-    let mut points = Vec::with_capacity(2 * pairs);
-    for (z, log_proposal) in &POINTS[..pairs] {
+    let mut points = Vec::with_capacity(4 * groups);
+    for (z, log_proposal) in &POINTS[..groups] {
         let step = factor * z;
-        for x in [mean + step, mean - step] {
+        let other = factor * Vector4::new(-z[0], z[1], z[2], z[3]);
+        for x in [mean + step, mean - step, mean + other, mean - other] {
             if let Some(log_target) = log_posterior(&x.into()) {
                 points.push((x, log_target - reference - log_proposal));
             }
@@ -129,5 +133,17 @@ mod tests {
         assert!((found.covariance[(0, 0)].sqrt() / 1.284 - 1.0).abs() < 0.12);
         assert!((found.covariance[(2, 2)].sqrt() - 1.0).abs() < 0.1);
         assert!(found.mean[0].abs() < 0.1);
+    }
+
+    /// The second parameter is skewed, the first is normal and independent of it: its mean is zero. Mirrored
+    /// pairs alone do not give that.
+    #[test]
+    fn a_skewed_neighbour_does_not_move_the_frequency() {
+        let log =
+            |p: &[f64; 4]| Some(3.0 * (p[1] - p[1].exp()) - 0.5 * (p[0] * p[0] + p[2] * p[2] + p[3] * p[3]));
+        let start = super::super::optimum::maximise(log, [0.1, 0.0, 0.1, 0.0], [1.0; 4]).unwrap();
+        let found = moments(log, &start).unwrap();
+        // The maximum is exact to rounding for a quadratic, and so is the symmetry of the points about it.
+        assert!(found.mean[0].abs() < 1e-3, "{}", found.mean[0]);
     }
 }

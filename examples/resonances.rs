@@ -31,6 +31,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         fs_hz,
         samples,
         temperature_c: None,
+        readings: Vec::new(),
         excitation,
         flags: Vec::new(),
     };

@@ -6,7 +6,7 @@ use crate::emulator::ModelSettings;
 use crate::forward::{ForwardModel, MAX_MODES};
 use crate::modes::{ModalPlan, Mode, ModeSettings, Pattern};
 use crate::random;
-use crate::record::{Flag, Record, Rejection, RodId, Timestamp};
+use crate::record::{Flag, Reading, Record, Rejection, RodId, Timestamp};
 use crate::spectrum::{PeakSettings, WelchSettings};
 use std::sync::Arc;
 
@@ -68,6 +68,10 @@ pub struct Measurement {
     pub fs_hz: f64,
     /// Mean temperature during the record \[degC\], if measured.
     pub temperature_c: Option<f64>,
+    /// Temperature readings since the rod's record before this one, ascending in time.
+    pub readings: Vec<Reading>,
+    /// Root mean square of the samples, SI of their unit.
+    pub rms: f64,
     /// What the quality checks noticed.
     pub flags: Vec<Flag>,
 }
@@ -145,6 +149,8 @@ impl Plan {
                 duration_s: record.duration_s(),
                 fs_hz: record.fs_hz,
                 temperature_c: record.temperature_c,
+                readings: record.readings.clone(),
+                rms: record.rms(),
                 flags: record.flags.clone(),
             }),
             ..identification

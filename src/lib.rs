@@ -3,7 +3,7 @@
 //! A record flows one way:
 //!
 //! ```text
-//! Source -> Record -> Spectrum -> Modes -> Identification -> output
+//! Source -> Record -> Spectrum -> Modes -> Identification -> Track -> Verdict -> Store -> output
 //! ```
 //!
 //! Pure (functions of their arguments; no file, clock, thread pool of its own or global generator,
@@ -16,6 +16,7 @@
 //! * [`emulator`] chaos expansions that stand in for the beam, with their error reports
 //! * [`bayes`]    priors, approximate Bayesian computation, posteriors, conflict
 //! * [`analysis`] a plan once per rod, then one pure `run` per record
+//! * [`track`]    the relative force over time: baseline, temperature, charts, alarms; one pure fold per rod
 //! * [`synthesis`] displacement histories of a simulated rod, faults included
 //! * [`random`]   seeds and counter-based streams
 //! * `wide`       inner loops on the widest vectors a processor has
@@ -25,6 +26,8 @@
 //! * [`source`]   recordings in: MCAP, message decoding
 //! * [`sink`]     recordings out: MCAP
 //! * [`cache`]    fitted emulators on disk
+//! * [`store`]    what is remembered: SQLite, one transaction per record
+//! * [`plot`]     figures and the report page
 //! * [`pipeline`] reading and computing at once, results in order
 //! * [`cli`], [`command`] arguments as typed, one file per subcommand
 //!
@@ -41,10 +44,13 @@ pub mod emulator;
 pub mod forward;
 pub mod modes;
 pub mod pipeline;
+pub mod plot;
 pub mod random;
 pub mod record;
 pub mod sink;
 pub mod source;
 pub mod spectrum;
+pub mod store;
 pub mod synthesis;
+pub mod track;
 mod wide;

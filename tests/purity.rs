@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-const PURE: [&str; 11] = [
+const PURE: [&str; 12] = [
     "record",
     "spectrum",
     "modes",
@@ -13,11 +13,12 @@ const PURE: [&str; 11] = [
     "bayes",
     "analysis.rs",
     "synthesis",
+    "track",
     "random.rs",
     "wide.rs",
 ];
 
-const FORBIDDEN: [&str; 20] = [
+const FORBIDDEN: [&str; 22] = [
     "tokio",
     "std::fs",
     "std::env",
@@ -38,6 +39,8 @@ const FORBIDDEN: [&str; 20] = [
     "crate::source",
     "crate::sink",
     "crate::command",
+    "crate::store",
+    "crate::plot",
 ];
 
 fn rust_files(path: &Path, found: &mut Vec<PathBuf>) {

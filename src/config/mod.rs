@@ -4,6 +4,7 @@
 //! `Config::read`, and its keys in `docs/configuration.md` (a test compares the two).
 
 mod abc;
+mod alarm;
 mod channel;
 mod effective;
 mod emulator;
@@ -18,8 +19,10 @@ mod setting;
 mod simulation;
 mod site;
 mod spectrum;
+mod store;
 mod suggestion;
 mod take;
+mod track;
 mod value;
 
 pub use effective::KeyReference;
@@ -29,13 +32,14 @@ pub use simulation::{SimulationConfig, field_of};
 
 use crate::analysis::AnalysisSettings;
 use crate::record::{RecordSettings, RodChannels};
+use crate::track::{AlarmSettings, TrackSettings};
 
 use fault::Faults;
 use reader::Table;
 use sha2::{Digest, Sha256};
 use std::fs::File;
 use std::io::Read;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use toml::de::DeTable;
 
 /// The longest configuration read \[bytes\].
@@ -54,6 +58,12 @@ pub struct Config {
     pub rods: Vec<RodConfig>,
     /// How samples are cut into records and when a record is refused.
     pub record: RecordSettings,
+    /// How the relative force is followed.
+    pub track: TrackSettings,
+    /// When somebody is told.
+    pub alarm: AlarmSettings,
+    /// The database file, if one is named.
+    pub store: Option<PathBuf>,
     /// What `simulate` writes; none if the configuration has no `[simulation]`.
     pub simulation: Option<SimulationConfig>,
     effective: effective::Node,
@@ -174,6 +184,9 @@ impl Config {
             "The forward model that answers for the frequencies.",
             emulator::read,
         );
+        let track = root.section("track", "How the relative force is followed.", track::read);
+        let alarm = root.section("alarm", "When somebody is told.", alarm::read);
+        let store = root.section("store", "Where results are kept.", store::read);
         let shared = rod::Shared {
             welch,
             peaks,
@@ -196,6 +209,9 @@ impl Config {
             seed,
             rods: rods.into_iter().collect::<Option<Vec<_>>>()?,
             record,
+            track,
+            alarm,
+            store,
             simulation,
             effective: effective::Node::root(),
         })

@@ -22,6 +22,11 @@ impl Table<'_> {
         )
     }
 
+    /// A number that may be absent; `without` says what holds then.
+    pub(super) fn optional_number(&mut self, key: Key, range: Range, without: &'static str) -> Option<f64> {
+        self.maybe_number(key, range, Absent::Nothing(without))
+    }
+
     /// A whole number from `low` to `high` with a default.
     pub(super) fn integer(&mut self, key: Key, low: u64, high: u64, default: u64) -> u64 {
         self.take(

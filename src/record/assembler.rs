@@ -484,6 +484,7 @@ impl Assembler {
             fs_hz,
             samples: checked.samples,
             temperature_c: None,
+            readings: Vec::new(),
             excitation: match self.settings.cut {
                 Cut::FreeDecay { .. } => Excitation::FreeDecay,
                 Cut::File | Cut::Window { .. } => Excitation::Ambient,

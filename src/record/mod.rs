@@ -14,14 +14,15 @@ pub use assembler::{Assembler, Event};
 pub use channel::{Channel, RodChannels, TimeSource, Unit};
 pub use rejection::{Flag, Rejection};
 pub use settings::{Cut, RecordSettings};
+pub use temperature::Reading;
 pub use time::Timestamp;
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use std::fmt;
 
 /// The name of a rod, unique within a site.
-#[derive(Debug, Clone, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct RodId(pub String);
 
@@ -54,6 +55,8 @@ pub struct Record {
     pub samples: Vec<f64>,
     /// Mean temperature during the record \[degC\], if there is a channel for it.
     pub temperature_c: Option<f64>,
+    /// Temperature readings since the rod's record before this one, those within it included, ascending in time.
+    pub readings: Vec<Reading>,
     /// How the rod was set in motion.
     pub excitation: Excitation,
     /// What the quality checks noticed without rejecting it.
@@ -64,6 +67,13 @@ impl Record {
     /// Length of the record \[s\]: samples over sample rate.
     pub fn duration_s(&self) -> f64 {
         self.samples.len() as f64 / self.fs_hz
+    }
+
+    /// Root mean square of the samples about their mean, SI of their unit.
+    pub fn rms(&self) -> f64 {
+        let count = self.samples.len().max(1) as f64;
+        let mean = self.samples.iter().sum::<f64>() / count;
+        (self.samples.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / count).sqrt()
     }
 
     /// Identity by content: SHA-256 of rod, start, sample rate and samples, so that a copied or

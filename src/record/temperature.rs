@@ -1,12 +1,22 @@
 //! The temperature beside a record: its mean over the record's time span.
 
 use super::Timestamp;
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
 /// How old the last reading may be when none falls into a record \[s\].
 const STALE_S: i64 = 900;
 /// Seconds of readings kept.
 const KEPT: usize = 20_000;
+
+/// One temperature reading.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Reading {
+    /// When.
+    pub time: Timestamp,
+    /// How warm \[degC\].
+    pub celsius: f64,
+}
 
 /// Readings of one channel, as sum and count a second.
 #[derive(Debug, Clone, Default)]

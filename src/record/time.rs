@@ -1,6 +1,6 @@
 //! Points in time, as recordings stamp them.
 
-use serde::{Serialize, Serializer};
+use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
 use std::fmt;
 
 /// Nanoseconds since 1970-01-01T00:00:00 UTC, leap seconds ignored (Unix time).
@@ -43,6 +43,17 @@ impl fmt::Display for Timestamp {
 impl Serialize for Timestamp {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         serializer.collect_str(self)
+    }
+}
+
+/// From RFC 3339 with any offset.
+impl<'de> Deserialize<'de> for Timestamp {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let text = <std::borrow::Cow<'de, str>>::deserialize(deserializer)?;
+        let time: jiff::Timestamp = text.parse().map_err(de::Error::custom)?;
+        i64::try_from(time.as_nanosecond())
+            .map(Self)
+            .map_err(|_| de::Error::custom(format!("{text} lies outside the years 1677 to 2262")))
     }
 }
 

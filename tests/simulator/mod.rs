@@ -79,6 +79,7 @@ pub fn record(fs: f64, samples: Vec<f64>, excitation: Excitation) -> Record {
         fs_hz: fs,
         samples,
         temperature_c: None,
+        readings: Vec::new(),
         excitation,
         flags: Vec::new(),
     }

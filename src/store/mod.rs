@@ -1,0 +1,1 @@
+//! What is remembered: SQLite in WAL mode, one transaction per record.

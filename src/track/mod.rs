@@ -1,0 +1,45 @@
+//! The relative force of one rod over months: a pure fold over its records in event time, and the
+//! alarm with a stated false-alarm rate.
+//!
+//! ```text
+//! Observation -> Baseline -> Relative -> Period -> Regression -> Charts -> Alarms
+//! ```
+//!
+//! * [`observation`] what tracking takes from one record
+//! * [`baseline`]    mean log-frequencies of the first records and particles of the static parameters
+//! * [`relative`]    posterior of N_t / N_0 for one record, and whether the change is axial at all
+//! * [`thermal`]     the rod's temperature from the air's: low-passed by a thermal lag
+//! * [`period`]      the records of one decorrelation period as one statistic
+//! * [`regression`]  what the temperature explains, and residuals that are N(0, 1) without a change
+//! * [`chart`]       two CUSUM charts that share one false-alarm budget
+//! * [`arl`]         average run lengths from the integral equation
+//! * [`run_length`]  the run-length distribution of both charts together
+//! * [`change`]      onset, size and rate of a drift with credible intervals
+//! * [`alarm`]       kinds, raise, repeat, acknowledge, clear
+//! * [`settings`]    what can be chosen
+//! * [`state`]       everything remembered of one rod from record to record
+//! * [`tracker`]     the fold: one `step` per record
+
+pub mod alarm;
+pub mod arl;
+pub mod baseline;
+pub mod change;
+pub mod chart;
+pub mod observation;
+pub mod period;
+pub mod regression;
+pub mod relative;
+pub mod run_length;
+pub mod settings;
+pub mod state;
+pub mod thermal;
+pub mod tracker;
+
+pub use alarm::{Alarm, AlarmEvent, Kind, What};
+pub use baseline::Baseline;
+pub use observation::{LogMode, Observation};
+pub use period::Period;
+pub use relative::{Interval, Relative};
+pub use settings::{AlarmSettings, TrackSettings};
+pub use state::{Segment, State};
+pub use tracker::{Input, RodState, Tracker, Verdict};

@@ -25,6 +25,7 @@ pub mod arl;
 pub mod baseline;
 pub mod change;
 pub mod chart;
+mod lattice;
 pub mod observation;
 pub mod period;
 pub mod regression;

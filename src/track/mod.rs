@@ -25,6 +25,7 @@ pub mod arl;
 pub mod baseline;
 pub mod change;
 pub mod chart;
+mod member;
 pub mod observation;
 pub mod period;
 pub mod regression;
@@ -32,8 +33,10 @@ pub mod relative;
 pub mod run_length;
 pub mod settings;
 pub mod state;
+mod tail;
 pub mod thermal;
 pub mod tracker;
+pub mod whiteness;
 
 pub use alarm::{Alarm, AlarmEvent, Kind, What};
 pub use baseline::Baseline;

@@ -28,6 +28,7 @@ pub mod arl;
 pub mod baseline;
 pub mod change;
 pub mod chart;
+mod member;
 mod monitor;
 pub mod observation;
 pub mod period;
@@ -38,8 +39,10 @@ pub mod relative;
 pub mod run_length;
 pub mod settings;
 pub mod state;
+mod tail;
 pub mod thermal;
 pub mod tracker;
+pub mod whiteness;
 
 pub use alarm::{Alarm, AlarmEvent, Kind, What};
 pub use baseline::Baseline;

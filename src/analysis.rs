@@ -132,6 +132,11 @@ impl Plan {
         &self.settings
     }
 
+    /// The forward model that answers for the rod's frequencies.
+    pub fn model(&self) -> Arc<dyn ForwardModel> {
+        Arc::clone(self.inference.model())
+    }
+
     /// One record to the posterior of its rod's axial force. A pure function of plan and record: the
     /// same record gives the same bits on any number of threads.
     ///

@@ -16,6 +16,7 @@
 //! * [`emulator`] chaos expansions that stand in for the beam, with their error reports
 //! * [`bayes`]    priors, approximate Bayesian computation, posteriors, conflict
 //! * [`analysis`] a plan once per rod, then one pure `run` per record
+//! * [`outcome`]  what came of one record: a force, or a reason why there is none
 //! * [`track`]    the relative force over time: baseline, temperature, charts, alarms; one pure fold per rod
 //! * [`synthesis`] displacement histories of a simulated rod, faults included
 //! * [`random`]   seeds and counter-based streams
@@ -26,6 +27,7 @@
 //! * [`source`]   recordings in: MCAP, message decoding
 //! * [`sink`]     recordings out: MCAP
 //! * [`cache`]    fitted emulators on disk
+//! * [`site`]     the trackers of a site's rods, folded in the order records come
 //! * [`store`]    what is remembered: SQLite, one transaction per record
 //! * [`plot`]     figures and the report page
 //! * [`pipeline`] reading and computing at once, results in order
@@ -43,11 +45,13 @@ pub mod config;
 pub mod emulator;
 pub mod forward;
 pub mod modes;
+pub mod outcome;
 pub mod pipeline;
 pub mod plot;
 pub mod random;
 pub mod record;
 pub mod sink;
+pub mod site;
 pub mod source;
 pub mod spectrum;
 pub mod store;

@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-const PURE: [&str; 12] = [
+const PURE: [&str; 13] = [
     "record",
     "spectrum",
     "modes",
@@ -12,6 +12,7 @@ const PURE: [&str; 12] = [
     "emulator",
     "bayes",
     "analysis.rs",
+    "outcome.rs",
     "synthesis",
     "track",
     "random.rs",

@@ -189,6 +189,17 @@ impl Parameterisation {
             end_stiffness_n_m: [theta[rest], theta[rest + 1]],
         }
     }
+
+    /// Axial rigidity E A \[N\] of the rod that `theta` describes. A rod given directly by its flexural rigidity has no
+    /// section: it is taken as steel, E A = 2.0e11 Pa m / 7700 kg/m^3 with m its mass per length.
+    pub fn axial_rigidity(&self, theta: &[f64]) -> f64 {
+        match self.section {
+            Section::Square => theta[1] * theta[3] * theta[3],
+            Section::Round => theta[1] * PI * theta[3] * theta[3] / 4.0,
+            Section::Rectangle => theta[1] * theta[3] * theta[4],
+            Section::Direct => 2.0e11 * theta[2] / 7700.0,
+        }
+    }
 }
 
 #[cfg(test)]

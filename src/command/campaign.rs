@@ -2,9 +2,9 @@
 
 use super::WITH_LOSSES;
 use super::progress::Progress;
-use super::render::Outcome;
 use crate::analysis::Plan;
 use crate::config::Config;
+use crate::outcome::{Outcome, Rejected};
 use crate::pipeline::{Limits, map_in_order};
 use crate::record::{RodChannels, RodId};
 use crate::source::{self, Event, Follow, Options, Recording, SourceError, Summary};
@@ -154,15 +154,15 @@ pub fn run(
         |result| {
             bar.set(done.load(Ordering::Relaxed), total);
             match result {
-                Ok(Done::Record { outcome, identity }) => {
-                    if identity.is_some_and(|identity| !seen.insert(identity)) {
+                Ok(Done::Record(outcome)) => {
+                    if outcome.identity().is_some_and(|identity| !seen.insert(identity)) {
                         tally.repeated += 1;
                         return ControlFlow::Continue(());
                     }
                     match outcome.as_ref() {
                         Outcome::Identified(_) => tally.identified += 1,
-                        Outcome::Rejected { rejection, .. } => {
-                            *tally.rejected.entry(rejection.code()).or_default() += 1;
+                        Outcome::Rejected(rejected) => {
+                            *tally.rejected.entry(rejected.rejection.code()).or_default() += 1;
                         }
                     }
                     if let Err(error) = on_outcome(&outcome, &bar) {
@@ -221,11 +221,7 @@ enum Step {
 }
 
 enum Done {
-    /// A record's outcome; the identity of its samples, if there were any to speak of.
-    Record {
-        outcome: Box<Outcome>,
-        identity: Option<[u8; 32]>,
-    },
+    Record(Box<Outcome>),
     File(Result<Summary, SourceError>),
 }
 
@@ -238,42 +234,34 @@ fn analyse(step: Step, plans: &BTreeMap<RodId, Plan>) -> Done {
             duration_s,
             rejection,
         }) => {
-            let outcome = Outcome::Rejected {
+            return Done::Record(Box::new(Outcome::Rejected(Box::new(Rejected {
                 rod,
                 start,
                 duration_s: Some(duration_s),
                 fs_hz: None,
-                rejection,
-            };
-            return Done::Record {
-                outcome: Box::new(outcome),
                 identity: None,
-            };
+                readings: Vec::new(),
+                rejection,
+            }))));
         }
         Step::Event(Event::Record(record)) => record,
     };
-    let (identity, outcome) = match plans.get(&record.rod).map(|plan| plan.run(&record)) {
-        Some(Ok(identification)) => (
-            identification.measurement.as_ref().map(|m| m.identity),
-            Outcome::Identified(Box::new(identification)),
-        ),
-        Some(Err(rejection)) => {
-            let outcome = Outcome::Rejected {
-                rod: record.rod.clone(),
+    Done::Record(Box::new(
+        match plans.get(&record.rod).map(|plan| plan.run(&record)) {
+            Some(Ok(identification)) => Outcome::Identified(Box::new(identification)),
+            Some(Err(rejection)) => Outcome::Rejected(Box::new(Rejected {
                 start: Some(record.start),
                 duration_s: Some(record.duration_s()),
                 fs_hz: Some(record.fs_hz),
+                identity: Some(record.identity()),
+                readings: record.readings,
+                rod: record.rod,
                 rejection,
-            };
-            (Some(record.identity()), outcome)
-        }
-        // The reader only cuts records of rods of the same configuration the plans were made from.
-        None => unreachable!("the rod {} has channels but no plan", record.rod),
-    };
-    Done::Record {
-        outcome: Box::new(outcome),
-        identity,
-    }
+            })),
+            // The reader only cuts records of rods of the same configuration the plans were made from.
+            None => unreachable!("the rod {} has channels but no plan", record.rod),
+        },
+    ))
 }
 
 /// The events of many files, one after another, each followed by its end.

@@ -1,12 +1,13 @@
 //! `tirante identify`: one recording, or frequencies measured elsewhere, to the posterior.
 
 use super::campaign::{self, Reading};
-use super::render::{self, CONFLICT_SHOWN, Outcome, PRIOR_TAIL_SHOWN};
+use super::render::{self, CONFLICT_SHOWN, PRIOR_TAIL_SHOWN};
 use super::setup::{self, Setup};
 use super::{BadArguments, WITH_LOSSES};
 use crate::analysis::{Identification, Plan};
 use crate::config::Config;
 use crate::modes::Mode;
+use crate::outcome::{Outcome, Rejected};
 use crate::record::RodId;
 use anyhow::anyhow;
 use std::collections::BTreeMap;
@@ -102,13 +103,15 @@ fn from_frequencies(args: &Args, list: &str) -> anyhow::Result<ExitCode> {
     let (outcome, code) = match plan.run_frequencies(modes) {
         Ok(identification) => (Outcome::Identified(Box::new(identification)), ExitCode::SUCCESS),
         Err(rejection) => (
-            Outcome::Rejected {
+            Outcome::Rejected(Box::new(Rejected {
                 rod,
                 start: None,
                 duration_s: None,
                 fs_hz: None,
+                identity: None,
+                readings: Vec::new(),
                 rejection,
-            },
+            })),
             ExitCode::from(WITH_LOSSES),
         ),
     };
@@ -132,13 +135,14 @@ fn from_recording(args: &Args, path: &PathBuf) -> anyhow::Result<ExitCode> {
 
 fn show(args: &Args, config: &Config, plans: &BTreeMap<RodId, Plan>, outcome: &Outcome) -> io::Result<()> {
     let text = match outcome {
-        _ if args.json => render::json(outcome, &setup::provenance(config)) + "\n",
+        _ if args.json => render::json(outcome, None, &setup::provenance(config)) + "\n",
         Outcome::Identified(identification) => match plans.get(&identification.rod) {
             Some(plan) => describe(plan, identification),
             None => String::new(),
         },
-        Outcome::Rejected { rod, rejection, .. } => {
-            format!("{rod}: rejected ({}): {rejection}\n", rejection.code())
+        Outcome::Rejected(rejected) => {
+            let rejection = &rejected.rejection;
+            format!("{}: rejected ({}): {rejection}\n", rejected.rod, rejection.code())
         }
     };
     io::stdout().lock().write_all(text.as_bytes())

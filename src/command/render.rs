@@ -4,7 +4,10 @@ use crate::analysis::{Identification, VERSION};
 use crate::bayes::{Marginal, Posterior};
 use crate::beam::Quantity;
 use crate::modes::Mode;
+use crate::outcome::Outcome;
 use crate::record::{Flag, Rejection, RodId, Timestamp};
+use crate::track::change::Change;
+use crate::track::{Interval, Kind, RodState, SetAside, Verdict, What};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -17,26 +20,6 @@ pub const PRIOR_TAIL_SHOWN: f64 = 0.01;
 
 /// The state of a rod whose force is not tracked.
 const NOT_MONITORING: &str = "not-monitoring";
-
-/// One record that was read: what came of it.
-#[derive(Debug)]
-pub enum Outcome {
-    /// It gave a force.
-    Identified(Box<Identification>),
-    /// It gave none, for a stated reason.
-    Rejected {
-        /// The rod.
-        rod: RodId,
-        /// Time of the first sample, if it is known.
-        start: Option<Timestamp>,
-        /// Length \[s\].
-        duration_s: Option<f64>,
-        /// Sample rate \[Hz\], if it is known.
-        fs_hz: Option<f64>,
-        /// The reason.
-        rejection: Rejection,
-    },
-}
 
 /// The fields other programs rely on; all are always present.
 #[derive(Serialize)]
@@ -54,11 +37,19 @@ struct Line<'a> {
     ess: Option<f64>,
     conflict: Option<f64>,
     prior_tail: Option<f64>,
-    relative_force: Option<()>,
+    tracked_force_n: Option<Interval>,
+    relative_force: Option<Interval>,
     not_axial_p: Option<f64>,
     temperature_c: Option<f64>,
+    reference_temperature_c: Option<f64>,
+    force_at_reference_n: Option<Interval>,
+    relative_force_at_reference: Option<Interval>,
     state: &'static str,
-    alarms: [(); 0],
+    state_reason: Option<&'a str>,
+    segment: Option<u32>,
+    set_aside: Option<SetAside>,
+    alarms: Vec<Standing<'a>>,
+    events: Vec<Told<'a>>,
     flags: &'a [Flag],
     rejection: Option<Reason<'a>>,
     seed: Option<u64>,
@@ -78,6 +69,27 @@ struct Reason<'a> {
     message: String,
     #[serde(flatten)]
     detail: &'a Rejection,
+}
+
+/// An alarm that stands.
+#[derive(Serialize)]
+struct Standing<'a> {
+    id: &'a str,
+    kind: Kind,
+    raised: Timestamp,
+    acknowledged: Option<Timestamp>,
+    cleared: Option<Timestamp>,
+    message: &'a str,
+    change: Option<&'a Change>,
+}
+
+/// What happened to an alarm with this record.
+#[derive(Serialize)]
+struct Told<'a> {
+    what: What,
+    time: Timestamp,
+    id: &'a str,
+    kind: Kind,
 }
 
 /// The uncertain quantities besides the axial force.
@@ -101,49 +113,38 @@ fn parameters(posterior: &Posterior) -> BTreeMap<&'static str, Parameter> {
         .collect()
 }
 
-/// One JSON object without a line end (design 5.1): SI, the unit as a suffix, every field present.
-pub fn json(outcome: &Outcome, config_hash: &str) -> String {
-    let line = match outcome {
-        Outcome::Identified(identification) => {
-            let posterior = &identification.posterior;
-            let measurement = identification.measurement.as_ref();
-            Line {
-                rod: &identification.rod,
-                start: measurement.map(|m| m.start),
-                duration_s: measurement.map(|m| m.duration_s),
-                fs_hz: measurement.map(|m| m.fs_hz),
-                modes: &identification.modes,
-                axial_force_n: posterior.marginal(Quantity::AxialForce),
-                parameters: parameters(posterior),
-                epsilon: Some(posterior.epsilon),
-                draws: Some(posterior.draws),
-                accepted: Some(posterior.accepted),
-                ess: Some(posterior.ess),
-                conflict: Some(identification.conflict.score),
-                prior_tail: Some(identification.conflict.prior_tail),
-                relative_force: None,
-                not_axial_p: None,
-                temperature_c: measurement.and_then(|m| m.temperature_c),
-                state: NOT_MONITORING,
-                alarms: [],
-                flags: measurement.map_or(&[], |m| &m.flags),
-                rejection: None,
-                seed: Some(posterior.seed),
-                config: config_hash,
-                analysis_version: VERSION,
-            }
+/// One JSON object without a line end (design 5.1): SI, the unit as a suffix, every field present. Without a
+/// `verdict` the force is not tracked.
+pub fn json(outcome: &Outcome, verdict: Option<&Verdict>, config_hash: &str) -> String {
+    let mut line = Line::new(outcome.rod(), config_hash);
+    match outcome {
+        Outcome::Identified(identification) => line.identified(identification),
+        Outcome::Rejected(rejected) => {
+            line.start = rejected.start;
+            line.duration_s = rejected.duration_s;
+            line.fs_hz = rejected.fs_hz;
+            line.rejection = Some(Reason {
+                code: rejected.rejection.code(),
+                message: rejected.rejection.to_string(),
+                detail: &rejected.rejection,
+            });
         }
-        Outcome::Rejected {
+    }
+    if let Some(verdict) = verdict {
+        line.tracked(verdict);
+    }
+    // A struct of numbers, strings and maps with string keys always serialises.
+    serde_json::to_string(&line).unwrap_or_else(|error| format!("{{\"error\":\"{error}\"}}"))
+}
+
+impl<'a> Line<'a> {
+    /// A line about which nothing is known.
+    fn new(rod: &'a RodId, config: &'a str) -> Self {
+        Self {
             rod,
-            start,
-            duration_s,
-            fs_hz,
-            rejection,
-        } => Line {
-            rod,
-            start: *start,
-            duration_s: *duration_s,
-            fs_hz: *fs_hz,
+            start: None,
+            duration_s: None,
+            fs_hz: None,
             modes: &[],
             axial_force_n: None,
             parameters: BTreeMap::new(),
@@ -153,24 +154,90 @@ pub fn json(outcome: &Outcome, config_hash: &str) -> String {
             ess: None,
             conflict: None,
             prior_tail: None,
+            tracked_force_n: None,
             relative_force: None,
             not_axial_p: None,
             temperature_c: None,
+            reference_temperature_c: None,
+            force_at_reference_n: None,
+            relative_force_at_reference: None,
             state: NOT_MONITORING,
-            alarms: [],
+            state_reason: None,
+            segment: None,
+            set_aside: None,
+            alarms: Vec::new(),
+            events: Vec::new(),
             flags: &[],
-            rejection: Some(Reason {
-                code: rejection.code(),
-                message: rejection.to_string(),
-                detail: rejection,
-            }),
+            rejection: None,
             seed: None,
-            config: config_hash,
+            config,
             analysis_version: VERSION,
-        },
-    };
-    // A struct of numbers, strings and maps with string keys always serialises.
-    serde_json::to_string(&line).unwrap_or_else(|error| format!("{{\"error\":\"{error}\"}}"))
+        }
+    }
+
+    fn identified(&mut self, identification: &'a Identification) {
+        let posterior = &identification.posterior;
+        if let Some(measurement) = &identification.measurement {
+            self.start = Some(measurement.start);
+            self.duration_s = Some(measurement.duration_s);
+            self.fs_hz = Some(measurement.fs_hz);
+            self.temperature_c = measurement.temperature_c;
+            self.flags = &measurement.flags;
+        }
+        self.modes = &identification.modes;
+        self.axial_force_n = posterior.marginal(Quantity::AxialForce);
+        self.parameters = parameters(posterior);
+        self.epsilon = Some(posterior.epsilon);
+        self.draws = Some(posterior.draws);
+        self.accepted = Some(posterior.accepted);
+        self.ess = Some(posterior.ess);
+        self.conflict = Some(identification.conflict.score);
+        self.prior_tail = Some(identification.conflict.prior_tail);
+        self.seed = Some(posterior.seed);
+    }
+
+    fn tracked(&mut self, verdict: &'a Verdict) {
+        if let Some(relative) = &verdict.relative {
+            self.tracked_force_n = Some(relative.force_n);
+            self.relative_force = Some(relative.ratio);
+            self.not_axial_p = Some(relative.not_axial_p);
+        }
+        if let Some(at_reference) = &verdict.at_reference {
+            self.reference_temperature_c = Some(at_reference.temperature_c);
+            self.force_at_reference_n = Some(at_reference.force_n);
+            self.relative_force_at_reference = Some(at_reference.ratio);
+        }
+        self.state = verdict.state.code();
+        self.state_reason = match &verdict.state {
+            RodState::NotMonitoring { reason } => Some(reason),
+            _ => None,
+        };
+        self.segment = Some(verdict.segment);
+        self.set_aside = verdict.set_aside;
+        self.alarms = verdict
+            .alarms
+            .iter()
+            .map(|alarm| Standing {
+                id: &alarm.id,
+                kind: alarm.kind,
+                raised: alarm.raised,
+                acknowledged: alarm.acknowledged,
+                cleared: alarm.cleared,
+                message: &alarm.message,
+                change: alarm.change.as_ref(),
+            })
+            .collect();
+        self.events = verdict
+            .events
+            .iter()
+            .map(|event| Told {
+                what: event.what,
+                time: event.time,
+                id: &event.alarm.id,
+                kind: event.alarm.kind,
+            })
+            .collect();
+    }
 }
 
 /// The table for people: one line per record, columns for a fixed number of modes.
@@ -211,18 +278,30 @@ impl Table {
         format!("{line}\n{rule}")
     }
 
-    /// One record.
-    pub fn row(&self, outcome: &Outcome) -> String {
+    /// One record, followed by a line for each alarm that was raised or cleared with it.
+    pub fn row(&self, outcome: &Outcome, verdict: &Verdict) -> String {
+        let mut row = self.record(outcome, verdict);
+        for event in &verdict.events {
+            let alarm = &event.alarm;
+            let _ = match event.what {
+                What::Raised => write!(
+                    row,
+                    "\n  ALARM {} {}: {}: {}",
+                    alarm.id, alarm.rod, alarm.kind, alarm.message
+                ),
+                What::Cleared => write!(row, "\n  cleared {} {}: {}", alarm.id, alarm.rod, alarm.kind),
+                What::Repeated | What::Acknowledged => Ok(()),
+            };
+        }
+        row
+    }
+
+    fn record(&self, outcome: &Outcome, verdict: &Verdict) -> String {
         match outcome {
-            Outcome::Identified(identification) => self.identified(identification),
-            Outcome::Rejected {
-                rod,
-                start,
-                duration_s,
-                rejection,
-                ..
-            } => {
-                let mut line = self.opening(rod, *start, *duration_s);
+            Outcome::Identified(identification) => self.identified(identification, verdict),
+            Outcome::Rejected(rejected) => {
+                let mut line = self.opening(&rejected.rod, rejected.start, rejected.duration_s);
+                let rejection = &rejected.rejection;
                 let _ = write!(line, "  rejected ({}): {rejection}", rejection.code());
                 line
             }
@@ -239,7 +318,7 @@ impl Table {
         )
     }
 
-    fn identified(&self, identification: &Identification) -> String {
+    fn identified(&self, identification: &Identification, verdict: &Verdict) -> String {
         let measurement = identification.measurement.as_ref();
         let mut line = self.opening(
             &identification.rod,
@@ -274,13 +353,25 @@ impl Table {
         };
         let _ = write!(
             line,
-            "  {force:>17}  {interval:>13}  {:>8}",
-            format!("{score:.1}{mark}")
+            "  {force:>17}  {interval:>13}  {:>8}  {:>17}  {:<14}",
+            format!("{score:.1}{mark}"),
+            relative(verdict),
+            verdict.set_aside.map_or(verdict.state.code(), SetAside::code),
         );
         for flag in measurement.map_or(&[][..], |m| &m.flags) {
             let _ = write!(line, "  [{flag}]");
         }
         line
+    }
+}
+
+/// N_t / N_0 at the reference temperature, or, marked by a tilde, at the measured one.
+fn relative(verdict: &Verdict) -> String {
+    let show = |ratio: &Interval| format!("{:.4} ± {:.4}", ratio.mean, ratio.sd);
+    match (&verdict.at_reference, &verdict.relative) {
+        (Some(at_reference), _) => show(&at_reference.ratio),
+        (None, Some(relative)) => format!("~{}", show(&relative.ratio)),
+        (None, None) => "-".to_owned(),
     }
 }
 

@@ -4,6 +4,7 @@ use super::campaign::{self, Reading};
 use super::render::{self, Table};
 use super::setup::{self, Setup};
 use crate::record::RodId;
+use crate::site::Site;
 use std::io::{self, Write};
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -54,18 +55,19 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let rods: Vec<&RodId> = config.rods.iter().map(|rod| &rod.analysis.rod).collect();
     let table = Table::new(rods.into_iter(), modes);
 
+    let mut site = Site::new(setup::track_plans(&config, &plans).into_iter());
     let mut output = io::stdout().lock();
     let mut header_due = !args.json;
     let tally = campaign::run(&args.paths, &config, &plans, &args.reading, |outcome, bar| {
+        let verdict = site.take(outcome);
         bar.suspend(|| {
             if header_due {
                 header_due = false;
                 writeln!(output, "{}\n{}", config.site, table.header())?;
             }
-            let line = if args.json {
-                render::json(outcome, &provenance)
-            } else {
-                table.row(outcome)
+            let line = match &verdict {
+                Some(verdict) if !args.json => table.row(outcome, verdict),
+                _ => render::json(outcome, verdict.as_ref(), &provenance),
             };
             writeln!(output, "{line}")
         })

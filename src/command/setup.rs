@@ -2,14 +2,20 @@
 
 use super::BadArguments;
 use super::progress::Progress;
-use crate::analysis::Plan;
+use crate::analysis::{self, Plan};
 use crate::bayes::Tables;
 use crate::cache::{self, Cache};
 use crate::config::{Config, ConfigError, RodConfig, Setting};
 use crate::record::RodId;
+use crate::track::TrackPlan;
+use crate::track::chart::Design;
 use clap::Args;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
+use std::sync::Arc;
+
+/// Days of a mean Gregorian year.
+const DAYS_PER_YEAR: f64 = 365.2425;
 
 /// The configuration, and what is put over it for one run.
 #[derive(Debug, Clone, Args)]
@@ -73,10 +79,11 @@ impl Setup {
 
 /// Sixteen hexadecimal digits that name everything a result depends on besides its record.
 pub fn provenance(config: &Config) -> String {
-    config.hash()[..8]
-        .iter()
-        .map(|byte| format!("{byte:02x}"))
-        .collect()
+    hex(&config.hash()[..8])
+}
+
+fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
 /// Prepares every rod of the configuration: model (fitted or from the cache), table, pattern.
@@ -97,6 +104,28 @@ pub fn plans(config: &Config) -> anyhow::Result<BTreeMap<RodId, Plan>> {
         plans.insert(settings.rod.clone(), Plan::new(settings, model, &tables)?);
     }
     Ok(plans)
+}
+
+/// Prepares the tracking of every rod that has a plan.
+pub fn track_plans(config: &Config, plans: &BTreeMap<RodId, Plan>) -> Vec<Arc<TrackPlan>> {
+    let periods_per_year = DAYS_PER_YEAR * 86_400.0 / config.track.period_s;
+    let alarm = &config.alarm;
+    let design = Design::new([alarm.step_k, alarm.ramp_k], alarm.arl0_years * periods_per_year);
+    plans
+        .iter()
+        .map(|(rod, plan)| {
+            let meaning = config.meaning_of(rod);
+            let key = format!("{}-{}", analysis::VERSION, hex(&meaning[..8]));
+            Arc::new(TrackPlan::new(
+                plan.settings(),
+                plan.model(),
+                config.track.clone(),
+                alarm.clone(),
+                design,
+                key,
+            ))
+        })
+        .collect()
 }
 
 /// The rod called `id`, or the only one.

@@ -77,6 +77,11 @@ impl Node {
         &self.header
     }
 
+    /// The value of a key as TOML.
+    pub(super) fn value_of(&self, key: &str) -> Option<&String> {
+        self.lines.iter().find(|line| line.key == key)?.value.as_ref()
+    }
+
     fn bracketed(&self) -> String {
         if self.is_element {
             format!("[[{}]]", self.header)

@@ -31,7 +31,7 @@ pub use setting::Setting;
 pub use simulation::{SimulationConfig, field_of};
 
 use crate::analysis::AnalysisSettings;
-use crate::record::{RecordSettings, RodChannels};
+use crate::record::{RecordSettings, RodChannels, RodId};
 use crate::track::{AlarmSettings, TrackSettings};
 
 use fault::Faults;
@@ -238,6 +238,23 @@ impl Config {
             .children
             .retain(|section| section.name() != "simulation");
         effective.print(false, &mut text);
+        Sha256::digest(text.as_bytes()).into()
+    }
+
+    /// A hash of everything that gives one rod's numbers their meaning: the sections its analysis and tracking read, and
+    /// the rod itself. Names, alarms and other rods do not change it.
+    pub fn meaning_of(&self, rod: &RodId) -> [u8; 32] {
+        let mut text = format!("seed = {}\n", self.seed);
+        for section in &self.effective.children {
+            let counts = match section.name() {
+                "record" | "spectrum" | "modes" | "abc" | "emulator" | "track" => true,
+                "rod" => section.value_of("id") == Some(&range::toml_string(&rod.0)),
+                _ => false,
+            };
+            if counts {
+                section.print(false, &mut text);
+            }
+        }
         Sha256::digest(text.as_bytes()).into()
     }
 

@@ -1,8 +1,10 @@
 //! Alarms: their kinds, and how they are raised, repeated, acknowledged and cleared.
 
 use super::change::Change;
+use crate::random;
 use crate::record::{RodId, Timestamp};
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 use std::fmt;
 
 /// What an alarm is about.
@@ -49,6 +51,12 @@ impl Kind {
             Self::OutsideTraining => "outside-training",
         }
     }
+
+    /// Whether it speaks of the rod and therefore stands until somebody acknowledges it, even if its condition
+    /// ends; the others speak of the measurement and go with their condition.
+    pub fn is_latched(self) -> bool {
+        matches!(self, Self::Drift | Self::Limit | Self::NotAxial)
+    }
 }
 
 impl fmt::Display for Kind {
@@ -80,6 +88,35 @@ pub struct Alarm {
     pub told: Timestamp,
 }
 
+impl Alarm {
+    /// A new alarm; rod, kind, segment and time make its id.
+    pub fn new(rod: &RodId, kind: Kind, segment: u32, raised: Timestamp, message: String) -> Self {
+        let id = random::seed(&[
+            b"alarm",
+            rod.0.as_bytes(),
+            kind.code().as_bytes(),
+            &segment.to_le_bytes(),
+            &raised.as_nanos().to_le_bytes(),
+        ]);
+        Self {
+            id: format!("{id:016x}"),
+            rod: rod.clone(),
+            kind,
+            raised,
+            message,
+            change: None,
+            acknowledged: None,
+            cleared: None,
+            told: raised,
+        }
+    }
+
+    /// Whether it is over: its condition ended and, if it is latched, somebody knows.
+    pub fn is_over(&self) -> bool {
+        self.cleared.is_some() && (self.acknowledged.is_some() || !self.kind.is_latched())
+    }
+}
+
 /// What happened to an alarm.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -94,6 +131,18 @@ pub enum What {
     Cleared,
 }
 
+impl What {
+    /// The name in JSON and tables.
+    pub fn code(self) -> &'static str {
+        match self {
+            Self::Raised => "raised",
+            Self::Repeated => "repeated",
+            Self::Acknowledged => "acknowledged",
+            Self::Cleared => "cleared",
+        }
+    }
+}
+
 /// News about an alarm: one row of the outbox.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct AlarmEvent {
@@ -103,4 +152,224 @@ pub struct AlarmEvent {
     pub time: Timestamp,
     /// The alarm as it then was.
     pub alarm: Alarm,
+}
+
+/// How often in a row a condition was found, and found absent.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Run {
+    held: usize,
+    absent: usize,
+}
+
+/// What a condition's run says.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Finding {
+    /// It holds.
+    Holds,
+    /// It is over.
+    Over,
+    /// Not enough in a row to say either.
+    Undecided,
+}
+
+/// The runs of all conditions.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Watches(BTreeMap<Kind, Run>);
+
+impl Watches {
+    /// Takes one more look at a condition: it holds (`Some(true)`), it is absent (`Some(false)`), or lies between the
+    /// level that raises and the level that clears (`None`), which breaks both runs.
+    pub fn look(&mut self, kind: Kind, holds: Option<bool>, raise: usize, clear: usize) -> Finding {
+        let run = self.0.entry(kind).or_default();
+        *run = match holds {
+            Some(true) => Run {
+                held: run.held + 1,
+                absent: 0,
+            },
+            Some(false) => Run {
+                held: 0,
+                absent: run.absent + 1,
+            },
+            None => Run::default(),
+        };
+        if run.held >= raise {
+            Finding::Holds
+        } else if run.absent >= clear {
+            Finding::Over
+        } else {
+            Finding::Undecided
+        }
+    }
+}
+
+/// The alarms of one rod that stand, and the news about them since the last look.
+pub struct Board<'a> {
+    rod: &'a RodId,
+    segment: u32,
+    alarms: &'a mut Vec<Alarm>,
+    events: Vec<AlarmEvent>,
+}
+
+impl<'a> Board<'a> {
+    /// The board of a rod.
+    pub fn new(rod: &'a RodId, segment: u32, alarms: &'a mut Vec<Alarm>) -> Self {
+        Self {
+            rod,
+            segment,
+            alarms,
+            events: Vec::new(),
+        }
+    }
+
+    /// Whether an alarm of this kind stands and its condition holds.
+    pub fn holds(&self, kind: Kind) -> bool {
+        self.alarms
+            .iter()
+            .any(|alarm| alarm.kind == kind && alarm.cleared.is_none())
+    }
+
+    /// Raises an alarm unless one of its kind holds already; one that stands only because nobody acknowledged
+    /// it is joined by the new one.
+    pub fn raise(&mut self, kind: Kind, time: Timestamp, message: String, change: Option<Change>) {
+        if self.holds(kind) {
+            return;
+        }
+        let mut alarm = Alarm::new(self.rod, kind, self.segment, time, message);
+        alarm.change = change;
+        self.tell(What::Raised, time, alarm.clone());
+        self.alarms.push(alarm);
+    }
+
+    /// Ends the condition of the alarms of this kind.
+    pub fn clear(&mut self, kind: Kind, time: Timestamp) {
+        self.clear_where(|alarm| alarm.kind == kind, time);
+    }
+
+    /// Ends the condition of every alarm.
+    pub fn clear_all(&mut self, time: Timestamp) {
+        self.clear_where(|_| true, time);
+    }
+
+    fn clear_where(&mut self, ends: impl Fn(&Alarm) -> bool, time: Timestamp) {
+        for index in 0..self.alarms.len() {
+            let alarm = &mut self.alarms[index];
+            if alarm.cleared.is_none() && ends(alarm) {
+                alarm.cleared = Some(time);
+                let alarm = alarm.clone();
+                self.tell(What::Cleared, time, alarm);
+            }
+        }
+        self.alarms.retain(|alarm| !alarm.is_over());
+    }
+
+    /// Acknowledges the alarm with this id; whether there was one to acknowledge.
+    pub fn acknowledge(&mut self, id: &str, time: Timestamp) -> bool {
+        let found = self
+            .alarms
+            .iter_mut()
+            .find(|alarm| alarm.id == id && alarm.acknowledged.is_none());
+        let Some(alarm) = found else { return false };
+        alarm.acknowledged = Some(time);
+        let alarm = alarm.clone();
+        self.tell(What::Acknowledged, time, alarm);
+        self.alarms.retain(|alarm| !alarm.is_over());
+        true
+    }
+
+    /// Tells again what nobody acknowledged for `repeat_s`; `renew` may bring an alarm up to date first.
+    pub fn repeat(&mut self, time: Timestamp, repeat_s: f64, mut renew: impl FnMut(&mut Alarm)) {
+        for index in 0..self.alarms.len() {
+            let alarm = &mut self.alarms[index];
+            if alarm.acknowledged.is_none() && time.seconds_since(alarm.told) >= repeat_s {
+                alarm.told = time;
+                if alarm.cleared.is_none() {
+                    renew(alarm);
+                }
+                let alarm = alarm.clone();
+                self.tell(What::Repeated, time, alarm);
+            }
+        }
+    }
+
+    /// The news.
+    pub fn into_events(self) -> Vec<AlarmEvent> {
+        self.events
+    }
+
+    fn tell(&mut self, what: What, time: Timestamp, alarm: Alarm) {
+        self.events.push(AlarmEvent { what, time, alarm });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const DAY_S: f64 = 86_400.0;
+
+    fn day(number: i64) -> Timestamp {
+        Timestamp::from_nanos(number * 86_400_000_000_000)
+    }
+
+    #[test]
+    fn a_latched_alarm_outlives_its_condition_until_acknowledged() {
+        let rod = RodId("r".into());
+        let mut alarms = Vec::new();
+        let mut board = Board::new(&rod, 1, &mut alarms);
+        board.raise(Kind::Drift, day(1), "fell".into(), None);
+        board.raise(Kind::Drift, day(2), "fell more".into(), None);
+        board.raise(Kind::NoData, day(2), "silent".into(), None);
+        board.clear(Kind::Drift, day(3));
+        board.clear(Kind::NoData, day(3));
+        let events = board.into_events();
+        let told: Vec<(What, Kind)> = events.iter().map(|e| (e.what, e.alarm.kind)).collect();
+        assert_eq!(
+            told,
+            [
+                (What::Raised, Kind::Drift),
+                (What::Raised, Kind::NoData),
+                (What::Cleared, Kind::Drift),
+                (What::Cleared, Kind::NoData),
+            ]
+        );
+        assert_eq!(alarms.len(), 1);
+        let id = alarms[0].id.clone();
+        assert_eq!(id, events[0].alarm.id);
+        let mut board = Board::new(&rod, 1, &mut alarms);
+        assert!(board.acknowledge(&id, day(4)) && !board.acknowledge(&id, day(5)));
+        assert_eq!(board.into_events().len(), 1);
+        assert!(alarms.is_empty());
+    }
+
+    #[test]
+    fn what_nobody_acknowledged_is_told_again_and_no_more_afterwards() {
+        let rod = RodId("r".into());
+        let mut alarms = Vec::new();
+        let mut board = Board::new(&rod, 1, &mut alarms);
+        board.raise(Kind::Limit, day(0), "loss".into(), None);
+        for number in 1..=15 {
+            board.repeat(day(number), 7.0 * DAY_S, |alarm| alarm.message += "!");
+        }
+        let events = board.into_events();
+        assert_eq!(events.len(), 3);
+        assert_eq!(events[2].alarm.message, "loss!!");
+        let id = alarms[0].id.clone();
+        let mut board = Board::new(&rod, 1, &mut alarms);
+        board.acknowledge(&id, day(16));
+        board.repeat(day(40), 7.0 * DAY_S, |_| ());
+        assert_eq!(board.into_events().len(), 1);
+    }
+
+    #[test]
+    fn a_condition_needs_a_run_to_raise_and_a_run_to_clear() {
+        let mut watches = Watches::default();
+        let mut look = |holds| watches.look(Kind::Limit, holds, 2, 3);
+        assert_eq!(look(Some(true)), Finding::Undecided);
+        assert_eq!(look(None), Finding::Undecided);
+        assert_eq!(look(Some(true)), Finding::Undecided);
+        assert_eq!(look(Some(true)), Finding::Holds);
+        assert_eq!(look(Some(false)), Finding::Undecided);
+        assert_eq!(look(Some(false)), Finding::Undecided);
+        assert_eq!(look(Some(false)), Finding::Over);
+    }
 }

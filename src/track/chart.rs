@@ -174,6 +174,11 @@ impl Charts {
         *self = Self::new(self.design);
     }
 
+    /// Whether every side is below half its limit: what raised an alarm is over.
+    pub fn is_calm(&self) -> bool {
+        todo!()
+    }
+
     /// The constants.
     pub fn design(&self) -> &Design {
         &self.design

@@ -8,6 +8,7 @@
 //! * [`observation`] what tracking takes from one record
 //! * [`baseline`]    mean log-frequencies of the first records and particles of the static parameters
 //! * [`relative`]    posterior of N_t / N_0 for one record, and whether the change is axial at all
+//! * [`plausibility`] records that cannot be what they claim: unit, clock, channel
 //! * [`thermal`]     the rod's temperature from the air's: low-passed by a thermal lag
 //! * [`period`]      the records of one decorrelation period as one statistic
 //! * [`regression`]  what the temperature explains, and residuals that are N(0, 1) without a change
@@ -18,7 +19,9 @@
 //! * [`alarm`]       kinds, raise, repeat, acknowledge, clear
 //! * [`settings`]    what can be chosen
 //! * [`state`]       everything remembered of one rod from record to record
+//! * [`plan`]        what the tracking of one rod depends on besides its records
 //! * [`tracker`]     the fold: one `step` per record
+//! * `monitor`       what a closed period says: charts moved on, conditions looked at
 
 pub mod alarm;
 pub mod arl;
@@ -26,21 +29,29 @@ pub mod baseline;
 pub mod change;
 pub mod chart;
 mod lattice;
+mod member;
+mod monitor;
 pub mod observation;
 pub mod period;
+pub mod plan;
+pub mod plausibility;
 pub mod regression;
 pub mod relative;
 pub mod run_length;
 pub mod settings;
 pub mod state;
+mod tail;
 pub mod thermal;
 pub mod tracker;
+pub mod whiteness;
 
 pub use alarm::{Alarm, AlarmEvent, Kind, What};
 pub use baseline::Baseline;
 pub use observation::{LogMode, Observation};
 pub use period::Period;
+pub use plan::TrackPlan;
+pub use plausibility::Peer;
 pub use relative::{Interval, Relative};
 pub use settings::{AlarmSettings, TrackSettings};
 pub use state::{Segment, State};
-pub use tracker::{Input, RodState, Tracker, Verdict};
+pub use tracker::{AtReference, Input, RodState, SetAside, Tracker, Verdict};

@@ -75,6 +75,12 @@ impl Shift {
         todo!()
     }
 
+    /// P(misfit at least this large | the change is axial) for the combined misfit of several records, at a mean
+    /// change N_t / N_0 - 1 of `delta`.
+    pub fn not_axial_p(&self, _delta: f64, _misfit: &[Misfit]) -> f64 {
+        todo!()
+    }
+
     /// The relative force of one record.
     ///
     /// # Errors

@@ -1,11 +1,13 @@
 //! Everything remembered of one rod from record to record.
 
+use super::alarm::{Alarm, Watches};
 use super::baseline::Baseline;
 use super::chart::Charts;
+use super::period::{Pending, Period};
+use super::plausibility::Plausibility;
 use super::regression::Regression;
-use super::relative::Relative;
 use super::thermal::Thermal;
-use super::{Alarm, Observation, Period};
+use super::{LogMode, Observation};
 use crate::record::{Reading, RodId, Timestamp};
 use serde::{Deserialize, Serialize};
 
@@ -16,12 +18,15 @@ pub struct Segment {
     pub number: u32,
     /// Why it was opened.
     pub reason: Opening,
-    /// What the analysis and tracking of the rod depend on, as a hash: configuration and version.
+    /// Everything that gives numbers their meaning (configuration of the rod, version of the analysis), as a
+    /// hash: when it changes, a new segment begins, so that an upgrade can never look like drift.
     pub key: String,
     /// The baseline, once learned.
     pub baseline: Option<Baseline>,
     /// Temperature to which force is referred \[degC\], once known.
     pub reference_c: Option<f64>,
+    /// Why the last attempt at a baseline failed, if it did.
+    pub fault: Option<String>,
 }
 
 /// Why a segment was opened.
@@ -43,32 +48,100 @@ pub struct State {
     pub rod: RodId,
     /// The present segment.
     pub segment: Segment,
-    /// Observations that wait for the baseline.
+    /// Observations that wait for the baseline, ascending in time.
     pub learning: Vec<Observation>,
-    /// Records of periods that are still open.
+    /// Records of periods that are still open, ascending in time.
     pub open: Vec<Pending>,
-    /// Readings not yet run through the thermal lag, ascending.
+    /// Readings not yet run through the thermal lag, ascending in time.
     pub readings: Vec<Reading>,
     /// The rod's low-passed temperature up to the last closed period.
     pub thermal: Thermal,
     /// What temperature explains.
     pub regression: Option<Regression>,
-    /// The charts, once learned.
+    /// The charts, once the regression has learned.
     pub charts: Option<Charts>,
-    /// Closed periods of this segment, ascending. Kept in rows of their own by the store.
+    /// Whether a standing alarm keeps the regression from learning what it warns of.
+    pub frozen: bool,
+    /// The last period that was closed.
+    pub closed: Option<i64>,
+    /// Closed periods of this segment, ascending. The store keeps them in rows of their own.
     #[serde(skip)]
     pub periods: Vec<Period>,
-    /// Alarms that stand.
+    /// Alarms that stand, in the order they were raised.
     pub alarms: Vec<Alarm>,
+    /// How long each condition has held or been absent.
+    pub watches: Watches,
+    /// What tells records of this sensor from others.
+    pub plausibility: Plausibility,
     /// Start of the latest record that was believed.
     pub latest: Option<Timestamp>,
+    /// The modes of the latest record that was believed.
+    pub latest_modes: Vec<LogMode>,
 }
 
-/// A record of an open period.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Pending {
-    /// Time of its first sample.
-    pub start: Timestamp,
-    /// Its relative force.
-    pub relative: Relative,
+impl State {
+    /// A rod of which nothing is known yet.
+    pub fn new(rod: RodId, key: String, lags_s: Vec<f64>) -> Self {
+        Self {
+            rod,
+            segment: Segment {
+                number: 1,
+                reason: Opening::First,
+                key,
+                baseline: None,
+                reference_c: None,
+                fault: None,
+            },
+            learning: Vec::new(),
+            open: Vec::new(),
+            readings: Vec::new(),
+            thermal: Thermal::new(lags_s),
+            regression: None,
+            charts: None,
+            frozen: false,
+            closed: None,
+            periods: Vec::new(),
+            alarms: Vec::new(),
+            watches: Watches::default(),
+            plausibility: Plausibility::default(),
+            latest: None,
+            latest_modes: Vec::new(),
+        }
+    }
+
+    /// The next segment: everything is learned anew; time and temperature go on.
+    pub fn next_segment(&self, reason: Opening, key: String, lags_s: Vec<f64>) -> Self {
+        let thermal = if lags_s == self.thermal.lags_s {
+            self.thermal.clone()
+        } else {
+            Thermal::new(lags_s.clone())
+        };
+        let mut next = Self::new(self.rod.clone(), key, lags_s);
+        next.segment.number = self.segment.number + 1;
+        next.segment.reason = reason;
+        next.readings = self.readings.clone();
+        next.thermal = thermal;
+        next.closed = self.closed;
+        next.alarms = self.alarms.clone();
+        next.latest = self.latest;
+        next
+    }
+
+    /// Whether the regression has learned from this many periods: charts and limits count from then on.
+    pub(super) fn has_learned(&self, periods: usize) -> bool {
+        self.regression
+            .as_ref()
+            .is_some_and(|regression| regression.periods() >= periods)
+    }
+
+    /// The period's temperatures less the reference \[K\], one per lag, empty without compensation; `None` if they
+    /// are not known.
+    pub(super) fn warmer_k(&self, period: &Period) -> Option<Vec<f64>> {
+        if self.thermal.lags_s.is_empty() {
+            return Some(Vec::new());
+        }
+        let reference_c = self.segment.reference_c?;
+        let lagged_c = period.lagged_c.as_ref()?;
+        Some(lagged_c.iter().map(|celsius| celsius - reference_c).collect())
+    }
 }

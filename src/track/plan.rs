@@ -1,0 +1,151 @@
+//! What the tracking of one rod depends on besides its records.
+
+use super::Baseline;
+use super::baseline::BaselineFault;
+use super::chart::Design;
+use super::regression::RegressionPrior;
+use super::relative::Shift;
+use super::settings::{AlarmSettings, TemperatureUse, TrackSettings};
+use super::thermal::LAGS_S;
+use super::{Observation, State};
+use crate::analysis::AnalysisSettings;
+use crate::bayes::RodPrior;
+use crate::forward::ForwardModel;
+use crate::random;
+use crate::record::{RodId, Timestamp};
+use std::sync::Arc;
+
+/// Standard deviation of the regression's intercept: force at the reference temperature over the baseline's mean.
+const INTERCEPT_SD: f64 = 0.3;
+
+/// Everything one rod's fold depends on, prepared once.
+pub struct TrackPlan {
+    pub(super) rod: RodId,
+    pub(super) track: TrackSettings,
+    pub(super) alarm: AlarmSettings,
+    pub(super) design: Design,
+    prior: RodPrior,
+    model: Arc<dyn ForwardModel>,
+    discrepancy: Vec<f64>,
+    key: String,
+    seed: u64,
+}
+
+impl TrackPlan {
+    /// Prepares one rod. `design` holds the charts' limits for `alarm`; `key` is a hash of everything that gives the
+    /// rod's numbers their meaning.
+    pub fn new(
+        analysis: &AnalysisSettings,
+        model: Arc<dyn ForwardModel>,
+        track: TrackSettings,
+        alarm: AlarmSettings,
+        design: Design,
+        key: String,
+    ) -> Self {
+        let discrepancy = analysis
+            .discrepancy
+            .iter()
+            .map(|stated| stated.max(track.discrepancy))
+            .collect();
+        Self {
+            rod: analysis.rod.clone(),
+            track,
+            alarm,
+            design,
+            prior: analysis.prior.clone(),
+            model,
+            discrepancy,
+            key,
+            seed: analysis.seed,
+        }
+    }
+
+    /// The rod.
+    pub fn rod(&self) -> &RodId {
+        &self.rod
+    }
+
+    /// The hash of everything that gives the rod's numbers their meaning.
+    pub fn key(&self) -> &str {
+        &self.key
+    }
+
+    /// The charts' constants.
+    pub fn design(&self) -> &Design {
+        &self.design
+    }
+
+    /// A rod of which nothing is known yet.
+    pub(super) fn blank(&self) -> State {
+        State::new(self.rod.clone(), self.key.clone(), self.lags_s())
+    }
+
+    /// The thermal lags that are told apart \[s\]; none without compensation.
+    pub(super) fn lags_s(&self) -> Vec<f64> {
+        match (self.track.temperature, self.track.thermal_lag_s) {
+            (TemperatureUse::Ignore, _) => Vec::new(),
+            (TemperatureUse::Compensate, Some(lag_s)) => vec![lag_s],
+            (TemperatureUse::Compensate, None) => LAGS_S.to_vec(),
+        }
+    }
+
+    /// Whether force is referred to one temperature.
+    pub(super) fn compensates(&self) -> bool {
+        self.track.temperature == TemperatureUse::Compensate
+    }
+
+    /// The baseline of a segment from its first observations.
+    pub(super) fn learn(
+        &self,
+        observations: &[Observation],
+        segment: u32,
+    ) -> Result<Baseline, BaselineFault> {
+        Baseline::learn(
+            observations,
+            &self.prior,
+            self.model.as_ref(),
+            &self.discrepancy,
+            self.track.particles,
+            self.seed_of(
+                b"baseline",
+                segment,
+                observations.first().map(|first| first.start),
+            ),
+        )
+    }
+
+    /// A baseline ready for records.
+    pub(super) fn shift(&self, baseline: &Baseline) -> Shift {
+        Shift::new(baseline, self.model.as_ref())
+    }
+
+    /// The seed of one record's relative force.
+    pub(super) fn seed_of(&self, purpose: &[u8], segment: u32, time: Option<Timestamp>) -> u64 {
+        random::seed(&[
+            purpose,
+            &self.seed.to_le_bytes(),
+            self.rod.0.as_bytes(),
+            &segment.to_le_bytes(),
+            &time.map_or(0, Timestamp::as_nanos).to_le_bytes(),
+        ])
+    }
+
+    /// What is known of the regression beforehand: beta = -kappa E A alpha / N_0 with a restraint kappa
+    /// between 0 (free to expand) and 1 (fixed ends).
+    pub(super) fn regression_prior(&self, baseline: &Baseline) -> RegressionPrior {
+        let parameterisation = self.prior.parameterisation();
+        let width = parameterisation.len();
+        let thetas = baseline.particles.chunks_exact(width);
+        let count = thetas.len().max(1) as f64;
+        let fixed_per_k = thetas
+            .map(|theta| parameterisation.axial_rigidity(theta) * self.track.expansion_per_k / theta[0])
+            .sum::<f64>()
+            / count;
+        RegressionPrior {
+            slope_mean: -0.5 * fixed_per_k,
+            slope_sd: 0.5 * fixed_per_k,
+            intercept_sd: INTERCEPT_SD,
+            lags: self.lags_s().len(),
+        }
+    }
+}

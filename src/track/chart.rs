@@ -159,11 +159,6 @@ impl Charts {
         ratios.fold(0.0, f64::max)
     }
 
-    /// Whether the cause is gone: every side is below half its limit.
-    pub fn cleared(&self) -> bool {
-        self.excess() < 0.5
-    }
-
     /// The statistics: \[chart\]\[0 up, 1 down\].
     pub fn statistic(&self) -> [[f64; 2]; 2] {
         self.statistic
@@ -176,7 +171,7 @@ impl Charts {
 
     /// Whether every side is below half its limit: what raised an alarm is over.
     pub fn is_calm(&self) -> bool {
-        todo!()
+        self.excess() < 0.5
     }
 
     /// The constants.
@@ -308,7 +303,7 @@ mod tests {
         assert_eq!(charts.excess(), 2.0);
         let cleared = (1000..2000).find(|&period| {
             charts.update(period, 0.0);
-            charts.cleared()
+            charts.is_calm()
         });
         // 16 -> 4 at 0.2 a period.
         assert_eq!(cleared, Some(1060));

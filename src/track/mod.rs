@@ -21,6 +21,7 @@
 //! * [`state`]       everything remembered of one rod from record to record
 //! * [`plan`]        what the tracking of one rod depends on besides its records
 //! * [`tracker`]     the fold: one `step` per record
+//! * `levels`, `particles`, `shift` parts of the baseline and of the relative force
 //! * `monitor`       what a closed period says: charts moved on, conditions looked at
 
 pub mod alarm;
@@ -28,8 +29,10 @@ pub mod arl;
 pub mod baseline;
 pub mod change;
 pub mod chart;
+mod levels;
 mod monitor;
 pub mod observation;
+mod particles;
 pub mod period;
 pub mod plan;
 pub mod plausibility;
@@ -37,6 +40,7 @@ pub mod regression;
 pub mod relative;
 pub mod run_length;
 pub mod settings;
+mod shift;
 pub mod state;
 pub mod thermal;
 pub mod tracker;

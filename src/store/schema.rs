@@ -38,7 +38,8 @@ pub(super) fn definitions(connection: &Connection) -> rusqlite::Result<Vec<(Stri
 
 /// The tables whose rows carry a checksum, in an order in which rows can be put in.
 pub(super) const TABLES: [&str; 12] = [
-    "config", "rod", "segment", "state", "record", "line", "mode", "period", "alarm", "outbox", "request", "source",
+    "config", "rod", "segment", "state", "record", "line", "mode", "period", "alarm", "outbox", "request",
+    "source",
 ];
 
 /// Results: equal for the same records, however often a run was killed and started again.

@@ -21,6 +21,7 @@
 //! * [`state`]       everything remembered of one rod from record to record
 //! * [`plan`]        what the tracking of one rod depends on besides its records
 //! * [`tracker`]     the fold: one `step` per record
+//! * `levels`, `particles`, `shift` parts of the baseline and of the relative force
 //! * `monitor`       what a closed period says: charts moved on, conditions looked at
 
 pub mod alarm;
@@ -28,8 +29,12 @@ pub mod arl;
 pub mod baseline;
 pub mod change;
 pub mod chart;
+mod lattice;
+mod levels;
+mod member;
 mod monitor;
 pub mod observation;
+mod particles;
 pub mod period;
 pub mod plan;
 pub mod plausibility;
@@ -37,9 +42,12 @@ pub mod regression;
 pub mod relative;
 pub mod run_length;
 pub mod settings;
+mod shift;
 pub mod state;
+mod tail;
 pub mod thermal;
 pub mod tracker;
+pub mod whiteness;
 
 pub use alarm::{Alarm, AlarmEvent, Kind, What};
 pub use baseline::Baseline;

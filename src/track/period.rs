@@ -1,6 +1,7 @@
 //! The records of one decorrelation period as one statistic, and what the charts made of it.
 
 use super::Observation;
+use super::regression::{Prediction, Statistic};
 use super::relative::{Misfit, Relative};
 use super::thermal::Thermal;
 use crate::record::{Reading, Timestamp};
@@ -57,6 +58,29 @@ pub struct Period {
     pub charted: Option<Charted>,
 }
 
+impl Period {
+    /// What the regression takes from it: the logarithm of the ratio and its standard error.
+    pub(super) fn statistic<'w>(&self, warmer_k: &'w [f64]) -> Statistic<'w> {
+        statistic(self.index, self.delta, self.delta_sd, warmer_k)
+    }
+}
+
+/// A change N_t / N_0 - 1 as the regression takes it.
+pub(super) fn statistic(period: i64, delta: f64, sd: f64, warmer_k: &[f64]) -> Statistic<'_> {
+    let ratio = (1.0 + delta).max(f64::MIN_POSITIVE);
+    Statistic {
+        period,
+        delta: libm::log(ratio),
+        sd: sd / ratio,
+        warmer_k,
+    }
+}
+
+/// N_t / N_0 - 1 at the reference temperature.
+pub(super) fn at_reference(delta: f64, prediction: &Prediction) -> f64 {
+    (1.0 + delta) * libm::exp(-prediction.thermal) - 1.0 - prediction.intercept
+}
+
 /// A period's place on the charts.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Charted {
@@ -93,7 +117,7 @@ fn nanos(period_s: f64) -> i64 {
 }
 
 /// Combines the records of one period, ascending in time. `thermal` is run along `readings` up to the end of the last
-/// record; the readings used are taken out. `not_axial_p(delta, misfit)` judges the combined misfit.
+/// record; the readings used are taken out. `not_axial_p(ln(1 + delta), misfit)` judges the combined misfit.
 ///
 /// delta = sum w_i delta_i / sum w_i with w_i = 1 / sd_i^2, and the temperatures with the same weights,
 /// since delta is linear in them. Records without a temperature are left out if others have one.
@@ -145,13 +169,13 @@ pub fn combine(
         delta,
         delta_sd: weight.sqrt().recip(),
         lagged_c: compensated.then_some(lagged_c),
-        not_axial_p: not_axial_p(delta, &misfit),
+        not_axial_p: not_axial_p(libm::log1p(delta.max(-1.0 + 1e-9)), &misfit),
         misfit,
         charted: None,
     }
 }
 
-/// The misfit of several periods together, with their mean delta.
+/// The misfit of several periods together, with ln(1 + their mean delta).
 pub fn combined_misfit<'a>(periods: impl Iterator<Item = &'a Period>) -> (f64, Vec<Misfit>) {
     let mut misfit = Vec::new();
     let (mut weight, mut delta) = (0.0, 0.0);
@@ -163,7 +187,7 @@ pub fn combined_misfit<'a>(periods: impl Iterator<Item = &'a Period>) -> (f64, V
             add(&mut misfit, one);
         }
     }
-    (delta / weight, averaged(misfit))
+    (libm::log1p((delta / weight).max(-1.0 + 1e-9)), averaged(misfit))
 }
 
 /// Adds one mode's misfit to the precision-weighted sums (residual: sum w r; second: sum w).

@@ -27,7 +27,8 @@
 //! * [`source`]   recordings in: MCAP, message decoding
 //! * [`sink`]     recordings out: MCAP
 //! * [`cache`]    fitted emulators on disk
-//! * [`site`]     the trackers of a site's rods, folded in the order records come
+//! * [`line`]     a record as one JSON line
+//! * [`site`]     the trackers of a site's rods, folded in the order records come, and the store they commit to
 //! * [`store`]    what is remembered: SQLite, one transaction per record
 //! * [`plot`]     figures and the report page
 //! * [`pipeline`] reading and computing at once, results in order
@@ -44,6 +45,7 @@ pub mod command;
 pub mod config;
 pub mod emulator;
 pub mod forward;
+pub mod line;
 pub mod modes;
 pub mod outcome;
 pub mod pipeline;

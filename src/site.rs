@@ -1,7 +1,9 @@
-//! One site: the trackers of its rods, folded in the order records come.
+//! One site: the trackers of its rods, folded in the order records come, and the store they commit to.
 
+use crate::line;
 use crate::outcome::Outcome;
 use crate::record::RodId;
+use crate::store::{Asked, Commit, Position, RecordRow, RodRow, Store, StoreError};
 use crate::track::{Peer, TrackPlan, Tracker, Verdict};
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -9,27 +11,148 @@ use std::sync::Arc;
 /// The rods of a site as they stand.
 pub struct Site {
     trackers: BTreeMap<RodId, Tracker>,
+    emulators: BTreeMap<RodId, &'static str>,
+    store: Store,
+    config_hash: String,
+}
+
+/// One record that was taken: its line, and what it changed.
+pub struct Taken {
+    /// The JSON line the store keeps.
+    pub line: String,
+    /// What tracking made of it.
+    pub verdict: Verdict,
+}
+
+/// The configuration a site runs with, as the store keeps it.
+#[derive(Debug, Clone, Copy)]
+pub struct Provenance<'a> {
+    /// The site's name.
+    pub site: &'a str,
+    /// The hash records name it by.
+    pub hash: &'a str,
+    /// The text with every default filled in.
+    pub effective: &'a str,
 }
 
 impl Site {
-    /// A site of which nothing is known yet.
-    pub fn new(plans: impl Iterator<Item = Arc<TrackPlan>>) -> Self {
-        Self {
-            trackers: plans
-                .map(|plan| (plan.rod().clone(), Tracker::new(plan)))
-                .collect(),
+    /// Goes on where the store left off. A rod whose numbers have another meaning now begins a new segment.
+    ///
+    /// # Errors
+    /// The store cannot be read or written.
+    pub fn open(
+        plans: impl IntoIterator<Item = Arc<TrackPlan>>,
+        mut store: Store,
+        provenance: Provenance<'_>,
+    ) -> Result<Self, StoreError> {
+        store.keep_config(provenance.hash, provenance.site, provenance.effective)?;
+        let mut states = store.states()?;
+        let (mut trackers, mut emulators) = (BTreeMap::new(), BTreeMap::new());
+        for plan in plans {
+            let rod = plan.rod().clone();
+            emulators.insert(rod.clone(), plan.emulator());
+            let tracker = match states.remove(&rod) {
+                None => Tracker::new(plan),
+                Some(state) => {
+                    let before = state.segment.number;
+                    let (tracker, events) = Tracker::resume(plan, state);
+                    if tracker.state().segment.number != before {
+                        store.commit(&Commit {
+                            rod: Some(RodRow {
+                                state: tracker.state(),
+                                stands: &tracker.rod_state(),
+                                closed: &[],
+                                events: &events,
+                            }),
+                            ..Commit::default()
+                        })?;
+                    }
+                    tracker
+                }
+            };
+            trackers.insert(rod, tracker);
         }
+        Ok(Self {
+            trackers,
+            emulators,
+            store,
+            config_hash: provenance.hash.to_owned(),
+        })
     }
 
-    /// Takes what came of one record; `None` for a rod the site does not have, or frequencies without a time.
-    pub fn take(&mut self, outcome: &Outcome) -> Option<Verdict> {
-        let input = outcome.input()?;
+    /// What is remembered.
+    pub fn store(&self) -> &Store {
+        &self.store
+    }
+
+    /// Takes what came of one record and makes it durable; `None` if the store has the record already, or the site does not
+    /// have its rod. What people asked of the rod is done first.
+    ///
+    /// # Errors
+    /// The store refuses: nothing of the record was kept, and nothing more can be.
+    pub fn take(
+        &mut self,
+        outcome: &Outcome,
+        position: Option<Position<'_>>,
+    ) -> Result<Option<Taken>, StoreError> {
+        let rod = outcome.rod();
+        let (Some(input), Some(identity)) = (outcome.input(), outcome.identity()) else {
+            return Ok(None);
+        };
+        if self.store.known(rod, &identity) {
+            return Ok(None);
+        }
+        self.do_as_asked(rod)?;
         let peers: Vec<Peer> = self
             .trackers
             .iter()
-            .filter(|(rod, _)| *rod != outcome.rod())
+            .filter(|(other, _)| *other != rod)
             .map(|(_, tracker)| tracker.as_peer())
             .collect();
-        Some(self.trackers.get_mut(outcome.rod())?.step(&input, &peers))
+        let Some(tracker) = self.trackers.get_mut(rod) else {
+            return Ok(None);
+        };
+        let verdict = tracker.step(&input, &peers);
+        let line = line::json(outcome, Some(&verdict), &self.config_hash);
+        self.store.commit(&Commit {
+            record: Some(RecordRow {
+                outcome,
+                line: &line,
+                emulator: self.emulators.get(rod).copied().unwrap_or_default(),
+            }),
+            rod: Some(RodRow {
+                state: tracker.state(),
+                stands: &verdict.state,
+                closed: &verdict.closed,
+                events: &verdict.events,
+            }),
+            applied: None,
+            source: position,
+        })?;
+        Ok(Some(Taken { line, verdict }))
+    }
+
+    /// Does what people asked of a rod, in the order they did.
+    fn do_as_asked(&mut self, rod: &RodId) -> Result<(), StoreError> {
+        let Some(tracker) = self.trackers.get_mut(rod) else {
+            return Ok(());
+        };
+        for request in self.store.waiting(rod)? {
+            let events = match &request.what {
+                Asked::Acknowledge { alarm } => tracker.acknowledge(alarm, request.asked),
+                Asked::Rebaseline { .. } => tracker.rebaseline(None),
+            };
+            self.store.commit(&Commit {
+                rod: Some(RodRow {
+                    state: tracker.state(),
+                    stands: &tracker.rod_state(),
+                    closed: &[],
+                    events: &events,
+                }),
+                applied: Some(request.number),
+                ..Commit::default()
+            })?;
+        }
+        Ok(())
     }
 }

@@ -8,7 +8,8 @@ use crate::outcome::{Outcome, Rejected};
 use crate::pipeline::{Limits, map_in_order};
 use crate::record::{RodChannels, RodId};
 use crate::source::{self, Event, Follow, Options, Recording, SourceError, Summary};
-use std::collections::{BTreeMap, HashSet};
+use crate::store::Position;
+use std::collections::{BTreeMap, HashMap, HashSet};
 use std::fmt::{self, Display};
 use std::io;
 use std::ops::ControlFlow;
@@ -107,7 +108,7 @@ impl Display for Tally {
 /// Runs every record of `paths` (files, or folders of them) through its rod's plan and hands the
 /// outcomes to `on_outcome` in the order of the recordings. What was lost is said on stderr. `None` if
 /// the reader of stdout has seen enough (`| head`). A record with the same data as one before (a copied or
-/// renamed file) is counted and left out.
+/// renamed file), or one of `known`, is counted and left out.
 ///
 /// # Errors
 /// `on_outcome` failed.
@@ -116,7 +117,8 @@ pub fn run(
     config: &Config,
     plans: &BTreeMap<RodId, Plan>,
     reading: &Reading,
-    mut on_outcome: impl FnMut(&Outcome, &Progress) -> io::Result<()>,
+    known: &Known,
+    mut on_outcome: impl FnMut(&Outcome, Position<'_>, &Progress) -> anyhow::Result<Taken>,
 ) -> anyhow::Result<Option<Tally>> {
     let files = source::recordings(paths);
     let total: u64 = files
@@ -147,27 +149,35 @@ pub fn run(
             weight: SAMPLES_IN_FLIGHT,
         },
         |step| match step {
-            Step::Event(Event::Record(record)) => record.samples.len(),
+            Step::Event(Event::Record(record), _) => record.samples.len(),
             _ => 1,
         },
-        |step| analyse(step, plans),
+        |step| analyse(step, plans, known),
         |result| {
             bar.set(done.load(Ordering::Relaxed), total);
             match result {
-                Ok(Done::Record(outcome)) => {
+                Ok(Done::Known) => tally.repeated += 1,
+                Ok(Done::Record(outcome, place)) => {
                     if outcome.identity().is_some_and(|identity| !seen.insert(identity)) {
                         tally.repeated += 1;
                         return ControlFlow::Continue(());
+                    }
+                    match on_outcome(&outcome, place.position(), &bar) {
+                        Ok(Taken::New) => {}
+                        Ok(Taken::Known) => {
+                            tally.repeated += 1;
+                            return ControlFlow::Continue(());
+                        }
+                        Err(error) => {
+                            failure = Some(error);
+                            return ControlFlow::Break(());
+                        }
                     }
                     match outcome.as_ref() {
                         Outcome::Identified(_) => tally.identified += 1,
                         Outcome::Rejected(rejected) => {
                             *tally.rejected.entry(rejected.rejection.code()).or_default() += 1;
                         }
-                    }
-                    if let Err(error) = on_outcome(&outcome, &bar) {
-                        failure = Some(error);
-                        return ControlFlow::Break(());
                     }
                 }
                 Ok(Done::File(result)) => tally.file(&result, &bar),
@@ -181,8 +191,8 @@ pub fn run(
     );
     drop(bar);
     match failure {
-        Some(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(None),
-        Some(error) => Err(error.into()),
+        Some(error) if is_broken_pipe(&error) => Ok(None),
+        Some(error) => Err(error),
         None => Ok(Some(tally)),
     }
 }
@@ -214,27 +224,68 @@ impl Tally {
     }
 }
 
+fn is_broken_pipe(error: &anyhow::Error) -> bool {
+    error
+        .downcast_ref::<io::Error>()
+        .is_some_and(|error| error.kind() == io::ErrorKind::BrokenPipe)
+}
+
+/// Records that need not be analysed again.
+pub type Known = HashMap<RodId, HashSet<[u8; 32]>>;
+
+/// What became of an outcome that was handed on.
+pub enum Taken {
+    /// It is new.
+    New,
+    /// It was known already.
+    Known,
+}
+
+/// Where in its recording a record ended.
+#[derive(Clone)]
+struct Place {
+    file: Arc<str>,
+    bytes: u64,
+    records: u64,
+}
+
+impl Place {
+    fn position(&self) -> Position<'_> {
+        Position {
+            name: &self.file,
+            bytes: self.bytes,
+            records: self.records,
+        }
+    }
+}
+
 /// One step of reading: an event of a recording, or its end.
 enum Step {
-    Event(Event),
+    Event(Event, Place),
     File(Result<Summary, SourceError>),
 }
 
 enum Done {
-    Record(Box<Outcome>),
+    /// A record's outcome.
+    Record(Box<Outcome>, Place),
+    /// A record that was known before it was analysed.
+    Known,
     File(Result<Summary, SourceError>),
 }
 
-fn analyse(step: Step, plans: &BTreeMap<RodId, Plan>) -> Done {
-    let record = match step {
+fn analyse(step: Step, plans: &BTreeMap<RodId, Plan>, known: &Known) -> Done {
+    let (record, place) = match step {
         Step::File(result) => return Done::File(result),
-        Step::Event(Event::Rejected {
-            rod,
-            start,
-            duration_s,
-            rejection,
-        }) => {
-            return Done::Record(Box::new(Outcome::Rejected(Box::new(Rejected {
+        Step::Event(
+            Event::Rejected {
+                rod,
+                start,
+                duration_s,
+                rejection,
+            },
+            place,
+        ) => {
+            let rejected = Rejected {
                 rod,
                 start,
                 duration_s: Some(duration_s),
@@ -242,26 +293,32 @@ fn analyse(step: Step, plans: &BTreeMap<RodId, Plan>) -> Done {
                 identity: None,
                 readings: Vec::new(),
                 rejection,
-            }))));
+            };
+            return Done::Record(Box::new(Outcome::Rejected(Box::new(rejected))), place);
         }
-        Step::Event(Event::Record(record)) => record,
+        Step::Event(Event::Record(record), place) => (record, place),
     };
-    Done::Record(Box::new(
-        match plans.get(&record.rod).map(|plan| plan.run(&record)) {
-            Some(Ok(identification)) => Outcome::Identified(Box::new(identification)),
-            Some(Err(rejection)) => Outcome::Rejected(Box::new(Rejected {
-                start: Some(record.start),
-                duration_s: Some(record.duration_s()),
-                fs_hz: Some(record.fs_hz),
-                identity: Some(record.identity()),
-                readings: record.readings,
-                rod: record.rod,
-                rejection,
-            })),
-            // The reader only cuts records of rods of the same configuration the plans were made from.
-            None => unreachable!("the rod {} has channels but no plan", record.rod),
-        },
-    ))
+    if known
+        .get(&record.rod)
+        .is_some_and(|known| known.contains(&record.identity()))
+    {
+        return Done::Known;
+    }
+    let outcome = match plans.get(&record.rod).map(|plan| plan.run(&record)) {
+        Some(Ok(identification)) => Outcome::Identified(Box::new(identification)),
+        Some(Err(rejection)) => Outcome::Rejected(Box::new(Rejected {
+            start: Some(record.start),
+            duration_s: Some(record.duration_s()),
+            fs_hz: Some(record.fs_hz),
+            identity: Some(record.identity()),
+            readings: record.readings,
+            rod: record.rod,
+            rejection,
+        })),
+        // The reader only cuts records of rods of the same configuration the plans were made from.
+        None => unreachable!("the rod {} has channels but no plan", record.rod),
+    };
+    Done::Record(Box::new(outcome), place)
 }
 
 /// The events of many files, one after another, each followed by its end.
@@ -272,7 +329,8 @@ struct Recordings {
     options: Options,
     done: Arc<AtomicU64>,
     bytes_of_closed: u64,
-    open: Option<Recording>,
+    /// The recording, its name, and how many records it has given.
+    open: Option<(Recording, Arc<str>, u64)>,
 }
 
 impl Recordings {
@@ -305,28 +363,33 @@ impl Iterator for Recordings {
 
     fn next(&mut self) -> Option<Step> {
         loop {
-            if let Some(mut recording) = self.open.take() {
+            if let Some((mut recording, file, records)) = self.open.take() {
                 let event = recording.next();
-                self.done.store(
-                    self.bytes_of_closed + recording.position().read,
-                    Ordering::Relaxed,
-                );
+                let bytes = recording.position().read;
+                self.done.store(self.bytes_of_closed + bytes, Ordering::Relaxed);
                 return Some(match event {
                     Some(event) => {
-                        self.open = Some(recording);
-                        Step::Event(event)
+                        let place = Place {
+                            file: Arc::clone(&file),
+                            bytes,
+                            records: records + 1,
+                        };
+                        self.open = Some((recording, file, records + 1));
+                        Step::Event(event, place)
                     }
                     None => {
-                        self.bytes_of_closed += recording.position().read;
+                        self.bytes_of_closed += bytes;
                         Step::File(Ok(recording.summary().clone()))
                     }
                 });
             }
             let opened = self.files.next()?.and_then(|path| {
-                Recording::open(&path, &self.channels, &self.settings, self.options.clone())
+                let file = Arc::from(path.display().to_string());
+                let recording = Recording::open(&path, &self.channels, &self.settings, self.options.clone())?;
+                Ok((recording, file, 0))
             });
             match opened {
-                Ok(recording) => self.open = Some(recording),
+                Ok(opened) => self.open = Some(opened),
                 Err(error) => {
                     return Some(Step::File(Err(error)));
                 }

@@ -1,11 +1,12 @@
 //! `tirante identify`: one recording, or frequencies measured elsewhere, to the posterior.
 
-use super::campaign::{self, Reading};
-use super::render::{self, CONFLICT_SHOWN, PRIOR_TAIL_SHOWN};
+use super::campaign::{self, Known, Reading, Taken};
+use super::render::{CONFLICT_SHOWN, PRIOR_TAIL_SHOWN};
 use super::setup::{self, Setup};
 use super::{BadArguments, WITH_LOSSES};
 use crate::analysis::{Identification, Plan};
 use crate::config::Config;
+use crate::line;
 use crate::modes::Mode;
 use crate::outcome::{Outcome, Rejected};
 use crate::record::RodId;
@@ -127,15 +128,18 @@ fn from_recording(args: &Args, path: &PathBuf) -> anyhow::Result<ExitCode> {
     }
     let plans = setup::plans(&config)?;
     let paths = std::slice::from_ref(path);
-    let tally = campaign::run(paths, &config, &plans, &Reading::default(), |outcome, bar| {
-        bar.suspend(|| show(args, &config, &plans, outcome))
+    let known = Known::new();
+    let reading = Reading::default();
+    let tally = campaign::run(paths, &config, &plans, &reading, &known, |outcome, _, bar| {
+        bar.suspend(|| show(args, &config, &plans, outcome))?;
+        Ok(Taken::New)
     })?;
     Ok(campaign::conclude(tally))
 }
 
 fn show(args: &Args, config: &Config, plans: &BTreeMap<RodId, Plan>, outcome: &Outcome) -> io::Result<()> {
     let text = match outcome {
-        _ if args.json => render::json(outcome, None, &setup::provenance(config)) + "\n",
+        _ if args.json => line::json(outcome, None, &setup::provenance(config)) + "\n",
         Outcome::Identified(identification) => match plans.get(&identification.rod) {
             Some(plan) => describe(plan, identification),
             None => String::new(),

@@ -1,10 +1,13 @@
 //! `tirante replay`: recordings through the whole pipeline.
 
 use super::campaign::{self, Reading};
-use super::render::{self, Table};
-use super::setup::{self, Setup};
+use super::progress::Progress;
+use super::render::Table;
+use super::setup::{self, Prepared, Setup};
+use crate::outcome::Outcome;
 use crate::record::RodId;
-use crate::site::Site;
+use crate::site::Taken;
+use crate::store::Position;
 use std::io::{self, Write};
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -29,6 +32,11 @@ pub struct Args {
     #[arg(long)]
     pub json: bool,
 
+    /// Keep results in this database (SQLite) and go on where it left off; over `[store] path` of the configuration. Without
+    /// either, nothing is remembered after the replay.
+    #[arg(long, value_name = "FILE")]
+    pub store: Option<PathBuf>,
+
     /// How recordings are read.
     #[command(flatten)]
     pub reading: Reading,
@@ -41,11 +49,10 @@ pub struct Args {
 /// Runs the command.
 ///
 /// # Errors
-/// Bad arguments or configuration, no recording at all, or an output that cannot be written.
+/// Bad arguments or configuration, no recording at all, a store or an output that cannot be written.
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let config = args.setup.load()?;
-    let plans = setup::plans(&config)?;
-    let provenance = setup::provenance(&config);
+    let Prepared { plans, mut site } = setup::site(&config, args.store.as_deref())?;
     let modes = config
         .rods
         .iter()
@@ -54,23 +61,28 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         .unwrap_or(0);
     let rods: Vec<&RodId> = config.rods.iter().map(|rod| &rod.analysis.rod).collect();
     let table = Table::new(rods.into_iter(), modes);
+    let known = site.store().all_known().clone();
 
-    let mut site = Site::new(setup::track_plans(&config, &plans).into_iter());
     let mut output = io::stdout().lock();
     let mut header_due = !args.json;
-    let tally = campaign::run(&args.paths, &config, &plans, &args.reading, |outcome, bar| {
-        let verdict = site.take(outcome);
+    let on_outcome = |outcome: &Outcome, place: Position<'_>, bar: &Progress| {
+        let Some(Taken { line, verdict }) = site.take(outcome, Some(place))? else {
+            return Ok(campaign::Taken::Known);
+        };
         bar.suspend(|| {
             if header_due {
                 header_due = false;
                 writeln!(output, "{}\n{}", config.site, table.header())?;
             }
-            let line = match &verdict {
-                Some(verdict) if !args.json => table.row(outcome, verdict),
-                _ => render::json(outcome, verdict.as_ref(), &provenance),
+            let line = if args.json {
+                line
+            } else {
+                table.row(outcome, &verdict)
             };
             writeln!(output, "{line}")
-        })
-    })?;
+        })?;
+        Ok(campaign::Taken::New)
+    };
+    let tally = campaign::run(&args.paths, &config, &plans, &args.reading, &known, on_outcome)?;
     Ok(campaign::conclude(tally))
 }

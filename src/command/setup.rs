@@ -7,11 +7,13 @@ use crate::bayes::Tables;
 use crate::cache::{self, Cache};
 use crate::config::{Config, ConfigError, RodConfig, Setting};
 use crate::record::RodId;
+use crate::site::{Provenance, Site};
+use crate::store::{Durability, Store};
 use crate::track::TrackPlan;
 use crate::track::chart::Design;
 use clap::Args;
 use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 /// Days of a mean Gregorian year.
@@ -126,6 +128,41 @@ pub fn track_plans(config: &Config, plans: &BTreeMap<RodId, Plan>) -> Vec<Arc<Tr
             ))
         })
         .collect()
+}
+
+/// A site ready for records: what analyses them, and what follows them.
+pub struct Prepared {
+    /// One plan per rod.
+    pub plans: BTreeMap<RodId, Plan>,
+    /// Trackers and store.
+    pub site: Site,
+}
+
+/// Prepares a whole site. `store`: over the configuration's; without either, a store that is gone with the process.
+///
+/// # Errors
+/// Plans that cannot be made, a store that cannot be opened.
+pub fn site(config: &Config, store: Option<&Path>) -> anyhow::Result<Prepared> {
+    let store = match store.or(config.store.as_deref()) {
+        Some(path) => Store::open(path, Durability::Replay)?,
+        None => Store::in_memory()?,
+    };
+    if let Some(aside) = store.moved_aside() {
+        tell!(
+            "warning: the store was damaged and is now {}; a new one is begun: replay the recordings to rebuild it",
+            aside.display()
+        );
+    }
+    let plans = plans(config)?;
+    let hash = provenance(config);
+    let effective = config.effective();
+    let provenance = Provenance {
+        site: &config.site,
+        hash: &hash,
+        effective: &effective,
+    };
+    let site = Site::open(track_plans(config, &plans), store, provenance)?;
+    Ok(Prepared { plans, site })
 }
 
 /// The rod called `id`, or the only one.

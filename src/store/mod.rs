@@ -97,6 +97,11 @@ impl Store {
         self.known.get(rod).is_some_and(|known| known.contains(identity))
     }
 
+    /// Every record the store has, to ask on other threads what is [known](Store::known).
+    pub fn all_known(&self) -> &HashMap<RodId, HashSet<[u8; 32]>> {
+        &self.known
+    }
+
     /// Keeps a configuration: `hash` as records name it, `effective` with every default filled in. It must be kept
     /// before the first record that names it.
     ///

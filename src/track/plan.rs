@@ -70,6 +70,11 @@ impl TrackPlan {
         &self.key
     }
 
+    /// The name of the forward model.
+    pub fn emulator(&self) -> &'static str {
+        self.model.name()
+    }
+
     /// The charts' constants.
     pub fn design(&self) -> &Design {
         &self.design

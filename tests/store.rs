@@ -405,3 +405,35 @@ fn damage_is_found_and_moved_aside() {
     // Free space and counters of no consequence take the rest.
     assert!(found > places.len() / 3, "{found} of {}", places.len());
 }
+
+#[test]
+fn a_reader_does_not_believe_a_changed_row() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("site.db");
+    fill(&mut open(&path), 0..50);
+    let read = |reader: Reader, listing| {
+        reader.list(listing, &Filter::default(), |_, _| Ok::<(), StoreError>(()))?;
+        reader.lines(listing, &Filter::default(), |_| Ok::<(), StoreError>(()))
+    };
+    read(Reader::open(&path).unwrap(), Listing::Records).unwrap();
+    for change in [
+        "UPDATE record SET relative_force = 0.96 WHERE id = 7",
+        "UPDATE line SET json = replace(json, '0.9515', '0.9615') WHERE record = 7",
+        "UPDATE mode SET frequency_hz = 4.6 WHERE record = 7 AND mode_order = 1",
+        "UPDATE alarm SET stands = 0",
+        "UPDATE period SET residual = 1.5 WHERE period = 0",
+    ] {
+        let copy = folder.path().join("copy.db");
+        std::fs::copy(&path, &copy).unwrap();
+        assert!(
+            Connection::open(&copy).unwrap().execute(change, ()).unwrap() > 0,
+            "{change}"
+        );
+        let error = Reader::open(&copy)
+            .and_then(|reader| read(reader, Listing::Records))
+            .unwrap_err();
+        assert!(matches!(error, StoreError::Damaged { .. }), "{change}: {error}");
+        let store = open(&copy);
+        assert!(store.moved_aside().is_some(), "{change}");
+    }
+}

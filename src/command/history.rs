@@ -335,3 +335,68 @@ impl Row<'_> {
         format!("{:.digits$} ± {:.digits$}", mean * factor, sd * factor)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bayes::Marginal;
+    use crate::command::render;
+    use crate::outcome::{Outcome, Rejected};
+    use crate::record::{Rejection, RodId};
+    use crate::store::columns;
+    use crate::track::Interval;
+
+    /// The store's columns are taken out of the printed line: each must find its field there.
+    #[test]
+    fn every_column_of_the_store_is_a_field_of_the_line() {
+        let outcome = Outcome::Rejected(Box::new(Rejected {
+            rod: RodId("r".into()),
+            start: Some(Timestamp::from_nanos(1)),
+            duration_s: Some(1.0),
+            fs_hz: None,
+            identity: None,
+            readings: Vec::new(),
+            rejection: Rejection::NoOnset { duration_s: 1.0 },
+        }));
+        let line: Json = serde_json::from_str(&render::json(&outcome, None, "0")).unwrap();
+        let interval = serde_json::to_value(Interval {
+            mean: 1.0,
+            sd: 1.0,
+            q025: 1.0,
+            q975: 1.0,
+        });
+        let marginal = serde_json::to_value(Marginal {
+            mean: 1.0,
+            sd: 1.0,
+            cv: 1.0,
+            q025: 1.0,
+            q50: 1.0,
+            q975: 1.0,
+            mean_error: 1.0,
+        });
+        let (interval, marginal) = (interval.unwrap(), marginal.unwrap());
+        for pointer in columns::pointers() {
+            let mut names = pointer.split('/').skip(1);
+            let (field, inner) = (names.next().unwrap(), names.next());
+            assert!(line.get(field).is_some(), "{pointer}");
+            match (field, inner) {
+                (_, None) => {}
+                ("rejection", Some(_)) => assert!(line.pointer(pointer).unwrap().is_string(), "{pointer}"),
+                ("axial_force_n", Some(inner)) => assert!(marginal.get(inner).is_some(), "{pointer}"),
+                (_, Some(inner)) => assert!(interval.get(inner).is_some(), "{pointer}"),
+            }
+        }
+    }
+
+    #[test]
+    fn days_and_times_are_understood_and_nothing_else() {
+        let nanos = |text: &str| time(text).map(Timestamp::as_nanos);
+        assert_eq!(nanos("1970-01-02"), Ok(86_400_000_000_000));
+        assert_eq!(nanos("1970-01-01T01:00:00Z"), Ok(3_600_000_000_000));
+        assert_eq!(nanos("1970-01-01 01:00:00"), Ok(3_600_000_000_000));
+        assert_eq!(nanos("1970-01-01T01:00:00+01:00"), Ok(0));
+        for bad in ["", "1970", "1970-02-30", "now", "1970-01-01T25:00:00Z"] {
+            assert!(time(bad).is_err(), "{bad}");
+        }
+    }
+}

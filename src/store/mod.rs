@@ -5,7 +5,7 @@
 //! tables of [results](Store::dump) depends on the clock or on how often a run was interrupted.
 //! docs/store.md describes tables and columns.
 
-mod columns;
+pub(crate) mod columns;
 mod commit;
 mod dump;
 mod error;

@@ -2,7 +2,7 @@
 
 use super::request::{self, Request};
 use super::state::{self, Trouble};
-use super::{StoreError, open};
+use super::{StoreError, open, row, schema};
 use crate::record::{RodId, Timestamp};
 use crate::track::{Alarm, AlarmEvent, Period, RodState, Segment, State};
 use rusqlite::Connection;
@@ -66,13 +66,30 @@ pub struct Standing {
 }
 
 impl Reader {
-    /// Opens a store for reading.
+    /// Opens a store for reading. What rods, periods and alarms say is compared with its checksums now, records when
+    /// they are asked for.
     ///
     /// # Errors
     /// There is none, it is another program's, a newer format, or damaged.
     pub fn open(path: &Path) -> Result<Self, StoreError> {
         let (connection, path) = open::for_reading(path)?;
-        Ok(Self::over(connection, path))
+        let reader = Self::over(connection, path);
+        reader.check(&schema::SMALL)?;
+        Ok(reader)
+    }
+
+    /// Compares the rows of these tables with their checksums.
+    fn check(&self, tables: &[&str]) -> Result<(), StoreError> {
+        for table in tables {
+            let bad = row::verify(&self.connection, table, |_| Ok(()));
+            if let Some(number) = bad.map_err(|error| self.fault(Trouble::Sql(error)))? {
+                return Err(StoreError::Damaged {
+                    path: self.path.clone(),
+                    detail: format!("row {number} of table {table} is not what was written"),
+                });
+            }
+        }
+        Ok(())
     }
 
     pub(super) fn over(connection: Connection, path: PathBuf) -> Self {
@@ -179,6 +196,7 @@ impl Reader {
         filter: &Filter,
         mut on_line: impl FnMut(&str) -> Result<(), E>,
     ) -> Result<(), E> {
+        self.check(&["record", "line"])?;
         let (wanted, values) = filter.sql("start_ns");
         let rejected = match listing {
             Listing::Rejections => "AND rejection IS NOT NULL",
@@ -224,6 +242,9 @@ impl Reader {
         mut on_row: impl FnMut(&[String], &[Value]) -> Result<(), E>,
     ) -> Result<(), E> {
         let fault = |error| E::from(self.fault(Trouble::Sql(error)));
+        if matches!(listing, Listing::Records | Listing::Rejections) {
+            self.check(&["record", "mode"])?;
+        }
         let names = self.columns(listing)?;
         let (sql, values) = listing.sql(filter, self.orders().map_err(fault)?);
         let mut statement = self.connection.prepare(&sql).map_err(fault)?;

@@ -42,6 +42,11 @@ pub(super) const TABLES: [&str; 12] = [
     "source",
 ];
 
+/// Tables that grow with days rather than with records.
+pub(super) const SMALL: [&str; 8] = [
+    "config", "rod", "segment", "state", "period", "alarm", "outbox", "request",
+];
+
 /// Results: equal for the same records, however often a run was killed and started again.
 pub(super) const RESULTS: [&str; 10] = [
     "config", "rod", "segment", "state", "record", "line", "mode", "period", "alarm", "outbox",
@@ -193,3 +198,45 @@ CREATE TABLE source (
     checksum INTEGER NOT NULL
 ) STRICT;
 ";
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Stores of format 1 are out there: their tables are what they are, and whatever is to change is a new step.
+    #[test]
+    fn the_first_format_is_what_it_was() {
+        let mut connection = Connection::open_in_memory().unwrap();
+        let transaction = connection.transaction().unwrap();
+        first(&transaction).unwrap();
+        transaction.commit().unwrap();
+        let definitions = definitions(&connection).unwrap();
+        let text: String = definitions
+            .iter()
+            .flat_map(|(_, sql)| sql.split_whitespace())
+            .collect::<Vec<_>>()
+            .join(" ");
+        assert_eq!(
+            format!("{:08x}", crc32fast::hash(text.as_bytes())),
+            "54891759",
+            "{text}"
+        );
+    }
+
+    #[test]
+    fn every_table_is_listed() {
+        let mut connection = Connection::open_in_memory().unwrap();
+        migrate(&mut connection, 0).unwrap();
+        let mut statement = connection
+            .prepare("SELECT name FROM sqlite_schema WHERE type = 'table' ORDER BY name")
+            .unwrap();
+        let found: Vec<String> = statement
+            .query_map((), |row| row.get(0))
+            .unwrap()
+            .collect::<rusqlite::Result<_>>()
+            .unwrap();
+        let mut listed = TABLES.to_vec();
+        listed.sort_unstable();
+        assert_eq!(found, listed);
+    }
+}

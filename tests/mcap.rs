@@ -13,7 +13,7 @@ use std::io::{Cursor, Write};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
-use tirante::record::{Flag, RecordSettings, Rejection, RodChannels, TimeSource, Timestamp, Unit};
+use tirante::record::{Assembler, Flag, RecordSettings, Rejection, RodChannels, TimeSource, Timestamp, Unit};
 use tirante::sink::{ChannelSpec, Compression, Encoding, Layout, Precision, RecordingWriter, WriterOptions};
 use tirante::source::{Event, Follow, Options, Recording};
 
@@ -151,6 +151,55 @@ fn several_rods_a_temperature_and_time_in_the_message() {
         [12_000, 12_000]
     );
     assert!(summary.sentences().is_empty());
+}
+
+#[test]
+fn readings_since_the_record_before_come_with_each_record() {
+    // Half an hour of temperature; twenty seconds of displacement at its begin, stuck ones in the middle that are
+    // rejected, and twenty more towards the end.
+    let run = |piecemeal: bool| {
+        let settings = windows(20.0);
+        let mut assembler = Assembler::new(tirante::record::RodId("r".into()), settings, Some(FS), true);
+        let mut events = Vec::new();
+        let moving = motion(4000);
+        for second in 0..1800usize {
+            let time = START.plus_seconds(second as f64);
+            assembler.push_temperature(time, second as f64);
+            let part = match second {
+                0..20 => moving[second * 200..(second + 1) * 200].to_vec(),
+                700..720 => vec![1e-3; 200],
+                1500..1520 => moving[(second - 1500) * 200..(second - 1499) * 200].to_vec(),
+                _ => Vec::new(),
+            };
+            assembler.push(time, &part);
+            if piecemeal {
+                events.extend(assembler.events());
+            }
+        }
+        assembler.finish(false);
+        events.extend(assembler.events());
+        (events, assembler.leftover(START.plus_seconds(1e6)))
+    };
+    let (events, leftover) = run(false);
+    assert_eq!((events.clone(), leftover.clone()), run(true));
+    let records = records(&events);
+    assert_eq!((events.len(), records.len()), (3, 2), "one stretch is rejected");
+    let all: Vec<_> = records
+        .iter()
+        .flat_map(|record| &record.readings)
+        .chain(&leftover)
+        .collect();
+    // START is a multiple of five minutes: six bins, two of them cut at the end of a record.
+    assert_eq!(all.len(), 8);
+    assert_eq!(records[0].readings.len(), 1);
+    for reading in &all {
+        let mean = reading.time.seconds_since(START);
+        assert!((reading.celsius - mean).abs() <= 0.5, "{reading:?}");
+    }
+    assert!(all.windows(2).all(|pair| pair[0].time < pair[1].time));
+    let end = records[1].start.plus_seconds(20.0);
+    assert!(records[1].readings.iter().all(|reading| reading.time <= end));
+    assert!(leftover.iter().all(|reading| reading.time > end));
 }
 
 #[test]

@@ -8,7 +8,7 @@ use super::onset;
 use super::quality;
 use super::temperature::Temperature;
 use super::timing::{self, Even, Stretch};
-use super::{Cut, Excitation, Flag, Record, RecordSettings, Rejection, RodId, Timestamp};
+use super::{Cut, Excitation, Flag, Reading, Record, RecordSettings, Rejection, RodId, Timestamp};
 use std::collections::VecDeque;
 
 /// What becomes of a stretch of samples.
@@ -152,6 +152,14 @@ impl Assembler {
             temperature.push(time, celsius);
         }
         self.release(false);
+    }
+
+    /// Temperature readings up to `until` that no record left with: between the last record and the end of the
+    /// stream, or beside rejected stretches. None is handed out twice.
+    pub fn leftover(&mut self, until: Timestamp) -> Vec<Reading> {
+        self.temperature
+            .as_mut()
+            .map_or_else(Vec::new, |readings| readings.take(until))
     }
 
     /// What became of the samples so far.
@@ -513,6 +521,9 @@ impl Assembler {
                 .temperature
                 .as_ref()
                 .and_then(|readings| readings.mean(record.start, end));
+            if let Some(readings) = &mut self.temperature {
+                record.readings = readings.take(end);
+            }
             self.events.push(Event::Record(record));
         }
     }

@@ -1,4 +1,5 @@
-//! The temperature beside a record: its mean over the record's time span.
+//! The temperature beside a record: its mean over the record's time span, and the readings since the
+//! record before, thinned to one mean per five minutes.
 
 use super::Timestamp;
 use serde::{Deserialize, Serialize};
@@ -8,6 +9,10 @@ use std::collections::BTreeMap;
 const STALE_S: i64 = 900;
 /// Seconds of readings kept.
 const KEPT: usize = 20_000;
+/// Readings handed out are means over this long, counted from 1970 \[s\].
+const BIN_S: i64 = 300;
+/// Sums that wait to be handed out; beyond, the oldest are merged.
+const FRESH: usize = 4096;
 
 /// One temperature reading.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -18,11 +23,22 @@ pub struct Reading {
     pub celsius: f64,
 }
 
+/// Sum of some readings.
+#[derive(Debug, Clone, Copy, Default)]
+struct Sum {
+    celsius: f64,
+    /// Seconds since the key under which it is kept, summed.
+    after_s: f64,
+    count: f64,
+}
+
 /// Readings of one channel, as sum and count a second.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Temperature {
     seconds: BTreeMap<i64, (f64, u32)>,
     last: Option<i64>,
+    /// What was not handed out yet, by its first second.
+    fresh: BTreeMap<i64, Sum>,
 }
 
 impl Temperature {
@@ -38,6 +54,51 @@ impl Temperature {
         self.last = self.last.max(Some(second));
         if self.seconds.len() > KEPT {
             self.seconds.pop_first();
+        }
+        let sum = self.fresh.entry(second).or_default();
+        sum.celsius += celsius;
+        sum.count += 1.0;
+        if self.fresh.len() > FRESH {
+            self.thin();
+        }
+    }
+
+    /// Hands out the readings up to and including the second of `end`, ascending, one mean per five minutes at
+    /// the mean of their times (to the second). None is handed out twice; a late one leaves with the next record.
+    pub fn take(&mut self, end: Timestamp) -> Vec<Reading> {
+        let second = end.as_nanos().div_euclid(1_000_000_000);
+        let later = self.fresh.split_off(&second.saturating_add(1));
+        merged(std::mem::replace(&mut self.fresh, later), BIN_S)
+            .into_iter()
+            .map(|(first, sum)| Reading {
+                time: Timestamp::from_nanos(
+                    first
+                        .saturating_add((sum.after_s / sum.count).round() as i64)
+                        .saturating_mul(1_000_000_000),
+                ),
+                celsius: sum.celsius / sum.count,
+            })
+            .collect()
+    }
+
+    /// Bounds memory: means over ever longer stretches, the oldest first, until half the room is free.
+    fn thin(&mut self) {
+        let mut width_s = BIN_S;
+        while self.fresh.len() > FRESH / 2 {
+            let newest = self.fresh.keys().nth_back(FRESH / 8).copied().unwrap_or(i64::MAX);
+            // Whole bins only, so that a mean never depends on when room was made.
+            let boundary = newest.div_euclid(width_s) * width_s;
+            let mut recent = self.fresh.split_off(&boundary);
+            let mut old = merged(std::mem::take(&mut self.fresh), width_s);
+            old.append(&mut recent);
+            self.fresh = old;
+            width_s = width_s.saturating_mul(2);
+            if width_s > (1 << 40) {
+                // Stamps strewn over centuries: the oldest go.
+                while self.fresh.len() > FRESH / 2 {
+                    self.fresh.pop_first();
+                }
+            }
         }
     }
 
@@ -68,9 +129,81 @@ impl Temperature {
     }
 }
 
+/// Sums over bins of `width_s`, each under its first second.
+fn merged(sums: BTreeMap<i64, Sum>, width_s: i64) -> BTreeMap<i64, Sum> {
+    let mut bins: BTreeMap<i64, Sum> = BTreeMap::new();
+    let mut open: Option<(i64, Sum)> = None;
+    for (first, sum) in sums {
+        match &mut open {
+            Some((start, bin)) if start.div_euclid(width_s) == first.div_euclid(width_s) => {
+                bin.celsius += sum.celsius;
+                bin.after_s += sum.after_s + sum.count * (first - *start) as f64;
+                bin.count += sum.count;
+            }
+            _ => {
+                bins.extend(open.replace((first, sum)));
+            }
+        }
+    }
+    bins.extend(open);
+    bins
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    fn at(second: i64) -> Timestamp {
+        Timestamp::from_nanos(second * 1_000_000_000)
+    }
+
+    #[test]
+    fn readings_leave_once_and_thinned() {
+        let mut temperature = Temperature::default();
+        for second in (0..1200).step_by(10) {
+            temperature.push(at(second), second as f64);
+        }
+        let first = temperature.take(at(700));
+        let reading = |second: i64| Reading {
+            time: at(second),
+            celsius: second as f64,
+        };
+        // Means over 0..300, 300..600 and 600..=700; every mean time is the mean value here.
+        assert_eq!(first, [reading(145), reading(445), reading(650)]);
+        // A late one comes with the next record, before the rest of the five minutes that were cut.
+        temperature.push(at(20), 1.0);
+        let second = temperature.take(at(2000));
+        assert_eq!(second.len(), 3);
+        assert_eq!((second[0].time, second[0].celsius), (at(20), 1.0));
+        assert_eq!(second[1], reading(800));
+        assert!(temperature.take(at(5000)).is_empty());
+    }
+
+    #[test]
+    fn a_month_without_a_record_stays_small_and_keeps_its_mean() {
+        let mut temperature = Temperature::default();
+        let count = 40 * 1440i64;
+        for minute in 0..count {
+            temperature.push(at(60 * minute), (minute % 1440) as f64);
+            assert!(temperature.fresh.len() <= FRESH);
+        }
+        // A stamp from the far future stays behind.
+        temperature.push(at(4_000_000_000), 99.0);
+        let readings = temperature.take(at(60 * count));
+        assert!(
+            readings.len() > 500 && readings.len() <= FRESH,
+            "{}",
+            readings.len()
+        );
+        assert!(readings.windows(2).all(|pair| pair[0].time < pair[1].time));
+        assert!(readings.iter().all(|reading| reading.celsius < 1440.0));
+        // The last days are at five minutes still.
+        let last = &readings[readings.len() - 10..];
+        assert!(
+            last.windows(2)
+                .all(|pair| pair[1].time.seconds_since(pair[0].time) == 300.0)
+        );
+    }
 
     #[test]
     fn mean_over_the_span_or_the_last_before() {

@@ -29,6 +29,7 @@ pub mod baseline;
 pub mod change;
 pub mod chart;
 mod monitor;
+mod member;
 pub mod observation;
 pub mod period;
 pub mod plan;
@@ -38,8 +39,10 @@ pub mod relative;
 pub mod run_length;
 pub mod settings;
 pub mod state;
+mod tail;
 pub mod thermal;
 pub mod tracker;
+pub mod whiteness;
 
 pub use alarm::{Alarm, AlarmEvent, Kind, What};
 pub use baseline::Baseline;

@@ -1,7 +1,47 @@
 //! What temperature explains of delta: recursive Bayesian regression over a grid of lags and
 //! autocorrelations, with predictive residuals that are N(0, 1) without a change.
+//!
+//! Thermal force adds to the axial force, so the straight line is one of the ratio, not of its logarithm:
+//!
+//! ```text
+//! e^delta_t - 1 = a + beta (T_lag,t - T_ref) + q_t e_t,     e_t = rho e_t' + sqrt(1 - rho^2) s w_t
+//! ```
+//!
+//! with w_t independent N(0, 1), rho = phi^gap for periods `gap` apart, and q_t known: the expected ratio (the error
+//! of a logarithm is an error in proportion), times the measurement's standard error in half of the grid. For a
+//! given lag, phi and kind of noise this is a conjugate regression in (a, beta, s^2), and delta's predictive law
+//! Student's t; the whole is the mixture over the grid by posterior weight. Under the model F(delta_t) is exactly
+//! uniform and independent from period to period, however little has been learned: nothing is plugged in.
 
+use super::member::{Member, Row};
+use super::tail;
 use serde::{Deserialize, Serialize};
+
+pub use super::whiteness::{Whiteness, whiteness};
+
+/// Autocorrelations between neighbouring periods that are tried, and their prior weights.
+const PHIS: [(f64, f64); 7] = [
+    (-0.15, 0.10),
+    (0.0, 0.26),
+    (0.15, 0.20),
+    (0.3, 0.17),
+    (0.45, 0.13),
+    (0.6, 0.09),
+    (0.75, 0.05),
+];
+/// Kinds of noise: the same in every period, or in proportion to the measurement's standard error.
+const NOISES: usize = 2;
+/// Shape of the noise variance's prior law: half a period's worth of knowledge.
+const SHAPE: f64 = 0.25;
+/// The prior of the coefficients is conjugate if it scales with the noise; it is as wide as stated where the noise
+/// is this share of the first period's standard error, and wider where there is more noise.
+const CONJUGATE: f64 = 0.5;
+/// Least standard error believed \[-\].
+const LEAST_SD: f64 = 1e-6;
+/// Least ln weight: a member may come back.
+const LEAST_LN_WEIGHT: f64 = -60.0;
+/// Weights below do not count.
+const NEGLIGIBLE: f64 = 1e-20;
 
 /// One period as the regression sees it.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -38,61 +78,355 @@ pub struct Prediction {
     pub sd: f64,
     /// Share of the predictive variance that is uncertainty of the coefficients.
     pub leverage: f64,
-    /// What temperature alone explains: beta (T - T_ref), posterior mean.
+    /// What temperature alone explains of the statistic's delta: delta - ln(e^delta - beta (T - T_ref)) with the
+    /// posterior mean of beta (T - T_ref), so that delta less this is ln(N_t / N_0) at the reference temperature.
     pub thermal: f64,
-    /// Standard deviation of intercept + thermal part.
+    /// Standard deviation of intercept + thermal part, as one of delta.
     pub thermal_sd: f64,
-    /// Posterior mean of the intercept.
+    /// Posterior mean of the intercept a \[-\].
     pub intercept: f64,
+}
+
+/// The period learned last.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+struct Last {
+    period: i64,
+    ratio: f64,
+    warmer_k: Vec<f64>,
+    scales: [f64; NOISES],
 }
 
 /// The regressions over the grid, each with its weight.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Regression {}
+pub struct Regression {
+    prior: RegressionPrior,
+    periods: usize,
+    /// The first period's standard error.
+    first_sd: Option<f64>,
+    last: Option<Last>,
+    /// By lag, then phi, then noise; empty before the first period.
+    members: Vec<Member>,
+}
+
+/// A statistic made ready for every member.
+struct Prepared {
+    ratio: f64,
+    warmer_k: Vec<f64>,
+    scales: [f64; NOISES],
+    gap: Option<i32>,
+}
+
+/// A member with its row and weight.
+struct Weighted<'a> {
+    weight: f64,
+    member: &'a Member,
+    lag: usize,
+    phi: f64,
+    noise: usize,
+}
 
 impl Regression {
     /// Before any data.
-    pub fn new(_prior: &RegressionPrior) -> Self {
-        todo!()
+    pub fn new(prior: &RegressionPrior) -> Self {
+        Self {
+            prior: prior.clone(),
+            periods: 0,
+            first_sd: None,
+            last: None,
+            members: Vec::new(),
+        }
     }
 
     /// Periods learned from.
     pub fn periods(&self) -> usize {
-        todo!()
+        self.periods
     }
 
-    /// What is expected of a period.
-    pub fn predict(&self, _statistic: &Statistic) -> Prediction {
-        todo!()
+    /// What is expected of a period. Only `thermal` looks at its delta.
+    pub fn predict(&self, statistic: &Statistic) -> Prediction {
+        let members = self.members_for(statistic);
+        let prepared = self.prepare(&members, statistic);
+        let a = self.shape();
+        // Variance of Student's t over its squared scale; bounded where it has none.
+        let heavy = 2.0 * a / (2.0 * a - 2.0).max(0.5);
+        let [
+            mut mean,
+            mut square,
+            mut own,
+            mut line,
+            mut line_square,
+            mut thermal,
+            mut intercept,
+        ] = [0.0; 7];
+        for part in self.weighted(&members) {
+            let (row, unscale) = self.row(&part, &prepared);
+            let Weighted { weight, member, .. } = part;
+            let warmer = prepared.warmer_k[part.lag];
+            let noise = member.b / a * heavy;
+            let location = prepared.ratio + unscale * (member.location(row.x) - row.response);
+            let coefficients = noise * member.spread(row.x) * unscale * unscale;
+            mean += weight * location;
+            square += weight * (location * location + coefficients + noise * unscale * unscale);
+            own += weight * noise * unscale * unscale;
+            let value = member.location([1.0, warmer]);
+            line += weight * value;
+            line_square += weight * (value * value + noise * member.spread([1.0, warmer]));
+            thermal += weight * member.mean[1] * warmer;
+            intercept += weight * member.mean[0];
+        }
+        let variance = (square - mean * mean).max(own).max(f64::MIN_POSITIVE);
+        let level = (1.0 + mean).max(1e-3);
+        Prediction {
+            mean: libm::log(level),
+            sd: variance.sqrt() / level,
+            leverage: (1.0 - own / variance).clamp(0.0, 1.0),
+            thermal: -libm::log((1.0 - thermal / (1.0 + prepared.ratio).max(1e-3)).max(1e-3)),
+            thermal_sd: (line_square - line * line).max(0.0).sqrt() / level,
+            intercept,
+        }
     }
 
-    /// r = Phi^-1(F(delta)): the predictive residual.
-    pub fn residual(&self, _statistic: &Statistic) -> f64 {
-        todo!()
+    /// r = Phi^-1(F(delta)): the predictive residual, right in the tails and finite.
+    pub fn residual(&self, statistic: &Statistic) -> f64 {
+        let members = self.members_for(statistic);
+        let prepared = self.prepare(&members, statistic);
+        let a = self.shape();
+        let parts: Vec<(f64, f64)> = self
+            .weighted(&members)
+            .map(|part| {
+                let (row, _) = self.row(&part, &prepared);
+                let (t, _) = part.member.student(&row, a);
+                (part.weight, tail::student_deviate(t, 2.0 * a))
+            })
+            .collect();
+        tail::mixture_deviate(&parts)
     }
 
-    /// Learns a period.
-    pub fn update(&mut self, _statistic: &Statistic) {
-        todo!()
+    /// Learns a period; one that is not finite teaches nothing.
+    pub fn update(&mut self, statistic: &Statistic) {
+        if !(statistic.delta.is_finite() && statistic.warmer_k.iter().all(|k| k.is_finite())) {
+            return;
+        }
+        let mut members = self.members_for(statistic).into_owned();
+        let prepared = self.prepare(&members, statistic);
+        let (a, freedom) = (self.shape(), 2.0 * self.shape());
+        for (index, member) in members.iter_mut().enumerate() {
+            let (lag, phi, noise) = place(index);
+            let part = Weighted {
+                weight: 1.0,
+                member,
+                lag,
+                phi,
+                noise,
+            };
+            let (row, unscale) = self.row(&part, &prepared);
+            let (t, scale) = member.student(&row, a);
+            member.ln_weight -=
+                0.5 * (freedom + 1.0) * libm::log1p(t * t / freedom) + libm::log(scale * unscale);
+            member.learn(&row);
+        }
+        let highest = members
+            .iter()
+            .map(|member| member.ln_weight)
+            .fold(f64::NEG_INFINITY, f64::max);
+        for member in &mut members {
+            member.ln_weight = (member.ln_weight - highest).max(LEAST_LN_WEIGHT);
+        }
+        let finite = |member: &Member| <[f64; 7]>::from(*member).iter().all(|value| value.is_finite());
+        if !members.iter().all(finite) {
+            return;
+        }
+        self.first_sd.get_or_insert(believed(statistic.sd));
+        self.members = members;
+        self.periods += 1;
+        self.last = Some(Last {
+            period: statistic.period,
+            ratio: prepared.ratio,
+            warmer_k: prepared.warmer_k,
+            scales: prepared.scales,
+        });
     }
 
     /// Posterior mean and standard deviation of beta \[1/K\].
     pub fn slope(&self) -> (f64, f64) {
-        todo!()
+        if self.members.is_empty() {
+            return (self.prior.slope_mean, self.prior.slope_sd);
+        }
+        let a = self.shape();
+        let (mut mean, mut square) = (0.0, 0.0);
+        for part in self.weighted(&self.members) {
+            let slope = part.member.mean[1];
+            mean += part.weight * slope;
+            square +=
+                part.weight * (slope * slope + part.member.b / (a - 1.0).max(0.5 * a) * part.member.cov[2]);
+        }
+        (mean, (square - mean * mean).max(0.0).sqrt())
     }
 
-    /// Posterior weight of each lag, summing to one.
+    /// Posterior weight of each lag, summing to one; a lag half way between two counts half for each.
     pub fn lag_weights(&self) -> Vec<f64> {
-        todo!()
+        let mut weights = vec![0.0; self.prior.lags];
+        if self.members.is_empty() {
+            weights.fill(1.0 / self.prior.lags.max(1) as f64);
+        }
+        for part in self.weighted(&self.members) {
+            for lag in [part.lag / 2, part.lag.div_ceil(2)] {
+                if let Some(slot) = weights.get_mut(lag) {
+                    *slot += 0.5 * part.weight;
+                }
+            }
+        }
+        weights
     }
 
     /// Posterior mean of the AR(1) coefficient between neighbouring periods.
     pub fn autocorrelation(&self) -> f64 {
-        todo!()
+        if self.members.is_empty() {
+            return PHIS.iter().map(|(phi, weight)| phi * weight).sum();
+        }
+        self.weighted(&self.members)
+            .map(|part| part.weight * part.phi)
+            .sum()
     }
 
-    /// Posterior mean of the noise standard deviation of one period.
+    /// Posterior mean of the noise standard deviation of one period, as of delta, at the period learned last;
+    /// zero before the first.
     pub fn noise_sd(&self) -> f64 {
-        todo!()
+        let a = self.shape();
+        let Some(last) = &self.last else { return 0.0 };
+        self.weighted(&self.members)
+            .map(|part| {
+                let own = last.scales[part.noise] / last.scales[0];
+                part.weight * own * (part.member.b / (a - 1.0).max(0.5 * a)).sqrt()
+            })
+            .sum()
+    }
+
+    fn shape(&self) -> f64 {
+        SHAPE + 0.5 * self.periods as f64
+    }
+
+    /// The members, or those before the first period.
+    fn members_for(&self, statistic: &Statistic) -> std::borrow::Cow<'_, [Member]> {
+        if !self.members.is_empty() {
+            return (&self.members[..]).into();
+        }
+        let sd = self.first_sd.unwrap_or(believed(statistic.sd));
+        let wide = |prior_sd: f64| (prior_sd / (CONJUGATE * sd)).powi(2);
+        let slopes = self.prior.lags > 0;
+        let member = |ln_weight| Member {
+            mean: [0.0, if slopes { self.prior.slope_mean } else { 0.0 }],
+            cov: [
+                wide(self.prior.intercept_sd),
+                0.0,
+                if slopes { wide(self.prior.slope_sd) } else { 0.0 },
+            ],
+            b: SHAPE * sd * sd,
+            ln_weight,
+        };
+        let lags = (2 * self.prior.lags).saturating_sub(1).max(1);
+        (0..lags * PHIS.len() * NOISES)
+            .map(|index| member(libm::log(PHIS[index / NOISES % PHIS.len()].1)))
+            .collect::<Vec<_>>()
+            .into()
+    }
+
+    /// The members that count, with normalised weights.
+    fn weighted<'a>(&self, members: &'a [Member]) -> impl Iterator<Item = Weighted<'a>> + use<'a> {
+        let sum: f64 = members.iter().map(|member| libm::exp(member.ln_weight)).sum();
+        members
+            .iter()
+            .enumerate()
+            .map(move |(index, member)| {
+                let (lag, phi, noise) = place(index);
+                Weighted {
+                    weight: libm::exp(member.ln_weight) / sum,
+                    member,
+                    lag,
+                    phi,
+                    noise,
+                }
+            })
+            .filter(|part| part.weight > NEGLIGIBLE)
+    }
+
+    fn prepare(&self, members: &[Member], statistic: &Statistic) -> Prepared {
+        let ratio = libm::expm1(statistic.delta.clamp(-20.0, 20.0));
+        let given = |lag: usize| {
+            let value = statistic.warmer_k.get(lag).copied().unwrap_or(0.0);
+            if value.is_finite() {
+                value.clamp(-1e3, 1e3)
+            } else {
+                0.0
+            }
+        };
+        // Between two lags their mean: at a day's frequency within 3 % of the lag half way.
+        let lags = (2 * self.prior.lags).saturating_sub(1).max(1);
+        let warmer_k: Vec<f64> = (0..lags)
+            .map(|lag| {
+                if self.prior.lags == 0 {
+                    0.0
+                } else {
+                    0.5 * (given(lag / 2) + given(lag.div_ceil(2)))
+                }
+            })
+            .collect();
+        let expected: f64 = self
+            .weighted(members)
+            .map(|part| part.weight * part.member.location([1.0, warmer_k[part.lag]]))
+            .sum();
+        let level = (1.0 + expected).clamp(0.2, 5.0);
+        let sd = believed(statistic.sd);
+        let relative = (sd / self.first_sd.unwrap_or(sd)).clamp(0.1, 10.0);
+        let gap = self.last.as_ref().and_then(|last| {
+            let gap = statistic.period.saturating_sub(last.period);
+            (gap > 0).then_some(gap.min(1000) as i32)
+        });
+        Prepared {
+            ratio,
+            warmer_k,
+            scales: [level, level * relative],
+            gap,
+        }
+    }
+
+    /// A member's row, and what one unit of its response is in the ratio.
+    fn row(&self, part: &Weighted, prepared: &Prepared) -> (Row, f64) {
+        let scale = prepared.scales[part.noise];
+        let warmer = prepared.warmer_k[part.lag];
+        let (Some(last), Some(gap)) = (&self.last, prepared.gap) else {
+            let row = Row {
+                response: prepared.ratio / scale,
+                x: [1.0 / scale, warmer / scale],
+            };
+            return (row, scale);
+        };
+        let rho = part.phi.powi(gap);
+        let white = (1.0 - rho * rho).sqrt();
+        let before = last.scales[part.noise];
+        let last_warmer = last.warmer_k.get(part.lag).copied().unwrap_or(0.0);
+        let differ = |now: f64, then: f64| (now / scale - rho * then / before) / white;
+        let row = Row {
+            response: differ(prepared.ratio, last.ratio),
+            x: [differ(1.0, 1.0), differ(warmer, last_warmer)],
+        };
+        (row, scale * white)
+    }
+}
+
+/// Lag, phi and noise of a member.
+fn place(index: usize) -> (usize, f64, usize) {
+    (
+        index / (NOISES * PHIS.len()),
+        PHIS[index / NOISES % PHIS.len()].0,
+        index % NOISES,
+    )
+}
+
+fn believed(sd: f64) -> f64 {
+    if sd.is_finite() {
+        sd.clamp(LEAST_SD, 1.0)
+    } else {
+        1.0
     }
 }

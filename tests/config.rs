@@ -6,7 +6,7 @@ use tirante::bayes::{Accept, Noise, Prior, RodPrior};
 use tirante::beam::Quantity;
 use tirante::config::{Config, ConfigError, Fault, KeyReference, LONGEST, Setting};
 use tirante::emulator::ModelSettings;
-use tirante::record::{Cut, RecordSettings, TimeSource, Unit};
+use tirante::record::{Cut, RecordSettings, RodId, TimeSource, Unit};
 use tirante::synthesis::Truth;
 
 const MINIMAL: &str = include_str!("../config/minimal.toml");
@@ -398,6 +398,34 @@ fn bad_values_of_every_key_are_named_with_key_and_line() {
         );
     }
     assert!(tried > 1000, "{tried}");
+}
+
+#[test]
+fn a_rods_meaning_changes_with_what_its_numbers_depend_on_and_nothing_else() {
+    let rod = RodId("nave-3".into());
+    let meaning = |text: &str| good(text).meaning_of(&rod);
+    let same = meaning(CAMPAIGN);
+    assert_ne!(same, [0; 32]);
+    let named = CAMPAIGN.replace("Simulated campaign", "Another name");
+    assert_eq!(
+        same,
+        meaning(&format!(
+            "{named}\n[alarm]\nlimit_loss = 0.2\n[store]\npath = \"a.sqlite\"\n"
+        ))
+    );
+    for (from, to) in [
+        ("seed = 20250301", "seed = 20250302"),
+        ("mean = 800e3, cv = 0.20", "mean = 810e3, cv = 0.20"),
+        ("unit = \"m\"", "unit = \"mm\""),
+        (
+            "[simulation]\n",
+            "[track]\nbaseline_records = 31\n\n[simulation]\n",
+        ),
+        ("[simulation]\n", "[modes]\ncount = 4\n\n[simulation]\n"),
+    ] {
+        assert!(CAMPAIGN.contains(from), "{from}");
+        assert_ne!(same, meaning(&CAMPAIGN.replacen(from, to, 1)), "{to}");
+    }
 }
 
 #[test]

@@ -5,6 +5,7 @@
 
 mod climate;
 mod faults;
+mod history;
 mod noise;
 mod oscillator;
 mod response;
@@ -14,6 +15,7 @@ mod shape;
 
 pub use climate::{Lagged, Weather};
 pub use faults::Message;
+pub use history::{FrequencyErrors, Measured, history};
 pub use noise::{Noise, quantised};
 pub use oscillator::{Oscillator, Sampled};
 pub use rod::{State, SynthesisError};
@@ -89,8 +91,8 @@ impl<'s> Synthesis<'s> {
         let start = simulation.start_of(index);
         let samples = simulation.samples();
         let rod = Rod::new(simulation, settings, self.weather.as_ref());
-        let nominal = rod.at(simulation.start)?;
-        let truth = rod.at(start.plus_seconds(0.5 * samples as f64 / fs_hz))?;
+        let nominal = rod.at(simulation.start, 0.0)?;
+        let truth = rod.at(start.plus_seconds(0.5 * samples as f64 / fs_hz), 0.0)?;
         let first = truth.frequency_hz.first().copied().unwrap_or(f64::INFINITY);
         if first >= 0.5 * fs_hz {
             let rod = settings.rod.clone();

@@ -44,7 +44,7 @@ pub(super) fn displacement(
     let mut states = Vec::new();
     for begin in (0..samples).step_by(block) {
         let middle = begin as f64 + 0.5 * block.min(samples - begin) as f64;
-        states.push(rod.at(start.plus_seconds(middle * dt))?);
+        states.push(rod.at(start.plus_seconds(middle * dt), 0.0)?);
     }
     let mut output = vec![0.0; samples];
     for n in 0..settings.damping.len() {

@@ -93,12 +93,12 @@ impl<'s> Rod<'s> {
         }
     }
 
-    /// What holds at `time`.
+    /// What holds at `time`, with a passing relative `fluctuation` of the force.
     ///
-    /// N = N_0 (1 + sum of changes) - kappa E A alpha (T_rod - T_ref). An added mass M at x lowers each
+    /// N = N_0 (1 + sum of changes + fluctuation) - kappa E A alpha (T_rod - T_ref). An added mass M at x lowers each
     /// frequency by Rayleigh's quotient with the bare rod's shape,
     /// f' = f / sqrt(1 + M w(x)^2 / (m l mean(w^2))): right to first order in M over the modal mass.
-    pub(super) fn at(&self, time: Timestamp) -> Result<State, SynthesisError> {
+    pub(super) fn at(&self, time: Timestamp, fluctuation: f64) -> Result<State, SynthesisError> {
         let days = time.seconds_since(self.start) / 86_400.0;
         let relative_force = 1.0
             + self
@@ -132,7 +132,7 @@ impl<'s> Rod<'s> {
                             * thermal.expansion_per_k
                             * (rod_c - reference_c)
                     });
-                let force = beam.axial_force_n * relative_force - thermal;
+                let force = beam.axial_force_n * (relative_force + fluctuation) - thermal;
                 if !(force.is_finite() && force > 0.0) {
                     let rod = self.settings.rod.clone();
                     return Err(SynthesisError::Slack {

@@ -4,8 +4,8 @@ use super::Tracker;
 use super::alarm::{AlarmEvent, Board, Finding, Kind};
 use super::change::{self, Change, Sample};
 use super::chart::{CLAMP, Charts, Signal};
-use super::period::{Charted, Period, combined_misfit};
-use super::regression::{Prediction, Regression, Statistic};
+use super::period::{Charted, Period, at_reference, combined_misfit};
+use super::regression::{Prediction, Regression};
 use super::settings::AlarmSettings;
 use super::state::State;
 use crate::record::Timestamp;
@@ -178,12 +178,7 @@ fn chart(tracker: &mut Tracker, period: &mut Period) -> Option<Signal> {
     let has_learned = state.has_learned(plan.track.learning_periods);
     let warmer_k = state.warmer_k(period)?;
     let regression = state.regression.as_mut()?;
-    let statistic = Statistic {
-        period: period.index,
-        delta: period.delta,
-        sd: period.delta_sd,
-        warmer_k: &warmer_k,
-    };
+    let statistic = period.statistic(&warmer_k);
     let prediction = regression.predict(&statistic);
     let residual = regression.residual(&statistic);
     let mut charted = placed(period, &prediction, residual, regression.noise_sd());
@@ -210,13 +205,14 @@ fn temperature(regression: &Regression, period: &Period) -> Option<f64> {
 }
 
 fn placed(period: &Period, prediction: &Prediction, residual: f64, noise_sd: f64) -> Charted {
+    let expected = libm::exp(prediction.mean);
     Charted {
-        expected: prediction.mean,
-        expected_sd: prediction.sd,
+        expected: expected - 1.0,
+        expected_sd: expected * prediction.sd,
         residual,
         leverage: prediction.leverage,
-        at_reference: period.delta - prediction.thermal - prediction.intercept,
-        at_reference_sd: noise_sd.hypot(prediction.thermal_sd),
+        at_reference: at_reference(period.delta, prediction),
+        at_reference_sd: (1.0 + period.delta) * noise_sd.hypot(prediction.thermal_sd),
         temperature_c: None,
         cusum: None,
     }
@@ -262,27 +258,20 @@ fn forget_since(tracker: &mut Tracker, since: i64, period: &mut Period) {
                 .charted
                 .is_some_and(|charted| charted.cusum.is_some() && charted.residual.abs() >= CLAMP);
             if !is_wild {
-                regression.update(&Statistic {
-                    period: known.index,
-                    delta: known.delta,
-                    sd: known.delta_sd,
-                    warmer_k: &warmer_k,
-                });
+                regression.update(&known.statistic(&warmer_k));
             }
         }
     }
     if regression.periods() < plan.track.learning_periods {
         return;
     }
-    if let (Some(warmer_k), Some(charted)) = (state.warmer_k(period), period.charted.as_mut()) {
-        let prediction = regression.predict(&Statistic {
-            period: period.index,
-            delta: period.delta,
-            sd: period.delta_sd,
-            warmer_k: &warmer_k,
-        });
-        charted.at_reference = period.delta - prediction.thermal - prediction.intercept;
-        charted.at_reference_sd = regression.noise_sd().hypot(prediction.thermal_sd);
+    if let (Some(warmer_k), Some(charted)) = (state.warmer_k(period), period.charted) {
+        let known_statistic = period.statistic(&warmer_k);
+        let mut charted = charted;
+        let prediction = regression.predict(&known_statistic);
+        charted.at_reference = at_reference(period.delta, &prediction);
+        charted.at_reference_sd = (1.0 + period.delta) * regression.noise_sd().hypot(prediction.thermal_sd);
+        period.charted = Some(charted);
     }
     state.regression = Some(regression);
 }

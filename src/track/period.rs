@@ -1,6 +1,7 @@
 //! The records of one decorrelation period as one statistic, and what the charts made of it.
 
 use super::Observation;
+use super::regression::{Prediction, Statistic};
 use super::relative::{Misfit, Relative};
 use super::thermal::Thermal;
 use crate::record::{Reading, Timestamp};
@@ -55,6 +56,29 @@ pub struct Period {
     pub not_axial_p: f64,
     /// What the regression and the charts made of it; `None` while it could not be compensated.
     pub charted: Option<Charted>,
+}
+
+impl Period {
+    /// What the regression takes from it: the logarithm of the ratio and its standard error.
+    pub(super) fn statistic<'w>(&self, warmer_k: &'w [f64]) -> Statistic<'w> {
+        statistic(self.index, self.delta, self.delta_sd, warmer_k)
+    }
+}
+
+/// A change N_t / N_0 - 1 as the regression takes it.
+pub(super) fn statistic(period: i64, delta: f64, sd: f64, warmer_k: &[f64]) -> Statistic<'_> {
+    let ratio = (1.0 + delta).max(f64::MIN_POSITIVE);
+    Statistic {
+        period,
+        delta: libm::log(ratio),
+        sd: sd / ratio,
+        warmer_k,
+    }
+}
+
+/// N_t / N_0 - 1 at the reference temperature.
+pub(super) fn at_reference(delta: f64, prediction: &Prediction) -> f64 {
+    (1.0 + delta) * libm::exp(-prediction.thermal) - 1.0 - prediction.intercept
 }
 
 /// A period's place on the charts.

@@ -4,7 +4,6 @@ use super::alarm::{Alarm, AlarmEvent, Board, Finding, Kind};
 use super::period::{self, Pending, Period};
 use super::plan::TrackPlan;
 use super::plausibility::{Doubt, Peer};
-use super::regression::Statistic;
 use super::relative::{Interval, NoRelative, Relative, Shift};
 use super::state::{Opening, State};
 use super::{Observation, monitor};
@@ -515,28 +514,23 @@ impl Tracker {
             .map(|celsius| celsius - reference_c)
             .collect();
         let ratio = &relative.ratio;
-        let prediction = regression.predict(&Statistic {
-            period: period::index_of(observation.start, self.plan.track.period_s),
-            delta: ratio.mean - 1.0,
-            sd: relative.record_sd * ratio.mean,
-            warmer_k: &warmer_k,
-        });
-        let factor = 1.0 - prediction.thermal / ratio.mean;
+        let delta = ratio.mean - 1.0;
+        let index = period::index_of(observation.start, self.plan.track.period_s);
+        let statistic = period::statistic(index, delta, relative.record_sd * ratio.mean, &warmer_k);
+        let prediction = regression.predict(&statistic);
+        // N at the reference temperature is N_t less what temperature explains of N_t / N_0, times N_0.
+        let factor = libm::exp(-prediction.thermal);
         let force = &relative.force_n;
+        let further = prediction.thermal_sd;
         Some(AtReference {
             temperature_c: reference_c,
             ratio: moved(
                 ratio,
                 1.0,
-                prediction.thermal + prediction.intercept,
-                prediction.thermal_sd,
+                delta - period::at_reference(delta, &prediction),
+                further * ratio.mean,
             ),
-            force_n: moved(
-                force,
-                factor,
-                0.0,
-                prediction.thermal_sd / ratio.mean * force.mean,
-            ),
+            force_n: moved(force, factor, 0.0, further * force.mean),
         })
     }
 

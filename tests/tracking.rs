@@ -1,0 +1,458 @@
+//! Scenarios of months, at the level of frequencies, through the real fold: what must alarm, what must not, and what must
+//! not be lost.
+
+use std::path::Path;
+use std::sync::{Arc, OnceLock};
+use tirante::analysis::AnalysisSettings;
+use tirante::config::Config;
+use tirante::emulator::ReducedModel;
+use tirante::record::{RodId, Timestamp};
+use tirante::synthesis::{AddedMass, Change, FrequencyErrors, Measured, SimulatedRod, Simulation, history};
+use tirante::track::chart::Design;
+use tirante::track::settings::TemperatureUse;
+use tirante::track::{
+    AlarmSettings, Input, Kind, Observation, Peer, RodState, SetAside, State, TrackPlan, TrackSettings,
+    Tracker, Verdict, What,
+};
+
+const DAY_S: f64 = 86_400.0;
+
+/// A rod like the paper's, a record a day, three modes at 0.1 %, weather and seasons.
+struct Scenario {
+    analysis: AnalysisSettings,
+    simulation: Simulation,
+    rod: SimulatedRod,
+    errors: FrequencyErrors,
+    track: TrackSettings,
+    alarm: AlarmSettings,
+}
+
+impl Scenario {
+    fn new(days: usize) -> Self {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/campaign.toml");
+        let config = Config::load(&path).expect("the shipped configuration");
+        let mut simulation = config.simulation.expect("it simulates").simulation;
+        simulation.records = days;
+        simulation.interval_s = DAY_S;
+        let mut rod = simulation.rods[0].clone();
+        rod.changes.clear();
+        Self {
+            analysis: config.rods[0].analysis.clone(),
+            simulation,
+            rod,
+            errors: FrequencyErrors {
+                log_sd: 1e-3,
+                offsets: vec![0.006, -0.004, 0.008],
+                fluctuation: 0.0,
+                autocorrelation: 0.0,
+                missing: Vec::new(),
+            },
+            track: TrackSettings::default(),
+            alarm: AlarmSettings::default(),
+        }
+    }
+
+    fn step(mut self, day: f64, relative: f64) -> Self {
+        self.rod.changes.push(Change {
+            start_d: day,
+            over_d: 0.0,
+            relative,
+        });
+        self
+    }
+
+    fn history(&self, seed: u64) -> Vec<Measured> {
+        history(&self.simulation, &self.rod, &self.errors, seed).expect("a taut rod")
+    }
+
+    fn observations(&self, seed: u64) -> Vec<Observation> {
+        self.history(seed)
+            .into_iter()
+            .map(|record| record.observation)
+            .collect()
+    }
+
+    fn plan(&self, key: &str) -> Arc<TrackPlan> {
+        Arc::new(TrackPlan::new(
+            &self.analysis,
+            Arc::new(ReducedModel::new(*self.analysis.prior.parameterisation())),
+            self.track.clone(),
+            self.alarm.clone(),
+            design(),
+            key.to_owned(),
+        ))
+    }
+
+    fn follow(&self, observations: &[Observation]) -> (Tracker, Vec<Verdict>) {
+        let mut tracker = Tracker::new(self.plan("key"));
+        let verdicts = follow_on(&mut tracker, observations);
+        (tracker, verdicts)
+    }
+}
+
+/// The default charts, solved once.
+fn design() -> Design {
+    static DESIGN: OnceLock<Design> = OnceLock::new();
+    let alarm = AlarmSettings::default();
+    *DESIGN.get_or_init(|| Design::new([alarm.step_k, alarm.ramp_k], alarm.arl0_years * 365.2425))
+}
+
+fn follow_on(tracker: &mut Tracker, observations: &[Observation]) -> Vec<Verdict> {
+    observations
+        .iter()
+        .map(|observation| tracker.step(&Input::Identified(observation.clone()), &[]))
+        .collect()
+}
+
+/// What was raised, with the number of the record.
+fn raised(verdicts: &[Verdict]) -> Vec<(usize, Kind)> {
+    told(verdicts, What::Raised)
+}
+
+fn told(verdicts: &[Verdict], what: What) -> Vec<(usize, Kind)> {
+    let all = verdicts.iter().enumerate();
+    all.flat_map(|(index, verdict)| {
+        verdict
+            .events
+            .iter()
+            .filter(|event| event.what == what)
+            .map(move |event| (index, event.alarm.kind))
+    })
+    .collect()
+}
+
+#[test]
+fn a_year_of_seasons_without_a_change_raises_nothing() {
+    let scenario = Scenario::new(396);
+    let history = scenario.history(11);
+    let observations: Vec<Observation> = history.iter().map(|record| record.observation.clone()).collect();
+    let (_, verdicts) = scenario.follow(&observations);
+    assert_eq!(raised(&verdicts), []);
+    assert!(matches!(
+        verdicts[10].state,
+        RodState::Learning { records: 11, .. }
+    ));
+    assert_eq!(verdicts[395].state, RodState::Monitoring);
+    // The force moved with the seasons, by more than a tenth; at the reference temperature it did not.
+    let forces: Vec<f64> = history.iter().map(|record| record.axial_force_n).collect();
+    let swing =
+        forces.iter().copied().fold(0.0, f64::max) / forces.iter().copied().fold(f64::INFINITY, f64::min);
+    assert!(swing > 1.1, "{swing}");
+    for verdict in &verdicts[60..] {
+        let ratio = verdict.at_reference.expect("compensated").ratio;
+        assert!((ratio.mean - 1.0).abs() < 0.02 && ratio.sd < 0.01, "{ratio:?}");
+    }
+}
+
+#[test]
+fn a_step_is_one_drift_found_within_days_with_its_size() {
+    let scenario = Scenario::new(260).step(200.0, -0.05);
+    let (_, verdicts) = scenario.follow(&scenario.observations(12));
+    let alarms = raised(&verdicts);
+    assert_eq!(alarms.len(), 1, "{alarms:?}");
+    let (index, kind) = alarms[0];
+    assert_eq!(kind, Kind::Drift);
+    // A period closes with the first record of the next.
+    assert!((201..=204).contains(&index), "{index}");
+    let last = verdicts[259].alarms[0].clone();
+    let change = last.change.expect("a drift has a size");
+    assert!(change.size.q025 < -0.05 && -0.05 < change.size.q975, "{change:?}");
+    assert!(change.size.sd < 0.005, "{change:?}");
+    assert!(change.step_probability > 0.5, "{change:?}");
+    let onset_d = change.onset.seconds_since(scenario.simulation.start) / DAY_S;
+    assert!((onset_d - 200.0).abs() < 3.0, "{onset_d}");
+    assert_eq!(verdicts[259].state, RodState::Alarm);
+    // Told again every week, with the same id.
+    let repeats = told(&verdicts, What::Repeated);
+    assert_eq!(repeats.len(), (259 - index) / 7, "{repeats:?}");
+}
+
+#[test]
+fn a_large_loss_exceeds_the_limit_too() {
+    let scenario = Scenario::new(240).step(200.0, -0.12);
+    let (_, verdicts) = scenario.follow(&scenario.observations(13));
+    let kinds: Vec<Kind> = raised(&verdicts).into_iter().map(|(_, kind)| kind).collect();
+    assert_eq!(kinds, [Kind::Drift, Kind::Limit]);
+}
+
+#[test]
+fn a_mass_at_mid_span_is_not_axial_and_no_drift() {
+    for (seed, mass_kg) in [(21, 3.0), (22, 6.0), (23, 15.0)] {
+        let mut scenario = Scenario::new(260);
+        scenario.rod.added_mass = Some(AddedMass {
+            mass_kg,
+            at: 0.5,
+            start_d: 200.0,
+        });
+        let (_, verdicts) = scenario.follow(&scenario.observations(seed));
+        let kinds: Vec<Kind> = raised(&verdicts).into_iter().map(|(_, kind)| kind).collect();
+        assert_eq!(kinds, [Kind::NotAxial], "{mass_kg} kg");
+    }
+}
+
+#[test]
+fn without_a_temperature_nothing_is_charted_and_everything_says_so() {
+    let scenario = Scenario::new(200);
+    let mut observations = scenario.observations(31);
+    for observation in &mut observations {
+        observation.readings.clear();
+    }
+    let (_, verdicts) = scenario.follow(&observations);
+    let RodState::NotMonitoring { reason } = &verdicts[100].state else {
+        panic!("{:?}", verdicts[100].state);
+    };
+    assert!(reason.contains("uncompensated"), "{reason}");
+    assert!(verdicts.iter().all(|verdict| verdict.at_reference.is_none()));
+    assert!(verdicts[50].relative.is_some());
+    assert!(!raised(&verdicts).iter().any(|(_, kind)| *kind == Kind::Drift));
+    // Somebody who knows that the rod is free to expand may chart it as it is.
+    let mut free = Scenario::new(200).step(150.0, -0.02);
+    free.rod.thermal.restraint = 0.0;
+    free.track.temperature = TemperatureUse::Ignore;
+    let (_, verdicts) = free.follow(&free.observations(32));
+    let alarms = raised(&verdicts);
+    assert!(matches!(alarms[..], [(151..=158, Kind::Drift)]), "{alarms:?}");
+}
+
+#[test]
+fn single_records_without_a_temperature_leave_holes_only() {
+    let scenario = Scenario::new(300);
+    let mut observations = scenario.observations(33);
+    for observation in observations.iter_mut().skip(100).step_by(10) {
+        observation.readings.clear();
+    }
+    let (tracker, verdicts) = scenario.follow(&observations);
+    assert_eq!(raised(&verdicts), []);
+    let uncharted = tracker
+        .state()
+        .periods
+        .iter()
+        .filter(|period| period.charted.is_none())
+        .count();
+    assert!(uncharted <= 20, "{uncharted}");
+}
+
+#[test]
+fn weeks_of_silence_are_told_and_are_no_drift() {
+    let scenario = Scenario::new(330);
+    let mut observations = scenario.observations(41);
+    observations.drain(150..180);
+    let (_, verdicts) = scenario.follow(&observations);
+    assert_eq!(raised(&verdicts), [(150, Kind::NoData)]);
+    assert_eq!(told(&verdicts, What::Cleared), [(150, Kind::NoData)]);
+    assert_eq!(verdicts[299].state, RodState::Monitoring);
+}
+
+#[test]
+fn the_clock_alone_tells_that_there_is_no_data() {
+    let scenario = Scenario::new(60);
+    let observations = scenario.observations(42);
+    let (mut tracker, _) = scenario.follow(&observations);
+    let last = observations[59].start;
+    assert_eq!(tracker.look_at_clock(last.plus_seconds(2.0 * DAY_S)), []);
+    let events = tracker.look_at_clock(last.plus_seconds(5.0 * DAY_S));
+    assert_eq!(events.len(), 1);
+    assert_eq!(events[0].alarm.kind, Kind::NoData);
+    assert!(matches!(tracker.rod_state(), RodState::NotMonitoring { .. }));
+    assert_eq!(tracker.look_at_clock(last.plus_seconds(6.0 * DAY_S)), []);
+}
+
+#[test]
+fn order_within_the_window_does_not_matter() {
+    let mut scenario = Scenario::new(24 * 70);
+    scenario.simulation.interval_s = 3600.0;
+    scenario.track.reorder_window_s = 4.0 * 3600.0;
+    let observations = scenario.observations(51);
+    let (straight, _) = scenario.follow(&observations);
+    let mut shuffled = observations;
+    // Each record at most three places off; the last ones stay.
+    let count = shuffled.len() - 6;
+    for chunk in shuffled[..count].chunks_exact_mut(4) {
+        chunk.reverse();
+    }
+    let (mixed, verdicts) = scenario.follow(&shuffled);
+    assert!(verdicts.iter().all(|verdict| verdict.set_aside.is_none()));
+    assert!(straight.state().periods.len() > 60);
+    assert_eq!(straight.state().periods, mixed.state().periods);
+    assert_eq!(straight.state().segment, mixed.state().segment);
+}
+
+#[test]
+fn a_change_of_unit_a_wrong_clock_and_a_swapped_channel_have_names() {
+    let scenario = Scenario::new(200);
+    let good = scenario.observations(61);
+
+    let mut unit = good.clone();
+    for observation in &mut unit[100..120] {
+        observation.rms *= 1000.0;
+    }
+    let (_, verdicts) = scenario.follow(&unit);
+    assert!(
+        verdicts[100..120]
+            .iter()
+            .all(|v| v.set_aside == Some(SetAside::Amplitude))
+    );
+    assert!(verdicts[100..120].iter().all(|v| v.relative.is_none()));
+    assert_eq!(raised(&verdicts)[0], (104, Kind::Sensor));
+    let RodState::NotMonitoring { reason } = &verdicts[110].state else {
+        panic!("{:?}", verdicts[110].state);
+    };
+    assert!(reason.contains("unit"), "{reason}");
+    assert!(!raised(&verdicts).iter().any(|(_, kind)| kind.is_latched()));
+    assert_eq!(verdicts[199].state, RodState::Monitoring);
+
+    // A clock that stands at 1970, jumps to 2100, or is a month back.
+    for shift_d in [-20_000.0, 27_000.0, -30.0] {
+        let mut clock = good.clone();
+        for observation in &mut clock[100..110] {
+            observation.start = observation.start.plus_seconds(shift_d * DAY_S);
+            for reading in &mut observation.readings {
+                reading.time = reading.time.plus_seconds(shift_d * DAY_S);
+            }
+        }
+        let (_, verdicts) = scenario.follow(&clock);
+        assert!(
+            matches!(verdicts[100].set_aside, Some(SetAside::Clock | SetAside::Late)),
+            "{shift_d}"
+        );
+        assert!(
+            raised(&verdicts).iter().any(|(_, kind)| *kind == Kind::Sensor),
+            "{shift_d}: {:?}",
+            raised(&verdicts)
+        );
+        assert!(
+            !raised(&verdicts).iter().any(|(_, kind)| kind.is_latched()),
+            "{shift_d}: {:?}",
+            raised(&verdicts)
+        );
+    }
+
+    // The channel of another rod, 4 % slacker.
+    let mut other = Scenario::new(200);
+    if let tirante::synthesis::Truth::Beam { theta, .. } = &mut other.rod.truth {
+        theta[0] *= 0.96;
+        theta[3] *= 1.01;
+    }
+    let others = other.observations(62);
+    let mut tracker = Tracker::new(scenario.plan("key"));
+    let mut verdicts = Vec::new();
+    for (index, (own, foreign)) in good.iter().zip(&others).enumerate() {
+        let seen = if (100..120).contains(&index) { foreign } else { own };
+        let peers = [Peer {
+            rod: RodId("other".into()),
+            modes: others[index.saturating_sub(1)].modes.clone(),
+        }];
+        verdicts.push(tracker.step(&Input::Identified(seen.clone()), &peers));
+    }
+    assert_eq!(verdicts[100].set_aside, Some(SetAside::Channel));
+    assert!(
+        !raised(&verdicts).iter().any(|(_, kind)| kind.is_latched()),
+        "{:?}",
+        raised(&verdicts)
+    );
+    assert!(raised(&verdicts).iter().any(|(_, kind)| *kind == Kind::Sensor));
+}
+
+#[test]
+fn a_fold_broken_off_anywhere_goes_on_to_the_same_bits() {
+    let scenario = Scenario::new(160).step(110.0, -0.03);
+    let observations = scenario.observations(71);
+    let (straight, whole) = scenario.follow(&observations);
+    let plan = scenario.plan("key");
+    let mut tracker = Tracker::new(Arc::clone(&plan));
+    let mut verdicts = Vec::new();
+    for observation in &observations {
+        verdicts.push(tracker.step(&Input::Identified(observation.clone()), &[]));
+        let text = serde_json::to_string(tracker.state()).expect("it serialises");
+        let mut state: State = serde_json::from_str(&text).expect("it reads back");
+        state.periods.clone_from(&tracker.state().periods);
+        let (resumed, events) = Tracker::resume(Arc::clone(&plan), state);
+        assert_eq!(events, []);
+        tracker = resumed;
+    }
+    assert_eq!(straight.state(), tracker.state());
+    assert_eq!(whole, verdicts);
+}
+
+#[test]
+fn a_new_baseline_on_request_or_with_a_new_meaning() {
+    let scenario = Scenario::new(260).step(100.0, -0.05);
+    let observations = scenario.observations(81);
+    let (mut tracker, verdicts) = scenario.follow(&observations[..150]);
+    let id = verdicts[149].alarms[0].id.clone();
+    let now = observations[149].start;
+    assert_eq!(tracker.acknowledge("unknown", now), []);
+    let events = tracker.acknowledge(&id, now);
+    assert_eq!(events.len(), 1);
+    assert_eq!(events[0].what, What::Acknowledged);
+    let events = tracker.rebaseline(Some(now));
+    assert_eq!(
+        events.iter().map(|event| event.what).collect::<Vec<_>>(),
+        [What::Cleared]
+    );
+    assert_eq!(tracker.state().segment.number, 2);
+    let verdicts = follow_on(&mut tracker, &observations[150..]);
+    assert_eq!(raised(&verdicts), []);
+    assert_eq!(verdicts[109].state, RodState::Monitoring);
+    // The loss is part of the new baseline.
+    let ratio = verdicts[109].at_reference.expect("compensated").ratio;
+    assert!((ratio.mean - 1.0).abs() < 0.02, "{ratio:?}");
+
+    // An upgrade, with an alarm nobody acknowledged: a new segment, and the alarm stands on.
+    let (tracker, _) = scenario.follow(&observations[..150]);
+    let (tracker, events) = Tracker::resume(scenario.plan("other key"), tracker.state().clone());
+    assert_eq!(
+        events.iter().map(|event| event.what).collect::<Vec<_>>(),
+        [What::Cleared]
+    );
+    assert_eq!(tracker.state().segment.number, 2);
+    assert_eq!(tracker.state().alarms.len(), 1);
+    assert_eq!(tracker.rod_state(), RodState::Alarm);
+}
+
+#[test]
+fn modes_come_and_go_without_a_trace() {
+    let scenario = Scenario::new(300);
+    let mut observations = scenario.observations(91);
+    for (index, observation) in observations.iter_mut().enumerate() {
+        // A node of mode 2 is aimed at in half of the records, mode 3 fades in every fifth.
+        if index % 2 == 0 {
+            observation.modes.retain(|mode| mode.order != 2);
+        }
+        if index % 5 == 0 {
+            observation.modes.retain(|mode| mode.order != 3);
+        }
+    }
+    let (_, verdicts) = scenario.follow(&observations);
+    assert_eq!(raised(&verdicts), []);
+    assert_eq!(verdicts[299].state, RodState::Monitoring);
+}
+
+#[test]
+fn rejections_in_a_row_are_told() {
+    let scenario = Scenario::new(80);
+    let (mut tracker, _) = scenario.follow(&scenario.observations(95));
+    let start = tracker.state().latest.expect("records came");
+    let rejected = |hour: f64| Input::Rejected {
+        start: Some(start.plus_seconds(hour * 3600.0)),
+        reason: "no peak stands out".to_owned(),
+        readings: Vec::new(),
+    };
+    let verdicts: Vec<Verdict> = (1..=6)
+        .map(|hour| tracker.step(&rejected(f64::from(hour)), &[]))
+        .collect();
+    assert_eq!(raised(&verdicts), [(4, Kind::Sensor)]);
+    assert!(verdicts[5].alarms[0].message.contains("no peak"));
+}
+
+#[test]
+fn a_record_before_time_began_or_after_it_ends_is_survived() {
+    let scenario = Scenario::new(60);
+    let mut observations = scenario.observations(97);
+    observations[20].start = Timestamp::from_nanos(i64::MIN);
+    observations[30].start = Timestamp::from_nanos(i64::MAX);
+    observations[31].readings.clear();
+    let (_, verdicts) = scenario.follow(&observations);
+    assert_eq!(verdicts.len(), 60);
+    assert!(!raised(&verdicts).iter().any(|(_, kind)| kind.is_latched()));
+}

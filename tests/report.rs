@@ -14,7 +14,11 @@ fn assert_well_formed(html: &str) {
     let mut ids = std::collections::HashSet::new();
     let mut rest = html.strip_prefix("<!DOCTYPE html>\n").expect("a document type");
     while let Some(at) = rest.find('<') {
-        assert!(!rest[..at].contains('>') || open.last() == Some(&"style"), "stray > in {:?}", &rest[..at]);
+        assert!(
+            !rest[..at].contains('>') || open.last() == Some(&"style"),
+            "stray > in {:?}",
+            &rest[..at]
+        );
         let end = at + rest[at..].find('>').expect("a tag that ends");
         let tag = &rest[at + 1..end];
         rest = &rest[end + 1..];
@@ -42,7 +46,18 @@ fn assert_well_formed(html: &str) {
 
 /// Nothing is loaded, nothing is run, no number is none.
 fn assert_self_contained(html: &str) {
-    for word in ["http://", "https://", "<script", "src=", "@import", "javascript:", "<link", "NaN", "inf ", "\"inf"] {
+    for word in [
+        "http://",
+        "https://",
+        "<script",
+        "src=",
+        "@import",
+        "javascript:",
+        "<link",
+        "NaN",
+        "inf ",
+        "\"inf",
+    ] {
         assert!(!html.contains(word), "{word}");
     }
     let urls = html.matches("url(").count();

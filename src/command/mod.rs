@@ -17,6 +17,7 @@ pub mod identify;
 mod progress;
 mod render;
 pub mod replay;
+pub mod report;
 mod setup;
 pub mod simulate;
 

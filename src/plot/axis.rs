@@ -75,7 +75,10 @@ pub fn numbers((low, high): (f64, f64), count: usize) -> Vec<Tick> {
         .find(|step| *step >= raw * (1.0 - 1e-9))
         .unwrap_or(10.0 * decade);
     let decimals = (-(step.log10() + 1e-9).floor()).clamp(0.0, 12.0) as usize;
-    let (first, last) = ((low / step - 1e-9).ceil() as i64, (high / step + 1e-9).floor() as i64);
+    let (first, last) = (
+        (low / step - 1e-9).ceil() as i64,
+        (high / step + 1e-9).floor() as i64,
+    );
     (first..=last.min(first.saturating_add(100)))
         .map(|i| {
             let at = i as f64 * step;
@@ -128,7 +131,13 @@ fn superscript(power: i64) -> String {
 pub fn dates((low, high): (f64, f64), count: usize) -> Vec<Tick> {
     let raw = (high - low) / count.max(1) as f64;
     let within_a_day = [
-        MINUTE_S, 5.0 * MINUTE_S, 15.0 * MINUTE_S, HOUR_S, 3.0 * HOUR_S, 6.0 * HOUR_S, 12.0 * HOUR_S,
+        MINUTE_S,
+        5.0 * MINUTE_S,
+        15.0 * MINUTE_S,
+        HOUR_S,
+        3.0 * HOUR_S,
+        6.0 * HOUR_S,
+        12.0 * HOUR_S,
     ];
     let days = [1.0, 2.0, 5.0, 7.0, 14.0];
     let months = [1, 2, 3, 6, 12, 24, 60, 120];
@@ -210,7 +219,13 @@ mod tests {
         let year = (unix("2025-01-15T00:00:00Z"), unix("2025-12-20T00:00:00Z"));
         assert_eq!(
             labels(&dates(year, 6)),
-            ["2025-03-01", "2025-05-01", "2025-07-01", "2025-09-01", "2025-11-01"]
+            [
+                "2025-03-01",
+                "2025-05-01",
+                "2025-07-01",
+                "2025-09-01",
+                "2025-11-01"
+            ]
         );
         let day = (unix("2025-03-01T05:00:00Z"), unix("2025-03-02T01:00:00Z"));
         assert_eq!(
@@ -223,12 +238,20 @@ mod tests {
 
     #[test]
     fn powers_of_ten_from_decibels() {
-        assert_eq!(labels(&powers((-125.0, -85.0), 5)), ["10⁻¹²", "10⁻¹¹", "10⁻¹⁰", "10⁻⁹"]);
+        assert_eq!(
+            labels(&powers((-125.0, -85.0), 5)),
+            ["10⁻¹²", "10⁻¹¹", "10⁻¹⁰", "10⁻⁹"]
+        );
     }
 
     #[test]
     fn a_scale_of_nothing_is_still_a_scale() {
-        for data in [(1.0, 1.0), (f64::NAN, 1.0), (f64::INFINITY, f64::NEG_INFINITY), (0.0, 0.0)] {
+        for data in [
+            (1.0, 1.0),
+            (f64::NAN, 1.0),
+            (f64::INFINITY, f64::NEG_INFINITY),
+            (0.0, 0.0),
+        ] {
             let scale = Scale::new(data, (0.0, 100.0));
             assert!(scale.place(0.5).is_finite() && scale.data.0 < scale.data.1);
         }

@@ -33,7 +33,11 @@ pub fn columns(points: &[Point], span: (f64, f64), columns: usize) -> Vec<Column
     let few = points.len() <= columns || width.is_nan() || width <= 0.0;
     let mut result: Vec<(i64, Column)> = Vec::new();
     for (i, point) in points.iter().enumerate() {
-        let at = if few { i as i64 } else { ((point.time - span.0) / width) as i64 };
+        let at = if few {
+            i as i64
+        } else {
+            ((point.time - span.0) / width) as i64
+        };
         match result.last_mut() {
             Some((last, column)) if *last == at => {
                 column.time += point.time;
@@ -72,7 +76,10 @@ pub fn columns(points: &[Point], span: (f64, f64), columns: usize) -> Vec<Column
 
 /// Cuts where neighbours lie much further apart than usual: a line must not be drawn across silence.
 pub fn without_gaps(columns: &[Column]) -> impl Iterator<Item = &[Column]> {
-    let mut distances: Vec<f64> = columns.windows(2).map(|pair| pair[1].time - pair[0].time).collect();
+    let mut distances: Vec<f64> = columns
+        .windows(2)
+        .map(|pair| pair[1].time - pair[0].time)
+        .collect();
     distances.sort_by(f64::total_cmp);
     let usual = distances.get(distances.len() / 2).copied().unwrap_or(0.0);
     columns.chunk_by(move |a, b| b.time - a.time <= 5.0 * usual)

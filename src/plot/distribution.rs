@@ -1,6 +1,6 @@
 //! Figures not over time: spectrum, prior against posterior, force against temperature.
 
-use super::axis;
+use super::axis::{self, minus};
 use super::figure::Figure;
 use super::markup::Markup;
 use super::view::RodReport;
@@ -12,21 +12,33 @@ const SCATTER_POINTS: usize = 2000;
 /// The latest spectrum with its resonances, the baseline's first behind it.
 pub(super) fn spectrum(rod: &RodReport, id: &str) -> Option<Markup> {
     let latest = rod.latest.as_ref().or(rod.baseline.as_ref())?;
-    let earlier = rod.baseline.as_ref().filter(|baseline| baseline.start != latest.start);
+    let earlier = rod
+        .baseline
+        .as_ref()
+        .filter(|baseline| baseline.start != latest.start);
     let highest = |snapshot: &Snapshot| snapshot.curve.frequency_hz(snapshot.curve.level_db.len());
     if latest.curve.level_db.is_empty() {
         return None;
     }
     let x = (0.0, highest(latest).max(earlier.map_or(0.0, highest)));
     let curves = [Some(latest), earlier];
-    let levels = curves.iter().flatten().flat_map(|snapshot| snapshot.curve.level_db.iter().copied());
+    let levels = curves
+        .iter()
+        .flatten()
+        .flat_map(|snapshot| snapshot.curve.level_db.iter().copied());
     let (low, high) = axis::span(levels, 0.0)?;
     // Room for the labels above the peaks; a line of silence must not flatten the rest.
-    let y = (low.max(high - 120.0) - 2.0, high + 0.12 * (high - low).min(120.0) + 1.0);
+    let y = (
+        low.max(high - 120.0) - 2.0,
+        high + 0.12 * (high - low).min(120.0) + 1.0,
+    );
     let mut figure = Figure::new(x, y, 220.0);
     figure.x_axis(&axis::numbers(x, 8), "frequency [Hz]");
     let unit = rod.motion_unit.as_deref().unwrap_or("unit");
-    figure.y_axis(&axis::powers(y, 6), &format!("power density [({unit})\u{b2}/Hz]"));
+    figure.y_axis(
+        &axis::powers(y, 6),
+        &format!("power density [{}\u{b2}/Hz]", bracketed(unit)),
+    );
     let points = |curve: &Curve| -> Vec<(f64, f64)> {
         let level = curve.level_db.iter().enumerate();
         level.map(|(i, level)| (curve.frequency_hz(i), *level)).collect()
@@ -36,7 +48,9 @@ pub(super) fn spectrum(rod: &RodReport, id: &str) -> Option<Markup> {
     }
     figure.line("c1", points(&latest.curve).into_iter());
     let level_at = |hz: f64| -> f64 {
-        let at = ((hz - latest.curve.first_hz) / latest.curve.step_hz).round().max(0.0) as usize;
+        let at = ((hz - latest.curve.first_hz) / latest.curve.step_hz)
+            .round()
+            .max(0.0) as usize;
         let near = latest.curve.level_db.iter().skip(at.saturating_sub(1)).take(3);
         near.copied().fold(low, f64::max)
     };
@@ -57,6 +71,15 @@ pub(super) fn spectrum(rod: &RodReport, id: &str) -> Option<Markup> {
     }
     let title = format!("Vibration spectrum of rod {}", rod.rod);
     Some(figure.finish(id, &title, "Power spectral density on a logarithmic scale against frequency, with the resonances found and the mode orders they were given."))
+}
+
+/// A unit that can be squared.
+fn bracketed(unit: &str) -> String {
+    if unit.contains('/') {
+        format!("({unit})")
+    } else {
+        unit.to_owned()
+    }
 }
 
 fn day(snapshot: &Snapshot) -> String {
@@ -92,15 +115,26 @@ pub(super) fn density(rod: &RodReport, latest: &Density, id: &str) -> Markup {
         .and_then(|baseline| baseline.densities.iter().find(|d| d.quantity == latest.quantity))
         .filter(|earlier| (earlier.low, earlier.high) == (latest.low, latest.high));
     let x = (latest.low * factor, latest.high * factor);
-    let curves = [Some(&latest.prior), Some(&latest.posterior), earlier.map(|earlier| &earlier.posterior)];
+    let curves = [
+        Some(&latest.prior),
+        Some(&latest.posterior),
+        earlier.map(|earlier| &earlier.posterior),
+    ];
     let top = curves.iter().flatten().flat_map(|curve| curve.iter().copied());
-    let y = (0.0, 1.08 * axis::span(top, 0.0).map_or(1.0, |(_, high)| high.max(1e-9)));
-    let mut figure = Figure::new(x, y, 190.0);
-    figure.x_axis(&axis::numbers(x, 6), &format!("{name} [{unit}]"));
+    let y = (
+        0.0,
+        1.08 * axis::span(top, 0.0).map_or(1.0, |(_, high)| high.max(1e-9)),
+    );
+    let mut figure = Figure::half(x, y, 150.0);
+    figure.x_axis(&axis::numbers(x, 4), &format!("{name} [{unit}]"));
     figure.y_axis(&[], "probability density");
     let points = |curve: &[f64]| -> Vec<(f64, f64)> {
         let step = (x.1 - x.0) / curve.len().saturating_sub(1).max(1) as f64;
-        curve.iter().enumerate().map(|(i, d)| (x.0 + i as f64 * step, *d)).collect()
+        curve
+            .iter()
+            .enumerate()
+            .map(|(i, d)| (x.0 + i as f64 * step, *d))
+            .collect()
     };
     let area = |curve: &[f64]| -> Vec<(f64, f64, f64)> {
         points(curve).into_iter().map(|(x, d)| (x, 0.0, d)).collect()
@@ -112,10 +146,10 @@ pub(super) fn density(rod: &RodReport, latest: &Density, id: &str) -> Markup {
     if let Some(earlier) = earlier {
         figure.line("c2 dashed", points(&earlier.posterior).into_iter());
     }
-    figure.key("c7", "before measuring (prior)");
-    figure.key("c1", "latest record (posterior)");
+    figure.key("c7", "prior");
+    figure.key("c1", "posterior");
     if earlier.is_some() {
-        figure.key("c2 dashed", "first of the baseline");
+        figure.key("c2 dashed", "baseline's first");
     }
     let title = format!("Prior and posterior of the {name} of rod {}", rod.rod);
     let (mean, sd) = latest.posterior_mean_sd;
@@ -127,11 +161,26 @@ pub(super) fn density(rod: &RodReport, latest: &Density, id: &str) -> Markup {
     figure.finish(id, &title, &about)
 }
 
+/// Mean and standard deviation, both to two digits of the latter.
+pub(super) fn mean_and_sd(mean: f64, sd: f64) -> String {
+    let digits = if sd > 0.0 && sd.is_finite() {
+        sd.log10().floor()
+    } else {
+        0.0
+    };
+    let decimals = (1.0 - digits).clamp(0.0, 6.0) as usize;
+    minus(&format!("{mean:.decimals$} \u{b1} {sd:.decimals$}"))
+}
+
 /// About three significant digits.
 pub(super) fn significant(value: f64) -> String {
-    let digits = if value == 0.0 || !value.is_finite() { 0.0 } else { value.abs().log10().floor() };
+    let digits = if value == 0.0 || !value.is_finite() {
+        0.0
+    } else {
+        value.abs().log10().floor()
+    };
     let decimals = (2.0 - digits).clamp(0.0, 6.0) as usize;
-    axis::minus(&format!("{value:.decimals$}"))
+    minus(&format!("{value:.decimals$}"))
 }
 
 /// Relative force of each period against its temperature, with the fitted line.
@@ -144,7 +193,11 @@ pub(super) fn thermal(rod: &RodReport, id: &str) -> Option<Markup> {
         .filter(|(number, _)| *number == segment.number)
         .filter_map(|(_, period)| {
             let charted = period.charted.as_ref()?;
-            Some((charted.temperature_c?, 100.0 * period.delta, 100.0 * charted.expected))
+            Some((
+                charted.temperature_c?,
+                100.0 * period.delta,
+                100.0 * charted.expected,
+            ))
         })
         .collect();
     let every = points.len().div_ceil(SCATTER_POINTS).max(1);
@@ -159,12 +212,18 @@ pub(super) fn thermal(rod: &RodReport, id: &str) -> Option<Markup> {
         // Through the mean of what was expected, so that the intercept learned is in it.
         let latest = points.iter().rev().take(30);
         let (count, offset) = latest.fold((0.0, 0.0), |(count, sum), point| {
-            (count + 1.0, sum + point.2 - 100.0 * line.slope_per_k * (point.0 - reference))
+            (
+                count + 1.0,
+                sum + point.2 - 100.0 * line.slope_per_k * (point.0 - reference),
+            )
         });
         let offset = offset / f64::max(count, 1.0);
         let at = |celsius: f64| (celsius, offset + 100.0 * line.slope_per_k * (celsius - reference));
         figure.line("c2", [at(x.0), at(x.1)].into_iter());
-        figure.key("c2", &format!("learned: {} % per kelvin", significant(100.0 * line.slope_per_k)));
+        figure.key(
+            "c2",
+            &format!("learned: {} % per kelvin", significant(100.0 * line.slope_per_k)),
+        );
     }
     let title = format!("Force of rod {} against temperature", rod.rod);
     Some(figure.finish(id, &title, "Relative change of force of each period in percent against the rod's temperature, with the line the regression learned."))

@@ -4,9 +4,12 @@ use super::axis::{Scale, Tick};
 use super::markup::Markup;
 use std::fmt::Write;
 
-/// Width of every drawing, in its own units; the page scales it.
-pub(super) const WIDTH: f64 = 760.0;
+/// Width of a drawing over the whole page, in its own units; the page scales it.
+const WIDTH: f64 = 760.0;
+/// Width of a drawing that stands beside another: letters keep their size.
+const HALF_WIDTH: f64 = 380.0;
 const LEFT: f64 = 64.0;
+const HALF_LEFT: f64 = 26.0;
 const RIGHT: f64 = 14.0;
 /// Room for the key above the frame.
 const TOP: f64 = 26.0;
@@ -23,6 +26,8 @@ pub(super) const COLUMNS: usize = (WIDTH - LEFT - RIGHT) as usize;
 pub(super) struct Figure {
     x: Scale,
     y: Scale,
+    width: f64,
+    left: f64,
     height: f64,
     axes: Markup,
     marks: Markup,
@@ -34,14 +39,25 @@ pub(super) struct Figure {
 impl Figure {
     /// A frame over these spans of data, `height` units high without axis labels.
     pub fn new(x: (f64, f64), y: (f64, f64), height: f64) -> Self {
+        Self::sized(x, y, height, WIDTH, LEFT)
+    }
+
+    /// A frame that shares the page's width with another and has no numbers on its vertical axis.
+    pub fn half(x: (f64, f64), y: (f64, f64), height: f64) -> Self {
+        Self::sized(x, y, height, HALF_WIDTH, HALF_LEFT)
+    }
+
+    fn sized(x: (f64, f64), y: (f64, f64), height: f64, width: f64, left: f64) -> Self {
         Self {
-            x: Scale::new(x, (LEFT, WIDTH - RIGHT)),
+            x: Scale::new(x, (left, width - RIGHT)),
             y: Scale::new(y, (TOP + height, TOP)),
+            width,
+            left,
             height,
             axes: Markup::new(),
             marks: Markup::new(),
             key: Markup::new(),
-            key_at: LEFT,
+            key_at: left,
             rows: [f64::NEG_INFINITY; LABEL_ROWS],
         }
     }
@@ -51,37 +67,61 @@ impl Figure {
         let bottom = TOP + self.height;
         for tick in ticks.iter().filter(|tick| self.x.holds(tick.at)) {
             let x = self.x.place(tick.at);
-            self.axes.empty("path", &[("class", "grid"), ("d", &format!("M{x:.1} {TOP}V{bottom}"))]);
+            self.axes.empty(
+                "path",
+                &[("class", "grid"), ("d", &format!("M{x:.1} {TOP}V{bottom}"))],
+            );
             // The outermost labels stay inside the drawing.
             let half = 0.5 * CHARACTER * tick.label.chars().count() as f64;
-            let x = x.clamp(half, WIDTH - half);
+            let x = x.clamp(half, self.width - half);
             self.axes.leaf(
                 "text",
-                &[("x", &format!("{x:.1}")), ("y", &format!("{}", bottom + 16.0)), ("class", "mid")],
+                &[
+                    ("x", &format!("{x:.1}")),
+                    ("y", &format!("{}", bottom + 16.0)),
+                    ("class", "mid"),
+                ],
                 &tick.label,
             );
         }
-        let (x, y) = (LEFT + 0.5 * (WIDTH - LEFT - RIGHT), bottom + 34.0);
-        self.axes
-            .leaf("text", &[("x", &format!("{x}")), ("y", &format!("{y}")), ("class", "mid name")], label);
+        let (x, y) = (self.left + 0.5 * (self.width - self.left - RIGHT), bottom + 34.0);
+        self.axes.leaf(
+            "text",
+            &[
+                ("x", &format!("{x}")),
+                ("y", &format!("{y}")),
+                ("class", "mid name"),
+            ],
+            label,
+        );
     }
 
     /// The vertical axis: ticks and what is measured along it.
     pub fn y_axis(&mut self, ticks: &[Tick], label: &str) {
-        let right = WIDTH - RIGHT;
+        let (left, right) = (self.left, self.width - RIGHT);
         for tick in ticks.iter().filter(|tick| self.y.holds(tick.at)) {
             let y = self.y.place(tick.at);
-            self.axes.empty("path", &[("class", "grid"), ("d", &format!("M{LEFT} {y:.1}H{right}"))]);
+            self.axes.empty(
+                "path",
+                &[("class", "grid"), ("d", &format!("M{left} {y:.1}H{right}"))],
+            );
             self.axes.leaf(
                 "text",
-                &[("x", &format!("{}", LEFT - 6.0)), ("y", &format!("{:.1}", y + 4.0)), ("class", "end")],
+                &[
+                    ("x", &format!("{}", self.left - 6.0)),
+                    ("y", &format!("{:.1}", y + 4.0)),
+                    ("class", "end"),
+                ],
                 &tick.label,
             );
         }
         let middle = TOP + 0.5 * self.height;
         self.axes.leaf(
             "text",
-            &[("transform", &format!("translate(13 {middle}) rotate(-90)")), ("class", "mid name")],
+            &[
+                ("transform", &format!("translate(13 {middle}) rotate(-90)")),
+                ("class", "mid name"),
+            ],
             label,
         );
     }
@@ -92,10 +132,14 @@ impl Figure {
             return self.bars(class, points);
         }
         let mut d = String::new();
-        let ends = points.iter().map(|p| (p.0, p.2)).chain(points.iter().rev().map(|p| (p.0, p.1)));
+        let ends = points
+            .iter()
+            .map(|p| (p.0, p.2))
+            .chain(points.iter().rev().map(|p| (p.0, p.1)));
         self.trace(&mut d, ends);
         d.push('Z');
-        self.marks.empty("path", &[("class", &format!("band {class}")), ("d", &d)]);
+        self.marks
+            .empty("path", &[("class", &format!("band {class}")), ("d", &d)]);
     }
 
     /// A line through points (x, y).
@@ -103,7 +147,8 @@ impl Figure {
         let mut d = String::new();
         self.trace(&mut d, points);
         if !d.is_empty() {
-            self.marks.empty("path", &[("class", &format!("line {class}")), ("d", &d)]);
+            self.marks
+                .empty("path", &[("class", &format!("line {class}")), ("d", &d)]);
         }
     }
 
@@ -117,7 +162,8 @@ impl Figure {
             }
         }
         if !d.is_empty() {
-            self.marks.empty("path", &[("class", &format!("dots {class}")), ("d", &d)]);
+            self.marks
+                .empty("path", &[("class", &format!("dots {class}")), ("d", &d)]);
         }
     }
 
@@ -130,19 +176,28 @@ impl Figure {
             }
         }
         if !d.is_empty() {
-            self.marks.empty("path", &[("class", &format!("bars {class}")), ("d", &d)]);
+            self.marks
+                .empty("path", &[("class", &format!("bars {class}")), ("d", &d)]);
         }
     }
 
-    /// A horizontal line through the frame, with a label at its right end.
+    /// A horizontal line through the frame, with a label at its left end.
     pub fn level(&mut self, class: &str, at: f64, label: &str) {
         let y = self.y.place(at);
-        let (left, right) = (LEFT, WIDTH - RIGHT);
-        self.marks
-            .empty("path", &[("class", &format!("level {class}")), ("d", &format!("M{left} {y:.1}H{right}"))]);
-        let place = [("x", &*format!("{}", right - 4.0)), ("y", &format!("{:.1}", y - 4.0))];
-        self.marks
-            .leaf("text", &[place[0], place[1], ("class", &format!("end {class}"))], label);
+        let (left, right) = (self.left, self.width - RIGHT);
+        self.marks.empty(
+            "path",
+            &[
+                ("class", &format!("level {class}")),
+                ("d", &format!("M{left} {y:.1}H{right}")),
+            ],
+        );
+        if !label.is_empty() {
+            let y = if y - 4.0 < TOP + 10.0 { y + 13.0 } else { y - 4.0 };
+            let place = [("x", &*format!("{}", left + 4.0)), ("y", &format!("{y:.1}"))];
+            self.marks
+                .leaf("text", &[place[0], place[1], ("class", class)], label);
+        }
     }
 
     /// A vertical line through the frame; its label stands beside it at the top unless others leave no room there.
@@ -152,15 +207,25 @@ impl Figure {
         }
         let x = self.x.place(at);
         let (top, bottom) = (TOP, TOP + self.height);
-        self.marks
-            .empty("path", &[("class", &format!("event {class}")), ("d", &format!("M{x:.1} {top}V{bottom}"))]);
+        self.marks.empty(
+            "path",
+            &[
+                ("class", &format!("event {class}")),
+                ("d", &format!("M{x:.1} {top}V{bottom}")),
+            ],
+        );
         let width = CHARACTER * label.chars().count() as f64 + 8.0;
-        let left = if x + width > WIDTH - RIGHT { x - width } else { x };
+        let left = if x + width > self.width - RIGHT {
+            x - width
+        } else {
+            x
+        };
         if let Some(row) = self.rows.iter().position(|end| *end <= left) {
             self.rows[row] = left + width;
             let (x, y) = (left + 4.0, top + 13.0 + 14.0 * row as f64);
             let place = [("x", &*format!("{x:.1}")), ("y", &format!("{y}"))];
-            self.marks.leaf("text", &[place[0], place[1], ("class", class)], label);
+            self.marks
+                .leaf("text", &[place[0], place[1], ("class", class)], label);
         }
     }
 
@@ -185,8 +250,11 @@ impl Figure {
         if !label.is_empty() {
             let (x, y) = (from + 4.0, TOP + self.height - 6.0);
             let place = [("x", &*format!("{x:.1}")), ("y", &format!("{y}"))];
-            self.marks
-                .leaf("text", &[place[0], place[1], ("class", &format!("soft {class}"))], label);
+            self.marks.leaf(
+                "text",
+                &[place[0], place[1], ("class", &format!("soft {class}"))],
+                label,
+            );
         }
     }
 
@@ -195,8 +263,11 @@ impl Figure {
         if let Some((x, y)) = self.place(at.0, at.1) {
             let y = (y - 7.0).max(TOP + 11.0);
             let place = [("x", &*format!("{x:.1}")), ("y", &format!("{y:.1}"))];
-            self.marks
-                .leaf("text", &[place[0], place[1], ("class", &format!("mid {class}"))], label);
+            self.marks.leaf(
+                "text",
+                &[place[0], place[1], ("class", &format!("mid {class}"))],
+                label,
+            );
         }
     }
 
@@ -204,7 +275,8 @@ impl Figure {
     pub fn key(&mut self, class: &str, label: &str) {
         let x = self.key_at;
         let d = format!("M{x:.1} 13h18");
-        self.key.empty("path", &[("class", &format!("line {class}")), ("d", &d)]);
+        self.key
+            .empty("path", &[("class", &format!("line {class}")), ("d", &d)]);
         let at = format!("{:.1}", x + 23.0);
         self.key.leaf("text", &[("x", &at), ("y", "17")], label);
         self.key_at = x + 23.0 + CHARACTER * label.chars().count() as f64 + 18.0;
@@ -216,14 +288,14 @@ impl Figure {
         let height = TOP + self.height + BOTTOM;
         let (title_id, about_id, clip_id) = (format!("{id}-t"), format!("{id}-d"), format!("{id}-c"));
         let attributes = [
-            ("viewBox", &*format!("0 0 {WIDTH} {height}")),
+            ("viewBox", &*format!("0 0 {} {height}", self.width)),
             ("role", "img"),
             ("aria-labelledby", &format!("{title_id} {about_id}")),
         ];
         let frame = [
-            ("x", &*format!("{LEFT}")),
+            ("x", &*format!("{}", self.left)),
             ("y", &format!("{TOP}")),
-            ("width", &format!("{}", WIDTH - LEFT - RIGHT)),
+            ("width", &format!("{}", self.width - self.left - RIGHT)),
             ("height", &format!("{}", self.height)),
         ];
         svg.element("svg", &attributes, |svg| {
@@ -231,7 +303,9 @@ impl Figure {
             svg.leaf("desc", &[("id", &about_id)], description);
             svg.element("clipPath", &[("id", &clip_id)], |clip| clip.empty("rect", &frame));
             svg.append(self.axes);
-            svg.element("g", &[("clip-path", &format!("url(#{clip_id})"))], |g| g.append(self.marks));
+            svg.element("g", &[("clip-path", &format!("url(#{clip_id})"))], |g| {
+                g.append(self.marks)
+            });
             let mut border = vec![("class", "frame")];
             border.extend(frame);
             svg.empty("rect", &border);

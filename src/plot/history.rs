@@ -11,6 +11,8 @@ use crate::track::Interval;
 const FEW: usize = 80;
 /// Colours of the modes, by order.
 const MODE_COLOURS: [&str; 6] = ["c1", "c2", "c3", "c4", "c5", "c6"];
+/// A chart is drawn up to this many times its limit.
+const BEYOND_LIMIT: f64 = 2.5;
 const TIME: &str = "time (UTC)";
 
 /// The time axis all histories of one rod share.
@@ -30,7 +32,7 @@ impl Span {
         let ends = (low - margin, high + margin);
         Some(Self {
             ends,
-            ticks: axis::dates(ends, 6),
+            ticks: axis::dates(ends, 8),
         })
     }
 }
@@ -87,14 +89,27 @@ fn draw(figure: &mut Figure, class: &str, points: &[Point], span: &Span, with_in
 
 /// The vertical span: the bulk of intervals and all values.
 fn vertical(series: &[&[Point]], always: &[f64]) -> (f64, f64) {
-    let values = series.iter().flat_map(|points| points.iter().map(|point| point.value));
-    let mut low: Vec<f64> = series.iter().flat_map(|p| p.iter().map(|point| point.interval.0)).collect();
-    let mut high: Vec<f64> = series.iter().flat_map(|p| p.iter().map(|point| point.interval.1)).collect();
+    let values = series
+        .iter()
+        .flat_map(|points| points.iter().map(|point| point.value));
+    let mut low: Vec<f64> = series
+        .iter()
+        .flat_map(|p| p.iter().map(|point| point.interval.0))
+        .collect();
+    let mut high: Vec<f64> = series
+        .iter()
+        .flat_map(|p| p.iter().map(|point| point.interval.1))
+        .collect();
     low.sort_by(f64::total_cmp);
     high.sort_by(f64::total_cmp);
     // A single record with a huge interval must not flatten the whole history.
-    let bulk = [low.get(low.len() / 50), high.get(high.len().saturating_sub(1 + high.len() / 50))];
-    let all = values.chain(bulk.into_iter().flatten().copied()).chain(always.iter().copied());
+    let bulk = [
+        low.get(low.len() / 50),
+        high.get(high.len().saturating_sub(1 + high.len() / 50)),
+    ];
+    let all = values
+        .chain(bulk.into_iter().flatten().copied())
+        .chain(always.iter().copied());
     axis::span(all, 0.06).unwrap_or((0.0, 1.0))
 }
 
@@ -109,7 +124,8 @@ fn mark(figure: &mut Figure, rod: &RodReport) {
         if let Some(change) = &alarm.change {
             figure.stretch("onset", unix_s(change.onset_q025), unix_s(change.onset_q975), "");
         }
-        figure.event("alarm", unix_s(alarm.raised), alarm.kind.code());
+        let class = if alarm.is_over() { "alarm over" } else { "alarm" };
+        figure.event(class, unix_s(alarm.raised), alarm.kind.code());
     }
 }
 
@@ -188,12 +204,20 @@ pub(super) fn temperature(rod: &RodReport, span: &Span, id: &str) -> Option<Mark
         figure.level("zero", reference, "reference");
     }
     let title = format!("Temperature beside rod {}", rod.rod);
-    Some(figure.finish(id, &title, "Temperature in degrees Celsius against the same time axis."))
+    Some(figure.finish(
+        id,
+        &title,
+        "Temperature in degrees Celsius against the same time axis.",
+    ))
 }
 
 /// Frequencies over time, relative to each mode's median \[%\].
 pub(super) fn frequencies(rod: &RodReport, span: &Span, id: &str) -> Option<Markup> {
-    let mut orders: Vec<usize> = rod.records.iter().flat_map(|r| r.modes.iter().map(|mode| mode.0)).collect();
+    let mut orders: Vec<usize> = rod
+        .records
+        .iter()
+        .flat_map(|r| r.modes.iter().map(|mode| mode.0))
+        .collect();
     orders.sort_unstable();
     orders.dedup();
     let modes: Vec<(usize, f64, Vec<Point>)> = orders
@@ -234,7 +258,11 @@ pub(super) fn frequencies(rod: &RodReport, span: &Span, id: &str) -> Option<Mark
         figure.key(class, &format!("mode {order}: {median:.3} Hz"));
     }
     let title = format!("Natural frequencies of rod {} over time", rod.rod);
-    Some(figure.finish(id, &title, "Each natural frequency's deviation from its median in percent against time."))
+    Some(figure.finish(
+        id,
+        &title,
+        "Each natural frequency's deviation from its median in percent against time.",
+    ))
 }
 
 /// One chart over time: 0 for steps, 1 for ramps.
@@ -256,8 +284,11 @@ pub(super) fn chart(rod: &RodReport, span: &Span, which: usize, id: &str) -> Opt
         return None;
     }
     let limit = rod.limits.and_then(|limits| limits.get(which).copied());
-    let ends: Vec<f64> = limit.iter().flat_map(|h| [*h, -*h]).chain([0.0]).collect();
-    let y = vertical(&[&up, &down], &ends);
+    // Above its limit a chart runs away, in the end by hundreds; what matters is on which side of it.
+    let highest =
+        axis::span(up.iter().chain(&down).map(|point| point.value.abs()), 0.0).map_or(1.0, |(_, high)| high);
+    let top = limit.map_or(highest.max(1.0), |h| highest.clamp(1.25 * h, BEYOND_LIMIT * h));
+    let y = (-1.05 * top, 1.05 * top);
     let mut figure = Figure::new(span.ends, y, 150.0);
     figure.x_axis(&span.ticks, TIME);
     figure.y_axis(&axis::numbers(y, 5), "cumulative sum [sd]");
@@ -272,7 +303,11 @@ pub(super) fn chart(rod: &RodReport, span: &Span, which: usize, id: &str) -> Opt
         for part in decimate::without_gaps(&columns) {
             // Between periods the statistic stands still; of a crowded column the extreme counts.
             let reach = |column: &decimate::Column| {
-                if class == "c1" { column.extremes.1 } else { column.extremes.0 }
+                if class == "c1" {
+                    column.extremes.1
+                } else {
+                    column.extremes.0
+                }
             };
             figure.line(class, part.iter().map(|column| (column.time, reach(column))));
             if columns.len() <= FEW {

@@ -72,8 +72,30 @@ impl Markup {
 
 /// Elements that end a line of the source.
 const BLOCKS: [&str; 24] = [
-    "p", "tr", "table", "thead", "tbody", "section", "figure", "figcaption", "h1", "h2", "h3", "header", "footer",
-    "main", "nav", "ul", "li", "div", "svg", "g", "head", "body", "meta", "title",
+    "p",
+    "tr",
+    "table",
+    "thead",
+    "tbody",
+    "section",
+    "figure",
+    "figcaption",
+    "h1",
+    "h2",
+    "h3",
+    "header",
+    "footer",
+    "main",
+    "nav",
+    "ul",
+    "li",
+    "div",
+    "svg",
+    "g",
+    "head",
+    "body",
+    "meta",
+    "title",
 ];
 
 /// Replaces what markup would read as its own, and characters no document may hold.

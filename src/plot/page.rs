@@ -15,7 +15,13 @@ pub fn page(report: &SiteReport) -> String {
     html.element("html", &[("lang", "en")], |html| {
         html.element("head", &[], |head| {
             head.empty("meta", &[("charset", "utf-8")]);
-            head.empty("meta", &[("name", "viewport"), ("content", "width=device-width, initial-scale=1")]);
+            head.empty(
+                "meta",
+                &[
+                    ("name", "viewport"),
+                    ("content", "width=device-width, initial-scale=1"),
+                ],
+            );
             head.empty("meta", &[("name", "generator"), ("content", "tirante")]);
             // Whatever might have slipped in: the page may load and run nothing.
             head.empty(
@@ -25,7 +31,11 @@ pub fn page(report: &SiteReport) -> String {
                     ("content", "default-src 'none'; style-src 'unsafe-inline'"),
                 ],
             );
-            head.leaf("title", &[], format!("{}: axial force of the tie-rods", report.site));
+            head.leaf(
+                "title",
+                &[],
+                format!("{}: axial force of the tie-rods", report.site),
+            );
             head.element("style", &[], |style| style.verbatim(STYLE));
         });
         html.element("body", &[], |body| {
@@ -50,7 +60,12 @@ fn anchor(i: usize) -> String {
 
 fn heading(header: &mut Markup, report: &SiteReport) {
     header.leaf("h1", &[], &report.site);
-    let times = || report.rods.iter().flat_map(|rod| rod.records.iter().map(|record| record.start));
+    let times = || {
+        report
+            .rods
+            .iter()
+            .flat_map(|rod| rod.records.iter().map(|record| record.start))
+    };
     let text = match (times().min(), times().max()) {
         (Some(first), Some(last)) => format!(
             "Axial force of {}, from records between {} and {}.",
@@ -58,7 +73,10 @@ fn heading(header: &mut Markup, report: &SiteReport) {
             moment(first),
             moment(last)
         ),
-        _ => format!("Axial force of {}: no record could be used yet.", counted(report.rods.len(), "tie-rod")),
+        _ => format!(
+            "Axial force of {}: no record could be used yet.",
+            counted(report.rods.len(), "tie-rod")
+        ),
     };
     header.leaf("p", &[("class", "about")], text);
 }
@@ -86,15 +104,25 @@ fn overview(main: &mut Markup, report: &SiteReport) {
     let header = [
         "Rod",
         "State",
-        "Force now, as measured [kN]",
-        "Force now, at reference temperature [kN]",
-        "Change since baseline [%]",
+        "Force now, as measured",
+        "Force now, at the reference temperature",
+        "Change since the baseline, at the reference temperature",
         "Last record (UTC)",
         "Records used / refused",
         "Alarms standing",
     ];
-    let rows: Vec<Vec<Cell>> = report.rods.iter().enumerate().map(|(i, rod)| overview_row(i, rod)).collect();
-    rod::table(main, "Intervals in brackets hold the true value with 95 % probability.", &header, &rows);
+    let rows: Vec<Vec<Cell>> = report
+        .rods
+        .iter()
+        .enumerate()
+        .map(|(i, rod)| overview_row(i, rod))
+        .collect();
+    rod::table(
+        main,
+        "Intervals in brackets hold the true value with 95 % probability.",
+        &header,
+        &rows,
+    );
 }
 
 fn overview_row(i: usize, rod: &RodReport) -> Vec<Cell> {
@@ -104,7 +132,11 @@ fn overview_row(i: usize, rod: &RodReport) -> Vec<Cell> {
     let standing: Vec<String> = rod
         .standing()
         .map(|alarm| {
-            let seen = if alarm.acknowledged.is_some() { " (acknowledged)" } else { "" };
+            let seen = if alarm.acknowledged.is_some() {
+                " (acknowledged)"
+            } else {
+                ""
+            };
             format!("{}{seen} since {}", alarm.kind, day(alarm.raised))
         })
         .collect();
@@ -114,9 +146,16 @@ fn overview_row(i: usize, rod: &RodReport) -> Vec<Cell> {
         Cell::Text(now.as_measured),
         Cell::Text(now.at_reference),
         Cell::Text(now.change),
-        Cell::Text(last.map_or_else(|| "none".to_owned(), |record| moment(record.start).replace(" UTC", ""))),
+        Cell::Line(last.map_or_else(
+            || "none".to_owned(),
+            |record| moment(record.start).replace(" UTC", ""),
+        )),
         Cell::Text(format!("{} / {refused}", rod.records.len())),
-        Cell::Text(if standing.is_empty() { "none".to_owned() } else { standing.join("; ") }),
+        Cell::Text(if standing.is_empty() {
+            "none".to_owned()
+        } else {
+            standing.join("; ")
+        }),
     ]
 }
 
@@ -129,7 +168,11 @@ pub(super) fn day(time: Timestamp) -> String {
 pub(super) fn state_text(rod: &RodReport) -> String {
     match &rod.state {
         Some(RodState::Learning { records, periods }) => {
-            format!("learning ({}, {})", counted(*records, "record"), counted(*periods, "period"))
+            format!(
+                "learning ({}, {})",
+                counted(*records, "record"),
+                counted(*periods, "period")
+            )
         }
         Some(RodState::Monitoring) => "monitoring".to_owned(),
         Some(RodState::Alarm) => "alarm".to_owned(),

@@ -1,11 +1,11 @@
 //! One rod's part of the report: how it stands, figures with their captions, tables.
 
+use super::axis::minus;
 use super::distribution::{self, significant};
 use super::history::{self, Span};
 use super::markup::Markup;
 use super::page::{counted, day, moment, state_class, state_text};
 use super::view::RodReport;
-use super::axis::minus;
 use crate::track::{Alarm, Interval};
 
 /// From this many standard deviations on, people are told that model and data disagree.
@@ -17,6 +17,8 @@ const ALARMS_LISTED: usize = 200;
 pub(super) enum Cell {
     /// Plain text.
     Text(String),
+    /// Text that stays on one line.
+    Line(String),
     /// A state with its style.
     State(&'static str, String),
     /// A place in the page, and what is written there.
@@ -42,8 +44,8 @@ pub(super) fn now(rod: &RodReport) -> Now {
     };
     let force = last.tracked_force_n.unwrap_or(last.force_n);
     let change = match (last.ratio_at_reference, last.ratio) {
-        (Some(ratio), _) => format!("{} at the reference temperature", percent(&ratio)),
-        (None, Some(ratio)) => format!("{} uncompensated", percent(&ratio)),
+        (Some(ratio), _) => percent(&ratio),
+        (None, Some(ratio)) => format!("{}, uncompensated", percent(&ratio)),
         (None, None) => "no baseline yet".to_owned(),
     };
     let at_reference = last.force_at_reference_n.map_or_else(
@@ -54,7 +56,11 @@ pub(super) fn now(rod: &RodReport) -> Now {
         },
     );
     let as_measured = match last.temperature_c {
-        Some(celsius) => format!("{} at {} \u{b0}C", kilonewtons(&force), minus(&format!("{celsius:.1}"))),
+        Some(celsius) => format!(
+            "{} at {} \u{b0}C",
+            kilonewtons(&force),
+            minus(&format!("{celsius:.1}"))
+        ),
         None => kilonewtons(&force),
     };
     Now {
@@ -66,13 +72,23 @@ pub(super) fn now(rod: &RodReport) -> Now {
 
 fn kilonewtons(force_n: &Interval) -> String {
     let kn = |n: f64| significant(1e-3 * n);
-    format!("{} [{} to {}]", kn(force_n.mean), kn(force_n.q025), kn(force_n.q975))
+    format!(
+        "{} kN [{} to {}]",
+        kn(force_n.mean),
+        kn(force_n.q025),
+        kn(force_n.q975)
+    )
 }
 
 /// A ratio as a change in percent with its interval.
 fn percent(ratio: &Interval) -> String {
     let change = |x: f64| signed(100.0 * (x - 1.0));
-    format!("{} [{} to {}]", change(ratio.mean), change(ratio.q025), change(ratio.q975))
+    format!(
+        "{} % [{} to {}]",
+        change(ratio.mean),
+        change(ratio.q025),
+        change(ratio.q975)
+    )
 }
 
 fn signed(value: f64) -> String {
@@ -83,11 +99,19 @@ fn signed(value: f64) -> String {
 pub(super) fn section(html: &mut Markup, rod: &RodReport, id: &str) {
     html.leaf("h2", &[], format!("Rod {}", rod.rod));
     html.element("p", &[], |p| {
-        p.leaf("span", &[("class", &format!("state {}", state_class(rod)))], state_text(rod));
+        p.leaf(
+            "span",
+            &[("class", &format!("state {}", state_class(rod)))],
+            state_text(rod),
+        );
     });
     for alarm in rod.standing() {
         html.element("div", &[("class", "note"), ("role", "note")], |note| {
-            note.leaf("strong", &[], format!("{} since {}. ", alarm.kind, moment(alarm.raised)));
+            note.leaf(
+                "strong",
+                &[],
+                format!("{} since {}. ", alarm.kind, moment(alarm.raised)),
+            );
             note.text(&alarm.message);
         });
     }
@@ -96,9 +120,9 @@ pub(super) fn section(html: &mut Markup, rod: &RodReport, id: &str) {
     if !rod.records.is_empty() {
         html.element("dl", &[], |list| {
             for (name, value) in [
-                ("Force as measured", format!("{} kN", known.as_measured)),
+                ("Force as measured", known.as_measured),
                 ("Force at reference", known.at_reference),
-                ("Change since baseline", format!("{} (%)", known.change)),
+                ("Change since baseline", known.change),
             ] {
                 list.leaf("dt", &[], name);
                 list.leaf("dd", &[], value);
@@ -117,7 +141,10 @@ fn remarks(html: &mut Markup, rod: &RodReport) {
         let refused: usize = rod.rejections.iter().map(|rejection| rejection.count).sum();
         return calm(match refused {
             0 => "There is no record of this rod yet.".to_owned(),
-            _ => format!("None of {} could be used; the reasons are listed below.", counted(refused, "record")),
+            _ => format!(
+                "None of {} could be used; the reasons are listed below.",
+                counted(refused, "record")
+            ),
         });
     };
     if let Some(fault) = rod.segment().and_then(|segment| segment.fault.as_ref()) {
@@ -137,7 +164,10 @@ fn remarks(html: &mut Markup, rod: &RodReport) {
         );
     }
     if let Some(reason) = &last.set_aside {
-        calm(format!("The last record does not count on the charts: {}.", reason.replace('-', " ")));
+        calm(format!(
+            "The last record does not count on the charts: {}.",
+            reason.replace('-', " ")
+        ));
     }
 }
 
@@ -146,7 +176,9 @@ fn figure(html: &mut Markup, drawing: Option<Markup>, caption: &str) {
     let Some(drawing) = drawing else { return };
     html.element("figure", &[], |figure| {
         // Narrow screens scroll the drawing, not the page; the keyboard can too.
-        figure.element("div", &[("class", "scroll"), ("tabindex", "0")], |div| div.append(drawing));
+        figure.element("div", &[("class", "scroll"), ("tabindex", "0")], |div| {
+            div.append(drawing)
+        });
         if !caption.is_empty() {
             figure.leaf("figcaption", &[], caption);
         }
@@ -169,13 +201,17 @@ fn over_time(html: &mut Markup, rod: &RodReport, id: &str) {
             "Temperature over the same time: the force as measured falls when the rod warms and rises when it cools.",
         );
     }
-    if rod.periods.iter().any(|(_, period)| period.charted.is_some_and(|charted| charted.cusum.is_some())) {
+    if rod
+        .periods
+        .iter()
+        .any(|(_, period)| period.charted.is_some_and(|charted| charted.cusum.is_some()))
+    {
         html.leaf("h3", &[], "Control charts");
         figure(
             html,
             history::chart(rod, &span, 0, &format!("{id}-step")),
             "The chart for steps gathers what temperature does not explain; it hovers near zero while nothing changes and raises an \
-             alarm when it crosses its limit.",
+             alarm when it crosses its limit. What runs far beyond the limit leaves the frame.",
         );
         figure(
             html,
@@ -234,7 +270,11 @@ fn last_record(html: &mut Markup, rod: &RodReport, id: &str) {
     );
     html.element("div", &[("class", "pair")], |pair| {
         for (i, density) in latest.densities.iter().enumerate() {
-            figure(pair, Some(distribution::density(rod, density, &format!("{id}-den{i}"))), "");
+            figure(
+                pair,
+                Some(distribution::density(rod, density, &format!("{id}-den{i}"))),
+                "",
+            );
         }
     });
     let rows: Vec<Vec<Cell>> = latest
@@ -242,9 +282,8 @@ fn last_record(html: &mut Markup, rod: &RodReport, id: &str) {
         .iter()
         .map(|density| {
             let (name, unit, factor) = distribution::quantity(&density.quantity);
-            let shown = |(mean, sd): (f64, f64)| {
-                Cell::Text(format!("{} \u{b1} {}", significant(mean * factor), significant(sd * factor)))
-            };
+            let shown =
+                |(mean, sd): (f64, f64)| Cell::Text(distribution::mean_and_sd(mean * factor, sd * factor));
             vec![
                 Cell::Text(format!("{name} [{unit}]")),
                 shown(density.prior_mean_sd),
@@ -259,7 +298,12 @@ fn last_record(html: &mut Markup, rod: &RodReport, id: &str) {
         significant(latest.fs_hz),
         latest.seed
     );
-    table(html, &caption, &["Quantity", "Before (prior)", "After (posterior)"], &rows);
+    table(
+        html,
+        &caption,
+        &["Quantity", "Before (prior)", "After (posterior)"],
+        &rows,
+    );
 }
 
 fn tables(html: &mut Markup, rod: &RodReport) {
@@ -267,13 +311,28 @@ fn tables(html: &mut Markup, rod: &RodReport) {
     if rod.alarms.is_empty() {
         html.leaf("p", &[], "None so far.");
     } else {
-        let listed = rod.alarms.iter().rev().take(ALARMS_LISTED).map(alarm_row).collect::<Vec<_>>();
+        let listed = rod
+            .alarms
+            .iter()
+            .rev()
+            .take(ALARMS_LISTED)
+            .map(alarm_row)
+            .collect::<Vec<_>>();
         let caption = if rod.alarms.len() > ALARMS_LISTED {
             format!("The latest {ALARMS_LISTED} of {}.", rod.alarms.len())
         } else {
             "The latest first. Intervals hold the true value with 95 % probability.".to_owned()
         };
-        let header = ["Kind", "Raised", "Began", "Size [%]", "Rate [%/year]", "Acknowledged", "Cleared", "What it says"];
+        let header = [
+            "Kind",
+            "Raised",
+            "Began",
+            "Size [%]",
+            "Rate [%/year]",
+            "Acknowledged",
+            "Cleared",
+            "What it says",
+        ];
         table(html, &caption, &header, &listed);
     }
     if !rod.segments.is_empty() {
@@ -283,24 +342,37 @@ fn tables(html: &mut Markup, rod: &RodReport) {
             .iter()
             .map(|segment| {
                 let (span, records) = match segment.baseline {
-                    Some((first, last)) => {
-                        (format!("{} to {}", moment(first), moment(last)), segment.records.to_string())
-                    }
+                    Some((first, last)) => (
+                        format!("{} to {}", moment(first), moment(last)),
+                        segment.records.to_string(),
+                    ),
                     None => ("not yet learned".to_owned(), String::new()),
                 };
                 let number = |value: Option<f64>| value.map_or_else(String::new, significant);
                 vec![
                     Cell::Text(segment.number.to_string()),
                     Cell::Text(segment.reason.replace('-', " ")),
-                    Cell::Text(span),
+                    Cell::Line(span),
                     Cell::Text(records),
                     Cell::Text(number(segment.reference_c)),
                     Cell::Text(number(segment.overdispersion)),
                 ]
             })
             .collect();
-        let header = ["Segment", "Opened", "Baseline", "Records", "Reference [\u{b0}C]", "Scatter over stated error"];
-        table(html, "Each baseline begins a stretch of history of its own; changes are never compared across two.", &header, &rows);
+        let header = [
+            "Segment",
+            "Opened",
+            "Baseline",
+            "Records",
+            "Reference [\u{b0}C]",
+            "Scatter over stated error",
+        ];
+        table(
+            html,
+            "Each baseline begins a stretch of history of its own; changes are never compared across two.",
+            &header,
+            &rows,
+        );
     }
     if !rod.rejections.is_empty() {
         html.leaf("h3", &[], "Refused records");
@@ -309,14 +381,19 @@ fn tables(html: &mut Markup, rod: &RodReport) {
             .iter()
             .map(|rejection| {
                 vec![
-                    Cell::Text(rejection.code.clone()),
+                    Cell::Line(rejection.code.clone()),
                     Cell::Text(rejection.count.to_string()),
-                    Cell::Text(rejection.last.map_or_else(|| "time unknown".to_owned(), moment)),
+                    Cell::Line(rejection.last.map_or_else(|| "time unknown".to_owned(), moment)),
                     Cell::Text(rejection.message.clone()),
                 ]
             })
             .collect();
-        table(html, "Records that gave no force, by reason.", &["Reason", "Records", "Last", "Said the last time"], &rows);
+        table(
+            html,
+            "Records that gave no force, by reason.",
+            &["Reason", "Records", "Last", "Said the last time"],
+            &rows,
+        );
     }
 }
 
@@ -332,7 +409,12 @@ fn alarm_row(alarm: &Alarm) -> Vec<Cell> {
             );
             let percent = |interval: &Interval| {
                 let one = |x: f64| signed(100.0 * x);
-                format!("{} [{} to {}]", one(interval.mean), one(interval.q025), one(interval.q975))
+                format!(
+                    "{} [{} to {}]",
+                    one(interval.mean),
+                    one(interval.q025),
+                    one(interval.q975)
+                )
             };
             let rate = if change.step_probability > 0.5 {
                 format!("a step ({:.0} %)", 100.0 * change.step_probability)
@@ -344,13 +426,13 @@ fn alarm_row(alarm: &Alarm) -> Vec<Cell> {
     );
     let when = |time: Option<_>| time.map_or_else(|| "no".to_owned(), moment);
     vec![
-        Cell::Text(alarm.kind.to_string()),
-        Cell::Text(moment(alarm.raised)),
+        Cell::Line(alarm.kind.to_string()),
+        Cell::Line(moment(alarm.raised)),
         Cell::Text(onset),
         Cell::Text(size),
         Cell::Text(rate),
-        Cell::Text(when(alarm.acknowledged)),
-        Cell::Text(when(alarm.cleared)),
+        Cell::Line(when(alarm.acknowledged)),
+        Cell::Line(when(alarm.cleared)),
         Cell::Text(alarm.message.clone()),
     ]
 }
@@ -379,6 +461,7 @@ pub(super) fn table(html: &mut Markup, caption: &str, header: &[&str], rows: &[V
 fn write(row: &mut Markup, cell: &Cell) {
     match cell {
         Cell::Text(text) => row.leaf("td", &[], text),
+        Cell::Line(text) => row.leaf("td", &[("class", "nowrap")], text),
         Cell::State(class, text) => row.element("td", &[], |td| {
             td.leaf("span", &[("class", &format!("state {class}"))], text);
         }),

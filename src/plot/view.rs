@@ -63,9 +63,9 @@ impl RodReport {
         }
     }
 
-    /// Alarms that have not been cleared.
+    /// Alarms that are not over.
     pub fn standing(&self) -> impl Iterator<Item = &Alarm> {
-        self.alarms.iter().filter(|alarm| alarm.cleared.is_none())
+        self.alarms.iter().filter(|alarm| !alarm.is_over())
     }
 
     /// The present segment.

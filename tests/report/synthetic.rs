@@ -1,12 +1,10 @@
 //! Histories made up for the report's tests: a rod under the seasons that loses force late in the year.
 
+use tirante::plot::view::{RecordPoint, RejectionCount, RodReport, SegmentReport, SiteReport, ThermalLine};
 use tirante::record::{RodId, Timestamp};
 use tirante::snapshot::{Curve, Density, PeakMark, Snapshot};
 use tirante::track::change::Change;
 use tirante::track::period::Charted;
-use tirante::plot::view::{
-    RecordPoint, RejectionCount, RodReport, SegmentReport, SiteReport, ThermalLine,
-};
 use tirante::track::{Alarm, Interval, Kind, Period, RodState};
 
 pub const HOUR: i64 = 3600;
@@ -46,8 +44,10 @@ fn snapshot(at: Timestamp, shift: f64) -> Snapshot {
     let modes = [4.49, 9.28, 14.5].map(|hz| hz * (1.0 + shift));
     let level = |i: usize| {
         let f = 0.05 * (i + 1) as f64;
-        let resonance = |f0: f64, height: f64| height / ((1.0 - (f / f0).powi(2)).powi(2) + (0.01 * f / f0).powi(2));
-        let power = 1e-13 + resonance(modes[0], 1e-14) + resonance(modes[1], 1e-15) + resonance(modes[2], 3e-16);
+        let resonance =
+            |f0: f64, height: f64| height / ((1.0 - (f / f0).powi(2)).powi(2) + (0.01 * f / f0).powi(2));
+        let power =
+            1e-13 + resonance(modes[0], 1e-14) + resonance(modes[1], 1e-15) + resonance(modes[2], 3e-16);
         10.0 * power.log10() + 1.2 * noise(i, 77 + (shift * 1e4) as u64)
     };
     let density = |quantity: &str, mean: f64, cv: f64, posterior: f64, posterior_cv: f64| {
@@ -79,11 +79,31 @@ fn snapshot(at: Timestamp, shift: f64) -> Snapshot {
             level_db: (0..440).map(level).collect(),
         },
         peaks: vec![
-            PeakMark { frequency_hz: modes[0], order: Some(1), line: false },
-            PeakMark { frequency_hz: 6.3, order: None, line: false },
-            PeakMark { frequency_hz: modes[1], order: Some(2), line: false },
-            PeakMark { frequency_hz: modes[2], order: Some(3), line: false },
-            PeakMark { frequency_hz: 16.67, order: None, line: true },
+            PeakMark {
+                frequency_hz: modes[0],
+                order: Some(1),
+                line: false,
+            },
+            PeakMark {
+                frequency_hz: 6.3,
+                order: None,
+                line: false,
+            },
+            PeakMark {
+                frequency_hz: modes[1],
+                order: Some(2),
+                line: false,
+            },
+            PeakMark {
+                frequency_hz: modes[2],
+                order: Some(3),
+                line: false,
+            },
+            PeakMark {
+                frequency_hz: 16.67,
+                order: None,
+                line: true,
+            },
         ],
         densities: vec![
             density("axial_force_n", 800e3, 0.2, 560e3, 0.17),
@@ -101,7 +121,13 @@ pub fn rod(id: &str, count: usize, step: i64, seed: u64) -> RodReport {
     let mut report = RodReport::new(id);
     let end = count as i64 * step;
     let onset = end - end / 6;
-    let lost = |at: i64| if at > onset && count > 100 { 0.03 * (at - onset) as f64 / (end - onset) as f64 } else { 0.0 };
+    let lost = |at: i64| {
+        if at > onset && count > 100 {
+            0.03 * (at - onset) as f64 / (end - onset) as f64
+        } else {
+            0.0
+        }
+    };
     let celsius = |at: i64, i: usize| {
         let year = 2.0 * std::f64::consts::PI * at as f64 / (365.25 * DAY as f64);
         let day = 2.0 * std::f64::consts::PI * at as f64 / DAY as f64;
@@ -130,7 +156,11 @@ pub fn rod(id: &str, count: usize, step: i64, seed: u64) -> RodReport {
             reference_c: learned.then_some(REFERENCE),
             modes: [(1, 4.49, 0.45), (2, 9.28, 0.42), (3, 14.5, 0.38)]
                 .map(|(order, hz, slope)| {
-                    (order, hz * (1.0 + slope * (measured - 1.0) + 0.0005 * noise(i, seed + 3 + order as u64)), 0.001 * hz)
+                    (
+                        order,
+                        hz * (1.0 + slope * (measured - 1.0) + 0.0005 * noise(i, seed + 3 + order as u64)),
+                        0.001 * hz,
+                    )
                 })
                 .to_vec(),
             conflict: Some(0.8),
@@ -180,7 +210,10 @@ pub fn rod(id: &str, count: usize, step: i64, seed: u64) -> RodReport {
     report.state = Some(RodState::Monitoring);
     report.motion_unit = Some("m".to_owned());
     report.limits = Some([5.07, 11.3]);
-    report.thermal = Some(ThermalLine { slope_per_k: SLOPE, slope_sd_per_k: 0.0001 });
+    report.thermal = Some(ThermalLine {
+        slope_per_k: SLOPE,
+        slope_sd_per_k: 0.0001,
+    });
     report.segments.push(SegmentReport {
         number: 1,
         reason: "first".to_owned(),

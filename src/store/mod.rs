@@ -108,7 +108,9 @@ impl Store {
         let connection = &self.reader.connection;
         let write = || -> rusqlite::Result<()> {
             let count: i64 =
-                connection.query_row("SELECT count(*) FROM config WHERE hash = ?", [hash], |row| row.get(0))?;
+                connection.query_row("SELECT count(*) FROM config WHERE hash = ?", [hash], |row| {
+                    row.get(0)
+                })?;
             if count > 0 {
                 return Ok(());
             }
@@ -149,7 +151,10 @@ impl Store {
         if let Some(outcome) = commit.record.as_ref().map(|record| record.outcome)
             && let Some(identity) = outcome.identity()
         {
-            self.known.entry(outcome.rod().clone()).or_default().insert(identity);
+            self.known
+                .entry(outcome.rod().clone())
+                .or_default()
+                .insert(identity);
         }
         Ok(())
     }
@@ -169,10 +174,7 @@ impl Store {
     ///
     /// # Errors
     /// They cannot be read or written.
-    pub fn acknowledge_waiting(
-        &mut self,
-        states: &mut BTreeMap<RodId, State>,
-    ) -> Result<usize, StoreError> {
+    pub fn acknowledge_waiting(&mut self, states: &mut BTreeMap<RodId, State>) -> Result<usize, StoreError> {
         let mut still = 0;
         for (rod, state) in states.iter_mut() {
             let mut requests = self.reader.waiting(rod)?.into_iter().peekable();

@@ -253,11 +253,19 @@ fn open_whole(path: &Path, durability: Durability, was_store: bool) -> Result<(C
     let known = check_content(&connection).map_err(judged)??;
     if format < schema::FORMAT {
         schema::migrate(&mut connection, format).map_err(judged)?;
-        tracing::info!("{}: brought from store format {format} to {}", path.display(), schema::FORMAT);
+        tracing::info!(
+            "{}: brought from store format {format} to {}",
+            path.display(),
+            schema::FORMAT
+        );
     }
-    let expected = in_memory().and_then(|fresh| schema::definitions(&fresh)).map_err(judged)?;
+    let expected = in_memory()
+        .and_then(|fresh| schema::definitions(&fresh))
+        .map_err(judged)?;
     if schema::definitions(&connection).map_err(judged)? != expected {
-        return Err(Finding::Damaged("its tables are not those of its format".to_owned()));
+        return Err(Finding::Damaged(
+            "its tables are not those of its format".to_owned(),
+        ));
     }
     let (synchronous, checkpoint) = match durability {
         Durability::Full => ("FULL", 1000),
@@ -284,12 +292,18 @@ fn begins_like_one(path: &Path, was_store: bool) -> Result<(), Finding> {
                 source,
             })
         })?;
-    let id = head.get(68..72).map(|id| i64::from(u32::from_be_bytes([id[0], id[1], id[2], id[3]])));
+    let id = head
+        .get(68..72)
+        .map(|id| i64::from(u32::from_be_bytes([id[0], id[1], id[2], id[3]])));
     if head.starts_with(MAGIC) && head.len() == 100 {
         return Ok(());
     }
     if was_store || id == Some(schema::APPLICATION_ID) || head.starts_with(MAGIC) {
-        let detail = if head.is_empty() { "it is empty" } else { "its header is broken" };
+        let detail = if head.is_empty() {
+            "it is empty"
+        } else {
+            "its header is broken"
+        };
         return Err(Finding::Damaged(detail.to_owned()));
     }
     Err(Finding::Refused(StoreError::Foreign {
@@ -350,7 +364,9 @@ fn check_content(connection: &Connection) -> rusqlite::Result<Result<Known, Find
             Ok(())
         })?;
         if let Some(number) = bad {
-            return Ok(Err(Finding::Damaged(format!("row {number} of table {table} is not what was written"))));
+            return Ok(Err(Finding::Damaged(format!(
+                "row {number} of table {table} is not what was written"
+            ))));
         }
     }
     Ok(Ok(known))

@@ -188,7 +188,9 @@ impl Reader {
         );
         let fault = |error| E::from(self.fault(Trouble::Sql(error)));
         let mut statement = self.connection.prepare(&sql).map_err(fault)?;
-        let mut rows = statement.query(rusqlite::params_from_iter(values)).map_err(fault)?;
+        let mut rows = statement
+            .query(rusqlite::params_from_iter(values))
+            .map_err(fault)?;
         while let Some(row) = rows.next().map_err(fault)? {
             let line = row.get_ref(0).map_err(fault)?;
             on_line(line.as_str().map_err(|error| fault(error.into()))?)?;
@@ -209,12 +211,16 @@ impl Reader {
         let fault = |error| E::from(self.fault(Trouble::Sql(error)));
         let orders: i64 = self
             .connection
-            .query_row("SELECT coalesce(max(mode_order), 0) FROM mode", (), |row| row.get(0))
+            .query_row("SELECT coalesce(max(mode_order), 0) FROM mode", (), |row| {
+                row.get(0)
+            })
             .map_err(fault)?;
         let (sql, values) = listing.sql(filter, orders);
         let mut statement = self.connection.prepare(&sql).map_err(fault)?;
         let names: Vec<String> = statement.column_names().map(str::to_owned).collect();
-        let mut rows = statement.query(rusqlite::params_from_iter(values)).map_err(fault)?;
+        let mut rows = statement
+            .query(rusqlite::params_from_iter(values))
+            .map_err(fault)?;
         while let Some(row) = rows.next().map_err(fault)? {
             let values = (0..names.len())
                 .map(|place| row.get(place))

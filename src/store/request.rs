@@ -51,9 +51,12 @@ pub(super) fn put(
     asked: Timestamp,
 ) -> rusqlite::Result<i64> {
     // One statement at a time may write, so the number is taken inside a transaction that may.
-    let transaction = rusqlite::Transaction::new_unchecked(connection, rusqlite::TransactionBehavior::Immediate)?;
+    let transaction =
+        rusqlite::Transaction::new_unchecked(connection, rusqlite::TransactionBehavior::Immediate)?;
     let number: i64 =
-        transaction.query_row("SELECT coalesce(max(number), 0) + 1 FROM request", (), |row| row.get(0))?;
+        transaction.query_row("SELECT coalesce(max(number), 0) + 1 FROM request", (), |row| {
+            row.get(0)
+        })?;
     row(number, rod, what, asked, false).insert(&transaction)?;
     transaction.commit()?;
     Ok(number)

@@ -205,17 +205,16 @@ pub(super) fn load(connection: &Connection) -> Result<BTreeMap<RodId, State>, Tr
 }
 
 /// The closed periods of one segment, ascending.
-pub(super) fn periods(
-    connection: &Connection,
-    rod: &RodId,
-    segment: u32,
-) -> Result<Vec<Period>, Trouble> {
-    let mut statement = connection
-        .prepare_cached("SELECT json FROM period WHERE rod = ? AND segment = ? ORDER BY period")?;
+pub(super) fn periods(connection: &Connection, rod: &RodId, segment: u32) -> Result<Vec<Period>, Trouble> {
+    let mut statement =
+        connection.prepare_cached("SELECT json FROM period WHERE rod = ? AND segment = ? ORDER BY period")?;
     let mut rows = statement.query((&rod.0, segment))?;
     let mut periods = Vec::new();
     while let Some(row) = rows.next()? {
-        periods.push(read(&rod.0, row.get_ref(0)?.as_str().map_err(rusqlite::Error::from)?)?);
+        periods.push(read(
+            &rod.0,
+            row.get_ref(0)?.as_str().map_err(rusqlite::Error::from)?,
+        )?);
     }
     Ok(periods)
 }
@@ -226,7 +225,10 @@ pub(super) fn segments(connection: &Connection, rod: &RodId) -> Result<Vec<Segme
     let mut rows = statement.query([&rod.0])?;
     let mut segments = Vec::new();
     while let Some(row) = rows.next()? {
-        segments.push(read(&rod.0, row.get_ref(0)?.as_str().map_err(rusqlite::Error::from)?)?);
+        segments.push(read(
+            &rod.0,
+            row.get_ref(0)?.as_str().map_err(rusqlite::Error::from)?,
+        )?);
     }
     Ok(segments)
 }
@@ -282,6 +284,9 @@ pub(super) fn standing_without_plan(state: &State) -> RodState {
             .baseline
             .as_ref()
             .map_or(state.learning.len(), |baseline| baseline.records),
-        periods: state.regression.as_ref().map_or(0, |regression| regression.periods()),
+        periods: state
+            .regression
+            .as_ref()
+            .map_or(0, |regression| regression.periods()),
     }
 }

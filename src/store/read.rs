@@ -123,12 +123,14 @@ impl Reader {
         request::waiting(&self.connection, rod).map_err(|trouble| self.fault(trouble))
     }
 
-    /// The rod of an alarm and whether it was acknowledged; `None` if there is no such alarm.
+    /// The alarm with this id, as it stands now.
     ///
     /// # Errors
     /// It cannot be read.
-    pub fn alarm(&self, id: &str) -> Result<Option<(RodId, bool)>, StoreError> {
-        request::alarm(&self.connection, id).map_err(|error| self.fault(Trouble::Sql(error)))
+    pub fn alarm(&self, id: &str) -> Result<Option<Alarm>, StoreError> {
+        let sql = "SELECT rod, json FROM alarm WHERE id = ?";
+        let mut found = self.parsed(sql, vec![Value::Text(id.to_owned())])?;
+        Ok(found.pop())
     }
 
     /// Alarms, as they stand now, in the order they were raised.
@@ -198,7 +200,20 @@ impl Reader {
         Ok(())
     }
 
-    /// Hands every row of a listing to `on_row`, in the order of time, after the names of its columns.
+    /// The names of a listing's columns.
+    ///
+    /// # Errors
+    /// The store cannot be read.
+    pub fn columns(&self, listing: Listing) -> Result<Vec<String>, StoreError> {
+        let names = || -> rusqlite::Result<Vec<String>> {
+            let (sql, _) = listing.sql(&Filter::default(), self.orders()?);
+            let statement = self.connection.prepare(&sql)?;
+            Ok(statement.column_names().map(str::to_owned).collect())
+        };
+        names().map_err(|error| self.fault(Trouble::Sql(error)))
+    }
+
+    /// Hands every row of a listing to `on_row` with the names of its columns, in the order of time.
     ///
     /// # Errors
     /// The store cannot be read, or `on_row` failed.
@@ -209,15 +224,9 @@ impl Reader {
         mut on_row: impl FnMut(&[String], &[Value]) -> Result<(), E>,
     ) -> Result<(), E> {
         let fault = |error| E::from(self.fault(Trouble::Sql(error)));
-        let orders: i64 = self
-            .connection
-            .query_row("SELECT coalesce(max(mode_order), 0) FROM mode", (), |row| {
-                row.get(0)
-            })
-            .map_err(fault)?;
-        let (sql, values) = listing.sql(filter, orders);
+        let names = self.columns(listing)?;
+        let (sql, values) = listing.sql(filter, self.orders().map_err(fault)?);
         let mut statement = self.connection.prepare(&sql).map_err(fault)?;
-        let names: Vec<String> = statement.column_names().map(str::to_owned).collect();
         let mut rows = statement
             .query(rusqlite::params_from_iter(values))
             .map_err(fault)?;
@@ -229,6 +238,27 @@ impl Reader {
             on_row(&names, &values)?;
         }
         Ok(())
+    }
+
+    /// The highest mode order of any record.
+    fn orders(&self) -> rusqlite::Result<i64> {
+        self.connection
+            .query_row("SELECT coalesce(max(mode_order), 0) FROM mode", (), |row| {
+                row.get(0)
+            })
+    }
+
+    /// The rods the store knows, in alphabetical order.
+    ///
+    /// # Errors
+    /// The store cannot be read.
+    pub fn rods(&self) -> Result<Vec<RodId>, StoreError> {
+        let rods = || -> rusqlite::Result<Vec<RodId>> {
+            let mut statement = self.connection.prepare("SELECT rod FROM rod ORDER BY rod")?;
+            let rods = statement.query_map((), |row| Ok(RodId(row.get(0)?)))?;
+            rods.collect()
+        };
+        rods().map_err(|error| self.fault(Trouble::Sql(error)))
     }
 
     /// How every rod stands.

@@ -21,6 +21,7 @@ mod progress;
 pub mod rebaseline;
 mod render;
 pub mod replay;
+pub mod report;
 mod setup;
 pub mod simulate;
 pub mod status;

@@ -37,9 +37,9 @@ pub(super) fn definitions(connection: &Connection) -> rusqlite::Result<Vec<(Stri
 }
 
 /// The tables whose rows carry a checksum, in an order in which rows can be put in.
-pub(super) const TABLES: [&str; 12] = [
-    "config", "rod", "segment", "state", "record", "line", "mode", "period", "alarm", "outbox", "request",
-    "source",
+pub(super) const TABLES: [&str; 13] = [
+    "config", "rod", "segment", "state", "record", "line", "mode", "period", "snapshot", "alarm", "outbox",
+    "request", "source",
 ];
 
 /// Tables that grow with days rather than with records.
@@ -48,8 +48,8 @@ pub(super) const SMALL: [&str; 8] = [
 ];
 
 /// Results: equal for the same records, however often a run was killed and started again.
-pub(super) const RESULTS: [&str; 10] = [
-    "config", "rod", "segment", "state", "record", "line", "mode", "period", "alarm", "outbox",
+pub(super) const RESULTS: [&str; 11] = [
+    "config", "rod", "segment", "state", "record", "line", "mode", "period", "snapshot", "alarm", "outbox",
 ];
 
 fn first(transaction: &Transaction<'_>) -> rusqlite::Result<()> {
@@ -153,6 +153,15 @@ CREATE TABLE period (
     checksum INTEGER NOT NULL,
     PRIMARY KEY (rod, segment, period),
     FOREIGN KEY (rod, segment) REFERENCES segment (rod, number)
+) STRICT;
+
+CREATE TABLE snapshot (
+    rod TEXT NOT NULL,
+    number INTEGER NOT NULL,
+    start_ns INTEGER NOT NULL,
+    json TEXT NOT NULL,
+    checksum INTEGER NOT NULL,
+    PRIMARY KEY (rod, number)
 ) STRICT;
 
 CREATE TABLE alarm (

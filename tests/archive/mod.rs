@@ -282,12 +282,12 @@ pub fn fill(store: &mut Store, range: std::ops::Range<i64>) {
                     closed: &closed,
                     events: &events,
                 }),
-                applied: None,
                 source: Some(Position {
                     name: "a.mcap",
                     bytes: number as u64 * 1000,
                     records: number as u64,
                 }),
+                ..Commit::default()
             })
             .unwrap();
         states.insert(rod, now);

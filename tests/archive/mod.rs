@@ -6,6 +6,7 @@ use tirante::beam::{Parameterisation, Section};
 use tirante::modes::Mode;
 use tirante::outcome::{Outcome, Rejected};
 use tirante::record::{Reading, Rejection, RodId, Timestamp};
+use tirante::spectrum::Spectrum;
 use tirante::store::{Commit, Position, RecordRow, RodRow, Store};
 use tirante::track::alarm::{Board, Watches};
 use tirante::track::baseline::BaselineMode;
@@ -47,6 +48,12 @@ pub fn identified(rod: &RodId, number: i64) -> Outcome {
             readings: Vec::new(),
             rms: 1.5e-5,
             flags: Vec::new(),
+            spectrum: Spectrum {
+                df_hz: 0.1,
+                psd: Vec::new(),
+                segments: 1,
+            },
+            resonances: Vec::new(),
         }),
         modes: vec![mode(1), mode(2), mode(3)],
         posterior: Posterior {

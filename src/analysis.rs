@@ -4,10 +4,10 @@ use crate::bayes::{AbcSettings, Conflict, Inference, Observation, PlanError, Pos
 use crate::beam::exact;
 use crate::emulator::ModelSettings;
 use crate::forward::{ForwardModel, MAX_MODES};
-use crate::modes::{ModalPlan, Mode, ModeSettings, Pattern};
+use crate::modes::{ModalPlan, Mode, ModeSettings, Pattern, Resonance};
 use crate::random;
 use crate::record::{Flag, Reading, Record, Rejection, RodId, Timestamp};
-use crate::spectrum::{PeakSettings, WelchSettings};
+use crate::spectrum::{PeakSettings, Spectrum, WelchSettings};
 use std::sync::Arc;
 
 /// Raised whenever the same record and configuration may give other numbers than before.
@@ -74,6 +74,10 @@ pub struct Measurement {
     pub rms: f64,
     /// What the quality checks noticed.
     pub flags: Vec<Flag>,
+    /// Welch's spectrum.
+    pub spectrum: Spectrum,
+    /// Every resonance and line found in the spectrum, whether it became a mode or not.
+    pub resonances: Vec<Resonance>,
 }
 
 /// What is prepared once per rod: its pattern of modes and its simulated table.
@@ -157,6 +161,8 @@ impl Plan {
                 readings: record.readings.clone(),
                 rms: record.rms(),
                 flags: record.flags.clone(),
+                spectrum: estimate.spectrum,
+                resonances: estimate.resonances,
             }),
             ..identification
         })

@@ -17,6 +17,7 @@
 //! * [`bayes`]    priors, approximate Bayesian computation, posteriors, conflict
 //! * [`analysis`] a plan once per rod, then one pure `run` per record
 //! * [`outcome`]  what came of one record: a force, or a reason why there is none
+//! * [`snapshot`] what one record looked like, for the report
 //! * [`track`]    the relative force over time: baseline, temperature, charts, alarms; one pure fold per rod
 //! * [`synthesis`] displacement histories of a simulated rod, faults included
 //! * [`random`]   seeds and counter-based streams
@@ -54,6 +55,7 @@ pub mod random;
 pub mod record;
 pub mod sink;
 pub mod site;
+pub mod snapshot;
 pub mod source;
 pub mod spectrum;
 pub mod store;

@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-const PURE: [&str; 13] = [
+const PURE: [&str; 14] = [
     "record",
     "spectrum",
     "modes",
@@ -13,6 +13,7 @@ const PURE: [&str; 13] = [
     "bayes",
     "analysis.rs",
     "outcome.rs",
+    "snapshot.rs",
     "synthesis",
     "track",
     "random.rs",

@@ -1,304 +1,17 @@
 //! The store: what goes in comes out, once; what is damaged is never believed; one writer at a time.
 
+mod archive;
+
+use archive::*;
 use rusqlite::Connection;
 use std::collections::BTreeMap;
 use std::path::Path;
-use tirante::analysis::{Identification, Measurement};
-use tirante::bayes::{Adjustment, Conflict, Method, Posterior};
-use tirante::beam::{Parameterisation, Section};
-use tirante::modes::Mode;
-use tirante::outcome::{Outcome, Rejected};
-use tirante::record::{Reading, Rejection, RodId, Timestamp};
+use tirante::record::RodId;
 use tirante::store::{
-    Asked, Commit, Durability, Filter, Listing, Position, Reader, RecordRow, RodRow, Store, StoreError,
+    Asked, Commit, Durability, Filter, Listing, Reader, RecordRow, RodRow, Store, StoreError,
     request_of_writer,
 };
-use tirante::track::alarm::{Board, Watches};
-use tirante::track::baseline::BaselineMode;
-use tirante::track::period::{Charted, Pending};
-use tirante::track::plausibility::Plausibility;
-use tirante::track::relative::Misfit;
-use tirante::track::state::Opening;
-use tirante::track::thermal::Thermal;
-use tirante::track::{AlarmEvent, Baseline, Kind, LogMode, Period, RodState, Segment, State};
-
-const HOUR_NS: i64 = 3_600_000_000_000;
-const CONFIG: &str = "0123456789abcdef";
-
-fn hour(number: i64) -> Timestamp {
-    Timestamp::from_nanos(1_700_000_000_123_456_789 + number * HOUR_NS)
-}
-
-fn identity(number: i64) -> [u8; 32] {
-    let mut identity = [7; 32];
-    identity[..8].copy_from_slice(&number.to_le_bytes());
-    identity
-}
-
-fn identified(rod: &RodId, number: i64) -> Outcome {
-    let mode = |order: usize| Mode {
-        order,
-        frequency_hz: 4.5 * order as f64 + 1e-3 * (number % 7) as f64,
-        sd_hz: 0.004,
-        damping: (order > 1).then_some(0.002),
-    };
-    Outcome::Identified(Box::new(Identification {
-        rod: rod.clone(),
-        measurement: Some(Measurement {
-            identity: identity(number),
-            start: hour(number),
-            duration_s: 60.0,
-            fs_hz: 200.0,
-            temperature_c: Some(12.25),
-            readings: Vec::new(),
-            rms: 1.5e-5,
-            flags: Vec::new(),
-        }),
-        modes: vec![mode(1), mode(2), mode(3)],
-        posterior: Posterior {
-            parameterisation: Parameterisation::new(Section::Direct),
-            particles: vec![5.7e5, 4e5, 37.0, 4e5, 4e5, 14.0],
-            weights: vec![1.0],
-            epsilon: 0.01,
-            draws: 1_000_000,
-            accepted: 1,
-            invalid: 0,
-            ess: 1.0,
-            seed: u64::MAX,
-            method: Method::Rejection,
-            adjustment: Adjustment::None,
-            stop: None,
-        },
-        conflict: Conflict {
-            score: 0.4,
-            nearest_hz: vec![4.5, 9.0, 13.5],
-            residuals: vec![0.1, 0.2, -0.3],
-            violation: None,
-            prior_tail: 0.5,
-        },
-    }))
-}
-
-fn rejected(rod: &RodId, number: i64) -> Outcome {
-    Outcome::Rejected(Box::new(Rejected {
-        rod: rod.clone(),
-        start: Some(hour(number)),
-        duration_s: Some(3.0),
-        fs_hz: None,
-        identity: None,
-        readings: Vec::new(),
-        rejection: Rejection::NoPeak {
-            low_hz: 1.0,
-            high_hz: 9.0,
-        },
-    }))
-}
-
-/// A line as `replay --json` prints it, as far as the columns go.
-fn line(outcome: &Outcome) -> String {
-    match outcome {
-        Outcome::Identified(identification) => format!(
-            concat!(
-                r#"{{"rod":"{}","start":"{}","duration_s":60.0,"fs_hz":200.0,"modes":[],"#,
-                r#""axial_force_n":{{"mean":574000.0,"sd":109000.0,"cv":0.19,"q025":4e5,"q50":570000.0,"q975":8e5}},"#,
-                r#""parameters":{{"density_kg_m3":{{"mean":7500.5,"cv":0.05}}}},"epsilon":0.01,"draws":1000000,"#,
-                r#""accepted":100,"ess":99.5,"conflict":0.4,"prior_tail":0.5,"tracked_force_n":null,"#,
-                r#""relative_force":{{"mean":0.9515,"sd":0.0014,"q025":0.9487,"q975":0.9543}},"not_axial_p":0.37,"#,
-                r#""temperature_c":12.25,"reference_temperature_c":null,"force_at_reference_n":null,"#,
-                r#""relative_force_at_reference":null,"state":"monitoring","state_reason":null,"segment":1,"#,
-                r#""set_aside":null,"alarms":[],"events":[],"flags":[],"rejection":null,"#,
-                r#""seed":18446744073709551615,"config":"{}","analysis_version":1}}"#
-            ),
-            identification.rod,
-            identification.measurement.as_ref().unwrap().start,
-            CONFIG
-        ),
-        Outcome::Rejected(rejected) => format!(
-            concat!(
-                r#"{{"rod":"{}","start":"{}","duration_s":3.0,"fs_hz":null,"state":"monitoring","#,
-                r#""rejection":{{"code":"no-peak","message":"no \"peak\", none"}},"seed":null,"config":"{}","analysis_version":1}}"#
-            ),
-            rejected.rod,
-            rejected.start.unwrap(),
-            CONFIG
-        ),
-    }
-}
-
-fn state(rod: &RodId, number: i64) -> State {
-    let modes: Vec<LogMode> = (1..=3)
-        .map(|order| LogMode {
-            order,
-            log_frequency: 1.504_077_396_776_274 + (order as f64).ln() + 1e-5 * number as f64,
-            log_sd: 8.9e-4,
-        })
-        .collect();
-    State {
-        rod: rod.clone(),
-        segment: Segment {
-            number: 1,
-            reason: Opening::First,
-            key: "1-00".to_owned(),
-            baseline: Some(Baseline {
-                first: hour(0),
-                last: hour(29),
-                records: 30,
-                modes: vec![BaselineMode {
-                    order: 1,
-                    log_frequency: 0.1 + 0.2,
-                    log_sd: 1e-4,
-                    records: 30,
-                }],
-                particles: (0..3072).map(|i| 1e5 / (1.0 + f64::from(i))).collect(),
-                overdispersion: 1.0,
-                rms: (1e-5, 2e-5),
-                misfit: 1.2,
-            }),
-            reference_c: Some(11.1),
-            fault: None,
-        },
-        learning: Vec::new(),
-        open: (0..number.rem_euclid(24))
-            .map(|n| Pending {
-                start: hour(number - n),
-                end: hour(number - n).plus_seconds(60.0),
-                delta: -0.049 + 1e-4 / (1.0 + n as f64),
-                sd: 2e-3,
-                misfit: misfit(),
-            })
-            .collect(),
-        readings: vec![
-            Reading {
-                time: hour(number),
-                celsius: 0.1 * number as f64,
-            };
-            6
-        ],
-        thermal: Thermal {
-            lags_s: vec![0.0, 3600.0],
-            time: Some(hour(number)),
-            last_c: 12.3,
-            lagged_c: vec![12.3, 12.1],
-        },
-        regression: None,
-        charts: None,
-        frozen: false,
-        closed: Some(number.div_euclid(24)),
-        periods: Vec::new(),
-        alarms: Vec::new(),
-        watches: Watches::default(),
-        plausibility: Plausibility::default(),
-        latest: Some(hour(number)),
-        latest_modes: modes,
-    }
-}
-
-fn misfit() -> Vec<Misfit> {
-    (1..=3)
-        .map(|order| Misfit {
-            order,
-            residual: 1e-4 / order as f64,
-            sd: 9e-4,
-        })
-        .collect()
-}
-
-fn period(index: i64) -> Period {
-    Period {
-        index,
-        start: hour(24 * index),
-        records: 24,
-        delta: -1e-3 / 3.0,
-        delta_sd: 4e-4,
-        lagged_c: Some(vec![12.3, 12.1]),
-        misfit: misfit(),
-        not_axial_p: 0.61,
-        charted: (index % 2 == 0).then_some(Charted {
-            expected: 1e-4,
-            expected_sd: 3e-3,
-            residual: -1.5,
-            leverage: 0.1,
-            at_reference: -2e-3,
-            at_reference_sd: 1e-3,
-            temperature_c: Some(12.2),
-            cusum: Some([[0.0, 1.0], [0.25, 2.5]]),
-        }),
-    }
-}
-
-fn raise(state: &mut State, kind: Kind, number: i64) -> Vec<AlarmEvent> {
-    let rod = state.rod.clone();
-    let mut board = Board::new(&rod, state.segment.number, &mut state.alarms);
-    board.raise(
-        kind,
-        hour(number),
-        format!("the \"{kind}\" of record {number}"),
-        None,
-    );
-    board.into_events()
-}
-
-/// Two rods, records, a rejection every tenth, a period a day, an alarm at record 40; `from..to` of them.
-fn fill(store: &mut Store, range: std::ops::Range<i64>) {
-    store
-        .keep_config(CONFIG, "the site", "[site]\nname = \"the site\"\n")
-        .unwrap();
-    let mut states = store.states().unwrap();
-    for number in range {
-        let rod = RodId(["north", "south è"][(number % 2) as usize].to_owned());
-        let outcome = if number % 10 == 9 {
-            rejected(&rod, number)
-        } else {
-            identified(&rod, number)
-        };
-        if store.known(&rod, &outcome.identity().unwrap()) {
-            continue;
-        }
-        let before = states.get(&rod);
-        let mut now = state(&rod, number);
-        if let Some(before) = before {
-            now.alarms.clone_from(&before.alarms);
-            now.periods.clone_from(&before.periods);
-        }
-        let closed: Vec<Period> = (number % 24 == 0)
-            .then(|| period(number / 24))
-            .into_iter()
-            .collect();
-        now.periods.extend(closed.iter().cloned());
-        let events = if number == 40 {
-            raise(&mut now, Kind::Drift, number)
-        } else {
-            Vec::new()
-        };
-        let stands = if now.alarms.is_empty() {
-            RodState::Monitoring
-        } else {
-            RodState::Alarm
-        };
-        store
-            .commit(&Commit {
-                record: Some(RecordRow {
-                    outcome: &outcome,
-                    line: &line(&outcome),
-                    emulator: "reduced",
-                }),
-                rod: Some(RodRow {
-                    state: &now,
-                    stands: &stands,
-                    closed: &closed,
-                    events: &events,
-                }),
-                applied: None,
-                source: Some(Position {
-                    name: "a.mcap",
-                    bytes: number as u64 * 1000,
-                    records: number as u64,
-                }),
-            })
-            .unwrap();
-        states.insert(rod, now);
-    }
-}
+use tirante::track::{Kind, RodState, State};
 
 fn open(path: &Path) -> Store {
     Store::open(path, Durability::Replay).unwrap()
@@ -506,7 +219,7 @@ fn requests_wait_for_the_writer_and_keep_their_order() {
     fill(&mut store, 0..44);
     let north = RodId("north".into());
     let alarm = store.alarms(&Filter::default()).unwrap()[0].id.clone();
-    assert_eq!(store.alarm(&alarm).unwrap(), Some((north.clone(), false)));
+    assert_eq!(store.alarm(&alarm).unwrap().unwrap().acknowledged, None);
     assert_eq!(store.alarm("none").unwrap(), None);
     let acknowledge = Asked::Acknowledge { alarm: alarm.clone() };
     let rebaseline = Asked::Rebaseline {
@@ -536,7 +249,7 @@ fn requests_wait_for_the_writer_and_keep_their_order() {
     // The first is applied at once; the second needs the fold, and the third waits behind it.
     let mut states = store.states().unwrap();
     assert_eq!(store.acknowledge_waiting(&mut states).unwrap(), 2);
-    assert_eq!(store.alarm(&alarm).unwrap(), Some((north.clone(), true)));
+    assert_eq!(store.alarm(&alarm).unwrap().unwrap().acknowledged, Some(asked));
     let kept = store.alarms(&Filter::default()).unwrap();
     assert_eq!(kept[0].acknowledged, Some(asked));
     assert_eq!(store.events(&north).unwrap().len(), 2);
@@ -691,4 +404,36 @@ fn damage_is_found_and_moved_aside() {
     }
     // Free space and counters of no consequence take the rest.
     assert!(found > places.len() / 3, "{found} of {}", places.len());
+}
+
+#[test]
+fn a_reader_does_not_believe_a_changed_row() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("site.db");
+    fill(&mut open(&path), 0..50);
+    let read = |reader: Reader, listing| {
+        reader.list(listing, &Filter::default(), |_, _| Ok::<(), StoreError>(()))?;
+        reader.lines(listing, &Filter::default(), |_| Ok::<(), StoreError>(()))
+    };
+    read(Reader::open(&path).unwrap(), Listing::Records).unwrap();
+    for change in [
+        "UPDATE record SET relative_force = 0.96 WHERE id = 7",
+        "UPDATE line SET json = replace(json, '0.9515', '0.9615') WHERE record = 7",
+        "UPDATE mode SET frequency_hz = 4.6 WHERE record = 7 AND mode_order = 1",
+        "UPDATE alarm SET stands = 0",
+        "UPDATE period SET residual = 1.5 WHERE period = 0",
+    ] {
+        let copy = folder.path().join("copy.db");
+        std::fs::copy(&path, &copy).unwrap();
+        assert!(
+            Connection::open(&copy).unwrap().execute(change, ()).unwrap() > 0,
+            "{change}"
+        );
+        let error = Reader::open(&copy)
+            .and_then(|reader| read(reader, Listing::Records))
+            .unwrap_err();
+        assert!(matches!(error, StoreError::Damaged { .. }), "{change}: {error}");
+        let store = open(&copy);
+        assert!(store.moved_aside().is_some(), "{change}");
+    }
 }

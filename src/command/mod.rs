@@ -9,16 +9,23 @@ macro_rules! tell {
     }};
 }
 
+pub mod ack;
 mod campaign;
 pub mod check;
 pub mod emulator;
 pub mod frequencies;
+pub mod history;
 pub mod identify;
+mod listing;
 mod progress;
+pub mod rebaseline;
 mod render;
 pub mod replay;
+pub mod report;
 mod setup;
 pub mod simulate;
+pub mod status;
+pub mod which_store;
 
 use crate::bayes::PlanError;
 use crate::cli::Command;

@@ -134,3 +134,9 @@ impl Column {
         .unwrap_or(Value::Null)
     }
 }
+
+/// Where the columns look in a line.
+#[cfg(test)]
+pub(crate) fn pointers() -> impl Iterator<Item = &'static str> {
+    COLUMNS.iter().map(|column| column.pointer)
+}

@@ -3,6 +3,7 @@
 use super::StoreError;
 use super::columns::COLUMNS;
 use super::row::Row;
+use super::snapshot::SnapshotRow;
 use super::state::{self, Kept, Trouble, kept, plain};
 use crate::outcome::Outcome;
 use crate::record::{RodId, Timestamp};
@@ -18,6 +19,8 @@ pub struct Commit<'a> {
     pub record: Option<RecordRow<'a>>,
     /// What changed for the rod; `None` for a record that is not tracked.
     pub rod: Option<RodRow<'a>>,
+    /// What the record looked like, for the report.
+    pub snapshot: Option<SnapshotRow<'a>>,
     /// The request that was applied, by its number.
     pub applied: Option<i64>,
     /// How far its source has been read.
@@ -68,6 +71,9 @@ impl Commit<'_> {
         if let Some(rod) = &self.rod {
             let start = self.record.as_ref().and_then(|record| start_of(record.outcome));
             rod.write(connection, kept, start)?;
+        }
+        if let Some(snapshot) = &self.snapshot {
+            snapshot.write(connection)?;
         }
         if let Some(number) = self.applied {
             super::request::mark_applied(connection, number)?;

@@ -5,7 +5,7 @@
 //! tables of [results](Store::dump) depends on the clock or on how often a run was interrupted.
 //! docs/store.md describes tables and columns.
 
-mod columns;
+pub(crate) mod columns;
 mod commit;
 mod dump;
 mod error;
@@ -15,6 +15,7 @@ mod read;
 mod request;
 mod row;
 mod schema;
+mod snapshot;
 mod state;
 
 pub use commit::{Commit, Position, RecordRow, RodRow};
@@ -22,6 +23,7 @@ pub use error::StoreError;
 pub use open::Durability;
 pub use read::{Filter, Listing, Reader, Standing};
 pub use request::{Asked, Request};
+pub use snapshot::{SnapshotRow, Snapshots};
 
 use crate::record::{RodId, Timestamp};
 use crate::track::State;

@@ -2,7 +2,7 @@
 
 use super::request::{self, Request};
 use super::state::{self, Trouble};
-use super::{StoreError, open};
+use super::{StoreError, open, row, schema};
 use crate::record::{RodId, Timestamp};
 use crate::track::{Alarm, AlarmEvent, Period, RodState, Segment, State};
 use rusqlite::Connection;
@@ -66,13 +66,30 @@ pub struct Standing {
 }
 
 impl Reader {
-    /// Opens a store for reading.
+    /// Opens a store for reading. What rods, periods and alarms say is compared with its checksums now, records when
+    /// they are asked for.
     ///
     /// # Errors
     /// There is none, it is another program's, a newer format, or damaged.
     pub fn open(path: &Path) -> Result<Self, StoreError> {
         let (connection, path) = open::for_reading(path)?;
-        Ok(Self::over(connection, path))
+        let reader = Self::over(connection, path);
+        reader.check(&schema::SMALL)?;
+        Ok(reader)
+    }
+
+    /// Compares the rows of these tables with their checksums.
+    fn check(&self, tables: &[&str]) -> Result<(), StoreError> {
+        for table in tables {
+            let bad = row::verify(&self.connection, table, |_| Ok(()));
+            if let Some(number) = bad.map_err(|error| self.fault(Trouble::Sql(error)))? {
+                return Err(StoreError::Damaged {
+                    path: self.path.clone(),
+                    detail: format!("row {number} of table {table} is not what was written"),
+                });
+            }
+        }
+        Ok(())
     }
 
     pub(super) fn over(connection: Connection, path: PathBuf) -> Self {
@@ -123,12 +140,14 @@ impl Reader {
         request::waiting(&self.connection, rod).map_err(|trouble| self.fault(trouble))
     }
 
-    /// The rod of an alarm and whether it was acknowledged; `None` if there is no such alarm.
+    /// The alarm with this id, as it stands now.
     ///
     /// # Errors
     /// It cannot be read.
-    pub fn alarm(&self, id: &str) -> Result<Option<(RodId, bool)>, StoreError> {
-        request::alarm(&self.connection, id).map_err(|error| self.fault(Trouble::Sql(error)))
+    pub fn alarm(&self, id: &str) -> Result<Option<Alarm>, StoreError> {
+        let sql = "SELECT rod, json FROM alarm WHERE id = ?";
+        let mut found = self.parsed(sql, vec![Value::Text(id.to_owned())])?;
+        Ok(found.pop())
     }
 
     /// Alarms, as they stand now, in the order they were raised.
@@ -177,6 +196,7 @@ impl Reader {
         filter: &Filter,
         mut on_line: impl FnMut(&str) -> Result<(), E>,
     ) -> Result<(), E> {
+        self.check(&["record", "line"])?;
         let (wanted, values) = filter.sql("start_ns");
         let rejected = match listing {
             Listing::Rejections => "AND rejection IS NOT NULL",
@@ -198,7 +218,20 @@ impl Reader {
         Ok(())
     }
 
-    /// Hands every row of a listing to `on_row`, in the order of time, after the names of its columns.
+    /// The names of a listing's columns.
+    ///
+    /// # Errors
+    /// The store cannot be read.
+    pub fn columns(&self, listing: Listing) -> Result<Vec<String>, StoreError> {
+        let names = || -> rusqlite::Result<Vec<String>> {
+            let (sql, _) = listing.sql(&Filter::default(), self.orders()?);
+            let statement = self.connection.prepare(&sql)?;
+            Ok(statement.column_names().map(str::to_owned).collect())
+        };
+        names().map_err(|error| self.fault(Trouble::Sql(error)))
+    }
+
+    /// Hands every row of a listing to `on_row` with the names of its columns, in the order of time.
     ///
     /// # Errors
     /// The store cannot be read, or `on_row` failed.
@@ -209,15 +242,12 @@ impl Reader {
         mut on_row: impl FnMut(&[String], &[Value]) -> Result<(), E>,
     ) -> Result<(), E> {
         let fault = |error| E::from(self.fault(Trouble::Sql(error)));
-        let orders: i64 = self
-            .connection
-            .query_row("SELECT coalesce(max(mode_order), 0) FROM mode", (), |row| {
-                row.get(0)
-            })
-            .map_err(fault)?;
-        let (sql, values) = listing.sql(filter, orders);
+        if matches!(listing, Listing::Records | Listing::Rejections) {
+            self.check(&["record", "mode"])?;
+        }
+        let names = self.columns(listing)?;
+        let (sql, values) = listing.sql(filter, self.orders().map_err(fault)?);
         let mut statement = self.connection.prepare(&sql).map_err(fault)?;
-        let names: Vec<String> = statement.column_names().map(str::to_owned).collect();
         let mut rows = statement
             .query(rusqlite::params_from_iter(values))
             .map_err(fault)?;
@@ -229,6 +259,27 @@ impl Reader {
             on_row(&names, &values)?;
         }
         Ok(())
+    }
+
+    /// The highest mode order of any record.
+    fn orders(&self) -> rusqlite::Result<i64> {
+        self.connection
+            .query_row("SELECT coalesce(max(mode_order), 0) FROM mode", (), |row| {
+                row.get(0)
+            })
+    }
+
+    /// The rods the store knows, in alphabetical order.
+    ///
+    /// # Errors
+    /// The store cannot be read.
+    pub fn rods(&self) -> Result<Vec<RodId>, StoreError> {
+        let rods = || -> rusqlite::Result<Vec<RodId>> {
+            let mut statement = self.connection.prepare("SELECT rod FROM rod ORDER BY rod")?;
+            let rods = statement.query_map((), |row| Ok(RodId(row.get(0)?)))?;
+            rods.collect()
+        };
+        rods().map_err(|error| self.fault(Trouble::Sql(error)))
     }
 
     /// How every rod stands.

@@ -4,7 +4,7 @@ use super::StoreError;
 use super::row::Row;
 use super::state::{Trouble, time};
 use crate::record::{RodId, Timestamp};
-use rusqlite::{Connection, OptionalExtension};
+use rusqlite::Connection;
 
 /// Something somebody asked for.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -132,15 +132,4 @@ fn select(
         });
     }
     Ok(requests)
-}
-
-/// The rod of an alarm, and whether somebody acknowledged it.
-pub(super) fn alarm(connection: &Connection, id: &str) -> rusqlite::Result<Option<(RodId, bool)>> {
-    connection
-        .query_row(
-            "SELECT rod, acknowledged IS NOT NULL FROM alarm WHERE id = ?",
-            [id],
-            |row| Ok((RodId(row.get(0)?), row.get(1)?)),
-        )
-        .optional()
 }

@@ -37,14 +37,19 @@ pub(super) fn definitions(connection: &Connection) -> rusqlite::Result<Vec<(Stri
 }
 
 /// The tables whose rows carry a checksum, in an order in which rows can be put in.
-pub(super) const TABLES: [&str; 12] = [
-    "config", "rod", "segment", "state", "record", "line", "mode", "period", "alarm", "outbox", "request",
-    "source",
+pub(super) const TABLES: [&str; 13] = [
+    "config", "rod", "segment", "state", "record", "line", "mode", "period", "snapshot", "alarm", "outbox",
+    "request", "source",
+];
+
+/// Tables that grow with days rather than with records.
+pub(super) const SMALL: [&str; 9] = [
+    "config", "rod", "segment", "state", "period", "snapshot", "alarm", "outbox", "request",
 ];
 
 /// Results: equal for the same records, however often a run was killed and started again.
-pub(super) const RESULTS: [&str; 10] = [
-    "config", "rod", "segment", "state", "record", "line", "mode", "period", "alarm", "outbox",
+pub(super) const RESULTS: [&str; 11] = [
+    "config", "rod", "segment", "state", "record", "line", "mode", "period", "snapshot", "alarm", "outbox",
 ];
 
 fn first(transaction: &Transaction<'_>) -> rusqlite::Result<()> {
@@ -150,6 +155,15 @@ CREATE TABLE period (
     FOREIGN KEY (rod, segment) REFERENCES segment (rod, number)
 ) STRICT;
 
+CREATE TABLE snapshot (
+    rod TEXT NOT NULL,
+    number INTEGER NOT NULL,
+    start_ns INTEGER NOT NULL,
+    json TEXT NOT NULL,
+    checksum INTEGER NOT NULL,
+    PRIMARY KEY (rod, number)
+) STRICT;
+
 CREATE TABLE alarm (
     id TEXT PRIMARY KEY,
     rod TEXT NOT NULL,
@@ -193,3 +207,45 @@ CREATE TABLE source (
     checksum INTEGER NOT NULL
 ) STRICT;
 ";
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Stores of format 1 are out there: their tables are what they are, and whatever is to change is a new step.
+    #[test]
+    fn the_first_format_is_what_it_was() {
+        let mut connection = Connection::open_in_memory().unwrap();
+        let transaction = connection.transaction().unwrap();
+        first(&transaction).unwrap();
+        transaction.commit().unwrap();
+        let definitions = definitions(&connection).unwrap();
+        let text: String = definitions
+            .iter()
+            .flat_map(|(_, sql)| sql.split_whitespace())
+            .collect::<Vec<_>>()
+            .join(" ");
+        assert_eq!(
+            format!("{:08x}", crc32fast::hash(text.as_bytes())),
+            "b2270fc8",
+            "{text}"
+        );
+    }
+
+    #[test]
+    fn every_table_is_listed() {
+        let mut connection = Connection::open_in_memory().unwrap();
+        migrate(&mut connection, 0).unwrap();
+        let mut statement = connection
+            .prepare("SELECT name FROM sqlite_schema WHERE type = 'table' ORDER BY name")
+            .unwrap();
+        let found: Vec<String> = statement
+            .query_map((), |row| row.get(0))
+            .unwrap()
+            .collect::<rusqlite::Result<_>>()
+            .unwrap();
+        let mut listed = TABLES.to_vec();
+        listed.sort_unstable();
+        assert_eq!(found, listed);
+    }
+}

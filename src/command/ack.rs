@@ -1,0 +1,106 @@
+//! `tirante ack`: somebody knows of an alarm.
+
+use super::BadArguments;
+use super::which_store::{WhichStore, ask, check_rod, now};
+use crate::record::RodId;
+use crate::store::{Asked, Filter, Reader};
+use crate::track::Alarm;
+use std::fmt::Write;
+use std::process::ExitCode;
+
+/// Acknowledges alarms: they are no longer told again, and end when their condition ends.
+///
+/// At once if nothing writes to the store; else the running `replay` or `run` does so before the rod's next record.
+#[derive(Debug, Clone, clap::Args)]
+#[command(
+    group = clap::ArgGroup::new("which alarms").required(true).args(["alarms", "rod", "all"]),
+    after_help = "Examples:
+  tirante ack --store site.db 5f1d0c7a9e3b2468
+  tirante ack --config site.toml --rod north
+  tirante ack --store site.db --all"
+)]
+pub struct Args {
+    /// The alarms, by the ids that `status` and `history --what alarms` show.
+    #[arg(value_name = "ALARM")]
+    pub alarms: Vec<String>,
+
+    /// Every alarm of this rod that stands.
+    #[arg(long, value_name = "ID")]
+    pub rod: Option<String>,
+
+    /// Every alarm that stands.
+    #[arg(long)]
+    pub all: bool,
+
+    /// The store.
+    #[command(flatten)]
+    pub which: WhichStore,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// No store is named, it cannot be read or written, or it has no such alarm or rod.
+pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
+    let path = args.which.path()?;
+    let alarms = {
+        let reader = Reader::open(&path)?;
+        wanted(args, &reader)?
+    };
+    if alarms.is_empty() {
+        return super::print(b"no alarm waits to be acknowledged\n");
+    }
+    let requests: Vec<(RodId, Asked)> = alarms
+        .iter()
+        .map(|alarm| {
+            (
+                alarm.rod.clone(),
+                Asked::Acknowledge {
+                    alarm: alarm.id.clone(),
+                },
+            )
+        })
+        .collect();
+    let when = ask(&path, &requests, now())?;
+    let mut out = String::new();
+    for alarm in &alarms {
+        // Writing to a string cannot fail.
+        let _ = writeln!(
+            out,
+            "{when}: {} {} of rod {}: {}",
+            alarm.id, alarm.kind, alarm.rod, alarm.message
+        );
+    }
+    super::print(out.as_bytes())
+}
+
+/// The alarms that are meant and that nobody acknowledged.
+fn wanted(args: &Args, reader: &Reader) -> anyhow::Result<Vec<Alarm>> {
+    let mut wanted = Vec::new();
+    for id in &args.alarms {
+        let Some(alarm) = reader.alarm(id)? else {
+            return Err(BadArguments(format!(
+                "{} has no alarm {id}; `tirante status` lists those that stand",
+                reader.path().display()
+            ))
+            .into());
+        };
+        if let Some(time) = alarm.acknowledged {
+            tell!("{id} was acknowledged at {time}");
+        } else if alarm.is_over() {
+            tell!("{id} is over");
+        } else {
+            wanted.push(alarm);
+        }
+    }
+    if args.alarms.is_empty() {
+        let filter = Filter {
+            rod: check_rod(reader, args.rod.as_deref())?,
+            ..Filter::default()
+        };
+        wanted = reader.alarms(&filter)?;
+        wanted.retain(|alarm| alarm.acknowledged.is_none() && !alarm.is_over());
+    }
+    wanted.dedup_by(|a, b| a.id == b.id);
+    Ok(wanted)
+}

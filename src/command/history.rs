@@ -1,0 +1,402 @@
+//! `tirante history`: what the store has of records, periods, alarms and rejections.
+
+use super::BadArguments;
+use super::listing::{Aligned, cell, csv, object, seconds};
+use super::which_store::{Format, WhichStore, check_rod};
+use crate::record::Timestamp;
+use crate::store::{Filter, Listing, Reader};
+use rusqlite::types::Value;
+use serde_json::Value as Json;
+use std::io::{self, Write};
+use std::process::ExitCode;
+
+/// Lists what the store has: records with their forces, closed periods with the charts, alarms, or rejected records.
+///
+/// It reads beside a running `replay` or `run`.
+#[derive(Debug, Clone, clap::Args)]
+#[command(after_help = "Examples:
+  tirante history --store site.db
+  tirante history --store site.db --rod north --from 2026-03-01 --to 2026-04-01
+  tirante history --config site.toml --what alarms
+  tirante history --store site.db --format csv > forces.csv
+
+A '~' before the relative force says that it is not compensated for temperature.")]
+pub struct Args {
+    /// The store.
+    #[command(flatten)]
+    pub which: WhichStore,
+
+    /// This rod only.
+    #[arg(long, value_name = "ID")]
+    pub rod: Option<String>,
+
+    /// From this time on: a day (2026-03-01, from midnight UTC) or a time (2026-03-01T06:00:00Z).
+    #[arg(long, value_name = "TIME", value_parser = time)]
+    pub from: Option<Timestamp>,
+
+    /// Before this time.
+    #[arg(long, value_name = "TIME", value_parser = time)]
+    pub to: Option<Timestamp>,
+
+    /// What is listed.
+    #[arg(long, value_enum, default_value_t)]
+    pub what: What,
+
+    /// How it is listed.
+    #[arg(long, value_enum, default_value_t)]
+    pub format: Format,
+}
+
+/// What can be listed.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, clap::ValueEnum)]
+pub enum What {
+    /// Every record, rejected ones too.
+    #[default]
+    Records,
+    /// Decorrelation periods (a day by default) that closed, with the charts.
+    Periods,
+    /// Alarms, over or not.
+    Alarms,
+    /// Records that were rejected.
+    Rejections,
+}
+
+/// A day, from its midnight in UTC, or a point in time.
+fn time(text: &str) -> Result<Timestamp, String> {
+    let whole = if text.contains('T') || text.contains(' ') {
+        text.to_owned()
+    } else {
+        format!("{text}T00:00:00Z")
+    };
+    let zoned = [whole.clone(), format!("{whole}Z")];
+    zoned
+        .iter()
+        .find_map(|text| serde_json::from_value(Json::String(text.clone())).ok())
+        .ok_or_else(|| {
+            "a day such as 2026-03-01 or a time such as 2026-03-01T06:00:00Z is expected".to_owned()
+        })
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// No store is named, it cannot be read, it does not have the rod, or stdout cannot be written.
+pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
+    if let (Some(from), Some(to)) = (args.from, args.to)
+        && from >= to
+    {
+        return Err(BadArguments("--from must be before --to".to_owned()).into());
+    }
+    let reader = Reader::open(&args.which.path()?)?;
+    let filter = Filter {
+        rod: check_rod(&reader, args.rod.as_deref())?,
+        from: args.from,
+        to: args.to,
+    };
+    let mut out = io::BufWriter::new(io::stdout().lock());
+    write(&reader, &filter, args.what, args.format, &mut out)?;
+    out.flush()?;
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Writes what is wanted of a store.
+///
+/// # Errors
+/// The store cannot be read, or `out` cannot be written.
+pub fn write(
+    reader: &Reader,
+    filter: &Filter,
+    what: What,
+    format: Format,
+    out: &mut impl Write,
+) -> anyhow::Result<()> {
+    let listing = match what {
+        What::Records => Listing::Records,
+        What::Periods => Listing::Periods,
+        What::Alarms => Listing::Alarms,
+        What::Rejections => Listing::Rejections,
+    };
+    match (format, what) {
+        (Format::Json, What::Records | What::Rejections) => {
+            reader.lines(listing, filter, |line| Ok(writeln!(out, "{line}")?))
+        }
+        (Format::Json, What::Alarms) => {
+            for alarm in reader.alarms(filter)? {
+                let mut object = serde_json::to_value(&alarm)?;
+                if let Json::Object(fields) = &mut object {
+                    fields.insert("stands".to_owned(), Json::Bool(!alarm.is_over()));
+                }
+                writeln!(out, "{object}")?;
+            }
+            Ok(())
+        }
+        (Format::Json, What::Periods) => reader.list(listing, filter, |names, values| {
+            Ok(writeln!(out, "{}", object(names, values))?)
+        }),
+        (Format::Csv, _) => {
+            let names = reader.columns(listing)?;
+            out.write_all(csv(names.iter().map(String::as_str)).as_bytes())?;
+            reader.list(listing, filter, |_, values| {
+                let cells: Vec<String> = values.iter().map(cell).collect();
+                Ok(out.write_all(csv(cells.iter().map(String::as_str)).as_bytes())?)
+            })
+        }
+        (Format::Table, _) => {
+            let mut table = Aligned::new(heads(what));
+            let mut found = false;
+            reader.list(listing, filter, |names, values| -> anyhow::Result<()> {
+                found = true;
+                table.push(cells(what, &Row { names, values }));
+                Ok(())
+            })?;
+            if found {
+                out.write_all(table.print().as_bytes())?;
+            } else {
+                tell!("nothing of that is in {}", reader.path().display());
+            }
+            Ok(())
+        }
+    }
+}
+
+fn heads(what: What) -> &'static [&'static str] {
+    match what {
+        What::Records => &[
+            "rod",
+            "start (UTC)",
+            ">relative force",
+            ">force [kN]",
+            ">absolute [kN]",
+            ">air [degC]",
+            "state",
+        ],
+        What::Periods => &[
+            "rod",
+            ">segment",
+            "start (UTC)",
+            ">records",
+            ">change [%]",
+            ">at reference [%]",
+            ">rod [degC]",
+            ">residual",
+            ">step up/down",
+            ">ramp up/down",
+        ],
+        What::Alarms => &[
+            "id",
+            "rod",
+            "kind",
+            "raised (UTC)",
+            "acknowledged",
+            "cleared",
+            "stands",
+            "message",
+        ],
+        What::Rejections => &["rod", "start (UTC)", ">length [s]", "reason", "message"],
+    }
+}
+
+fn cells(what: What, row: &Row<'_>) -> Vec<String> {
+    match what {
+        What::Records => {
+            let relative = match (
+                row.number("relative_force_at_reference"),
+                row.number("relative_force"),
+            ) {
+                (Some(mean), _) => row.with_sd(mean, "relative_force_at_reference_sd", 1.0, 4),
+                (None, Some(mean)) => format!("~{}", row.with_sd(mean, "relative_force_sd", 1.0, 4)),
+                (None, None) => "-".to_owned(),
+            };
+            let force = match (row.number("force_at_reference_n"), row.number("tracked_force_n")) {
+                (Some(mean), _) => row.with_sd(mean, "force_at_reference_sd_n", 1e-3, 0),
+                (None, Some(mean)) => format!("~{}", row.with_sd(mean, "tracked_force_sd_n", 1e-3, 0)),
+                (None, None) => "-".to_owned(),
+            };
+            let absolute = row.number("axial_force_n").map_or_else(
+                || "-".to_owned(),
+                |mean| row.with_sd(mean, "axial_force_sd_n", 1e-3, 0),
+            );
+            let state = match (row.text("rejection"), row.text("set_aside")) {
+                (Some(code), _) => {
+                    format!(
+                        "rejected ({code}): {}",
+                        row.text("rejection_message").unwrap_or_default()
+                    )
+                }
+                (None, Some(aside)) => format!("set aside ({aside})"),
+                (None, None) => row.shown("state"),
+            };
+            vec![
+                row.shown("rod"),
+                row.time("start"),
+                relative,
+                force,
+                absolute,
+                row.fixed("temperature_c", 1.0, 1),
+                state,
+            ]
+        }
+        What::Periods => {
+            let pair = |up: &str, down: &str| match (row.number(up), row.number(down)) {
+                (Some(up), Some(down)) => format!("{up:.2} / {down:.2}"),
+                _ => "-".to_owned(),
+            };
+            let percent = |mean: &str, sd: &str| {
+                row.number(mean)
+                    .map_or_else(|| "-".to_owned(), |mean| row.with_sd(mean, sd, 100.0, 2))
+            };
+            vec![
+                row.shown("rod"),
+                row.shown("segment"),
+                row.time("start"),
+                row.shown("records"),
+                percent("delta", "delta_sd"),
+                percent("at_reference", "at_reference_sd"),
+                row.fixed("temperature_c", 1.0, 1),
+                row.fixed("residual", 1.0, 2),
+                pair("step_up", "step_down"),
+                pair("ramp_up", "ramp_down"),
+            ]
+        }
+        What::Alarms => vec![
+            row.shown("id"),
+            row.shown("rod"),
+            row.shown("kind"),
+            row.time("raised"),
+            row.time("acknowledged"),
+            row.time("cleared"),
+            if row.number("stands") == Some(1.0) {
+                "yes"
+            } else {
+                "no"
+            }
+            .to_owned(),
+            row.shown("message"),
+        ],
+        What::Rejections => vec![
+            row.shown("rod"),
+            row.time("start"),
+            row.fixed("duration_s", 1.0, 1),
+            row.shown("rejection"),
+            row.shown("rejection_message"),
+        ],
+    }
+}
+
+/// A row whose columns are asked for by name.
+struct Row<'a> {
+    names: &'a [String],
+    values: &'a [Value],
+}
+
+impl Row<'_> {
+    fn value(&self, name: &str) -> &Value {
+        let place = self.names.iter().position(|known| known == name);
+        place
+            .and_then(|place| self.values.get(place))
+            .unwrap_or(&Value::Null)
+    }
+
+    fn text(&self, name: &str) -> Option<&str> {
+        match self.value(name) {
+            Value::Text(text) => Some(text),
+            _ => None,
+        }
+    }
+
+    fn number(&self, name: &str) -> Option<f64> {
+        match self.value(name) {
+            Value::Real(number) => Some(*number),
+            Value::Integer(number) => Some(*number as f64),
+            _ => None,
+        }
+    }
+
+    fn shown(&self, name: &str) -> String {
+        match self.value(name) {
+            Value::Null => "-".to_owned(),
+            value => cell(value),
+        }
+    }
+
+    fn time(&self, name: &str) -> String {
+        self.text(name).map_or_else(|| "-".to_owned(), seconds)
+    }
+
+    fn fixed(&self, name: &str, factor: f64, digits: usize) -> String {
+        self.number(name).map_or_else(
+            || "-".to_owned(),
+            |number| format!("{:.digits$}", number * factor),
+        )
+    }
+
+    fn with_sd(&self, mean: f64, sd: &str, factor: f64, digits: usize) -> String {
+        let sd = self.number(sd).unwrap_or(f64::NAN);
+        format!("{:.digits$} ± {:.digits$}", mean * factor, sd * factor)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bayes::Marginal;
+    use crate::command::render;
+    use crate::outcome::{Outcome, Rejected};
+    use crate::record::{Rejection, RodId};
+    use crate::store::columns;
+    use crate::track::Interval;
+
+    /// The store's columns are taken out of the printed line: each must find its field there.
+    #[test]
+    fn every_column_of_the_store_is_a_field_of_the_line() {
+        let outcome = Outcome::Rejected(Box::new(Rejected {
+            rod: RodId("r".into()),
+            start: Some(Timestamp::from_nanos(1)),
+            duration_s: Some(1.0),
+            fs_hz: None,
+            identity: None,
+            readings: Vec::new(),
+            rejection: Rejection::NoOnset { duration_s: 1.0 },
+        }));
+        let line: Json = serde_json::from_str(&render::json(&outcome, None, "0")).unwrap();
+        let interval = serde_json::to_value(Interval {
+            mean: 1.0,
+            sd: 1.0,
+            q025: 1.0,
+            q975: 1.0,
+        });
+        let marginal = serde_json::to_value(Marginal {
+            mean: 1.0,
+            sd: 1.0,
+            cv: 1.0,
+            q025: 1.0,
+            q50: 1.0,
+            q975: 1.0,
+            mean_error: 1.0,
+        });
+        let (interval, marginal) = (interval.unwrap(), marginal.unwrap());
+        for pointer in columns::pointers() {
+            let mut names = pointer.split('/').skip(1);
+            let (field, inner) = (names.next().unwrap(), names.next());
+            assert!(line.get(field).is_some(), "{pointer}");
+            match (field, inner) {
+                (_, None) => {}
+                ("rejection", Some(_)) => assert!(line.pointer(pointer).unwrap().is_string(), "{pointer}"),
+                ("axial_force_n", Some(inner)) => assert!(marginal.get(inner).is_some(), "{pointer}"),
+                (_, Some(inner)) => assert!(interval.get(inner).is_some(), "{pointer}"),
+            }
+        }
+    }
+
+    #[test]
+    fn days_and_times_are_understood_and_nothing_else() {
+        let nanos = |text: &str| time(text).map(Timestamp::as_nanos);
+        assert_eq!(nanos("1970-01-02"), Ok(86_400_000_000_000));
+        assert_eq!(nanos("1970-01-01T01:00:00Z"), Ok(3_600_000_000_000));
+        assert_eq!(nanos("1970-01-01 01:00:00"), Ok(3_600_000_000_000));
+        assert_eq!(nanos("1970-01-01T01:00:00+01:00"), Ok(0));
+        for bad in ["", "1970", "1970-02-30", "now", "1970-01-01T25:00:00Z"] {
+            assert!(time(bad).is_err(), "{bad}");
+        }
+    }
+}

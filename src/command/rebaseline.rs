@@ -1,0 +1,41 @@
+//! `tirante rebaseline`: a rod's force is compared with a new baseline from now on.
+
+use super::which_store::{WhichStore, ask, check_rod, now};
+use crate::store::{Asked, Reader};
+use std::process::ExitCode;
+
+/// Asks for a new baseline of a rod, after work on it: retensioning, a repair, another sensor.
+///
+/// It begins with the rod's next record, in a segment of its own; what was measured before is kept. Alarms that nobody
+/// acknowledged go on standing.
+#[derive(Debug, Clone, clap::Args)]
+#[command(after_help = "Example:
+  tirante rebaseline --store site.db north --reason \"retensioned by 20 kN\"")]
+pub struct Args {
+    /// The rod.
+    #[arg(value_name = "ROD")]
+    pub rod: String,
+
+    /// Why, for whoever reads the history.
+    #[arg(long, value_name = "TEXT")]
+    pub reason: Option<String>,
+
+    /// The store.
+    #[command(flatten)]
+    pub which: WhichStore,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// No store is named, it cannot be read or written, or it has no such rod.
+pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
+    let path = args.which.path()?;
+    let rod = check_rod(&Reader::open(&path)?, Some(&args.rod))?;
+    let what = Asked::Rebaseline {
+        reason: args.reason.clone(),
+    };
+    let requests: Vec<_> = rod.into_iter().map(|rod| (rod, what.clone())).collect();
+    ask(&path, &requests, now())?;
+    super::print(format!("a new baseline of {} begins with its next record\n", args.rod).as_bytes())
+}

@@ -1,0 +1,369 @@
+//! `tirante report`: what the store knows as one page per site.
+
+use super::BadArguments;
+use crate::config::Config;
+use crate::plot;
+use crate::plot::view::{RecordPoint, RejectionCount, RodReport, SegmentReport, SiteReport, ThermalLine};
+use crate::record::{RodId, Timestamp};
+use crate::sink::AtomicFile;
+use crate::store::{Filter, Listing, Reader, Standing};
+use crate::track::Interval;
+use crate::track::state::Opening;
+use anyhow::Context;
+use serde::Deserialize;
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+/// Writes the report of a site: one HTML page with figures, tables and alarms of every rod, which needs no
+/// network and no other file.
+#[derive(Debug, Clone, clap::Args)]
+#[command(after_help = "Examples:
+  tirante report --store todi.db --out todi.html
+  tirante report --config site.toml --out reports/ --rod north
+
+The same store gives the same page, byte for byte. It may be written beside a running `replay`.")]
+pub struct Args {
+    /// The store; without it the one the configuration names ([store] path).
+    #[arg(long, value_name = "DB")]
+    pub store: Option<PathBuf>,
+
+    /// The configuration that names the store.
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+
+    /// A folder, in which the page is called after the site, or the page itself (*.html).
+    #[arg(long, value_name = "DIR|FILE", default_value = ".")]
+    pub out: PathBuf,
+
+    /// This rod alone.
+    #[arg(long, value_name = "ID")]
+    pub rod: Option<String>,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// No store, one that cannot be read, a rod it does not know, or a page that cannot be written.
+pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
+    let path = match (&args.store, &args.config) {
+        (Some(store), _) => store.clone(),
+        (None, Some(config)) => Config::load(config)?.store.ok_or_else(|| {
+            BadArguments(format!(
+                "{} names no store: put `path` into its [store] section, or give --store DB",
+                config.display()
+            ))
+        })?,
+        (None, None) => {
+            return Err(BadArguments(
+                "which store? Give --store DB, or --config FILE that names one".to_owned(),
+            )
+            .into());
+        }
+    };
+    let reader = Reader::open(&path)?;
+    let rod = args.rod.as_ref().map(|rod| RodId(rod.clone()));
+    let page = write(&reader, rod.as_ref(), &args.out)?;
+    super::print(format!("{}\n", page.display()).as_bytes())
+}
+
+/// Writes the page of what a store knows into the folder, or to the `*.html` file, `out`; all rods or one. Gives
+/// its path.
+///
+/// # Errors
+/// The store cannot be read or does not know the rod, or the page cannot be written.
+pub fn write(reader: &Reader, rod: Option<&RodId>, out: &Path) -> anyhow::Result<PathBuf> {
+    let report = load(reader, rod)?;
+    let is_page = out
+        .extension()
+        .is_some_and(|e| e.eq_ignore_ascii_case("html") || e.eq_ignore_ascii_case("htm"));
+    let page = if is_page {
+        out.to_owned()
+    } else {
+        out.join(format!("{}.html", file_name(&report.site)))
+    };
+    let at = || format!("the report {}", page.display());
+    if let Some(folder) = page.parent().filter(|folder| !folder.as_os_str().is_empty()) {
+        fs::create_dir_all(folder).with_context(at)?;
+    }
+    let mut file = AtomicFile::create(&page).with_context(at)?;
+    file.write_all(plot::page(&report).as_bytes()).with_context(at)?;
+    file.commit().with_context(at)?;
+    Ok(page)
+}
+
+/// A site's name as a file's: letters, digits, `-`, `_`.
+fn file_name(site: &str) -> String {
+    let mut name = String::new();
+    for c in site.chars() {
+        if c.is_alphanumeric() || c == '_' {
+            name.extend(c.to_lowercase());
+        } else if !name.is_empty() && !name.ends_with('-') {
+            name.push('-');
+        }
+    }
+    let name: String = name.trim_end_matches('-').chars().take(60).collect();
+    if name.is_empty() {
+        "report".to_owned()
+    } else {
+        name
+    }
+}
+
+/// What a store knows, as a report; all rods or one.
+///
+/// # Errors
+/// The store cannot be read, or does not know the rod.
+pub fn load(reader: &Reader, rod: Option<&RodId>) -> anyhow::Result<SiteReport> {
+    let standings = reader.standings()?;
+    if let Some(rod) = rod
+        && !standings.iter().any(|standing| standing.rod == *rod)
+    {
+        let known: Vec<&str> = standings.iter().map(|standing| standing.rod.0.as_str()).collect();
+        let known = if known.is_empty() {
+            "no rod".to_owned()
+        } else {
+            known.join(", ")
+        };
+        return Err(BadArguments(format!("--rod {rod}: the store has {known}")).into());
+    }
+    let configs = reader.configs()?;
+    let states = reader.states()?;
+    let mut meaning = Meaning::default();
+    let mut rods = Vec::new();
+    for standing in standings
+        .iter()
+        .filter(|standing| rod.is_none_or(|rod| *rod == standing.rod))
+    {
+        let mut report = load_rod(reader, standing, &mut meaning)?;
+        if let Some(state) = states.get(&standing.rod) {
+            report.limits = state
+                .charts
+                .as_ref()
+                .map(|charts| charts.design().charts.map(|chart| chart.h));
+            report.thermal = state.regression.as_ref().map(|regression| {
+                let (slope_per_k, slope_sd_per_k) = regression.slope();
+                ThermalLine {
+                    slope_per_k,
+                    slope_sd_per_k,
+                }
+            });
+        }
+        rods.push(report);
+    }
+    // The configuration of the latest record speaks for the site.
+    let present = configs
+        .iter()
+        .find(|[hash, _, _]| meaning.latest.as_ref().is_some_and(|(_, latest)| latest == hash))
+        .or(configs.last());
+    let config = present.and_then(|[_, _, text]| Config::parse(text, "the store").ok());
+    for report in &mut rods {
+        let unit = config.as_ref().and_then(|config| config.rod(&report.rod));
+        report.motion_unit = unit.map(|rod| si_of(rod.channels.displacement.unit.key()).to_owned());
+    }
+    let mut provenance = vec![(
+        "program".to_owned(),
+        format!("tirante {}", env!("CARGO_PKG_VERSION")),
+    )];
+    let mut add = |name: &str, values: Vec<String>| {
+        if !values.is_empty() {
+            provenance.push((name.to_owned(), values.join(", ")));
+        }
+    };
+    add(
+        "analysis version",
+        meaning.versions.iter().map(u64::to_string).collect(),
+    );
+    add("configuration", meaning.configs.iter().cloned().collect());
+    add(
+        "seed of the site",
+        config.iter().map(|config| config.seed.to_string()).collect(),
+    );
+    Ok(SiteReport {
+        site: present.map_or_else(|| "Site".to_owned(), |[_, site, _]| site.clone()),
+        rods,
+        provenance,
+    })
+}
+
+/// The SI unit samples of a unit of motion are converted to.
+fn si_of(unit: &str) -> &'static str {
+    if unit.ends_with("/s2") || unit == "g" {
+        "m/s\u{b2}"
+    } else if unit.ends_with("/s") {
+        "m/s"
+    } else {
+        "m"
+    }
+}
+
+/// What gave the numbers their meaning, over all records.
+#[derive(Default)]
+struct Meaning {
+    configs: BTreeSet<String>,
+    versions: BTreeSet<u64>,
+    /// Time and configuration of the latest record.
+    latest: Option<(Timestamp, String)>,
+}
+
+/// The part of a record's JSON line a report needs.
+#[derive(Deserialize)]
+struct Line {
+    start: Option<Timestamp>,
+    #[serde(default)]
+    modes: Vec<LineMode>,
+    axial_force_n: Option<LineForce>,
+    conflict: Option<f64>,
+    tracked_force_n: Option<Interval>,
+    relative_force: Option<Interval>,
+    temperature_c: Option<f64>,
+    reference_temperature_c: Option<f64>,
+    force_at_reference_n: Option<Interval>,
+    relative_force_at_reference: Option<Interval>,
+    segment: Option<u32>,
+    set_aside: Option<String>,
+    rejection: Option<LineReason>,
+    #[serde(default)]
+    config: String,
+    analysis_version: Option<u64>,
+}
+
+#[derive(Deserialize)]
+struct LineMode {
+    order: usize,
+    frequency_hz: f64,
+    sd_hz: f64,
+}
+
+#[derive(Deserialize)]
+struct LineForce {
+    mean: f64,
+    sd: f64,
+    q025: f64,
+    q975: f64,
+}
+
+#[derive(Deserialize)]
+struct LineReason {
+    code: String,
+    message: String,
+}
+
+fn load_rod(reader: &Reader, standing: &Standing, meaning: &mut Meaning) -> anyhow::Result<RodReport> {
+    let rod = &standing.rod;
+    let mut report = RodReport::new(&rod.0);
+    report.state = Some(standing.state.clone());
+    let filter = Filter {
+        rod: Some(rod.clone()),
+        ..Filter::default()
+    };
+    let mut rejections: BTreeMap<String, RejectionCount> = BTreeMap::new();
+    reader.lines(Listing::Records, &filter, |text| -> anyhow::Result<()> {
+        let line: Line =
+            serde_json::from_str(text).with_context(|| format!("a record of rod {rod} in the store"))?;
+        meaning.see(&line);
+        match line.rejection {
+            Some(LineReason { code, message }) => {
+                let entry = rejections.entry(code.clone()).or_insert_with(|| RejectionCount {
+                    code,
+                    count: 0,
+                    last: None,
+                    message: String::new(),
+                });
+                entry.count += 1;
+                entry.last = entry.last.max(line.start);
+                entry.message = message;
+            }
+            None => report.records.extend(line.into_point()),
+        }
+        Ok(())
+    })?;
+    report.rejections = rejections.into_values().collect();
+    report
+        .rejections
+        .sort_by(|a, b| b.count.cmp(&a.count).then_with(|| a.code.cmp(&b.code)));
+    report.alarms = reader.alarms(&filter)?;
+    for segment in reader.segments(rod)? {
+        let periods = reader.periods(rod, segment.number)?;
+        report
+            .periods
+            .extend(periods.into_iter().map(|period| (segment.number, period)));
+        let baseline = segment.baseline.as_ref();
+        report.segments.push(SegmentReport {
+            number: segment.number,
+            reason: match segment.reason {
+                Opening::First => "first record",
+                Opening::Requested => "on request",
+                Opening::Changed => "configuration or program changed",
+            }
+            .to_owned(),
+            baseline: baseline.map(|baseline| (baseline.first, baseline.last)),
+            records: baseline.map_or(0, |baseline| baseline.records),
+            overdispersion: baseline.map(|baseline| baseline.overdispersion),
+            reference_c: segment.reference_c,
+            fault: segment.fault,
+        });
+    }
+    let snapshots = reader.snapshots(rod)?;
+    report.baseline = snapshots.first;
+    report.latest = snapshots.latest;
+    Ok(report)
+}
+
+impl Meaning {
+    fn see(&mut self, line: &Line) {
+        if !self.configs.contains(&line.config) {
+            self.configs.insert(line.config.clone());
+        }
+        self.versions.extend(line.analysis_version);
+        let is_later = |start: &Timestamp| self.latest.as_ref().is_none_or(|(latest, _)| latest <= start);
+        if let Some(start) = line.start.filter(is_later) {
+            self.latest = Some((start, line.config.clone()));
+        }
+    }
+}
+
+impl Line {
+    fn into_point(self) -> Option<RecordPoint> {
+        let force = self.axial_force_n?;
+        Some(RecordPoint {
+            start: self.start?,
+            segment: self.segment,
+            force_n: Interval {
+                mean: force.mean,
+                sd: force.sd,
+                q025: force.q025,
+                q975: force.q975,
+            },
+            tracked_force_n: self.tracked_force_n,
+            force_at_reference_n: self.force_at_reference_n,
+            ratio: self.relative_force,
+            ratio_at_reference: self.relative_force_at_reference,
+            temperature_c: self.temperature_c,
+            reference_c: self.reference_temperature_c,
+            modes: self
+                .modes
+                .iter()
+                .map(|mode| (mode.order, mode.frequency_hz, mode.sd_hz))
+                .collect(),
+            conflict: self.conflict,
+            set_aside: self.set_aside,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_page_is_called_after_its_site_whatever_the_site_is_called() {
+        assert_eq!(file_name("San Fortunato, Todi"), "san-fortunato-todi");
+        assert_eq!(file_name("../../etc/passwd"), "etc-passwd");
+        assert_eq!(file_name("Sant'Ambrogio – Milano"), "sant-ambrogio-milano");
+        assert_eq!(file_name("..."), "report");
+        assert_eq!(file_name(&"x".repeat(500)).len(), 60);
+    }
+}

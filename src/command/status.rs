@@ -1,0 +1,308 @@
+//! `tirante status`: how every rod stands, since when, and why.
+
+use super::listing::{Aligned, csv, seconds};
+use super::which_store::{Format, WhichStore, check_rod};
+use crate::record::{RodId, Timestamp};
+use crate::store::{Asked, Reader, Standing};
+use crate::track::{Alarm, Interval, RodState};
+use serde::{Deserialize, Serialize};
+use std::process::ExitCode;
+
+/// Says how every rod stands: its state and since when, the force with its 95 % interval, the change since the
+/// baseline, and the alarms that stand.
+///
+/// It reads beside a running `replay` or `run`.
+#[derive(Debug, Clone, clap::Args)]
+#[command(after_help = "Examples:
+  tirante status --store site.db
+  tirante status --config site.toml --rod north --format json
+
+Force and change are given at the reference temperature. A '~' says that they are not: they are those of
+the latest record at its own temperature, uncompensated.")]
+pub struct Args {
+    /// The store.
+    #[command(flatten)]
+    pub which: WhichStore,
+
+    /// This rod only.
+    #[arg(long, value_name = "ID")]
+    pub rod: Option<String>,
+
+    /// How it is said.
+    #[arg(long, value_enum, default_value_t)]
+    pub format: Format,
+}
+
+/// One rod, as JSON has it; every field is always present.
+#[derive(Serialize)]
+struct Row {
+    rod: RodId,
+    state: &'static str,
+    state_reason: Option<String>,
+    since: Option<Timestamp>,
+    segment: u32,
+    baseline_records: Option<usize>,
+    learned_periods: Option<usize>,
+    /// Whether force and change are at the reference temperature.
+    compensated: bool,
+    reference_temperature_c: Option<f64>,
+    force_n: Option<Interval>,
+    relative_force: Option<Interval>,
+    latest_used: Option<Timestamp>,
+    latest_record: Option<Timestamp>,
+    records: i64,
+    rejected: i64,
+    alarms: Vec<Alarm>,
+    waiting: Vec<String>,
+}
+
+/// What a record's line says that is asked for here.
+#[derive(Default, Deserialize)]
+struct Line {
+    start: Option<Timestamp>,
+    tracked_force_n: Option<Interval>,
+    relative_force: Option<Interval>,
+    reference_temperature_c: Option<f64>,
+    force_at_reference_n: Option<Interval>,
+    relative_force_at_reference: Option<Interval>,
+    segment: Option<u32>,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// No store is named, it cannot be read, it does not have the rod, or stdout cannot be written.
+pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
+    let reader = Reader::open(&args.which.path()?)?;
+    let rod = check_rod(&reader, args.rod.as_deref())?;
+    let text = text(&reader, rod.as_ref(), args.format)?;
+    if text.is_empty() {
+        tell!("{} has no records yet", reader.path().display());
+    }
+    super::print(text.as_bytes())
+}
+
+/// How the rods of a store stand, or this one; nothing if it has no rod yet.
+///
+/// # Errors
+/// The store cannot be read.
+pub fn text(reader: &Reader, rod: Option<&RodId>, format: Format) -> anyhow::Result<String> {
+    let mut rows = Vec::new();
+    for standing in reader.standings()? {
+        if rod.is_none_or(|rod| *rod == standing.rod) {
+            rows.push(Row::of(standing)?);
+        }
+    }
+    if rows.is_empty() {
+        Ok(String::new())
+    } else {
+        print(&rows, format)
+    }
+}
+
+impl Row {
+    fn of(standing: Standing) -> anyhow::Result<Self> {
+        let line: Line = match &standing.latest {
+            Some(line) => serde_json::from_str(line)?,
+            None => Line::default(),
+        };
+        // What an older segment's record says is relative to another baseline.
+        let is_present = line.segment == Some(standing.segment);
+        let line = if is_present {
+            line
+        } else {
+            Line {
+                start: line.start,
+                ..Line::default()
+            }
+        };
+        let compensated = line.relative_force_at_reference.is_some();
+        let (state_reason, baseline_records, learned_periods) = match &standing.state {
+            RodState::NotMonitoring { reason } => (Some(reason.clone()), None, None),
+            RodState::Learning { records, periods } => (None, Some(*records), Some(*periods)),
+            RodState::Monitoring | RodState::Alarm => (None, None, None),
+        };
+        Ok(Self {
+            state: standing.state.code(),
+            state_reason,
+            since: standing.since,
+            segment: standing.segment,
+            baseline_records,
+            learned_periods,
+            compensated,
+            reference_temperature_c: line.reference_temperature_c,
+            force_n: line.force_at_reference_n.or(line.tracked_force_n),
+            relative_force: line.relative_force_at_reference.or(line.relative_force),
+            latest_used: line.start,
+            latest_record: standing.latest_start,
+            records: standing.records,
+            rejected: standing.rejected,
+            alarms: standing.alarms,
+            waiting: standing
+                .waiting
+                .iter()
+                .map(|request| match &request.what {
+                    Asked::Acknowledge { alarm } => format!("acknowledge {alarm}"),
+                    Asked::Rebaseline { .. } => "rebaseline".to_owned(),
+                })
+                .collect(),
+            rod: standing.rod,
+        })
+    }
+
+    fn rejected_share(&self) -> f64 {
+        if self.records > 0 {
+            self.rejected as f64 / self.records as f64
+        } else {
+            0.0
+        }
+    }
+
+    /// Why the rod stands as it does, if there is more to say than the state's name.
+    fn why(&self) -> Option<String> {
+        if let (Some(records), Some(periods)) = (self.baseline_records, self.learned_periods) {
+            return Some(format!(
+                "{records} records for the baseline, {periods} periods learned so far"
+            ));
+        }
+        self.state_reason.clone()
+    }
+}
+
+fn print(rows: &[Row], format: Format) -> anyhow::Result<String> {
+    match format {
+        Format::Json => {
+            let mut out = String::new();
+            for row in rows {
+                out += &serde_json::to_string(row)?;
+                out.push('\n');
+            }
+            Ok(out)
+        }
+        Format::Csv => Ok(spreadsheet(rows)),
+        Format::Table => Ok(table(rows)),
+    }
+}
+
+fn table(rows: &[Row]) -> String {
+    let mut table = Aligned::new(&[
+        "rod",
+        "state",
+        "since (UTC)",
+        ">force [kN]",
+        ">95 % interval",
+        ">change [%]",
+        "latest record (UTC)",
+        ">records",
+        ">rejected",
+    ]);
+    let time =
+        |time: Option<Timestamp>| time.map_or_else(|| "-".to_owned(), |time| seconds(&time.to_string()));
+    for row in rows {
+        let mark = if row.compensated { "" } else { "~" };
+        let dash = || "-".to_owned();
+        let force = row.force_n.as_ref();
+        table.push(vec![
+            row.rod.0.clone(),
+            row.state.to_owned(),
+            time(row.since),
+            force.map_or_else(dash, |n| format!("{mark}{:.0}", n.mean * 1e-3)),
+            force.map_or_else(dash, |n| format!("{:.0} to {:.0}", n.q025 * 1e-3, n.q975 * 1e-3)),
+            row.relative_force.as_ref().map_or_else(dash, |r| {
+                format!("{mark}{:+.2} ± {:.2}", (r.mean - 1.0) * 100.0, r.sd * 100.0)
+            }),
+            time(row.latest_record),
+            row.records.to_string(),
+            format!("{:.1} %", row.rejected_share() * 100.0),
+        ]);
+        if let Some(why) = row.why() {
+            table.note(why);
+        }
+        if row.relative_force.is_some() && !row.compensated {
+            table.note(
+                "uncompensated: force and change are those at the temperature of the latest record"
+                    .to_owned(),
+            );
+        }
+        for alarm in &row.alarms {
+            let known = if alarm.acknowledged.is_some() {
+                ", acknowledged"
+            } else {
+                ""
+            };
+            let over = if alarm.cleared.is_some() {
+                ", its condition ended"
+            } else {
+                ""
+            };
+            table.note(format!(
+                "alarm {} {} since {}{known}{over}: {}",
+                alarm.id,
+                alarm.kind,
+                seconds(&alarm.raised.to_string()),
+                alarm.message
+            ));
+        }
+        for request in &row.waiting {
+            table.note(format!("asked for, waits for the next record: {request}"));
+        }
+    }
+    table.print()
+}
+
+fn spreadsheet(rows: &[Row]) -> String {
+    let mut out = csv([
+        "rod",
+        "state",
+        "why",
+        "since",
+        "segment",
+        "compensated",
+        "reference_temperature_c",
+        "force_n",
+        "force_q025_n",
+        "force_q975_n",
+        "relative_force",
+        "relative_force_sd",
+        "relative_force_q025",
+        "relative_force_q975",
+        "latest_used",
+        "latest_record",
+        "records",
+        "rejected",
+        "alarms",
+    ]);
+    let number = |number: Option<f64>| number.map_or_else(String::new, |number| format!("{number:?}"));
+    let time = |time: Option<Timestamp>| time.map_or_else(String::new, |time| time.to_string());
+    for row in rows {
+        let (force, relative) = (row.force_n.as_ref(), row.relative_force.as_ref());
+        let alarms: Vec<String> = row
+            .alarms
+            .iter()
+            .map(|a| format!("{} {}", a.kind, a.id))
+            .collect();
+        let cells = [
+            row.rod.0.clone(),
+            row.state.to_owned(),
+            row.why().unwrap_or_default(),
+            time(row.since),
+            row.segment.to_string(),
+            row.compensated.to_string(),
+            number(row.reference_temperature_c),
+            number(force.map(|n| n.mean)),
+            number(force.map(|n| n.q025)),
+            number(force.map(|n| n.q975)),
+            number(relative.map(|r| r.mean)),
+            number(relative.map(|r| r.sd)),
+            number(relative.map(|r| r.q025)),
+            number(relative.map(|r| r.q975)),
+            time(row.latest_used),
+            time(row.latest_record),
+            row.records.to_string(),
+            row.rejected.to_string(),
+            alarms.join("; "),
+        ];
+        out += &csv(cells.iter().map(String::as_str));
+    }
+    out
+}

@@ -1,0 +1,116 @@
+//! Which store a command means, in which format it answers, and what time it is.
+
+use super::BadArguments;
+use crate::config::Config;
+use crate::record::{RodId, Timestamp};
+use crate::store::{Asked, Durability, Reader, Store, StoreError, request_of_writer};
+use std::path::{Path, PathBuf};
+use std::time::SystemTime;
+
+/// The store of a command.
+#[derive(Debug, Clone, clap::Args)]
+pub struct WhichStore {
+    /// The store; over the `[store] path` of the configuration.
+    #[arg(long, value_name = "FILE")]
+    pub store: Option<PathBuf>,
+
+    /// The configuration whose `[store] path` names the store.
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+}
+
+/// How a command answers.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, clap::ValueEnum)]
+pub enum Format {
+    /// Aligned columns for people.
+    #[default]
+    Table,
+    /// One JSON object per line.
+    Json,
+    /// Comma-separated values (RFC 4180) with the unit in each column's name.
+    Csv,
+}
+
+impl WhichStore {
+    /// The file.
+    ///
+    /// # Errors
+    /// None is named, or the configuration is not valid.
+    pub fn path(&self) -> anyhow::Result<PathBuf> {
+        if let Some(path) = &self.store {
+            return Ok(path.clone());
+        }
+        let Some(config) = &self.config else {
+            return Err(BadArguments(
+                "no store is named: --store FILE, or --config FILE with `path` in its section [store]"
+                    .to_owned(),
+            )
+            .into());
+        };
+        match Config::resolve(Some(config), &[])?.store {
+            Some(path) => Ok(path),
+            None => Err(BadArguments(format!(
+                "{} names no store: put `path = \"…\"` into its section [store], or say --store FILE",
+                config.display()
+            ))
+            .into()),
+        }
+    }
+}
+
+/// Refuses a rod the store does not have.
+pub fn check_rod(reader: &Reader, rod: Option<&str>) -> anyhow::Result<Option<RodId>> {
+    let Some(id) = rod else { return Ok(None) };
+    let rods: Vec<String> = reader.rods()?.into_iter().map(|rod| rod.0).collect();
+    if rods.iter().any(|rod| rod == id) {
+        return Ok(Some(RodId(id.to_owned())));
+    }
+    let known = if rods.is_empty() {
+        "no rod yet".to_owned()
+    } else {
+        rods.join(", ")
+    };
+    Err(BadArguments(format!("rod {id}: {} has {known}", reader.path().display())).into())
+}
+
+/// What the clock says.
+pub fn now() -> Timestamp {
+    let nanos = SystemTime::now()
+        .duration_since(SystemTime::UNIX_EPOCH)
+        .map_or(0, |since| i64::try_from(since.as_nanos()).unwrap_or(i64::MAX));
+    Timestamp::from_nanos(nanos)
+}
+
+/// Puts requests into a store, and applies at once what needs no fold if nothing writes to it; says when they hold.
+pub fn ask(path: &Path, requests: &[(RodId, Asked)], asked: Timestamp) -> anyhow::Result<String> {
+    let mut store = match Store::open(path, Durability::Full) {
+        Ok(store) => store,
+        Err(StoreError::Held { pid, .. }) => {
+            request_of_writer(path, requests, asked)?;
+            let writer = pid.map_or_else(
+                || "the process that writes".to_owned(),
+                |pid| format!("process {pid}"),
+            );
+            return Ok(format!(
+                "asked for, {writer} does it before the rod's next record"
+            ));
+        }
+        Err(error) => return Err(error.into()),
+    };
+    if let Some(aside) = store.moved_aside() {
+        anyhow::bail!(
+            "the store was damaged and is now {}: nothing was asked for",
+            aside.display()
+        );
+    }
+    for (rod, what) in requests {
+        store.request(rod, what, asked)?;
+    }
+    let mut states = store.states()?;
+    let still = store.acknowledge_waiting(&mut states)?;
+    Ok(if still == 0 {
+        "done".to_owned()
+    } else {
+        "asked for, done before the rod's next record".to_owned()
+    })
+}

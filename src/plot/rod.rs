@@ -1,0 +1,470 @@
+//! One rod's part of the report: how it stands, figures with their captions, tables.
+
+use super::axis::minus;
+use super::distribution::{self, significant};
+use super::history::{self, Span};
+use super::markup::Markup;
+use super::page::{counted, day, moment, state_class, state_text};
+use super::view::RodReport;
+use crate::track::{Alarm, Interval};
+
+/// From this many standard deviations on, people are told that model and data disagree.
+const CONFLICT_SHOWN: f64 = 3.0;
+/// Alarms listed; the latest of more.
+const ALARMS_LISTED: usize = 200;
+
+/// A cell of a table.
+pub(super) enum Cell {
+    /// Plain text.
+    Text(String),
+    /// Text that stays on one line.
+    Line(String),
+    /// A state with its style.
+    State(&'static str, String),
+    /// A place in the page, and what is written there.
+    Link(String, String),
+}
+
+/// What is known now, as text.
+pub(super) struct Now {
+    pub as_measured: String,
+    pub at_reference: String,
+    pub change: String,
+}
+
+/// The latest force and change; a record that does not count has none.
+pub(super) fn now(rod: &RodReport) -> Now {
+    let Some(last) = rod.records.last() else {
+        let none = || "not known".to_owned();
+        return Now {
+            as_measured: none(),
+            at_reference: none(),
+            change: none(),
+        };
+    };
+    let force = last.tracked_force_n.unwrap_or(last.force_n);
+    let change = match (last.ratio_at_reference, last.ratio) {
+        (Some(ratio), _) => percent(&ratio),
+        (None, Some(ratio)) => format!("{}, uncompensated", percent(&ratio)),
+        (None, None) => "no baseline yet".to_owned(),
+    };
+    let at_reference = last.force_at_reference_n.map_or_else(
+        || "not known".to_owned(),
+        |force| match last.reference_c {
+            Some(celsius) => format!("{} at {celsius:.1} \u{b0}C", kilonewtons(&force)),
+            None => kilonewtons(&force),
+        },
+    );
+    let as_measured = match last.temperature_c {
+        Some(celsius) => format!(
+            "{} at {} \u{b0}C",
+            kilonewtons(&force),
+            minus(&format!("{celsius:.1}"))
+        ),
+        None => kilonewtons(&force),
+    };
+    Now {
+        as_measured,
+        at_reference,
+        change,
+    }
+}
+
+fn kilonewtons(force_n: &Interval) -> String {
+    let kn = |n: f64| significant(1e-3 * n);
+    format!(
+        "{} kN [{} to {}]",
+        kn(force_n.mean),
+        kn(force_n.q025),
+        kn(force_n.q975)
+    )
+}
+
+/// A ratio as a change in percent with its interval.
+fn percent(ratio: &Interval) -> String {
+    let change = |x: f64| signed(100.0 * (x - 1.0));
+    format!(
+        "{} % [{} to {}]",
+        change(ratio.mean),
+        change(ratio.q025),
+        change(ratio.q975)
+    )
+}
+
+fn signed(value: f64) -> String {
+    minus(&format!("{value:+.2}"))
+}
+
+/// The rod's part of the page; `id` begins the ids of its figures.
+pub(super) fn section(html: &mut Markup, rod: &RodReport, id: &str) {
+    html.leaf("h2", &[], format!("Rod {}", rod.rod));
+    html.element("p", &[], |p| {
+        p.leaf(
+            "span",
+            &[("class", &format!("state {}", state_class(rod)))],
+            state_text(rod),
+        );
+    });
+    for alarm in rod.standing() {
+        html.element("div", &[("class", "note"), ("role", "note")], |note| {
+            note.leaf(
+                "strong",
+                &[],
+                format!("{} since {}. ", alarm.kind, moment(alarm.raised)),
+            );
+            note.text(&alarm.message);
+        });
+    }
+    remarks(html, rod);
+    let known = now(rod);
+    if !rod.records.is_empty() {
+        html.element("dl", &[], |list| {
+            for (name, value) in [
+                ("Force as measured", known.as_measured),
+                ("Force at reference", known.at_reference),
+                ("Change since baseline", known.change),
+            ] {
+                list.leaf("dt", &[], name);
+                list.leaf("dd", &[], value);
+            }
+        });
+    }
+    over_time(html, rod, id);
+    last_record(html, rod, id);
+    tables(html, rod);
+}
+
+/// What a reader must know before believing the figures.
+fn remarks(html: &mut Markup, rod: &RodReport) {
+    let mut calm = |text: String| html.leaf("p", &[("class", "note calm")], text);
+    let Some(last) = rod.records.last() else {
+        let refused: usize = rod.rejections.iter().map(|rejection| rejection.count).sum();
+        return calm(match refused {
+            0 => "There is no record of this rod yet.".to_owned(),
+            _ => format!(
+                "None of {} could be used; the reasons are listed below.",
+                counted(refused, "record")
+            ),
+        });
+    };
+    if let Some(fault) = rod.segment().and_then(|segment| segment.fault.as_ref()) {
+        calm(format!("The last attempt to learn a baseline failed: {fault}."));
+    }
+    if last.ratio.is_some() && last.ratio_at_reference.is_none() {
+        calm(
+            "The change is not compensated for temperature: a warm day can look like a loss of force, a cold one like a gain."
+                .to_owned(),
+        );
+    }
+    if last.conflict.is_some_and(|conflict| conflict >= CONFLICT_SHOWN) {
+        calm(
+            "The measured frequencies are not those of a rod the model allows: the absolute force may be wrong by more than its \
+             interval says. Changes since the baseline do not depend on this."
+                .to_owned(),
+        );
+    }
+    if let Some(reason) = &last.set_aside {
+        calm(format!(
+            "The last record does not count on the charts: {}.",
+            reason.replace('-', " ")
+        ));
+    }
+}
+
+/// A drawing with its caption, if there is one.
+fn figure(html: &mut Markup, drawing: Option<Markup>, caption: &str) {
+    let Some(drawing) = drawing else { return };
+    html.element("figure", &[], |figure| {
+        // Narrow screens scroll the drawing, not the page; the keyboard can too.
+        figure.element("div", &[("class", "scroll"), ("tabindex", "0")], |div| {
+            div.append(drawing)
+        });
+        if !caption.is_empty() {
+            figure.leaf("figcaption", &[], caption);
+        }
+    });
+}
+
+fn over_time(html: &mut Markup, rod: &RodReport, id: &str) {
+    let Some(span) = Span::of(rod) else { return };
+    if let Some(drawing) = history::relative_force(rod, &span, &format!("{id}-rel")) {
+        html.leaf("h3", &[], "Change of force since the baseline");
+        figure(
+            html,
+            Some(drawing),
+            "A sound rod stays at zero at the reference temperature; the grey measured values move with the weather. A lasting \
+             departure of the blue line beyond its band is a change of the rod, and a red line marks when somebody was told.",
+        );
+        figure(
+            html,
+            history::temperature(rod, &span, &format!("{id}-temp")),
+            "Temperature over the same time: the force as measured falls when the rod warms and rises when it cools.",
+        );
+    }
+    if rod
+        .periods
+        .iter()
+        .any(|(_, period)| period.charted.is_some_and(|charted| charted.cusum.is_some()))
+    {
+        html.leaf("h3", &[], "Control charts");
+        figure(
+            html,
+            history::chart(rod, &span, 0, &format!("{id}-step")),
+            "The chart for steps gathers what temperature does not explain; it hovers near zero while nothing changes and raises an \
+             alarm when it crosses its limit. What runs far beyond the limit leaves the frame.",
+        );
+        figure(
+            html,
+            history::chart(rod, &span, 1, &format!("{id}-ramp")),
+            "The chart for slow ramps forgets less, and so finds a creeping loss that the first chart would not.",
+        );
+    }
+    let thermal = distribution::thermal(rod, &format!("{id}-ther"));
+    if thermal.is_some() {
+        html.leaf("h3", &[], "Force against temperature");
+        figure(
+            html,
+            thermal,
+            "Each dot is one period. Dots along the line are what temperature does to a sound rod; dots that leave it are not.",
+        );
+    }
+    html.leaf("h3", &[], "Absolute force");
+    figure(
+        html,
+        history::absolute_force(rod, &span, &format!("{id}-abs")),
+        "The grey interval is what each record says by itself; the blue one, once there is a baseline, uses all of them. Both are \
+         wide because the rod's stiffness and density are uncertain: judge changes by the figure above, not by this one.",
+    );
+    html.leaf("h3", &[], "Natural frequencies");
+    figure(
+        html,
+        history::frequencies(rod, &span, &format!("{id}-freq")),
+        "Everything above rests on these frequencies. When the force changes all of them move together; one that moves alone points \
+         to something else, such as an added mass or a loose support.",
+    );
+}
+
+fn last_record(html: &mut Markup, rod: &RodReport, id: &str) {
+    let spectrum = distribution::spectrum(rod, &format!("{id}-spec"));
+    if spectrum.is_some() {
+        html.leaf("h3", &[], "Spectrum");
+        figure(
+            html,
+            spectrum,
+            "How strongly the rod vibrates at each frequency. The marked peaks are its natural modes; grey dots are peaks that belong \
+             to something else.",
+        );
+    }
+    let Some(latest) = rod.latest.as_ref().or(rod.baseline.as_ref()) else {
+        return;
+    };
+    if latest.densities.is_empty() {
+        return;
+    }
+    html.leaf("h3", &[], "What the record taught");
+    html.leaf(
+        "p",
+        &[("class", "about")],
+        "What was assumed of each quantity (grey) and what the latest record leaves possible (blue). A blue curve narrower than the \
+         grey one was learned from the vibration; one that covers it was not.",
+    );
+    html.element("div", &[("class", "pair")], |pair| {
+        for (i, density) in latest.densities.iter().enumerate() {
+            figure(
+                pair,
+                Some(distribution::density(rod, density, &format!("{id}-den{i}"))),
+                "",
+            );
+        }
+    });
+    let rows: Vec<Vec<Cell>> = latest
+        .densities
+        .iter()
+        .map(|density| {
+            let (name, unit, factor) = distribution::quantity(&density.quantity);
+            let shown =
+                |(mean, sd): (f64, f64)| Cell::Text(distribution::mean_and_sd(mean * factor, sd * factor));
+            vec![
+                Cell::Text(format!("{name} [{unit}]")),
+                shown(density.prior_mean_sd),
+                shown(density.posterior_mean_sd),
+            ]
+        })
+        .collect();
+    let caption = format!(
+        "Mean \u{b1} standard deviation, record of {}, {:.0} s at {} Hz, seed {}.",
+        moment(latest.start),
+        latest.duration_s,
+        significant(latest.fs_hz),
+        latest.seed
+    );
+    table(
+        html,
+        &caption,
+        &["Quantity", "Before (prior)", "After (posterior)"],
+        &rows,
+    );
+}
+
+fn tables(html: &mut Markup, rod: &RodReport) {
+    html.leaf("h3", &[], "Alarms");
+    if rod.alarms.is_empty() {
+        html.leaf("p", &[], "None so far.");
+    } else {
+        let listed = rod
+            .alarms
+            .iter()
+            .rev()
+            .take(ALARMS_LISTED)
+            .map(alarm_row)
+            .collect::<Vec<_>>();
+        let caption = if rod.alarms.len() > ALARMS_LISTED {
+            format!("The latest {ALARMS_LISTED} of {}.", rod.alarms.len())
+        } else {
+            "The latest first. Intervals hold the true value with 95 % probability.".to_owned()
+        };
+        let header = [
+            "Kind",
+            "Raised",
+            "Began",
+            "Size [%]",
+            "Rate [%/year]",
+            "Acknowledged",
+            "Cleared",
+            "What it says",
+        ];
+        table(html, &caption, &header, &listed);
+    }
+    if !rod.segments.is_empty() {
+        html.leaf("h3", &[], "Baselines");
+        let rows: Vec<Vec<Cell>> = rod
+            .segments
+            .iter()
+            .map(|segment| {
+                let (span, records) = match segment.baseline {
+                    Some((first, last)) => (
+                        format!("{} to {}", moment(first), moment(last)),
+                        segment.records.to_string(),
+                    ),
+                    None => ("not yet learned".to_owned(), String::new()),
+                };
+                let number = |value: Option<f64>| value.map_or_else(String::new, significant);
+                vec![
+                    Cell::Text(segment.number.to_string()),
+                    Cell::Text(segment.reason.replace('-', " ")),
+                    Cell::Line(span),
+                    Cell::Text(records),
+                    Cell::Text(number(segment.reference_c)),
+                    Cell::Text(number(segment.overdispersion)),
+                ]
+            })
+            .collect();
+        let header = [
+            "Segment",
+            "Opened",
+            "Baseline",
+            "Records",
+            "Reference [\u{b0}C]",
+            "Scatter over stated error",
+        ];
+        table(
+            html,
+            "Each baseline begins a stretch of history of its own; changes are never compared across two.",
+            &header,
+            &rows,
+        );
+    }
+    if !rod.rejections.is_empty() {
+        html.leaf("h3", &[], "Refused records");
+        let rows: Vec<Vec<Cell>> = rod
+            .rejections
+            .iter()
+            .map(|rejection| {
+                vec![
+                    Cell::Line(rejection.code.clone()),
+                    Cell::Text(rejection.count.to_string()),
+                    Cell::Line(rejection.last.map_or_else(|| "time unknown".to_owned(), moment)),
+                    Cell::Text(rejection.message.clone()),
+                ]
+            })
+            .collect();
+        table(
+            html,
+            "Records that gave no force, by reason.",
+            &["Reason", "Records", "Last", "Said the last time"],
+            &rows,
+        );
+    }
+}
+
+fn alarm_row(alarm: &Alarm) -> Vec<Cell> {
+    let (onset, size, rate) = alarm.change.as_ref().map_or_else(
+        || (String::new(), String::new(), String::new()),
+        |change| {
+            let onset = format!(
+                "{} [{} to {}]",
+                day(change.onset),
+                day(change.onset_q025),
+                day(change.onset_q975)
+            );
+            let percent = |interval: &Interval| {
+                let one = |x: f64| signed(100.0 * x);
+                format!(
+                    "{} [{} to {}]",
+                    one(interval.mean),
+                    one(interval.q025),
+                    one(interval.q975)
+                )
+            };
+            let rate = if change.step_probability > 0.5 {
+                format!("a step ({:.0} %)", 100.0 * change.step_probability)
+            } else {
+                percent(&change.rate_per_year)
+            };
+            (onset, percent(&change.size), rate)
+        },
+    );
+    let when = |time: Option<_>| time.map_or_else(|| "no".to_owned(), moment);
+    vec![
+        Cell::Line(alarm.kind.to_string()),
+        Cell::Line(moment(alarm.raised)),
+        Cell::Text(onset),
+        Cell::Text(size),
+        Cell::Text(rate),
+        Cell::Line(when(alarm.acknowledged)),
+        Cell::Line(when(alarm.cleared)),
+        Cell::Text(alarm.message.clone()),
+    ]
+}
+
+/// A table with its caption, which scrolls by itself on a narrow screen.
+pub(super) fn table(html: &mut Markup, caption: &str, header: &[&str], rows: &[Vec<Cell>]) {
+    html.element("div", &[("class", "scroll"), ("tabindex", "0")], |div| {
+        div.element("table", &[], |table| {
+            table.leaf("caption", &[], caption);
+            table.element("thead", &[], |head| {
+                head.element("tr", &[], |row| {
+                    for name in header {
+                        row.leaf("th", &[("scope", "col")], name);
+                    }
+                });
+            });
+            table.element("tbody", &[], |body| {
+                for cells in rows {
+                    body.element("tr", &[], |row| cells.iter().for_each(|cell| write(row, cell)));
+                }
+            });
+        });
+    });
+}
+
+fn write(row: &mut Markup, cell: &Cell) {
+    match cell {
+        Cell::Text(text) => row.leaf("td", &[], text),
+        Cell::Line(text) => row.leaf("td", &[("class", "nowrap")], text),
+        Cell::State(class, text) => row.element("td", &[], |td| {
+            td.leaf("span", &[("class", &format!("state {class}"))], text);
+        }),
+        Cell::Link(to, text) => row.element("td", &[], |td| td.leaf("a", &[("href", to)], text)),
+    }
+}

@@ -1,0 +1,150 @@
+//! What single records looked like, kept for the report: the first of each segment and the latest of each rod.
+
+use super::row::Row;
+use super::state::{self, Trouble};
+use super::{Reader, StoreError};
+use crate::record::RodId;
+use crate::snapshot::Snapshot;
+use rusqlite::{Connection, OptionalExtension};
+
+/// The latest record's row stands under this number; segments count from 1.
+const LATEST: i64 = 0;
+
+/// What a record looked like.
+#[derive(Clone, Copy)]
+pub struct SnapshotRow<'a> {
+    /// The rod.
+    pub rod: &'a RodId,
+    /// The segment the record belongs to.
+    pub segment: u32,
+    /// What it looked like.
+    pub snapshot: &'a Snapshot,
+}
+
+/// The snapshots of one rod.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Snapshots {
+    /// The first record of the present segment.
+    pub first: Option<Snapshot>,
+    /// The latest record.
+    pub latest: Option<Snapshot>,
+}
+
+impl SnapshotRow<'_> {
+    /// Keeps it as the first of its segment if there is none, and as the latest unless a later one is kept.
+    pub(super) fn write(&self, connection: &Connection) -> Result<(), Trouble> {
+        let json = serde_json::to_string(self.snapshot).map_err(|error| StoreError::Unkeepable {
+            what: format!("the snapshot of a record of rod {}", self.rod),
+            detail: error.to_string(),
+        })?;
+        let start_ns = self.snapshot.start.as_nanos();
+        let kept_ns = |number: i64| -> rusqlite::Result<Option<i64>> {
+            connection
+                .prepare_cached("SELECT start_ns FROM snapshot WHERE rod = ? AND number = ?")?
+                .query_row((&self.rod.0, number), |row| row.get(0))
+                .optional()
+        };
+        let row = |number: i64, json: String| {
+            Row::of("snapshot")
+                .with("rod", self.rod.0.clone())
+                .with("number", number)
+                .with("start_ns", start_ns)
+                .with("json", json)
+        };
+        let segment = i64::from(self.segment);
+        if kept_ns(segment)?.is_none() {
+            row(segment, json.clone()).insert(connection)?;
+        }
+        if kept_ns(LATEST)?.is_none_or(|kept_ns| kept_ns <= start_ns) {
+            row(LATEST, json).upsert(connection, &["rod", "number"])?;
+        }
+        Ok(())
+    }
+}
+
+impl Reader {
+    /// What the first record of the present segment and the latest record of a rod looked like.
+    ///
+    /// # Errors
+    /// It cannot be read.
+    pub fn snapshots(&self, rod: &RodId) -> Result<Snapshots, StoreError> {
+        let read = || -> Result<Snapshots, Trouble> {
+            let one = |sql: &str| -> Result<Option<Snapshot>, Trouble> {
+                let json: Option<String> = self
+                    .connection
+                    .prepare_cached(sql)?
+                    .query_row([&rod.0], |row| row.get(0))
+                    .optional()?;
+                Ok(json.map(|json| state::read(&rod.0, &json)).transpose()?)
+            };
+            Ok(Snapshots {
+                first: one(
+                    "SELECT json FROM snapshot WHERE rod = ? AND number > 0 ORDER BY number DESC LIMIT 1",
+                )?,
+                latest: one("SELECT json FROM snapshot WHERE rod = ? AND number = 0")?,
+            })
+        };
+        read().map_err(|trouble| self.fault(trouble))
+    }
+
+    /// Every configuration records were made under: hash, site, and the text with every default filled in.
+    ///
+    /// # Errors
+    /// They cannot be read.
+    pub fn configs(&self) -> Result<Vec<[String; 3]>, StoreError> {
+        let read = || -> rusqlite::Result<Vec<[String; 3]>> {
+            let mut statement = self
+                .connection
+                .prepare("SELECT hash, site, effective FROM config ORDER BY hash")?;
+            let rows = statement.query_map((), |row| Ok([row.get(0)?, row.get(1)?, row.get(2)?]))?;
+            rows.collect()
+        };
+        read().map_err(|error| self.fault(Trouble::Sql(error)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::record::Timestamp;
+    use crate::snapshot::Curve;
+    use crate::store::{Commit, Store};
+
+    fn snapshot(second: i64) -> Snapshot {
+        Snapshot {
+            start: Timestamp::from_nanos(second * 1_000_000_000),
+            duration_s: 60.0,
+            fs_hz: 200.0,
+            seed: "ff".to_owned(),
+            curve: Curve {
+                first_hz: 0.1,
+                step_hz: 0.1,
+                level_db: vec![-120.25, -119.5],
+            },
+            peaks: vec![],
+            densities: vec![],
+        }
+    }
+
+    #[test]
+    fn the_first_of_the_segment_and_the_latest_are_kept() {
+        let mut store = Store::in_memory().unwrap();
+        let rod = RodId("north".to_owned());
+        assert_eq!(store.snapshots(&rod).unwrap(), Snapshots::default());
+        // 300 comes after 400: late.
+        for (segment, second) in [(1, 100), (1, 200), (2, 400), (2, 300)] {
+            let commit = Commit {
+                snapshot: Some(SnapshotRow {
+                    rod: &rod,
+                    segment,
+                    snapshot: &snapshot(second),
+                }),
+                ..Commit::default()
+            };
+            store.commit(&commit).unwrap();
+        }
+        let kept = store.snapshots(&rod).unwrap();
+        assert_eq!(kept.first, Some(snapshot(400)));
+        assert_eq!(kept.latest, Some(snapshot(400)));
+    }
+}

@@ -1,11 +1,17 @@
 //! The report page: well-formed, self-contained, the same for the same data, whatever is missing.
 
+#[allow(dead_code, reason = "shared with other tests")]
+mod archive;
 #[path = "report/synthetic.rs"]
 mod synthetic;
 
+use std::fs;
 use synthetic::{HOUR, rod, site, time};
+use tirante::command::report;
 use tirante::plot::page;
 use tirante::plot::view::{RejectionCount, RodReport, SiteReport};
+use tirante::record::RodId;
+use tirante::store::Store;
 use tirante::track::RodState;
 
 /// Every element is closed in order, attributes are quoted, ids are unique.
@@ -187,6 +193,42 @@ fn what_comes_from_outside_stays_text() {
     let html = page(&report);
     assert_well_formed(&html);
     assert!(!html.contains("<script") && !html.contains("onload=x &amp; ") && !html.contains("\"' onload"));
+}
+
+#[test]
+fn a_store_becomes_a_page_of_the_same_bytes_every_time() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut store = Store::in_memory().unwrap();
+    archive::fill(&mut store, 0..120);
+    let page = report::write(&store, None, folder.path()).unwrap();
+    assert_eq!(page.file_name().unwrap(), "the-site.html");
+    let html = fs::read_to_string(&page).unwrap();
+    assert_well_formed(&html);
+    assert_self_contained(&html);
+    for wanted in [
+        "Rod north",
+        "Rod south è",
+        "60 / 0",
+        "48 / 12",
+        "Vibration spectrum of rod north",
+        "Prior and posterior of the axial force of rod north",
+        "the &quot;drift&quot; of record 40",
+        "no &quot;peak&quot;, none",
+        archive::CONFIG,
+    ] {
+        assert!(html.contains(wanted), "{wanted}");
+    }
+    let rod = RodId("north".to_owned());
+    let named = folder.path().join("sub/north.html");
+    assert_eq!(report::write(&store, Some(&rod), &named).unwrap(), named);
+    let of_one = fs::read_to_string(&named).unwrap();
+    assert!(of_one.contains("Rod north") && !of_one.contains("Rod south"));
+    report::write(&store, None, &page).unwrap();
+    assert_eq!(fs::read_to_string(&page).unwrap(), html);
+
+    let empty = Store::in_memory().unwrap();
+    let page = report::write(&empty, None, folder.path()).unwrap();
+    assert_well_formed(&fs::read_to_string(page).unwrap());
 }
 
 #[test]

@@ -1,6 +1,6 @@
 //! `tirante report`: what the store knows as one page per site.
 
-use super::BadArguments;
+use super::which_store::{WhichStore, check_rod};
 use crate::config::Config;
 use crate::plot;
 use crate::plot::view::{RecordPoint, RejectionCount, RodReport, SegmentReport, SiteReport, ThermalLine};
@@ -26,13 +26,9 @@ use std::process::ExitCode;
 
 The same store gives the same page, byte for byte. It may be written beside a running `replay`.")]
 pub struct Args {
-    /// The store; without it the one the configuration names ([store] path).
-    #[arg(long, value_name = "DB")]
-    pub store: Option<PathBuf>,
-
-    /// The configuration that names the store.
-    #[arg(long, value_name = "FILE")]
-    pub config: Option<PathBuf>,
+    /// The store.
+    #[command(flatten)]
+    pub which: WhichStore,
 
     /// A folder, in which the page is called after the site, or the page itself (*.html).
     #[arg(long, value_name = "DIR|FILE", default_value = ".")]
@@ -48,23 +44,8 @@ pub struct Args {
 /// # Errors
 /// No store, one that cannot be read, a rod it does not know, or a page that cannot be written.
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
-    let path = match (&args.store, &args.config) {
-        (Some(store), _) => store.clone(),
-        (None, Some(config)) => Config::load(config)?.store.ok_or_else(|| {
-            BadArguments(format!(
-                "{} names no store: put `path` into its [store] section, or give --store DB",
-                config.display()
-            ))
-        })?,
-        (None, None) => {
-            return Err(BadArguments(
-                "which store? Give --store DB, or --config FILE that names one".to_owned(),
-            )
-            .into());
-        }
-    };
-    let reader = Reader::open(&path)?;
-    let rod = args.rod.as_ref().map(|rod| RodId(rod.clone()));
+    let reader = Reader::open(&args.which.path()?)?;
+    let rod = check_rod(&reader, args.rod.as_deref())?;
     let page = write(&reader, rod.as_ref(), &args.out)?;
     super::print(format!("{}\n", page.display()).as_bytes())
 }
@@ -73,7 +54,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
 /// its path.
 ///
 /// # Errors
-/// The store cannot be read or does not know the rod, or the page cannot be written.
+/// The store cannot be read, or the page cannot be written.
 pub fn write(reader: &Reader, rod: Option<&RodId>, out: &Path) -> anyhow::Result<PathBuf> {
     let report = load(reader, rod)?;
     let is_page = out
@@ -115,20 +96,9 @@ fn file_name(site: &str) -> String {
 /// What a store knows, as a report; all rods or one.
 ///
 /// # Errors
-/// The store cannot be read, or does not know the rod.
+/// The store cannot be read.
 pub fn load(reader: &Reader, rod: Option<&RodId>) -> anyhow::Result<SiteReport> {
     let standings = reader.standings()?;
-    if let Some(rod) = rod
-        && !standings.iter().any(|standing| standing.rod == *rod)
-    {
-        let known: Vec<&str> = standings.iter().map(|standing| standing.rod.0.as_str()).collect();
-        let known = if known.is_empty() {
-            "no rod".to_owned()
-        } else {
-            known.join(", ")
-        };
-        return Err(BadArguments(format!("--rod {rod}: the store has {known}")).into());
-    }
     let configs = reader.configs()?;
     let states = reader.states()?;
     let mut meaning = Meaning::default();

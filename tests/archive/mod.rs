@@ -2,12 +2,14 @@
 
 use tirante::analysis::{Identification, Measurement};
 use tirante::bayes::{Adjustment, Conflict, Method, Posterior};
+use tirante::bayes::{Prior, RodPrior};
 use tirante::beam::{Parameterisation, Section};
 use tirante::modes::Mode;
 use tirante::outcome::{Outcome, Rejected};
 use tirante::record::{Reading, Rejection, RodId, Timestamp};
+use tirante::snapshot::Snapshot;
 use tirante::spectrum::Spectrum;
-use tirante::store::{Commit, Position, RecordRow, RodRow, Store};
+use tirante::store::{Commit, Position, RecordRow, RodRow, SnapshotRow, Store};
 use tirante::track::alarm::{Board, Watches};
 use tirante::track::baseline::BaselineMode;
 use tirante::track::period::{Charted, Pending};
@@ -50,8 +52,10 @@ pub fn identified(rod: &RodId, number: i64) -> Outcome {
             flags: Vec::new(),
             spectrum: Spectrum {
                 df_hz: 0.1,
-                psd: Vec::new(),
-                segments: 1,
+                psd: (0..400)
+                    .map(|line| 1e-12 / f64::from(1 + (line - 45) * (line - 45)))
+                    .collect(),
+                segments: 8,
             },
             resonances: Vec::new(),
         }),
@@ -78,6 +82,20 @@ pub fn identified(rod: &RodId, number: i64) -> Outcome {
             prior_tail: 0.5,
         },
     }))
+}
+
+/// What an identified record looked like.
+pub fn snapshot(outcome: &Outcome) -> Option<Snapshot> {
+    let Outcome::Identified(identification) = outcome else {
+        return None;
+    };
+    let means = [8e5, 5e5, 37.0, 4e5, 4e5, 14.0];
+    let normal = |mean: f64| Prior::TruncatedNormal { mean, sd: 0.2 * mean };
+    let priors = means.iter().map(|mean| normal(*mean)).collect();
+    Snapshot::of(
+        &RodPrior::new(Parameterisation::new(Section::Direct), priors)?,
+        identification,
+    )
 }
 
 pub fn rejected(rod: &RodId, number: i64) -> Outcome {
@@ -276,6 +294,7 @@ pub fn fill(store: &mut Store, range: std::ops::Range<i64>) {
         } else {
             RodState::Alarm
         };
+        let snapshot = snapshot(&outcome);
         store
             .commit(&Commit {
                 record: Some(RecordRow {
@@ -289,12 +308,17 @@ pub fn fill(store: &mut Store, range: std::ops::Range<i64>) {
                     closed: &closed,
                     events: &events,
                 }),
+                snapshot: snapshot.as_ref().map(|snapshot| SnapshotRow {
+                    rod: &rod,
+                    segment: now.segment.number,
+                    snapshot,
+                }),
+                applied: None,
                 source: Some(Position {
                     name: "a.mcap",
                     bytes: number as u64 * 1000,
                     records: number as u64,
                 }),
-                ..Commit::default()
             })
             .unwrap();
         states.insert(rod, now);

@@ -8,8 +8,8 @@
 //! ```
 //!
 //! with w_t independent N(0, 1), rho = phi^gap for periods `gap` apart, and q_t known: the expected ratio (the error
-//! of a logarithm is an error in proportion), times the measurement's standard error in half of the grid. For a
-//! given lag, phi and kind of noise this is a conjugate regression in (a, beta, s^2), and delta's predictive law
+//! of a logarithm is an error in proportion), times how the noise goes with the measurement's standard error: not at
+//! all, partly, or wholly. For a given lag, phi and kind of noise this is a conjugate regression in (a, beta, s^2), and delta's predictive law
 //! Student's t; the whole is the mixture over the grid by posterior weight. Under the model F(delta_t) is exactly
 //! uniform and independent from period to period, however little has been learned: nothing is plugged in.
 
@@ -21,16 +21,18 @@ pub use super::whiteness::{Whiteness, whiteness};
 
 /// Autocorrelations between neighbouring periods that are tried, and their prior weights.
 const PHIS: [(f64, f64); 7] = [
-    (-0.15, 0.10),
-    (0.0, 0.26),
+    (-0.15, 0.12),
+    (0.0, 0.30),
     (0.15, 0.20),
-    (0.3, 0.17),
-    (0.45, 0.13),
-    (0.6, 0.09),
-    (0.75, 0.05),
+    (0.3, 0.15),
+    (0.45, 0.11),
+    (0.65, 0.08),
+    (0.85, 0.04),
 ];
-/// Kinds of noise: the same in every period, or in proportion to the measurement's standard error.
-const NOISES: usize = 2;
+/// Kinds of noise: the share of the variance that goes with the square of the measurement's standard error, in a
+/// period whose standard error is the first's.
+const NOISE_SHARES: [f64; NOISES] = [0.0, 0.4, 1.0];
+const NOISES: usize = 3;
 /// Shape of the noise variance's prior law: half a period's worth of knowledge.
 const SHAPE: f64 = 0.25;
 /// The prior of the coefficients is conjugate if it scales with the noise; it is as wide as stated where the noise
@@ -377,7 +379,7 @@ impl Regression {
             .sum();
         let level = (1.0 + expected).clamp(0.2, 5.0);
         let sd = believed(statistic.sd);
-        let relative = (sd / self.first_sd.unwrap_or(sd)).clamp(0.1, 10.0);
+        let relative = (sd / self.first_sd.unwrap_or(sd)).clamp(0.1, 10.0).powi(2);
         let gap = self.last.as_ref().and_then(|last| {
             let gap = statistic.period.saturating_sub(last.period);
             (gap > 0).then_some(gap.min(1000) as i32)
@@ -385,7 +387,7 @@ impl Regression {
         Prepared {
             ratio,
             warmer_k,
-            scales: [level, level * relative],
+            scales: NOISE_SHARES.map(|share| level * (1.0 - share + share * relative).sqrt()),
             gap,
         }
     }

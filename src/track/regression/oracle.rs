@@ -17,15 +17,16 @@ const DAYS: [(i64, f64, f64, f64); 9] = [
     (110, -4.0e-4, 1.4e-4, 1.2),
 ];
 
-/// Phi^-1(F) of the last response given those before, and ln of their joint density's integral per grid point.
+/// Phi^-1(F) of the last response given those before.
 fn residual(count: usize, prior: &RegressionPrior) -> f64 {
     let days = &DAYS[..count];
     let first_sd = days[0].2;
     let response = DVector::from_iterator(count, days.iter().map(|day| day.1.exp_m1()));
     let (mut below, mut total) = (0.0, 0.0);
     for (phi, phi_weight) in PHIS {
-        for noise in 0..NOISES {
-            let scale = |day: &(i64, f64, f64, f64)| if noise == 0 { 1.0 } else { day.2 / first_sd };
+        for share in NOISE_SHARES {
+            let scale =
+                |day: &(i64, f64, f64, f64)| (1.0 - share + share * (day.2 / first_sd).powi(2)).sqrt();
             // Covariance of errors and coefficients, both over the noise variance.
             let covariance = DMatrix::from_fn(count, count, |i, j| {
                 let (a, b) = (&days[i], &days[j]);

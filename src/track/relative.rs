@@ -426,7 +426,7 @@ fn quantiles<const S: usize>(values: &[f64], weights: &[f64], shares: [f64; S]) 
             (low.min(*x), high.max(*x))
         });
     let step = (high - low) / BINS as f64;
-    if !(step > 0.0) {
+    if step.is_nan() || step <= 0.0 {
         return [low; S];
     }
     let mut bins = [0.0; BINS];
@@ -453,13 +453,13 @@ fn lattice(blocks: usize) -> Vec<Lanes> {
     const GOLDEN: f64 = 0.618_033_988_749_894_9;
     let count = (blocks * LANES) as f64;
     let mut lattice = vec![[0.0; LANES]; blocks * PER_PARTICLE];
-    for block in 0..blocks {
-        for l in 0..LANES {
-            let particle = (block * LANES + l) as f64;
-            for j in 0..PER_PARTICLE {
+    for (block, rows) in lattice.chunks_exact_mut(PER_PARTICLE).enumerate() {
+        for (j, row) in rows.iter_mut().enumerate() {
+            for (l, share) in row.iter_mut().enumerate() {
+                let particle = (block * LANES + l) as f64;
                 // Strata of one particle are not to be in step with each other.
                 let place = (GOLDEN * particle + 0.5 / count + j as f64 / PER_PARTICLE as f64).fract();
-                lattice[block * PER_PARTICLE + j][l] = (j as f64 + place) / PER_PARTICLE as f64;
+                *share = (j as f64 + place) / PER_PARTICLE as f64;
             }
         }
     }
@@ -514,7 +514,10 @@ mod tests {
         for freedom in 1..=4 {
             let reference = ChiSquared::new(freedom as f64).unwrap();
             for q in [0.0, 0.1, 1.0, 5.0, 13.8, 30.0] {
-                assert!((chi_square_tail(q, freedom) - reference.sf(q)).abs() < 1e-10, "{freedom} {q}");
+                assert!(
+                    (chi_square_tail(q, freedom) - reference.sf(q)).abs() < 1e-10,
+                    "{freedom} {q}"
+                );
             }
         }
         // Far out, where a difference from one would be zero: exp(-500).
@@ -545,7 +548,11 @@ mod tests {
         let values: Vec<f64> = (0..4000).map(|i| f64::from(i) / 4000.0).collect();
         let weights: Vec<f64> = values.clone();
         // Density 2 x: the quantile is the root of the share.
-        for (share, quantile) in [0.025, 0.5, 0.975].into_iter().zip(quantiles(&values, &weights, [0.025, 0.5, 0.975])) {
+        for (share, quantile) in
+            [0.025, 0.5, 0.975]
+                .into_iter()
+                .zip(quantiles(&values, &weights, [0.025, 0.5, 0.975]))
+        {
             assert!((quantile - f64::sqrt(share)).abs() < 2e-3);
         }
         assert_eq!(quantiles(&[3.0; 8], &[1.0; 8], [0.5]), [3.0]);

@@ -329,7 +329,9 @@ mod tests {
         let model = ReducedModel::new(*prior.parameterisation());
         let mut generator = random::stream(1, 0);
         let mut thetas = vec![0.0; 7 * 203];
-        thetas.chunks_exact_mut(7).for_each(|theta| prior.sample(&mut generator, theta));
+        thetas
+            .chunks_exact_mut(7)
+            .for_each(|theta| prior.sample(&mut generator, theta));
         thetas[7 * 100] = f64::NAN;
         let orders = [1, 3, 5];
         let (polynomials, places) = Polynomials::new(&thetas, &orders, &model);

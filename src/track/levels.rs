@@ -228,3 +228,190 @@ fn correct(
     let free = (MAX_MODES as f64 - (covariance * information).trace() - 1.0).clamp(0.0, modes - 1.0);
     Some((covariance * sum, covariance, free))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::random;
+    use crate::record::Timestamp;
+    use crate::track::LogMode;
+    use rand::rngs::ChaCha8Rng;
+    use rand_distr::{Distribution, StandardNormal};
+
+    const USED: [bool; MAX_MODES] = [true, true, true, false, false];
+    const LEVEL: [f64; 3] = [1.5, 2.2, 2.6];
+    const SLOPE: [f64; 3] = [0.45, 0.42, 0.38];
+
+    fn slopes() -> Slopes {
+        let mut mean = Column::zeros();
+        let mut covariance = Square::zeros();
+        for i in 0..3 {
+            mean[i] = SLOPE[i];
+            covariance[(i, i)] = 1e-4;
+        }
+        Slopes {
+            mean,
+            covariance,
+            curvature: Column::zeros(),
+        }
+    }
+
+    fn record(
+        delta: f64,
+        slope: [f64; 3],
+        log_sd: f64,
+        errors: f64,
+        generator: &mut ChaCha8Rng,
+    ) -> Observation {
+        let mode = |n: usize| {
+            let z: f64 = StandardNormal.sample(generator);
+            LogMode {
+                order: n + 1,
+                log_frequency: LEVEL[n] + slope[n] * delta + errors * z,
+                log_sd,
+            }
+        };
+        Observation {
+            start: Timestamp::from_nanos(0),
+            duration_s: 60.0,
+            modes: (0..3).map(mode).collect(),
+            readings: Vec::new(),
+            rms: 1e-5,
+            conflict: 0.0,
+        }
+    }
+
+    fn swing(t: usize) -> f64 {
+        0.05 * (0.3 * t as f64).sin()
+    }
+
+    #[test]
+    fn complete_records_of_equal_quality_give_the_plain_mean() {
+        let mut generator = random::stream(1, 0);
+        let records: Vec<Observation> = (0..30)
+            .map(|t| record(swing(t), SLOPE, 1e-3, 1e-3, &mut generator))
+            .collect();
+        let levels = fit(&records, &USED, &slopes());
+        for n in 0..3 {
+            let mean = records
+                .iter()
+                .map(|record| record.modes[n].log_frequency)
+                .sum::<f64>()
+                / 30.0;
+            // The slopes' correction is the only thing that can move it, and it does not.
+            assert!((levels.level[n] - mean).abs() < 1e-9);
+            let sd = 1e-3 * levels.overdispersion / 30f64.sqrt();
+            assert!((levels.sd[n] / sd - 1.0).abs() < 1e-2, "{} {sd}", levels.sd[n]);
+        }
+        let mean = (0..30).map(swing).sum::<f64>() / 30.0;
+        for (t, delta) in levels.deltas.iter().enumerate() {
+            // Standard error of one record 1.4e-3, of the mean a fifth of that.
+            assert!((delta - (swing(t) - mean)).abs() < 6e-3);
+        }
+    }
+
+    #[test]
+    fn a_mode_missing_while_the_force_was_low_is_referred_to_the_same_force() {
+        let mut generator = random::stream(2, 0);
+        let mut records: Vec<Observation> = (0..30)
+            .map(|t| record(swing(t), SLOPE, 1e-3, 0.0, &mut generator))
+            .collect();
+        for (t, record) in records.iter_mut().enumerate() {
+            if swing(t) < 0.0 {
+                record.modes.remove(1);
+            }
+        }
+        let levels = fit(&records, &USED, &slopes());
+        let common: Vec<f64> = (0..3).map(|n| (levels.level[n] - LEVEL[n]) / SLOPE[n]).collect();
+        // Shrinkage leaves a share v_t / SWING^2 = 2e-4 of forces of 0.05; a plain mean would be off by 0.03.
+        assert!(
+            (common[1] - common[0]).abs() < 2e-5 && (common[2] - common[0]).abs() < 2e-5,
+            "{common:?}"
+        );
+        let mean = (0..30).map(swing).sum::<f64>() / 30.0;
+        assert!((common[0] - mean).abs() < 5e-5, "{} {mean}", common[0]);
+    }
+
+    #[test]
+    fn standard_errors_are_those_of_repeated_baselines() {
+        let repeats = 400;
+        let mut squares = [0.0; 2];
+        for repeat in 0..repeats {
+            let mut generator = random::stream(3, repeat);
+            let mut records: Vec<Observation> = (0..30)
+                .map(|t| record(swing(t), SLOPE, 1e-3, 1e-3, &mut generator))
+                .collect();
+            for (t, record) in records.iter_mut().enumerate() {
+                if swing(t) < 0.0 {
+                    record.modes.remove(1);
+                }
+            }
+            let levels = fit(&records, &USED, &slopes());
+            // Differences of modes, in which a common change of force cancels.
+            for (i, n) in [1, 2].into_iter().enumerate() {
+                let ratio = SLOPE[n] / SLOPE[0];
+                let error = (levels.level[n] - LEVEL[n]) - ratio * (levels.level[0] - LEVEL[0]);
+                let sd = levels.sd[n].hypot(ratio * levels.sd[0]);
+                squares[i] += (error / sd).powi(2) / repeats as f64;
+            }
+        }
+        // Independent errors are assumed of levels that share records: somewhat too much or too little where a mode
+        // is missing. Monte Carlo error 0.07.
+        assert!(squares.iter().all(|s| (0.6..1.35).contains(s)), "{squares:?}");
+    }
+
+    #[test]
+    fn scatter_beyond_the_stated_errors_is_seen_and_a_useless_record_changes_nothing() {
+        let mut generator = random::stream(4, 0);
+        let mut records: Vec<Observation> = (0..60)
+            .map(|t| record(swing(t), SLOPE, 1e-3, 3e-3, &mut generator))
+            .collect();
+        let levels = fit(&records, &USED, &slopes());
+        // 118 degrees of freedom: 3 +- 0.2.
+        assert!(
+            (levels.overdispersion - 3.0).abs() < 0.6,
+            "{}",
+            levels.overdispersion
+        );
+        records.push(record(0.0, SLOPE, 10.0, 10.0, &mut generator));
+        let with = fit(&records, &USED, &slopes());
+        assert!(
+            (with.level - levels.level).amax() < 1e-5,
+            "{:e}",
+            (with.level - levels.level).amax()
+        );
+        assert!((with.overdispersion - levels.overdispersion).abs() < 0.1);
+    }
+
+    #[test]
+    fn slopes_that_the_prior_has_wrong_do_not_look_like_scatter() {
+        let mut generator = random::stream(5, 0);
+        // One and two prior standard deviations off, under a swing of 20 %.
+        let slope = [SLOPE[0] - 0.01, SLOPE[1], SLOPE[2] + 0.02];
+        let records: Vec<Observation> = (0..365)
+            .map(|t| record(4.0 * swing(t), slope, 1e-3, 1e-3, &mut generator))
+            .collect();
+        let levels = fit(&records, &USED, &slopes());
+        assert!(levels.overdispersion < 1.1, "{}", levels.overdispersion);
+        let mut stubborn = slopes();
+        stubborn.covariance = Square::zeros();
+        assert!(fit(&records, &USED, &stubborn).overdispersion > 1.3);
+    }
+
+    #[test]
+    fn one_mode_alone_has_the_mean_and_no_scatter_to_judge() {
+        let mut generator = random::stream(6, 0);
+        let records: Vec<Observation> = (0..30)
+            .map(|t| record(swing(t), SLOPE, 1e-3, 1e-3, &mut generator))
+            .collect();
+        let levels = fit(&records, &[true, false, false, false, false], &slopes());
+        let mean = records
+            .iter()
+            .map(|record| record.modes[0].log_frequency)
+            .sum::<f64>()
+            / 30.0;
+        assert!((levels.level[0] - mean).abs() < 1e-9);
+        assert_eq!(levels.overdispersion, 1.0);
+        assert!(levels.sd[0] > 0.0 && levels.sd[0] < 3e-4);
+    }
+}

@@ -23,7 +23,7 @@ const STEPS: usize = 30;
 const CONVERGED: f64 = 1e-9;
 
 /// Bins of a quantile.
-const BINS: usize = 2048;
+const BINS: usize = 1024;
 
 /// Most steps to a normal quantile.
 const NEWTON: usize = 60;
@@ -94,7 +94,8 @@ pub enum NoRelative {
 pub struct Shift {
     modes: Vec<BaselineMode>,
     overdispersion: f64,
-    /// ln N_i of the particles the model has an answer for.
+    /// N_i and ln N_i of the particles the model has an answer for.
+    forces: Vec<f64>,
     log_forces: Vec<f64>,
     polynomials: Polynomials,
     /// The mean polynomial of each mode.
@@ -124,13 +125,15 @@ impl Shift {
         let orders: Vec<usize> = baseline.modes.iter().map(|mode| mode.order).collect();
         let (polynomials, places) = Polynomials::new(&baseline.particles, &orders, model);
         let shares = lattice(polynomials.blocks());
+        let forces: Vec<f64> = places
+            .iter()
+            .map(|place| baseline.particles[place * width])
+            .collect();
         Self {
             modes: baseline.modes.clone(),
             overdispersion: baseline.overdispersion,
-            log_forces: places
-                .iter()
-                .map(|place| libm::log(baseline.particles[place * width]))
-                .collect(),
+            log_forces: forces.iter().map(|force| libm::log(*force)).collect(),
+            forces,
             means: polynomials.means(places.len()),
             normals: shares.iter().map(|lanes| lanes.map(normal_quantile)).collect(),
             shares,
@@ -238,19 +241,14 @@ impl Shift {
                 0.0
             };
         }
-        let places = blocks * LANES;
-        let log_force = |draw: usize| self.log_forces[(draw % places).min(count - 1)];
-        Ok(self.summary(&common, u, weights, log_force))
+        Ok(self.summary(&common, u, weights))
     }
 
-    fn summary(
-        &self,
-        common: &[Common],
-        u: &[f64],
-        weights: &[f64],
-        log_force: impl Fn(usize) -> f64,
-    ) -> Relative {
-        let moments = Moments::of(weights, u.iter().copied());
+    /// Of weighted draws, particle by particle and that [`PER_PARTICLE`] times.
+    fn summary(&self, common: &[Common], u: &[f64], weights: &[f64]) -> Relative {
+        let places = self.polynomials.blocks() * LANES;
+        let last = self.forces.len() - 1;
+        let moments = Moments::of(weights, u);
         let delta = moments.mean;
         let (mut ratios, mut forces, mut logs) = (
             Vec::with_capacity(u.len()),
@@ -259,13 +257,13 @@ impl Shift {
         );
         for (draw, u) in u.iter().enumerate() {
             let ratio = libm::exp(*u);
-            let log = log_force(draw);
+            let particle = (draw % places).min(last);
             ratios.push(ratio);
-            logs.push(log + u);
-            forces.push(ratio * libm::exp(log));
+            logs.push(self.log_forces[particle] + u);
+            forces.push(ratio * self.forces[particle]);
         }
         let interval = |values: &[f64], logs: &[f64]| {
-            let moments = Moments::of(weights, values.iter().copied());
+            let moments = Moments::of(weights, values);
             let [q025, q975] = quantiles(logs, weights, [0.025, 0.975]);
             Interval {
                 mean: moments.mean,
@@ -393,24 +391,26 @@ struct Moments {
 }
 
 impl Moments {
-    fn of(weights: &[f64], values: impl Iterator<Item = f64> + Clone) -> Self {
-        let sum: f64 = weights.iter().sum();
-        let mean = weights
-            .iter()
-            .zip(values.clone())
-            .map(|(w, x)| w * x)
-            .sum::<f64>()
-            / sum;
-        let square = weights
-            .iter()
-            .zip(values)
-            .map(|(w, x)| w * (x - mean) * (x - mean))
-            .sum::<f64>()
-            / sum;
+    fn of(weights: &[f64], values: &[f64]) -> Self {
+        // Sums lane by lane, in an order that does not depend on the processor; counted from the first value, so that
+        // nothing cancels.
+        let from = values[0];
+        let mut sums = [[0.0; LANES]; 4];
+        for (w, x) in weights.chunks_exact(LANES).zip(values.chunks_exact(LANES)) {
+            for l in 0..LANES {
+                let off = x[l] - from;
+                sums[0][l] += w[l];
+                sums[1][l] += w[l] * w[l];
+                sums[2][l] += w[l] * off;
+                sums[3][l] += w[l] * off * off;
+            }
+        }
+        let [sum, squares, first, second] = sums.map(|lanes| lanes.iter().sum::<f64>());
+        let mean = first / sum;
         Self {
-            mean,
-            sd: square.sqrt(),
-            ess: sum * sum / weights.iter().map(|w| w * w).sum::<f64>(),
+            mean: from + mean,
+            sd: (second / sum - mean * mean).max(0.0).sqrt(),
+            ess: sum * sum / squares,
         }
     }
 }
@@ -426,7 +426,7 @@ fn quantiles<const S: usize>(values: &[f64], weights: &[f64], shares: [f64; S]) 
             (low.min(*x), high.max(*x))
         });
     let step = (high - low) / BINS as f64;
-    if !(step > 0.0) {
+    if step.is_nan() || step <= 0.0 {
         return [low; S];
     }
     let mut bins = [0.0; BINS];
@@ -453,13 +453,13 @@ fn lattice(blocks: usize) -> Vec<Lanes> {
     const GOLDEN: f64 = 0.618_033_988_749_894_9;
     let count = (blocks * LANES) as f64;
     let mut lattice = vec![[0.0; LANES]; blocks * PER_PARTICLE];
-    for block in 0..blocks {
-        for l in 0..LANES {
-            let particle = (block * LANES + l) as f64;
-            for j in 0..PER_PARTICLE {
+    for (block, rows) in lattice.chunks_exact_mut(PER_PARTICLE).enumerate() {
+        for (j, row) in rows.iter_mut().enumerate() {
+            for (l, share) in row.iter_mut().enumerate() {
+                let particle = (block * LANES + l) as f64;
                 // Strata of one particle are not to be in step with each other.
                 let place = (GOLDEN * particle + 0.5 / count + j as f64 / PER_PARTICLE as f64).fract();
-                lattice[block * PER_PARTICLE + j][l] = (j as f64 + place) / PER_PARTICLE as f64;
+                *share = (j as f64 + place) / PER_PARTICLE as f64;
             }
         }
     }
@@ -496,3 +496,65 @@ fn chi_square_tail(q: f64, freedom: usize) -> f64 {
 }
 
 const _: () = assert!(MAX_MODES <= 5, "the closed forms end at four degrees of freedom");
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use statrs::distribution::{ChiSquared, ContinuousCDF, Normal};
+
+    #[test]
+    fn normal_quantiles_and_chi_square_tails_are_the_published_ones() {
+        assert!((normal_quantile(0.975) - 1.959_963_984_540_054).abs() < 1e-12);
+        assert!((normal_quantile(0.1) + 1.281_551_565_544_600_4).abs() < 1e-12);
+        assert_eq!(normal_quantile(0.0), normal_quantile(1e-6));
+        for step in 1..100 {
+            let share = f64::from(step) / 100.0;
+            assert!((Normal::standard().cdf(normal_quantile(share)) - share).abs() < 1e-9);
+        }
+        for freedom in 1..=4 {
+            let reference = ChiSquared::new(freedom as f64).unwrap();
+            for q in [0.0, 0.1, 1.0, 5.0, 13.8, 30.0] {
+                assert!(
+                    (chi_square_tail(q, freedom) - reference.sf(q)).abs() < 1e-10,
+                    "{freedom} {q}"
+                );
+            }
+        }
+        // Far out, where a difference from one would be zero: exp(-500).
+        assert!((chi_square_tail(1000.0, 2) / (-500f64).exp() - 1.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn the_lattice_spreads_evenly_over_all_and_within_each() {
+        let lattice = lattice(64);
+        let mut all: Vec<f64> = lattice.as_flattened().to_vec();
+        all.sort_by(f64::total_cmp);
+        let count = all.len() as f64;
+        for (i, share) in all.iter().enumerate() {
+            // The golden ratio leaves gaps of a few spacings.
+            assert!((share - (i as f64 + 0.5) / count).abs() < 4.0 / count);
+        }
+        for block in lattice.chunks(PER_PARTICLE) {
+            for l in 0..LANES {
+                for (j, lanes) in block.iter().enumerate() {
+                    assert_eq!((lanes[l] * PER_PARTICLE as f64) as usize, j);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn quantiles_of_weighted_values() {
+        let values: Vec<f64> = (0..4000).map(|i| f64::from(i) / 4000.0).collect();
+        let weights: Vec<f64> = values.clone();
+        // Density 2 x: the quantile is the root of the share.
+        for (share, quantile) in
+            [0.025, 0.5, 0.975]
+                .into_iter()
+                .zip(quantiles(&values, &weights, [0.025, 0.5, 0.975]))
+        {
+            assert!((quantile - f64::sqrt(share)).abs() < 2e-3);
+        }
+        assert_eq!(quantiles(&[3.0; 8], &[1.0; 8], [0.5]), [3.0]);
+    }
+}

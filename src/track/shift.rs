@@ -315,3 +315,58 @@ impl Kernel for Draws<'_> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bayes::RodPrior;
+    use crate::emulator::ReducedModel;
+    use crate::random;
+
+    #[test]
+    fn polynomials_follow_the_model_over_the_whole_range() {
+        let prior = RodPrior::todi();
+        let model = ReducedModel::new(*prior.parameterisation());
+        let mut generator = random::stream(1, 0);
+        let mut thetas = vec![0.0; 7 * 203];
+        thetas
+            .chunks_exact_mut(7)
+            .for_each(|theta| prior.sample(&mut generator, theta));
+        thetas[7 * 100] = f64::NAN;
+        let orders = [1, 3, 5];
+        let (polynomials, places) = Polynomials::new(&thetas, &orders, &model);
+        assert_eq!(places.len(), 202);
+        assert!(!places.contains(&100));
+        let means = polynomials.means(places.len());
+        for step in 0..=70 {
+            let u = LOW + (HIGH - LOW) * f64::from(step) / 70.0;
+            let mut sums = [0.0; 3];
+            for (place, &i) in places.iter().enumerate() {
+                let mut theta = thetas[7 * i..7 * (i + 1)].to_vec();
+                let (mut before, mut after) = ([0.0; 5], [0.0; 5]);
+                model.frequencies(&theta, &mut before).unwrap();
+                theta[0] *= u.exp();
+                model.frequencies(&theta, &mut after).unwrap();
+                for (mode, order) in orders.iter().enumerate() {
+                    let direct = (after[order - 1] / before[order - 1]).ln();
+                    sums[mode] += direct / places.len() as f64;
+                    let error = (polynomials.shift(place, mode, u) - direct).abs();
+                    assert!(error < 1e-7, "{error:e} at {u} of {theta:?}");
+                }
+            }
+            let (sum, _) = polynomials.moments(places.len(), &[0, 1, 2], u);
+            for mode in 0..3 {
+                assert!((mean_and_slope(&means[mode], u).0 - sums[mode]).abs() < 1e-7);
+                assert!((sum[mode] / places.len() as f64 - sums[mode]).abs() < 1e-7);
+            }
+        }
+    }
+
+    #[test]
+    fn a_slope_is_the_derivative() {
+        let row = [0.3, -0.2, 0.7, 0.1, 0.0, 0.4, 0.0, 0.0, 0.0, -0.2];
+        let h = 1e-5;
+        let (above, below) = (mean_and_slope(&row, 0.2 + h).0, mean_and_slope(&row, 0.2 - h).0);
+        assert!((mean_and_slope(&row, 0.2).1 - (above - below) / (2.0 * h)).abs() < 1e-8);
+    }
+}

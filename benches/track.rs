@@ -1,0 +1,95 @@
+//! Speed of tracking's parts; `cargo bench --bench track`.
+
+use divan::{Bencher, black_box};
+use rand_distr::{Distribution, StandardNormal};
+use tirante::bayes::RodPrior;
+use tirante::beam::Exact;
+use tirante::emulator::ReducedModel;
+use tirante::forward::ForwardModel;
+use tirante::random;
+use tirante::record::Timestamp;
+use tirante::track::relative::Shift;
+use tirante::track::{Baseline, LogMode, Observation};
+
+fn main() {
+    divan::main();
+}
+
+/// Records of the paper's rod over a season: a force that swings by 5 %, errors of 0.1 %.
+fn records(count: usize, modes: usize) -> Vec<Observation> {
+    let prior = RodPrior::todi();
+    let exact = Exact::new(*prior.parameterisation());
+    let mut generator = random::stream(1, 0);
+    let mut normal = || -> f64 { StandardNormal.sample(&mut generator) };
+    let mut f = vec![0.0; modes];
+    (0..count)
+        .map(|t| {
+            let mut theta = prior.centre();
+            theta[0] *= (0.05 * (0.2 * t as f64).sin()).exp();
+            if exact.frequencies(&theta, &mut f).is_err() {
+                f.fill(f64::NAN);
+            }
+            Observation {
+                start: Timestamp::from_nanos(t as i64 * 3_600_000_000_000),
+                duration_s: 60.0,
+                modes: f
+                    .iter()
+                    .enumerate()
+                    .map(|(n, f)| LogMode {
+                        order: n + 1,
+                        log_frequency: f.ln() + 1e-3 * normal(),
+                        log_sd: 1e-3,
+                    })
+                    .collect(),
+                readings: Vec::new(),
+                rms: 1e-5,
+                conflict: 0.0,
+            }
+        })
+        .collect()
+}
+
+fn model() -> ReducedModel {
+    ReducedModel::new(*RodPrior::todi().parameterisation())
+}
+
+fn baseline(records: &[Observation], discrepancy: f64, particles: usize) -> Option<Baseline> {
+    Baseline::learn(
+        records,
+        &RodPrior::todi(),
+        &model(),
+        &[discrepancy; 5],
+        particles,
+        1,
+    )
+    .ok()
+}
+
+#[divan::bench(args = [(30, 3), (30, 5), (365, 3)], sample_count = 30)]
+fn baseline_learn_records_modes(bencher: Bencher, (count, modes): (usize, usize)) {
+    let records = records(count, modes);
+    bencher.bench_local(|| baseline(black_box(&records), 0.01, 512));
+}
+
+/// A discrepancy of a tenth of a percent: the kernel is tempered.
+#[divan::bench(sample_count = 30)]
+fn baseline_learn_tempered(bencher: Bencher) {
+    let records = records(30, 3);
+    bencher.bench_local(|| baseline(black_box(&records), 0.001, 512));
+}
+
+#[divan::bench(args = [512, 2048], sample_count = 30)]
+fn shift_new_3_modes(bencher: Bencher, particles: usize) {
+    if let Some(baseline) = baseline(&records(30, 3), 0.01, particles) {
+        bencher.bench_local(|| Shift::new(black_box(&baseline), &model()));
+    }
+}
+
+#[divan::bench(args = [(512, 1), (512, 3), (512, 5), (2048, 3)])]
+fn relative_particles_modes(bencher: Bencher, (particles, modes): (usize, usize)) {
+    let records = records(31, modes);
+    if let Some(baseline) = baseline(&records[..30], 0.01, particles) {
+        let shift = Shift::new(&baseline, &model());
+        bencher.bench_local(|| shift.relative(black_box(&records[30]), 3));
+    }
+}

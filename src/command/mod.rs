@@ -9,6 +9,7 @@ macro_rules! tell {
     }};
 }
 
+pub mod alarm;
 mod campaign;
 pub mod check;
 pub mod emulator;

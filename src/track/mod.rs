@@ -21,6 +21,7 @@
 //! * [`state`]       everything remembered of one rod from record to record
 //! * [`plan`]        what the tracking of one rod depends on besides its records
 //! * [`tracker`]     the fold: one `step` per record
+//! * `levels`, `particles`, `shift` parts of the baseline and of the relative force
 //! * `monitor`       what a closed period says: charts moved on, conditions looked at
 
 pub mod alarm;
@@ -29,9 +30,11 @@ pub mod baseline;
 pub mod change;
 pub mod chart;
 mod lattice;
+mod levels;
 mod member;
 mod monitor;
 pub mod observation;
+mod particles;
 pub mod period;
 pub mod plan;
 pub mod plausibility;
@@ -39,6 +42,7 @@ pub mod regression;
 pub mod relative;
 pub mod run_length;
 pub mod settings;
+mod shift;
 pub mod state;
 mod tail;
 pub mod thermal;

@@ -117,7 +117,7 @@ fn nanos(period_s: f64) -> i64 {
 }
 
 /// Combines the records of one period, ascending in time. `thermal` is run along `readings` up to the end of the last
-/// record; the readings used are taken out. `not_axial_p(delta, misfit)` judges the combined misfit.
+/// record; the readings used are taken out. `not_axial_p(ln(1 + delta), misfit)` judges the combined misfit.
 ///
 /// delta = sum w_i delta_i / sum w_i with w_i = 1 / sd_i^2, and the temperatures with the same weights,
 /// since delta is linear in them. Records without a temperature are left out if others have one.
@@ -169,13 +169,13 @@ pub fn combine(
         delta,
         delta_sd: weight.sqrt().recip(),
         lagged_c: compensated.then_some(lagged_c),
-        not_axial_p: not_axial_p(delta, &misfit),
+        not_axial_p: not_axial_p(libm::log1p(delta.max(-1.0 + 1e-9)), &misfit),
         misfit,
         charted: None,
     }
 }
 
-/// The misfit of several periods together, with their mean delta.
+/// The misfit of several periods together, with ln(1 + their mean delta).
 pub fn combined_misfit<'a>(periods: impl Iterator<Item = &'a Period>) -> (f64, Vec<Misfit>) {
     let mut misfit = Vec::new();
     let (mut weight, mut delta) = (0.0, 0.0);
@@ -187,7 +187,7 @@ pub fn combined_misfit<'a>(periods: impl Iterator<Item = &'a Period>) -> (f64, V
             add(&mut misfit, one);
         }
     }
-    (delta / weight, averaged(misfit))
+    (libm::log1p((delta / weight).max(-1.0 + 1e-9)), averaged(misfit))
 }
 
 /// Adds one mode's misfit to the precision-weighted sums (residual: sum w r; second: sum w).

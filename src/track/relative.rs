@@ -1,8 +1,32 @@
 //! The relative force of one record: approximate Bayesian computation on the shift from the baseline.
 
-use super::{Baseline, Observation};
-use crate::forward::ForwardModel;
+use super::baseline::BaselineMode;
+use super::levels::{self, LEAST_LOG_SD};
+use super::shift::{Draws, HIGH, LANES, LOW, Lanes, Polynomials, Proposal, Seen, TERMS, mean_and_slope};
+use super::{Baseline, LogMode, Observation};
+use crate::forward::{ForwardModel, MAX_MODES};
+use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
+use std::f64::consts::{FRAC_1_SQRT_2, PI};
+
+/// Draws of u per particle.
+const PER_PARTICLE: usize = 4;
+
+/// Standard error of u from which on the record says so little that u is drawn from its whole range.
+const NARROW: f64 = 0.1;
+
+/// Standard errors that an estimate must stay away from the ends of the range.
+const SAFE: f64 = 5.0;
+
+/// Most steps of the common estimate, and the step that ends them.
+const STEPS: usize = 30;
+const CONVERGED: f64 = 1e-9;
+
+/// Bins of a quantile.
+const BINS: usize = 2048;
+
+/// Most steps to a normal quantile.
+const NEWTON: usize = 60;
 
 /// Mean, spread and 95 % interval of one quantity.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -67,25 +91,375 @@ pub enum NoRelative {
 
 /// A baseline ready for records: how each particle's log-frequencies move with u.
 #[derive(Debug, Clone)]
-pub struct Shift {}
+pub struct Shift {
+    modes: Vec<BaselineMode>,
+    overdispersion: f64,
+    /// ln N_i of the particles the model has an answer for.
+    log_forces: Vec<f64>,
+    polynomials: Polynomials,
+    /// The mean polynomial of each mode.
+    means: Vec<[f64; TERMS]>,
+    /// Standard normals spread evenly over all draws and within each particle's, and the shares they are
+    /// quantiles of.
+    normals: Vec<Lanes>,
+    shares: Vec<Lanes>,
+}
+
+/// Modes of one record that the baseline has too.
+struct Common {
+    /// Place in the baseline.
+    mode: usize,
+    order: usize,
+    z: f64,
+    /// Variance of z from this record's frequency, overdispersion included.
+    record_variance: f64,
+    /// The same with the baseline's.
+    variance: f64,
+}
 
 impl Shift {
     /// Prepares; particles the model has no answer for are left out.
-    pub fn new(_baseline: &Baseline, _model: &dyn ForwardModel) -> Self {
-        todo!()
+    pub fn new(baseline: &Baseline, model: &dyn ForwardModel) -> Self {
+        let width = model.parameterisation().len();
+        let orders: Vec<usize> = baseline.modes.iter().map(|mode| mode.order).collect();
+        let (polynomials, places) = Polynomials::new(&baseline.particles, &orders, model);
+        let shares = lattice(polynomials.blocks());
+        Self {
+            modes: baseline.modes.clone(),
+            overdispersion: baseline.overdispersion,
+            log_forces: places.iter().map(|place| libm::log(baseline.particles[place * width])).collect(),
+            means: polynomials.means(places.len()),
+            normals: shares.iter().map(|lanes| lanes.map(normal_quantile)).collect(),
+            shares,
+            polynomials,
+        }
     }
 
     /// P(misfit at least this large | the change is axial) for the combined misfit of several records, at a mean
-    /// change N_t / N_0 - 1 of `delta`.
-    pub fn not_axial_p(&self, _delta: f64, _misfit: &[Misfit]) -> f64 {
-        todo!()
+    /// ln(N_t / N_0) of `delta`. The baseline's error and the particles' uncertainty, which all records share, are taken
+    /// into account here.
+    pub fn not_axial_p(&self, delta: f64, misfit: &[Misfit]) -> f64 {
+        let known: Vec<(usize, &Misfit)> = misfit
+            .iter()
+            .filter_map(|one| Some((self.modes.iter().position(|mode| mode.order == one.order)?, one)))
+            .collect();
+        let places: Vec<usize> = known.iter().map(|(mode, _)| *mode).collect();
+        let residuals: Vec<f64> = known.iter().map(|(_, one)| one.residual).collect();
+        let variances: Vec<f64> =
+            known.iter().map(|(mode, one)| one.sd * one.sd + self.modes[*mode].log_sd.powi(2)).collect();
+        let (q, freedom) = self.misfit_square(&places, &residuals, &variances, delta);
+        chi_square_tail(q, freedom)
     }
 
-    /// The relative force of one record.
+    /// The relative force of one record. The posterior of (i, u) is, with particles of equal weight and a flat prior of u,
+    ///
+    /// ```text
+    /// p(i, u | z) ~ prod_n N(z_n; ln f_n(theta_i, x_i, N_i e^u) - ln f_n(theta_i, x_i, N_i), sd_tn^2 + sd_ybar_n^2):
+    /// ```
+    ///
+    /// approximate Bayesian computation with the error's density as its kernel, which is exact (Wilkinson 2013). Each particle
+    /// proposes u around its own weighted least-squares estimate, at points of a lattice that `seed` turns.
     ///
     /// # Errors
     /// Why there is none.
-    pub fn relative(&self, _observation: &Observation, _seed: u64) -> Result<Relative, NoRelative> {
-        todo!()
+    pub fn relative(&self, observation: &Observation, seed: u64) -> Result<Relative, NoRelative> {
+        let common = self.common(observation);
+        if common.is_empty() {
+            return Err(NoRelative::NoCommonMode);
+        }
+        let count = self.log_forces.len();
+        if count == 0 {
+            return Err(NoRelative::OutsideRange);
+        }
+        let (estimate, information) = self.estimate(&common);
+        let width = information.sqrt().recip();
+        let proposal = if width < NARROW {
+            if !(LOW + SAFE * width..=HIGH - SAFE * width).contains(&estimate) {
+                return Err(NoRelative::OutsideRange);
+            }
+            Proposal::Near(estimate)
+        } else {
+            Proposal::Everywhere
+        };
+        let seen: Vec<Seen> = common
+            .iter()
+            .map(|one| Seen {
+                mode: one.mode,
+                z: one.z,
+                precision: one.variance.recip(),
+            })
+            .collect();
+        let blocks = self.polynomials.blocks();
+        let mut u = vec![[0.0; LANES]; blocks * PER_PARTICLE];
+        let mut weights = vec![[0.0; LANES]; u.len()];
+        let mut factors = vec![[0.0; LANES]; u.len()];
+        Draws {
+            polynomials: &self.polynomials,
+            seen: &seen,
+            per_particle: PER_PARTICLE,
+            proposal,
+            lattice: match proposal {
+                Proposal::Near(_) => &self.normals,
+                Proposal::Everywhere => &self.shares,
+            },
+            offset: (seed % blocks as u64) as usize,
+            u: &mut u,
+            log_weight: &mut weights,
+            factor: &mut factors,
+        }
+        .draw();
+        // The last block's repeated particles count for nothing.
+        let spare = blocks * LANES - count;
+        for block in (0..PER_PARTICLE).map(|j| (j + 1) * blocks - 1) {
+            factors[block][LANES - spare..].fill(0.0);
+        }
+        let (u, weights, factors) = (u.as_flattened(), weights.as_flattened_mut(), factors.as_flattened());
+        let most = weights
+            .iter()
+            .zip(factors)
+            .filter(|(_, factor)| **factor > 0.0)
+            .fold(f64::NEG_INFINITY, |most, (weight, _)| most.max(*weight));
+        if !most.is_finite() {
+            return Err(NoRelative::OutsideRange);
+        }
+        for (weight, factor) in weights.iter_mut().zip(factors) {
+            *weight = if *factor > 0.0 { factor * libm::exp(*weight - most) } else { 0.0 };
+        }
+        let places = blocks * LANES;
+        let log_force = |draw: usize| self.log_forces[(draw % places).min(count - 1)];
+        Ok(self.summary(&common, u, weights, log_force))
+    }
+
+    fn summary(
+        &self,
+        common: &[Common],
+        u: &[f64],
+        weights: &[f64],
+        log_force: impl Fn(usize) -> f64,
+    ) -> Relative {
+        let moments = Moments::of(weights, u.iter().copied());
+        let delta = moments.mean;
+        let (mut ratios, mut forces, mut logs) = (
+            Vec::with_capacity(u.len()),
+            Vec::with_capacity(u.len()),
+            Vec::with_capacity(u.len()),
+        );
+        for (draw, u) in u.iter().enumerate() {
+            let ratio = libm::exp(*u);
+            let log = log_force(draw);
+            ratios.push(ratio);
+            logs.push(log + u);
+            forces.push(ratio * libm::exp(log));
+        }
+        let interval = |values: &[f64], logs: &[f64]| {
+            let moments = Moments::of(weights, values.iter().copied());
+            let [q025, q975] = quantiles(logs, weights, [0.025, 0.975]);
+            Interval {
+                mean: moments.mean,
+                sd: moments.sd,
+                q025: libm::exp(q025),
+                q975: libm::exp(q975),
+            }
+        };
+        let mut record_information = 0.0;
+        let misfit: Vec<Misfit> = common
+            .iter()
+            .map(|one| {
+                let (value, slope) = mean_and_slope(&self.means[one.mode], delta);
+                record_information += slope * slope / one.record_variance;
+                Misfit {
+                    order: one.order,
+                    residual: one.z - value,
+                    sd: one.record_variance.sqrt(),
+                }
+            })
+            .collect();
+        let places: Vec<usize> = common.iter().map(|one| one.mode).collect();
+        let residuals: Vec<f64> = misfit.iter().map(|one| one.residual).collect();
+        let variances: Vec<f64> = common.iter().map(|one| one.variance).collect();
+        let (q, freedom) = self.misfit_square(&places, &residuals, &variances, delta);
+        Relative {
+            ratio: interval(&ratios, u),
+            force_n: interval(&forces, &logs),
+            log_ratio: delta,
+            log_sd: moments.sd,
+            record_sd: record_information.sqrt().recip(),
+            q,
+            freedom,
+            not_axial_p: chi_square_tail(q, freedom),
+            misfit,
+            ess: moments.ess,
+            draws: self.log_forces.len() * PER_PARTICLE,
+        }
+    }
+
+    /// The record's usable modes that the baseline has.
+    fn common(&self, observation: &Observation) -> Vec<Common> {
+        let usable = |mode: &&LogMode| levels::usable(mode.log_frequency, mode.log_sd);
+        self.modes
+            .iter()
+            .enumerate()
+            .filter_map(|(place, known)| {
+                let mode = observation.mode(known.order).filter(usable)?;
+                let record_variance = (mode.log_sd.max(LEAST_LOG_SD) * self.overdispersion).powi(2);
+                Some(Common {
+                    mode: place,
+                    order: known.order,
+                    z: mode.log_frequency - known.log_frequency,
+                    record_variance,
+                    variance: record_variance + known.log_sd * known.log_sd,
+                })
+            })
+            .collect()
+    }
+
+    /// The weighted least-squares estimate of u by the mean shifts, at most at the range's ends, and its
+    /// information.
+    fn estimate(&self, common: &[Common]) -> (f64, f64) {
+        let (mut u, mut information) = (0.0, 0.0);
+        for _ in 0..STEPS {
+            let mut force = 0.0;
+            information = f64::MIN_POSITIVE;
+            for one in common {
+                let (value, slope) = mean_and_slope(&self.means[one.mode], u);
+                information += slope * slope / one.variance;
+                force += slope * (one.z - value) / one.variance;
+            }
+            let next = (u + force / information).clamp(LOW, HIGH);
+            let step = (next - u).abs();
+            u = next;
+            if step < CONVERGED {
+                break;
+            }
+        }
+        (u, information)
+    }
+
+    /// Q, the smallest squared misfit of the residuals along the slopes, and its degrees of freedom: `min over d of
+    /// (r - s d)' V^-1 (r - s d)`, V the variances and the covariance of the particles' shifts at delta.
+    fn misfit_square(&self, modes: &[usize], residuals: &[f64], variances: &[f64], delta: f64) -> (f64, usize) {
+        let count = modes.len();
+        if count < 2 || self.log_forces.is_empty() {
+            return (0.0, 0);
+        }
+        let delta = delta.clamp(LOW, HIGH);
+        let (means, products) = self.polynomials.moments(self.log_forces.len(), modes, delta);
+        let particles = self.log_forces.len() as f64;
+        let covariance = DMatrix::from_fn(count, count, |a, b| {
+            let shared = products[a * count + b] / particles - means[a] * means[b] / (particles * particles);
+            shared + if a == b { variances[a] } else { 0.0 }
+        });
+        let Some(factor) = covariance.cholesky() else {
+            return (0.0, 0);
+        };
+        let residual = DVector::from_column_slice(residuals);
+        let slope = DVector::from_iterator(
+            count,
+            modes.iter().map(|mode| mean_and_slope(&self.means[*mode], delta).1),
+        );
+        let weighted = factor.solve(&residual);
+        let along = slope.dot(&weighted);
+        let q = residual.dot(&weighted) - along * along / slope.dot(&factor.solve(&slope));
+        (q.max(0.0), count - 1)
     }
 }
+
+/// Weighted mean, standard deviation and effective number of draws.
+struct Moments {
+    mean: f64,
+    sd: f64,
+    ess: f64,
+}
+
+impl Moments {
+    fn of(weights: &[f64], values: impl Iterator<Item = f64> + Clone) -> Self {
+        let sum: f64 = weights.iter().sum();
+        let mean = weights.iter().zip(values.clone()).map(|(w, x)| w * x).sum::<f64>() / sum;
+        let square = weights.iter().zip(values).map(|(w, x)| w * (x - mean) * (x - mean)).sum::<f64>() / sum;
+        Self {
+            mean,
+            sd: square.sqrt(),
+            ess: sum * sum / weights.iter().map(|w| w * w).sum::<f64>(),
+        }
+    }
+}
+
+/// Quantiles of weighted values, to a thousandth of their range: the weight is summed in narrow bins and taken as even
+/// within each.
+fn quantiles<const S: usize>(values: &[f64], weights: &[f64], shares: [f64; S]) -> [f64; S] {
+    let (low, high) = values
+        .iter()
+        .zip(weights)
+        .filter(|(_, weight)| **weight > 0.0)
+        .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), (x, _)| (low.min(*x), high.max(*x)));
+    let step = (high - low) / BINS as f64;
+    if !(step > 0.0) {
+        return [low; S];
+    }
+    let mut bins = [0.0; BINS];
+    for (x, weight) in values.iter().zip(weights) {
+        // Values outside have no weight; the cast saturates.
+        bins[(((x - low) / step) as usize).min(BINS - 1)] += weight;
+    }
+    let sum: f64 = bins.iter().sum();
+    shares.map(|share| {
+        let mut below = 0.0;
+        for (bin, weight) in bins.iter().enumerate() {
+            if below + weight >= share * sum && *weight > 0.0 {
+                return low + step * (bin as f64 + (share * sum - below) / weight);
+            }
+            below += weight;
+        }
+        high
+    })
+}
+
+/// Shares from 0 to 1, [`PER_PARTICLE`] for each particle of `blocks`: one in each of as many equal strata,
+/// at places that run evenly through it from particle to particle by the golden ratio.
+fn lattice(blocks: usize) -> Vec<Lanes> {
+    const GOLDEN: f64 = 0.618_033_988_749_894_9;
+    let count = (blocks * LANES) as f64;
+    let mut lattice = vec![[0.0; LANES]; blocks * PER_PARTICLE];
+    for block in 0..blocks {
+        for l in 0..LANES {
+            let particle = (block * LANES + l) as f64;
+            for j in 0..PER_PARTICLE {
+                // Strata of one particle are not to be in step with each other.
+                let place = (GOLDEN * particle + 0.5 / count + j as f64 / PER_PARTICLE as f64).fract();
+                lattice[block * PER_PARTICLE + j][l] = (j as f64 + place) / PER_PARTICLE as f64;
+            }
+        }
+    }
+    lattice
+}
+
+/// The standard normal's quantile, by Newton's method on `erfc`; shares closer to 0 or 1 than 1e-5 count as that.
+fn normal_quantile(share: f64) -> f64 {
+    let tail = share.min(1.0 - share).max(1e-5);
+    // The tail is convex and falls: steps from the left of the root never pass it.
+    let mut x: f64 = 0.0;
+    for _ in 0..NEWTON {
+        let excess = 0.5 * libm::erfc(x * FRAC_1_SQRT_2) - tail;
+        let density = libm::exp(-0.5 * x * x) / (2.0 * PI).sqrt();
+        let step = excess / density;
+        x += step;
+        if step.abs() < 1e-12 {
+            break;
+        }
+    }
+    if share < 0.5 { -x } else { x }
+}
+
+/// P(chi-square > q) for up to four degrees of freedom in closed form; one without any.
+fn chi_square_tail(q: f64, freedom: usize) -> f64 {
+    let half = 0.5 * q;
+    match freedom {
+        0 => 1.0,
+        1 => libm::erfc(half.sqrt()),
+        2 => libm::exp(-half),
+        3 => libm::erfc(half.sqrt()) + 2.0 * (half / PI).sqrt() * libm::exp(-half),
+        _ => libm::exp(-half) * (1.0 + half),
+    }
+}
+
+const _: () = assert!(MAX_MODES <= 5, "the closed forms end at four degrees of freedom");

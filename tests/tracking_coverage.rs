@@ -1,0 +1,238 @@
+//! The relative force judged over simulated histories: does the 95 % interval of N_t / N_0 cover the truth, how
+//! narrow is it, and does the misfit tell a change of axial force from an added mass?
+//!
+//! Truths come from the exact solver, which the tracked model (the reduced emulator) is not. Every rod has a static
+//! discrepancy of 1 % per mode, a baseline of 30 records over which a temperature swings the force, and frequency
+//! errors of 0.1 %.
+#![allow(clippy::unwrap_used)] // helpers of tests are tests
+
+use rand::RngExt;
+use rand::rngs::ChaCha8Rng;
+use rand_distr::{Distribution as _, StandardNormal};
+use rayon::prelude::*;
+use tirante::bayes::{Prior, RodPrior};
+use tirante::beam::Exact;
+use tirante::emulator::ReducedModel;
+use tirante::forward::ForwardModel;
+use tirante::random;
+use tirante::record::Timestamp;
+use tirante::track::relative::{Relative, Shift};
+use tirante::track::{Baseline, LogMode, Observation};
+
+const RECORDS: usize = 30;
+const LOG_SD: f64 = 1e-3;
+const DISCREPANCY: f64 = 0.01;
+const PARTICLES: usize = 512;
+const CHANGES: [f64; 7] = [-0.20, -0.10, -0.05, -0.01, 0.0, 0.05, 0.10];
+
+fn normal(generator: &mut ChaCha8Rng) -> f64 {
+    StandardNormal.sample(generator)
+}
+
+/// How truths differ from what the analysis believes.
+#[derive(Debug, Clone, Copy)]
+enum Truth {
+    /// Drawn from the prior.
+    Prior,
+    /// Every uncertain quantity 1 to 1.5 prior standard deviations off, up or down.
+    Off,
+    /// The same, all histories in the same directions: Young's modulus, side and springs up, force down.
+    OffOneWay,
+}
+
+fn truth(kind: Truth, prior: &RodPrior, generator: &mut ChaCha8Rng) -> Vec<f64> {
+    let mut theta = vec![0.0; prior.parameterisation().len()];
+    prior.sample(generator, &mut theta);
+    let signs = [-1.0, 1.0, 1.0, 1.0, 1.0, 1.0];
+    if !matches!(kind, Truth::Prior) {
+        for (i, (value, prior)) in theta.iter_mut().zip(prior.priors()).enumerate() {
+            if let Prior::TruncatedNormal { mean, sd } = *prior {
+                let sign = match kind {
+                    Truth::Off if generator.random::<bool>() => -1.0,
+                    Truth::Off => 1.0,
+                    _ => signs[i],
+                };
+                *value = mean + sign * sd * (1.0 + 0.5 * generator.random::<f64>());
+            }
+        }
+    }
+    theta
+}
+
+/// One simulated rod: its parameters and what the model misses.
+struct Rod {
+    theta: Vec<f64>,
+    offsets: [f64; 5],
+    model: Exact,
+}
+
+impl Rod {
+    fn observation(&self, index: i64, u: f64, orders: &[usize], log_sd: f64, generator: &mut ChaCha8Rng) -> Observation {
+        let mut theta = self.theta.clone();
+        theta[0] *= u.exp();
+        let mut f = [0.0; 5];
+        self.model.frequencies(&theta, &mut f).unwrap();
+        observation(
+            index,
+            orders
+                .iter()
+                .map(|&order| LogMode {
+                    order,
+                    log_frequency: f[order - 1].ln() + self.offsets[order - 1] + log_sd * normal(generator),
+                    log_sd,
+                })
+                .collect(),
+        )
+    }
+}
+
+fn observation(index: i64, modes: Vec<LogMode>) -> Observation {
+    Observation {
+        start: Timestamp::from_nanos(index * 3_600_000_000_000),
+        duration_s: 60.0,
+        modes,
+        readings: Vec::new(),
+        rms: 1e-5,
+        conflict: 0.0,
+    }
+}
+
+/// A rod, its baseline, ready for records; the second value is ln N_0 over the ln N of the rod's theta.
+struct History {
+    rod: Rod,
+    shift: Shift,
+    baseline: Baseline,
+    reference: f64,
+}
+
+#[derive(Clone, Copy)]
+struct Setting {
+    truth: Truth,
+    orders: &'static [usize],
+    /// Half the range of ln N over the baseline.
+    swing: f64,
+}
+
+const SETTINGS: [(&str, Setting); 5] = [
+    ("3 modes", Setting { truth: Truth::Prior, orders: &[1, 2, 3], swing: 0.05 }),
+    ("modes 1, 3", Setting { truth: Truth::Prior, orders: &[1, 3], swing: 0.05 }),
+    ("modes 1, 2", Setting { truth: Truth::Prior, orders: &[1, 2], swing: 0.05 }),
+    ("3 modes, prior off", Setting { truth: Truth::Off, orders: &[1, 2, 3], swing: 0.05 }),
+    ("3 modes, prior off one way", Setting { truth: Truth::OffOneWay, orders: &[1, 2, 3], swing: 0.05 }),
+];
+
+fn history(setting: &Setting, seed: u64) -> (History, ChaCha8Rng) {
+    let prior = RodPrior::todi();
+    let model = ReducedModel::new(*prior.parameterisation());
+    let mut generator = random::stream(seed, 0);
+    let theta = truth(setting.truth, &prior, &mut generator);
+    let offsets = std::array::from_fn(|_| DISCREPANCY * normal(&mut generator));
+    let rod = Rod { theta, offsets, model: Exact::new(*prior.parameterisation()) };
+    // A part of a season and the weather's days.
+    let phase = std::f64::consts::TAU * generator.random::<f64>();
+    let us: Vec<f64> = (0..RECORDS)
+        .map(|t| setting.swing * ((phase + 0.1 * t as f64).sin() + 0.3 * normal(&mut generator)))
+        .collect();
+    let observations: Vec<Observation> = us
+        .iter()
+        .enumerate()
+        .map(|(t, &u)| rod.observation(t as i64, u, setting.orders, LOG_SD, &mut generator))
+        .collect();
+    let reference = us.iter().sum::<f64>() / RECORDS as f64;
+    let baseline = Baseline::learn(&observations, &prior, &model, &[DISCREPANCY; 5], PARTICLES, seed).unwrap();
+    let shift = Shift::new(&baseline, &model);
+    (History { rod, shift, baseline, reference }, generator)
+}
+
+/// What a cell of the campaign came to.
+#[derive(Default, Clone, Copy)]
+struct Cell {
+    count: usize,
+    covered: usize,
+    above: usize,
+    sd: f64,
+    force_cv: f64,
+    error: f64,
+    square_error: f64,
+    not_axial: usize,
+}
+
+impl Cell {
+    fn add(&mut self, ratio: f64, relative: &Relative) {
+        self.count += 1;
+        self.covered += usize::from((relative.ratio.q025..=relative.ratio.q975).contains(&ratio));
+        self.above += usize::from(ratio > relative.ratio.q975);
+        self.sd += relative.ratio.sd / relative.ratio.mean;
+        self.force_cv += relative.force_n.sd / relative.force_n.mean;
+        let error = relative.ratio.mean / ratio - 1.0;
+        self.error += error;
+        self.square_error += error * error;
+        self.not_axial += usize::from(relative.not_axial_p < 1e-3);
+    }
+
+    fn coverage(&self) -> f64 {
+        self.covered as f64 / self.count as f64
+    }
+}
+
+fn campaign(setting: &Setting, histories: u64, base: u64) -> Vec<Cell> {
+    let relatives: Vec<Vec<(f64, Relative)>> = (0..histories)
+        .into_par_iter()
+        .map(|h| {
+            let (history, mut generator) = history(setting, base + h);
+            CHANGES
+                .iter()
+                .map(|change| {
+                    let u = change.ln_1p();
+                    let observation =
+                        history.rod.observation(1000, history.reference + u, setting.orders, LOG_SD, &mut generator);
+                    (change + 1.0, history.shift.relative(&observation, h).unwrap())
+                })
+                .collect()
+        })
+        .collect();
+    let mut cells = vec![Cell::default(); CHANGES.len()];
+    for row in &relatives {
+        for (cell, (ratio, relative)) in cells.iter_mut().zip(row) {
+            cell.add(*ratio, relative);
+        }
+    }
+    cells
+}
+
+fn print(name: &str, cells: &[Cell]) {
+    for (cell, change) in cells.iter().zip(CHANGES) {
+        let n = cell.count as f64;
+        println!(
+            "| {name} | {:+.0} % | {:.1} % | {:.1} / {:.1} % | {:.3} % | {:.3} % | {:+.3} % | {:.1} % | {:.4} |",
+            100.0 * change,
+            100.0 * cell.coverage(),
+            100.0 * (cell.count - cell.covered - cell.above) as f64 / n,
+            100.0 * cell.above as f64 / n,
+            100.0 * cell.sd / n,
+            100.0 * (cell.square_error / n).sqrt(),
+            100.0 * cell.error / n,
+            100.0 * cell.force_cv / n,
+            cell.not_axial as f64 / n,
+        );
+    }
+}
+
+#[test]
+#[ignore = "campaign: 2000 histories per setting, about 2 minutes; run with --release --ignored --nocapture coverage_campaign"]
+fn coverage_campaign() {
+    let histories = std::env::var("HISTORIES").ok().and_then(|n| n.parse().ok()).unwrap_or(2000);
+    for (i, (name, setting)) in SETTINGS.iter().enumerate() {
+        print(name, &campaign(setting, histories, 1_000_000 * (i as u64 + 1)));
+    }
+}
+
+/// Of 300 histories 285 are covered on average, with a standard deviation below 4.
+#[test]
+fn intervals_cover_the_truth() {
+    let cells = campaign(&SETTINGS[0].1, 300, 77);
+    print("3 modes", &cells);
+    for cell in &cells {
+        assert!((0.90..=0.985).contains(&cell.coverage()), "{}", cell.coverage());
+    }
+}

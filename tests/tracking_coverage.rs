@@ -67,7 +67,14 @@ struct Rod {
 }
 
 impl Rod {
-    fn observation(&self, index: i64, u: f64, orders: &[usize], log_sd: f64, generator: &mut ChaCha8Rng) -> Observation {
+    fn observation(
+        &self,
+        index: i64,
+        u: f64,
+        orders: &[usize],
+        log_sd: f64,
+        generator: &mut ChaCha8Rng,
+    ) -> Observation {
         let mut theta = self.theta.clone();
         theta[0] *= u.exp();
         let mut f = [0.0; 5];
@@ -114,11 +121,46 @@ struct Setting {
 }
 
 const SETTINGS: [(&str, Setting); 5] = [
-    ("3 modes", Setting { truth: Truth::Prior, orders: &[1, 2, 3], swing: 0.05 }),
-    ("modes 1, 3", Setting { truth: Truth::Prior, orders: &[1, 3], swing: 0.05 }),
-    ("modes 1, 2", Setting { truth: Truth::Prior, orders: &[1, 2], swing: 0.05 }),
-    ("3 modes, prior off", Setting { truth: Truth::Off, orders: &[1, 2, 3], swing: 0.05 }),
-    ("3 modes, prior off one way", Setting { truth: Truth::OffOneWay, orders: &[1, 2, 3], swing: 0.05 }),
+    (
+        "3 modes",
+        Setting {
+            truth: Truth::Prior,
+            orders: &[1, 2, 3],
+            swing: 0.05,
+        },
+    ),
+    (
+        "modes 1, 3",
+        Setting {
+            truth: Truth::Prior,
+            orders: &[1, 3],
+            swing: 0.05,
+        },
+    ),
+    (
+        "modes 1, 2",
+        Setting {
+            truth: Truth::Prior,
+            orders: &[1, 2],
+            swing: 0.05,
+        },
+    ),
+    (
+        "3 modes, prior off",
+        Setting {
+            truth: Truth::Off,
+            orders: &[1, 2, 3],
+            swing: 0.05,
+        },
+    ),
+    (
+        "3 modes, prior off one way",
+        Setting {
+            truth: Truth::OffOneWay,
+            orders: &[1, 2, 3],
+            swing: 0.05,
+        },
+    ),
 ];
 
 fn history(setting: &Setting, seed: u64) -> (History, ChaCha8Rng) {
@@ -127,7 +169,11 @@ fn history(setting: &Setting, seed: u64) -> (History, ChaCha8Rng) {
     let mut generator = random::stream(seed, 0);
     let theta = truth(setting.truth, &prior, &mut generator);
     let offsets = std::array::from_fn(|_| DISCREPANCY * normal(&mut generator));
-    let rod = Rod { theta, offsets, model: Exact::new(*prior.parameterisation()) };
+    let rod = Rod {
+        theta,
+        offsets,
+        model: Exact::new(*prior.parameterisation()),
+    };
     // A part of a season and the weather's days.
     let phase = std::f64::consts::TAU * generator.random::<f64>();
     let us: Vec<f64> = (0..RECORDS)
@@ -139,9 +185,18 @@ fn history(setting: &Setting, seed: u64) -> (History, ChaCha8Rng) {
         .map(|(t, &u)| rod.observation(t as i64, u, setting.orders, LOG_SD, &mut generator))
         .collect();
     let reference = us.iter().sum::<f64>() / RECORDS as f64;
-    let baseline = Baseline::learn(&observations, &prior, &model, &[DISCREPANCY; 5], PARTICLES, seed).unwrap();
+    let baseline =
+        Baseline::learn(&observations, &prior, &model, &[DISCREPANCY; 5], PARTICLES, seed).unwrap();
     let shift = Shift::new(&baseline, &model);
-    (History { rod, shift, baseline, reference }, generator)
+    (
+        History {
+            rod,
+            shift,
+            baseline,
+            reference,
+        },
+        generator,
+    )
 }
 
 /// What a cell of the campaign came to.
@@ -184,8 +239,13 @@ fn campaign(setting: &Setting, histories: u64, base: u64) -> Vec<Cell> {
                 .iter()
                 .map(|change| {
                     let u = change.ln_1p();
-                    let observation =
-                        history.rod.observation(1000, history.reference + u, setting.orders, LOG_SD, &mut generator);
+                    let observation = history.rod.observation(
+                        1000,
+                        history.reference + u,
+                        setting.orders,
+                        LOG_SD,
+                        &mut generator,
+                    );
                     (change + 1.0, history.shift.relative(&observation, h).unwrap())
                 })
                 .collect()
@@ -221,7 +281,10 @@ fn print(name: &str, cells: &[Cell]) {
 #[test]
 #[ignore = "campaign: 2000 histories per setting, about 2 minutes; run with --release --ignored --nocapture coverage_campaign"]
 fn coverage_campaign() {
-    let histories = std::env::var("HISTORIES").ok().and_then(|n| n.parse().ok()).unwrap_or(2000);
+    let histories = std::env::var("HISTORIES")
+        .ok()
+        .and_then(|n| n.parse().ok())
+        .unwrap_or(2000);
     for (i, (name, setting)) in SETTINGS.iter().enumerate() {
         print(name, &campaign(setting, histories, 1_000_000 * (i as u64 + 1)));
     }

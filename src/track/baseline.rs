@@ -100,7 +100,11 @@ impl Baseline {
         let of = |purpose: &[u8]| random::seed(&[purpose, &seed.to_le_bytes()]);
         let draws = Population::of_prior(prior, model, modes, of(b"prior"));
         let pilots = draws
-            .pilot(&rough_targets(observations, &used, discrepancy), PILOTS, of(b"pilot"))
+            .pilot(
+                &rough_targets(observations, &used, discrepancy),
+                PILOTS,
+                of(b"pilot"),
+            )
             .ok_or(BaselineFault::NoParticle)?;
         let levels = levels::fit(observations, &used, &slopes(&pilots, model, modes));
         let known: Vec<BaselineMode> = (0..modes)
@@ -123,9 +127,11 @@ impl Baseline {
         let (population, misfit) = draws
             .posterior(&targets, prior, model, particles.max(1), of(b"posterior"))
             .ok_or(BaselineFault::NoParticle)?;
-        let rms = observations.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), observation| {
-            (low.min(observation.rms), high.max(observation.rms))
-        });
+        let rms = observations
+            .iter()
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), observation| {
+                (low.min(observation.rms), high.max(observation.rms))
+            });
         Ok(Self {
             first: first.start,
             last: last.start,
@@ -144,7 +150,9 @@ fn counts(observations: &[Observation], modes: usize) -> [usize; MAX_MODES] {
     std::array::from_fn(|slot| {
         let measured = |observation: &&Observation| {
             slot < modes
-                && observation.mode(slot + 1).is_some_and(|mode| levels::usable(mode.log_frequency, mode.log_sd))
+                && observation
+                    .mode(slot + 1)
+                    .is_some_and(|mode| levels::usable(mode.log_frequency, mode.log_sd))
         };
         observations.iter().filter(measured).count()
     })
@@ -158,7 +166,10 @@ fn stated(discrepancy: &[f64], order: usize) -> f64 {
 fn rough_targets(observations: &[Observation], used: &[bool; MAX_MODES], discrepancy: &[f64]) -> Vec<Target> {
     let mean = |order: usize| {
         let (mut sum, mut weights) = (0.0, 0.0);
-        for mode in observations.iter().filter_map(|observation| observation.mode(order)) {
+        for mode in observations
+            .iter()
+            .filter_map(|observation| observation.mode(order))
+        {
             if levels::usable(mode.log_frequency, mode.log_sd) {
                 let weight = (mode.log_sd * mode.log_sd + ROUGH * ROUGH).recip();
                 sum += weight * mode.log_frequency;
@@ -184,7 +195,10 @@ fn slopes(pilots: &Population, model: &dyn ForwardModel, modes: usize) -> Slopes
         let mut moved = theta.to_vec();
         moved[0] *= libm::exp(u);
         let mut slopes = [0.0; MAX_MODES];
-        model.log_slopes(&moved, &mut slopes[..modes]).ok().map(|()| Column::from(slopes))
+        model
+            .log_slopes(&moved, &mut slopes[..modes])
+            .ok()
+            .map(|()| Column::from(slopes))
     };
     let rows: Vec<(Column, Column)> = pilots
         .thetas
@@ -196,7 +210,11 @@ fn slopes(pilots: &Population, model: &dyn ForwardModel, modes: usize) -> Slopes
         .collect();
     let count = rows.len().max(1) as f64;
     let mean = rows.iter().map(|row| row.0).sum::<Column>() / count;
-    let covariance = rows.iter().map(|row| (row.0 - mean) * (row.0 - mean).transpose()).sum::<Square>() / count;
+    let covariance = rows
+        .iter()
+        .map(|row| (row.0 - mean) * (row.0 - mean).transpose())
+        .sum::<Square>()
+        / count;
     let curvature = rows.iter().map(|row| row.1).sum::<Column>() / count;
     Slopes {
         mean,

@@ -66,7 +66,10 @@ pub(super) fn usable(log_frequency: f64, log_sd: f64) -> bool {
 
 /// Fits the levels of the modes with `used[order - 1]`, each measured in at least one record.
 pub(super) fn fit(observations: &[Observation], used: &[bool; MAX_MODES], slopes: &Slopes) -> Levels {
-    let rows: Vec<Row> = observations.iter().map(|observation| row(observation, used)).collect();
+    let rows: Vec<Row> = observations
+        .iter()
+        .map(|observation| row(observation, used))
+        .collect();
     let mut s = slopes.mean;
     let mut deltas = vec![0.0; rows.len()];
     let mut estimate = levels(&rows, used, &s, &slopes.curvature, &deltas);
@@ -91,7 +94,11 @@ pub(super) fn fit(observations: &[Observation], used: &[bool; MAX_MODES], slopes
         squares += residual.component_mul(&residual).dot(&row.precision);
         freedom += (row.precision.iter().filter(|p| **p > 0.0).count() as f64 - 1.0).max(0.0);
     }
-    let dispersion = if freedom >= 1.0 { (squares / freedom).max(1.0) } else { 1.0 };
+    let dispersion = if freedom >= 1.0 {
+        (squares / freedom).max(1.0)
+    } else {
+        1.0
+    };
     // What wrong slopes do to a level: the mean delta of the records in which it was measured.
     let mut lever = Square::zeros();
     for (gain, delta) in estimate.gains.iter().zip(&deltas) {
@@ -160,14 +167,20 @@ fn levels(
     let mut inverses = Vec::with_capacity(rows.len());
     for (row, delta) in rows.iter().zip(deltas) {
         let scaled = row.precision.component_mul(slopes);
-        let inverse = Square::from_diagonal(&row.precision) - scaled * scaled.transpose() * remaining(row, slopes);
+        let inverse =
+            Square::from_diagonal(&row.precision) - scaled * scaled.transpose() * remaining(row, slopes);
         total += inverse;
         sum += inverse * (row.x - curvature * (0.5 * delta * delta));
         inverses.push(inverse);
     }
     // Positive definite: each used mode was measured, and the swing has a finite variance.
-    let covariance = total.cholesky().map_or_else(Square::identity, |factor| factor.inverse());
-    let share: f64 = rows.iter().map(|row| 1.0 - remaining(row, slopes) / (SWING * SWING)).sum();
+    let covariance = total
+        .cholesky()
+        .map_or_else(Square::identity, |factor| factor.inverse());
+    let share: f64 = rows
+        .iter()
+        .map(|row| 1.0 - remaining(row, slopes) / (SWING * SWING))
+        .sum();
     let (mut measurement, mut unlinked) = (Square::zeros(), Square::zeros());
     let mut gains = Vec::with_capacity(rows.len());
     for (row, inverse) in rows.iter().zip(inverses) {

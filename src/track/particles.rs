@@ -156,7 +156,11 @@ impl Population {
 
     fn squares_into(&self, targets: &[Target], squares: &mut Vec<f64>) {
         squares.clear();
-        squares.extend(self.log_frequencies.chunks_exact(self.modes).map(|row| square(row, targets)));
+        squares.extend(
+            self.log_frequencies
+                .chunks_exact(self.modes)
+                .map(|row| square(row, targets)),
+        );
     }
 
     /// Metropolis steps in the logarithms of the uncertain quantities, shaped by the particles' covariance.
@@ -171,13 +175,18 @@ impl Population {
         model: &dyn ForwardModel,
         generator: &mut ChaCha8Rng,
     ) {
-        let free: Vec<usize> = (0..self.width).filter(|&i| !prior.priors()[i].is_fixed()).collect();
+        let free: Vec<usize> = (0..self.width)
+            .filter(|&i| !prior.priors()[i].is_fixed())
+            .collect();
         let count = squares.len();
         let Some(shape) = self.shape(&free) else {
             return;
         };
-        let mut densities: Vec<f64> =
-            self.thetas.chunks_exact(self.width).map(|theta| log_density(prior, &free, theta)).collect();
+        let mut densities: Vec<f64> = self
+            .thetas
+            .chunks_exact(self.width)
+            .map(|theta| log_density(prior, &free, theta))
+            .collect();
         let mut proposed = self.thetas.clone();
         let mut answers = vec![0.0; count * self.modes];
         let mut normals = DVector::zeros(free.len());
@@ -186,7 +195,9 @@ impl Population {
             let scale = 2.38 / (free.len() as f64).sqrt() * if step % 2 == 0 { 1.0 } else { 0.5 };
             proposed.copy_from_slice(&self.thetas);
             for theta in proposed.chunks_exact_mut(self.width) {
-                normals.iter_mut().for_each(|z| *z = StandardNormal.sample(generator));
+                normals
+                    .iter_mut()
+                    .for_each(|z| *z = StandardNormal.sample(generator));
                 let jump = &shape * &normals;
                 for (&quantity, jump) in free.iter().zip(jump.iter()) {
                     theta[quantity] *= libm::exp(scale * jump);
@@ -216,7 +227,9 @@ impl Population {
             return None;
         }
         let count = self.thetas.len() / self.width;
-        let logs = DMatrix::from_fn(count, free.len(), |i, j| libm::log(self.thetas[i * self.width + free[j]]));
+        let logs = DMatrix::from_fn(count, free.len(), |i, j| {
+            libm::log(self.thetas[i * self.width + free[j]])
+        });
         let mean = logs.row_mean();
         let centred = DMatrix::from_fn(count, free.len(), |i, j| logs[(i, j)] - mean[j]);
         let mut covariance = centred.transpose() * &centred / count as f64;
@@ -230,7 +243,9 @@ impl Population {
 
 /// The prior's density in the logarithms of the uncertain quantities.
 fn log_density(prior: &RodPrior, free: &[usize], theta: &[f64]) -> f64 {
-    free.iter().map(|&i| prior.priors()[i].log_density(theta[i]) + libm::log(theta[i])).sum()
+    free.iter()
+        .map(|&i| prior.priors()[i].log_density(theta[i]) + libm::log(theta[i]))
+        .sum()
 }
 
 fn square(row: &[f64], targets: &[Target]) -> f64 {
@@ -243,7 +258,10 @@ fn square(row: &[f64], targets: &[Target]) -> f64 {
 
 fn weights(squares: &[f64], power: f64) -> Vec<f64> {
     let least = squares.iter().fold(f64::INFINITY, |least, s| least.min(*s));
-    squares.iter().map(|s| libm::exp(-0.5 * power * (s - least))).collect()
+    squares
+        .iter()
+        .map(|s| libm::exp(-0.5 * power * (s - least)))
+        .collect()
 }
 
 /// The largest power up to `most` that leaves an effective sample size of `wanted` (if any leaves it). `None` if no

@@ -127,7 +127,10 @@ impl Shift {
         Self {
             modes: baseline.modes.clone(),
             overdispersion: baseline.overdispersion,
-            log_forces: places.iter().map(|place| libm::log(baseline.particles[place * width])).collect(),
+            log_forces: places
+                .iter()
+                .map(|place| libm::log(baseline.particles[place * width]))
+                .collect(),
             means: polynomials.means(places.len()),
             normals: shares.iter().map(|lanes| lanes.map(normal_quantile)).collect(),
             shares,
@@ -145,8 +148,10 @@ impl Shift {
             .collect();
         let places: Vec<usize> = known.iter().map(|(mode, _)| *mode).collect();
         let residuals: Vec<f64> = known.iter().map(|(_, one)| one.residual).collect();
-        let variances: Vec<f64> =
-            known.iter().map(|(mode, one)| one.sd * one.sd + self.modes[*mode].log_sd.powi(2)).collect();
+        let variances: Vec<f64> = known
+            .iter()
+            .map(|(mode, one)| one.sd * one.sd + self.modes[*mode].log_sd.powi(2))
+            .collect();
         let (q, freedom) = self.misfit_square(&places, &residuals, &variances, delta);
         chi_square_tail(q, freedom)
     }
@@ -213,7 +218,11 @@ impl Shift {
         for block in (0..PER_PARTICLE).map(|j| (j + 1) * blocks - 1) {
             factors[block][LANES - spare..].fill(0.0);
         }
-        let (u, weights, factors) = (u.as_flattened(), weights.as_flattened_mut(), factors.as_flattened());
+        let (u, weights, factors) = (
+            u.as_flattened(),
+            weights.as_flattened_mut(),
+            factors.as_flattened(),
+        );
         let most = weights
             .iter()
             .zip(factors)
@@ -223,7 +232,11 @@ impl Shift {
             return Err(NoRelative::OutsideRange);
         }
         for (weight, factor) in weights.iter_mut().zip(factors) {
-            *weight = if *factor > 0.0 { factor * libm::exp(*weight - most) } else { 0.0 };
+            *weight = if *factor > 0.0 {
+                factor * libm::exp(*weight - most)
+            } else {
+                0.0
+            };
         }
         let places = blocks * LANES;
         let log_force = |draw: usize| self.log_forces[(draw % places).min(count - 1)];
@@ -337,7 +350,13 @@ impl Shift {
 
     /// Q, the smallest squared misfit of the residuals along the slopes, and its degrees of freedom: `min over d of
     /// (r - s d)' V^-1 (r - s d)`, V the variances and the covariance of the particles' shifts at delta.
-    fn misfit_square(&self, modes: &[usize], residuals: &[f64], variances: &[f64], delta: f64) -> (f64, usize) {
+    fn misfit_square(
+        &self,
+        modes: &[usize],
+        residuals: &[f64],
+        variances: &[f64],
+        delta: f64,
+    ) -> (f64, usize) {
         let count = modes.len();
         if count < 2 || self.log_forces.is_empty() {
             return (0.0, 0);
@@ -355,7 +374,9 @@ impl Shift {
         let residual = DVector::from_column_slice(residuals);
         let slope = DVector::from_iterator(
             count,
-            modes.iter().map(|mode| mean_and_slope(&self.means[*mode], delta).1),
+            modes
+                .iter()
+                .map(|mode| mean_and_slope(&self.means[*mode], delta).1),
         );
         let weighted = factor.solve(&residual);
         let along = slope.dot(&weighted);
@@ -374,8 +395,18 @@ struct Moments {
 impl Moments {
     fn of(weights: &[f64], values: impl Iterator<Item = f64> + Clone) -> Self {
         let sum: f64 = weights.iter().sum();
-        let mean = weights.iter().zip(values.clone()).map(|(w, x)| w * x).sum::<f64>() / sum;
-        let square = weights.iter().zip(values).map(|(w, x)| w * (x - mean) * (x - mean)).sum::<f64>() / sum;
+        let mean = weights
+            .iter()
+            .zip(values.clone())
+            .map(|(w, x)| w * x)
+            .sum::<f64>()
+            / sum;
+        let square = weights
+            .iter()
+            .zip(values)
+            .map(|(w, x)| w * (x - mean) * (x - mean))
+            .sum::<f64>()
+            / sum;
         Self {
             mean,
             sd: square.sqrt(),
@@ -391,7 +422,9 @@ fn quantiles<const S: usize>(values: &[f64], weights: &[f64], shares: [f64; S]) 
         .iter()
         .zip(weights)
         .filter(|(_, weight)| **weight > 0.0)
-        .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), (x, _)| (low.min(*x), high.max(*x)));
+        .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), (x, _)| {
+            (low.min(*x), high.max(*x))
+        });
     let step = (high - low) / BINS as f64;
     if !(step > 0.0) {
         return [low; S];

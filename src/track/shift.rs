@@ -171,7 +171,11 @@ fn powers(nodes: &[f64; TERMS]) -> [[f64; TERMS]; TERMS] {
     chebyshev[1][1] = 1.0;
     for j in 2..TERMS {
         for power in 0..TERMS {
-            let twice = if power > 0 { 2.0 * chebyshev[j - 1][power - 1] } else { 0.0 };
+            let twice = if power > 0 {
+                2.0 * chebyshev[j - 1][power - 1]
+            } else {
+                0.0
+            };
             chebyshev[j][power] = twice - chebyshev[j - 2][power];
         }
     }
@@ -254,7 +258,12 @@ impl Kernel for Draws<'_> {
     fn run(self) {
         let modes = self.polynomials.modes;
         let blocks = self.polynomials.blocks();
-        for (block, coefficients) in self.polynomials.coefficients.chunks_exact(modes * TERMS).enumerate() {
+        for (block, coefficients) in self
+            .polynomials
+            .coefficients
+            .chunks_exact(modes * TERMS)
+            .enumerate()
+        {
             let (mut centre, mut width) = ([0.0; LANES], [0.0; LANES]);
             if let Proposal::Near(estimate) = self.proposal {
                 centre = [estimate; LANES];

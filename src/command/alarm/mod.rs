@@ -1,6 +1,7 @@
 //! `tirante alarm`: what the drift alarm promises, and the proof.
 
 mod design;
+mod prove;
 
 use std::process::ExitCode;
 
@@ -8,7 +9,8 @@ use std::process::ExitCode;
 #[derive(Debug, Clone, clap::Args)]
 #[command(after_help = "Examples:
   tirante alarm design --noise 0.003
-  tirante alarm design --config config/campaign.toml --rod nave-3 --frequency-sd 0.0005 --json")]
+  tirante alarm design --config config/campaign.toml --rod nave-3 --frequency-sd 0.0005 --json
+  tirante alarm prove --histories 400 --season 15 --restraint 1")]
 pub struct Args {
     /// What to do.
     #[command(subcommand)]
@@ -20,6 +22,8 @@ pub struct Args {
 pub enum Action {
     /// Print the charts' limits, the false-alarm rate, delays for steps and ramps, and the smallest change that is found.
     Design(design::Args),
+    /// Simulate years of records, follow them with the real tracker, and print how often it alarmed beside what is stated.
+    Prove(prove::Args),
 }
 
 /// Runs the command.
@@ -29,5 +33,6 @@ pub enum Action {
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     match &args.action {
         Action::Design(args) => design::run(args),
+        Action::Prove(args) => prove::run(args),
     }
 }

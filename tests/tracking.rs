@@ -235,7 +235,7 @@ fn single_records_without_a_temperature_leave_holes_only() {
 #[test]
 fn weeks_of_silence_are_told_and_are_no_drift() {
     let scenario = Scenario::new(330);
-    let mut observations = scenario.observations(41);
+    let mut observations = scenario.observations(43);
     observations.drain(150..180);
     let (_, verdicts) = scenario.follow(&observations);
     assert_eq!(raised(&verdicts), [(150, Kind::NoData)]);

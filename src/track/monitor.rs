@@ -31,7 +31,7 @@ pub(super) fn close(tracker: &mut Tracker, mut period: Period, time: Timestamp) 
     let plan = &tracker.plan;
     let alarm = &plan.alarm;
     let has_learned = tracker.state.has_learned(plan.track.learning_periods);
-    let limit = exceeds_limit(&period, alarm, has_learned, plan.compensates());
+    let limit = exceeds_limit(&period, alarm).filter(|_| has_learned);
     let state = &mut tracker.state;
 
     let is_axial = if period.not_axial_p < alarm.not_axial_p {
@@ -224,16 +224,29 @@ enum Judged {
     NotAxial(f64),
 }
 
-/// Asks whether the misfit since the signal's onset is that of an axial change, and takes out of the regression what it has
-/// learned since.
+/// Asks whether the change a signal is about is axial, and takes out of the regression what it has learned since the
+/// onset. What happened only lately is diluted in a long onset: the last periods are asked too, and the smallest
+/// probability counts, times the number of questions.
 fn judge(tracker: &mut Tracker, period: &mut Period, signal: Signal) -> Judged {
+    let confirm = tracker.plan.alarm.confirm;
     let state = &mut tracker.state;
-    let since = state.periods.iter().filter(|known| known.index >= signal.since);
-    let (delta, misfit) = combined_misfit(since.chain(std::iter::once(&*period)));
-    let p = tracker
-        .shift
-        .as_ref()
-        .map_or(1.0, |shift| shift.not_axial_p(delta, &misfit));
+    let onset = state.periods.partition_point(|known| known.index < signal.since);
+    let since: Vec<&Period> = state.periods[onset..]
+        .iter()
+        .chain(std::iter::once(&*period))
+        .collect();
+    let windows = [since.len(), confirm.min(since.len()), 1];
+    let p = windows
+        .iter()
+        .map(|&count| {
+            let (log_ratio, misfit) = combined_misfit(since[since.len() - count..].iter().copied());
+            tracker
+                .shift
+                .as_ref()
+                .map_or(1.0, |shift| shift.not_axial_p(log_ratio, &misfit))
+        })
+        .fold(1.0, f64::min)
+        * windows.len() as f64;
     if !state.frozen {
         forget_since(tracker, signal.since, period);
     }
@@ -300,29 +313,11 @@ fn estimate(state: &State, last: Option<&Period>) -> Option<Change> {
 }
 
 /// Whether P(loss > limit | data) exceeds the stated probability, with the sentence that says so; `None` if this
-/// period cannot tell.
-fn exceeds_limit(
-    period: &Period,
-    alarm: &AlarmSettings,
-    has_learned: bool,
-    compensates: bool,
-) -> Option<(Option<bool>, String)> {
-    let (change, sd, at) = match period.charted {
-        Some(charted) if has_learned => (
-            charted.at_reference,
-            charted.at_reference_sd,
-            "at the reference temperature",
-        ),
-        Some(_) => return None,
-        None if compensates => (
-            period.delta,
-            period.delta_sd,
-            "at the present temperature (uncompensated: warmth alone may be the reason)",
-        ),
-        None => return None,
-    };
-    let standard = Normal::standard();
-    let probability = standard.cdf((-alarm.limit_loss - change) / sd);
+/// period cannot tell. Uncompensated, a limit would be a thermometer.
+fn exceeds_limit(period: &Period, alarm: &AlarmSettings) -> Option<(Option<bool>, String)> {
+    let charted = period.charted?;
+    let (change, sd) = (charted.at_reference, charted.at_reference_sd);
+    let probability = Normal::standard().cdf((-alarm.limit_loss - change) / sd);
     let holds = if probability > alarm.limit_probability {
         Some(true)
     } else if probability < 0.5 {
@@ -331,7 +326,7 @@ fn exceeds_limit(
         None
     };
     let message = format!(
-        "the loss of axial force {at} is {:.1} +- {:.1} %, more than {:.1} % with probability {probability:.3}",
+        "the loss of axial force at the reference temperature is {:.1} ± {:.1} %, more than {:.1} % with probability {probability:.3}",
         -100.0 * change,
         100.0 * sd,
         100.0 * alarm.limit_loss

@@ -20,8 +20,8 @@ const SWAP_WITHIN_S: f64 = 3.0 * 86_400.0;
 /// Least shift of ln f (root mean square over the modes) worth asking whose modes these are: 1 % of force.
 const SWAP_SHIFT: f64 = 0.004;
 
-/// How much nearer another rod's modes must be.
-const SWAP_NEARER: f64 = 5.0;
+/// How much nearer another rod's modes must be; a day's weather moves both rods.
+const SWAP_NEARER: f64 = 3.0;
 
 /// Another rod of the site, as its latest record shows it.
 #[derive(Debug, Clone, PartialEq)]

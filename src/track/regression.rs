@@ -430,3 +430,6 @@ fn believed(sd: f64) -> f64 {
         1.0
     }
 }
+
+#[cfg(test)]
+mod oracle;

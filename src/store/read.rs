@@ -1,0 +1,372 @@
+//! Questions to a store, answered beside a writer.
+
+use super::request::{self, Request};
+use super::state::{self, Trouble};
+use super::{StoreError, open};
+use crate::record::{RodId, Timestamp};
+use crate::track::{Alarm, AlarmEvent, Period, RodState, Segment, State};
+use rusqlite::Connection;
+use rusqlite::types::Value;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+/// A store that is read.
+pub struct Reader {
+    pub(super) connection: Connection,
+    pub(super) path: PathBuf,
+}
+
+/// Which rows are wanted.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Filter {
+    /// Of this rod only.
+    pub rod: Option<RodId>,
+    /// From this time on.
+    pub from: Option<Timestamp>,
+    /// Before this time.
+    pub to: Option<Timestamp>,
+}
+
+/// What can be listed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Listing {
+    /// Every record, rejected ones too.
+    Records,
+    /// Records that were rejected.
+    Rejections,
+    /// Periods that closed.
+    Periods,
+    /// Alarms, over or not.
+    Alarms,
+}
+
+/// How one rod stands.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Standing {
+    /// The rod.
+    pub rod: RodId,
+    /// How it stands.
+    pub state: RodState,
+    /// Since when, in event time.
+    pub since: Option<Timestamp>,
+    /// The present segment.
+    pub segment: u32,
+    /// Records in the store.
+    pub records: i64,
+    /// Those of them that were rejected.
+    pub rejected: i64,
+    /// The JSON line of the rod's latest record that was not rejected.
+    pub latest: Option<String>,
+    /// The start of the rod's latest record, rejected or not.
+    pub latest_start: Option<Timestamp>,
+    /// Alarms that stand, in the order they were raised.
+    pub alarms: Vec<Alarm>,
+    /// Requests that wait for the rod's next record.
+    pub waiting: Vec<Request>,
+}
+
+impl Reader {
+    /// Opens a store for reading.
+    ///
+    /// # Errors
+    /// There is none, it is another program's, a newer format, or damaged.
+    pub fn open(path: &Path) -> Result<Self, StoreError> {
+        let (connection, path) = open::for_reading(path)?;
+        Ok(Self::over(connection, path))
+    }
+
+    pub(super) fn over(connection: Connection, path: PathBuf) -> Self {
+        Self { connection, path }
+    }
+
+    /// Where it is, links followed.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    pub(super) fn fault(&self, trouble: Trouble) -> StoreError {
+        match trouble {
+            Trouble::Other(error) => error,
+            Trouble::Sql(error) => open::is_damage(&self.path, error),
+        }
+    }
+
+    /// What every rod's fold remembers.
+    ///
+    /// # Errors
+    /// It cannot be read, or not be understood.
+    pub fn states(&self) -> Result<BTreeMap<RodId, State>, StoreError> {
+        state::load(&self.connection).map_err(|trouble| self.fault(trouble))
+    }
+
+    /// The segments of a rod, ascending.
+    ///
+    /// # Errors
+    /// They cannot be read.
+    pub fn segments(&self, rod: &RodId) -> Result<Vec<Segment>, StoreError> {
+        state::segments(&self.connection, rod).map_err(|trouble| self.fault(trouble))
+    }
+
+    /// The closed periods of one segment, ascending.
+    ///
+    /// # Errors
+    /// They cannot be read.
+    pub fn periods(&self, rod: &RodId, segment: u32) -> Result<Vec<Period>, StoreError> {
+        state::periods(&self.connection, rod, segment).map_err(|trouble| self.fault(trouble))
+    }
+
+    /// The requests about a rod that wait, in the order they were made.
+    ///
+    /// # Errors
+    /// They cannot be read.
+    pub fn waiting(&self, rod: &RodId) -> Result<Vec<Request>, StoreError> {
+        request::waiting(&self.connection, rod).map_err(|trouble| self.fault(trouble))
+    }
+
+    /// The rod of an alarm and whether it was acknowledged; `None` if there is no such alarm.
+    ///
+    /// # Errors
+    /// It cannot be read.
+    pub fn alarm(&self, id: &str) -> Result<Option<(RodId, bool)>, StoreError> {
+        request::alarm(&self.connection, id).map_err(|error| self.fault(Trouble::Sql(error)))
+    }
+
+    /// Alarms, as they stand now, in the order they were raised.
+    ///
+    /// # Errors
+    /// They cannot be read.
+    pub fn alarms(&self, filter: &Filter) -> Result<Vec<Alarm>, StoreError> {
+        let (wanted, values) = filter.sql("raised_ns");
+        let sql = format!("SELECT rod, json FROM alarm WHERE {wanted} ORDER BY raised_ns, rod, id");
+        self.parsed(&sql, values)
+    }
+
+    /// What happened to alarms, in order.
+    ///
+    /// # Errors
+    /// It cannot be read.
+    pub fn events(&self, rod: &RodId) -> Result<Vec<AlarmEvent>, StoreError> {
+        let sql = "SELECT rod, json FROM outbox WHERE rod = ? ORDER BY number";
+        self.parsed(sql, vec![Value::Text(rod.0.clone())])
+    }
+
+    fn parsed<T: serde::de::DeserializeOwned>(
+        &self,
+        sql: &str,
+        values: Vec<Value>,
+    ) -> Result<Vec<T>, StoreError> {
+        let rows = || -> rusqlite::Result<Vec<(String, String)>> {
+            let mut statement = self.connection.prepare(sql)?;
+            let rows = statement.query_map(rusqlite::params_from_iter(values), |row| {
+                Ok((row.get(0)?, row.get(1)?))
+            })?;
+            rows.collect()
+        };
+        let rows = rows().map_err(|error| self.fault(Trouble::Sql(error)))?;
+        rows.iter().map(|(rod, json)| state::read(rod, json)).collect()
+    }
+
+    /// Hands the JSON line of every record that is wanted to `on_line`, in the order of time, as `replay --json` printed
+    /// it.
+    ///
+    /// # Errors
+    /// The store cannot be read, or `on_line` failed.
+    pub fn lines<E: From<StoreError>>(
+        &self,
+        listing: Listing,
+        filter: &Filter,
+        mut on_line: impl FnMut(&str) -> Result<(), E>,
+    ) -> Result<(), E> {
+        let (wanted, values) = filter.sql("start_ns");
+        let rejected = match listing {
+            Listing::Rejections => "AND rejection IS NOT NULL",
+            _ => "",
+        };
+        let sql = format!(
+            "SELECT line.json FROM record JOIN line ON line.record = record.id
+             WHERE {wanted} {rejected} ORDER BY rod, start_ns, id"
+        );
+        let fault = |error| E::from(self.fault(Trouble::Sql(error)));
+        let mut statement = self.connection.prepare(&sql).map_err(fault)?;
+        let mut rows = statement
+            .query(rusqlite::params_from_iter(values))
+            .map_err(fault)?;
+        while let Some(row) = rows.next().map_err(fault)? {
+            let line = row.get_ref(0).map_err(fault)?;
+            on_line(line.as_str().map_err(|error| fault(error.into()))?)?;
+        }
+        Ok(())
+    }
+
+    /// Hands every row of a listing to `on_row`, in the order of time, after the names of its columns.
+    ///
+    /// # Errors
+    /// The store cannot be read, or `on_row` failed.
+    pub fn list<E: From<StoreError>>(
+        &self,
+        listing: Listing,
+        filter: &Filter,
+        mut on_row: impl FnMut(&[String], &[Value]) -> Result<(), E>,
+    ) -> Result<(), E> {
+        let fault = |error| E::from(self.fault(Trouble::Sql(error)));
+        let orders: i64 = self
+            .connection
+            .query_row("SELECT coalesce(max(mode_order), 0) FROM mode", (), |row| {
+                row.get(0)
+            })
+            .map_err(fault)?;
+        let (sql, values) = listing.sql(filter, orders);
+        let mut statement = self.connection.prepare(&sql).map_err(fault)?;
+        let names: Vec<String> = statement.column_names().map(str::to_owned).collect();
+        let mut rows = statement
+            .query(rusqlite::params_from_iter(values))
+            .map_err(fault)?;
+        while let Some(row) = rows.next().map_err(fault)? {
+            let values = (0..names.len())
+                .map(|place| row.get(place))
+                .collect::<rusqlite::Result<Vec<Value>>>()
+                .map_err(fault)?;
+            on_row(&names, &values)?;
+        }
+        Ok(())
+    }
+
+    /// How every rod stands.
+    ///
+    /// # Errors
+    /// The store cannot be read.
+    pub fn standings(&self) -> Result<Vec<Standing>, StoreError> {
+        let mut standings = self.try_standings().map_err(|trouble| self.fault(trouble))?;
+        for standing in &mut standings {
+            standing.waiting = self.waiting(&standing.rod)?;
+        }
+        Ok(standings)
+    }
+
+    fn try_standings(&self) -> Result<Vec<Standing>, Trouble> {
+        let mut statement = self.connection.prepare(
+            "SELECT rod, detail, since, segment,
+                (SELECT count(*) FROM record WHERE record.rod = rod.rod),
+                (SELECT count(*) FROM record WHERE record.rod = rod.rod AND rejection IS NOT NULL),
+                (SELECT json FROM line WHERE line.record =
+                    (SELECT id FROM record WHERE record.rod = rod.rod AND rejection IS NULL AND set_aside IS NULL
+                     ORDER BY start_ns DESC, id DESC LIMIT 1)),
+                (SELECT max(start_ns) FROM record WHERE record.rod = rod.rod)
+             FROM rod ORDER BY rod",
+        )?;
+        let mut rows = statement.query(())?;
+        let mut standings = Vec::new();
+        while let Some(row) = rows.next()? {
+            let (rod, detail): (String, String) = (row.get(0)?, row.get(1)?);
+            let since: Option<String> = row.get(2)?;
+            let latest_start: Option<i64> = row.get(7)?;
+            standings.push(Standing {
+                state: state::read(&rod, &detail)?,
+                since: since.as_deref().map(state::time).transpose()?,
+                segment: row.get(3)?,
+                records: row.get(4)?,
+                rejected: row.get(5)?,
+                latest: row.get(6)?,
+                latest_start: latest_start.map(Timestamp::from_nanos),
+                alarms: self.standing_alarms(&rod)?,
+                waiting: Vec::new(),
+                rod: RodId(rod),
+            });
+        }
+        Ok(standings)
+    }
+
+    fn standing_alarms(&self, rod: &str) -> Result<Vec<Alarm>, Trouble> {
+        let mut statement = self
+            .connection
+            .prepare_cached("SELECT json FROM alarm WHERE rod = ? AND stands = 1 ORDER BY raised_ns, id")?;
+        let mut rows = statement.query([rod])?;
+        let mut alarms = Vec::new();
+        while let Some(row) = rows.next()? {
+            let json: String = row.get(0)?;
+            alarms.push(state::read(rod, &json)?);
+        }
+        Ok(alarms)
+    }
+}
+
+impl Filter {
+    /// As a condition, and the values in it; `time` is the column of the times in nanoseconds.
+    fn sql(&self, time: &str) -> (String, Vec<Value>) {
+        let mut wanted = vec!["1".to_owned()];
+        let mut values = Vec::new();
+        if let Some(rod) = &self.rod {
+            wanted.push("rod = ?".to_owned());
+            values.push(Value::Text(rod.0.clone()));
+        }
+        if let Some(from) = self.from {
+            wanted.push(format!("{time} >= ?"));
+            values.push(Value::Integer(from.as_nanos()));
+        }
+        if let Some(to) = self.to {
+            wanted.push(format!("{time} < ?"));
+            values.push(Value::Integer(to.as_nanos()));
+        }
+        (wanted.join(" AND "), values)
+    }
+}
+
+impl Listing {
+    fn sql(self, filter: &Filter, orders: i64) -> (String, Vec<Value>) {
+        match self {
+            Self::Records => {
+                let (wanted, values) = filter.sql("start_ns");
+                let modes: String = (1..=orders)
+                    .map(|n| {
+                        format!(
+                            "(SELECT frequency_hz FROM mode WHERE record = id AND mode_order = {n}) AS mode_{n}_hz,
+                             (SELECT sd_hz FROM mode WHERE record = id AND mode_order = {n}) AS mode_{n}_sd_hz,
+                             (SELECT damping FROM mode WHERE record = id AND mode_order = {n}) AS mode_{n}_damping,\n"
+                        )
+                    })
+                    .collect();
+                let sql = format!(
+                    "SELECT rod, start, duration_s, state, state_reason, set_aside, rejection,
+                        relative_force_at_reference, relative_force_at_reference_sd,
+                        relative_force_at_reference_q025, relative_force_at_reference_q975,
+                        force_at_reference_n, force_at_reference_sd_n, force_at_reference_q025_n,
+                        force_at_reference_q975_n, reference_temperature_c,
+                        relative_force, relative_force_sd, relative_force_q025, relative_force_q975,
+                        tracked_force_n, tracked_force_sd_n, temperature_c, not_axial_p,
+                        axial_force_n, axial_force_sd_n, axial_force_q025_n, axial_force_q50_n, axial_force_q975_n,
+                        {modes}
+                        conflict, prior_tail, epsilon, draws, accepted, ess, fs_hz, rms, segment,
+                        emulator, seed, config, analysis_version, rejection_message
+                     FROM record WHERE {wanted} ORDER BY rod, start_ns, id"
+                );
+                (sql, values)
+            }
+            Self::Rejections => {
+                let (wanted, values) = filter.sql("start_ns");
+                let sql = format!(
+                    "SELECT rod, start, duration_s, fs_hz, rejection, rejection_message, config, analysis_version
+                     FROM record WHERE {wanted} AND rejection IS NOT NULL ORDER BY rod, start_ns, id"
+                );
+                (sql, values)
+            }
+            Self::Periods => {
+                let (wanted, values) = filter.sql("start_ns");
+                let sql = format!(
+                    "SELECT rod, segment, period, start, records, delta, delta_sd, temperature_c, expected, expected_sd,
+                        residual, leverage, at_reference, at_reference_sd, not_axial_p,
+                        step_up, step_down, ramp_up, ramp_down
+                     FROM period WHERE {wanted} ORDER BY rod, segment, period"
+                );
+                (sql, values)
+            }
+            Self::Alarms => {
+                let (wanted, values) = filter.sql("raised_ns");
+                let sql = format!(
+                    "SELECT id, rod, kind, raised, acknowledged, cleared, stands, message
+                     FROM alarm WHERE {wanted} ORDER BY raised_ns, rod, id"
+                );
+                (sql, values)
+            }
+        }
+    }
+}

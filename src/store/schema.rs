@@ -1,0 +1,195 @@
+//! The tables, and the steps from one format to the next. docs/store.md describes every column.
+
+use super::columns;
+use rusqlite::{Connection, Transaction};
+
+/// In the header of every store: `Tira`.
+pub(super) const APPLICATION_ID: i64 = 0x5469_7261;
+
+/// One step from a format to the next.
+type Step = fn(&Transaction<'_>) -> rusqlite::Result<()>;
+
+/// The steps in order: a store of format `n` has seen the first `n`. Steps are only ever added; a golden store of each
+/// format that was ever released belongs in the tests.
+const STEPS: [Step; 1] = [first];
+
+/// The format written here.
+pub(super) const FORMAT: i64 = STEPS.len() as i64;
+
+/// Brings a store of format `from` to [`FORMAT`].
+pub(super) fn migrate(connection: &mut Connection, from: i64) -> rusqlite::Result<()> {
+    let transaction = connection.transaction()?;
+    let seen = usize::try_from(from).unwrap_or(0);
+    for step in STEPS.iter().skip(seen) {
+        step(&transaction)?;
+    }
+    transaction.pragma_update(None, "application_id", APPLICATION_ID)?;
+    transaction.pragma_update(None, "user_version", FORMAT)?;
+    transaction.commit()
+}
+
+/// The definition of every table and index, as the store holds it.
+pub(super) fn definitions(connection: &Connection) -> rusqlite::Result<Vec<(String, String)>> {
+    let mut statement =
+        connection.prepare("SELECT name, sql FROM sqlite_schema WHERE sql IS NOT NULL ORDER BY name")?;
+    let rows = statement.query_map((), |row| Ok((row.get(0)?, row.get(1)?)))?;
+    rows.collect()
+}
+
+/// The tables whose rows carry a checksum, in an order in which rows can be put in.
+pub(super) const TABLES: [&str; 12] = [
+    "config", "rod", "segment", "state", "record", "line", "mode", "period", "alarm", "outbox", "request",
+    "source",
+];
+
+/// Results: equal for the same records, however often a run was killed and started again.
+pub(super) const RESULTS: [&str; 10] = [
+    "config", "rod", "segment", "state", "record", "line", "mode", "period", "alarm", "outbox",
+];
+
+fn first(transaction: &Transaction<'_>) -> rusqlite::Result<()> {
+    transaction.execute_batch(FIRST)?;
+    transaction.execute_batch(&format!(
+        "CREATE TABLE record (
+            id INTEGER PRIMARY KEY,
+            rod TEXT NOT NULL,
+            identity BLOB NOT NULL,
+            start_ns INTEGER,
+            {},
+            rms REAL,
+            emulator TEXT,
+            checksum INTEGER NOT NULL,
+            UNIQUE (rod, identity),
+            FOREIGN KEY (config) REFERENCES config (hash)
+        ) STRICT;
+        CREATE INDEX record_in_time ON record (rod, start_ns);",
+        columns::definitions()
+    ))
+}
+
+const FIRST: &str = "
+CREATE TABLE config (
+    hash TEXT PRIMARY KEY,
+    site TEXT NOT NULL,
+    effective TEXT NOT NULL,
+    checksum INTEGER NOT NULL
+) STRICT;
+
+CREATE TABLE rod (
+    rod TEXT PRIMARY KEY,
+    state TEXT NOT NULL,
+    detail TEXT NOT NULL,
+    since TEXT,
+    segment INTEGER NOT NULL,
+    checksum INTEGER NOT NULL
+) STRICT;
+
+CREATE TABLE segment (
+    rod TEXT NOT NULL,
+    number INTEGER NOT NULL,
+    reason TEXT NOT NULL,
+    key TEXT NOT NULL,
+    baseline_first TEXT,
+    baseline_last TEXT,
+    baseline_records INTEGER,
+    reference_c REAL,
+    fault TEXT,
+    json TEXT NOT NULL,
+    checksum INTEGER NOT NULL,
+    PRIMARY KEY (rod, number)
+) STRICT;
+
+CREATE TABLE state (
+    rod TEXT NOT NULL,
+    part TEXT NOT NULL,
+    json TEXT NOT NULL,
+    checksum INTEGER NOT NULL,
+    PRIMARY KEY (rod, part)
+) STRICT;
+
+CREATE TABLE line (
+    record INTEGER PRIMARY KEY REFERENCES record (id),
+    json TEXT NOT NULL,
+    checksum INTEGER NOT NULL
+) STRICT;
+
+CREATE TABLE mode (
+    record INTEGER NOT NULL REFERENCES record (id),
+    mode_order INTEGER NOT NULL,
+    frequency_hz REAL NOT NULL,
+    sd_hz REAL NOT NULL,
+    damping REAL,
+    checksum INTEGER NOT NULL,
+    PRIMARY KEY (record, mode_order)
+) STRICT, WITHOUT ROWID;
+
+CREATE TABLE period (
+    rod TEXT NOT NULL,
+    segment INTEGER NOT NULL,
+    period INTEGER NOT NULL,
+    start TEXT NOT NULL,
+    start_ns INTEGER NOT NULL,
+    records INTEGER NOT NULL,
+    delta REAL NOT NULL,
+    delta_sd REAL NOT NULL,
+    not_axial_p REAL NOT NULL,
+    temperature_c REAL,
+    expected REAL,
+    expected_sd REAL,
+    residual REAL,
+    leverage REAL,
+    at_reference REAL,
+    at_reference_sd REAL,
+    step_up REAL,
+    step_down REAL,
+    ramp_up REAL,
+    ramp_down REAL,
+    json TEXT NOT NULL,
+    checksum INTEGER NOT NULL,
+    PRIMARY KEY (rod, segment, period),
+    FOREIGN KEY (rod, segment) REFERENCES segment (rod, number)
+) STRICT;
+
+CREATE TABLE alarm (
+    id TEXT PRIMARY KEY,
+    rod TEXT NOT NULL,
+    kind TEXT NOT NULL,
+    raised TEXT NOT NULL,
+    raised_ns INTEGER NOT NULL,
+    message TEXT NOT NULL,
+    acknowledged TEXT,
+    cleared TEXT,
+    stands INTEGER NOT NULL,
+    json TEXT NOT NULL,
+    checksum INTEGER NOT NULL
+) STRICT;
+
+CREATE TABLE outbox (
+    number INTEGER PRIMARY KEY,
+    alarm TEXT NOT NULL REFERENCES alarm (id),
+    rod TEXT NOT NULL,
+    what TEXT NOT NULL,
+    time TEXT NOT NULL,
+    json TEXT NOT NULL,
+    checksum INTEGER NOT NULL
+) STRICT;
+
+CREATE TABLE request (
+    number INTEGER PRIMARY KEY,
+    rod TEXT NOT NULL,
+    what TEXT NOT NULL,
+    alarm TEXT,
+    reason TEXT,
+    asked TEXT NOT NULL,
+    applied INTEGER NOT NULL,
+    checksum INTEGER NOT NULL
+) STRICT;
+CREATE INDEX request_waiting ON request (rod, number) WHERE applied = 0;
+
+CREATE TABLE source (
+    name TEXT PRIMARY KEY,
+    bytes INTEGER NOT NULL,
+    records INTEGER NOT NULL,
+    checksum INTEGER NOT NULL
+) STRICT;
+";

@@ -226,7 +226,7 @@ mod tests {
     }
 
     #[test]
-    #[ignore = "campaign: 1e8 periods, 1 minute; cargo test --release --lib chart:: -- --ignored --nocapture"]
+    #[ignore = "campaign: 7e8 periods, 1 minute; cargo test --lib chart:: -- --ignored --nocapture"]
     fn the_default_charts_alarm_once_in_ten_years() {
         for k in [[0.5, 0.2], [0.5, 0.1]] {
             let design = Design::new(k, 3652.42);

@@ -1,6 +1,8 @@
 //! Arguments as typed.
 
-use crate::command::{check, emulator, frequencies, identify, replay, simulate};
+use crate::command::{
+    ack, alarm, check, emulator, frequencies, history, identify, rebaseline, replay, report, simulate, status,
+};
 use clap::{ArgAction, Parser, Subcommand};
 use std::io;
 use tracing_subscriber::EnvFilter;
@@ -24,8 +26,20 @@ pub struct Cli {
 /// The subcommands.
 #[derive(Debug, Subcommand)]
 pub enum Command {
-    /// Recordings through the whole pipeline: frequencies and axial force of every record.
+    /// Recordings through the whole pipeline: frequencies, axial force, and what changed since the baseline.
     Replay(replay::Args),
+    /// How every rod of a store stands: state, force, change since the baseline, alarms.
+    Status(status::Args),
+    /// What a store holds: records, periods, alarms, rejections.
+    History(history::Args),
+    /// What a store knows as one page with figures, to read and print.
+    Report(report::Args),
+    /// Somebody knows of an alarm.
+    Ack(ack::Args),
+    /// Begins a new baseline of a rod.
+    Rebaseline(rebaseline::Args),
+    /// What the drift alarm promises for a rod, and the proof of it.
+    Alarm(alarm::Args),
     /// One recording, or frequencies measured elsewhere, to the posterior of the axial force.
     Identify(identify::Args),
     /// Recordings from the beam model, faults included, as MCAP files.

@@ -3,7 +3,8 @@
 use crate::line;
 use crate::outcome::Outcome;
 use crate::record::RodId;
-use crate::store::{Asked, Commit, Position, RecordRow, RodRow, Store, StoreError};
+use crate::snapshot::Snapshot;
+use crate::store::{Asked, Commit, Position, RecordRow, RodRow, SnapshotRow, Store, StoreError};
 use crate::track::{Peer, TrackPlan, Tracker, Verdict};
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -113,6 +114,14 @@ impl Site {
             return Ok(None);
         };
         let verdict = tracker.step(&input, &peers);
+        // A picture a period is enough for people, and one from the segment's first records.
+        let is_pictured = !verdict.closed.is_empty() || tracker.state().periods.is_empty();
+        let snapshot = match outcome {
+            Outcome::Identified(identification) if is_pictured => {
+                Snapshot::of(tracker.plan().prior(), identification)
+            }
+            _ => None,
+        };
         let line = line::json(outcome, Some(&verdict), &self.config_hash);
         self.store.commit(&Commit {
             record: Some(RecordRow {
@@ -125,6 +134,11 @@ impl Site {
                 stands: &verdict.state,
                 closed: &verdict.closed,
                 events: &verdict.events,
+            }),
+            snapshot: snapshot.as_ref().map(|snapshot| SnapshotRow {
+                rod,
+                segment: verdict.segment,
+                snapshot,
             }),
             applied: None,
             source: position,

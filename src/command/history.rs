@@ -340,7 +340,6 @@ impl Row<'_> {
 mod tests {
     use super::*;
     use crate::bayes::Marginal;
-    use crate::command::render;
     use crate::outcome::{Outcome, Rejected};
     use crate::record::{Rejection, RodId};
     use crate::store::columns;
@@ -358,7 +357,7 @@ mod tests {
             readings: Vec::new(),
             rejection: Rejection::NoOnset { duration_s: 1.0 },
         }));
-        let line: Json = serde_json::from_str(&render::json(&outcome, None, "0")).unwrap();
+        let line: Json = serde_json::from_str(&crate::line::json(&outcome, None, "0")).unwrap();
         let interval = serde_json::to_value(Interval {
             mean: 1.0,
             sd: 1.0,

@@ -10,6 +10,7 @@ macro_rules! tell {
 }
 
 pub mod ack;
+pub mod alarm;
 mod campaign;
 pub mod check;
 pub mod emulator;
@@ -47,6 +48,12 @@ pub fn run(command: &Command) -> anyhow::Result<ExitCode> {
         Command::Emulator(args) => emulator::run(args),
         Command::Check(args) => check::run(args),
         Command::Simulate(args) => simulate::run(args),
+        Command::Alarm(args) => alarm::run(args),
+        Command::Status(args) => status::run(args),
+        Command::History(args) => history::run(args),
+        Command::Report(args) => report::run(args),
+        Command::Ack(args) => ack::run(args),
+        Command::Rebaseline(args) => rebaseline::run(args),
     }
 }
 

@@ -3,6 +3,7 @@
 use super::campaign::{self, Reading};
 use super::progress::Progress;
 use super::render::Table;
+use super::report;
 use super::setup::{self, Prepared, Setup};
 use crate::outcome::Outcome;
 use crate::record::RodId;
@@ -36,6 +37,10 @@ pub struct Args {
     /// either, nothing is remembered after the replay.
     #[arg(long, value_name = "FILE")]
     pub store: Option<PathBuf>,
+
+    /// Write the report into this folder in the end: one page per site, to open without a network.
+    #[arg(long, value_name = "DIR")]
+    pub report: Option<PathBuf>,
 
     /// How recordings are read.
     #[command(flatten)]
@@ -84,5 +89,9 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         Ok(campaign::Taken::New)
     };
     let tally = campaign::run(&args.paths, &config, &plans, &args.reading, &known, on_outcome)?;
+    if let Some(folder) = &args.report {
+        let page = report::write(site.store(), None, folder)?;
+        tell!("report: {}", page.display());
+    }
     Ok(campaign::conclude(tally))
 }

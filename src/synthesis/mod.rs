@@ -8,6 +8,7 @@ mod faults;
 mod history;
 mod noise;
 mod oscillator;
+mod proof;
 mod response;
 mod rod;
 mod settings;
@@ -18,6 +19,7 @@ pub use faults::Message;
 pub use history::{FrequencyErrors, Measured, history};
 pub use noise::{Noise, quantised};
 pub use oscillator::{Oscillator, Sampled};
+pub use proof::{Outcome, Trial};
 pub use rod::{State, SynthesisError};
 pub use settings::{
     AddedMass, Change, Climate, Fault, FaultKind, Line, Pull, PullKind, Sensor, SimulatedRod, Simulation,

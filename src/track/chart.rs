@@ -1,5 +1,6 @@
 //! Two two-sided CUSUM charts, one for steps and one for slow ramps, that share one false-alarm budget.
 
+use super::AlarmSettings;
 use super::arl;
 use super::lattice::{FINE, Lattice, NEAR};
 use serde::{Deserialize, Serialize};
@@ -25,7 +26,15 @@ pub struct Design {
     pub arl0_periods: f64,
 }
 
+/// The mean Gregorian year \[s\].
+pub const YEAR_S: f64 = 365.2425 * 86_400.0;
+
 impl Design {
+    /// The charts as set, for periods of `period_s`.
+    pub fn of(alarm: &AlarmSettings, period_s: f64) -> Self {
+        Self::new([alarm.step_k, alarm.ramp_k], alarm.arl0_years * YEAR_S / period_s)
+    }
+
     /// The limits h for reference values `k` that give both charts together, both sides, the wanted mean run length
     /// (periods) from zero, half of the alarms each: both charts alone have the same mean run length A.
     ///
@@ -217,11 +226,11 @@ mod tests {
     }
 
     #[test]
-    #[ignore = "campaign: 1e8 periods, 1 minute; cargo test --release --lib chart:: -- --ignored --nocapture"]
+    #[ignore = "campaign: 7e8 periods, 1 minute; cargo test --lib chart:: -- --ignored --nocapture"]
     fn the_default_charts_alarm_once_in_ten_years() {
         for k in [[0.5, 0.2], [0.5, 0.1]] {
             let design = Design::new(k, 3652.42);
-            let (mean, error) = simulated(&design, 27_000, 12);
+            let (mean, error) = simulated(&design, 100_000, 13);
             println!(
                 "{k:?} {:?}: {mean:.1} +- {error:.1} periods, stated 3652.42",
                 design.charts

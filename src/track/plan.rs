@@ -70,6 +70,11 @@ impl TrackPlan {
         &self.key
     }
 
+    /// What is known about the rod beforehand.
+    pub fn prior(&self) -> &RodPrior {
+        &self.prior
+    }
+
     /// The name of the forward model.
     pub fn emulator(&self) -> &'static str {
         self.model.name()

@@ -178,6 +178,11 @@ impl Tracker {
         (tracker, events)
     }
 
+    /// What it depends on besides its records.
+    pub fn plan(&self) -> &TrackPlan {
+        &self.plan
+    }
+
     /// What must survive a restart.
     pub fn state(&self) -> &State {
         &self.state

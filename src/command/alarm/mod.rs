@@ -1,0 +1,38 @@
+//! `tirante alarm`: what the drift alarm promises, and the proof.
+
+mod design;
+mod prove;
+
+use std::process::ExitCode;
+
+/// What the drift alarm promises for a rod, and the proof of it by simulated years.
+#[derive(Debug, Clone, clap::Args)]
+#[command(after_help = "Examples:
+  tirante alarm design --noise 0.003
+  tirante alarm design --config config/campaign.toml --rod nave-3 --frequency-sd 0.0005 --json
+  tirante alarm prove --histories 400 --season 15 --restraint 1")]
+pub struct Args {
+    /// What to do.
+    #[command(subcommand)]
+    pub action: Action,
+}
+
+/// What to do with the alarm.
+#[derive(Debug, Clone, clap::Subcommand)]
+pub enum Action {
+    /// Print the charts' limits, the false-alarm rate, delays for steps and ramps, and the smallest change that is found.
+    Design(design::Args),
+    /// Simulate years of records, follow them with the real tracker, and print how often it alarmed beside what is stated.
+    Prove(prove::Args),
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// Bad arguments or configuration, or an output that cannot be written.
+pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
+    match &args.action {
+        Action::Design(args) => design::run(args),
+        Action::Prove(args) => prove::run(args),
+    }
+}

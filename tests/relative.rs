@@ -92,7 +92,7 @@ fn moments(values: &[f64], weights: &[f64]) -> (f64, f64) {
 }
 
 /// Two million draws from the prior, weighted by the kernel, against the particles: mean and spread of every quantity's
-/// logarithm. A discrepancy of 0.3 % makes the particles come by two stages of tempering.
+/// logarithm. The narrower the kernel, the more of them come by tempering and Metropolis steps.
 #[test]
 fn particles_are_the_posterior() {
     let prior = RodPrior::todi();

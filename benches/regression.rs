@@ -91,5 +91,5 @@ fn estimate(bencher: Bencher, days: i64) {
             warmer_k: warmer(day),
         })
         .collect();
-    bencher.bench(|| change::estimate(black_box(&samples), 0.2));
+    bencher.bench(|| change::estimate(black_box(&samples), 0, 0.2));
 }

@@ -3,7 +3,7 @@
 //! The regression's line with one more column: e^delta_t - 1 = a + beta (T - T_ref) + c shape(t) + q_t e_t, where the
 //! shape is a step or a ramp that goes on, one at the last period, from an onset anywhere in the series. For a given
 //! onset and shape c is Student's t (flat priors for a, beta and ln of the noise, c ~ N(0, 0.1^2)); the posterior is
-//! the sum over all onsets, uniform in time beforehand, and both shapes, equally likely beforehand. The noise is whitened
+//! the sum over all onsets, uniform in time beforehand (from the first period that could tell), and both shapes, equally likely beforehand. The noise is whitened
 //! by the given AR(1) coefficient. Sums over the periods after an onset are suffix sums, so that the whole posterior costs
 //! a time in proportion to the periods.
 
@@ -106,9 +106,10 @@ impl Base {
     }
 }
 
-/// Finds the change in a series in time order; `autocorrelation` is that between neighbours. `None` if there
-/// are too few periods (eight), or they do not ascend or are not finite.
-pub fn estimate(series: &[Sample], autocorrelation: f64) -> Option<Change> {
+/// Finds the change in a series in time order, with an onset not before the sample number `earliest`;
+/// `autocorrelation` is that between neighbours. `None` if there are too few periods (eight), or they do not ascend or are not
+/// finite.
+pub fn estimate(series: &[Sample], earliest: usize, autocorrelation: f64) -> Option<Change> {
     let finite = |sample: &Sample| sample.delta.is_finite() && sample.warmer_k.is_finite();
     let ascending = series.windows(2).all(|pair| pair[0].start < pair[1].start);
     let (first, last) = (series.first()?, series.last()?);
@@ -126,7 +127,7 @@ pub fn estimate(series: &[Sample], autocorrelation: f64) -> Option<Change> {
             .get(index)
             .map_or(0.0, |s| s.start.seconds_since(first.start) / span_s)
     };
-    let parts = posterior(&columns, share)?;
+    let parts = posterior(&columns, earliest, share)?;
 
     let middle = first.start.plus_seconds(0.5 * spacing_s);
     let onset = |probability: f64| middle.plus_seconds(span_s * onset_quantile(&parts, share, probability));
@@ -201,8 +202,8 @@ fn columns(series: &[Sample], autocorrelation: f64, spacing_s: f64) -> Vec<Colum
     series.iter().map(whiten).collect()
 }
 
-/// The posterior over onsets and shapes. `share` is a period's place in the span, 0 to 1.
-fn posterior(columns: &[Columns], share: impl Fn(usize) -> f64) -> Option<Vec<Part>> {
+/// The posterior over onsets from the period `earliest` on and shapes. `share` is a period's place in the span, 0 to 1.
+fn posterior(columns: &[Columns], earliest: usize, share: impl Fn(usize) -> f64) -> Option<Vec<Part>> {
     let sum = |f: fn(&Columns) -> f64| columns.iter().map(f).sum::<f64>();
     let one_one = sum(|c| c.one * c.one);
     let one_warmer = sum(|c| c.one * c.warmer);
@@ -222,7 +223,7 @@ fn posterior(columns: &[Columns], share: impl Fn(usize) -> f64) -> Option<Vec<Pa
     let mut after = Products::default();
     // Size estimate and information of every onset and shape, the last onset first.
     let mut found = Vec::with_capacity((1 + WITHIN) * columns.len());
-    for (cell, at) in columns.iter().enumerate().skip(1).rev() {
+    for (cell, at) in columns.iter().enumerate().skip(earliest.max(1)).rev() {
         let (low, high) = (share(cell - 1), share(cell));
         let width = high - low;
         let mut take = |step: bool, length: f64, head: f64, tail: [f64; 4], prior: f64| {
@@ -423,7 +424,7 @@ mod tests {
             let draw: f64 = StandardNormal.sample(&mut generator);
             let place: f64 = rand::RngExt::random(&mut generator);
             let (samples, truth) = series(120, 1.0 + 118.0 * place, size(draw), step, phi, run);
-            let change = estimate(&samples, phi).unwrap();
+            let change = estimate(&samples, 0, phi).unwrap();
             held[0] += f64::from((change.onset_q025..=change.onset_q975).contains(&truth.onset));
             held[1] += f64::from(covers(&change.size, truth.size));
             held[2] += f64::from(covers(&change.rate_per_year, truth.rate_per_year));
@@ -469,7 +470,7 @@ mod tests {
         let (samples, _) = series(60, 40.2, -0.03, true, phi, 3);
         let columns = columns(&samples, phi, DAY_S);
         let share = |index: usize| index as f64 / 59.0;
-        let parts = posterior(&columns, share).unwrap();
+        let parts = posterior(&columns, 0, share).unwrap();
         let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
         let level: Vec<f64> = samples.iter().map(|s| s.delta.exp()).collect();
         let whitened = |values: Vec<f64>| -> Vec<f64> {
@@ -510,12 +511,12 @@ mod tests {
     #[test]
     fn a_clear_step_and_a_clear_ramp() {
         let (samples, truth) = series(200, 150.0, -0.05, true, 0.2, 8);
-        let change = estimate(&samples, 0.2).unwrap();
+        let change = estimate(&samples, 0, 0.2).unwrap();
         assert!(change.step_probability > 0.99);
         assert!(change.onset.seconds_since(truth.onset).abs() < DAY_S);
         assert!((change.size.mean + 0.05).abs() < 0.002, "{:?}", change.size);
         let (samples, truth) = series(400, 200.0, -0.04, false, 0.0, 9);
-        let change = estimate(&samples, 0.0).unwrap();
+        let change = estimate(&samples, 0, 0.0).unwrap();
         assert!(change.step_probability < 0.01);
         assert!(change.onset.seconds_since(truth.onset).abs() < 30.0 * DAY_S);
         assert!(
@@ -527,14 +528,14 @@ mod tests {
     #[test]
     fn odd_series_neither_panic_nor_lie() {
         let (samples, _) = series(60, 30.0, -0.05, true, 0.0, 1);
-        assert_eq!(estimate(&samples[..7], 0.0), None);
-        assert_eq!(estimate(&[], 0.0), None);
+        assert_eq!(estimate(&samples[..7], 0, 0.0), None);
+        assert_eq!(estimate(&[], 0, 0.0), None);
         let mut twice = samples.clone();
         twice[4].start = twice[3].start;
-        assert_eq!(estimate(&twice, 0.0), None);
+        assert_eq!(estimate(&twice, 0, 0.0), None);
         let mut broken = samples.clone();
         broken[4].delta = f64::NAN;
-        assert_eq!(estimate(&broken, 0.0), None);
+        assert_eq!(estimate(&broken, 0, 0.0), None);
         // Constant series, no temperature, extreme values.
         for (delta, warmer_k) in [(0.0, 0.0), (0.01, 5.0), (500.0, 1e9), (-500.0, -1e9)] {
             let flat: Vec<Sample> = samples
@@ -545,7 +546,7 @@ mod tests {
                     ..*s
                 })
                 .collect();
-            if let Some(change) = estimate(&flat, 0.5) {
+            if let Some(change) = estimate(&flat, 0, 0.5) {
                 let size = change.size;
                 assert!(
                     [size.mean, size.sd, size.q025, size.q975]
@@ -558,6 +559,6 @@ mod tests {
         }
         // Weeks of silence.
         let gappy: Vec<Sample> = samples[..20].iter().chain(&samples[45..]).copied().collect();
-        assert!(estimate(&gappy, 0.4).is_some_and(|change| (change.size.mean + 0.05).abs() < 0.01));
+        assert!(estimate(&gappy, 0, 0.4).is_some_and(|change| (change.size.mean + 0.05).abs() < 0.01));
     }
 }

@@ -293,7 +293,7 @@ fn forget_since(tracker: &mut Tracker, since: i64, period: &mut Period) {
 fn estimate(state: &State, last: Option<&Period>) -> Option<Change> {
     let regression = state.regression.as_ref()?;
     let reference_c = state.segment.reference_c;
-    let series: Vec<Sample> = state
+    let samples: Vec<(Sample, bool)> = state
         .periods
         .iter()
         .chain(last)
@@ -302,14 +302,18 @@ fn estimate(state: &State, last: Option<&Period>) -> Option<Change> {
                 Some(reference_c) => temperature(regression, period)? - reference_c,
                 None => 0.0,
             };
-            Some(Sample {
+            let is_charted = period.charted?.cusum.is_some();
+            let sample = Sample {
                 start: period.start,
-                delta: period.delta,
+                delta: libm::log1p(period.delta),
                 warmer_k,
-            })
+            };
+            Some((sample, is_charted))
         })
         .collect();
-    change::estimate(&series, regression.autocorrelation())
+    let earliest = samples.iter().position(|(_, is_charted)| *is_charted)?;
+    let series: Vec<Sample> = samples.into_iter().map(|(sample, _)| sample).collect();
+    change::estimate(&series, earliest, regression.autocorrelation())
 }
 
 /// Whether P(loss > limit | data) exceeds the stated probability, with the sentence that says so; `None` if this

@@ -137,7 +137,7 @@ pub fn combine(
             for reading in readings.drain(..used) {
                 thermal.push(reading);
             }
-            thermal.at(record.end)
+            thermal.at(record.end).filter(|_| thermal.has_settled(record.end))
         })
         .collect();
     let compensated = lags > 0 && temperatures.iter().any(Option::is_some);

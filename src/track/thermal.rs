@@ -25,6 +25,8 @@ const HOLD_S: f64 = 3.0 * 3600.0;
 pub struct Thermal {
     /// The lags \[s\].
     pub lags_s: Vec<f64>,
+    /// Time of the first reading.
+    pub first: Option<Timestamp>,
     /// Time of the last reading.
     pub time: Option<Timestamp>,
     /// The last reading \[degC\].
@@ -39,6 +41,7 @@ impl Thermal {
         Self {
             lagged_c: vec![0.0; lags_s.len()],
             lags_s,
+            first: None,
             time: None,
             last_c: 0.0,
         }
@@ -62,8 +65,16 @@ impl Thermal {
                 _ => reading.celsius,
             };
         }
+        self.first.get_or_insert(reading.time);
         self.time = Some(reading.time);
         self.last_c = reading.celsius;
+    }
+
+    /// Whether the slowest low pass has forgotten at `time` that it was started at the first reading's value.
+    pub fn has_settled(&self, time: Timestamp) -> bool {
+        let slowest_s = self.lags_s.iter().copied().fold(0.0, f64::max);
+        self.first
+            .is_some_and(|first| time.seconds_since(first) >= HOLE_LAGS * slowest_s)
     }
 
     /// The low-passed temperatures \[degC\], one per lag, at a time up to three hours after the last reading, which

@@ -208,7 +208,7 @@ fn judge(all: &[Vec<f64>]) -> Judged {
 fn run(world: &World, histories: u64) -> Judged {
     let all: Vec<Vec<f64>> = (0..histories)
         .into_par_iter()
-        .map(|seed| residuals(world, seed + 1))
+        .map(|seed| residuals(world, seed + 1 + from("SEED", 0)))
         .collect();
     judge(&all)
 }
@@ -466,10 +466,14 @@ fn without_lags_it_is_an_intercept() {
     assert!((found.intercept - 0.01).abs() < 5e-4, "{found:?}");
 }
 
-/// `HISTORIES` histories of every world of the campaigns, 400 if it is not set.
+/// A number from the environment: `HISTORIES` of every world of the campaigns, `SEED` to begin elsewhere.
+fn from(name: &str, default: u64) -> u64 {
+    let asked = std::env::var(name).ok();
+    asked.and_then(|text| text.parse().ok()).unwrap_or(default)
+}
+
 fn histories() -> u64 {
-    let asked = std::env::var("HISTORIES").ok();
-    asked.and_then(|text| text.parse().ok()).unwrap_or(400)
+    from("HISTORIES", 400)
 }
 
 fn told(world: &World) {
@@ -563,6 +567,15 @@ fn campaign_of_hard_worlds() {
     ] {
         told(&world);
     }
+}
+
+#[test]
+#[ignore = "campaign: one world often enough to judge the alarm rate, 2 CPU minutes; run with --release --ignored --nocapture"]
+fn campaign_after_a_year() {
+    told(&World {
+        learned: 365,
+        ..WORLD
+    });
 }
 
 #[test]

@@ -16,10 +16,10 @@ fn main() {
 #[divan::bench(args = [876, 8760], sample_count = 5, sample_size = 1)]
 fn commits(bencher: Bencher, records: i64) {
     bencher
-        .with_inputs(|| tempfile::tempdir().unwrap())
+        .with_inputs(|| tempfile::tempdir().expect("a store"))
         .bench_values(|folder| {
             fill(
-                &mut Store::open(&folder.path().join("site.db"), Durability::Replay).unwrap(),
+                &mut Store::open(&folder.path().join("site.db"), Durability::Replay).expect("a store"),
                 0..records,
             );
             folder
@@ -28,20 +28,31 @@ fn commits(bencher: Bencher, records: i64) {
 
 #[divan::bench(args = [100_000], sample_count = 5, sample_size = 1)]
 fn open(bencher: Bencher, records: i64) {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = tempfile::tempdir().expect("a store");
     let path = folder.path().join("site.db");
-    fill(&mut Store::open(&path, Durability::Replay).unwrap(), 0..records);
-    eprintln!("{} bytes", std::fs::metadata(&path).unwrap().len());
+    fill(
+        &mut Store::open(&path, Durability::Replay).expect("a store"),
+        0..records,
+    );
+    eprintln!("{} bytes", std::fs::metadata(&path).expect("a store").len());
     bencher.bench_local(|| {
-        let mut store = Store::open(&path, Durability::Full).unwrap();
-        store.states().unwrap()
+        let mut store = Store::open(&path, Durability::Full).expect("a store");
+        store.states().expect("a store")
     });
 }
 
 #[divan::bench(args = [100_000], sample_count = 5, sample_size = 1)]
 fn reader(bencher: Bencher, records: i64) {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = tempfile::tempdir().expect("a store");
     let path = folder.path().join("site.db");
-    fill(&mut Store::open(&path, Durability::Replay).unwrap(), 0..records);
-    bencher.bench_local(|| Reader::open(&path).unwrap().standings().unwrap());
+    fill(
+        &mut Store::open(&path, Durability::Replay).expect("a store"),
+        0..records,
+    );
+    bencher.bench_local(|| {
+        Reader::open(&path)
+            .expect("a store")
+            .standings()
+            .expect("a store")
+    });
 }

@@ -1,4 +1,5 @@
 //! The store: what goes in comes out, once; what is damaged is never believed; one writer at a time.
+#![allow(clippy::unwrap_used)] // helpers of tests are tests
 
 mod archive;
 

@@ -1,4 +1,5 @@
 //! What `history`, `status`, `ack` and `rebaseline` say of a store and do to it.
+#![allow(clippy::unwrap_used)] // helpers of tests are tests
 
 mod archive;
 

@@ -1,5 +1,7 @@
 //! A site of two rods with made-up results: what a store is filled with.
 
+#![allow(clippy::unwrap_used)] // helpers of tests are tests
+
 use tirante::analysis::{Identification, Measurement};
 use tirante::bayes::{Adjustment, Conflict, Method, Posterior};
 use tirante::bayes::{Prior, RodPrior};

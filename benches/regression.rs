@@ -5,7 +5,7 @@
 use divan::{Bencher, black_box};
 use tirante::record::{Reading, Timestamp};
 use tirante::track::change::{self, Sample};
-use tirante::track::regression::{Regression, RegressionPrior, Statistic};
+use tirante::track::regression::{Bend, Regression, RegressionPrior, Statistic};
 use tirante::track::thermal::{LAGS_S, Thermal};
 
 fn main() {
@@ -25,7 +25,11 @@ fn learned(days: i64) -> Regression {
         slope_mean: -0.01,
         slope_sd: 0.006,
         intercept_sd: 0.02,
-        curvature_sd: 6e-6,
+        curvature_sd: 4e-6,
+        bend: Bend {
+            square: 0.03,
+            cube: 0.1,
+        },
         lags: LAGS_S.len(),
     });
     for day in 0..days {

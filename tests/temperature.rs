@@ -4,7 +4,7 @@ use rand_distr::{Distribution, StandardNormal};
 use rayon::prelude::*;
 use tirante::random;
 use tirante::record::{Reading, Timestamp};
-use tirante::track::regression::{Regression, RegressionPrior, Statistic};
+use tirante::track::regression::{Bend, Regression, RegressionPrior, Statistic};
 use tirante::track::thermal::{LAGS_S, Thermal};
 
 const DAY_S: f64 = 86_400.0;
@@ -49,7 +49,11 @@ fn prior() -> RegressionPrior {
         slope_mean: -0.5 * FULL,
         slope_sd: 0.3 * FULL,
         intercept_sd: 0.02,
-        curvature_sd: 6e-6,
+        curvature_sd: 4e-6,
+        bend: Bend {
+            square: 0.03,
+            cube: 0.1,
+        },
         lags: LAGS_S.len(),
     }
 }

@@ -1,4 +1,4 @@
-//! One conjugate regression: normal-inverse-gamma knowledge of intercept, slope, curvature and noise variance.
+//! One conjugate regression: normal-inverse-gamma knowledge of its coefficients and noise variance.
 //!
 //! For a row x and a response y with unit noise scale, y = x' c + e, e ~ N(0, s^2), c | s ~ N(m, s^2 P) and
 //! s^2 ~ inverse gamma(a, b), the predictive law is Student's t with 2a degrees of freedom, location x'm and scale
@@ -6,17 +6,21 @@
 
 use serde::{Deserialize, Serialize};
 
+/// Coefficients of a regression.
+pub(super) const WIDTH: usize = 4;
+/// Entries of the upper triangle of their covariance.
+const TRIANGLE: usize = WIDTH * (WIDTH + 1) / 2;
 /// A member as a row of numbers: means, covariance, b, weight.
-pub(super) type Numbers = [f64; 11];
+pub(super) type Numbers = [f64; WIDTH + TRIANGLE + 2];
 
 /// What one regression knows; the shape a of its inverse gamma law is shared by all and kept outside.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(from = "Numbers", into = "Numbers")]
 pub(super) struct Member {
-    /// Means of intercept, slope and curvature.
-    pub mean: [f64; 3],
-    /// Their covariance over the noise variance, the upper triangle by rows: 00, 01, 02, 11, 12, 22.
-    pub cov: [f64; 6],
+    /// Means of the coefficients.
+    pub mean: [f64; WIDTH],
+    /// Their covariance over the noise variance, the upper triangle by rows.
+    pub cov: [f64; TRIANGLE],
     /// b of the noise variance's inverse gamma law.
     pub b: f64,
     /// Logarithm of the weight, the largest being zero.
@@ -27,52 +31,67 @@ pub(super) struct Member {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Row {
     pub response: f64,
-    pub x: [f64; 3],
+    pub x: [f64; WIDTH],
 }
 
 impl From<Numbers> for Member {
-    fn from([m0, m1, m2, p00, p01, p02, p11, p12, p22, b, ln_weight]: Numbers) -> Self {
+    fn from(numbers: Numbers) -> Self {
         Self {
-            mean: [m0, m1, m2],
-            cov: [p00, p01, p02, p11, p12, p22],
-            b,
-            ln_weight,
+            mean: std::array::from_fn(|index| numbers[index]),
+            cov: std::array::from_fn(|index| numbers[WIDTH + index]),
+            b: numbers[WIDTH + TRIANGLE],
+            ln_weight: numbers[WIDTH + TRIANGLE + 1],
         }
     }
 }
 
 impl From<Member> for Numbers {
     fn from(member: Member) -> Self {
-        let Member {
-            mean: [m0, m1, m2],
-            cov: [p00, p01, p02, p11, p12, p22],
-            b,
-            ln_weight,
-        } = member;
-        [m0, m1, m2, p00, p01, p02, p11, p12, p22, b, ln_weight]
+        let mut numbers = [0.0; WIDTH + TRIANGLE + 2];
+        numbers[..WIDTH].copy_from_slice(&member.mean);
+        numbers[WIDTH..WIDTH + TRIANGLE].copy_from_slice(&member.cov);
+        numbers[WIDTH + TRIANGLE] = member.b;
+        numbers[WIDTH + TRIANGLE + 1] = member.ln_weight;
+        numbers
     }
 }
 
+/// Where the entry of a row and a column stands in the upper triangle.
+pub(super) const fn place(row: usize, column: usize) -> usize {
+    let (row, column) = if row < column {
+        (row, column)
+    } else {
+        (column, row)
+    };
+    row * WIDTH - row * (row + 1) / 2 + column
+}
+
 impl Member {
+    /// No covariance at all.
+    pub const NOTHING: [f64; TRIANGLE] = [0.0; TRIANGLE];
+
     /// x'm.
-    pub fn location(&self, x: [f64; 3]) -> f64 {
-        x[0] * self.mean[0] + x[1] * self.mean[1] + x[2] * self.mean[2]
+    pub fn location(&self, x: [f64; WIDTH]) -> f64 {
+        x.iter().zip(&self.mean).map(|(x, mean)| x * mean).sum()
     }
 
     /// P x.
-    fn along(&self, x: [f64; 3]) -> [f64; 3] {
-        let [p00, p01, p02, p11, p12, p22] = self.cov;
-        [
-            p00 * x[0] + p01 * x[1] + p02 * x[2],
-            p01 * x[0] + p11 * x[1] + p12 * x[2],
-            p02 * x[0] + p12 * x[1] + p22 * x[2],
-        ]
+    fn along(&self, x: [f64; WIDTH]) -> [f64; WIDTH] {
+        std::array::from_fn(|row| {
+            (0..WIDTH)
+                .map(|column| self.cov[place(row, column)] * x[column])
+                .sum()
+        })
     }
 
     /// x'P x.
-    pub fn spread(&self, x: [f64; 3]) -> f64 {
+    pub fn spread(&self, x: [f64; WIDTH]) -> f64 {
         let along = self.along(x);
-        (x[0] * along[0] + x[1] * along[1] + x[2] * along[2]).max(0.0)
+        x.iter()
+            .zip(along)
+            .map(|(x, along)| x * along)
+            .sum::<f64>()
+            .max(0.0)
     }
 
     /// The response's distance from its location in predictive scales, and the scale.
@@ -84,21 +103,27 @@ impl Member {
     /// Learns a row.
     pub fn learn(&mut self, row: &Row) {
         let along = self.along(row.x);
-        let total = 1.0 + self.spread(row.x);
+        let total = 1.0
+            + row
+                .x
+                .iter()
+                .zip(along)
+                .map(|(x, along)| x * along)
+                .sum::<f64>()
+                .max(0.0);
         let error = row.response - self.location(row.x);
         for (mean, along) in self.mean.iter_mut().zip(along) {
             *mean += along / total * error;
         }
-        let [a0, a1, a2] = along;
-        let [p00, p01, p02, p11, p12, p22] = self.cov;
-        self.cov = [
-            (p00 - a0 * a0 / total).max(0.0),
-            p01 - a0 * a1 / total,
-            p02 - a0 * a2 / total,
-            (p11 - a1 * a1 / total).max(0.0),
-            p12 - a1 * a2 / total,
-            (p22 - a2 * a2 / total).max(0.0),
-        ];
+        for i in 0..WIDTH {
+            for j in i..WIDTH {
+                let entry = &mut self.cov[place(i, j)];
+                *entry -= along[i] * along[j] / total;
+                if i == j {
+                    *entry = entry.max(0.0);
+                }
+            }
+        }
         self.b += 0.5 * error * error / total;
     }
 }

@@ -28,8 +28,8 @@ impl Pending {
         Self {
             start: observation.start,
             end: observation.start.plus_seconds(observation.duration_s),
-            delta: relative.ratio.mean - 1.0,
-            sd: relative.record_sd * relative.ratio.mean,
+            delta: libm::expm1(relative.estimate),
+            sd: relative.record_sd * libm::exp(relative.estimate),
             misfit: relative.misfit.clone(),
         }
     }

@@ -18,9 +18,6 @@ use std::sync::Arc;
 /// Standard deviation of the regression's intercept: force at the reference temperature over the baseline's mean.
 const INTERCEPT_SD: f64 = 0.3;
 
-/// How much further N_t / N_0 may be bent than the particles say: they may be wrong together.
-const BEND: f64 = 1.5;
-
 /// Relative change of modulus times expansion per kelvin, a standard deviation about none: wrought iron and steel lose some
 /// 3e-4 of their modulus and gain about twice that in expansion.
 const MATERIAL_PER_K: f64 = 3e-4;
@@ -162,8 +159,8 @@ impl TrackPlan {
             slope_mean: -0.5 * fixed_per_k,
             slope_sd: 0.5 * fixed_per_k,
             intercept_sd: INTERCEPT_SD,
-            curvature_sd: (BEND * shift.bend_sd() * fixed_per_k * fixed_per_k)
-                .hypot(MATERIAL_PER_K * fixed_per_k),
+            curvature_sd: MATERIAL_PER_K * fixed_per_k,
+            bend: shift.bend(),
             lags: self.lags_s().len(),
         }
     }

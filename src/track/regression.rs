@@ -4,19 +4,19 @@
 //! Thermal force adds to the axial force, so the straight line is one of the ratio, not of its logarithm:
 //!
 //! ```text
-//! e^delta_t - 1 = a + beta w_t + gamma w_t^2 + q_t e_t,     w_t = T_lag,t - T_ref,
+//! x_t = e^delta_t - 1 = a + beta w_t + gamma w_t^2 + c h(x_t) + q_t e_t,     w_t = T_lag,t - T_ref,
 //! e_t = rho e_t' + sqrt(1 - rho^2) s v_t
 //! ```
 //!
-//! The curvature gamma is small but not nothing: slopes d ln f/d ln N that are a little wrong bend the ratio, and modulus and
-//! expansion themselves change with temperature. Without it a fully restrained rod alarms in its first warm season.
-//! Here v_t are independent N(0, 1), rho = phi^gap for periods `gap` apart, and q_t known: the expected ratio (the error
-//! of a logarithm is an error in proportion), times how the noise goes with the measurement's standard error: not at
-//! all, partly, or wholly. For a given lag, phi and kind of noise this is a conjugate regression in (a, beta, gamma, s^2), and delta's predictive law
+//! Two small terms keep a fully restrained rod from alarming in its first warm season: gamma, because modulus and expansion
+//! themselves change with temperature; and c h(x), because static parameters that are a little wrong bend the ratio: h is
+//! the bend one standard deviation of them makes ([`Bend`]).
+//! Here v_t are independent N(0, 1), rho = phi^gap for periods `gap` apart, and q_t known: how the
+//! noise goes with the ratio's standard error: not at all, partly, or wholly. For a given lag, phi and kind of noise this is a conjugate regression in (a, beta, gamma, c, s^2), and delta's predictive law
 //! Student's t; the whole is the mixture over the grid by posterior weight. Under the model F(delta_t) is exactly
 //! uniform and independent from period to period, however little has been learned: nothing is plugged in.
 
-use super::member::{Member, Numbers, Row};
+use super::member::{Member, Numbers, Row, WIDTH, place as place_of};
 use super::tail;
 use serde::{Deserialize, Serialize};
 
@@ -41,6 +41,8 @@ const SHAPE: f64 = 0.25;
 /// The prior of the coefficients is conjugate if it scales with the noise; it is as wide as stated where the noise
 /// is this share of the first period's standard error, and wider where there is more noise.
 const CONJUGATE: f64 = 0.5;
+/// Prior standard deviation of c: static parameters may be wrong together, further than the particles say.
+const BEND_SD: f64 = 1.5;
 /// Least standard error believed \[-\].
 const LEAST_SD: f64 = 1e-6;
 /// Least ln weight: a member may come back.
@@ -72,8 +74,28 @@ pub struct RegressionPrior {
     pub intercept_sd: f64,
     /// Standard deviation of the curvature gamma \[1/K^2\].
     pub curvature_sd: f64,
+    /// The bend of the ratio that wrong static parameters make.
+    pub bend: Bend,
     /// How many lags there are; zero: no compensation.
     pub lags: usize,
+}
+
+/// The bend of the force ratio that one standard deviation of the static parameters makes: h(x) = `square` x^2 + `cube` x^3 for
+/// x = N_t / N_0 - 1.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct Bend {
+    /// Coefficient of the square.
+    pub square: f64,
+    /// Coefficient of the cube.
+    pub cube: f64,
+}
+
+impl Bend {
+    /// h(x), for x within -0.6 to 1.
+    fn at(self, x: f64) -> f64 {
+        let x = x.clamp(-0.6, 1.0);
+        x * x * (self.square + self.cube * x)
+    }
 }
 
 /// What the regression expects of a period.
@@ -175,7 +197,7 @@ impl Regression {
             mean += weight * location;
             square += weight * (location * location + coefficients + noise * unscale * unscale);
             own += weight * noise * unscale * unscale;
-            let here = columns(warmer);
+            let here = self.columns(warmer, prepared.ratio);
             let value = member.location(here);
             line += weight * value;
             line_square += weight * (value * value + noise * member.spread(here));
@@ -265,8 +287,8 @@ impl Regression {
         for part in self.weighted(&self.members) {
             let slope = part.member.mean[1];
             mean += part.weight * slope;
-            square +=
-                part.weight * (slope * slope + part.member.b / (a - 1.0).max(0.5 * a) * part.member.cov[3]);
+            square += part.weight
+                * (slope * slope + part.member.b / (a - 1.0).max(0.5 * a) * part.member.cov[place_of(1, 1)]);
         }
         (mean, (square - mean * mean).max(0.0).sqrt())
     }
@@ -322,16 +344,18 @@ impl Regression {
         let sd = self.first_sd.unwrap_or(believed(statistic.sd));
         let wide = |prior_sd: f64| (prior_sd / (CONJUGATE * sd)).powi(2);
         let slopes = if self.prior.lags > 0 { 1.0 } else { 0.0 };
+        let mut cov = Member::NOTHING;
+        for (column, prior_sd) in [
+            (0, self.prior.intercept_sd),
+            (1, slopes * self.prior.slope_sd),
+            (2, slopes * self.prior.curvature_sd),
+            (3, BEND_SD),
+        ] {
+            cov[place_of(column, column)] = wide(prior_sd);
+        }
         let member = |ln_weight| Member {
-            mean: [0.0, slopes * self.prior.slope_mean, 0.0],
-            cov: [
-                wide(self.prior.intercept_sd),
-                0.0,
-                0.0,
-                slopes * wide(self.prior.slope_sd),
-                0.0,
-                slopes * wide(self.prior.curvature_sd),
-            ],
+            mean: [0.0, slopes * self.prior.slope_mean, 0.0, 0.0],
+            cov,
             b: SHAPE * sd * sd,
             ln_weight,
         };
@@ -384,7 +408,7 @@ impl Regression {
             .collect();
         let expected: f64 = self
             .weighted(members)
-            .map(|part| part.weight * part.member.location(columns(warmer_k[part.lag])))
+            .map(|part| part.weight * part.member.location(self.columns(warmer_k[part.lag], ratio)))
             .sum();
         let level = (1.0 + expected).clamp(0.2, 5.0);
         let sd = believed(statistic.sd);
@@ -396,15 +420,20 @@ impl Regression {
         Prepared {
             ratio,
             warmer_k,
-            scales: NOISE_SHARES.map(|share| level * (1.0 - share + share * relative).sqrt()),
+            scales: NOISE_SHARES.map(|share| (1.0 - share + share * relative * level * level).sqrt()),
             gap,
         }
+    }
+
+    /// The columns at a temperature difference \[K\] and a ratio. The ratio's own noise in the bend is of second order.
+    fn columns(&self, warmer_k: f64, ratio: f64) -> [f64; WIDTH] {
+        [1.0, warmer_k, warmer_k * warmer_k, self.prior.bend.at(ratio)]
     }
 
     /// A member's row, and what one unit of its response is in the ratio.
     fn row(&self, part: &Weighted, prepared: &Prepared) -> (Row, f64) {
         let scale = prepared.scales[part.noise];
-        let now = columns(prepared.warmer_k[part.lag]);
+        let now = self.columns(prepared.warmer_k[part.lag], prepared.ratio);
         let (Some(last), Some(gap)) = (&self.last, prepared.gap) else {
             let row = Row {
                 response: prepared.ratio / scale,
@@ -415,7 +444,7 @@ impl Regression {
         let rho = part.phi.powi(gap);
         let white = (1.0 - rho * rho).sqrt();
         let before = last.scales[part.noise];
-        let then = columns(last.warmer_k.get(part.lag).copied().unwrap_or(0.0));
+        let then = self.columns(last.warmer_k.get(part.lag).copied().unwrap_or(0.0), last.ratio);
         let differ = |now: f64, then: f64| (now / scale - rho * then / before) / white;
         let row = Row {
             response: differ(prepared.ratio, last.ratio),
@@ -423,11 +452,6 @@ impl Regression {
         };
         (row, scale * white)
     }
-}
-
-/// The columns of the line at a temperature difference \[K\].
-fn columns(warmer_k: f64) -> [f64; 3] {
-    [1.0, warmer_k, warmer_k * warmer_k]
 }
 
 /// Lag, phi and noise of a member.

@@ -2,6 +2,7 @@
 
 use super::baseline::BaselineMode;
 use super::levels::{self, LEAST_LOG_SD};
+use super::regression::Bend;
 use super::shift::{Draws, HIGH, LANES, LOW, Lanes, Polynomials, Proposal, Seen, TERMS, mean_and_slope};
 use super::{Baseline, LogMode, Observation};
 use crate::forward::{ForwardModel, MAX_MODES};
@@ -11,6 +12,9 @@ use std::f64::consts::{FRAC_1_SQRT_2, PI};
 
 /// Draws of u per particle.
 const PER_PARTICLE: usize = 4;
+
+/// Changes u at which the bend of the ratio is looked at.
+const BEND_AT: [f64; 8] = [-0.45, -0.35, -0.25, -0.12, 0.12, 0.2, 0.28, 0.35];
 
 /// Standard error of u from which on the record says so little that u is drawn from its whole range.
 const NARROW: f64 = 0.1;
@@ -63,7 +67,10 @@ pub struct Relative {
     pub log_ratio: f64,
     /// Posterior standard deviation of u.
     pub log_sd: f64,
-    /// The part of it that is new with every record: from this record's frequency errors alone.
+    /// u by weighted least squares with the mean of the particles' shifts: what the charts follow. Unlike the posterior mean it
+    /// does not weigh the particles anew by every record's noise, which they all share.
+    pub estimate: f64,
+    /// Standard error of the estimate from this record's frequency errors alone: new with every record.
     pub record_sd: f64,
     /// Q: squared misfit of the modes to a change of axial force, chi-square with `freedom` degrees of freedom.
     pub q: f64,
@@ -141,39 +148,54 @@ impl Shift {
         }
     }
 
-    /// By how much N_t / N_0 may come out bent: the standard deviation over the particles of q in
-    /// `ratio - 1 = c x + q x^2`, where x is the true N_t / N_0 - 1 if one particle is the rod, and the ratio is what the mean
-    /// of all would say, every mode counting alike. Through u = -h and h.
-    pub fn bend_sd(&self) -> f64 {
-        const H: f64 = 0.25;
-        let at = [-H, H].map(|u| {
-            let means = self
-                .means
-                .iter()
-                .map(|mean| mean_and_slope(mean, u))
-                .collect::<Vec<_>>();
-            let information: f64 = means.iter().map(|(_, slope)| slope * slope).sum();
-            (u, means, information)
-        });
-        let bends: Vec<f64> = (0..self.log_forces.len())
-            .map(|place| {
-                let [below, above] = at.each_ref().map(|(u, means, information)| {
-                    let off: f64 = means
-                        .iter()
-                        .enumerate()
-                        .map(|(mode, (value, slope))| {
-                            slope * (self.polynomials.shift(place, mode, *u) - value)
-                        })
-                        .sum();
-                    let x = libm::expm1(*u);
-                    (x, libm::expm1(u + off / information) / x)
-                });
-                (above.1 - below.1) / (above.0 - below.0)
+    /// The bend of N_t / N_0 - 1 that the particles leave open. If one particle is the rod, the mean of all, every mode counting
+    /// alike, reads y(x) instead of x; what is left of y beside its best straight line through zero, over a range of changes, has one
+    /// principal component over the particles, and the bend is that component with its standard deviation, as a square and a
+    /// cube of x.
+    pub fn bend(&self) -> Bend {
+        let means: Vec<(f64, Vec<(f64, f64)>)> = BEND_AT
+            .iter()
+            .map(|u| {
+                (
+                    *u,
+                    self.means.iter().map(|mean| mean_and_slope(mean, *u)).collect(),
+                )
             })
             .collect();
-        let count = bends.len().max(1) as f64;
-        let mean = bends.iter().sum::<f64>() / count;
-        (bends.iter().map(|bend| (bend - mean).powi(2)).sum::<f64>() / count).sqrt()
+        let x = DVector::from_iterator(BEND_AT.len(), BEND_AT.iter().map(|u| libm::expm1(*u)));
+        let rows: Vec<DVector<f64>> = (0..self.log_forces.len())
+            .map(|place| {
+                let read = means.iter().map(|(u, means)| {
+                    let information: f64 = means.iter().map(|(_, slope)| slope * slope).sum();
+                    let off = means.iter().enumerate().map(|(mode, (value, slope))| {
+                        slope * (self.polynomials.shift(place, mode, *u) - value)
+                    });
+                    libm::expm1(u + off.sum::<f64>() / information)
+                });
+                let y = DVector::from_iterator(BEND_AT.len(), read);
+                let gain = y.dot(&x) / x.dot(&x);
+                y - &x * gain
+            })
+            .collect();
+        let count = rows.len().max(1) as f64;
+        let mut scatter = DMatrix::zeros(x.len(), x.len());
+        let mean = rows.iter().fold(DVector::zeros(x.len()), |sum, row| sum + row) / count;
+        for row in &rows {
+            let off = row - &mean;
+            scatter += &off * off.transpose() / count;
+        }
+        let eigen = scatter.symmetric_eigen();
+        let largest = eigen.eigenvalues.imax();
+        let component = eigen.eigenvectors.column(largest) * eigen.eigenvalues[largest].max(0.0).sqrt();
+        // Least squares in x^2 and x^3, beside a line.
+        let columns = DMatrix::from_fn(x.len(), 3, |row, column| x[row].powi(column as i32 + 1));
+        let fitted = (columns.transpose() * &columns)
+            .cholesky()
+            .map(|normal| normal.solve(&(columns.transpose() * component)));
+        fitted.map_or_else(Bend::default, |fitted| Bend {
+            square: fitted[1],
+            cube: fitted[2],
+        })
     }
 
     /// P(misfit at least this large | the change is axial) for the combined misfit of several records, at a mean
@@ -276,11 +298,11 @@ impl Shift {
                 0.0
             };
         }
-        Ok(self.summary(&common, u, weights))
+        Ok(self.summary(&common, estimate, u, weights))
     }
 
     /// Of weighted draws, particle by particle and that [`PER_PARTICLE`] times.
-    fn summary(&self, common: &[Common], u: &[f64], weights: &[f64]) -> Relative {
+    fn summary(&self, common: &[Common], estimate: f64, u: &[f64], weights: &[f64]) -> Relative {
         let places = self.polynomials.blocks() * LANES;
         let last = self.forces.len() - 1;
         let moments = Moments::of(weights, u);
@@ -329,6 +351,7 @@ impl Shift {
             force_n: interval(&forces, &logs),
             log_ratio: delta,
             log_sd: moments.sd,
+            estimate,
             record_sd: record_information.sqrt().recip(),
             q,
             freedom,

@@ -164,7 +164,9 @@ impl Row {
     fn why(&self) -> Option<String> {
         if let (Some(records), Some(periods)) = (self.baseline_records, self.learned_periods) {
             return Some(format!(
-                "learning: {records} records for the baseline, {periods} periods of the charts so far"
+                "learning: {} for the baseline, {} for the charts so far",
+                counted(records, "record"),
+                counted(periods, "period")
             ));
         }
         self.state_reason.clone()
@@ -240,10 +242,11 @@ fn table(rows: &[Row]) -> String {
                 ""
             };
             table.note(format!(
-                "{} since {}{known}{over} (alarm {}): {}",
+                "{} since {}{known}{over} (alarm {}, as of {}): {}",
                 alarm.kind,
                 minutes(&alarm.raised.to_string()),
                 alarm.id,
+                day(alarm.told),
                 alarm.message
             ));
         }
@@ -252,6 +255,16 @@ fn table(rows: &[Row]) -> String {
         }
     }
     table.print()
+}
+
+/// `1 record`, `3 records`.
+fn counted(count: usize, noun: &str) -> String {
+    format!("{count} {noun}{}", if count == 1 { "" } else { "s" })
+}
+
+/// A time to the day.
+fn day(time: Timestamp) -> String {
+    time.to_string().chars().take(10).collect()
 }
 
 fn spreadsheet(rows: &[Row]) -> String {

@@ -33,7 +33,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let path = args.which.path()?;
     let reader = Reader::open(&path)?;
     let rod = check_rod(&reader, Some(&args.rod))?;
-    for rod in &rod {
+    if let Some(rod) = &rod {
         let waiting = reader.waiting(rod)?;
         if waiting
             .iter()

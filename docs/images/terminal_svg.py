@@ -3,7 +3,7 @@ r"""Draws what a terminal shows as an SVG: the first argument is the prompt line
 
 tirante replay recordings/campaign-2025.mcap --config config/campaign.toml --store campaign.db 2>/dev/null |
     sed -n '1,6p;6a ...
-            196,203p' |
+            /2025-06-06/,/2025-06-08/p' |
     python3 docs/images/terminal_svg.py 'tirante replay recordings/campaign-2025.mcap --config config/campaign.toml --store campaign.db' \
     > docs/images/replay.svg
 """
@@ -19,10 +19,12 @@ height = (len(lines) + 1) * LEADING + 2 * MARGIN
 
 
 def text(row, content, colour):
+    # Browsers run spaces together.
+    solid = content.replace(" ", "\u00a0")
     y = MARGIN + LEADING * row + 14
     # A fixed length keeps the columns aligned whatever monospace font stands in.
     length = f' textLength="{len(content) * STEP:.1f}"' if content else ""
-    return f'<text x="{MARGIN}" y="{y}" fill="{colour}"{length} lengthAdjust="spacingAndGlyphs">{escape(content)}</text>'
+    return f'<text x="{MARGIN}" y="{y}" fill="{colour}"{length} lengthAdjust="spacingAndGlyphs">{escape(solid)}</text>'
 
 
 print(f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width:.0f} {height}" font-size="13" '

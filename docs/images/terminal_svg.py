@@ -1,8 +1,11 @@
 #!/usr/bin/env python3
-"""Draws what a terminal shows as an SVG: the first argument is the prompt line, standard input the output.
+r"""Draws what a terminal shows as an SVG: the first argument is the prompt line, standard input the output.
 
-tirante replay recordings/campaign-2025.mcap --config config/campaign.toml | head -12 |
-    python3 docs/images/terminal_svg.py 'tirante replay recordings/campaign-2025.mcap --config config/campaign.toml' > docs/images/replay.svg
+tirante replay recordings/campaign-2025.mcap --config config/campaign.toml --store campaign.db 2>/dev/null |
+    sed -n '1,6p;6a ...
+            /2025-06-06/,/2025-06-08/p' |
+    python3 docs/images/terminal_svg.py 'tirante replay recordings/campaign-2025.mcap --config config/campaign.toml --store campaign.db' \
+    > docs/images/replay.svg
 """
 import sys
 from xml.sax.saxutils import escape
@@ -16,10 +19,12 @@ height = (len(lines) + 1) * LEADING + 2 * MARGIN
 
 
 def text(row, content, colour):
+    # Browsers run spaces together.
+    solid = content.replace(" ", "\u00a0")
     y = MARGIN + LEADING * row + 14
     # A fixed length keeps the columns aligned whatever monospace font stands in.
     length = f' textLength="{len(content) * STEP:.1f}"' if content else ""
-    return f'<text x="{MARGIN}" y="{y}" fill="{colour}"{length} lengthAdjust="spacingAndGlyphs">{escape(content)}</text>'
+    return f'<text x="{MARGIN}" y="{y}" fill="{colour}"{length} lengthAdjust="spacingAndGlyphs">{escape(solid)}</text>'
 
 
 print(f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width:.0f} {height}" font-size="13" '
@@ -27,5 +32,6 @@ print(f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width:.0f} {height
 print(f'<rect width="{width:.0f}" height="{height}" rx="8" fill="#1e2329"/>')
 print(text(0, "$ " + prompt, "#8fc7ff"))
 for row, line in enumerate(lines, 1):
-    print(text(row, line, "#8a949e" if set(line) <= {"-"} else "#e6e6e6"))
+    colour = "#ff8a80" if line.startswith(">>>") else "#8a949e" if set(line) <= {"-", "."} else "#e6e6e6"
+    print(text(row, line, colour))
 print("</svg>")

@@ -90,7 +90,11 @@ impl Display for Tally {
             write!(f, ", {rejected} rejected ({})", reasons.join(", "))?;
         }
         if self.repeated > 0 {
-            write!(f, ", {} left out (the same data as one before)", self.repeated)?;
+            write!(
+                f,
+                ", {} left out (the same data as one before, or in the store)",
+                self.repeated
+            )?;
         }
         if self.panicked > 0 {
             write!(f, ", {} broke the program (please report)", self.panicked)?;

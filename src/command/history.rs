@@ -2,6 +2,7 @@
 
 use super::BadArguments;
 use super::listing::{Aligned, cell, csv, object, seconds};
+use super::render::percent;
 use super::which_store::{Format, WhichStore, check_rod};
 use crate::record::Timestamp;
 use crate::store::{Filter, Listing, Reader};
@@ -20,7 +21,7 @@ use std::process::ExitCode;
   tirante history --config site.toml --what alarms
   tirante history --store site.db --format csv > forces.csv
 
-A '~' before the relative force says that it is not compensated for temperature.")]
+A '~' before a change or force says that it is not compensated for temperature.")]
 pub struct Args {
     /// The store.
     #[command(flatten)]
@@ -164,7 +165,7 @@ fn heads(what: What) -> &'static [&'static str] {
         What::Records => &[
             "rod",
             "start (UTC)",
-            ">relative force",
+            ">change [%]",
             ">force [kN]",
             ">absolute [kN]",
             ">air [degC]",
@@ -199,12 +200,11 @@ fn heads(what: What) -> &'static [&'static str] {
 fn cells(what: What, row: &Row<'_>) -> Vec<String> {
     match what {
         What::Records => {
-            let relative = match (
-                row.number("relative_force_at_reference"),
-                row.number("relative_force"),
-            ) {
-                (Some(mean), _) => row.with_sd(mean, "relative_force_at_reference_sd", 1.0, 4),
-                (None, Some(mean)) => format!("~{}", row.with_sd(mean, "relative_force_sd", 1.0, 4)),
+            let ratio = |mean, sd| Some((row.number(mean)?, row.number(sd).unwrap_or(f64::NAN)));
+            let at_reference = ratio("relative_force_at_reference", "relative_force_at_reference_sd");
+            let change = match (at_reference, ratio("relative_force", "relative_force_sd")) {
+                (Some((mean, sd)), _) => percent(mean, sd),
+                (None, Some((mean, sd))) => format!("~{}", percent(mean, sd)),
                 (None, None) => "-".to_owned(),
             };
             let force = match (row.number("force_at_reference_n"), row.number("tracked_force_n")) {
@@ -229,7 +229,7 @@ fn cells(what: What, row: &Row<'_>) -> Vec<String> {
             vec![
                 row.shown("rod"),
                 row.time("start"),
-                relative,
+                change,
                 force,
                 absolute,
                 row.fixed("temperature_c", 1.0, 1),

@@ -110,6 +110,12 @@ pub fn object(names: &[String], values: &[Value]) -> Json {
     Json::Object(names.iter().zip(values).map(entry).collect())
 }
 
+/// `2026-03-01 06:00` from RFC 3339 in UTC, cut off at the minute.
+pub fn minutes(time: &str) -> String {
+    let seconds = seconds(time);
+    seconds.get(..16).unwrap_or(&seconds).to_owned()
+}
+
 /// `2026-03-01 06:00:00` from RFC 3339 in UTC, fractions of a second cut off.
 pub fn seconds(time: &str) -> String {
     time.trim_end_matches('Z')

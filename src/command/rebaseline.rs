@@ -31,7 +31,20 @@ pub struct Args {
 /// No store is named, it cannot be read or written, or it has no such rod.
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let path = args.which.path()?;
-    let rod = check_rod(&Reader::open(&path)?, Some(&args.rod))?;
+    let reader = Reader::open(&path)?;
+    let rod = check_rod(&reader, Some(&args.rod))?;
+    if let Some(rod) = &rod {
+        let waiting = reader.waiting(rod)?;
+        if waiting
+            .iter()
+            .any(|request| matches!(request.what, Asked::Rebaseline { .. }))
+        {
+            let text =
+                format!("a new baseline of {rod} is asked for already: it begins with the next record\n");
+            return super::print(text.as_bytes());
+        }
+    }
+    drop(reader);
     let what = Asked::Rebaseline {
         reason: args.reason.clone(),
     };

@@ -1,10 +1,10 @@
-//! A record as one row of a table for people.
+//! A record as one row of a table for people, and the alarms it raised under it.
 
 use crate::analysis::Identification;
 use crate::beam::Quantity;
 use crate::outcome::Outcome;
 use crate::record::{RodId, Timestamp};
-use crate::track::{Interval, SetAside, Verdict, What};
+use crate::track::{Alarm, SetAside, Verdict, What};
 use std::fmt::Write;
 
 /// From this many standard deviations on, people are told that model and data disagree.
@@ -13,67 +13,99 @@ pub const CONFLICT_SHOWN: f64 = 3.0;
 /// Up to this share of the prior's own records as far out, people are told that the prior is doubtful.
 pub const PRIOR_TAIL_SHOWN: f64 = 0.01;
 
-/// The table for people: one line per record, columns for a fixed number of modes.
+/// Columns of one mode: `17.3085 ± 0.0065`.
+const MODE_WIDTH: usize = 16;
+
+/// The table for people: one line per record, columns for a fixed number of modes; three modes and a rod's name of
+/// nine letters fit into 120 columns.
 pub struct Table {
     modes: usize,
     rod_width: usize,
+    /// What `--store` was, to be repeated in commands.
+    store: Option<String>,
+    is_coloured: bool,
 }
 
 impl Table {
-    /// A table for rods with these names, with columns for the first `modes` mode orders.
-    pub fn new<'a>(rods: impl Iterator<Item = &'a RodId>, modes: usize) -> Self {
+    /// A table for rods with these names, with columns for the first `modes` mode orders. `store`: where alarms
+    /// can be acknowledged. `is_coloured`: with escape sequences for a terminal.
+    pub fn new<'a>(
+        rods: impl Iterator<Item = &'a RodId>,
+        modes: usize,
+        store: Option<String>,
+        is_coloured: bool,
+    ) -> Self {
         let rod_width = rods
             .map(|rod| rod.0.chars().count())
             .max()
             .unwrap_or(0)
             .max("rod".len());
-        Self { modes, rod_width }
+        Self {
+            modes,
+            rod_width,
+            store,
+            is_coloured,
+        }
     }
 
     /// The two header lines.
     pub fn header(&self) -> String {
-        let mut line = format!(
-            "{:<width$}  {:<20}  {:>6}",
-            "rod",
-            "start (UTC)",
-            "length",
-            width = self.rod_width
-        );
+        let mut line = format!("{:<width$}  {:<16}", "rod", "start (UTC)", width = self.rod_width);
         for order in 1..=self.modes {
-            let _ = write!(line, "  {:>18}", format!("mode {order} [Hz]"));
+            let _ = write!(line, "  {:>MODE_WIDTH$}", format!("mode {order} [Hz]"));
         }
-        let _ = write!(
-            line,
-            "  {:>17}  {:>13}  {:>8}",
-            "axial force [kN]", "95 % interval", "conflict"
-        );
-        let rule = "-".repeat(line.chars().count());
+        let _ = write!(line, "  {:>10}  {:>14}  state", "force [kN]", "change [%]");
+        let rule = "-".repeat(line.chars().count() + "monitoring".len() - "state".len());
         format!("{line}\n{rule}")
     }
 
-    /// One record, followed by a line for each alarm that was raised or cleared with it.
+    /// One record, followed by lines for each alarm that was raised or cleared with it.
     pub fn row(&self, outcome: &Outcome, verdict: &Verdict) -> String {
         let mut row = self.record(outcome, verdict);
         for event in &verdict.events {
-            let alarm = &event.alarm;
-            let _ = match event.what {
-                What::Raised => write!(
-                    row,
-                    "\n  ALARM {} {}: {}: {}",
-                    alarm.id, alarm.rod, alarm.kind, alarm.message
-                ),
-                What::Cleared => write!(row, "\n  cleared {} {}: {}", alarm.id, alarm.rod, alarm.kind),
-                What::Repeated | What::Acknowledged => Ok(()),
-            };
+            match event.what {
+                What::Raised => {
+                    row.push('\n');
+                    row += &self.raised(&event.alarm);
+                }
+                What::Cleared => {
+                    let alarm = &event.alarm;
+                    let _ = write!(
+                        row,
+                        "\n    over: {} of {}, alarm {}",
+                        alarm.kind, alarm.rod, alarm.id
+                    );
+                }
+                What::Repeated | What::Acknowledged => {}
+            }
         }
         row
+    }
+
+    /// An alarm, and what to do about it.
+    fn raised(&self, alarm: &Alarm) -> String {
+        let what = format!("ALARM {} of {}: {}", alarm.kind, alarm.rod, alarm.message);
+        let (bold, plain) = if self.is_coloured {
+            ("\x1b[1;31m", "\x1b[0m")
+        } else {
+            ("", "")
+        };
+        let next = match &self.store {
+            _ if !alarm.kind.is_latched() => "goes by itself when its cause is over".to_owned(),
+            Some(store) => format!(
+                "stands until somebody has looked: tirante ack {} --store {store}",
+                alarm.id
+            ),
+            None => format!("alarm {}; without --store nothing remembers it", alarm.id),
+        };
+        format!("{bold}>>> {what}{plain}\n    {next}")
     }
 
     fn record(&self, outcome: &Outcome, verdict: &Verdict) -> String {
         match outcome {
             Outcome::Identified(identification) => self.identified(identification, verdict),
             Outcome::Rejected(rejected) => {
-                let mut line = self.opening(&rejected.rod, rejected.start, rejected.duration_s);
+                let mut line = self.opening(&rejected.rod, rejected.start);
                 let rejection = &rejected.rejection;
                 let _ = write!(line, "  rejected ({}): {rejection}", rejection.code());
                 line
@@ -81,56 +113,39 @@ impl Table {
         }
     }
 
-    fn opening(&self, rod: &RodId, start: Option<Timestamp>, duration_s: Option<f64>) -> String {
-        let start = start.map_or_else(|| "-".to_owned(), to_seconds);
-        let duration = duration_s.map_or_else(|| "-".to_owned(), |s| format!("{s:.0} s"));
-        format!(
-            "{:<width$}  {start:<20}  {duration:>6}",
-            rod.0,
-            width = self.rod_width
-        )
+    fn opening(&self, rod: &RodId, start: Option<Timestamp>) -> String {
+        let start = start.map_or_else(|| "-".to_owned(), to_minutes);
+        format!("{:<width$}  {start:<16}", rod.0, width = self.rod_width)
     }
 
     fn identified(&self, identification: &Identification, verdict: &Verdict) -> String {
         let measurement = identification.measurement.as_ref();
-        let mut line = self.opening(
-            &identification.rod,
-            measurement.map(|m| m.start),
-            measurement.map(|m| m.duration_s),
-        );
+        let mut line = self.opening(&identification.rod, measurement.map(|m| m.start));
         for order in 1..=self.modes {
             let mode = identification.modes.iter().find(|mode| mode.order == order);
             let cell = mode.map_or_else(
                 || "-".to_owned(),
                 |mode| format!("{:.4} ± {:.4}", mode.frequency_hz, mode.sd_hz),
             );
-            let _ = write!(line, "  {cell:>18}");
+            let _ = write!(line, "  {cell:>MODE_WIDTH$}");
         }
-        let (force, interval) = match identification.posterior.marginal(Quantity::AxialForce) {
-            Some(force) => (
-                format!(
-                    "{:.0} ± {:.0} ({:.0} %)",
-                    kilo(force.mean),
-                    kilo(force.sd),
-                    force.cv * 100.0
-                ),
-                format!("{:.0} to {:.0}", kilo(force.q025), kilo(force.q975)),
-            ),
-            None => ("-".to_owned(), "-".to_owned()),
-        };
-        let score = identification.conflict.score;
-        let mark = match () {
-            () if score >= CONFLICT_SHOWN => " !",
-            () if identification.conflict.prior_tail <= PRIOR_TAIL_SHOWN => " ?",
-            () => "",
-        };
+        let force = identification.posterior.marginal(Quantity::AxialForce);
+        let force = force.map_or_else(
+            || "-".to_owned(),
+            |force| format!("{:.0} ± {:.0}", kilo(force.mean), kilo(force.sd)),
+        );
         let _ = write!(
             line,
-            "  {force:>17}  {interval:>13}  {:>8}  {:>17}  {:<14}",
-            format!("{score:.1}{mark}"),
-            relative(verdict),
+            "  {force:>10}  {:>14}  {}",
+            change(verdict),
             verdict.set_aside.map_or(verdict.state.code(), SetAside::code),
         );
+        let conflict = &identification.conflict;
+        if conflict.score >= CONFLICT_SHOWN {
+            let _ = write!(line, "  ! conflict {:.1}", conflict.score);
+        } else if conflict.prior_tail <= PRIOR_TAIL_SHOWN {
+            line += "  ? hardly in the prior";
+        }
         for flag in measurement.map_or(&[][..], |m| &m.flags) {
             let _ = write!(line, "  [{flag}]");
         }
@@ -138,13 +153,27 @@ impl Table {
     }
 }
 
-/// N_t / N_0 at the reference temperature, or, marked by a tilde, at the measured one.
-fn relative(verdict: &Verdict) -> String {
-    let show = |ratio: &Interval| format!("{:.4} ± {:.4}", ratio.mean, ratio.sd);
+/// Change since the baseline at the reference temperature, or, marked by a tilde, at the measured one.
+fn change(verdict: &Verdict) -> String {
     match (&verdict.at_reference, &verdict.relative) {
-        (Some(at_reference), _) => show(&at_reference.ratio),
-        (None, Some(relative)) => format!("~{}", show(&relative.ratio)),
+        (Some(at_reference), _) => percent(at_reference.ratio.mean, at_reference.ratio.sd),
+        (None, Some(relative)) => format!("~{}", percent(relative.ratio.mean, relative.ratio.sd)),
         (None, None) => "-".to_owned(),
+    }
+}
+
+/// N_t / N_0 as a change in percent with its standard deviation: `-3.67 ± 0.19`.
+pub fn percent(ratio: f64, sd: f64) -> String {
+    format!("{} ± {:.2}", signed_percent(ratio), sd * 100.0)
+}
+
+/// N_t / N_0 as a change in percent: `-3.67`, `+0.12`, and no sign on what rounds to nothing.
+pub fn signed_percent(ratio: f64) -> String {
+    let text = format!("{:+.2}", (ratio - 1.0) * 100.0);
+    if text.ends_with("0.00") && text.len() == 5 {
+        text[1..].to_owned()
+    } else {
+        text
     }
 }
 
@@ -152,12 +181,11 @@ fn kilo(value: f64) -> f64 {
     value * 1e-3
 }
 
-/// `2026-03-01 06:00:00`: UTC, fractions of a second cut off.
-fn to_seconds(time: Timestamp) -> String {
+/// `2026-03-01 06:00`: UTC, cut off at the minute.
+fn to_minutes(time: Timestamp) -> String {
     let text = time.to_string();
-    text.trim_end_matches('Z')
-        .split('.')
-        .next()
-        .unwrap_or(&text)
-        .replace('T', " ")
+    let minutes = text
+        .rsplit_once(':')
+        .map_or(text.as_str(), |(minutes, _)| minutes);
+    minutes.replace('T', " ")
 }

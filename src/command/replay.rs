@@ -5,25 +5,33 @@ use super::progress::Progress;
 use super::render::Table;
 use super::report;
 use super::setup::{self, Prepared, Setup};
+use super::status;
+use super::which_store::Format;
 use crate::outcome::Outcome;
 use crate::record::RodId;
 use crate::site::Taken;
 use crate::store::Position;
-use std::io::{self, Write};
+use std::env;
+use std::io::{self, IsTerminal, Write};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// Runs recordings through the whole pipeline and prints, per record, the natural frequencies with
-/// their standard errors and the posterior of the axial force.
+/// Runs recordings through the whole pipeline: per record the natural frequencies, the axial force and its change
+/// since the baseline, alarms as they are raised, and in the end how every rod stands.
 #[derive(Debug, Clone, clap::Args)]
 #[command(after_help = "Examples:
   tirante replay recordings/todi-pull.mcap
-  tirante replay recordings/campaign --config config/campaign.toml
+  tirante replay recordings/campaign-2025.mcap --config config/campaign.toml --store site.db --report .
   tirante replay /data/2026 --config site.toml --json > forces.jsonl
 
-A ' !' behind the conflict says that no parameters of the model reproduce the measured frequencies
-within their errors: the force may be wrong by more than its interval says. A ' ?' says that hardly
-any rod the prior allows has such frequencies: check length, section, material and expected force.")]
+The force (mean ± standard deviation) is what one record says by itself. The change is that of the force since
+the rod's baseline, at the reference temperature; '~' marks one that is not compensated for temperature; '-'
+stands while the baseline is learned. `! conflict` says by how many standard deviations the frequencies lie
+outside everything the model can produce: the force may be wrong by more than it says. `? hardly in the prior`:
+check length, section, material and expected force. --json has everything else.
+
+Alarms are results, not failures: a replay that raises some still ends with 0 (or 3 with rejected records or
+lost data). Ask `tirante status --format json` whether an alarm stands.")]
 pub struct Args {
     /// MCAP recordings, or folders of them.
     #[arg(value_name = "PATH", required = true)]
@@ -65,7 +73,14 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         .max()
         .unwrap_or(0);
     let rods: Vec<&RodId> = config.rods.iter().map(|rod| &rod.analysis.rod).collect();
-    let table = Table::new(rods.into_iter(), modes);
+    let store = args.store.as_deref().or(config.store.as_deref());
+    let is_coloured = io::stdout().is_terminal() && env::var_os("NO_COLOR").is_none_or(|set| set.is_empty());
+    let table = Table::new(
+        rods.into_iter(),
+        modes,
+        store.map(|path| path.display().to_string()),
+        is_coloured,
+    );
     let known = site.store().all_known().clone();
 
     let mut output = io::stdout().lock();
@@ -89,9 +104,15 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         Ok(campaign::Taken::New)
     };
     let tally = campaign::run(&args.paths, &config, &plans, &args.reading, &known, on_outcome)?;
+    let has_seen_all = tally.is_some();
+    let code = campaign::conclude(tally);
+    if has_seen_all {
+        let standing = status::text(site.store(), None, Format::Table)?;
+        tell!("{}", standing.trim_end());
+    }
     if let Some(folder) = &args.report {
         let page = report::write(site.store(), None, folder)?;
         tell!("report: {}", page.display());
     }
-    Ok(campaign::conclude(tally))
+    Ok(code)
 }

@@ -8,11 +8,11 @@ use crate::cache::{self, Cache};
 use crate::config::{Config, ConfigError, RodConfig, Setting};
 use crate::record::RodId;
 use crate::site::{Provenance, Site};
-use crate::store::{Durability, Store};
+use crate::store::{Durability, Reader, Store, StoreError};
 use crate::track::TrackPlan;
 use crate::track::chart::Design;
 use clap::Args;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -161,8 +161,36 @@ pub fn site(config: &Config, store: Option<&Path>) -> anyhow::Result<Prepared> {
         hash: &hash,
         effective: &effective,
     };
+    let sites: BTreeSet<String> = store.configs()?.into_iter().map(|[_, site, _]| site).collect();
+    if !sites.is_empty() && !sites.contains(&config.site) {
+        let sites: Vec<String> = sites.into_iter().collect();
+        tell!(
+            "warning: {} holds records of {}; those of {} are added to it",
+            store.path().display(),
+            sites.join(", "),
+            config.site
+        );
+    }
+    let segments = present_segments(&store)?;
     let site = Site::open(track_plans(config, &plans), store, provenance)?;
+    for (rod, segment) in present_segments(site.store())? {
+        if segments.get(&rod).is_some_and(|before| *before != segment) {
+            tell!(
+                "warning: the settings of {rod} changed: its new records begin a new baseline (segment {segment}); records \
+                 kept before are not analysed again: replay them into another store for that"
+            );
+        }
+    }
     Ok(Prepared { plans, site })
+}
+
+/// The segment each rod of a store is in.
+fn present_segments(store: &Reader) -> Result<BTreeMap<RodId, u32>, StoreError> {
+    let states = store.states()?;
+    Ok(states
+        .into_iter()
+        .map(|(rod, state)| (rod, state.segment.number))
+        .collect())
 }
 
 /// The rod called `id`, or the only one.

@@ -1,6 +1,7 @@
 //! `tirante status`: how every rod stands, since when, and why.
 
-use super::listing::{Aligned, csv, seconds};
+use super::listing::{Aligned, csv, minutes};
+use super::render::signed_percent;
 use super::which_store::{Format, WhichStore, check_rod};
 use crate::record::{RodId, Timestamp};
 use crate::store::{Asked, Reader, Standing};
@@ -17,8 +18,9 @@ use std::process::ExitCode;
   tirante status --store site.db
   tirante status --config site.toml --rod north --format json
 
-Force and change are given at the reference temperature. A '~' says that they are not: they are those of
-the latest record at its own temperature, uncompensated.")]
+Force and change (since the rod's baseline) are given at the reference temperature. A '~' says that they
+are not: they are those of the latest record at its own temperature, uncompensated. The exit code says
+whether the store could be read, not whether an alarm stands: read `alarms` of --format json for that.")]
 pub struct Args {
     /// The store.
     #[command(flatten)]
@@ -162,7 +164,9 @@ impl Row {
     fn why(&self) -> Option<String> {
         if let (Some(records), Some(periods)) = (self.baseline_records, self.learned_periods) {
             return Some(format!(
-                "{records} records for the baseline, {periods} periods learned so far"
+                "learning: {} for the baseline, {} for the charts so far",
+                counted(records, "record"),
+                counted(periods, "period")
             ));
         }
         self.state_reason.clone()
@@ -189,15 +193,14 @@ fn table(rows: &[Row]) -> String {
         "rod",
         "state",
         "since (UTC)",
-        ">force [kN]",
-        ">95 % interval",
-        ">change [%]",
+        ">force (95 %) [kN]",
+        ">change (95 %) [%]",
         "latest record (UTC)",
         ">records",
         ">rejected",
     ]);
     let time =
-        |time: Option<Timestamp>| time.map_or_else(|| "-".to_owned(), |time| seconds(&time.to_string()));
+        |time: Option<Timestamp>| time.map_or_else(|| "-".to_owned(), |time| minutes(&time.to_string()));
     for row in rows {
         let mark = if row.compensated { "" } else { "~" };
         let dash = || "-".to_owned();
@@ -206,10 +209,13 @@ fn table(rows: &[Row]) -> String {
             row.rod.0.clone(),
             row.state.to_owned(),
             time(row.since),
-            force.map_or_else(dash, |n| format!("{mark}{:.0}", n.mean * 1e-3)),
-            force.map_or_else(dash, |n| format!("{:.0} to {:.0}", n.q025 * 1e-3, n.q975 * 1e-3)),
+            force.map_or_else(dash, |n| {
+                let [mean, low, high] = [n.mean, n.q025, n.q975].map(|n| n * 1e-3);
+                format!("{mark}{mean:.0} ({low:.0} to {high:.0})")
+            }),
             row.relative_force.as_ref().map_or_else(dash, |r| {
-                format!("{mark}{:+.2} ± {:.2}", (r.mean - 1.0) * 100.0, r.sd * 100.0)
+                let [mean, low, high] = [r.mean, r.q025, r.q975].map(signed_percent);
+                format!("{mark}{mean} ({low} to {high})")
             }),
             time(row.latest_record),
             row.records.to_string(),
@@ -236,10 +242,11 @@ fn table(rows: &[Row]) -> String {
                 ""
             };
             table.note(format!(
-                "alarm {} {} since {}{known}{over}: {}",
-                alarm.id,
+                "{} since {}{known}{over} (alarm {}, as of {}): {}",
                 alarm.kind,
-                seconds(&alarm.raised.to_string()),
+                minutes(&alarm.raised.to_string()),
+                alarm.id,
+                day(alarm.told),
                 alarm.message
             ));
         }
@@ -248,6 +255,16 @@ fn table(rows: &[Row]) -> String {
         }
     }
     table.print()
+}
+
+/// `1 record`, `3 records`.
+fn counted(count: usize, noun: &str) -> String {
+    format!("{count} {noun}{}", if count == 1 { "" } else { "s" })
+}
+
+/// A time to the day.
+fn day(time: Timestamp) -> String {
+    time.to_string().chars().take(10).collect()
 }
 
 fn spreadsheet(rows: &[Row]) -> String {

@@ -72,7 +72,7 @@ impl Figure {
                 &[("class", "grid"), ("d", &format!("M{x:.1} {TOP}V{bottom}"))],
             );
             // The outermost labels stay inside the drawing.
-            let half = 0.5 * CHARACTER * tick.label.chars().count() as f64;
+            let half = 0.5 * CHARACTER * tick.label.chars().count() as f64 + 4.0;
             let x = x.clamp(half, self.width - half);
             self.axes.leaf(
                 "text",

@@ -67,6 +67,11 @@ fn heading(header: &mut Markup, report: &SiteReport) {
             .flat_map(|rod| rod.records.iter().map(|record| record.start))
     };
     let text = match (times().min(), times().max()) {
+        (Some(first), Some(last)) if first == last => format!(
+            "Axial force of {}, from a record of {}.",
+            counted(report.rods.len(), "tie-rod"),
+            moment(first)
+        ),
         (Some(first), Some(last)) => format!(
             "Axial force of {}, from records between {} and {}.",
             counted(report.rods.len(), "tie-rod"),
@@ -142,16 +147,16 @@ fn overview_row(i: usize, rod: &RodReport) -> Vec<Cell> {
         .collect();
     vec![
         Cell::Link(format!("#{}", anchor(i)), rod.rod.clone()),
-        Cell::State(state_class(rod), state_text(rod)),
-        Cell::Text(now.as_measured),
-        Cell::Text(now.at_reference),
-        Cell::Text(now.change),
+        Cell::State(state_class(rod), state_name(rod).to_owned()),
+        Cell::Value(now.as_measured),
+        Cell::Value(now.at_reference),
+        Cell::Value(now.change),
         Cell::Line(last.map_or_else(
             || "none".to_owned(),
             |record| moment(record.start).replace(" UTC", ""),
         )),
         Cell::Text(format!("{} / {refused}", rod.records.len())),
-        Cell::Text(if standing.is_empty() {
+        Cell::Value(if standing.is_empty() {
             "none".to_owned()
         } else {
             standing.join("; ")
@@ -162,6 +167,14 @@ fn overview_row(i: usize, rod: &RodReport) -> Vec<Cell> {
 /// A time to the day.
 pub(super) fn day(time: Timestamp) -> String {
     time.to_string().chars().take(10).collect()
+}
+
+/// The state in a word.
+fn state_name(rod: &RodReport) -> &'static str {
+    match &rod.state {
+        Some(RodState::NotMonitoring { .. }) | None => "not monitoring",
+        Some(state) => state.code(),
+    }
 }
 
 /// The state in words.

@@ -19,6 +19,8 @@ pub(super) enum Cell {
     Text(String),
     /// Text that stays on one line.
     Line(String),
+    /// A value, and what belongs to it (an interval, a temperature, a time): broken only between them.
+    Value(String),
     /// A state with its style.
     State(&'static str, String),
     /// A place in the page, and what is written there.
@@ -112,7 +114,14 @@ pub(super) fn section(html: &mut Markup, rod: &RodReport, id: &str) {
                 &[],
                 format!("{} since {}. ", alarm.kind, moment(alarm.raised)),
             );
-            note.text(&alarm.message);
+            // A unit stays with its number.
+            note.text(alarm.message.replace(" %", "\u{a0}%"));
+            let seen = match alarm.acknowledged {
+                Some(time) => format!("acknowledged {}", moment(time)),
+                None => "not acknowledged".to_owned(),
+            };
+            let told = format!("Alarm {}, as of {}, {seen}.", alarm.id, day(alarm.told));
+            note.leaf("div", &[("class", "about")], told);
         });
     }
     remarks(html, rod);
@@ -187,6 +196,10 @@ fn figure(html: &mut Markup, drawing: Option<Markup>, caption: &str) {
 
 fn over_time(html: &mut Markup, rod: &RodReport, id: &str) {
     let Some(span) = Span::of(rod) else { return };
+    if rod.records.len() < 2 {
+        let text = "Figures over time begin with the second record.";
+        return html.leaf("p", &[("class", "about")], text);
+    }
     if let Some(drawing) = history::relative_force(rod, &span, &format!("{id}-rel")) {
         html.leaf("h3", &[], "Change of force since the baseline");
         figure(
@@ -311,7 +324,7 @@ fn tables(html: &mut Markup, rod: &RodReport) {
     if rod.alarms.is_empty() {
         html.leaf("p", &[], "None so far.");
     } else {
-        let listed = rod
+        let mut listed = rod
             .alarms
             .iter()
             .rev()
@@ -323,7 +336,7 @@ fn tables(html: &mut Markup, rod: &RodReport) {
         } else {
             "The latest first. Intervals hold the true value with 95 % probability.".to_owned()
         };
-        let header = [
+        let mut header = vec![
             "Kind",
             "Raised",
             "Began",
@@ -331,8 +344,13 @@ fn tables(html: &mut Markup, rod: &RodReport) {
             "Rate [%/year]",
             "Acknowledged",
             "Cleared",
-            "What it says",
         ];
+        // Of a drift the columns say it all.
+        if rod.alarms.iter().any(|alarm| alarm.change.is_none()) {
+            header.push("What it says");
+        }
+        let columns = header.len();
+        listed.iter_mut().for_each(|row| row.truncate(columns));
         table(html, &caption, &header, &listed);
     }
     if !rod.segments.is_empty() {
@@ -424,16 +442,20 @@ fn alarm_row(alarm: &Alarm) -> Vec<Cell> {
             (onset, percent(&change.size), rate)
         },
     );
-    let when = |time: Option<_>| time.map_or_else(|| "no".to_owned(), moment);
+    let when = |time: Option<_>| time.map_or_else(|| "no".to_owned(), day);
     vec![
         Cell::Line(alarm.kind.to_string()),
-        Cell::Line(moment(alarm.raised)),
-        Cell::Text(onset),
-        Cell::Text(size),
-        Cell::Text(rate),
+        Cell::Line(day(alarm.raised)),
+        Cell::Value(onset),
+        Cell::Value(size),
+        Cell::Value(rate),
         Cell::Line(when(alarm.acknowledged)),
         Cell::Line(when(alarm.cleared)),
-        Cell::Text(alarm.message.clone()),
+        // The columns before say it already.
+        Cell::Text(match alarm.change {
+            Some(_) => String::new(),
+            None => alarm.message.clone(),
+        }),
     ]
 }
 
@@ -462,9 +484,38 @@ fn write(row: &mut Markup, cell: &Cell) {
     match cell {
         Cell::Text(text) => row.leaf("td", &[], text),
         Cell::Line(text) => row.leaf("td", &[("class", "nowrap")], text),
+        Cell::Value(text) => row.element("td", &[], |td| {
+            for (i, part) in parts(text).iter().enumerate() {
+                if i > 0 {
+                    td.text(" ");
+                }
+                td.leaf("span", &[("class", "nowrap")], part);
+            }
+        }),
         Cell::State(class, text) => row.element("td", &[], |td| {
             td.leaf("span", &[("class", &format!("state {class}"))], text);
         }),
-        Cell::Link(to, text) => row.element("td", &[], |td| td.leaf("a", &[("href", to)], text)),
+        Cell::Link(to, text) => row.element("td", &[("class", "nowrap")], |td| {
+            td.leaf("a", &[("href", to)], text);
+        }),
     }
+}
+
+/// A value and what belongs to it, apart.
+fn parts(text: &str) -> Vec<&str> {
+    let mut parts = Vec::new();
+    let mut rest = text;
+    // The first character is never a break, so that every part is shorter than the rest.
+    while let Some(place) = [" [", " at ", " since ", ", ", "; "]
+        .iter()
+        .filter_map(|mark| rest.find(mark))
+        .filter(|place| *place > 0)
+        .min()
+    {
+        let place = place + usize::from(!rest[place..].starts_with(' '));
+        parts.push(&rest[..place]);
+        rest = rest[place..].trim_start();
+    }
+    parts.push(rest);
+    parts
 }

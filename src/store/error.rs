@@ -76,7 +76,7 @@ pub enum StoreError {
         detail: String,
     },
     /// The file system refused.
-    #[error("{path}: {source}", path = path.display())]
+    #[error("{path} cannot be read or written", path = path.display())]
     Io {
         /// The file.
         path: PathBuf,
@@ -84,7 +84,7 @@ pub enum StoreError {
         source: io::Error,
     },
     /// The database refused.
-    #[error("{path}: {source}", path = path.display())]
+    #[error("{path}: the database refused", path = path.display())]
     Database {
         /// The file.
         path: PathBuf,

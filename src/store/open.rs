@@ -57,6 +57,8 @@ pub(super) fn for_writing(path: &Path, durability: Durability) -> Result<Opened,
     let path = resolved(path)?;
     // Who ever wrote here left the lock's file: what is no database any more was one.
     let was_store = beside(&path, ".lock").exists();
+    // What cannot be a store gets no lock beside it.
+    exists(&path)?;
     let lock = Lock::take(&path)?;
     let mut moved_aside = None;
     if exists(&path)? {
@@ -117,7 +119,8 @@ fn open_of_others(path: &Path, flags: OpenFlags) -> Result<(Connection, PathBuf)
     if !exists(&path)? {
         return Err(StoreError::Missing { path });
     }
-    let opened = begins_like_one(&path, true).and_then(|()| {
+    let was_store = beside(&path, ".lock").exists();
+    let opened = begins_like_one(&path, was_store).and_then(|()| {
         let connection = connect(&path, flags).map_err(|error| judge(&path, error))?;
         check_format(&connection, &path)?;
         Ok(connection)

@@ -53,7 +53,7 @@ pub struct Args {
     #[arg(long, value_name = "COUNT", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     pub records_per_period: u32,
     /// Noise of one period's relative force, as learned on the rod, instead of the one expected from the frequencies.
-    #[arg(long, value_name = "SD")]
+    #[arg(long, value_name = "SD", allow_negative_numbers = true)]
     pub noise: Option<f64>,
     /// One JSON object instead of the tables.
     #[arg(long)]

@@ -61,6 +61,11 @@ impl Doubt {
     }
 }
 
+/// Whether a time lies so far after the `latest` believed that a wrong clock is likelier than a silence.
+pub(super) fn is_far_ahead(time: Timestamp, latest: Timestamp) -> bool {
+    time.seconds_since(latest) > JUMP_S
+}
+
 /// What is remembered to judge the next record.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Plausibility {
@@ -116,7 +121,7 @@ impl Plausibility {
     }
 
     fn is_ahead(&mut self, start: Timestamp, latest: Timestamp, patience: usize) -> bool {
-        if start.seconds_since(latest) <= JUMP_S {
+        if !is_far_ahead(start, latest) {
             self.ahead = None;
             return false;
         }

@@ -14,29 +14,6 @@ use std::thread;
 use std::time::Duration;
 use tirante::random;
 
-/// 56 days of two rods in seven recordings: baselines, charts, records spoiled in several ways, a loss of 10 % that alarms.
-fn campaign() -> Site {
-    let site = Site::new(SITE);
-    let loss = "[[simulation.rod.change]]\nstart_d = 0.0\nrelative = -0.10\n";
-    let held = "[[simulation.rod.fault]]\nkind = \"held\"\nat_s = 3.0\nlength_s = 20.0\nfirst_record = 2\nlast_record = 3\n";
-    let scaled =
-        "[[simulation.rod.fault]]\nkind = \"scaled\"\nfactor = 1000.0\nfirst_record = 4\nlast_record = 5\n";
-    let clock = "[[simulation.rod.fault]]\nkind = \"clock-step\"\nat_s = 12.0\nstep_s = 7200.0\nfirst_record = 5\nlast_record = 5\n";
-    for index in 0..7 {
-        let part = Part::new(8 * index, 8);
-        let part = match index {
-            1 => part.north(held),
-            2 => part.south(clock),
-            3 => part.north(scaled),
-            4 => part.south(held),
-            5 | 6 => part.north(loss),
-            _ => part,
-        };
-        site.simulate(&format!("week-{index}"), &part);
-    }
-    site
-}
-
 /// Kills so many replays, each at another point, then lets one finish.
 fn killed(site: &Site, store: &str, threads: &str, kills: usize, stream: u64) -> i32 {
     let mut generator = random::stream(random::seed(&[b"kill"]), stream);
@@ -95,7 +72,7 @@ fn a_replay_killed_again_and_again_ends_as_an_undisturbed_one() {
         .ok()
         .and_then(|text| text.parse().ok())
         .unwrap_or(12);
-    let site = campaign();
+    let site = site::campaign();
     let (output, code) = site.replay(&["archive"], "whole.db");
     assert_eq!(code, 3, "{}", text(&output.stderr));
     assert_eq!(site.alarms("whole.db"), ["north drift", "north limit"]);

@@ -262,3 +262,30 @@ pub fn assert_equal_dumps(one: &str, other: &str) {
 pub fn copy(from: &Path, to: &Path) {
     fs::copy(from, to).unwrap();
 }
+
+/// 56 days of two rods in seven recordings: baselines, charts, records spoiled in several ways, days on which only the
+/// thermometer spoke, a loss of 10 % that alarms.
+pub fn campaign() -> Site {
+    let site = Site::new(SITE);
+    let loss = "[[simulation.rod.change]]\nstart_d = 0.0\nrelative = -0.10\n";
+    let fault = |kind: &str, first: usize, last: usize| {
+        format!("[[simulation.rod.fault]]\nkind = {kind}\nfirst_record = {first}\nlast_record = {last}\n")
+    };
+    let held = &fault("\"held\"\nat_s = 3.0\nlength_s = 20.0", 2, 3);
+    let scaled = &fault("\"scaled\"\nfactor = 1000.0", 4, 5);
+    let clock = &fault("\"clock-step\"\nat_s = 12.0\nstep_s = 7200.0", 5, 5);
+    let silent = &fault("\"lost\"\nshare = 1.0", 8, 8);
+    for index in 0..7 {
+        let part = Part::new(8 * index, 8);
+        let part = match index {
+            0 => part.north(silent).south(silent),
+            1 => part.north(held),
+            2 => part.south(clock),
+            3 => part.north(&[scaled.as_str(), silent].concat()),
+            4 => part.south(&[held.as_str(), silent].concat()),
+            _ => part.north(loss),
+        };
+        site.simulate(&format!("week-{index}"), &part);
+    }
+    site
+}

@@ -192,6 +192,7 @@ impl Tracker {
     pub fn as_peer(&self) -> Peer {
         Peer {
             rod: self.state.rod.clone(),
+            latest: self.state.latest,
             modes: self.state.latest_modes.clone(),
         }
     }

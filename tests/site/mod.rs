@@ -179,7 +179,7 @@ impl Site {
         let site = fs::read_to_string(self.path("site.toml")).unwrap();
         fs::create_dir_all(self.path("archive")).unwrap();
         fs::write(self.path("simulated.toml"), part.config(&site)).unwrap();
-        let seed = (1000 + part.first_day).to_string();
+        let seed = (1000 + part.first_day).rem_euclid(1 << 20).to_string();
         let out = format!("archive/{name}.mcap");
         let words = [
             "simulate",

@@ -17,13 +17,13 @@ fn healthy() -> Site {
     site
 }
 
-/// Replays everything in the order it was recorded, whatever the clock said; the alarms as `rod kind`.
+/// Replays file after file as they came, whatever the clock said; the alarms as `rod kind`. (One replay of a whole archive
+/// sorts its files by their clocks.)
 fn alarms(site: &Site) -> Vec<String> {
-    let count = fs::read_dir(site.path("archive")).unwrap().count();
-    let paths: Vec<String> = (0..count).map(|index| format!("archive/{index}.mcap")).collect();
-    let paths: Vec<&str> = paths.iter().map(String::as_str).collect();
-    let (output, code) = site.replay(&paths, "site.db");
-    assert!(matches!(code, 0 | 3), "{}", text(&output.stderr));
+    for index in 0..fs::read_dir(site.path("archive")).unwrap().count() {
+        let (output, code) = site.replay(&[&format!("archive/{index}.mcap")], "site.db");
+        assert!(matches!(code, 0 | 3), "{}", text(&output.stderr));
+    }
     site.alarms("site.db")
 }
 
@@ -133,7 +133,10 @@ fn a_clock_set_to_1970_is_a_trouble_of_the_sensor() {
     site.simulate("2", &Part::new(38, 14));
     let alarms = alarms(&site);
     none_drifts(&alarms);
-    assert_eq!(alarms, ["north sensor", "south sensor"]);
+    let sensors = alarms.iter().filter(|alarm| alarm.ends_with(" sensor")).count();
+    assert_eq!(sensors, 2, "{alarms:?}");
+    let early = set_aside(&site, "north", DAY_OF_1970);
+    assert!(early.contains("late"), "{early:?}");
     assert_eq!(set_aside(&site, "north", 38), only("none"));
     assert!(
         site.history("site.db", "alarms")

@@ -3,7 +3,7 @@
 use super::alarm::{Alarm, AlarmEvent, Board, Finding, Kind};
 use super::period::{self, Pending, Period};
 use super::plan::TrackPlan;
-use super::plausibility::{Doubt, Peer};
+use super::plausibility::{self, Doubt, Peer};
 use super::relative::{Interval, NoRelative, Relative, Shift};
 use super::state::{Opening, State};
 use super::{Observation, monitor};
@@ -192,6 +192,7 @@ impl Tracker {
     pub fn as_peer(&self) -> Peer {
         Peer {
             rod: self.state.rod.clone(),
+            latest: self.state.latest,
             modes: self.state.latest_modes.clone(),
         }
     }
@@ -223,6 +224,21 @@ impl Tracker {
         board.into_events()
     }
 
+    /// Takes temperatures that came with no record; whether any of them is new. Those not later than what the low
+    /// passes have seen, and those a wrong clock dated, are left out.
+    pub fn take_readings(&mut self, readings: &[Reading]) -> bool {
+        let state = &self.state;
+        let (seen, latest) = (state.thermal.time, state.latest);
+        let is_plausible = |reading: &&Reading| {
+            seen.is_none_or(|seen| seen < reading.time)
+                && latest.is_none_or(|latest| !plausibility::is_far_ahead(reading.time, latest))
+        };
+        let plausible: Vec<Reading> = readings.iter().filter(is_plausible).copied().collect();
+        let before = self.state.readings.len();
+        self.keep_readings(&plausible);
+        self.state.readings.len() > before
+    }
+
     /// Takes one record. `peers`: the other rods of the site.
     pub fn step(&mut self, input: &Input, peers: &[Peer]) -> Verdict {
         let mut verdict = Verdict {
@@ -241,7 +257,7 @@ impl Tracker {
                 reason,
                 readings,
             } => {
-                self.take_readings(readings);
+                self.keep_readings(readings);
                 let time = start.or(self.state.latest);
                 if let Some(time) = time {
                     verdict.events.extend(self.trouble(reason, time));
@@ -324,7 +340,7 @@ impl Tracker {
             let aside = SetAside::from(&doubt);
             verdict.set_aside = Some(aside);
             if aside != SetAside::Clock {
-                self.take_readings(&observation.readings);
+                self.keep_readings(&observation.readings);
             }
             // A clock that is wrong dates nothing.
             let told = if aside == SetAside::Clock {
@@ -337,7 +353,7 @@ impl Tracker {
             return;
         }
         verdict.events.extend(self.end_of_silence(time));
-        self.take_readings(&observation.readings);
+        self.keep_readings(&observation.readings);
         let state = &mut self.state;
         let is_late = state
             .closed
@@ -396,7 +412,7 @@ impl Tracker {
     }
 
     /// Keeps readings, ascending in time, each time once.
-    fn take_readings(&mut self, readings: &[Reading]) {
+    fn keep_readings(&mut self, readings: &[Reading]) {
         let kept = &mut self.state.readings;
         for reading in readings {
             let at = kept.partition_point(|known| known.time < reading.time);

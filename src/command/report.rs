@@ -267,6 +267,7 @@ fn load_rod(reader: &Reader, standing: &Standing, meaning: &mut Meaning) -> anyh
                 Opening::First => "first record",
                 Opening::Requested => "on request",
                 Opening::Changed => "configuration or program changed",
+                Opening::Clock => "the clock had jumped ahead",
             }
             .to_owned(),
             baseline: baseline.map(|baseline| (baseline.first, baseline.last)),

@@ -1,7 +1,7 @@
 //! The records of one decorrelation period as one statistic, and what the charts made of it.
 
 use super::Observation;
-use super::regression::{Prediction, Statistic};
+use super::regression::Statistic;
 use super::relative::{Misfit, Relative};
 use super::thermal::Thermal;
 use crate::record::{Reading, Timestamp};
@@ -74,11 +74,6 @@ pub(super) fn statistic(period: i64, delta: f64, sd: f64, warmer_k: &[f64]) -> S
         sd: sd / ratio,
         warmer_k,
     }
-}
-
-/// N_t / N_0 - 1 at the reference temperature.
-pub(super) fn at_reference(delta: f64, prediction: &Prediction) -> f64 {
-    (1.0 + delta) * libm::exp(-prediction.thermal) - 1.0 - prediction.intercept
 }
 
 /// A period's place on the charts.

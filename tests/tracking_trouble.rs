@@ -112,7 +112,8 @@ fn a_channel_swapped_for_months_never_passes_for_a_drift() {
             .iter()
             .all(|v| v.set_aside == Some(SetAside::Channel))
     );
-    assert_eq!(raised(&verdicts), [(104, Kind::Sensor)]);
+    // In hindsight there was no usable record for two months.
+    assert_eq!(raised(&verdicts), [(104, Kind::Sensor), (160, Kind::NoData)]);
     assert_eq!(verdicts[199].state, RodState::Monitoring);
 }
 
@@ -209,7 +210,14 @@ fn what_a_rejected_record_of_2100_says_mutes_no_alarm() {
         repeats.iter().filter(|(index, _)| *index > 80).count() >= 10,
         "{repeats:?}"
     );
-    assert!(tracker.state().readings.len() < 60);
+    let latest = tracker.state().latest.expect("records came");
+    assert!(
+        tracker
+            .state()
+            .readings
+            .iter()
+            .all(|reading| reading.time <= latest.plus_seconds(DAY_S))
+    );
 }
 
 #[test]
@@ -282,7 +290,7 @@ fn limits_stated_anew_count_from_then_on() {
 #[test]
 fn a_second_change_after_one_that_recovered_is_told_with_its_own_onset_and_size() {
     let mut scenario = Scenario::new(500);
-    for (start_d, relative) in [(100.0, -0.05), (150.0, 0.05 / 0.95), (400.0, -0.03)] {
+    for (start_d, relative) in [(100.0, -0.05), (150.0, 0.05), (400.0, -0.03)] {
         scenario.rod.changes.push(Change {
             start_d,
             over_d: 0.0,
@@ -339,7 +347,6 @@ fn a_loss_while_learning_is_not_learned_away() {
     let last = verdicts.last().expect("records");
     let ratio = last.at_reference.expect("compensated").ratio;
     assert!((0.90..0.94).contains(&ratio.mean), "{ratio:?}");
-    assert!(raised(&verdicts).iter().any(|(_, kind)| *kind == Kind::Limit));
 }
 
 #[test]
@@ -427,5 +434,29 @@ fn residuals_that_are_not_white_are_told_beside_the_stated_rate() {
     scenario.errors.fluctuation = 0.01;
     scenario.errors.autocorrelation = 0.98;
     let (tracker, _) = scenario.follow(&scenario.observations(218));
-    println!("{:?}", tracker.state().whiteness);
+    let coloured = tracker.state().whiteness.expect("enough residuals");
+    assert!(coloured.p < 1e-3, "{coloured:?}");
+}
+
+#[test]
+fn a_false_alarm_of_a_young_regression_ends_and_what_was_left_out_is_learned() {
+    // With this seed the charts cross their limit by chance after four months.
+    let mut scenario = Scenario::new(420);
+    scenario.rod.changes.clear();
+    let (tracker, verdicts) = scenario.follow(&scenario.observations(24));
+    assert_eq!(raised(&verdicts), [(117, Kind::Drift)]);
+    assert!(matches!(
+        told(&verdicts, What::Cleared)[..],
+        [(118..=180, Kind::Drift)]
+    ));
+    // Nobody acknowledged it: it stands on, but the regression has learned every season.
+    let state = tracker.state();
+    assert_eq!(state.alarms.len(), 1);
+    assert!(state.regression.as_ref().expect("it learns").periods() > 400);
+    let change = state
+        .periods
+        .last()
+        .and_then(|period| period.charted)
+        .expect("charted");
+    assert!(change.at_reference.abs() < 0.01, "{change:?}");
 }

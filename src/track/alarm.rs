@@ -1,6 +1,7 @@
 //! Alarms: their kinds, and how they are raised, repeated, acknowledged and cleared.
 
 use super::change::Change;
+use super::plausibility::JUMP_S;
 use crate::random;
 use crate::record::{RodId, Timestamp};
 use serde::{Deserialize, Serialize};
@@ -113,7 +114,8 @@ impl Alarm {
 
     /// Whether nobody acknowledged it, and nobody was told for `repeat_s`.
     pub fn is_due(&self, time: Timestamp, repeat_s: f64) -> bool {
-        self.acknowledged.is_none() && time.seconds_since(self.told).abs() >= repeat_s
+        let passed_s = time.seconds_since(self.told);
+        self.acknowledged.is_none() && (passed_s >= repeat_s || passed_s < -JUMP_S)
     }
 
     /// Whether it is over: its condition ended and, if it is latched, somebody knows.
@@ -165,6 +167,8 @@ pub struct AlarmEvent {
 pub enum Cause {
     /// The loss at the reference temperature exceeds the limit.
     Limit,
+    /// What the charts told is still a change when all periods are looked at together.
+    Change,
     /// A period's misfit is not that of an axial change.
     Misfit,
     /// A record's conflict with the model.
@@ -181,8 +185,9 @@ pub enum Cause {
 
 impl Cause {
     /// Every cause.
-    const ALL: [Self; 7] = [
+    const ALL: [Self; 8] = [
         Self::Limit,
+        Self::Change,
         Self::Misfit,
         Self::Conflict,
         Self::Unusable,
@@ -195,6 +200,7 @@ impl Cause {
     pub fn kind(self) -> Kind {
         match self {
             Self::Limit => Kind::Limit,
+            Self::Change => Kind::Drift,
             Self::Misfit => Kind::NotAxial,
             Self::Conflict => Kind::Conflict,
             Self::Unusable | Self::NoTemperature => Kind::Sensor,
@@ -290,11 +296,24 @@ impl<'a> Board<'a> {
     /// Raises an alarm unless one of its kind holds already; one that stands only because nobody acknowledged
     /// it is joined by the new one.
     pub fn raise(&mut self, kind: Kind, time: Timestamp, message: String, change: Option<Change>) {
+        self.raise_late(kind, time, time, message, change);
+    }
+
+    /// Raises an alarm of an earlier time than the one at which it is told.
+    pub fn raise_late(
+        &mut self,
+        kind: Kind,
+        time: Timestamp,
+        told: Timestamp,
+        message: String,
+        change: Option<Change>,
+    ) {
         if self.holds(kind) {
             return;
         }
         let mut alarm = Alarm::new(self.rod, kind, self.segment, time, message);
         alarm.change = change;
+        alarm.told = told;
         self.tell(What::Raised, time, alarm.clone());
         self.alarms.push(alarm);
     }
@@ -335,8 +354,8 @@ impl<'a> Board<'a> {
         true
     }
 
-    /// Tells again what nobody acknowledged for `repeat_s`; `renew` may bring an alarm up to date first. What was told at
-    /// a later time was told by a wrong clock.
+    /// Tells again what nobody acknowledged for `repeat_s`; `renew` may bring an alarm up to date first. What was told far
+    /// in the future was told by a wrong clock.
     pub fn repeat(&mut self, time: Timestamp, repeat_s: f64, mut renew: impl FnMut(&mut Alarm)) {
         for index in 0..self.alarms.len() {
             let alarm = &mut self.alarms[index];

@@ -74,7 +74,10 @@ impl Tracker {
         if latest.is_some_and(|latest| time < latest) {
             return;
         }
-        self.look_for_silence(time);
+        // Nobody knows yet whether a second record after a week is late.
+        if self.state.usual_s().is_some() {
+            self.look_for_silence(time);
+        }
         self.on_board(|board| board.clear(super::Kind::NoData, time));
         // A baseline with such a hole is none; most likely the clock was wrong before.
         if self.shift.is_none() && latest.is_some_and(|latest| time.seconds_since(latest) > JUMP_S) {

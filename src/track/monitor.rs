@@ -20,6 +20,9 @@ const GUARDED: usize = 100;
 /// probability.
 const SIGNAL_NOT_AXIAL_P: f64 = 0.01;
 
+/// A change beyond this many standard deviations is one; within one standard deviation it is none.
+const BEYOND: f64 = 2.0;
+
 /// The condition of `not-axial` ends above this many times the probability that raised it.
 const NOT_AXIAL_OVER: f64 = 10.0;
 
@@ -38,9 +41,10 @@ pub(super) fn close(tracker: &mut Tracker, mut period: Period, time: Timestamp) 
     }
     look_at_limit(tracker, &period, time);
     look_at_leverage(tracker, &period, time);
-    if tracker.state.charts.as_ref().is_none_or(Charts::is_calm) {
+    if signal.is_none() && tracker.state.charts.as_ref().is_none_or(Charts::is_calm) {
         tracker.on_board(|board| board.clear(Kind::Drift, time));
     }
+    look_at_change(tracker, &period, time);
     thaw(tracker, period.index);
     tracker.state.whiteness = whiteness_of(&tracker.state, &period);
     period
@@ -99,6 +103,7 @@ fn take_signal(tracker: &mut Tracker, period: &mut Period, signal: Signal, time:
         .as_ref()
         .map_or_else(|| "the axial force changed".to_owned(), drift_message);
     tracker.on_board(|board| board.raise(Kind::Drift, time, message, change));
+    tracker.find(Cause::Change, Some(true));
 }
 
 fn look_at_limit(tracker: &mut Tracker, period: &Period, time: Timestamp) {
@@ -137,6 +142,29 @@ fn freeze(tracker: &mut Tracker, from: i64) {
     tracker.state.frozen.push((from, None));
 }
 
+/// A drift that is none when all periods are looked at together ends. The regression was left where it stood, perhaps with
+/// too little learned to say what a new season does: the charts need not come down by themselves. It learns what it left out.
+fn look_at_change(tracker: &mut Tracker, period: &Period, time: Timestamp) {
+    if !tracker.on_board(|board| board.holds(Kind::Drift)) {
+        return;
+    }
+    let Some(change) = estimate(tracker, Some(period)) else {
+        return;
+    };
+    let size = change.size.mean.abs();
+    let holds = beyond(size, BEYOND * change.size.sd, change.size.sd);
+    if tracker.find(Cause::Change, holds) == Finding::Over {
+        tracker.on_board(|board| board.clear(Kind::Drift, time));
+        if !tracker.on_board(|board| board.holds(Kind::NotAxial)) {
+            tracker.state.frozen.pop();
+            learn_anew(tracker, i64::MAX);
+            if let Some(charts) = &mut tracker.state.charts {
+                charts.reset();
+            }
+        }
+    }
+}
+
 /// The regression learns again, and the charts begin anew, once nothing is warned of any more.
 fn thaw(tracker: &mut Tracker, index: i64) {
     if tracker.on_board(|board| board.holds(Kind::Drift) || board.holds(Kind::NotAxial)) {
@@ -171,13 +199,16 @@ pub(super) fn change_now(tracker: &Tracker) -> Option<Change> {
 
 /// One sentence about a drift.
 pub(super) fn drift_message(change: &Change) -> String {
-    let percent = |fraction: f64| 100.0 * fraction;
-    let verb = if change.size.mean < 0.0 { "fell" } else { "rose" };
-    let size = percent(change.size.mean).abs();
-    let (low, high) = (percent(change.size.q025).abs(), percent(change.size.q975).abs());
-    let (low, high) = (low.min(high), low.max(high));
+    let size = &change.size;
+    let verb = if size.mean < 0.0 { "fell" } else { "rose" };
+    // Counted in the direction it went; below zero it may have gone the other way.
+    let toward = |fraction: f64| 100.0 * fraction * size.mean.signum();
+    let (one, other) = (toward(size.q025), toward(size.q975));
     format!(
-        "the axial force at the reference temperature {verb} by {size:.2} % (95 %: {low:.2} to {high:.2} %) since about {}",
+        "the axial force at the reference temperature {verb} by {:.2} % (95 %: {:.2} to {:.2} %) since about {}",
+        toward(size.mean),
+        one.min(other),
+        one.max(other),
         date(change.onset)
     )
 }
@@ -281,14 +312,14 @@ fn axial_p(tracker: &Tracker, period: &Period, signal: Signal) -> f64 {
     (smallest.fold(1.0, f64::min) * windows.len() as f64).min(1.0)
 }
 
-/// Learns the regression anew from the periods before `since`, if there are enough, and refers the period to it.
-fn forget_since(tracker: &mut Tracker, since: i64, period: &mut Period) {
+/// Learns the regression anew from the periods before `since`, if there are enough; whether there are.
+fn learn_anew(tracker: &mut Tracker, since: i64) -> bool {
     let plan = &tracker.plan;
     let state = &mut tracker.state;
-    let before = state.periods.partition_point(|known| known.index < since);
     let Some(baseline) = &state.segment.baseline else {
-        return;
+        return false;
     };
+    let before = state.periods.partition_point(|known| known.index < since);
     let mut regression = Regression::new(&plan.regression_prior(baseline));
     for known in &state.periods[..before] {
         if let Some(warmer_k) = state.warmer_k(known) {
@@ -300,25 +331,36 @@ fn forget_since(tracker: &mut Tracker, since: i64, period: &mut Period) {
             }
         }
     }
-    if regression.periods() < plan.track.learning_periods {
+    let is_enough = regression.periods() >= plan.track.learning_periods;
+    if is_enough {
+        state.regression = Some(regression);
+    }
+    is_enough
+}
+
+/// Takes out of the regression what it has learned since a change began, and refers the period to what is left.
+fn forget_since(tracker: &mut Tracker, since: i64, period: &mut Period) {
+    if !learn_anew(tracker, since) {
         return;
     }
-    if let (Some(warmer_k), Some(mut charted)) = (state.warmer_k(period), period.charted) {
+    let state = &tracker.state;
+    if let (Some(warmer_k), Some(regression), Some(mut charted)) =
+        (state.warmer_k(period), &state.regression, period.charted)
+    {
         let prediction = regression.predict(&period.statistic(&warmer_k));
-        let level = Level::of(state, &regression);
+        let level = Level::of(state, regression);
         let anew = placed(
             period,
             &warmer_k,
             &prediction,
             charted.residual,
-            &regression,
+            regression,
             &level,
         );
         charted.at_reference = anew.at_reference;
         charted.at_reference_sd = anew.at_reference_sd;
         period.charted = Some(charted);
     }
-    state.regression = Some(regression);
 }
 
 /// Onset, size and rate of the change in the segment's periods, with one more if it is not among them yet. Earlier

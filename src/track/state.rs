@@ -184,13 +184,13 @@ impl State {
                 .is_ok()
     }
 
-    /// The usual distance between records \[s\]; zero before two records.
-    pub(super) fn usual_s(&self) -> f64 {
+    /// The usual distance between records \[s\]; `None` before two records.
+    pub(super) fn usual_s(&self) -> Option<f64> {
         let (first, last, records) = match (&self.segment.baseline, &self.learning[..]) {
             (Some(baseline), _) => (baseline.first, baseline.last, baseline.records),
             (None, [first, .., last]) => (first.start, last.start, self.learning.len()),
-            (None, _) => return 0.0,
+            (None, _) => return None,
         };
-        last.seconds_since(first) / (records.max(2) - 1) as f64
+        Some(last.seconds_since(first) / (records.max(2) - 1) as f64)
     }
 }

@@ -6,10 +6,12 @@ use serde::{Deserialize, Serialize};
 /// Temperatures of no rod in a building \[degC\].
 const POSSIBLE_C: std::ops::RangeInclusive<f64> = -60.0..=90.0;
 
-/// Most that the temperature changes at once, what a day of silence adds, and the most in any time \[K\]: weather and sun
-/// stay below, and degrees Fahrenheit lie at least 22 K above the same degrees Celsius from -12 degC on.
+/// Most that the temperature changes at once, what a day without readings and a day of doubted ones add, and the most in
+/// any time \[K\]: weather and sun stay below, and degrees Fahrenheit lie at least 22 K above the same degrees Celsius
+/// from -12 degC on.
 const JUMP_K: f64 = 20.0;
-const JUMP_K_PER_DAY: f64 = 0.5;
+const SILENT_K_PER_DAY: f64 = 0.5;
+const DOUBTED_K_PER_DAY: f64 = 0.1;
 const MOST_K: f64 = 45.0;
 
 /// A reading that never changes is doubted after this long \[s\], and after that many times the longest standstill
@@ -23,6 +25,8 @@ const STILL_READINGS: usize = 5;
 pub struct Thermometer {
     /// The last reading that was believed.
     last: Option<Reading>,
+    /// Since when readings have lain far from it.
+    away: Option<Timestamp>,
     /// Since when the reading has been exactly the same, and how many there were.
     still: Option<(Timestamp, usize)>,
     /// The longest standstill that ended \[s\]; `None` before any has.
@@ -67,10 +71,15 @@ impl Thermometer {
             return None;
         };
         let passed_s = reading.time.seconds_since(last.time);
-        let jump_k = (JUMP_K + JUMP_K_PER_DAY * passed_s.abs() / 86_400.0).min(MOST_K);
-        if (reading.celsius - last.celsius).abs() > jump_k {
+        let away = self.away.unwrap_or(reading.time);
+        let days = |from: Timestamp, to: Timestamp| to.seconds_since(from).abs() / 86_400.0;
+        let jump_k =
+            JUMP_K + SILENT_K_PER_DAY * days(last.time, away) + DOUBTED_K_PER_DAY * days(away, reading.time);
+        if (reading.celsius - last.celsius).abs() > jump_k.min(MOST_K) {
+            self.away = Some(away);
             return Some(Doubt::Jump);
         }
+        self.away = None;
         if passed_s <= 0.0 {
             return None;
         }
@@ -160,5 +169,6 @@ mod tests {
         assert!(thermometer.believes(&reading(700.0, 9.0)));
         assert_eq!(thermometer, before);
         assert!(!thermometer.believes(&reading(700.0, 60.0)));
+        assert!(thermometer.believes(&reading(720.0, 9.0)));
     }
 }

@@ -234,15 +234,11 @@ impl Tracker {
     /// Tells if there has been no data for too long by `time`.
     pub(super) fn look_for_silence(&mut self, time: Timestamp) {
         let Some(latest) = self.state.latest else { return };
-        let patience_s = self
-            .plan
-            .alarm
-            .silence_s
-            .max(SILENCE_INTERVALS * self.state.usual_s());
-        let from = latest.plus_seconds(patience_s);
+        let usual_s = self.state.usual_s().unwrap_or(0.0);
+        let from = latest.plus_seconds(self.plan.alarm.silence_s.max(SILENCE_INTERVALS * usual_s));
         if time > from {
             let message = format!("no usable record since {latest}");
-            self.on_board(|board| board.raise(Kind::NoData, from, message, None));
+            self.on_board(|board| board.raise_late(Kind::NoData, from, time, message, None));
         }
     }
 

@@ -87,7 +87,7 @@ pub struct Charted {
     pub residual: f64,
     /// Share of the predictive variance that is uncertainty of the regression rather than noise.
     pub leverage: f64,
-    /// N_t / N_0 - 1 at the reference temperature: delta less what intercept and temperature explain.
+    /// N_t / N_0 - 1 at the reference temperature: delta less what temperature explains, counted from the baseline.
     pub at_reference: f64,
     /// Its standard error: noise of the period and regression.
     pub at_reference_sd: f64,

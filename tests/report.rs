@@ -1,4 +1,5 @@
 //! The report page: well-formed, self-contained, the same for the same data, whatever is missing.
+#![allow(clippy::unwrap_used)] // helpers of tests are tests
 
 #[allow(dead_code, reason = "shared with other tests")]
 mod archive;

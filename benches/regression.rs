@@ -25,6 +25,7 @@ fn learned(days: i64) -> Regression {
         slope_mean: -0.01,
         slope_sd: 0.006,
         intercept_sd: 0.02,
+        curvature_sd: 6e-6,
         lags: LAGS_S.len(),
     });
     for day in 0..days {

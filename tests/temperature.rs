@@ -49,6 +49,7 @@ fn prior() -> RegressionPrior {
         slope_mean: -0.5 * FULL,
         slope_sd: 0.3 * FULL,
         intercept_sd: 0.02,
+        curvature_sd: 6e-6,
         lags: LAGS_S.len(),
     }
 }

@@ -1,4 +1,4 @@
-//! One conjugate regression: normal-inverse-gamma knowledge of intercept, slope and noise variance.
+//! One conjugate regression: normal-inverse-gamma knowledge of intercept, slope, curvature and noise variance.
 //!
 //! For a row x and a response y with unit noise scale, y = x' c + e, e ~ N(0, s^2), c | s ~ N(m, s^2 P) and
 //! s^2 ~ inverse gamma(a, b), the predictive law is Student's t with 2a degrees of freedom, location x'm and scale
@@ -6,14 +6,17 @@
 
 use serde::{Deserialize, Serialize};
 
+/// A member as a row of numbers: means, covariance, b, weight.
+pub(super) type Numbers = [f64; 11];
+
 /// What one regression knows; the shape a of its inverse gamma law is shared by all and kept outside.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(from = "[f64; 7]", into = "[f64; 7]")]
+#[serde(from = "Numbers", into = "Numbers")]
 pub(super) struct Member {
-    /// Means of intercept and slope.
-    pub mean: [f64; 2],
-    /// Their covariance over the noise variance: intercept, both, slope.
-    pub cov: [f64; 3],
+    /// Means of intercept, slope and curvature.
+    pub mean: [f64; 3],
+    /// Their covariance over the noise variance, the upper triangle by rows: 00, 01, 02, 11, 12, 22.
+    pub cov: [f64; 6],
     /// b of the noise variance's inverse gamma law.
     pub b: f64,
     /// Logarithm of the weight, the largest being zero.
@@ -24,42 +27,52 @@ pub(super) struct Member {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Row {
     pub response: f64,
-    pub x: [f64; 2],
+    pub x: [f64; 3],
 }
 
-impl From<[f64; 7]> for Member {
-    fn from([m0, m1, p00, p01, p11, b, ln_weight]: [f64; 7]) -> Self {
+impl From<Numbers> for Member {
+    fn from([m0, m1, m2, p00, p01, p02, p11, p12, p22, b, ln_weight]: Numbers) -> Self {
         Self {
-            mean: [m0, m1],
-            cov: [p00, p01, p11],
+            mean: [m0, m1, m2],
+            cov: [p00, p01, p02, p11, p12, p22],
             b,
             ln_weight,
         }
     }
 }
 
-impl From<Member> for [f64; 7] {
+impl From<Member> for Numbers {
     fn from(member: Member) -> Self {
         let Member {
-            mean: [m0, m1],
-            cov: [p00, p01, p11],
+            mean: [m0, m1, m2],
+            cov: [p00, p01, p02, p11, p12, p22],
             b,
             ln_weight,
         } = member;
-        [m0, m1, p00, p01, p11, b, ln_weight]
+        [m0, m1, m2, p00, p01, p02, p11, p12, p22, b, ln_weight]
     }
 }
 
 impl Member {
     /// x'm.
-    pub fn location(&self, x: [f64; 2]) -> f64 {
-        x[0] * self.mean[0] + x[1] * self.mean[1]
+    pub fn location(&self, x: [f64; 3]) -> f64 {
+        x[0] * self.mean[0] + x[1] * self.mean[1] + x[2] * self.mean[2]
+    }
+
+    /// P x.
+    fn along(&self, x: [f64; 3]) -> [f64; 3] {
+        let [p00, p01, p02, p11, p12, p22] = self.cov;
+        [
+            p00 * x[0] + p01 * x[1] + p02 * x[2],
+            p01 * x[0] + p11 * x[1] + p12 * x[2],
+            p02 * x[0] + p12 * x[1] + p22 * x[2],
+        ]
     }
 
     /// x'P x.
-    pub fn spread(&self, x: [f64; 2]) -> f64 {
-        let [p00, p01, p11] = self.cov;
-        (x[0] * x[0] * p00 + 2.0 * x[0] * x[1] * p01 + x[1] * x[1] * p11).max(0.0)
+    pub fn spread(&self, x: [f64; 3]) -> f64 {
+        let along = self.along(x);
+        (x[0] * along[0] + x[1] * along[1] + x[2] * along[2]).max(0.0)
     }
 
     /// The response's distance from its location in predictive scales, and the scale.
@@ -70,16 +83,21 @@ impl Member {
 
     /// Learns a row.
     pub fn learn(&mut self, row: &Row) {
-        let [p00, p01, p11] = self.cov;
-        let along = [p00 * row.x[0] + p01 * row.x[1], p01 * row.x[0] + p11 * row.x[1]];
+        let along = self.along(row.x);
         let total = 1.0 + self.spread(row.x);
         let error = row.response - self.location(row.x);
-        self.mean[0] += along[0] / total * error;
-        self.mean[1] += along[1] / total * error;
+        for (mean, along) in self.mean.iter_mut().zip(along) {
+            *mean += along / total * error;
+        }
+        let [a0, a1, a2] = along;
+        let [p00, p01, p02, p11, p12, p22] = self.cov;
         self.cov = [
-            (p00 - along[0] * along[0] / total).max(0.0),
-            p01 - along[0] * along[1] / total,
-            (p11 - along[1] * along[1] / total).max(0.0),
+            (p00 - a0 * a0 / total).max(0.0),
+            p01 - a0 * a1 / total,
+            p02 - a0 * a2 / total,
+            (p11 - a1 * a1 / total).max(0.0),
+            p12 - a1 * a2 / total,
+            (p22 - a2 * a2 / total).max(0.0),
         ];
         self.b += 0.5 * error * error / total;
     }

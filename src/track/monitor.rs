@@ -228,7 +228,7 @@ fn not_axial_message(p: f64) -> String {
 fn begin_regression(tracker: &mut Tracker, period: &Period) {
     let plan = &tracker.plan;
     let state = &mut tracker.state;
-    let Some(baseline) = &state.segment.baseline else {
+    let (Some(baseline), Some(shift)) = (&state.segment.baseline, &tracker.shift) else {
         return;
     };
     if state.regression.is_some() || (plan.compensates() && period.lagged_c.is_none()) {
@@ -242,7 +242,7 @@ fn begin_regression(tracker: &mut Tracker, period: &Period) {
                 .and_then(|lagged| lagged.first().copied())
         });
     }
-    state.regression = Some(Regression::new(&plan.regression_prior(baseline)));
+    state.regression = Some(Regression::new(&plan.regression_prior(baseline, shift)));
 }
 
 /// Moves regression and charts on by one period; the signal of the charts, if any.
@@ -316,11 +316,11 @@ fn axial_p(tracker: &Tracker, period: &Period, signal: Signal) -> f64 {
 fn learn_anew(tracker: &mut Tracker, since: i64) -> bool {
     let plan = &tracker.plan;
     let state = &mut tracker.state;
-    let Some(baseline) = &state.segment.baseline else {
+    let (Some(baseline), Some(shift)) = (&state.segment.baseline, &tracker.shift) else {
         return false;
     };
     let before = state.periods.partition_point(|known| known.index < since);
-    let mut regression = Regression::new(&plan.regression_prior(baseline));
+    let mut regression = Regression::new(&plan.regression_prior(baseline, shift));
     for known in &state.periods[..before] {
         if let Some(warmer_k) = state.warmer_k(known) {
             let is_wild = known

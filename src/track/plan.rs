@@ -18,6 +18,13 @@ use std::sync::Arc;
 /// Standard deviation of the regression's intercept: force at the reference temperature over the baseline's mean.
 const INTERCEPT_SD: f64 = 0.3;
 
+/// How much further N_t / N_0 may be bent than the particles say: they may be wrong together.
+const BEND: f64 = 1.5;
+
+/// Relative change of modulus times expansion per kelvin, a standard deviation about none: wrought iron and steel lose some
+/// 3e-4 of their modulus and gain about twice that in expansion.
+const MATERIAL_PER_K: f64 = 3e-4;
+
 /// Everything one rod's fold depends on, prepared once.
 pub struct TrackPlan {
     pub(super) rod: RodId,
@@ -142,7 +149,7 @@ impl TrackPlan {
 
     /// What is known of the regression beforehand: beta = -kappa E A alpha / N_0 with a restraint kappa
     /// between 0 (free to expand) and 1 (fixed ends).
-    pub(super) fn regression_prior(&self, baseline: &Baseline) -> RegressionPrior {
+    pub(super) fn regression_prior(&self, baseline: &Baseline, shift: &Shift) -> RegressionPrior {
         let parameterisation = self.prior.parameterisation();
         let width = parameterisation.len();
         let thetas = baseline.particles.chunks_exact(width);
@@ -155,6 +162,8 @@ impl TrackPlan {
             slope_mean: -0.5 * fixed_per_k,
             slope_sd: 0.5 * fixed_per_k,
             intercept_sd: INTERCEPT_SD,
+            curvature_sd: (BEND * shift.bend_sd() * fixed_per_k * fixed_per_k)
+                .hypot(MATERIAL_PER_K * fixed_per_k),
             lags: self.lags_s().len(),
         }
     }

@@ -4,16 +4,19 @@
 //! Thermal force adds to the axial force, so the straight line is one of the ratio, not of its logarithm:
 //!
 //! ```text
-//! e^delta_t - 1 = a + beta (T_lag,t - T_ref) + q_t e_t,     e_t = rho e_t' + sqrt(1 - rho^2) s w_t
+//! e^delta_t - 1 = a + beta w_t + gamma w_t^2 + q_t e_t,     w_t = T_lag,t - T_ref,
+//! e_t = rho e_t' + sqrt(1 - rho^2) s v_t
 //! ```
 //!
-//! with w_t independent N(0, 1), rho = phi^gap for periods `gap` apart, and q_t known: the expected ratio (the error
+//! The curvature gamma is small but not nothing: slopes d ln f/d ln N that are a little wrong bend the ratio, and modulus and
+//! expansion themselves change with temperature. Without it a fully restrained rod alarms in its first warm season.
+//! Here v_t are independent N(0, 1), rho = phi^gap for periods `gap` apart, and q_t known: the expected ratio (the error
 //! of a logarithm is an error in proportion), times how the noise goes with the measurement's standard error: not at
-//! all, partly, or wholly. For a given lag, phi and kind of noise this is a conjugate regression in (a, beta, s^2), and delta's predictive law
+//! all, partly, or wholly. For a given lag, phi and kind of noise this is a conjugate regression in (a, beta, gamma, s^2), and delta's predictive law
 //! Student's t; the whole is the mixture over the grid by posterior weight. Under the model F(delta_t) is exactly
 //! uniform and independent from period to period, however little has been learned: nothing is plugged in.
 
-use super::member::{Member, Row};
+use super::member::{Member, Numbers, Row};
 use super::tail;
 use serde::{Deserialize, Serialize};
 
@@ -43,7 +46,7 @@ const LEAST_SD: f64 = 1e-6;
 /// Least ln weight: a member may come back.
 const LEAST_LN_WEIGHT: f64 = -60.0;
 /// Weights below do not count.
-const NEGLIGIBLE: f64 = 1e-20;
+const NEGLIGIBLE: f64 = 1e-14;
 
 /// One period as the regression sees it.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -67,6 +70,8 @@ pub struct RegressionPrior {
     pub slope_sd: f64,
     /// Standard deviation of the intercept \[-\].
     pub intercept_sd: f64,
+    /// Standard deviation of the curvature gamma \[1/K^2\].
+    pub curvature_sd: f64,
     /// How many lags there are; zero: no compensation.
     pub lags: usize,
 }
@@ -80,8 +85,8 @@ pub struct Prediction {
     pub sd: f64,
     /// Share of the predictive variance that is uncertainty of the coefficients.
     pub leverage: f64,
-    /// What temperature alone explains of the statistic's delta: delta - ln(e^delta - beta (T - T_ref)) with the
-    /// posterior mean of beta (T - T_ref), so that delta less this is ln(N_t / N_0) at the reference temperature.
+    /// What temperature alone explains of the statistic's delta: delta - ln(e^delta - beta w - gamma w^2) with the
+    /// posterior means, so that delta less this is ln(N_t / N_0) at the reference temperature.
     pub thermal: f64,
     /// Standard deviation of intercept + thermal part, as one of delta.
     pub thermal_sd: f64,
@@ -170,10 +175,11 @@ impl Regression {
             mean += weight * location;
             square += weight * (location * location + coefficients + noise * unscale * unscale);
             own += weight * noise * unscale * unscale;
-            let value = member.location([1.0, warmer]);
+            let here = columns(warmer);
+            let value = member.location(here);
             line += weight * value;
-            line_square += weight * (value * value + noise * member.spread([1.0, warmer]));
-            thermal += weight * member.mean[1] * warmer;
+            line_square += weight * (value * value + noise * member.spread(here));
+            thermal += weight * (value - member.mean[0]);
             intercept += weight * member.mean[0];
         }
         let variance = (square - mean * mean).max(own).max(f64::MIN_POSITIVE);
@@ -234,7 +240,7 @@ impl Regression {
         for member in &mut members {
             member.ln_weight = (member.ln_weight - highest).max(LEAST_LN_WEIGHT);
         }
-        let finite = |member: &Member| <[f64; 7]>::from(*member).iter().all(|value| value.is_finite());
+        let finite = |member: &Member| Numbers::from(*member).iter().all(|value| value.is_finite());
         if !members.iter().all(finite) {
             return;
         }
@@ -260,7 +266,7 @@ impl Regression {
             let slope = part.member.mean[1];
             mean += part.weight * slope;
             square +=
-                part.weight * (slope * slope + part.member.b / (a - 1.0).max(0.5 * a) * part.member.cov[2]);
+                part.weight * (slope * slope + part.member.b / (a - 1.0).max(0.5 * a) * part.member.cov[3]);
         }
         (mean, (square - mean * mean).max(0.0).sqrt())
     }
@@ -315,13 +321,16 @@ impl Regression {
         }
         let sd = self.first_sd.unwrap_or(believed(statistic.sd));
         let wide = |prior_sd: f64| (prior_sd / (CONJUGATE * sd)).powi(2);
-        let slopes = self.prior.lags > 0;
+        let slopes = if self.prior.lags > 0 { 1.0 } else { 0.0 };
         let member = |ln_weight| Member {
-            mean: [0.0, if slopes { self.prior.slope_mean } else { 0.0 }],
+            mean: [0.0, slopes * self.prior.slope_mean, 0.0],
             cov: [
                 wide(self.prior.intercept_sd),
                 0.0,
-                if slopes { wide(self.prior.slope_sd) } else { 0.0 },
+                0.0,
+                slopes * wide(self.prior.slope_sd),
+                0.0,
+                slopes * wide(self.prior.curvature_sd),
             ],
             b: SHAPE * sd * sd,
             ln_weight,
@@ -375,7 +384,7 @@ impl Regression {
             .collect();
         let expected: f64 = self
             .weighted(members)
-            .map(|part| part.weight * part.member.location([1.0, warmer_k[part.lag]]))
+            .map(|part| part.weight * part.member.location(columns(warmer_k[part.lag])))
             .sum();
         let level = (1.0 + expected).clamp(0.2, 5.0);
         let sd = believed(statistic.sd);
@@ -395,25 +404,30 @@ impl Regression {
     /// A member's row, and what one unit of its response is in the ratio.
     fn row(&self, part: &Weighted, prepared: &Prepared) -> (Row, f64) {
         let scale = prepared.scales[part.noise];
-        let warmer = prepared.warmer_k[part.lag];
+        let now = columns(prepared.warmer_k[part.lag]);
         let (Some(last), Some(gap)) = (&self.last, prepared.gap) else {
             let row = Row {
                 response: prepared.ratio / scale,
-                x: [1.0 / scale, warmer / scale],
+                x: now.map(|column| column / scale),
             };
             return (row, scale);
         };
         let rho = part.phi.powi(gap);
         let white = (1.0 - rho * rho).sqrt();
         let before = last.scales[part.noise];
-        let last_warmer = last.warmer_k.get(part.lag).copied().unwrap_or(0.0);
+        let then = columns(last.warmer_k.get(part.lag).copied().unwrap_or(0.0));
         let differ = |now: f64, then: f64| (now / scale - rho * then / before) / white;
         let row = Row {
             response: differ(prepared.ratio, last.ratio),
-            x: [differ(1.0, 1.0), differ(warmer, last_warmer)],
+            x: std::array::from_fn(|column| differ(now[column], then[column])),
         };
         (row, scale * white)
     }
+}
+
+/// The columns of the line at a temperature difference \[K\].
+fn columns(warmer_k: f64) -> [f64; 3] {
+    [1.0, warmer_k, warmer_k * warmer_k]
 }
 
 /// Lag, phi and noise of a member.

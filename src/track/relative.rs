@@ -141,6 +141,41 @@ impl Shift {
         }
     }
 
+    /// By how much N_t / N_0 may come out bent: the standard deviation over the particles of q in
+    /// `ratio - 1 = c x + q x^2`, where x is the true N_t / N_0 - 1 if one particle is the rod, and the ratio is what the mean
+    /// of all would say, every mode counting alike. Through u = -h and h.
+    pub fn bend_sd(&self) -> f64 {
+        const H: f64 = 0.25;
+        let at = [-H, H].map(|u| {
+            let means = self
+                .means
+                .iter()
+                .map(|mean| mean_and_slope(mean, u))
+                .collect::<Vec<_>>();
+            let information: f64 = means.iter().map(|(_, slope)| slope * slope).sum();
+            (u, means, information)
+        });
+        let bends: Vec<f64> = (0..self.log_forces.len())
+            .map(|place| {
+                let [below, above] = at.each_ref().map(|(u, means, information)| {
+                    let off: f64 = means
+                        .iter()
+                        .enumerate()
+                        .map(|(mode, (value, slope))| {
+                            slope * (self.polynomials.shift(place, mode, *u) - value)
+                        })
+                        .sum();
+                    let x = libm::expm1(*u);
+                    (x, libm::expm1(u + off / information) / x)
+                });
+                (above.1 - below.1) / (above.0 - below.0)
+            })
+            .collect();
+        let count = bends.len().max(1) as f64;
+        let mean = bends.iter().sum::<f64>() / count;
+        (bends.iter().map(|bend| (bend - mean).powi(2)).sum::<f64>() / count).sqrt()
+    }
+
     /// P(misfit at least this large | the change is axial) for the combined misfit of several records, at a mean
     /// ln(N_t / N_0) of `delta`. The baseline's error and the particles' uncertainty, which all records share, are taken
     /// into account here.

@@ -120,8 +120,7 @@ impl Polynomials {
         self.coefficients[(place / LANES * self.modes + mode) * TERMS + power][place % LANES]
     }
 
-    /// The shift of every mode of one particle at u.
-    #[cfg(test)]
+    /// The shift of one mode of one particle at u.
     pub fn shift(&self, place: usize, mode: usize, u: f64) -> f64 {
         let row: [f64; TERMS] = std::array::from_fn(|power| self.coefficient(place, mode, power));
         horner(&row, v_of(u))

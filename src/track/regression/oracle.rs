@@ -34,6 +34,7 @@ fn residual(count: usize, prior: &RegressionPrior) -> f64 {
                 phi.powi((a.0 - b.0).unsigned_abs() as i32) * scale(a) * scale(b)
                     + wide(prior.intercept_sd)
                     + wide(prior.slope_sd) * a.3 * b.3
+                    + wide(prior.curvature_sd) * (a.3 * b.3).powi(2)
             });
             let mean = DVector::from_iterator(count, days.iter().map(|day| prior.slope_mean * day.3));
             let off = response.clone() - mean;
@@ -69,6 +70,7 @@ fn residuals_agree_with_the_joint_gaussian() {
         slope_mean: -1e-4,
         slope_sd: 0.8e-4,
         intercept_sd: 1e-4,
+        curvature_sd: 0.3e-4,
         lags: 1,
     };
     let mut regression = Regression::new(&prior);

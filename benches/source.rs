@@ -81,7 +81,7 @@ fn read(bytes: &[u8], field: &str) -> usize {
     recording
         .map(|event| match event {
             Event::Record(record) => record.samples.len(),
-            Event::Rejected { .. } => 0,
+            Event::Rejected { .. } | Event::Readings { .. } => 0,
         })
         .sum()
 }

@@ -2,7 +2,7 @@
 
 use crate::line;
 use crate::outcome::Outcome;
-use crate::record::RodId;
+use crate::record::{Reading, RodId};
 use crate::snapshot::Snapshot;
 use crate::store::{Asked, Commit, Position, RecordRow, RodRow, SnapshotRow, Store, StoreError};
 use crate::track::{Peer, TrackPlan, Tracker, Verdict};
@@ -144,6 +144,37 @@ impl Site {
             source: position,
         })?;
         Ok(Some(Taken { line, verdict }))
+    }
+
+    /// Takes temperatures a recording held beside its records and makes them durable; whether they said anything new.
+    ///
+    /// `after` is the rod's record that came before them. They count only where that is the record the rod took last: so
+    /// the same recording read again, or the same run begun again, changes nothing.
+    ///
+    /// # Errors
+    /// The store refuses: nothing of them was kept.
+    pub fn take_readings(
+        &mut self,
+        rod: &RodId,
+        readings: &[Reading],
+        after: Option<[u8; 32]>,
+    ) -> Result<bool, StoreError> {
+        let Some(tracker) = self.trackers.get_mut(rod) else {
+            return Ok(false);
+        };
+        if self.store.last_identity(rod)? != after || !tracker.take_readings(readings) {
+            return Ok(false);
+        }
+        self.store.commit(&Commit {
+            rod: Some(RodRow {
+                state: tracker.state(),
+                stands: &tracker.rod_state(),
+                closed: &[],
+                events: &[],
+            }),
+            ..Commit::default()
+        })?;
+        Ok(true)
     }
 
     /// Does what people asked of a rod, in the order they did.

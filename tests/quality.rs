@@ -97,7 +97,7 @@ fn only(events: Vec<Event>) -> Result<Record, Rejection> {
     match events.into_iter().next() {
         Some(Event::Record(record)) => Ok(record),
         Some(Event::Rejected { rejection, .. }) => Err(rejection),
-        None => unreachable!(),
+        Some(Event::Readings { .. }) | None => unreachable!(),
     }
 }
 
@@ -109,6 +109,7 @@ fn shown(events: &[Event]) -> Vec<String> {
             rejection,
             ..
         } => format!("{duration_s}: {rejection}"),
+        Event::Readings { readings, .. } => format!("{} readings", readings.len()),
     };
     events.iter().map(one).collect()
 }

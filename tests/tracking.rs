@@ -243,6 +243,7 @@ fn a_change_of_unit_a_wrong_clock_and_a_swapped_channel_have_names() {
     for (index, (own, foreign)) in good.iter().zip(&others).enumerate() {
         let seen = if (100..120).contains(&index) { foreign } else { own };
         let peers = [Peer {
+            latest: None,
             rod: RodId("other".into()),
             modes: others[index.saturating_sub(1)].modes.clone(),
         }];

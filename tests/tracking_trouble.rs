@@ -101,6 +101,7 @@ fn a_channel_swapped_for_months_never_passes_for_a_drift() {
         // The other rod's last good record is as old as this one's.
         let peers = [Peer {
             rod: RodId("other".into()),
+            latest: Some(good[if is_swapped { 99 } else { index.saturating_sub(1) }].start),
             modes: others[if is_swapped { 99 } else { index.saturating_sub(1) }]
                 .modes
                 .clone(),

@@ -55,6 +55,9 @@ fuzz_target!(init: {
                 assert!(record.duration_s() >= 0.099);
             }
             Event::Rejected { rejection, .. } => assert!(!rejection.to_string().is_empty()),
+            Event::Readings { readings, .. } => {
+                assert!(readings.iter().all(|reading| reading.celsius.is_finite()));
+            }
         }
     }
     let summary = recording.summary();

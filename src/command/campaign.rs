@@ -6,7 +6,7 @@ use crate::analysis::Plan;
 use crate::config::Config;
 use crate::outcome::{Outcome, Rejected};
 use crate::pipeline::{Limits, map_in_order};
-use crate::record::{RodChannels, RodId};
+use crate::record::{Reading as Temperature, RodChannels, RodId};
 use crate::source::{self, Event, Follow, Options, Recording, SourceError, Summary};
 use crate::store::Position;
 use std::collections::{BTreeMap, HashMap, HashSet};
@@ -105,20 +105,20 @@ impl Display for Tally {
     }
 }
 
-/// Runs every record of `paths` (files, or folders of them) through its rod's plan and hands the
-/// outcomes to `on_outcome` in the order of the recordings. What was lost is said on stderr. `None` if
+/// Runs every record of `paths` (files, or folders of them) through its rod's plan and hands what came
+/// of them to `on_news` in the order of the recordings. What was lost is said on stderr. `None` if
 /// the reader of stdout has seen enough (`| head`). A record with the same data as one before (a copied or
 /// renamed file), or one of `known`, is counted and left out.
 ///
 /// # Errors
-/// `on_outcome` failed.
+/// `on_news` failed.
 pub fn run(
     paths: &[PathBuf],
     config: &Config,
     plans: &BTreeMap<RodId, Plan>,
     reading: &Reading,
     known: &Known,
-    mut on_outcome: impl FnMut(&Outcome, Position<'_>, &Progress) -> anyhow::Result<Taken>,
+    mut on_news: impl FnMut(News<'_>, &Progress) -> anyhow::Result<Taken>,
 ) -> anyhow::Result<Option<Tally>> {
     let files = source::recordings(paths);
     let total: u64 = files
@@ -142,6 +142,7 @@ pub fn run(
     let mut tally = Tally::default();
     let mut failure = None;
     let mut seen = HashSet::new();
+    let mut last: HashMap<RodId, [u8; 32]> = HashMap::new();
     map_in_order(
         input,
         Limits {
@@ -156,13 +157,30 @@ pub fn run(
         |result| {
             bar.set(done.load(Ordering::Relaxed), total);
             match result {
-                Ok(Done::Known) => tally.repeated += 1,
-                Ok(Done::Record(outcome, place)) => {
-                    if outcome.identity().is_some_and(|identity| !seen.insert(identity)) {
-                        tally.repeated += 1;
-                        return ControlFlow::Continue(());
+                Ok(Done::Known(rod, identity)) => {
+                    last.insert(rod, identity);
+                    tally.repeated += 1;
+                }
+                Ok(Done::Readings(rod, readings)) => {
+                    let news = News::Readings {
+                        rod: &rod,
+                        readings: &readings,
+                        after: last.get(&rod).copied(),
+                    };
+                    if let Err(error) = on_news(news, &bar) {
+                        failure = Some(error);
+                        return ControlFlow::Break(());
                     }
-                    match on_outcome(&outcome, place.position(), &bar) {
+                }
+                Ok(Done::Record(outcome, place)) => {
+                    if let Some(identity) = outcome.identity() {
+                        last.insert(outcome.rod().clone(), identity);
+                        if !seen.insert(identity) {
+                            tally.repeated += 1;
+                            return ControlFlow::Continue(());
+                        }
+                    }
+                    match on_news(News::Outcome(&outcome, place.position()), &bar) {
                         Ok(Taken::New) => {}
                         Ok(Taken::Known) => {
                             tally.repeated += 1;
@@ -233,7 +251,22 @@ fn is_broken_pipe(error: &anyhow::Error) -> bool {
 /// Records that need not be analysed again.
 pub type Known = HashMap<RodId, HashSet<[u8; 32]>>;
 
-/// What became of an outcome that was handed on.
+/// What a campaign hands on.
+pub enum News<'a> {
+    /// What came of a record, and where in its recording the record ended.
+    Outcome(&'a Outcome, Position<'a>),
+    /// Temperatures that no record of a recording left with.
+    Readings {
+        /// The rod.
+        rod: &'a RodId,
+        /// Ascending in time.
+        readings: &'a [Temperature],
+        /// The identity of the rod's record before them, if there was one.
+        after: Option<[u8; 32]>,
+    },
+}
+
+/// What became of news that were handed on.
 pub enum Taken {
     /// It is new.
     New,
@@ -269,7 +302,8 @@ enum Done {
     /// A record's outcome.
     Record(Box<Outcome>, Place),
     /// A record that was known before it was analysed.
-    Known,
+    Known(RodId, [u8; 32]),
+    Readings(RodId, Vec<Temperature>),
     File(Result<Summary, SourceError>),
 }
 
@@ -296,13 +330,14 @@ fn analyse(step: Step, plans: &BTreeMap<RodId, Plan>, known: &Known) -> Done {
             };
             return Done::Record(Box::new(Outcome::Rejected(Box::new(rejected))), place);
         }
+        Step::Event(Event::Readings { rod, readings }, _) => return Done::Readings(rod, readings),
         Step::Event(Event::Record(record), place) => (record, place),
     };
-    if known
-        .get(&record.rod)
-        .is_some_and(|known| known.contains(&record.identity()))
-    {
-        return Done::Known;
+    if let Some(known) = known.get(&record.rod) {
+        let identity = record.identity();
+        if known.contains(&identity) {
+            return Done::Known(record.rod, identity);
+        }
     }
     let outcome = match plans.get(&record.rod).map(|plan| plan.run(&record)) {
         Some(Ok(identification)) => Outcome::Identified(Box::new(identification)),
@@ -369,12 +404,13 @@ impl Iterator for Recordings {
                 self.done.store(self.bytes_of_closed + bytes, Ordering::Relaxed);
                 return Some(match event {
                     Some(event) => {
+                        let records = records + u64::from(!matches!(event, Event::Readings { .. }));
                         let place = Place {
                             file: Arc::clone(&file),
                             bytes,
-                            records: records + 1,
+                            records,
                         };
-                        self.open = Some((recording, file, records + 1));
+                        self.open = Some((recording, file, records));
                         Step::Event(event, place)
                     }
                     None => {

@@ -1,6 +1,6 @@
 //! `tirante identify`: one recording, or frequencies measured elsewhere, to the posterior.
 
-use super::campaign::{self, Known, Reading, Taken};
+use super::campaign::{self, Known, News, Reading, Taken};
 use super::render::{CONFLICT_SHOWN, PRIOR_TAIL_SHOWN};
 use super::setup::{self, Setup};
 use super::{BadArguments, WITH_LOSSES};
@@ -130,8 +130,10 @@ fn from_recording(args: &Args, path: &PathBuf) -> anyhow::Result<ExitCode> {
     let paths = std::slice::from_ref(path);
     let known = Known::new();
     let reading = Reading::default();
-    let tally = campaign::run(paths, &config, &plans, &reading, &known, |outcome, _, bar| {
-        bar.suspend(|| show(args, &config, &plans, outcome))?;
+    let tally = campaign::run(paths, &config, &plans, &reading, &known, |news, bar| {
+        if let News::Outcome(outcome, _) = news {
+            bar.suspend(|| show(args, &config, &plans, outcome))?;
+        }
         Ok(Taken::New)
     })?;
     Ok(campaign::conclude(tally))

@@ -1,14 +1,12 @@
 //! `tirante replay`: recordings through the whole pipeline.
 
-use super::campaign::{self, Reading};
+use super::campaign::{self, News, Reading};
 use super::progress::Progress;
 use super::render::Table;
 use super::report;
 use super::setup::{self, Prepared, Setup};
-use crate::outcome::Outcome;
 use crate::record::RodId;
 use crate::site::Taken;
-use crate::store::Position;
 use std::io::{self, Write};
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -70,7 +68,18 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
 
     let mut output = io::stdout().lock();
     let mut header_due = !args.json;
-    let on_outcome = |outcome: &Outcome, place: Position<'_>, bar: &Progress| {
+    let on_news = |news: News<'_>, bar: &Progress| {
+        let (outcome, place) = match news {
+            News::Outcome(outcome, place) => (outcome, place),
+            News::Readings { rod, readings, after } => {
+                let is_new = site.take_readings(rod, readings, after)?;
+                return Ok(if is_new {
+                    campaign::Taken::New
+                } else {
+                    campaign::Taken::Known
+                });
+            }
+        };
         let Some(Taken { line, verdict }) = site.take(outcome, Some(place))? else {
             return Ok(campaign::Taken::Known);
         };
@@ -88,7 +97,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         })?;
         Ok(campaign::Taken::New)
     };
-    let tally = campaign::run(&args.paths, &config, &plans, &args.reading, &known, on_outcome)?;
+    let tally = campaign::run(&args.paths, &config, &plans, &args.reading, &known, on_news)?;
     if let Some(folder) = &args.report {
         let page = report::write(site.store(), None, folder)?;
         tell!("report: {}", page.display());

@@ -27,6 +27,13 @@ pub enum Event {
         /// Why it is no record.
         rejection: Rejection,
     },
+    /// Temperatures no record left with, at the end of the stream.
+    Readings {
+        /// The rod.
+        rod: RodId,
+        /// Ascending in time.
+        readings: Vec<Reading>,
+    },
 }
 
 /// Most samples in one record, whatever its length; bounds memory.

@@ -158,6 +158,13 @@ impl Router {
         for rod in &mut self.rods {
             rod.assembler.finish(cut_short);
             to.extend(rod.assembler.events());
+            let readings = rod.assembler.leftover(Timestamp::MAX);
+            if !readings.is_empty() {
+                to.extend([Event::Readings {
+                    rod: rod.config.rod.clone(),
+                    readings,
+                }]);
+            }
             let rejection = match damage {
                 Some(detail) if rod.messages > 0 => Rejection::Damaged {
                     detail: detail.to_owned(),

@@ -5,8 +5,8 @@ use super::state::{self, Trouble};
 use super::{StoreError, open, row, schema};
 use crate::record::{RodId, Timestamp};
 use crate::track::{Alarm, AlarmEvent, Period, RodState, Segment, State};
-use rusqlite::Connection;
 use rusqlite::types::Value;
+use rusqlite::{Connection, OptionalExtension};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -130,6 +130,20 @@ impl Reader {
     /// They cannot be read.
     pub fn periods(&self, rod: &RodId, segment: u32) -> Result<Vec<Period>, StoreError> {
         state::periods(&self.connection, rod, segment).map_err(|trouble| self.fault(trouble))
+    }
+
+    /// The identity of the record of a rod that was committed last.
+    ///
+    /// # Errors
+    /// It cannot be read.
+    pub fn last_identity(&self, rod: &RodId) -> Result<Option<[u8; 32]>, StoreError> {
+        let ask = || {
+            self.connection
+                .prepare_cached("SELECT identity FROM record WHERE rod = ? ORDER BY id DESC LIMIT 1")?
+                .query_row([&rod.0], |row| row.get(0))
+                .optional()
+        };
+        ask().map_err(|error| self.fault(Trouble::Sql(error)))
     }
 
     /// The requests about a rod that wait, in the order they were made.

@@ -21,7 +21,7 @@ impl Tracker {
         if let Some(doubt) = state.plausibility.doubt(observation, latest, peers, patience) {
             let aside = SetAside::from(&doubt);
             if aside != SetAside::Clock {
-                self.take_readings(&observation.readings);
+                self.keep_readings(&observation.readings);
             }
             self.set_aside(aside, &doubt.message(), observation, verdict);
             return;
@@ -30,7 +30,7 @@ impl Tracker {
             if self.state.plausibility.is_back(observation.start, patience) {
                 self.open_segment(Opening::Clock, true, Some(observation.start));
             } else {
-                self.take_readings(&observation.readings);
+                self.keep_readings(&observation.readings);
                 verdict.relative = self.relative(observation).and_then(Result::ok);
                 let reason = "it is older than periods already closed: the clock was set back, or recordings come out of order";
                 self.set_aside(SetAside::Late, reason, observation, verdict);
@@ -44,7 +44,7 @@ impl Tracker {
             return;
         }
         self.believe(observation);
-        self.take_readings(&observation.readings);
+        self.keep_readings(&observation.readings);
         self.look_at_conflict(observation);
         if self.shift.is_none() {
             self.usable(observation);
@@ -136,7 +136,7 @@ impl Tracker {
     }
 
     /// Keeps readings that can be believed, ascending in time, each time once.
-    pub(super) fn take_readings(&mut self, readings: &[Reading]) {
+    pub(super) fn keep_readings(&mut self, readings: &[Reading]) {
         let state = &mut self.state;
         let horizon = state.latest.map(|latest| latest.plus_seconds(JUMP_S));
         for reading in readings {

@@ -28,6 +28,8 @@ const SWAP_NEARER: f64 = 3.0;
 pub struct Peer {
     /// The rod.
     pub rod: RodId,
+    /// The start of its latest record that was believed.
+    pub latest: Option<Timestamp>,
     /// Its modes.
     pub modes: Vec<LogMode>,
 }
@@ -61,6 +63,11 @@ impl Doubt {
     }
 }
 
+/// Whether a time lies so far after the `latest` believed that a wrong clock is likelier than a silence.
+pub(super) fn is_far_ahead(time: Timestamp, latest: Timestamp) -> bool {
+    time.seconds_since(latest) > JUMP_S
+}
+
 /// What is remembered to judge the next record.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Plausibility {
@@ -74,8 +81,49 @@ pub struct Plausibility {
     before_jump: Option<Timestamp>,
     /// Records in a row that were older than periods already closed.
     behind: usize,
-    /// Whether the last record was another rod's: how long the swap lasts does not make it less of one.
-    swapped: bool,
+    /// Records in a row that were another rod's.
+    swap: Option<Swap>,
+}
+
+/// A channel that shows another rod.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+struct Swap {
+    /// The other rod.
+    rod: RodId,
+    /// Since this record.
+    since: Timestamp,
+    /// What the channel showed last.
+    modes: Vec<LogMode>,
+}
+
+impl Swap {
+    /// Whether a record goes on showing the other rod: it is nearer to what the channel showed last than to that less the
+    /// difference of the two rods (`own` and the other's modes as last believed). From one record to the next weather
+    /// moves less, whatever it did since the swap. A rod whose channel has shown its own modes since was not swapped with
+    /// this one: then this one has come to look like it.
+    fn goes_on(&self, modes: &[LogMode], own: &[LogMode], peers: &[Peer]) -> bool {
+        let Some(peer) = peers.iter().find(|peer| peer.rod == self.rod) else {
+            return false;
+        };
+        let of = |modes: &[LogMode], order: usize| {
+            let mode = modes.iter().find(|mode| mode.order == order)?;
+            Some(mode.log_frequency)
+        };
+        let back: Vec<LogMode> = self
+            .modes
+            .iter()
+            .filter_map(|mode| {
+                let apart = of(own, mode.order)? - of(&peer.modes, mode.order)?;
+                Some(LogMode {
+                    log_frequency: mode.log_frequency + apart,
+                    ..*mode
+                })
+            })
+            .collect();
+        let is_swapped_too = peer.latest.is_none_or(|latest| latest < self.since);
+        let (here, there) = (distance(modes, &self.modes), distance(modes, &back));
+        is_swapped_too && here.zip(there).is_none_or(|(here, there)| here <= there)
+    }
 }
 
 impl Plausibility {
@@ -99,19 +147,15 @@ impl Plausibility {
         {
             return Some(Doubt::Amplitude);
         }
-        let swap = latest.and_then(|latest| self.swap(observation, latest, peers));
-        self.swapped = swap.is_some();
-        swap.map(Doubt::Channel)
-    }
-
-    /// The rod whose modes these are, if they are not the rod's own.
-    fn swap(
-        &self,
-        observation: &Observation,
-        (time, modes): (Timestamp, &[LogMode]),
-        peers: &[Peer],
-    ) -> Option<RodId> {
-        if !self.swapped && observation.start.seconds_since(time).abs() > SWAP_WITHIN_S {
+        let (time, modes) = latest?;
+        if let Some(swap) = &mut self.swap
+            && swap.goes_on(&observation.modes, modes, peers)
+        {
+            swap.modes.clone_from(&observation.modes);
+            return Some(Doubt::Channel(swap.rod.clone()));
+        }
+        self.swap = None;
+        if observation.start.seconds_since(time).abs() > SWAP_WITHIN_S {
             return None;
         }
         let own = distance(&observation.modes, modes)?;
@@ -119,8 +163,15 @@ impl Plausibility {
             .iter()
             .filter_map(|peer| Some((&peer.rod, distance(&observation.modes, &peer.modes)?)))
             .min_by(|a, b| a.1.total_cmp(&b.1))?;
-        let nearer = if self.swapped { 1.0 } else { SWAP_NEARER };
-        (own > SWAP_SHIFT && nearest * nearer < own).then(|| rod.clone())
+        if own <= SWAP_SHIFT || nearest * SWAP_NEARER >= own {
+            return None;
+        }
+        self.swap = Some(Swap {
+            rod: rod.clone(),
+            since: observation.start,
+            modes: observation.modes.clone(),
+        });
+        Some(Doubt::Channel(rod.clone()))
     }
 
     /// Takes note of a record older than periods already closed. Whether the clock was right before it jumped
@@ -147,7 +198,7 @@ impl Plausibility {
     }
 
     fn is_ahead(&mut self, start: Timestamp, latest: Timestamp, patience: usize) -> bool {
-        if start.seconds_since(latest) <= JUMP_S {
+        if !is_far_ahead(start, latest) {
             self.ahead = None;
             return false;
         }
@@ -252,13 +303,15 @@ mod tests {
         let (mut plausibility, last) = learned();
         let latest = Some((last.start, &last.modes[..]));
         let other = [4.71, 9.72, 14.9];
-        let peers = [
+        let mut peers = [
             Peer {
                 rod: RodId("b".into()),
+                latest: Some(last.start),
                 modes: at(9.0, other, 1e-4).modes,
             },
             Peer {
                 rod: RodId("c".into()),
+                latest: Some(last.start),
                 modes: at(9.0, [5.2, 10.6, 16.4], 1e-4).modes,
             },
         ];
@@ -267,6 +320,21 @@ mod tests {
             plausibility.doubt(&swapped, latest, &peers, 5),
             Some(Doubt::Channel(RodId("b".into())))
         );
+        // It stays one while weather moves both rods past where this one was.
+        for day in 11..60 {
+            let weather = 1.0 - 0.002 * f64::from(day - 10);
+            let shown = at(f64::from(day), other.map(|f| f * weather), 1e-4);
+            assert!(plausibility.doubt(&shown, latest, &peers, 5).is_some(), "{day}");
+        }
+        let kept = plausibility.clone();
+        // Mended: the channel jumps by the difference of the two.
+        let mended = at(60.0, OWN.map(|f| f * 0.9), 1e-4);
+        assert_eq!(plausibility.doubt(&mended, latest, &peers, 5), None);
+        // The other rod is itself on its own channel: this one was never swapped with it.
+        plausibility = kept;
+        peers[0].latest = Some(at(12.0, other, 1e-4).start);
+        let like = at(60.0, other.map(|f| f * 0.9), 1e-4);
+        assert_eq!(plausibility.doubt(&like, latest, &peers, 5), None);
         // A loss of force that ends at no other rod's modes is none.
         let fallen = at(10.0, OWN.map(|f| f * 0.97), 1e-4);
         assert_eq!(plausibility.doubt(&fallen, latest, &peers, 5), None);

@@ -7,7 +7,7 @@ use super::plausibility::{JUMP_S, Peer};
 use super::relative::Shift;
 use super::state::{Opening, State};
 use super::verdict::{Input, RodState, Verdict};
-use crate::record::Timestamp;
+use crate::record::{Reading, Timestamp};
 use std::sync::Arc;
 
 /// Silence worth an alarm is at least this many times the usual distance between records.
@@ -72,6 +72,7 @@ impl Tracker {
     pub fn as_peer(&self) -> Peer {
         Peer {
             rod: self.state.rod.clone(),
+            latest: self.state.latest,
             modes: self.state.latest_modes.clone(),
         }
     }
@@ -98,6 +99,21 @@ impl Tracker {
         self.take_news()
     }
 
+    /// Takes temperatures that came with no record; whether they said anything new. Those not later than what the low
+    /// passes have seen, and those a wrong clock dated, are left out.
+    pub fn take_readings(&mut self, readings: &[Reading]) -> bool {
+        let known = |state: &State| {
+            (
+                state.readings.len(),
+                state.thermal.time,
+                state.thermometer.clone(),
+            )
+        };
+        let before = known(&self.state);
+        self.keep_readings(readings);
+        known(&self.state) != before
+    }
+
     /// Takes one record. `peers`: the other rods of the site.
     pub fn step(&mut self, input: &Input, peers: &[Peer]) -> Verdict {
         let mut verdict = Verdict {
@@ -116,7 +132,7 @@ impl Tracker {
                 reason,
                 readings,
             } => {
-                self.take_readings(readings);
+                self.keep_readings(readings);
                 if let Some(time) = start.or(self.state.latest) {
                     self.unusable(reason, self.known_at(time));
                 }

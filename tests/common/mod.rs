@@ -98,7 +98,7 @@ pub fn records(events: &[Event]) -> Vec<&Record> {
         .iter()
         .filter_map(|event| match event {
             Event::Record(record) => Some(record),
-            Event::Rejected { .. } => None,
+            Event::Rejected { .. } | Event::Readings { .. } => None,
         })
         .collect()
 }

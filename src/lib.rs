@@ -28,7 +28,7 @@
 //! * [`source`]   recordings in: MCAP, message decoding
 //! * [`sink`]     recordings out: MCAP
 //! * [`cache`]    fitted emulators on disk
-//! * [`line`]     a record as one JSON line
+//! * [`line`](mod@line)     a record as one JSON line
 //! * [`site`]     the trackers of a site's rods, folded in the order records come, and the store they commit to
 //! * [`store`]    what is remembered: SQLite, one transaction per record
 //! * [`plot`]     figures and the report page

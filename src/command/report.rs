@@ -113,6 +113,8 @@ pub fn load(reader: &Reader, rod: Option<&RodId>) -> anyhow::Result<SiteReport> 
                 .charts
                 .as_ref()
                 .map(|charts| charts.design().charts.map(|chart| chart.h));
+            let coloured = state.whiteness.filter(|whiteness| !whiteness.is_white());
+            report.caveat = coloured.map(|whiteness| whiteness.message());
             report.thermal = state.regression.as_ref().map(|regression| {
                 let (slope_per_k, slope_sd_per_k) = regression.slope();
                 ThermalLine {
@@ -267,6 +269,7 @@ fn load_rod(reader: &Reader, standing: &Standing, meaning: &mut Meaning) -> anyh
                 Opening::First => "first record",
                 Opening::Requested => "on request",
                 Opening::Changed => "configuration or program changed",
+                Opening::Clock => "the clock had jumped ahead",
             }
             .to_owned(),
             baseline: baseline.map(|baseline| (baseline.first, baseline.last)),

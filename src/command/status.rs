@@ -5,6 +5,7 @@ use super::render::signed_percent;
 use super::which_store::{Format, WhichStore, check_rod};
 use crate::record::{RodId, Timestamp};
 use crate::store::{Asked, Reader, Standing};
+use crate::track::whiteness::Whiteness;
 use crate::track::{Alarm, Interval, RodState};
 use serde::{Deserialize, Serialize};
 use std::process::ExitCode;
@@ -55,6 +56,8 @@ struct Row {
     records: i64,
     rejected: i64,
     alarms: Vec<Alarm>,
+    /// Whether the latest charted residuals are white, as the stated false-alarm rate supposes.
+    whiteness: Option<Whiteness>,
     waiting: Vec<String>,
 }
 
@@ -90,9 +93,14 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
 /// The store cannot be read.
 pub fn text(reader: &Reader, rod: Option<&RodId>, format: Format) -> anyhow::Result<String> {
     let mut rows = Vec::new();
+    let states = reader.states()?;
     for standing in reader.standings()? {
         if rod.is_none_or(|rod| *rod == standing.rod) {
-            rows.push(Row::of(standing)?);
+            let whiteness = states.get(&standing.rod).and_then(|state| state.whiteness);
+            rows.push(Row {
+                whiteness,
+                ..Row::of(standing)?
+            });
         }
     }
     if rows.is_empty() {
@@ -140,6 +148,7 @@ impl Row {
             records: standing.records,
             rejected: standing.rejected,
             alarms: standing.alarms,
+            whiteness: None,
             waiting: standing
                 .waiting
                 .iter()
@@ -229,6 +238,9 @@ fn table(rows: &[Row]) -> String {
                 "uncompensated: force and change are those at the temperature of the latest record"
                     .to_owned(),
             );
+        }
+        if let Some(whiteness) = row.whiteness.filter(|whiteness| !whiteness.is_white()) {
+            table.note(whiteness.message());
         }
         for alarm in &row.alarms {
             let known = if alarm.acknowledged.is_some() {

@@ -1,7 +1,7 @@
 //! Figures and the self-contained report page, drawn from plain data.
 //!
 //! [`view`] says what a report is about; everything else turns it into one HTML page:
-//! * [`page`]      the whole page
+//! * [`page`](mod@page)      the whole page
 //! * `rod`         one rod's part of it
 //! * `history`     figures over time: forces, temperature, frequencies, charts
 //! * `distribution` spectrum, densities, regression: figures not over time

@@ -220,6 +220,9 @@ fn over_time(html: &mut Markup, rod: &RodReport, id: &str) {
         .any(|(_, period)| period.charted.is_some_and(|charted| charted.cusum.is_some()))
     {
         html.leaf("h3", &[], "Control charts");
+        if let Some(caveat) = &rod.caveat {
+            html.leaf("p", &[], caveat);
+        }
         figure(
             html,
             history::chart(rod, &span, 0, &format!("{id}-step")),

@@ -2,7 +2,7 @@
 //!
 //! A [`Store`] writes, one process at a time; a [`Reader`] reads beside it. Every row carries a checksum, and a
 //! store whose content contradicts itself is moved aside, never written to and never believed. Nothing in the
-//! tables of [results](Store::dump) depends on the clock or on how often a run was interrupted.
+//! tables of [results](Reader::dump) depends on the clock or on how often a run was interrupted.
 //! docs/store.md describes tables and columns.
 
 pub(crate) mod columns;

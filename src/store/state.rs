@@ -84,7 +84,9 @@ impl Kept {
             closed,
             alarms,
             watches,
+            whiteness,
             plausibility,
+            thermometer,
             latest,
             latest_modes
         );

@@ -1,6 +1,7 @@
 //! Alarms: their kinds, and how they are raised, repeated, acknowledged and cleared.
 
 use super::change::Change;
+use super::plausibility::JUMP_S;
 use crate::random;
 use crate::record::{RodId, Timestamp};
 use serde::{Deserialize, Serialize};
@@ -111,6 +112,12 @@ impl Alarm {
         }
     }
 
+    /// Whether nobody acknowledged it, and nobody was told for `repeat_s`.
+    pub fn is_due(&self, time: Timestamp, repeat_s: f64) -> bool {
+        let passed_s = time.seconds_since(self.told);
+        self.acknowledged.is_none() && (passed_s >= repeat_s || passed_s < -JUMP_S)
+    }
+
     /// Whether it is over: its condition ended and, if it is latched, somebody knows.
     pub fn is_over(&self) -> bool {
         self.cleared.is_some() && (self.acknowledged.is_some() || !self.kind.is_latched())
@@ -154,11 +161,61 @@ pub struct AlarmEvent {
     pub alarm: Alarm,
 }
 
+/// What is looked at again and again. Two of them may be the cause of one kind of alarm.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Cause {
+    /// The loss at the reference temperature exceeds the limit.
+    Limit,
+    /// What the charts told is still a change when all periods are looked at together.
+    Change,
+    /// A period's misfit is not that of an axial change.
+    Misfit,
+    /// A record's conflict with the model.
+    Conflict,
+    /// A record cannot be used.
+    Unusable,
+    /// A record comes without a temperature that can be believed.
+    NoTemperature,
+    /// A record differs from the baseline by more than the model was prepared for.
+    OutsideRange,
+    /// The temperature is far from all learned.
+    Unlearned,
+}
+
+impl Cause {
+    /// Every cause.
+    const ALL: [Self; 8] = [
+        Self::Limit,
+        Self::Change,
+        Self::Misfit,
+        Self::Conflict,
+        Self::Unusable,
+        Self::NoTemperature,
+        Self::OutsideRange,
+        Self::Unlearned,
+    ];
+
+    /// The kind of alarm it raises.
+    pub fn kind(self) -> Kind {
+        match self {
+            Self::Limit => Kind::Limit,
+            Self::Change => Kind::Drift,
+            Self::Misfit => Kind::NotAxial,
+            Self::Conflict => Kind::Conflict,
+            Self::Unusable | Self::NoTemperature => Kind::Sensor,
+            Self::OutsideRange | Self::Unlearned => Kind::OutsideTraining,
+        }
+    }
+}
+
 /// How often in a row a condition was found, and found absent.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Run {
     held: usize,
     absent: usize,
+    /// Whether it was found to hold and not to be over since.
+    stands: bool,
 }
 
 /// What a condition's run says.
@@ -166,39 +223,47 @@ pub struct Run {
 pub enum Finding {
     /// It holds.
     Holds,
-    /// It is over.
+    /// It is over, and so is every other cause of its kind of alarm.
     Over,
-    /// Not enough in a row to say either.
+    /// Not enough in a row to say either, or another cause goes on.
     Undecided,
 }
 
 /// The runs of all conditions.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Watches(BTreeMap<Kind, Run>);
+pub struct Watches(BTreeMap<Cause, Run>);
 
 impl Watches {
     /// Takes one more look at a condition: it holds (`Some(true)`), it is absent (`Some(false)`), or lies between the
     /// level that raises and the level that clears (`None`), which breaks both runs.
-    pub fn look(&mut self, kind: Kind, holds: Option<bool>, raise: usize, clear: usize) -> Finding {
-        let run = self.0.entry(kind).or_default();
-        *run = match holds {
-            Some(true) => Run {
-                held: run.held + 1,
-                absent: 0,
-            },
-            Some(false) => Run {
-                held: 0,
-                absent: run.absent + 1,
-            },
-            None => Run::default(),
+    pub fn look(&mut self, cause: Cause, holds: Option<bool>, raise: usize, clear: usize) -> Finding {
+        let run = self.0.entry(cause).or_default();
+        (run.held, run.absent) = match holds {
+            Some(true) => (run.held.saturating_add(1), 0),
+            Some(false) => (0, run.absent.saturating_add(1)),
+            None => (0, 0),
         };
         if run.held >= raise {
+            run.stands = true;
             Finding::Holds
         } else if run.absent >= clear {
-            Finding::Over
+            run.stands = false;
+            if self.stands(cause.kind()) {
+                Finding::Undecided
+            } else {
+                Finding::Over
+            }
         } else {
             Finding::Undecided
         }
+    }
+
+    /// Whether a cause of this kind of alarm was found to hold and not to be over since.
+    fn stands(&self, kind: Kind) -> bool {
+        let of_kind = Cause::ALL.iter().filter(|cause| cause.kind() == kind);
+        of_kind
+            .filter_map(|cause| self.0.get(cause))
+            .any(|run| run.stands)
     }
 }
 
@@ -231,11 +296,24 @@ impl<'a> Board<'a> {
     /// Raises an alarm unless one of its kind holds already; one that stands only because nobody acknowledged
     /// it is joined by the new one.
     pub fn raise(&mut self, kind: Kind, time: Timestamp, message: String, change: Option<Change>) {
+        self.raise_late(kind, time, time, message, change);
+    }
+
+    /// Raises an alarm of an earlier time than the one at which it is told.
+    pub fn raise_late(
+        &mut self,
+        kind: Kind,
+        time: Timestamp,
+        told: Timestamp,
+        message: String,
+        change: Option<Change>,
+    ) {
         if self.holds(kind) {
             return;
         }
         let mut alarm = Alarm::new(self.rod, kind, self.segment, time, message);
         alarm.change = change;
+        alarm.told = told;
         self.tell(What::Raised, time, alarm.clone());
         self.alarms.push(alarm);
     }
@@ -276,11 +354,12 @@ impl<'a> Board<'a> {
         true
     }
 
-    /// Tells again what nobody acknowledged for `repeat_s`; `renew` may bring an alarm up to date first.
+    /// Tells again what nobody acknowledged for `repeat_s`; `renew` may bring an alarm up to date first. What was told far
+    /// in the future was told by a wrong clock.
     pub fn repeat(&mut self, time: Timestamp, repeat_s: f64, mut renew: impl FnMut(&mut Alarm)) {
         for index in 0..self.alarms.len() {
             let alarm = &mut self.alarms[index];
-            if alarm.acknowledged.is_none() && time.seconds_since(alarm.told) >= repeat_s {
+            if alarm.is_due(time, repeat_s) {
                 alarm.told = time;
                 if alarm.cleared.is_none() {
                     renew(alarm);
@@ -363,7 +442,7 @@ mod tests {
     #[test]
     fn a_condition_needs_a_run_to_raise_and_a_run_to_clear() {
         let mut watches = Watches::default();
-        let mut look = |holds| watches.look(Kind::Limit, holds, 2, 3);
+        let mut look = |holds| watches.look(Cause::Limit, holds, 2, 3);
         assert_eq!(look(Some(true)), Finding::Undecided);
         assert_eq!(look(None), Finding::Undecided);
         assert_eq!(look(Some(true)), Finding::Undecided);
@@ -371,5 +450,35 @@ mod tests {
         assert_eq!(look(Some(false)), Finding::Undecided);
         assert_eq!(look(Some(false)), Finding::Undecided);
         assert_eq!(look(Some(false)), Finding::Over);
+    }
+
+    #[test]
+    fn an_alarm_of_two_causes_ends_with_the_last_of_them() {
+        let mut watches = Watches::default();
+        assert_eq!(watches.look(Cause::Unusable, Some(true), 1, 2), Finding::Holds);
+        assert_eq!(
+            watches.look(Cause::NoTemperature, Some(true), 1, 2),
+            Finding::Holds
+        );
+        for _ in 0..2 {
+            assert_eq!(
+                watches.look(Cause::Unusable, Some(false), 1, 2),
+                Finding::Undecided
+            );
+        }
+        assert_eq!(
+            watches.look(Cause::NoTemperature, Some(false), 1, 2),
+            Finding::Undecided
+        );
+        assert_eq!(
+            watches.look(Cause::NoTemperature, Some(false), 1, 2),
+            Finding::Over
+        );
+    }
+
+    #[test]
+    fn what_a_wrong_clock_told_in_the_future_is_told_again_now() {
+        let alarm = Alarm::new(&RodId("r".into()), Kind::Drift, 1, day(50_000), "fell".into());
+        assert!(alarm.is_due(day(20_000), 7.0 * DAY_S));
     }
 }

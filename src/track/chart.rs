@@ -173,6 +173,11 @@ impl Charts {
         self.statistic
     }
 
+    /// Goes on with other limits, the statistics as they are.
+    pub fn go_by(&mut self, design: Design) {
+        self.design = design;
+    }
+
     /// Back to zero.
     pub fn reset(&mut self) {
         *self = Self::new(self.design);

@@ -9,6 +9,7 @@
 //! * [`baseline`]    mean log-frequencies of the first records and particles of the static parameters
 //! * [`relative`]    posterior of N_t / N_0 for one record, and whether the change is axial at all
 //! * [`plausibility`] records that cannot be what they claim: unit, clock, channel
+//! * [`thermometer`] temperature readings that cannot be what they claim
 //! * [`thermal`]     the rod's temperature from the air's: low-passed by a thermal lag
 //! * [`period`]      the records of one decorrelation period as one statistic
 //! * [`regression`]  what the temperature explains, and residuals that are N(0, 1) without a change
@@ -20,8 +21,12 @@
 //! * [`settings`]    what can be chosen
 //! * [`state`]       everything remembered of one rod from record to record
 //! * [`plan`]        what the tracking of one rod depends on besides its records
+//! * [`whiteness`]   whether residuals are independent, as the stated rate supposes
+//! * [`verdict`]     what came of one record, and what it changed
 //! * [`tracker`]     the fold: one `step` per record
 //! * `levels`, `particles`, `shift` parts of the baseline and of the relative force
+//! * `intake`        the way of one identified record
+//! * `reference`     force and relative force at the reference temperature
 //! * `monitor`       what a closed period says: charts moved on, conditions looked at
 
 pub mod alarm;
@@ -29,6 +34,7 @@ pub mod arl;
 pub mod baseline;
 pub mod change;
 pub mod chart;
+mod intake;
 mod lattice;
 mod levels;
 mod member;
@@ -38,6 +44,7 @@ mod particles;
 pub mod period;
 pub mod plan;
 pub mod plausibility;
+mod reference;
 pub mod regression;
 pub mod relative;
 pub mod run_length;
@@ -46,7 +53,9 @@ mod shift;
 pub mod state;
 mod tail;
 pub mod thermal;
+pub mod thermometer;
 pub mod tracker;
+pub mod verdict;
 pub mod whiteness;
 
 pub use alarm::{Alarm, AlarmEvent, Kind, What};
@@ -58,4 +67,5 @@ pub use plausibility::Peer;
 pub use relative::{Interval, Relative};
 pub use settings::{AlarmSettings, TrackSettings};
 pub use state::{Segment, State};
-pub use tracker::{AtReference, Input, RodState, SetAside, Tracker, Verdict};
+pub use tracker::Tracker;
+pub use verdict::{AtReference, Input, RodState, SetAside, Verdict};

@@ -1,7 +1,7 @@
 //! The records of one decorrelation period as one statistic, and what the charts made of it.
 
 use super::Observation;
-use super::regression::{Prediction, Statistic};
+use super::regression::Statistic;
 use super::relative::{Misfit, Relative};
 use super::thermal::Thermal;
 use crate::record::{Reading, Timestamp};
@@ -76,11 +76,6 @@ pub(super) fn statistic(period: i64, delta: f64, sd: f64, warmer_k: &[f64]) -> S
     }
 }
 
-/// N_t / N_0 - 1 at the reference temperature.
-pub(super) fn at_reference(delta: f64, prediction: &Prediction) -> f64 {
-    (1.0 + delta) * libm::exp(-prediction.thermal) - 1.0 - prediction.intercept
-}
-
 /// A period's place on the charts.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Charted {
@@ -92,7 +87,7 @@ pub struct Charted {
     pub residual: f64,
     /// Share of the predictive variance that is uncertainty of the regression rather than noise.
     pub leverage: f64,
-    /// N_t / N_0 - 1 at the reference temperature: delta less what intercept and temperature explain.
+    /// N_t / N_0 - 1 at the reference temperature: delta less what temperature explains, counted from the baseline.
     pub at_reference: f64,
     /// Its standard error: noise of the period and regression.
     pub at_reference_sd: f64,

@@ -12,7 +12,7 @@ const AMPLITUDE: f64 = 50.0;
 const AMPLITUDES: usize = 5;
 
 /// Silence after which a record's time is doubted until others agree \[s\].
-const JUMP_S: f64 = 90.0 * 86_400.0;
+pub(super) const JUMP_S: f64 = 90.0 * 86_400.0;
 
 /// A swapped channel shows at once: the rod's last record must be this young \[s\].
 const SWAP_WITHIN_S: f64 = 3.0 * 86_400.0;
@@ -77,6 +77,10 @@ pub struct Plausibility {
     seen: usize,
     /// The last record that was ahead of time, and how many in a row.
     ahead: Option<(Timestamp, usize)>,
+    /// The last record before a jump ahead that was believed at last.
+    before_jump: Option<Timestamp>,
+    /// Records in a row that were older than periods already closed.
+    behind: usize,
     /// Records in a row that were another rod's.
     swap: Option<Swap>,
 }
@@ -170,8 +174,21 @@ impl Plausibility {
         Some(Doubt::Channel(rod.clone()))
     }
 
+    /// Takes note of a record older than periods already closed. Whether the clock was right before it jumped
+    /// ahead, and is right again: `patience` records in a row say so that lie in the time the jump left out.
+    pub fn is_back(&mut self, start: Timestamp, patience: usize) -> bool {
+        self.behind += 1;
+        self.behind > patience && self.before_jump.is_some_and(|before| start > before)
+    }
+
+    /// Whether records have been older than periods already closed at least so many times in a row.
+    pub fn is_behind(&self, patience: usize) -> bool {
+        self.behind >= patience
+    }
+
     /// Takes note of a record that was believed.
     pub fn believe(&mut self, observation: &Observation) {
+        self.behind = 0;
         let (low, high) = self.rms.unwrap_or((f64::INFINITY, 0.0));
         // A silent record says nothing about amplitudes.
         if observation.rms > 0.0 {
@@ -189,8 +206,12 @@ impl Plausibility {
             Some((last, count)) if (0.0..=JUMP_S).contains(&start.seconds_since(last)) => count + 1,
             _ => 1,
         };
-        self.ahead = (count <= patience).then_some((start, count));
-        count <= patience
+        let doubted = count <= patience;
+        self.ahead = doubted.then_some((start, count));
+        if !doubted {
+            self.before_jump = Some(latest);
+        }
+        doubted
     }
 }
 

@@ -216,6 +216,36 @@ impl Shift {
         chi_square_tail(q, freedom)
     }
 
+    /// Standard deviation of u that the particles' different slopes leave, however many records say that the force changed
+    /// to u: what a change's interval must not fall below.
+    pub(super) fn static_sd(&self, u: f64) -> f64 {
+        let count = self.modes.len();
+        if count == 0 || self.log_forces.is_empty() {
+            return 0.0;
+        }
+        let u = u.clamp(LOW, HIGH);
+        let chosen: Vec<usize> = (0..count).collect();
+        let particles = self.log_forces.len() as f64;
+        let (sums, products) = self.polynomials.moments(self.log_forces.len(), &chosen, u);
+        let slopes = chosen.iter().map(|mode| mean_and_slope(&self.means[*mode], u).1);
+        // The weights with which the modes' shifts make up u.
+        let (mut weights, mut information) = (Vec::with_capacity(count), 0.0);
+        for (mode, slope) in self.modes.iter().zip(slopes) {
+            let precision = mode.log_sd.max(LEAST_LOG_SD).powi(-2);
+            weights.push(precision * slope);
+            information += precision * slope * slope;
+        }
+        let mut variance = 0.0;
+        for a in 0..count {
+            for b in 0..count {
+                let shared =
+                    products[a * count + b] / particles - sums[a] * sums[b] / (particles * particles);
+                variance += weights[a] * weights[b] * shared;
+            }
+        }
+        variance.max(0.0).sqrt() / information
+    }
+
     /// The relative force of one record. The posterior of (i, u) is, with particles of equal weight and a flat prior of u,
     ///
     /// ```text

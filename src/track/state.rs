@@ -7,6 +7,8 @@ use super::period::{Pending, Period};
 use super::plausibility::Plausibility;
 use super::regression::Regression;
 use super::thermal::Thermal;
+use super::thermometer::Thermometer;
+use super::whiteness::Whiteness;
 use super::{LogMode, Observation};
 use crate::record::{Reading, RodId, Timestamp};
 use serde::{Deserialize, Serialize};
@@ -39,6 +41,8 @@ pub enum Opening {
     Requested,
     /// Configuration or analysis changed what numbers mean.
     Changed,
+    /// The clock had jumped ahead for a while: time begins anew.
+    Clock,
 }
 
 /// Everything remembered of one rod.
@@ -60,8 +64,9 @@ pub struct State {
     pub regression: Option<Regression>,
     /// The charts, once the regression has learned.
     pub charts: Option<Charts>,
-    /// Whether a standing alarm keeps the regression from learning what it warns of.
-    pub frozen: bool,
+    /// Spans of periods the regression must not learn: from the onset of what an alarm warned of to its end, if
+    /// it ended.
+    pub frozen: Vec<(i64, Option<i64>)>,
     /// The last period that was closed.
     pub closed: Option<i64>,
     /// Closed periods of this segment, ascending. The store keeps them in rows of their own.
@@ -69,10 +74,14 @@ pub struct State {
     pub periods: Vec<Period>,
     /// Alarms that stand, in the order they were raised.
     pub alarms: Vec<Alarm>,
+    /// Whether the latest charted residuals are white, as the stated false-alarm rate supposes.
+    pub whiteness: Option<Whiteness>,
     /// How long each condition has held or been absent.
     pub watches: Watches,
     /// What tells records of this sensor from others.
     pub plausibility: Plausibility,
+    /// What tells its thermometer's readings from a broken one's.
+    pub thermometer: Thermometer,
     /// Start of the latest record that was believed.
     pub latest: Option<Timestamp>,
     /// The modes of the latest record that was believed.
@@ -98,19 +107,33 @@ impl State {
             thermal: Thermal::new(lags_s),
             regression: None,
             charts: None,
-            frozen: false,
+            frozen: Vec::new(),
             closed: None,
             periods: Vec::new(),
             alarms: Vec::new(),
             watches: Watches::default(),
             plausibility: Plausibility::default(),
+            thermometer: Thermometer::default(),
+            whiteness: None,
             latest: None,
             latest_modes: Vec::new(),
         }
     }
 
-    /// The next segment: everything is learned anew; time and temperature go on.
-    pub fn next_segment(&self, reason: Opening, key: String, lags_s: Vec<f64>) -> Self {
+    /// Whether a standing alarm keeps the regression from learning what it warns of.
+    pub(super) fn is_frozen(&self) -> bool {
+        matches!(self.frozen.last(), Some((_, None)))
+    }
+
+    /// Whether a period belongs to what an alarm warned of.
+    pub(super) fn was_frozen(&self, index: i64) -> bool {
+        self.frozen
+            .iter()
+            .any(|(from, to)| *from <= index && to.is_none_or(|to| index <= to))
+    }
+
+    /// The next segment: everything is learned anew; time and temperature go on, unless the clock was wrong.
+    pub fn next_segment(&self, reason: Opening, key: String, lags_s: Vec<f64>, anew_in_time: bool) -> Self {
         let thermal = if lags_s == self.thermal.lags_s {
             self.thermal.clone()
         } else {
@@ -119,11 +142,16 @@ impl State {
         let mut next = Self::new(self.rod.clone(), key, lags_s);
         next.segment.number = self.segment.number + 1;
         next.segment.reason = reason;
-        next.readings = self.readings.clone();
-        next.thermal = thermal;
-        next.closed = self.closed;
+        if reason == Opening::Changed {
+            next.thermometer = self.thermometer.clone();
+        }
         next.alarms = self.alarms.clone();
-        next.latest = self.latest;
+        if !anew_in_time {
+            next.readings = self.readings.clone();
+            next.thermal = thermal;
+            next.closed = self.closed;
+            next.latest = self.latest;
+        }
         next
     }
 
@@ -143,5 +171,26 @@ impl State {
         let reference_c = self.segment.reference_c?;
         let lagged_c = period.lagged_c.as_ref()?;
         Some(lagged_c.iter().map(|celsius| celsius - reference_c).collect())
+    }
+
+    /// Whether a record of this very time waits already.
+    pub(super) fn has_record_of(&self, start: Timestamp) -> bool {
+        self.learning
+            .binary_search_by_key(&start, |known| known.start)
+            .is_ok()
+            || self
+                .open
+                .binary_search_by_key(&start, |known| known.start)
+                .is_ok()
+    }
+
+    /// The usual distance between records \[s\]; `None` before two records.
+    pub(super) fn usual_s(&self) -> Option<f64> {
+        let (first, last, records) = match (&self.segment.baseline, &self.learning[..]) {
+            (Some(baseline), _) => (baseline.first, baseline.last, baseline.records),
+            (None, [first, .., last]) => (first.start, last.start, self.learning.len()),
+            (None, _) => return None,
+        };
+        Some(last.seconds_since(first) / (records.max(2) - 1) as f64)
     }
 }

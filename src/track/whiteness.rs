@@ -25,6 +25,25 @@ pub struct Whiteness {
     pub p: f64,
 }
 
+/// Below this probability residuals are not white.
+const COLOURED_P: f64 = 1e-3;
+
+impl Whiteness {
+    /// Whether the stated false-alarm rate may be believed.
+    pub fn is_white(&self) -> bool {
+        self.p >= COLOURED_P
+    }
+
+    /// One sentence for people, if they are not white.
+    pub fn message(&self) -> String {
+        format!(
+            "the stated false-alarm rate does not hold: the last {} residuals depend on one another (lag 1: {:+.2}, p = {:.1e}); \
+             a longer track.period_h may help",
+            self.count, self.lag1, self.p
+        )
+    }
+}
+
 /// Tests residuals in time order, neighbours next to each other; `None` for fewer than thirty.
 ///
 /// Autocorrelations are taken about zero, the mean the residuals ought to have; lag 1 against N(0, 1/n), the sum

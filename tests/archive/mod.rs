@@ -19,6 +19,7 @@ use tirante::track::plausibility::Plausibility;
 use tirante::track::relative::Misfit;
 use tirante::track::state::Opening;
 use tirante::track::thermal::Thermal;
+use tirante::track::thermometer::Thermometer;
 use tirante::track::{AlarmEvent, Baseline, Kind, LogMode, Period, RodState, Segment, State};
 
 pub const HOUR_NS: i64 = 3_600_000_000_000;
@@ -204,11 +205,13 @@ pub fn state(rod: &RodId, number: i64) -> State {
         },
         regression: None,
         charts: None,
-        frozen: false,
+        frozen: Vec::new(),
         closed: Some(number.div_euclid(24)),
         periods: Vec::new(),
         alarms: Vec::new(),
         watches: Watches::default(),
+        whiteness: None,
+        thermometer: Thermometer::default(),
         plausibility: Plausibility::default(),
         latest: Some(hour(number)),
         latest_modes: modes,

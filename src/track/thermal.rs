@@ -25,8 +25,11 @@ const HOLD_S: f64 = 3.0 * 3600.0;
 pub struct Thermal {
     /// The lags \[s\].
     pub lags_s: Vec<f64>,
-    /// Time of the first reading.
+    /// Time of the first reading, or of the first after a hole that made dense readings start anew.
     pub first: Option<Timestamp>,
+    /// Time from which there is no hole even for the slowest low pass.
+    #[serde(default)]
+    pub unbroken: Option<Timestamp>,
     /// Time of the last reading.
     pub time: Option<Timestamp>,
     /// The last reading \[degC\].
@@ -42,6 +45,7 @@ impl Thermal {
             lagged_c: vec![0.0; lags_s.len()],
             lags_s,
             first: None,
+            unbroken: None,
             time: None,
             last_c: 0.0,
         }
@@ -65,16 +69,33 @@ impl Thermal {
                 _ => reading.celsius,
             };
         }
-        self.first.get_or_insert(reading.time);
+        if passed_s.is_none_or(|passed_s| passed_s > HOLE_S.max(self.settling_s())) {
+            // Readings that were sparse before (one a week) never settle, and must not wait for it each time.
+            let was_settled = self.time.is_none_or(|end| self.is_unbroken_until(end));
+            if was_settled {
+                self.first = Some(reading.time);
+            }
+            self.unbroken = Some(reading.time);
+        }
         self.time = Some(reading.time);
         self.last_c = reading.celsius;
     }
 
-    /// Whether the slowest low pass has forgotten at `time` that it was started at the first reading's value.
+    /// How long the slowest low pass remembers \[s\].
+    fn settling_s(&self) -> f64 {
+        HOLE_LAGS * self.lags_s.iter().copied().fold(0.0, f64::max)
+    }
+
+    /// Whether readings without a hole up to `end` are as long as the slowest low pass remembers.
+    fn is_unbroken_until(&self, end: Timestamp) -> bool {
+        self.unbroken
+            .is_some_and(|begin| end.seconds_since(begin) >= self.settling_s())
+    }
+
+    /// Whether the slowest low pass has forgotten at `time` that it was started at a reading's value.
     pub fn has_settled(&self, time: Timestamp) -> bool {
-        let slowest_s = self.lags_s.iter().copied().fold(0.0, f64::max);
         self.first
-            .is_some_and(|first| time.seconds_since(first) >= HOLE_LAGS * slowest_s)
+            .is_some_and(|first| time.seconds_since(first) >= self.settling_s())
     }
 
     /// The low-passed temperatures \[degC\], one per lag, at a time up to three hours after the last reading, which
@@ -106,6 +127,26 @@ fn follow(lagged_c: f64, from_c: f64, to_c: f64, passed_s: f64, lag_s: f64) -> f
 mod tests {
     use super::*;
     use std::f64::consts::TAU;
+
+    /// After weeks of silence the low passes start anew, and teach only once they have forgotten where.
+    #[test]
+    fn a_hole_in_dense_readings_makes_the_low_passes_settle_again() {
+        let hour = 3600.0;
+        let mut thermal = Thermal::new(LAGS_S.to_vec());
+        (0..100).for_each(|h| thermal.push(reading(f64::from(h) * hour, 10.0)));
+        assert!(!thermal.has_settled(at(47.0 * hour)) && thermal.has_settled(at(99.0 * hour)));
+        let back = 500.0;
+        (0..100).for_each(|h| thermal.push(reading((back + f64::from(h)) * hour, 20.0)));
+        assert!(!thermal.has_settled(at((back + 47.0) * hour)));
+        assert!(thermal.has_settled(at((back + 48.0) * hour)));
+        // One reading a week never settles: it waits once, not every time.
+        let mut weekly = Thermal::new(LAGS_S.to_vec());
+        for week in 0..5 {
+            let time = f64::from(week) * 168.0 * hour;
+            weekly.push(reading(time, 10.0));
+            assert_eq!(weekly.has_settled(at(time)), week > 0, "week {week}");
+        }
+    }
 
     fn at(seconds: f64) -> Timestamp {
         Timestamp::from_nanos(1_700_000_000_000_000_000).plus_seconds(seconds)

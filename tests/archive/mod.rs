@@ -199,6 +199,7 @@ pub fn state(rod: &RodId, number: i64) -> State {
         thermal: Thermal {
             lags_s: vec![0.0, 3600.0],
             first: Some(hour(0)),
+            unbroken: None,
             time: Some(hour(number)),
             last_c: 12.3,
             lagged_c: vec![12.3, 12.1],

@@ -29,8 +29,9 @@ fn the_same_archive_again_adds_nothing_whatever_the_names() {
     let tally = said(&output);
     // Nothing was rejected this time and nothing lost: good.
     assert_eq!((code, output.stdout.len()), (0, 0), "{tally}");
-    let left_out =
-        format!("{count} records from 7 files: 0 identified, {count} left out (the same data as one before)");
+    let left_out = format!(
+        "{count} records from 7 files: 0 identified, {count} left out (the same data as one before, or in the store)"
+    );
     assert!(tally.starts_with(&left_out), "{tally}");
     assert_equal_dumps(&whole, &site.dump("site.db"));
 
@@ -70,8 +71,10 @@ fn a_damaged_store_is_moved_aside_and_rebuilt_from_the_recordings() {
     let whole = site.dump("site.db");
     let good = fs::read(site.path("site.db")).unwrap();
     let mut flipped = good.clone();
-    let middle = good.len() / 2 + 100;
-    flipped[middle] ^= 0x10;
+    // Many places: one alone may lie in a page that holds nothing.
+    for place in 1..64 {
+        flipped[place * good.len() / 64 + 100] ^= 0x10;
+    }
     let damages: [(&str, Vec<u8>); 3] = [
         ("cut", good[..good.len() / 2].to_vec()),
         ("flipped", flipped),

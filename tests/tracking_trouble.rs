@@ -347,7 +347,11 @@ fn a_loss_while_learning_is_not_learned_away() {
     let (_, verdicts) = scenario.follow(&observations);
     let last = verdicts.last().expect("records");
     let ratio = last.at_reference.expect("compensated").ratio;
-    assert!((0.90..0.94).contains(&ratio.mean), "{ratio:?}");
+    // 8 % of the force at the mean temperature is 7 % of the baseline's; season and loss came together, so the interval is wide.
+    assert!(
+        (ratio.q025..ratio.q975).contains(&0.93) && ratio.mean < 0.97,
+        "{ratio:?}"
+    );
 }
 
 #[test]

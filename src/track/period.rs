@@ -170,19 +170,22 @@ pub fn combine(
     }
 }
 
-/// The misfit of several periods together, with ln(1 + their mean delta).
+/// The misfit of several periods together, with ln(1 + delta) of the root mean square of their deltas, signed as their mean:
+/// what wrong static parameters do to the misfit grows with delta, and periods of summer and winter must not cancel.
 pub fn combined_misfit<'a>(periods: impl Iterator<Item = &'a Period>) -> (f64, Vec<Misfit>) {
     let mut misfit = Vec::new();
-    let (mut weight, mut delta) = (0.0, 0.0);
+    let (mut weight, mut delta, mut square) = (0.0, 0.0, 0.0);
     for period in periods {
         let w = 1.0 / (period.delta_sd * period.delta_sd);
         weight += w;
         delta += w * period.delta;
+        square += w * period.delta * period.delta;
         for one in &period.misfit {
             add(&mut misfit, one);
         }
     }
-    (libm::log1p((delta / weight).max(-1.0 + 1e-9)), averaged(misfit))
+    let typical = (square / weight).sqrt().copysign(delta);
+    (libm::log1p(typical.max(-1.0 + 1e-9)), averaged(misfit))
 }
 
 /// Adds one mode's misfit to the precision-weighted sums (residual: sum w r; second: sum w).

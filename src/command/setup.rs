@@ -16,9 +16,6 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// Days of a mean Gregorian year.
-const DAYS_PER_YEAR: f64 = 365.2425;
-
 /// The configuration, and what is put over it for one run.
 #[derive(Debug, Clone, Args)]
 pub struct Setup {
@@ -110,9 +107,8 @@ pub fn plans(config: &Config) -> anyhow::Result<BTreeMap<RodId, Plan>> {
 
 /// Prepares the tracking of every rod that has a plan.
 pub fn track_plans(config: &Config, plans: &BTreeMap<RodId, Plan>) -> Vec<Arc<TrackPlan>> {
-    let periods_per_year = DAYS_PER_YEAR * 86_400.0 / config.track.period_s;
     let alarm = &config.alarm;
-    let design = Design::new([alarm.step_k, alarm.ramp_k], alarm.arl0_years * periods_per_year);
+    let design = Design::of(alarm, config.track.period_s);
     plans
         .iter()
         .map(|(rod, plan)| {

@@ -7,7 +7,7 @@ use crate::command::{BadArguments, print};
 use crate::config::{Config, Setting};
 use crate::record::Timestamp;
 use crate::synthesis::{Change, Climate, FrequencyErrors, Outcome, Thermal, Trial};
-use crate::track::chart::Design;
+use crate::track::chart::{Design, YEAR_S};
 use crate::track::run_length::survival;
 use crate::track::{Kind, TrackPlan};
 use anyhow::Context;
@@ -21,7 +21,7 @@ use std::str::FromStr;
 use std::sync::Arc;
 
 const DAY_S: f64 = 86_400.0;
-const DAYS_PER_YEAR: f64 = 365.2425;
+const DAYS_PER_YEAR: f64 = YEAR_S / DAY_S;
 /// 1 March 2025, 02:00 UTC: the first history's first record.
 const START_NS: i64 = 1_740_794_400_000_000_000;
 

@@ -407,3 +407,33 @@ fn many_records_together_are_axial_if_each_is() {
     assert_eq!(shift.not_axial_p(delta, &misfit([0.0; 3])[..1]), 1.0);
     assert_eq!(shift.not_axial_p(delta, &[]), 1.0);
 }
+
+/// What the charts follow has the noise of the frequencies and nothing else, however large the change; the posterior mean has
+/// more, because it weighs the particles anew by every record's noise.
+#[test]
+fn the_estimates_noise_does_not_grow_with_the_change() {
+    let orders = [1, 2, 3];
+    let shift = Shift::new(&baseline_of(&thirty(&orders), 0.01, 512), &model());
+    let mut generator = random::stream(77, 0);
+    let count = 2000;
+    for u in [0.0, -0.35, 0.3] {
+        let found: Vec<Relative> = (0..count)
+            .map(|seed| shift.relative(&record(u, &orders, &mut generator), seed).unwrap())
+            .collect();
+        let over_stated = |value: fn(&Relative) -> f64| {
+            let mean = found.iter().map(value).sum::<f64>() / count as f64;
+            found
+                .iter()
+                .map(|one| ((value(one) - mean) / one.record_sd).powi(2))
+                .sum::<f64>()
+                / count as f64
+        };
+        // Four standard errors of a variance of 2000 normal values: 4 sqrt(2 / 2000).
+        let estimate = over_stated(|one| one.estimate);
+        assert!((estimate - 1.0).abs() < 0.13, "{u}: {estimate}");
+        if u != 0.0 {
+            let posterior = over_stated(|one| one.log_ratio);
+            assert!(posterior > 1.13, "{u}: {posterior}");
+        }
+    }
+}

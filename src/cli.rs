@@ -1,7 +1,8 @@
 //! Arguments as typed.
 
 use crate::command::{
-    ack, alarm, check, emulator, frequencies, history, identify, rebaseline, replay, report, simulate, status,
+    ack, alarm, check, emulator, frequencies, history, identify, manual, rebaseline, replay, report, run,
+    send, simulate, status,
 };
 use clap::{ArgAction, Parser, Subcommand};
 use std::io;
@@ -28,6 +29,8 @@ pub struct Cli {
 pub enum Command {
     /// Recordings through the whole pipeline: frequencies, axial force, and what changed since the baseline.
     Replay(replay::Args),
+    /// The daemon: live sources, results kept, alarms sent.
+    Run(run::Args),
     /// How every rod of a store stands: state, force, change since the baseline, alarms.
     Status(status::Args),
     /// What a store holds: records, periods, alarms, rejections.
@@ -48,6 +51,11 @@ pub enum Command {
     Frequencies(frequencies::Args),
     /// Fits and judges the emulators.
     Emulator(emulator::Args),
+    /// A recording into the daemon's socket, at a chosen speed.
+    Send(send::Args),
+    /// Man pages and shell completions, for packages.
+    #[command(hide = true)]
+    Manual(manual::Args),
     /// A configuration: every fault at once with its key and line, or what holds.
     Check(check::Args),
 }

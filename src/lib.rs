@@ -37,6 +37,7 @@
 //!
 //! Units are SI throughout; where no documentation travels, the unit is a suffix of the name.
 
+pub mod alert;
 pub mod analysis;
 pub mod bayes;
 pub mod beam;
@@ -44,8 +45,12 @@ pub mod cache;
 pub mod cli;
 pub mod command;
 pub mod config;
+pub mod daemon;
 pub mod emulator;
 pub mod forward;
+pub mod http;
+pub mod ingest;
+pub mod journal;
 pub mod line;
 pub mod modes;
 pub mod outcome;
@@ -58,7 +63,9 @@ pub mod site;
 pub mod snapshot;
 pub mod source;
 pub mod spectrum;
+pub mod step;
 pub mod store;
 pub mod synthesis;
+pub mod telemetry;
 pub mod track;
 mod wide;

@@ -140,8 +140,8 @@ impl Site {
                 segment: verdict.segment,
                 snapshot,
             }),
-            applied: None,
             source: position,
+            ..Commit::default()
         })?;
         Ok(Some(Taken { line, verdict }))
     }

@@ -4,10 +4,11 @@ use super::WITH_LOSSES;
 use super::progress::Progress;
 use crate::analysis::Plan;
 use crate::config::Config;
-use crate::outcome::{Outcome, Rejected};
+use crate::outcome::Outcome;
 use crate::pipeline::{Limits, map_in_order};
 use crate::record::{Reading as Temperature, RodChannels, RodId};
-use crate::source::{self, Event, Follow, Options, Recording, SourceError, Summary};
+use crate::source::{self, Event, Recordings, SourceError, Step, Summary};
+use crate::step::{Analysed, Known, Place, analyse};
 use crate::store::Position;
 use std::collections::{BTreeMap, HashMap, HashSet};
 use std::fmt::{self, Display};
@@ -18,10 +19,6 @@ use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::thread;
-use std::time::Duration;
-
-/// Pause before a growing recording is looked at again.
-const FOLLOW_POLL: Duration = Duration::from_millis(200);
 
 /// Samples of records in memory between reading and analysis (8 bytes each).
 const SAMPLES_IN_FLIGHT: usize = 4 << 20;
@@ -137,7 +134,7 @@ pub fn run(
     );
     let done = Arc::new(AtomicU64::new(0));
     let channels: Vec<RodChannels> = config.rods.iter().map(|rod| rod.channels.clone()).collect();
-    let input = Recordings::new(files, channels, config, reading.follow, Arc::clone(&done));
+    let input = Recordings::new(files, channels, config.record, reading.follow, Arc::clone(&done));
     let workers = reading.threads.map_or_else(
         || thread::available_parallelism().map_or(1, usize::from),
         usize::from,
@@ -157,15 +154,18 @@ pub fn run(
             Step::Event(Event::Record(record), _) => record.samples.len(),
             _ => 1,
         },
-        |step| analyse(step, plans, known),
+        |step| match step {
+            Step::Event(event, place) => Done::Event(analyse(event, plans, known), place),
+            Step::File(result) => Done::File(result),
+        },
         |result| {
             bar.set(done.load(Ordering::Relaxed), total);
             match result {
-                Ok(Done::Known(rod, identity)) => {
+                Ok(Done::Event(Analysed::Known(rod, identity), _)) => {
                     last.insert(rod, identity);
                     tally.repeated += 1;
                 }
-                Ok(Done::Readings(rod, readings)) => {
+                Ok(Done::Event(Analysed::Readings(rod, readings), _)) => {
                     let news = News::Readings {
                         rod: &rod,
                         readings: &readings,
@@ -176,7 +176,7 @@ pub fn run(
                         return ControlFlow::Break(());
                     }
                 }
-                Ok(Done::Record(outcome, place)) => {
+                Ok(Done::Event(Analysed::Record(outcome), place)) => {
                     if let Some(identity) = outcome.identity() {
                         last.insert(outcome.rod().clone(), identity);
                         if !seen.insert(identity) {
@@ -252,9 +252,6 @@ fn is_broken_pipe(error: &anyhow::Error) -> bool {
         .is_some_and(|error| error.kind() == io::ErrorKind::BrokenPipe)
 }
 
-/// Records that need not be analysed again.
-pub type Known = HashMap<RodId, HashSet<[u8; 32]>>;
-
 /// What a campaign hands on.
 pub enum News<'a> {
     /// What came of a record, and where in its recording the record ended.
@@ -278,162 +275,8 @@ pub enum Taken {
     Known,
 }
 
-/// Where in its recording a record ended.
-#[derive(Clone)]
-struct Place {
-    file: Arc<str>,
-    bytes: u64,
-    records: u64,
-}
-
-impl Place {
-    fn position(&self) -> Position<'_> {
-        Position {
-            name: &self.file,
-            bytes: self.bytes,
-            records: self.records,
-        }
-    }
-}
-
-/// One step of reading: an event of a recording, or its end.
-enum Step {
-    Event(Event, Place),
-    File(Result<Summary, SourceError>),
-}
-
+/// What is delivered of a step.
 enum Done {
-    /// A record's outcome.
-    Record(Box<Outcome>, Place),
-    /// A record that was known before it was analysed.
-    Known(RodId, [u8; 32]),
-    Readings(RodId, Vec<Temperature>),
+    Event(Analysed, Place),
     File(Result<Summary, SourceError>),
-}
-
-fn analyse(step: Step, plans: &BTreeMap<RodId, Plan>, known: &Known) -> Done {
-    let (record, place) = match step {
-        Step::File(result) => return Done::File(result),
-        Step::Event(
-            Event::Rejected {
-                rod,
-                start,
-                duration_s,
-                rejection,
-            },
-            place,
-        ) => {
-            let rejected = Rejected {
-                rod,
-                start,
-                duration_s: Some(duration_s),
-                fs_hz: None,
-                identity: None,
-                readings: Vec::new(),
-                rejection,
-            };
-            return Done::Record(Box::new(Outcome::Rejected(Box::new(rejected))), place);
-        }
-        Step::Event(Event::Readings { rod, readings }, _) => return Done::Readings(rod, readings),
-        Step::Event(Event::Record(record), place) => (record, place),
-    };
-    if let Some(known) = known.get(&record.rod) {
-        let identity = record.identity();
-        if known.contains(&identity) {
-            return Done::Known(record.rod, identity);
-        }
-    }
-    let outcome = match plans.get(&record.rod).map(|plan| plan.run(&record)) {
-        Some(Ok(identification)) => Outcome::Identified(Box::new(identification)),
-        Some(Err(rejection)) => Outcome::Rejected(Box::new(Rejected {
-            start: Some(record.start),
-            duration_s: Some(record.duration_s()),
-            fs_hz: Some(record.fs_hz),
-            identity: Some(record.identity()),
-            readings: record.readings,
-            rod: record.rod,
-            rejection,
-        })),
-        // The reader only cuts records of rods of the same configuration the plans were made from.
-        None => unreachable!("the rod {} has channels but no plan", record.rod),
-    };
-    Done::Record(Box::new(outcome), place)
-}
-
-/// The events of many files, one after another, each followed by its end.
-struct Recordings {
-    files: std::vec::IntoIter<Result<PathBuf, SourceError>>,
-    channels: Vec<RodChannels>,
-    settings: crate::record::RecordSettings,
-    options: Options,
-    done: Arc<AtomicU64>,
-    bytes_of_closed: u64,
-    /// The recording, its name, and how many records it has given.
-    open: Option<(Recording, Arc<str>, u64)>,
-}
-
-impl Recordings {
-    fn new(
-        files: Vec<Result<PathBuf, SourceError>>,
-        channels: Vec<RodChannels>,
-        config: &Config,
-        follow: bool,
-        done: Arc<AtomicU64>,
-    ) -> Self {
-        let settings = config.record;
-        let follow = follow.then(|| Follow {
-            stop: Arc::default(),
-            poll: FOLLOW_POLL,
-        });
-        Self {
-            files: files.into_iter(),
-            channels,
-            settings,
-            options: Options { follow },
-            done,
-            bytes_of_closed: 0,
-            open: None,
-        }
-    }
-}
-
-impl Iterator for Recordings {
-    type Item = Step;
-
-    fn next(&mut self) -> Option<Step> {
-        loop {
-            if let Some((mut recording, file, records)) = self.open.take() {
-                let event = recording.next();
-                let bytes = recording.position().read;
-                self.done.store(self.bytes_of_closed + bytes, Ordering::Relaxed);
-                return Some(match event {
-                    Some(event) => {
-                        let records = records + u64::from(!matches!(event, Event::Readings { .. }));
-                        let place = Place {
-                            file: Arc::clone(&file),
-                            bytes,
-                            records,
-                        };
-                        self.open = Some((recording, file, records));
-                        Step::Event(event, place)
-                    }
-                    None => {
-                        self.bytes_of_closed += bytes;
-                        Step::File(Ok(recording.summary().clone()))
-                    }
-                });
-            }
-            let opened = self.files.next()?.and_then(|path| {
-                let file = Arc::from(path.display().to_string());
-                let recording = Recording::open(&path, &self.channels, &self.settings, self.options.clone())?;
-                Ok((recording, file, 0))
-            });
-            match opened {
-                Ok(opened) => self.open = Some(opened),
-                Err(error) => {
-                    return Some(Step::File(Err(error)));
-                }
-            }
-        }
-    }
 }

@@ -1,6 +1,6 @@
 //! `tirante identify`: one recording, or frequencies measured elsewhere, to the posterior.
 
-use super::campaign::{self, Known, News, Reading, Taken};
+use super::campaign::{self, News, Reading, Taken};
 use super::render::{CONFLICT_SHOWN, PRIOR_TAIL_SHOWN};
 use super::setup::{self, Setup};
 use super::{BadArguments, WITH_LOSSES};
@@ -10,6 +10,7 @@ use crate::line;
 use crate::modes::Mode;
 use crate::outcome::{Outcome, Rejected};
 use crate::record::RodId;
+use crate::step::Known;
 use anyhow::anyhow;
 use std::collections::BTreeMap;
 use std::io::{self, Write};

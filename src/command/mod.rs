@@ -18,11 +18,14 @@ pub mod frequencies;
 pub mod history;
 pub mod identify;
 mod listing;
+pub mod manual;
 mod progress;
 pub mod rebaseline;
 mod render;
 pub mod replay;
 pub mod report;
+pub mod run;
+pub mod send;
 mod setup;
 pub mod simulate;
 pub mod status;
@@ -54,6 +57,9 @@ pub fn run(command: &Command) -> anyhow::Result<ExitCode> {
         Command::Report(args) => report::run(args),
         Command::Ack(args) => ack::run(args),
         Command::Rebaseline(args) => rebaseline::run(args),
+        Command::Run(args) => run::run(args),
+        Command::Send(args) => send::run(args),
+        Command::Manual(args) => manual::run(args),
     }
 }
 

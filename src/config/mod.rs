@@ -9,6 +9,9 @@ mod channel;
 mod effective;
 mod emulator;
 mod fault;
+mod http;
+mod ingest;
+mod journal;
 mod modes;
 mod prior;
 mod range;
@@ -17,6 +20,7 @@ mod record;
 mod rod;
 mod setting;
 mod simulation;
+mod sink;
 mod site;
 mod spectrum;
 mod store;
@@ -30,7 +34,11 @@ pub use fault::{ConfigError, Fault};
 pub use setting::Setting;
 pub use simulation::{SimulationConfig, field_of};
 
+use crate::alert::SinkSettings;
 use crate::analysis::AnalysisSettings;
+use crate::http::HttpSettings;
+use crate::ingest::IngestSettings;
+use crate::journal::JournalSettings;
 use crate::record::{RecordSettings, RodChannels, RodId};
 use crate::track::{AlarmSettings, TrackSettings};
 
@@ -44,6 +52,9 @@ use toml::de::DeTable;
 
 /// The longest configuration read \[bytes\].
 pub const LONGEST: usize = 1 << 20;
+
+/// Sections no result depends on.
+const OPERATION: [&str; 5] = ["simulation", "ingest", "journal", "http", "sink"];
 
 const BUILT_IN: &str = include_str!("../../config/todi.toml");
 
@@ -64,6 +75,14 @@ pub struct Config {
     pub alarm: AlarmSettings,
     /// The database file, if one is named.
     pub store: Option<PathBuf>,
+    /// Where live data comes from.
+    pub ingest: IngestSettings,
+    /// Live data on disk.
+    pub journal: JournalSettings,
+    /// The daemon's HTTP server.
+    pub http: HttpSettings,
+    /// Where alarms go.
+    pub sinks: Vec<SinkSettings>,
     /// What `simulate` writes; none if the configuration has no `[simulation]`.
     pub simulation: Option<SimulationConfig>,
     effective: effective::Node,
@@ -187,6 +206,10 @@ impl Config {
         let track = root.section("track", "How the relative force is followed.", track::read);
         let alarm = root.section("alarm", "When somebody is told.", alarm::read);
         let store = root.section("store", "Where results are kept.", store::read);
+        let ingest = root.section("ingest", "Where live data comes from (`run`).", ingest::read);
+        let journal = root.section("journal", "Live data on disk (`run`).", journal::read);
+        let http = root.section("http", "The daemon's HTTP server (`run`).", http::read);
+        let sinks = sink::read_all(root);
         let shared = rod::Shared {
             welch,
             peaks,
@@ -212,6 +235,10 @@ impl Config {
             track,
             alarm,
             store,
+            ingest,
+            journal,
+            http,
+            sinks: sinks?,
             simulation,
             effective: effective::Node::root(),
         })
@@ -229,14 +256,14 @@ impl Config {
         text
     }
 
-    /// SHA-256 of the effective configuration without comments and without `[simulation]`: equal for
-    /// texts that mean the same for measured data.
+    /// SHA-256 of the effective configuration without comments and without what no result depends on (`[simulation]`,
+    /// `[ingest]`, `[journal]`, `[http]`, `[[sink]]`): equal for texts that mean the same for measured data.
     pub fn hash(&self) -> [u8; 32] {
         let mut text = String::new();
         let mut effective = self.effective.clone();
         effective
             .children
-            .retain(|section| section.name() != "simulation");
+            .retain(|section| !OPERATION.contains(&section.name()));
         effective.print(false, &mut text);
         Sha256::digest(text.as_bytes()).into()
     }

@@ -9,6 +9,7 @@ pub mod mcap;
 pub mod path;
 pub mod protobuf;
 pub mod recording;
+pub mod recordings;
 mod route;
 pub mod stamp;
 pub mod summary;
@@ -19,6 +20,7 @@ pub use self::decode::{DecodeError, Decoder, SchemaRef};
 pub use self::folder::recordings;
 pub use self::path::FieldPath;
 pub use self::recording::{Follow, Options, Position, Recording};
+pub use self::recordings::{Recordings, Step};
 pub use self::summary::{Summary, TopicSummary};
 pub use crate::record::Event;
 

@@ -2,6 +2,7 @@
 
 use super::StoreError;
 use super::columns::COLUMNS;
+use super::operation::{Carry, FileMark, write_carry, write_delivery, write_file};
 use super::row::Row;
 use super::snapshot::SnapshotRow;
 use super::state::{self, Kept, Trouble, kept, plain};
@@ -25,6 +26,12 @@ pub struct Commit<'a> {
     pub applied: Option<i64>,
     /// How far its source has been read.
     pub source: Option<Position<'a>>,
+    /// A file that was read to its end.
+    pub file: Option<&'a FileMark>,
+    /// What a journal leaves for its next part.
+    pub carry: Option<&'a Carry>,
+    /// A sink, and the number of the latest news it has.
+    pub delivered: Option<(&'a str, i64)>,
 }
 
 /// A record, identified or rejected.
@@ -85,6 +92,15 @@ impl Commit<'_> {
                 .with("bytes", count(position.bytes))
                 .with("records", count(position.records))
                 .upsert(connection, &["name"])?;
+        }
+        if let Some(file) = self.file {
+            write_file(connection, file)?;
+        }
+        if let Some(carry) = self.carry {
+            write_carry(connection, carry)?;
+        }
+        if let Some((sink, through)) = self.delivered {
+            write_delivery(connection, sink, through)?;
         }
         Ok(())
     }

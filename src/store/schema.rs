@@ -11,7 +11,7 @@ type Step = fn(&Transaction<'_>) -> rusqlite::Result<()>;
 
 /// The steps in order: a store of format `n` has seen the first `n`. Steps are only ever added; a golden store of each
 /// format that was ever released belongs in the tests.
-const STEPS: [Step; 1] = [first];
+const STEPS: [Step; 2] = [first, second];
 
 /// The format written here.
 pub(super) const FORMAT: i64 = STEPS.len() as i64;
@@ -37,10 +37,18 @@ pub(super) fn definitions(connection: &Connection) -> rusqlite::Result<Vec<(Stri
 }
 
 /// The tables whose rows carry a checksum, in an order in which rows can be put in.
-pub(super) const TABLES: [&str; 13] = [
+pub(super) const TABLES: [&str; 16] = [
     "config", "rod", "segment", "state", "record", "line", "mode", "period", "snapshot", "alarm", "outbox",
-    "request", "source",
+    "request", "source", "file", "carry", "delivery",
 ];
+
+/// Whether a table is there: an older format has fewer.
+pub(super) fn has(connection: &Connection, table: &str) -> rusqlite::Result<bool> {
+    connection
+        .prepare_cached("SELECT count(*) FROM sqlite_schema WHERE type = 'table' AND name = ?")?
+        .query_row([table], |row| row.get::<_, i64>(0))
+        .map(|count| count > 0)
+}
 
 /// Tables that grow with days rather than with records.
 pub(super) const SMALL: [&str; 9] = [
@@ -70,6 +78,33 @@ fn first(transaction: &Transaction<'_>) -> rusqlite::Result<()> {
         CREATE INDEX record_in_time ON record (rod, start_ns);",
         columns::definitions()
     ))
+}
+
+/// What a daemon remembers of its sources and sinks.
+fn second(transaction: &Transaction<'_>) -> rusqlite::Result<()> {
+    transaction.execute_batch(
+        "CREATE TABLE file (
+            name TEXT PRIMARY KEY,
+            size INTEGER NOT NULL,
+            modified_ns INTEGER NOT NULL,
+            state TEXT NOT NULL,
+            detail TEXT,
+            checksum INTEGER NOT NULL
+        ) STRICT;
+
+        CREATE TABLE carry (
+            journal TEXT PRIMARY KEY,
+            part INTEGER NOT NULL,
+            body BLOB NOT NULL,
+            checksum INTEGER NOT NULL
+        ) STRICT;
+
+        CREATE TABLE delivery (
+            sink TEXT PRIMARY KEY,
+            through INTEGER NOT NULL,
+            checksum INTEGER NOT NULL
+        ) STRICT;",
+    )
 }
 
 const FIRST: &str = "

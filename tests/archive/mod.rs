@@ -320,12 +320,12 @@ pub fn fill(store: &mut Store, range: std::ops::Range<i64>) {
                     segment: now.segment.number,
                     snapshot,
                 }),
-                applied: None,
                 source: Some(Position {
                     name: "a.mcap",
                     bytes: number as u64 * 1000,
                     records: number as u64,
                 }),
+                ..Commit::default()
             })
             .unwrap();
         states.insert(rod, now);

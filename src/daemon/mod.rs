@@ -1,0 +1,7 @@
+//! The daemon: sources, pipeline, site and sinks, all live at once.
+
+pub mod generation;
+pub mod job;
+
+pub use generation::Generation;
+pub use job::Job;

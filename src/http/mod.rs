@@ -1,0 +1,5 @@
+//! The daemon's HTTP server: health, readiness, metrics.
+
+pub mod settings;
+
+pub use settings::HttpSettings;

@@ -1,0 +1,74 @@
+//! What can go wrong around a daemon that goes on: one name for log, health and metrics.
+
+/// A kind of fault. Every one that happens is counted, shown and logged, none is silent.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Fault {
+    /// A record gave no force, for a stated reason (kept in the store).
+    Rejected,
+    /// A recording is damaged, cut short, or cannot be read.
+    Recording,
+    /// A client sent what cannot be understood, or broke the limits.
+    Client,
+    /// A client was turned away: too many, or not allowed.
+    Refused,
+    /// A client was silent for too long.
+    Idle,
+    /// Something that twice ended the program was set aside.
+    Quarantined,
+    /// The analysis of a record broke.
+    Broken,
+    /// The disk has no room for results or the journal.
+    DiskFull,
+    /// The store was damaged when it was opened, and begun anew.
+    StoreDamaged,
+    /// The store or the journal cannot be written.
+    Write,
+    /// A sink cannot be reached, or refuses.
+    Sink,
+    /// A new configuration is bad: the old one holds.
+    Reload,
+    /// A watched folder cannot be read.
+    Folder,
+    /// The work loop stands still.
+    Stalled,
+}
+
+impl Fault {
+    /// Every kind.
+    pub const ALL: [Self; 14] = [
+        Self::Rejected,
+        Self::Recording,
+        Self::Client,
+        Self::Refused,
+        Self::Idle,
+        Self::Quarantined,
+        Self::Broken,
+        Self::DiskFull,
+        Self::StoreDamaged,
+        Self::Write,
+        Self::Sink,
+        Self::Reload,
+        Self::Folder,
+        Self::Stalled,
+    ];
+
+    /// The name in logs, health and metrics.
+    pub fn code(self) -> &'static str {
+        match self {
+            Self::Rejected => "rejected",
+            Self::Recording => "recording",
+            Self::Client => "client",
+            Self::Refused => "refused",
+            Self::Idle => "idle",
+            Self::Quarantined => "quarantined",
+            Self::Broken => "broken",
+            Self::DiskFull => "disk-full",
+            Self::StoreDamaged => "store-damaged",
+            Self::Write => "write",
+            Self::Sink => "sink",
+            Self::Reload => "reload",
+            Self::Folder => "folder",
+            Self::Stalled => "stalled",
+        }
+    }
+}

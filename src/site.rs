@@ -2,11 +2,13 @@
 
 use crate::line;
 use crate::outcome::Outcome;
-use crate::record::{Reading, RodId};
+use crate::record::{Reading, RodId, Timestamp};
 use crate::snapshot::Snapshot;
-use crate::store::{Asked, Commit, Position, RecordRow, RodRow, SnapshotRow, Store, StoreError};
-use crate::track::{Peer, TrackPlan, Tracker, Verdict};
-use std::collections::BTreeMap;
+use crate::store::{
+    Asked, Carry, Commit, FileMark, Position, RecordRow, RodRow, SnapshotRow, Store, StoreError,
+};
+use crate::track::{AlarmEvent, Peer, TrackPlan, Tracker, Verdict};
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 /// The rods of a site as they stand.
@@ -15,6 +17,7 @@ pub struct Site {
     emulators: BTreeMap<RodId, &'static str>,
     store: Store,
     config_hash: String,
+    renewed: Vec<(RodId, u32)>,
 }
 
 /// One record that was taken: its line, and what it changed.
@@ -36,6 +39,25 @@ pub struct Provenance<'a> {
     pub effective: &'a str,
 }
 
+/// What a daemon remembers besides records.
+#[derive(Debug, Clone, Copy)]
+pub enum Note<'a> {
+    /// A file was read to its end.
+    File {
+        /// The file; `None` for one that may still grow.
+        mark: Option<&'a FileMark>,
+        /// What its journal leaves for the next part.
+        carry: Option<&'a Carry>,
+    },
+    /// A sink has all news up to a number.
+    Delivered {
+        /// The sink's id.
+        sink: &'a str,
+        /// The number.
+        through: i64,
+    },
+}
+
 impl Site {
     /// Goes on where the store left off. A rod whose numbers have another meaning now begins a new segment.
     ///
@@ -49,6 +71,7 @@ impl Site {
         store.keep_config(provenance.hash, provenance.site, provenance.effective)?;
         let mut states = store.states()?;
         let (mut trackers, mut emulators) = (BTreeMap::new(), BTreeMap::new());
+        let mut renewed = Vec::new();
         for plan in plans {
             let rod = plan.rod().clone();
             emulators.insert(rod.clone(), plan.emulator());
@@ -58,6 +81,7 @@ impl Site {
                     let before = state.segment.number;
                     let (tracker, events) = Tracker::resume(plan, state);
                     if tracker.state().segment.number != before {
+                        renewed.push((rod.clone(), tracker.state().segment.number));
                         store.commit(&Commit {
                             rod: Some(RodRow {
                                 state: tracker.state(),
@@ -78,7 +102,32 @@ impl Site {
             emulators,
             store,
             config_hash: provenance.hash.to_owned(),
+            renewed,
         })
+    }
+
+    /// Goes on with another configuration and the same store.
+    ///
+    /// # Errors
+    /// The store cannot be read or written; the site is given up.
+    pub fn reload(
+        self,
+        plans: impl IntoIterator<Item = Arc<TrackPlan>>,
+        provenance: Provenance<'_>,
+    ) -> Result<Self, StoreError> {
+        Self::open(plans, self.store, provenance)
+    }
+
+    /// The rods whose numbers have another meaning since the site was opened, with the segment they began.
+    pub fn renewed(&self) -> &[(RodId, u32)] {
+        &self.renewed
+    }
+
+    /// The rods, and the latest record of each that was believed.
+    pub fn latest(&self) -> impl Iterator<Item = (&RodId, Option<Timestamp>)> {
+        self.trackers
+            .iter()
+            .map(|(rod, tracker)| (rod, tracker.state().latest))
     }
 
     /// What is remembered.
@@ -177,12 +226,86 @@ impl Site {
         Ok(true)
     }
 
-    /// Does what people asked of a rod, in the order they did.
-    fn do_as_asked(&mut self, rod: &RodId) -> Result<(), StoreError> {
+    /// Looks at the clock for a rod whose last record was taken `elapsed_s` ago \[s\]: tells when there is no data. The news.
+    ///
+    /// # Errors
+    /// The store refuses: nothing of it was kept.
+    pub fn look_at_clock(&mut self, rod: &RodId, elapsed_s: f64) -> Result<Vec<AlarmEvent>, StoreError> {
         let Some(tracker) = self.trackers.get_mut(rod) else {
-            return Ok(());
+            return Ok(Vec::new());
         };
-        for request in self.store.waiting(rod)? {
+        let Some(latest) = tracker.state().latest else {
+            return Ok(Vec::new());
+        };
+        let events = tracker.look_at_clock(latest.plus_seconds(elapsed_s));
+        if !events.is_empty() {
+            self.store.commit(&Commit {
+                rod: Some(RodRow {
+                    state: tracker.state(),
+                    stands: &tracker.rod_state(),
+                    closed: &[],
+                    events: &events,
+                }),
+                ..Commit::default()
+            })?;
+        }
+        Ok(events)
+    }
+
+    /// Does what people asked of any rod of the site, in the order they did; how much that was.
+    ///
+    /// # Errors
+    /// The store refuses: what was not done yet still waits.
+    pub fn apply_requests(&mut self) -> Result<usize, StoreError> {
+        let mut applied = 0;
+        for rod in self.store.rods_asked()? {
+            applied += self.do_as_asked(&rod)?;
+        }
+        Ok(applied)
+    }
+
+    /// Keeps what a daemon remembers of its sources and sinks.
+    ///
+    /// # Errors
+    /// The store refuses: nothing of it was kept.
+    pub fn note(&mut self, note: Note<'_>) -> Result<(), StoreError> {
+        let commit = match note {
+            Note::File { mark, carry } => Commit {
+                file: mark,
+                carry,
+                ..Commit::default()
+            },
+            Note::Delivered { sink, through } => Commit {
+                delivered: Some((sink, through)),
+                ..Commit::default()
+            },
+        };
+        self.store.commit(&commit)
+    }
+
+    /// Removes JSON lines that are older than `keep_s` before the rod's latest record \[s\], a few at a time: see
+    /// [`Store::forget_lines`].
+    ///
+    /// # Errors
+    /// The store refuses.
+    pub fn forget_lines(
+        &mut self,
+        rod: &RodId,
+        keep_s: f64,
+        from: Option<Timestamp>,
+    ) -> Result<Option<Timestamp>, StoreError> {
+        let latest = self.trackers.get(rod).and_then(|tracker| tracker.state().latest);
+        let Some(latest) = latest else { return Ok(from) };
+        self.store.forget_lines(rod, from, latest.plus_seconds(-keep_s))
+    }
+
+    /// Does what people asked of a rod, in the order they did; how much that was.
+    fn do_as_asked(&mut self, rod: &RodId) -> Result<usize, StoreError> {
+        let Some(tracker) = self.trackers.get_mut(rod) else {
+            return Ok(0);
+        };
+        let requests = self.store.waiting(rod)?;
+        for request in &requests {
             let events = match &request.what {
                 Asked::Acknowledge { alarm } => tracker.acknowledge(alarm, request.asked),
                 Asked::Rebaseline { .. } => tracker.rebaseline(None),
@@ -198,6 +321,18 @@ impl Site {
                 ..Commit::default()
             })?;
         }
-        Ok(())
+        Ok(requests.len())
     }
+}
+
+/// The other sites a store holds records of.
+///
+/// # Errors
+/// The store cannot be read.
+pub fn others_in(store: &Store, site: &str) -> Result<Vec<String>, StoreError> {
+    let sites: BTreeSet<String> = store.configs()?.into_iter().map(|[_, site, _]| site).collect();
+    if sites.contains(site) {
+        return Ok(Vec::new());
+    }
+    Ok(sites.into_iter().collect())
 }

@@ -2,10 +2,12 @@
 
 use crate::analysis::Plan;
 use crate::outcome::{Outcome, Rejected};
-use crate::record::{Reading, RodId};
+use crate::pipeline::message_of;
+use crate::record::{Reading, Record, Rejection, RodId};
 use crate::source::Event;
 use crate::store::Position;
 use std::collections::{BTreeMap, HashMap, HashSet};
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 
 /// Records that need not be analysed again.
@@ -43,7 +45,42 @@ pub enum Analysed {
     Readings(RodId, Vec<Reading>),
 }
 
-/// Runs an event's record through its rod's plan, unless it is one of `known`.
+/// The record of each rod that passed last, known before or not: what says which record temperatures came after.
+#[derive(Debug, Clone, Default)]
+pub struct Passed(HashMap<RodId, [u8; 32]>);
+
+impl Passed {
+    /// A record of a rod passes.
+    pub fn note(&mut self, rod: &RodId, identity: [u8; 32]) {
+        match self.0.get_mut(rod) {
+            Some(last) => *last = identity,
+            None => {
+                self.0.insert(rod.clone(), identity);
+            }
+        }
+    }
+
+    /// The rod's last record, if one passed.
+    pub fn last(&self, rod: &RodId) -> Option<[u8; 32]> {
+        self.0.get(rod).copied()
+    }
+}
+
+/// What is said of a record that gives no force.
+pub fn refused(record: Record, identity: [u8; 32], rejection: Rejection) -> Outcome {
+    Outcome::Rejected(Box::new(Rejected {
+        start: Some(record.start),
+        duration_s: Some(record.duration_s()),
+        fs_hz: Some(record.fs_hz),
+        identity: Some(identity),
+        readings: record.readings,
+        rod: record.rod,
+        rejection,
+    }))
+}
+
+/// Runs an event's record through its rod's plan, unless it is one of `known`. An analysis that panics is a rejection like
+/// any other: every record that was offered ends as a force or as a reason.
 pub fn analyse(event: Event, plans: &BTreeMap<RodId, Plan>, known: &Known) -> Analysed {
     let record = match event {
         Event::Rejected {
@@ -66,25 +103,25 @@ pub fn analyse(event: Event, plans: &BTreeMap<RodId, Plan>, known: &Known) -> An
         Event::Readings { rod, readings } => return Analysed::Readings(rod, readings),
         Event::Record(record) => record,
     };
-    if let Some(known) = known.get(&record.rod) {
-        let identity = record.identity();
-        if known.contains(&identity) {
-            return Analysed::Known(record.rod, identity);
-        }
+    let identity = record.identity();
+    if known
+        .get(&record.rod)
+        .is_some_and(|known| known.contains(&identity))
+    {
+        return Analysed::Known(record.rod, identity);
     }
-    let outcome = match plans.get(&record.rod).map(|plan| plan.run(&record)) {
-        Some(Ok(identification)) => Outcome::Identified(Box::new(identification)),
-        Some(Err(rejection)) => Outcome::Rejected(Box::new(Rejected {
-            start: Some(record.start),
-            duration_s: Some(record.duration_s()),
-            fs_hz: Some(record.fs_hz),
-            identity: Some(record.identity()),
-            readings: record.readings,
-            rod: record.rod,
-            rejection,
-        })),
-        // The reader only cuts records of rods of the same configuration the plans were made from.
-        None => unreachable!("the rod {} has channels but no plan", record.rod),
+    // The reader only cuts records of rods of the same configuration the plans were made from.
+    let Some(plan) = plans.get(&record.rod) else {
+        unreachable!("the rod {} has channels but no plan", record.rod)
+    };
+    // The plan is only borrowed: nothing shared is left half-changed.
+    let outcome = match catch_unwind(AssertUnwindSafe(|| plan.run(&record))) {
+        Ok(Ok(identification)) => Outcome::Identified(Box::new(identification)),
+        Ok(Err(rejection)) => refused(record, identity, rejection),
+        Err(panic) => {
+            let detail = message_of(&*panic);
+            refused(record, identity, Rejection::Broken { detail })
+        }
     };
     Analysed::Record(Box::new(outcome))
 }

@@ -6,11 +6,11 @@ use crate::analysis::Plan;
 use crate::config::Config;
 use crate::outcome::Outcome;
 use crate::pipeline::{Limits, map_in_order};
-use crate::record::{Reading as Temperature, RodChannels, RodId};
+use crate::record::{Reading as Temperature, Rejection, RodChannels, RodId};
 use crate::source::{self, Event, Recordings, SourceError, Step, Summary};
-use crate::step::{Analysed, Known, Place, analyse};
+use crate::step::{Analysed, Known, Passed, Place, analyse};
 use crate::store::Position;
-use std::collections::{BTreeMap, HashMap, HashSet};
+use std::collections::{BTreeMap, HashSet};
 use std::fmt::{self, Display};
 use std::io;
 use std::ops::ControlFlow;
@@ -50,7 +50,7 @@ pub struct Tally {
     identified: usize,
     rejected: BTreeMap<&'static str, usize>,
     repeated: usize,
-    panicked: usize,
+    broken: usize,
     files: usize,
     unreadable: usize,
     with_losses: usize,
@@ -59,7 +59,7 @@ pub struct Tally {
 impl Tally {
     /// 0 good, 1 nothing could be read or something broke, 3 rejected records or lost data.
     fn exit_code(&self) -> ExitCode {
-        if self.panicked > 0 || (self.files > 0 && self.unreadable == self.files) {
+        if self.broken > 0 || (self.files > 0 && self.unreadable == self.files) {
             ExitCode::FAILURE
         } else if !self.rejected.is_empty() || self.unreadable > 0 || self.with_losses > 0 {
             ExitCode::from(WITH_LOSSES)
@@ -72,7 +72,7 @@ impl Tally {
 impl Display for Tally {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let rejected: usize = self.rejected.values().sum();
-        let records = self.identified + rejected + self.repeated + self.panicked;
+        let records = self.identified + rejected + self.repeated + self.broken;
         write!(
             f,
             "{records} records from {} files: {} identified",
@@ -93,8 +93,8 @@ impl Display for Tally {
                 self.repeated
             )?;
         }
-        if self.panicked > 0 {
-            write!(f, ", {} broke the program (please report)", self.panicked)?;
+        if self.broken > 0 {
+            write!(f, ", {} broke the program (please report)", self.broken)?;
         }
         if self.unreadable > 0 {
             write!(f, ", {} files could not be read", self.unreadable)?;
@@ -143,7 +143,7 @@ pub fn run(
     let mut tally = Tally::default();
     let mut failure = None;
     let mut seen = HashSet::new();
-    let mut last: HashMap<RodId, [u8; 32]> = HashMap::new();
+    let mut passed = Passed::default();
     map_in_order(
         input,
         Limits {
@@ -162,14 +162,14 @@ pub fn run(
             bar.set(done.load(Ordering::Relaxed), total);
             match result {
                 Ok(Done::Event(Analysed::Known(rod, identity), _)) => {
-                    last.insert(rod, identity);
+                    passed.note(&rod, identity);
                     tally.repeated += 1;
                 }
                 Ok(Done::Event(Analysed::Readings(rod, readings), _)) => {
                     let news = News::Readings {
                         rod: &rod,
                         readings: &readings,
-                        after: last.get(&rod).copied(),
+                        after: passed.last(&rod),
                     };
                     if let Err(error) = on_news(news, &bar) {
                         failure = Some(error);
@@ -178,7 +178,7 @@ pub fn run(
                 }
                 Ok(Done::Event(Analysed::Record(outcome), place)) => {
                     if let Some(identity) = outcome.identity() {
-                        last.insert(outcome.rod().clone(), identity);
+                        passed.note(outcome.rod(), identity);
                         if !seen.insert(identity) {
                             tally.repeated += 1;
                             return ControlFlow::Continue(());
@@ -197,6 +197,12 @@ pub fn run(
                     }
                     match outcome.as_ref() {
                         Outcome::Identified(_) => tally.identified += 1,
+                        Outcome::Rejected(rejected)
+                            if matches!(rejected.rejection, Rejection::Broken { .. }) =>
+                        {
+                            tally.broken += 1;
+                            bar.say(&format!("error: rod {}: {}", rejected.rod, rejected.rejection));
+                        }
                         Outcome::Rejected(rejected) => {
                             *tally.rejected.entry(rejected.rejection.code()).or_default() += 1;
                         }
@@ -204,8 +210,8 @@ pub fn run(
                 }
                 Ok(Done::File(result)) => tally.file(&result, &bar),
                 Err(panic) => {
-                    tally.panicked += 1;
-                    bar.say(&format!("error: the analysis of one record broke ({panic})"));
+                    tally.broken += 1;
+                    bar.say(&format!("error: the program broke on one event ({panic})"));
                 }
             }
             ControlFlow::Continue(())

@@ -6,6 +6,7 @@ use super::setup::{self, Setup};
 use super::{BadArguments, WITH_LOSSES};
 use crate::analysis::{Identification, Plan};
 use crate::config::Config;
+use crate::daemon::generation::provenance;
 use crate::line;
 use crate::modes::Mode;
 use crate::outcome::{Outcome, Rejected};
@@ -142,7 +143,7 @@ fn from_recording(args: &Args, path: &PathBuf) -> anyhow::Result<ExitCode> {
 
 fn show(args: &Args, config: &Config, plans: &BTreeMap<RodId, Plan>, outcome: &Outcome) -> io::Result<()> {
     let text = match outcome {
-        _ if args.json => line::json(outcome, None, &setup::provenance(config)) + "\n",
+        _ if args.json => line::json(outcome, None, &provenance(config)) + "\n",
         Outcome::Identified(identification) => match plans.get(&identification.rod) {
             Some(plan) => describe(plan, identification),
             None => String::new(),

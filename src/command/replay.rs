@@ -63,7 +63,8 @@ pub struct Args {
 /// Bad arguments or configuration, no recording at all, a store or an output that cannot be written.
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let config = args.setup.load()?;
-    let Prepared { plans, mut site } = setup::site(&config, args.store.as_deref())?;
+    let Prepared { generation, mut site } = setup::site(config, args.store.as_deref())?;
+    let (config, plans) = (&generation.config, &generation.plans);
     let modes = config
         .rods
         .iter()
@@ -71,7 +72,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         .max()
         .unwrap_or(0);
     let rods: Vec<&RodId> = config.rods.iter().map(|rod| &rod.analysis.rod).collect();
-    let store = args.store.as_deref().or(config.store.as_deref());
+    let store = args.store.as_deref().or(config.store.path.as_deref());
     let is_coloured = io::stdout().is_terminal() && env::var_os("NO_COLOR").is_none_or(|set| set.is_empty());
     let table = Table::new(
         rods.into_iter(),
@@ -112,7 +113,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         })?;
         Ok(campaign::Taken::New)
     };
-    let tally = campaign::run(&args.paths, &config, &plans, &args.reading, &known, on_news)?;
+    let tally = campaign::run(&args.paths, config, plans, &args.reading, &known, on_news)?;
     let has_seen_all = tally.is_some();
     let code = campaign::conclude(tally);
     if has_seen_all {

@@ -1,15 +1,46 @@
 //! `tirante run`: the daemon.
 
+use crate::config::Setting;
+use crate::daemon::{self, Options};
+use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// Follows a site unattended.
+/// Follows a site unattended: reads what comes into its folder and its sockets, keeps results, sends alarms.
+///
+/// Runs until SIGTERM or SIGINT (exit code 0 within 5 seconds, nothing lost). SIGHUP reads the configuration again; a bad
+/// one is refused with all its faults and the old one holds.
 #[derive(Debug, clap::Args)]
-pub struct Args {}
+#[command(after_help = "Examples:
+  tirante check site.toml && tirante run --config site.toml
+  tirante run --config site.toml --set store.path=/var/lib/tirante/site.db --threads 1
+  systemctl start tirante            # as the package installs it
+
+Exit codes: 0 it was told to stop; 1 something cannot be opened or written (another process has the store, the disk
+refuses); 2 bad arguments or configuration, found before anything is opened. A full disk is waited for.
+`tirante status --config site.toml`, `history`, `report`, `ack` and `rebaseline` work beside it.")]
+pub struct Args {
+    /// The configuration. It must name a store: `[store] path`.
+    #[arg(long, value_name = "FILE")]
+    pub config: PathBuf,
+
+    /// Puts one key over the configuration, any number of times, after every reload too.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub settings: Vec<Setting>,
+
+    /// Threads that analyse records; others read, write and send. Default: one per core. The results are the same, bit for
+    /// bit, for any number.
+    #[arg(long, value_name = "COUNT", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub threads: Option<u16>,
+}
 
 /// Runs the command.
 ///
 /// # Errors
-/// Not there yet.
-pub fn run(_args: &Args) -> anyhow::Result<ExitCode> {
-    anyhow::bail!("not there yet")
+/// The configuration is bad, the store cannot be opened, or something that must be durable cannot be written.
+pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
+    daemon::run(&Options {
+        config: args.config.clone(),
+        settings: args.settings.clone(),
+        threads: args.threads.map(usize::from),
+    })
 }

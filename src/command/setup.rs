@@ -2,19 +2,15 @@
 
 use super::BadArguments;
 use super::progress::Progress;
-use crate::analysis::{self, Plan};
-use crate::bayes::Tables;
-use crate::cache::{self, Cache};
+use crate::analysis::Plan;
 use crate::config::{Config, ConfigError, RodConfig, Setting};
+use crate::daemon::generation::{self, Generation};
 use crate::record::RodId;
-use crate::site::{Provenance, Site};
-use crate::store::{Durability, Reader, Store, StoreError};
-use crate::track::TrackPlan;
-use crate::track::chart::Design;
+use crate::site::{self, Site};
+use crate::store::{Durability, Store};
 use clap::Args;
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
 /// The configuration, and what is put over it for one run.
 #[derive(Debug, Clone, Args)]
@@ -76,60 +72,23 @@ impl Setup {
     }
 }
 
-/// Sixteen hexadecimal digits that name everything a result depends on besides its record.
-pub fn provenance(config: &Config) -> String {
-    hex(&config.hash()[..8])
-}
-
-fn hex(bytes: &[u8]) -> String {
-    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
-}
-
-/// Prepares every rod of the configuration: model (fitted or from the cache), table, pattern.
+/// The plans of every rod, with a progress bar where a model is fitted.
 ///
 /// # Errors
-/// Settings that contradict each other, or an emulator that cannot be fitted.
+/// As [`generation::plans`].
 pub fn plans(config: &Config) -> anyhow::Result<BTreeMap<RodId, Plan>> {
-    let tables = Tables::new(config.seed);
-    let cache = Cache::of_user();
-    let mut plans = BTreeMap::new();
-    for rod in &config.rods {
-        let settings = rod.analysis.clone();
-        let solves = Progress::of_solves();
-        let model = cache::model(&settings.model, &settings.prior, &cache, &|more, all| {
-            solves.add(more as u64, all as u64);
-        })?;
-        drop(solves);
-        plans.insert(settings.rod.clone(), Plan::new(settings, model, &tables)?);
-    }
-    Ok(plans)
+    generation::plans(config, solves_of)
 }
 
-/// Prepares the tracking of every rod that has a plan.
-pub fn track_plans(config: &Config, plans: &BTreeMap<RodId, Plan>) -> Vec<Arc<TrackPlan>> {
-    let alarm = &config.alarm;
-    let design = Design::of(alarm, config.track.period_s);
-    plans
-        .iter()
-        .map(|(rod, plan)| {
-            let meaning = config.meaning_of(rod);
-            let key = format!("{}-{}", analysis::VERSION, hex(&meaning[..8]));
-            Arc::new(TrackPlan::new(
-                plan.settings(),
-                plan.model(),
-                config.track.clone(),
-                alarm.clone(),
-                design,
-                key,
-            ))
-        })
-        .collect()
+fn solves_of(_rod: &RodId) -> impl Fn(usize, usize) + Sync + use<> {
+    let bar = Progress::of_solves();
+    move |more, all| bar.add(more as u64, all as u64)
 }
 
 /// A site ready for records: what analyses them, and what follows them.
 pub struct Prepared {
-    /// One plan per rod.
-    pub plans: BTreeMap<RodId, Plan>,
+    /// The configuration and its plans.
+    pub generation: Generation,
     /// Trackers and store.
     pub site: Site,
 }
@@ -138,8 +97,8 @@ pub struct Prepared {
 ///
 /// # Errors
 /// Plans that cannot be made, a store that cannot be opened.
-pub fn site(config: &Config, store: Option<&Path>) -> anyhow::Result<Prepared> {
-    let store = match store.or(config.store.as_deref()) {
+pub fn site(config: Config, store: Option<&Path>) -> anyhow::Result<Prepared> {
+    let store = match store.or(config.store.path.as_deref()) {
         Some(path) => Store::open(path, Durability::Replay)?,
         None => Store::in_memory()?,
     };
@@ -149,44 +108,25 @@ pub fn site(config: &Config, store: Option<&Path>) -> anyhow::Result<Prepared> {
             aside.display()
         );
     }
-    let plans = plans(config)?;
-    let hash = provenance(config);
-    let effective = config.effective();
-    let provenance = Provenance {
-        site: &config.site,
-        hash: &hash,
-        effective: &effective,
-    };
-    let sites: BTreeSet<String> = store.configs()?.into_iter().map(|[_, site, _]| site).collect();
-    if !sites.is_empty() && !sites.contains(&config.site) {
-        let sites: Vec<String> = sites.into_iter().collect();
+    let generation = Generation::prepare(config, solves_of)?;
+    let name = &generation.config.site;
+    let others = site::others_in(&store, name)?;
+    if !others.is_empty() {
         tell!(
-            "warning: {} holds records of {}; those of {} are added to it",
+            "warning: {} holds records of {}; those of {name} are added to it",
             store.path().display(),
-            sites.join(", "),
-            config.site
+            others.join(", "),
         );
     }
-    let segments = present_segments(&store)?;
-    let site = Site::open(track_plans(config, &plans), store, provenance)?;
-    for (rod, segment) in present_segments(site.store())? {
-        if segments.get(&rod).is_some_and(|before| *before != segment) {
-            tell!(
-                "warning: the settings of {rod} changed: its new records begin a new baseline (segment {segment}); records \
-                 kept before are not analysed again: replay them into another store for that"
-            );
-        }
+    let plans = generation.track_plans.iter().cloned();
+    let site = Site::open(plans, store, generation.provenance())?;
+    for (rod, segment) in site.renewed() {
+        tell!(
+            "warning: the settings of {rod} changed: its new records begin a new baseline (segment {segment}); records \
+             kept before are not analysed again: replay them into another store for that"
+        );
     }
-    Ok(Prepared { plans, site })
-}
-
-/// The segment each rod of a store is in.
-fn present_segments(store: &Reader) -> Result<BTreeMap<RodId, u32>, StoreError> {
-    let states = store.states()?;
-    Ok(states
-        .into_iter()
-        .map(|(rod, state)| (rod, state.segment.number))
-        .collect())
+    Ok(Prepared { generation, site })
 }
 
 /// The rod called `id`, or the only one.

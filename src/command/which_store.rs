@@ -47,7 +47,7 @@ impl WhichStore {
             )
             .into());
         };
-        match Config::resolve(Some(config), &[])?.store {
+        match Config::resolve(Some(config), &[])?.store.path {
             Some(path) => Ok(path),
             None => Err(BadArguments(format!(
                 "{} names no store: put `path = \"…\"` into its section [store], or say --store FILE",

@@ -40,6 +40,7 @@ use crate::http::HttpSettings;
 use crate::ingest::IngestSettings;
 use crate::journal::JournalSettings;
 use crate::record::{RecordSettings, RodChannels, RodId};
+use crate::store::StoreSettings;
 use crate::track::{AlarmSettings, TrackSettings};
 
 use fault::Faults;
@@ -47,7 +48,7 @@ use reader::Table;
 use sha2::{Digest, Sha256};
 use std::fs::File;
 use std::io::Read;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use toml::de::DeTable;
 
 /// The longest configuration read \[bytes\].
@@ -73,8 +74,8 @@ pub struct Config {
     pub track: TrackSettings,
     /// When somebody is told.
     pub alarm: AlarmSettings,
-    /// The database file, if one is named.
-    pub store: Option<PathBuf>,
+    /// Where results are kept.
+    pub store: StoreSettings,
     /// Where live data comes from.
     pub ingest: IngestSettings,
     /// Live data on disk.

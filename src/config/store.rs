@@ -1,12 +1,15 @@
 //! `[store]`: where results are kept.
 
-use super::range::toml_string;
+use super::range::{Range, toml_string};
 use super::reader::{Absent, Table, key};
+use crate::store::StoreSettings;
 use std::path::PathBuf;
 
-/// The database file, if one is named.
-pub(super) fn read(table: &mut Table<'_>) -> Option<PathBuf> {
-    table
+const DAY_S: f64 = 86_400.0;
+
+/// The section.
+pub(super) fn read(table: &mut Table<'_>) -> StoreSettings {
+    let path = table
         .take(
             key(
                 "path",
@@ -17,5 +20,17 @@ pub(super) fn read(table: &mut Table<'_>) -> Option<PathBuf> {
             |value| value.name_string().map(str::to_owned),
             |path| toml_string(path),
         )
-        .map(PathBuf::from)
+        .map(PathBuf::from);
+    let keep_lines_s = table
+        .optional_number(
+            key(
+                "keep_lines_d",
+                "`run` removes records' JSON lines (`history --format json`) this long before their rod's latest record; tables \
+                 and charts stay [d]",
+            ),
+            Range::within(1.0, 100_000.0),
+            "all are kept",
+        )
+        .map(|days| days * DAY_S);
+    StoreSettings { path, keep_lines_s }
 }

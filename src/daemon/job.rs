@@ -37,5 +37,8 @@ pub enum Job {
         through: i64,
     },
     /// Time to look at the clock, at requests, and at what is too old to keep.
-    Tick,
+    Tick {
+        /// Whether the reader had read everything there was when this was sent: only then is silence a silence.
+        is_caught_up: bool,
+    },
 }

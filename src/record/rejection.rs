@@ -137,6 +137,18 @@ pub enum Rejection {
         /// Fewest accepted for a posterior.
         needed: usize,
     },
+    /// The analysis itself broke: a fault of the program, not of the record.
+    #[error("the analysis broke, please report it: {detail}")]
+    Broken {
+        /// What the program said.
+        detail: String,
+    },
+    /// Its analysis ended the program again and again, so it was not tried once more.
+    #[error("not analysed: its analysis ended the program {deaths} times")]
+    Quarantined {
+        /// How often.
+        deaths: u32,
+    },
 }
 
 impl Rejection {
@@ -160,6 +172,8 @@ impl Rejection {
             Self::NoLabel { .. } => "no-label",
             Self::OutsideEmulator { .. } => "outside-emulator",
             Self::NothingAccepted { .. } => "nothing-accepted",
+            Self::Broken { .. } => "broken",
+            Self::Quarantined { .. } => "quarantined",
         }
     }
 }

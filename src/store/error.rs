@@ -92,3 +92,25 @@ pub enum StoreError {
         source: rusqlite::Error,
     },
 }
+
+/// `SQLITE_IOERR_SHMSIZE`: the index of the log could not grow.
+const NO_ROOM_FOR_INDEX: i32 = 4874;
+
+impl StoreError {
+    /// Whether the disk has no room: what was refused can be done when it has again.
+    pub fn is_disk_full(&self) -> bool {
+        match self {
+            Self::Database { source, .. } => {
+                source.sqlite_error_code() == Some(rusqlite::ErrorCode::DiskFull)
+                    || source
+                        .sqlite_error()
+                        .is_some_and(|error| error.extended_code == NO_ROOM_FOR_INDEX)
+            }
+            Self::Io { source, .. } => matches!(
+                source.kind(),
+                io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded
+            ),
+            _ => false,
+        }
+    }
+}

@@ -14,8 +14,10 @@ mod open;
 mod operation;
 mod read;
 mod request;
+mod retention;
 mod row;
 mod schema;
+mod settings;
 mod snapshot;
 mod state;
 
@@ -25,6 +27,7 @@ pub use open::Durability;
 pub use operation::{Carry, FileMark, FileState, News};
 pub use read::{Filter, Listing, Reader, Standing};
 pub use request::{Asked, Request};
+pub use settings::StoreSettings;
 pub use snapshot::{SnapshotRow, Snapshots};
 
 use crate::record::{RodId, Timestamp};

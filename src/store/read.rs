@@ -154,6 +154,21 @@ impl Reader {
         request::waiting(&self.connection, rod).map_err(|trouble| self.fault(trouble))
     }
 
+    /// The rods requests wait for.
+    ///
+    /// # Errors
+    /// They cannot be read.
+    pub fn rods_asked(&self) -> Result<Vec<RodId>, StoreError> {
+        let rods = || -> rusqlite::Result<Vec<RodId>> {
+            let mut statement = self
+                .connection
+                .prepare_cached("SELECT DISTINCT rod FROM request WHERE applied = 0 ORDER BY rod")?;
+            let rods = statement.query_map((), |row| Ok(RodId(row.get(0)?)))?;
+            rods.collect()
+        };
+        rods().map_err(|error| self.fault(Trouble::Sql(error)))
+    }
+
     /// The alarm with this id, as it stands now.
     ///
     /// # Errors

@@ -91,11 +91,16 @@ impl Tracker {
         self.take_news()
     }
 
-    /// Looks at the clock without a record: tells when there is no data.
+    /// Looks at the clock without a record: tells when there is no data. What nobody acknowledged is told again by the
+    /// clock only in such a silence: while records come they do it, at their times, as in a replay.
     pub fn look_at_clock(&mut self, now: Timestamp) -> Vec<AlarmEvent> {
         let repeat_s = self.plan.alarm.repeat_s;
         self.look_for_silence(now);
-        self.on_board(|board| board.repeat(now, repeat_s, |_| ()));
+        self.on_board(|board| {
+            if board.holds(Kind::NoData) {
+                board.repeat(now, repeat_s, |_| ());
+            }
+        });
         self.take_news()
     }
 

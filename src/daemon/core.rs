@@ -1,0 +1,372 @@
+//! The one thread that owns trackers and store: takes what comes out of the pipeline, in order, and makes it durable.
+
+use super::retention::Retention;
+use super::silence::Silence;
+use super::{Generation, Job};
+use crate::outcome::Outcome;
+use crate::record::Rejection;
+use crate::record::{RodId, Timestamp};
+use crate::site::{self, Note, Site, Taken};
+use crate::source::{SourceError, Summary};
+use crate::step::{Analysed, Passed, Place};
+use crate::store::{Durability, FileMark, Store, StoreError};
+use crate::telemetry::{Fault, Health};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread;
+use std::time::{Duration, Instant, SystemTime};
+
+/// Free space with which work is taken up again after the disk was full \[bytes\].
+const ROOM: u64 = 8 << 20;
+/// How often a full disk is looked at.
+const LOOK: Duration = Duration::from_millis(250);
+
+/// What comes out of the pipeline.
+pub enum Done {
+    /// What came of an event.
+    Event(Analysed, Place),
+    /// A job that needs no analysis.
+    Job(Job),
+}
+
+/// What the core lets others know, on its own thread: whoever listens must be quick.
+pub enum Word<'a> {
+    /// A tick passed through the whole pipeline, or a full disk is waited for: the work loop is alive.
+    Alive,
+    /// There are news in the outbox.
+    News,
+    /// A record that the store has already.
+    Known(&'a RodId),
+    /// A record was taken; its commit is durable.
+    Taken {
+        /// What came of it.
+        outcome: &'a Outcome,
+        /// What tracking made of it.
+        taken: &'a Taken,
+        /// How long the commit took.
+        took: Duration,
+    },
+    /// A file, or a part of the journal, is in the store up to its end.
+    File(&'a FileMark),
+    /// Another configuration holds from here on.
+    Reloaded(&'a Arc<Generation>),
+}
+
+/// Why the core cannot go on.
+#[derive(Debug, thiserror::Error)]
+pub enum Broken {
+    /// The store refused for a reason that does not pass.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    /// The daemon stops while the disk is full: what was not kept is read again at the next start.
+    #[error("the daemon stops while the disk is full")]
+    Stopping,
+    /// The store was found damaged after the disk was full.
+    #[error("the store was damaged while the disk was full; a restart reads everything again")]
+    Damaged,
+    /// A fault of the program.
+    #[error("the work loop broke, please report it: {0}")]
+    Panicked(String),
+}
+
+/// Trackers, store, and what is remembered between records.
+pub struct Core {
+    /// `None` only while a full disk is waited for.
+    site: Option<Site>,
+    store: PathBuf,
+    generation: Arc<Generation>,
+    passed: Passed,
+    silence: Silence,
+    retention: Retention,
+    health: Arc<Health>,
+    stopping: Arc<AtomicBool>,
+    tell: Box<dyn Fn(Word<'_>) + Send>,
+}
+
+/// Opens the store and goes on where it left off.
+///
+/// # Errors
+/// As [`Store::open`] and [`Site::open`].
+pub fn open_site(path: &Path, generation: &Generation, health: &Health) -> Result<Site, StoreError> {
+    let store = Store::open(path, Durability::Full)?;
+    if let Some(aside) = store.moved_aside() {
+        health.hold(
+            Fault::StoreDamaged,
+            &path.display().to_string(),
+            format_args!(
+                "the store was damaged and is now {}; a new one is begun from the recordings and journal parts that are there; \
+                 acknowledgements and baselines asked for must be repeated",
+                aside.display()
+            ),
+        );
+    }
+    let name = &generation.config.site;
+    let others = site::others_in(&store, name)?;
+    if !others.is_empty() {
+        let others = others.join(", ");
+        tracing::warn!(
+            "{} holds records of {others}; those of {name} are added to it",
+            path.display()
+        );
+    }
+    let site = Site::open(
+        generation.track_plans.iter().cloned(),
+        store,
+        generation.provenance(),
+    )?;
+    warn_of_renewed(&site);
+    Ok(site)
+}
+
+fn warn_of_renewed(site: &Site) {
+    for (rod, segment) in site.renewed() {
+        tracing::warn!(
+            "the settings of {rod} changed: its new records begin a new baseline (segment {segment}); records kept before are \
+             not analysed again"
+        );
+    }
+}
+
+impl Core {
+    /// A core for an open site. `stopping` ends the wait for a full disk.
+    pub fn new(
+        site: Site,
+        generation: Arc<Generation>,
+        health: Arc<Health>,
+        stopping: Arc<AtomicBool>,
+        tell: Box<dyn Fn(Word<'_>) + Send>,
+    ) -> Self {
+        let mut passed = Passed::default();
+        for (rod, _) in site.latest() {
+            // Every record before this start came before what comes now. A rod that cannot be asked for has none.
+            if let Ok(Some(identity)) = site.store().last_identity(rod) {
+                passed.note(rod, identity);
+            }
+        }
+        let mut core = Self {
+            store: site.store().path().to_owned(),
+            site: Some(site),
+            generation,
+            passed,
+            silence: Silence::default(),
+            retention: Retention::default(),
+            health,
+            stopping,
+            tell,
+        };
+        core.listen();
+        core
+    }
+
+    /// Takes one item.
+    ///
+    /// # Errors
+    /// The daemon cannot go on; nothing of the item was kept.
+    pub fn take(&mut self, done: Done) -> Result<(), Broken> {
+        match done {
+            Done::Event(Analysed::Known(rod, identity), _) => {
+                self.passed.note(&rod, identity);
+                (self.tell)(Word::Known(&rod));
+                Ok(())
+            }
+            Done::Event(Analysed::Readings(rod, readings), _) => {
+                let after = self.passed.last(&rod);
+                self.durable(|site| site.take_readings(&rod, &readings, after))?;
+                Ok(())
+            }
+            Done::Event(Analysed::Record(outcome), place) => self.record(&outcome, &place),
+            Done::Job(Job::File { mark, result, carry }) => {
+                self.report(&result);
+                if mark.is_some() || carry.is_some() {
+                    let (mark, carry) = (mark.as_ref(), carry.as_ref());
+                    self.durable(|site| site.note(Note::File { mark, carry }))?;
+                }
+                if let Some(mark) = &mark {
+                    (self.tell)(Word::File(mark));
+                }
+                Ok(())
+            }
+            Done::Job(Job::Delivered { sink, through }) => {
+                let sink = sink.as_str();
+                self.durable(|site| site.note(Note::Delivered { sink, through }))
+            }
+            Done::Job(Job::Reload(generation)) => self.reload(generation),
+            Done::Job(Job::Tick { is_caught_up }) => self.tick(is_caught_up),
+            // The pipeline turns every event into what came of it.
+            Done::Job(Job::Event { .. }) => Ok(()),
+        }
+    }
+
+    /// An event whose work panicked outside the analysis: nothing is known of it but that.
+    pub fn lost(&mut self, panic: &str) {
+        self.health.fault(
+            Fault::Broken,
+            format_args!("the program broke on one event: {panic}"),
+        );
+    }
+
+    fn record(&mut self, outcome: &Outcome, place: &Place) -> Result<(), Broken> {
+        let rod = outcome.rod();
+        if let Some(identity) = outcome.identity() {
+            self.passed.note(rod, identity);
+        }
+        let begun = Instant::now();
+        let Some(taken) = self.durable(|site| site.take(outcome, Some(place.position())))? else {
+            (self.tell)(Word::Known(rod));
+            return Ok(());
+        };
+        let now = Instant::now();
+        self.silence.end(rod, now);
+        if let Outcome::Rejected(rejected) = outcome {
+            let fault = match rejected.rejection {
+                Rejection::Broken { .. } => Fault::Broken,
+                Rejection::Quarantined { .. } => Fault::Quarantined,
+                _ => Fault::Rejected,
+            };
+            let (reason, file) = (&rejected.rejection, &place.file);
+            self.health
+                .fault(fault, format_args!("rod {rod}, {file}: {reason}"));
+        }
+        (self.tell)(Word::Taken {
+            outcome,
+            taken: &taken,
+            took: now - begun,
+        });
+        if !taken.verdict.events.is_empty() {
+            (self.tell)(Word::News);
+        }
+        Ok(())
+    }
+
+    fn report(&self, result: &Result<Summary, SourceError>) {
+        match result {
+            Err(error) => self.health.fault(Fault::Recording, error),
+            Ok(summary) => {
+                for fault in summary.faults() {
+                    self.health.fault(Fault::Recording, fault);
+                }
+                for absence in summary.absences() {
+                    if summary.has_nothing() {
+                        self.health.fault(Fault::Recording, absence);
+                    } else {
+                        tracing::info!("{absence}");
+                    }
+                }
+            }
+        }
+    }
+
+    fn reload(&mut self, generation: Arc<Generation>) -> Result<(), Broken> {
+        // If the disk is full on the way, the site is opened with the new configuration when there is room again.
+        self.generation = Arc::clone(&generation);
+        if let Some(site) = self.site.take() {
+            match site.reload(generation.track_plans.iter().cloned(), generation.provenance()) {
+                Ok(site) => {
+                    warn_of_renewed(&site);
+                    self.site = Some(site);
+                }
+                Err(error) if error.is_disk_full() => self.wait_for_room(&error)?,
+                Err(error) => return Err(error.into()),
+            }
+        }
+        self.listen();
+        (self.tell)(Word::Reloaded(&generation));
+        Ok(())
+    }
+
+    /// Begins to count the silence of rods that are new.
+    fn listen(&mut self) {
+        let (wall, now) = (wall_clock(), Instant::now());
+        for (rod, latest) in self.site.iter().flat_map(Site::latest) {
+            self.silence.begin(rod, latest, wall, now);
+        }
+    }
+
+    fn tick(&mut self, is_caught_up: bool) -> Result<(), Broken> {
+        let mut has_news = self.durable(Site::apply_requests)? > 0;
+        if is_caught_up {
+            let lasting: Vec<(RodId, f64)> = self
+                .silence
+                .lasts(Instant::now())
+                .map(|(rod, s)| (rod.clone(), s))
+                .collect();
+            for (rod, elapsed_s) in lasting {
+                let events = self.durable(|site| site.look_at_clock(&rod, elapsed_s))?;
+                has_news |= !events.is_empty();
+            }
+        }
+        if let Some(keep_s) = self.generation.config.store.keep_lines_s
+            && let Some((rod, from)) = self.retention.next(&self.generation.plans)
+        {
+            let next = self.durable(|site| site.forget_lines(&rod, keep_s, from))?;
+            self.retention.came_to(rod, next);
+        }
+        if has_news {
+            (self.tell)(Word::News);
+        }
+        (self.tell)(Word::Alive);
+        Ok(())
+    }
+
+    /// Does something to site and store, again from the beginning if the disk was full: the trackers in memory are ahead of
+    /// the store then, so both are read from the disk anew. Records the store has are known by content, so nothing is
+    /// taken twice.
+    fn durable<T>(&mut self, mut act: impl FnMut(&mut Site) -> Result<T, StoreError>) -> Result<T, Broken> {
+        loop {
+            let Some(site) = &mut self.site else {
+                return Err(Broken::Stopping);
+            };
+            match act(site) {
+                Ok(value) => return Ok(value),
+                Err(error) if error.is_disk_full() => self.wait_for_room(&error)?,
+                Err(error) => return Err(error.into()),
+            }
+        }
+    }
+
+    fn wait_for_room(&mut self, error: &StoreError) -> Result<(), Broken> {
+        let about = self.store.display().to_string();
+        self.health.hold(
+            Fault::DiskFull,
+            &about,
+            format_args!("{about}: no room on the disk ({error}); nothing is lost, work goes on when there is room again"),
+        );
+        self.site = None;
+        loop {
+            if self.stopping.load(Ordering::Relaxed) {
+                return Err(Broken::Stopping);
+            }
+            (self.tell)(Word::Alive);
+            thread::sleep(LOOK);
+            if room(&self.store) < ROOM {
+                continue;
+            }
+            match open_site(&self.store, &self.generation, &self.health) {
+                // The reader knows nothing of marks that are gone: only a restart reads everything again.
+                Ok(site) if site.store().moved_aside().is_some() => return Err(Broken::Damaged),
+                Ok(site) => {
+                    self.site = Some(site);
+                    self.health.over(Fault::DiskFull, &about);
+                    return Ok(());
+                }
+                // Somebody acknowledges an alarm meanwhile.
+                Err(StoreError::Held { .. }) => {}
+                Err(error) if error.is_disk_full() => {}
+                Err(error) => return Err(error.into()),
+            }
+        }
+    }
+}
+
+/// Free space where a file is \[bytes\]; all there is if the system does not say.
+fn room(path: &Path) -> u64 {
+    let folder = path.parent().unwrap_or(Path::new("."));
+    rustix::fs::statvfs(folder).map_or(u64::MAX, |stat| stat.f_bavail.saturating_mul(stat.f_frsize))
+}
+
+/// The time of day.
+fn wall_clock() -> Timestamp {
+    let since = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH);
+    Timestamp::from_nanos(since.map_or(0, |since| i64::try_from(since.as_nanos()).unwrap_or(i64::MAX)))
+}

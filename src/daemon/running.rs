@@ -1,0 +1,170 @@
+//! A daemon at work: its threads, and how they are begun, given another configuration, and ended.
+
+use super::core::{Broken, Core, Word, open_site};
+use super::pipe::{self, Ending, JOBS};
+use super::stand_in::Reader;
+use super::suspects::Suspects;
+use super::workers::Workers;
+use super::{Generation, Happening, Job, Options, restart};
+use crate::pipeline::message_of;
+use crate::site::Site;
+use crate::store::StoreError;
+use crate::telemetry::Health;
+use anyhow::Context;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, Sender, SyncSender, sync_channel};
+use std::thread;
+use std::time::{Duration, Instant};
+
+/// How long what is in the pipeline may take to come to its end.
+const DRAIN: Duration = Duration::from_secs(4);
+/// How often the pipeline is ticked.
+const TICK: Duration = Duration::from_secs(1);
+/// How long the store of another process is waited for: `tirante ack` has it for a moment.
+const PATIENCE: Duration = Duration::from_secs(2);
+
+/// A daemon at work.
+pub struct Running {
+    generation: Arc<Generation>,
+    reader: Reader,
+    suspects: Arc<Suspects>,
+    ending: Ending,
+}
+
+impl Running {
+    /// Opens the store and begins everything.
+    ///
+    /// # Errors
+    /// The store is another process's or cannot be opened.
+    pub fn start(
+        generation: Arc<Generation>,
+        options: &Options,
+        health: Arc<Health>,
+        tell: Sender<Happening>,
+    ) -> anyhow::Result<Self> {
+        // `load` refuses a configuration without one.
+        let path = generation.config.store.path.clone().unwrap_or_default();
+        let site = open_patiently(&path, &generation, &health)?;
+        let store = site.store().path().to_owned();
+        let suspects = Suspects::open(&store)
+            .with_context(|| format!("{}: what stands beside it cannot be read", store.display()))?;
+        let suspects = Arc::new(suspects);
+        let marks = site.store().files()?;
+        let workers = Workers::new(site.store().all_known().clone(), Arc::clone(&suspects));
+        let ending = Ending::default();
+        let (jobs, receiver) = sync_channel(JOBS);
+        let mut core = Core::new(
+            site,
+            Arc::clone(&generation),
+            health,
+            Arc::clone(&ending.drain),
+            Box::new(hear),
+        );
+        let threads = options
+            .threads
+            .unwrap_or_else(|| thread::available_parallelism().map_or(1, usize::from));
+        let ended = ending.clone();
+        let work = move || {
+            let work = || pipe::run(receiver, threads, &workers, &mut core, &ended);
+            let result = catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(|panic| {
+                ended.drain.store(true, Ordering::Relaxed);
+                Err(Broken::Panicked(message_of(&*panic)))
+            });
+            // The store is closed before anybody hears of the end.
+            drop(core);
+            let _ = tell.send(Happening::Ended(result));
+        };
+        thread::Builder::new().name("core".to_owned()).spawn(work)?;
+        let caught_up: Arc<AtomicBool> = Arc::default();
+        tick(jobs.clone(), Arc::clone(&caught_up))?;
+        let reader = Reader::start(marks, Arc::clone(&generation), jobs, caught_up)?;
+        Ok(Self {
+            generation,
+            reader,
+            suspects,
+            ending,
+        })
+    }
+
+    /// Goes on with another configuration from the next event on.
+    pub fn reload(&mut self, generation: Arc<Generation>) {
+        for key in restart::needed_for(&self.generation.config, &generation.config) {
+            tracing::warn!("{key} changed: it holds after a restart, the old one until then");
+        }
+        self.reader.reload(Arc::clone(&generation));
+        self.generation = generation;
+    }
+
+    /// Stops reading, lets what was read come to its end, and closes the store; what takes too long is read again at the
+    /// next start.
+    ///
+    /// # Errors
+    /// The core could not go on.
+    pub fn drain(self, happenings: &Receiver<Happening>) -> Result<(), Broken> {
+        let deadline = Instant::now() + DRAIN;
+        self.reader.stop();
+        self.ending.drain.store(true, Ordering::Relaxed);
+        let result = loop {
+            let left = deadline.saturating_duration_since(Instant::now());
+            match happenings.recv_timeout(left) {
+                Ok(Happening::Ended(result)) => break result,
+                Ok(_) => {}
+                Err(_) => {
+                    tracing::warn!("some records are still analysed: they are read again at the next start");
+                    self.ending.give_up.store(true, Ordering::Relaxed);
+                    break Ok(());
+                }
+            }
+        };
+        self.suspects.stand_down();
+        result
+    }
+
+    /// The work loop came to its end by itself.
+    pub fn abandon(self) {
+        self.reader.stop();
+        self.suspects.stand_down();
+    }
+}
+
+/// Opens the site; another process may have the store for a moment.
+fn open_patiently(path: &Path, generation: &Generation, health: &Health) -> Result<Site, StoreError> {
+    let deadline = Instant::now() + PATIENCE;
+    loop {
+        match open_site(path, generation, health) {
+            Err(StoreError::Held { .. }) if Instant::now() < deadline => {
+                thread::sleep(Duration::from_millis(100));
+            }
+            other => return other,
+        }
+    }
+}
+
+/// Sends a tick through the whole pipeline every second; a full channel makes it late, which is what it is to show.
+fn tick(jobs: SyncSender<Job>, caught_up: Arc<AtomicBool>) -> std::io::Result<()> {
+    let work = move || {
+        loop {
+            let is_caught_up = caught_up.load(Ordering::Relaxed);
+            if jobs.send(Job::Tick { is_caught_up }).is_err() {
+                return;
+            }
+            thread::sleep(TICK);
+        }
+    };
+    thread::Builder::new().name("tick".to_owned()).spawn(work)?;
+    Ok(())
+}
+
+/// What the core says.
+fn hear(word: Word<'_>) {
+    match word {
+        Word::Reloaded(generation) => {
+            tracing::info!("configuration {} holds", generation.provenance().hash);
+        }
+        Word::File(mark) => tracing::info!("{} is read", mark.name),
+        Word::Alive | Word::News | Word::Known(_) | Word::Taken { .. } => {}
+    }
+}

@@ -163,6 +163,7 @@ fn killed_again_and_again_it_ends_in_the_same_store() {
     let kills: usize = std::env::var("KILLS").map_or(10, |text| text.parse().unwrap());
     let site = daemon_site();
     let whole = replayed(&site);
+    let all = records(&Reader::open(&site.path("replayed.db")).unwrap());
     for (stream, threads) in ["1", "2"].into_iter().enumerate() {
         let mut generator = random::stream(random::seed(&[b"daemon kill"]), stream as u64);
         let mut cut_off = 0;
@@ -171,7 +172,7 @@ fn killed_again_and_again_it_ends_in_the_same_store() {
             if kill >= 2 {
                 // Some records later; the first ones while the store is being made.
                 let before = Reader::open(&site.path("site.db")).map_or(0, |reader| records(&reader));
-                let wanted = (before + generator.random_range(0..=2 * 112 / kills as i64)).min(112);
+                let wanted = (before + generator.random_range(0..=2 * all / kills as i64)).min(all);
                 wait_until(&site, "records come", |reader| records(reader) >= wanted);
             }
             thread::sleep(Duration::from_micros(generator.random_range(0..60_000)));
@@ -220,7 +221,7 @@ fn a_bad_configuration_is_refused_before_the_store_is_opened() {
     assert!(begun.elapsed() < Duration::from_secs(1), "{:?}", begun.elapsed());
     let said = text(&output.stderr);
     assert_eq!(output.status.code(), Some(2), "{said}");
-    assert_eq!(said.matches("length_m").count(), 2, "{said}");
+    assert!(said.contains("site.toml: 2 faults"), "{said}");
     assert!(said.contains("site.toml:8:"), "{said}");
     assert!(!site.path("site.db").exists() && !site.path("site.db.lock").exists());
 

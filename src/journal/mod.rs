@@ -5,6 +5,7 @@
 //! a replay of the journal gives the daemon's results by construction, and nothing acknowledged is ever lost.
 
 pub mod handle;
+pub mod note;
 pub mod settings;
 
 pub use handle::{Batch, Closed, End, Entry, Handle, Line};

@@ -1,6 +1,7 @@
 //! Recordings in: MCAP files, message decoding, samples to records.
 
 pub mod cdr;
+mod carry;
 mod chunk;
 pub mod decode;
 pub mod folder;

@@ -71,9 +71,10 @@ pub(super) fn decode(
     router.unverified = saved.unverified;
     let mut lost = Vec::new();
     for saved in saved.rods {
-        let at = router.rods.iter().position(|rod| {
-            rod.config.rod == saved.rod && cut_by(&rod.config, settings) == saved.cut_by
-        });
+        let at = router
+            .rods
+            .iter()
+            .position(|rod| rod.config.rod == saved.rod && cut_by(&rod.config, settings) == saved.cut_by);
         let assembler = Assembler::resume(&saved.assembler, *settings);
         let (Some(at), Ok(assembler)) = (at, assembler) else {
             if saved.messages > 0 {

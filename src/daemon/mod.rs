@@ -3,9 +3,11 @@
 //! docs/daemon.md tells the way of a record through it. [`run`] is its life: prepare, open, run, reload, drain.
 
 pub mod core;
+mod folder;
 pub mod generation;
 pub mod job;
 mod pipe;
+pub mod reader;
 mod restart;
 mod retention;
 mod running;

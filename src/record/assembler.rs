@@ -9,6 +9,7 @@ use super::quality;
 use super::temperature::Temperature;
 use super::timing::{self, Even, Stretch};
 use super::{Cut, Excitation, Flag, Reading, Record, RecordSettings, Rejection, RodId, Timestamp};
+use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 
 /// What becomes of a stretch of samples.
@@ -57,9 +58,13 @@ const NOTABLE_JITTER: f64 = 0.05;
 type Message = (i64, Vec<f64>);
 
 /// Cuts one rod's samples into records.
-#[derive(Debug)]
+///
+/// What it holds between two messages survives a restart ([`Assembler::save`]).
+#[derive(Debug, Serialize, Deserialize)]
 pub struct Assembler {
     rod: RodId,
+    /// Not saved: whoever resumes gives them again.
+    #[serde(skip)]
     settings: RecordSettings,
     declared_hz: Option<f64>,
     temperature: Option<Temperature>,
@@ -76,14 +81,17 @@ pub struct Assembler {
     searched_s: f64,
     searched_from: Option<Timestamp>,
     unverified: bool,
+    #[serde(with = "super::saved::records")]
     waiting: VecDeque<Record>,
     /// A run of stretches too short for a record, told as one.
     short: Option<Short>,
     samples: u64,
+    /// Not saved: whoever saves has taken them before.
+    #[serde(skip)]
     events: Vec<Event>,
 }
 
-#[derive(Debug)]
+#[derive(Debug, Serialize, Deserialize)]
 struct Short {
     start: Timestamp,
     longest_s: f64,
@@ -121,6 +129,43 @@ impl Assembler {
             short: None,
             samples: 0,
             events: Vec::new(),
+        }
+    }
+
+    /// What it holds, NaN samples bit for bit, for [`Assembler::resume`]. Take the [events](Self::events) before.
+    ///
+    /// # Errors
+    /// It cannot be encoded, which no input brings about.
+    pub fn save(&self) -> Result<Vec<u8>, postcard::Error> {
+        postcard::to_stdvec(self)
+    }
+
+    /// Goes on from what was [saved](Self::save), with the settings it was saved with.
+    ///
+    /// # Errors
+    /// The bytes are no saved assembler.
+    pub fn resume(saved: &[u8], settings: RecordSettings) -> Result<Self, postcard::Error> {
+        let assembler: Self = postcard::from_bytes(saved)?;
+        Ok(Self {
+            settings,
+            ..assembler
+        })
+    }
+
+    /// Begins anew after [`Assembler::finish`], as for another file. With `keep_temperature` the readings go on: they come
+    /// from elsewhere.
+    pub fn renew(&mut self, keep_temperature: bool) {
+        let temperature = self.temperature.take();
+        let fresh = Self::new(
+            self.rod.clone(),
+            self.settings,
+            self.declared_hz,
+            temperature.is_some(),
+        );
+        let events = std::mem::take(&mut self.events);
+        *self = Self { events, ..fresh };
+        if keep_temperature {
+            self.temperature = temperature;
         }
     }
 

@@ -5,6 +5,7 @@ pub mod channel;
 mod onset;
 pub mod quality;
 pub mod rejection;
+mod saved;
 pub mod settings;
 mod temperature;
 pub mod time;
@@ -33,7 +34,7 @@ impl fmt::Display for RodId {
 }
 
 /// How the rod was set in motion.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Excitation {
     /// Wind, traffic, bells: a stationary random response.

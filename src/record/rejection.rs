@@ -1,6 +1,6 @@
 //! Why a record was refused, or what was noticed about one that was not: data, not errors.
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 /// Why a record gives no frequencies or no force. Stored, counted and shown; never an error.
@@ -179,7 +179,7 @@ impl Rejection {
 }
 
 /// What the checks noticed about a record without refusing it.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", tag = "flag")]
 pub enum Flag {
     /// The file has no checksums: its content could not be verified.

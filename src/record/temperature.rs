@@ -24,7 +24,7 @@ pub struct Reading {
 }
 
 /// Sum of some readings.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
 struct Sum {
     celsius: f64,
     /// Seconds since the key under which it is kept, summed.
@@ -33,7 +33,7 @@ struct Sum {
 }
 
 /// Readings of one channel, as sum and count a second.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub(super) struct Temperature {
     seconds: BTreeMap<i64, (f64, u32)>,
     last: Option<i64>,

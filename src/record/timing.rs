@@ -1,9 +1,10 @@
 //! Stamps to an even time axis: sample rate by regression, missing samples by their holes.
 
 use super::{RecordSettings, Rejection, Timestamp};
+use serde::{Deserialize, Serialize};
 
 /// Messages in time order, not yet on an even axis.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub(super) struct Stretch {
     /// Time of each message's first sample \[ns\].
     pub times: Vec<i64>,

@@ -20,7 +20,7 @@ pub fn recordings(paths: &[PathBuf]) -> Vec<Result<PathBuf, SourceError>> {
     }
     let mut timed: Vec<(u64, PathBuf)> = found
         .into_iter()
-        .map(|path| (first_time(&path).unwrap_or(u64::MAX), path))
+        .map(|path| (first_time_at(&path).unwrap_or(u64::MAX), path))
         .collect();
     timed.sort();
     timed.dedup();
@@ -60,12 +60,16 @@ fn expand(path: &Path) -> Result<Vec<PathBuf>, SourceError> {
 /// Records looked at for the first message.
 const LOOKED_AT: usize = 1000;
 
-/// Log time of the first message \[ns since 1970\], from the first chunk's header or the message itself.
-fn first_time(path: &Path) -> Option<u64> {
+fn first_time_at(path: &Path) -> Option<u64> {
     if !fs::metadata(path).ok()?.is_file() {
         return None;
     }
-    let mut file = BufReader::new(File::open(path).ok()?);
+    first_time(&File::open(path).ok()?)
+}
+
+/// Log time of the first message \[ns since 1970\], from the first chunk's header or the message itself.
+pub fn first_time(file: &File) -> Option<u64> {
+    let mut file = BufReader::new(file);
     file.seek(SeekFrom::Start(8)).ok()?;
     for _ in 0..LOOKED_AT {
         let mut head = [0u8; 9];

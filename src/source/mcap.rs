@@ -114,6 +114,13 @@ struct Contents {
 /// Most bytes of schemas and channels held.
 const MAX_HELD: usize = 16 << 20;
 
+impl ChannelInfo {
+    /// What the channel's metadata say under `key`.
+    pub fn metadata(&self, key: &str) -> Option<&str> {
+        self.metadata.get(key).map(String::as_str)
+    }
+}
+
 impl<R: Read> Reader<R> {
     /// Starts at the first byte of `input`. With `live`, an end is taken for a pause.
     pub fn new(input: R, trust: Trust, live: bool) -> Self {
@@ -193,6 +200,11 @@ impl<R: Read> Reader<R> {
     /// Bytes read so far.
     pub fn bytes_read(&self) -> u64 {
         self.bytes_read
+    }
+
+    /// Where the record or chunk stands that the next step goes on with \[bytes\].
+    pub fn offset(&self) -> u64 {
+        self.contents.offset
     }
 
     /// Messages handed out so far.

@@ -1,5 +1,6 @@
 //! Recordings in: MCAP files, message decoding, samples to records.
 
+mod carry;
 pub mod cdr;
 mod chunk;
 pub mod decode;
@@ -11,6 +12,7 @@ pub mod protobuf;
 pub mod recording;
 pub mod recordings;
 mod route;
+pub mod series;
 pub mod stamp;
 pub mod summary;
 mod verify;
@@ -19,9 +21,11 @@ mod wire;
 pub use self::decode::{DecodeError, Decoder, SchemaRef};
 pub use self::folder::recordings;
 pub use self::path::FieldPath;
-pub use self::recording::{Follow, Options, Position, Recording};
+pub use self::recording::{Follow, Options, Poll, Position, Recording};
 pub use self::recordings::{Recordings, Step};
+pub use self::series::{PartEnd, Parts, Series, SeriesPoll};
 pub use self::summary::{Summary, TopicSummary};
+pub use self::verify::Trust;
 pub use crate::record::Event;
 
 use std::io;

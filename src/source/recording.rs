@@ -5,7 +5,7 @@ use super::mcap::{Damage, Progress, Reader};
 use super::path::FieldPath;
 use super::route::Router;
 use super::summary::Summary;
-use super::verify::{self, Trust};
+use super::verify::{Check, Trust};
 use crate::record::{Event, RecordSettings, RodChannels, TimeSource};
 use std::collections::VecDeque;
 use std::fs::{self, File};
@@ -40,21 +40,45 @@ pub struct Position {
     pub total: u64,
 }
 
-trait Input: Read + Send {}
-impl<T: Read + Send> Input for T {}
+trait Input: Read + Seek + Send {}
+impl<T: Read + Seek + Send> Input for T {}
+
+/// What a recording does next.
+enum Stage {
+    /// Its checksum is taken, before anything in it is believed.
+    Checking(Box<dyn Input>, Check),
+    /// It is read.
+    Reading(Box<Reader<Box<dyn Input>>>),
+    /// There is nothing more in it.
+    Ended,
+}
+
+/// What one step of reading brought.
+#[derive(Debug)]
+pub enum Poll {
+    /// An event.
+    Event(Event),
+    /// Nothing yet; there is more to read.
+    More,
+    /// Nothing yet, and nothing to read now; the file may grow.
+    Wait,
+    /// The end.
+    End,
+}
 
 /// One recording. Iterate over its events; then look at the [summary](Self::summary).
 ///
 /// Memory is bounded by one chunk and one record a rod, never by the file. It is `Send`: read on one
 /// thread while another computes.
 pub struct Recording {
-    reader: Reader<Box<dyn Input>>,
+    stage: Stage,
     router: Router,
     queue: VecDeque<Event>,
     follow: Option<Follow>,
     total: u64,
+    read: u64,
+    offset: u64,
     summary: Summary,
-    done: bool,
 }
 
 impl Recording {
@@ -81,10 +105,34 @@ impl Recording {
     /// Reads from anything that can be read and sought; `name` stands for it in sentences.
     pub fn new(
         name: &str,
-        mut input: impl Read + Seek + Send + 'static,
+        input: impl Read + Seek + Send + 'static,
         rods: &[RodChannels],
         settings: &RecordSettings,
         options: Options,
+    ) -> Result<Self, SourceError> {
+        let mut recording = Self::begin(name, input, rods, settings, options.follow.is_some())?;
+        recording.follow = options.follow;
+        while let Stage::Checking(input, check) = &mut recording.stage {
+            if let Some(trust) = check.step(input).map_err(|source| SourceError::Io {
+                path: name.to_owned(),
+                source,
+            })? {
+                recording.believe(trust);
+            }
+        }
+        Ok(recording)
+    }
+
+    /// As [`Recording::new`], to be read by [`Recording::poll`]; `live` says that its end may not be there yet.
+    ///
+    /// # Errors
+    /// It cannot be read, or a field of a rod is none.
+    pub fn begin(
+        name: &str,
+        mut input: impl Read + Seek + Send + 'static,
+        rods: &[RodChannels],
+        settings: &RecordSettings,
+        live: bool,
     ) -> Result<Self, SourceError> {
         for rod in rods {
             let channels = [Some(&rod.displacement), rod.temperature.as_ref()];
@@ -105,34 +153,95 @@ impl Recording {
             path: name.to_owned(),
             source,
         };
-        let live = options.follow.is_some();
         let total = input.seek(SeekFrom::End(0)).map_err(failed)?;
         input.seek(SeekFrom::Start(0)).map_err(failed)?;
-        let trust = if live {
-            Trust::Unverified
+        let check = if live {
+            None
         } else {
-            verify::verify(&mut input).map_err(failed)?
+            Check::begin(&mut input).map_err(failed)?
         };
+        let input: Box<dyn Input> = Box::new(input);
         Ok(Self {
-            reader: Reader::new(Box::new(input), trust, live),
+            stage: match check {
+                Some(check) => Stage::Checking(input, check),
+                None => Stage::Reading(Box::new(Reader::new(input, Trust::Unverified, live))),
+            },
             router: Router::new(rods, settings),
             queue: VecDeque::new(),
-            follow: options.follow,
+            follow: None,
             total,
+            read: 0,
+            offset: 0,
             summary: Summary {
                 file: name.to_owned(),
                 ..Default::default()
             },
-            done: false,
         })
+    }
+
+    /// One step: at most one record or chunk of the file is read.
+    pub fn poll(&mut self) -> Poll {
+        if let Some(event) = self.queue.pop_front() {
+            return Poll::Event(event);
+        }
+        let outcome = match &mut self.stage {
+            Stage::Ended => return Poll::End,
+            Stage::Checking(input, check) => match check.step(input) {
+                Ok(Some(trust)) => {
+                    self.believe(trust);
+                    Ok(Progress::More)
+                }
+                Ok(None) => Ok(Progress::More),
+                Err(fault) => Err(Damage {
+                    offset: 0,
+                    what: format!("the file cannot be read: {fault}"),
+                }),
+            },
+            Stage::Reading(reader) => {
+                let router = &mut self.router;
+                let outcome = reader.step(&mut |item| router.item(item));
+                self.read = reader.bytes_read();
+                self.offset = reader.offset();
+                outcome
+            }
+        };
+        match outcome {
+            Ok(Progress::More) => self.router.events(&mut self.queue),
+            Ok(Progress::Wait) => return Poll::Wait,
+            outcome => self.end(outcome),
+        }
+        self.queue.pop_front().map_or(Poll::More, Poll::Event)
+    }
+
+    /// Ends a recording that does not grow any more as one that is cut short; its last events are still to be taken.
+    pub fn give_up(&mut self) {
+        self.end(Ok(Progress::Truncated));
+    }
+
+    /// Ends a recording that may not be read any further; its last events are still to be taken.
+    pub fn abandon(&mut self, why: &str) {
+        self.end(Err(Damage {
+            offset: self.offset,
+            what: why.to_owned(),
+        }));
+    }
+
+    /// Where the record or chunk stands that the next step goes on with \[bytes\].
+    pub fn offset(&self) -> u64 {
+        self.offset
+    }
+
+    fn believe(&mut self, trust: Trust) {
+        if let Stage::Checking(input, _) = std::mem::replace(&mut self.stage, Stage::Ended) {
+            self.stage = Stage::Reading(Box::new(Reader::new(input, trust, false)));
+        }
     }
 
     /// How far the file was read, for a progress bar.
     pub fn position(&self) -> Position {
-        let read = self.reader.bytes_read();
         Position {
-            read,
-            total: self.total.max(read),
+            read: self.read,
+            total: self.total.max(self.read),
         }
     }
 
@@ -142,12 +251,15 @@ impl Recording {
     }
 
     fn end(&mut self, outcome: Result<Progress, Damage>) {
-        self.done = true;
+        let (whole, messages) = match std::mem::replace(&mut self.stage, Stage::Ended) {
+            Stage::Reading(reader) => (reader.data_ended(), reader.messages()),
+            Stage::Checking(..) => (false, 0),
+            Stage::Ended => return,
+        };
         let mut lost = None;
         let mut cut_short = false;
         match outcome {
             Err(Damage { offset, what }) => {
-                let whole = self.reader.data_ended();
                 let advice = if whole {
                     "its data was used"
                 } else {
@@ -167,7 +279,7 @@ impl Recording {
             }
         }
         self.router.finish(cut_short, lost.as_deref(), &mut self.queue);
-        self.summary.messages = self.reader.messages();
+        self.summary.messages = messages;
         self.router.summarise(&mut self.summary);
     }
 }
@@ -177,20 +289,14 @@ impl Iterator for Recording {
 
     fn next(&mut self) -> Option<Event> {
         loop {
-            if let Some(event) = self.queue.pop_front() {
-                return Some(event);
-            }
-            if self.done {
-                return None;
-            }
-            let Self { reader, router, .. } = self;
-            match reader.step(&mut |item| router.item(item)) {
-                Ok(Progress::More) => self.router.events(&mut self.queue),
-                Ok(Progress::Wait) => match &self.follow {
+            match self.poll() {
+                Poll::Event(event) => return Some(event),
+                Poll::End => return None,
+                Poll::More => {}
+                Poll::Wait => match &self.follow {
                     Some(follow) if !follow.stop.load(Ordering::Relaxed) => std::thread::sleep(follow.poll),
-                    _ => self.end(Ok(Progress::Truncated)),
+                    _ => self.give_up(),
                 },
-                outcome => self.end(outcome),
             }
         }
     }

@@ -3,24 +3,33 @@
 use super::decode::{DecodeError, Decoded, Decoder, SchemaRef, Time};
 use super::mcap::{ChannelInfo, Item, Message};
 use super::summary::{Summary, TopicSummary};
+use crate::journal::note::{self, Note, State};
 use crate::record::{
     Assembler, Channel, Event, RecordSettings, Rejection, RodChannels, TimeSource, Timestamp,
 };
 
-/// Everything between messages and events for one file.
+/// Everything between messages and events for one file, or for all parts of one journal.
 pub(super) struct Router {
-    rods: Vec<Rod>,
+    pub(super) rods: Vec<Rod>,
     /// By channel id.
     channels: Vec<Listed>,
     scratch: Vec<f64>,
     topics: Vec<(String, TopicSummary)>,
-    unverified: bool,
+    pub(super) unverified: bool,
+    /// The streams of a journal that channels belong to.
+    streams: Vec<String>,
+    /// The journal that is read.
+    pub(super) journal: Option<String>,
+    /// Events of streams that ended, until they are taken.
+    ended: Vec<Event>,
 }
 
-struct Rod {
-    config: RodChannels,
-    assembler: Assembler,
-    messages: u64,
+pub(super) struct Rod {
+    pub(super) config: RodChannels,
+    pub(super) assembler: Assembler,
+    pub(super) messages: u64,
+    /// The stream its last sample came with, and the one its last temperature came with: indices into the streams.
+    fed_by: [Option<usize>; 2],
 }
 
 #[derive(Default)]
@@ -29,6 +38,10 @@ struct Listed {
     topic: usize,
     known: bool,
     routes: Vec<Route>,
+    /// The stream it belongs to, in a journal.
+    stream: Option<usize>,
+    /// Whether it holds the notes of a journal.
+    notes: bool,
 }
 
 /// One quantity of one rod on one channel.
@@ -47,6 +60,7 @@ impl Router {
                 config: config.clone(),
                 assembler: Assembler::new(config.rod.clone(), *settings, fs_hz, temperature),
                 messages: 0,
+                fed_by: [None; 2],
             }
         });
         Self {
@@ -55,6 +69,9 @@ impl Router {
             scratch: Vec::new(),
             topics: Vec::new(),
             unverified: false,
+            streams: Vec::new(),
+            journal: None,
+            ended: Vec::new(),
         }
     }
 
@@ -73,6 +90,17 @@ impl Router {
     }
 
     fn channel(&mut self, id: u16, channel: &ChannelInfo, schema: Option<SchemaRef<'_>>) {
+        let id = usize::from(id);
+        if self.channels.len() <= id {
+            self.channels.resize_with(id + 1, Listed::default);
+        }
+        if channel.topic == note::TOPIC {
+            self.channels[id] = Listed {
+                notes: true,
+                ..Listed::default()
+            };
+            return;
+        }
         let known = self.topics.iter().position(|(topic, _)| *topic == channel.topic);
         let topic = known.unwrap_or_else(|| {
             let summary = TopicSummary {
@@ -100,14 +128,13 @@ impl Router {
                 });
             }
         }
-        let id = usize::from(id);
-        if self.channels.len() <= id {
-            self.channels.resize_with(id + 1, Listed::default);
-        }
+        let stream = channel.metadata(note::STREAM).map(|name| self.stream(name));
         self.channels[id] = Listed {
             topic,
             known: true,
             routes,
+            stream,
+            notes: false,
         };
     }
 
@@ -120,12 +147,15 @@ impl Router {
             topics,
             ..
         } = self;
-        let Some(listed) = channels
-            .get(usize::from(message.channel))
-            .filter(|listed| listed.known)
-        else {
+        let Some(listed) = channels.get(usize::from(message.channel)) else {
             return;
         };
+        if listed.notes {
+            return self.note(message.data);
+        }
+        if !listed.known {
+            return;
+        }
         let Some((_, summary)) = topics.get_mut(listed.topic) else {
             return;
         };
@@ -135,6 +165,7 @@ impl Router {
             let Some(rod) = rods.get_mut(route.rod) else {
                 continue;
             };
+            rod.fed_by[usize::from(route.temperature)] = listed.stream;
             if let Err(found) = route.take(rod, &message, scratch) {
                 fault.get_or_insert(found);
             }
@@ -145,8 +176,92 @@ impl Router {
         }
     }
 
+    /// What a journal says of itself: another journal ends everything, a stream that ended ends its rods' records.
+    fn note(&mut self, data: &[u8]) {
+        // Notes of a newer version, or none at all: the data speak for themselves.
+        let Ok(note) = serde_json::from_slice::<Note>(data) else {
+            return;
+        };
+        if let Some(begins) = note.begins {
+            let before = self.journal.replace(begins.journal);
+            if before.is_some() && before != self.journal {
+                for at in 0..self.rods.len() {
+                    self.end_rod(at, true);
+                }
+            }
+        }
+        for (stream, standing) in &note.streams {
+            match standing.state {
+                State::Open => {}
+                State::Complete => self.end_of(stream, false),
+                State::Broken => self.end_of(stream, true),
+            }
+        }
+    }
+
+    /// A stream ended: so do the records of the rods that were last fed by it.
+    fn end_of(&mut self, stream: &str, cut_short: bool) {
+        let Some(stream) = self.streams.iter().position(|name| name == stream) else {
+            return;
+        };
+        for at in 0..self.rods.len() {
+            if self.rods[at].fed_by[0] == Some(stream) {
+                self.end_rod(at, cut_short);
+            }
+        }
+    }
+
+    /// Ends a rod's records as the end of a file does, and begins anew. Its temperatures go on if they come from elsewhere.
+    fn end_rod(&mut self, at: usize, cut_short: bool) {
+        let Some(rod) = self.rods.get_mut(at) else { return };
+        rod.finish(cut_short, None, &mut self.ended);
+        let [samples, temperature] = rod.fed_by;
+        let is_from_elsewhere = temperature.is_some() && temperature != samples;
+        rod.assembler.renew(is_from_elsewhere);
+        if self.unverified {
+            rod.assembler.mark_unverified();
+        }
+        rod.messages = 0;
+        rod.fed_by = [None, temperature.filter(|_| is_from_elsewhere)];
+    }
+
+    /// The number of a stream.
+    pub(super) fn stream(&mut self, name: &str) -> usize {
+        let known = self.streams.iter().position(|stream| stream == name);
+        known.unwrap_or_else(|| {
+            self.streams.push(name.to_owned());
+            self.streams.len() - 1
+        })
+    }
+
+    /// The names of the streams that last fed a rod.
+    pub(super) fn fed_by(&self, rod: &Rod) -> [Option<String>; 2] {
+        rod.fed_by
+            .map(|stream| stream.and_then(|stream| self.streams.get(stream).cloned()))
+    }
+
+    /// Notes which streams last fed a rod.
+    pub(super) fn set_fed_by(&mut self, at: usize, names: [Option<String>; 2]) {
+        let streams = names.map(|name| name.map(|name| self.stream(&name)));
+        if let Some(rod) = self.rods.get_mut(at) {
+            rod.fed_by = streams;
+        }
+    }
+
+    /// Another file of the same journal follows: channels are numbered anew, samples go on.
+    pub fn next_part(&mut self) {
+        let fed_by: Vec<_> = self.rods.iter().map(|rod| self.fed_by(rod)).collect();
+        self.channels.clear();
+        self.topics.clear();
+        self.streams.clear();
+        for (at, names) in fed_by.into_iter().enumerate() {
+            self.set_fed_by(at, names);
+        }
+    }
+
     /// What became of the samples so far.
     pub fn events(&mut self, to: &mut impl Extend<Event>) {
+        to.extend(self.ended.drain(..));
         for rod in &mut self.rods {
             to.extend(rod.assembler.events());
         }
@@ -155,33 +270,9 @@ impl Router {
     /// Ends every stream; `damage` stands for what was not read, one rejection for each rod the file had
     /// messages of.
     pub fn finish(&mut self, cut_short: bool, damage: Option<&str>, to: &mut impl Extend<Event>) {
+        to.extend(self.ended.drain(..));
         for rod in &mut self.rods {
-            rod.assembler.finish(cut_short);
-            to.extend(rod.assembler.events());
-            let readings = rod.assembler.leftover(Timestamp::MAX);
-            if !readings.is_empty() {
-                to.extend([Event::Readings {
-                    rod: rod.config.rod.clone(),
-                    readings,
-                }]);
-            }
-            let rejection = match damage {
-                Some(detail) if rod.messages > 0 => Rejection::Damaged {
-                    detail: detail.to_owned(),
-                },
-                // Messages there were, samples none: one offered record that gave nothing.
-                None if rod.messages > 0 && rod.assembler.samples() == 0 => Rejection::Missing {
-                    share: 1.0,
-                    allowed: 0.0,
-                },
-                _ => continue,
-            };
-            to.extend([Event::Rejected {
-                rod: rod.config.rod.clone(),
-                start: None,
-                duration_s: 0.0,
-                rejection,
-            }]);
+            rod.finish(cut_short, damage, to);
         }
     }
 
@@ -202,6 +293,38 @@ impl Router {
                 }
             }
         }
+    }
+}
+
+impl Rod {
+    /// Ends its stream.
+    fn finish(&mut self, cut_short: bool, damage: Option<&str>, to: &mut impl Extend<Event>) {
+        self.assembler.finish(cut_short);
+        to.extend(self.assembler.events());
+        let readings = self.assembler.leftover(Timestamp::MAX);
+        if !readings.is_empty() {
+            to.extend([Event::Readings {
+                rod: self.config.rod.clone(),
+                readings,
+            }]);
+        }
+        let rejection = match damage {
+            Some(detail) if self.messages > 0 => Rejection::Damaged {
+                detail: detail.to_owned(),
+            },
+            // Messages there were, samples none: one offered record that gave nothing.
+            None if self.messages > 0 && self.assembler.samples() == 0 => Rejection::Missing {
+                share: 1.0,
+                allowed: 0.0,
+            },
+            _ => return,
+        };
+        to.extend([Event::Rejected {
+            rod: self.config.rod.clone(),
+            start: None,
+            duration_s: 0.0,
+            rejection,
+        }]);
     }
 }
 

@@ -18,22 +18,65 @@ const MAGIC: &[u8; 8] = b"\x89MCAP0\r\n";
 const FOOTER: u64 = 9 + 20;
 const DATA_END: u64 = 9 + 4;
 
-/// Reads the file once to check it, and goes back to its start.
-pub fn verify(file: &mut (impl Read + Seek)) -> io::Result<Trust> {
-    let trust = check(file);
-    file.seek(SeekFrom::Start(0))?;
-    match trust {
-        // Shorter than it seems: cut while it was read.
-        Err(fault) if fault.kind() == io::ErrorKind::UnexpectedEof => Ok(Trust::Unverified),
-        trust => trust,
+/// Bytes a step reads.
+const STEP: usize = 1 << 18;
+
+/// A checksum being taken over a file, a little at a time.
+pub struct Check {
+    hasher: crc32fast::Hasher,
+    left: u64,
+    saved: u32,
+}
+
+impl Check {
+    /// Looks at the end of a file for its checksum and goes back to its start; `None` if there is none.
+    pub fn begin(file: &mut (impl Read + Seek)) -> io::Result<Option<Self>> {
+        let found = find(file);
+        file.seek(SeekFrom::Start(0))?;
+        match found {
+            // Shorter than it seems: cut while it was read.
+            Err(fault) if fault.kind() == io::ErrorKind::UnexpectedEof => Ok(None),
+            Err(fault) => Err(fault),
+            Ok(found) => Ok(found.map(|(left, saved)| Self {
+                hasher: crc32fast::Hasher::new(),
+                left,
+                saved,
+            })),
+        }
+    }
+
+    /// Reads on; at the end says what came out and goes back to the file's start.
+    pub fn step(&mut self, file: &mut (impl Read + Seek)) -> io::Result<Option<Trust>> {
+        let mut buffer = vec![0u8; STEP];
+        // Bounded by the buffer.
+        let wanted = self.left.min(STEP as u64) as usize;
+        match file.read(&mut buffer[..wanted]) {
+            Ok(0) => {}
+            Ok(count) => {
+                self.hasher.update(&buffer[..count]);
+                self.left -= count as u64;
+                return Ok(None);
+            }
+            Err(fault) if fault.kind() == io::ErrorKind::Interrupted => return Ok(None),
+            Err(fault) => return Err(fault),
+        }
+        file.seek(SeekFrom::Start(0))?;
+        Ok(Some(if self.left > 0 {
+            Trust::Unverified
+        } else if self.hasher.clone().finalize() == self.saved {
+            Trust::Verified
+        } else {
+            Trust::Damaged
+        }))
     }
 }
 
-fn check(file: &mut (impl Read + Seek)) -> io::Result<Trust> {
+/// Where the data of a complete file ends, and the checksum over them; `None` without.
+fn find(file: &mut (impl Read + Seek)) -> io::Result<Option<(u64, u32)>> {
     let length = file.seek(SeekFrom::End(0))?;
     let tail_length = FOOTER + MAGIC.len() as u64;
     if length < tail_length + DATA_END {
-        return Ok(Trust::Unverified);
+        return Ok(None);
     }
     let footer_at = length - tail_length;
     file.seek(SeekFrom::Start(footer_at))?;
@@ -42,7 +85,7 @@ fn check(file: &mut (impl Read + Seek)) -> io::Result<Trust> {
     let (footer, magic) = tail.split_at(29);
     let (head, content) = footer.split_at(9);
     if magic != MAGIC || head != [2, 20, 0, 0, 0, 0, 0, 0, 0] {
-        return Ok(Trust::Unverified);
+        return Ok(None);
     }
     let mut summary_at = [0u8; 8];
     summary_at.copy_from_slice(&content[..8]);
@@ -54,33 +97,17 @@ fn check(file: &mut (impl Read + Seek)) -> io::Result<Trust> {
         .checked_sub(DATA_END)
         .filter(|_| summary_at <= footer_at)
     else {
-        return Ok(Trust::Unverified);
+        return Ok(None);
     };
     file.seek(SeekFrom::Start(end_at))?;
     let mut end = [0u8; 13];
     file.read_exact(&mut end)?;
     let [15, 4, 0, 0, 0, 0, 0, 0, 0, a, b, c, d] = end else {
-        return Ok(Trust::Unverified);
+        return Ok(None);
     };
     let saved = u32::from_le_bytes([a, b, c, d]);
     if saved == 0 {
-        return Ok(Trust::Unverified);
+        return Ok(None);
     }
-    file.seek(SeekFrom::Start(0))?;
-    let mut hasher = crc32fast::Hasher::new();
-    let mut data = file.take(end_at);
-    let mut buffer = vec![0u8; 1 << 18];
-    loop {
-        match data.read(&mut buffer) {
-            Ok(0) => break,
-            Ok(count) => hasher.update(&buffer[..count]),
-            Err(fault) if fault.kind() == io::ErrorKind::Interrupted => {}
-            Err(fault) => return Err(fault),
-        }
-    }
-    Ok(if hasher.finalize() == saved {
-        Trust::Verified
-    } else {
-        Trust::Damaged
-    })
+    Ok(Some((end_at, saved)))
 }

@@ -1,0 +1,449 @@
+//! The reader's thread: turns the journal and the watched folder into jobs.
+//!
+//! Every source has its turn, and a turn is short: a huge file never keeps live data waiting. Nothing is finished when
+//! it stops: what was not committed is read again at the next start.
+
+use super::folder::{Folder, FolderStep};
+use super::{Generation, Job};
+use crate::journal::{self, Bell, part};
+use crate::record::{Event, RodChannels};
+use crate::source::{PartEnd, Parts, Series, SeriesPoll};
+use crate::step::Place;
+use crate::store::{Carry, FileMark, FileState};
+use crate::telemetry::{Fault, Health};
+use std::collections::BTreeMap;
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use std::sync::mpsc::{Receiver, Sender, SyncSender, TrySendError, channel};
+use std::thread::{self, JoinHandle};
+use std::time::Duration;
+
+/// Pause before sources without anything new are looked at again.
+const POLL: Duration = Duration::from_millis(200);
+/// Pause before a full queue is tried again.
+const PUSH_BACK: Duration = Duration::from_millis(2);
+/// Deaths of the program at one step before that step is not tried again.
+const MOST_DEATHS: u32 = 2;
+
+/// The name the store keeps the journal's [`Carry`] under.
+pub const JOURNAL: &str = "journal";
+
+/// Whom the reader tells what it works on, so that an end of the program can be laid to it.
+pub struct Watch {
+    /// Notes what is worked on; `None` when it went well.
+    pub working_on: Box<dyn FnMut(Option<&str>) + Send>,
+    /// How often that ended the program.
+    pub deaths: Box<dyn Fn(&str) -> u32 + Send>,
+}
+
+impl Watch {
+    /// Nobody is told.
+    pub fn none() -> Self {
+        Self {
+            working_on: Box::new(|_| {}),
+            deaths: Box::new(|_| 0),
+        }
+    }
+
+    /// A step begins; why it must not, if it must not.
+    pub(super) fn begin(&mut self, name: &str, offset: u64) -> Option<String> {
+        let step = format!("{name}@{offset}");
+        let deaths = (self.deaths)(&step);
+        if deaths >= MOST_DEATHS {
+            return Some(format!(
+                "{name}: reading it at byte {offset} ended the program {deaths} times; it is set aside"
+            ));
+        }
+        (self.working_on)(Some(&step));
+        None
+    }
+
+    pub(super) fn end(&mut self) {
+        (self.working_on)(None);
+    }
+}
+
+/// What is read.
+pub struct Sources {
+    /// The watched folder.
+    pub folder: Option<PathBuf>,
+    /// A growing recording that has not grown for this long counts as cut short \[s\].
+    pub settle_s: f64,
+    /// The journal.
+    pub journal: Option<JournalSource>,
+}
+
+/// The journal that is read.
+pub struct JournalSource {
+    /// Its folder.
+    pub folder: PathBuf,
+    /// The way to its writer: a change of the configuration begins a new part.
+    pub handle: journal::Handle,
+    /// What [`journal::Journal::results_kept`] gave: set at the start to what the store has.
+    pub results_kept: Arc<AtomicU32>,
+}
+
+/// What the store remembers of the sources.
+#[derive(Debug, Clone, Default)]
+pub struct Remembered {
+    /// Files read to their end.
+    pub files: BTreeMap<String, FileMark>,
+    /// What the journal's read parts left open, kept under [`JOURNAL`].
+    pub carry: Option<Carry>,
+}
+
+/// The reader's thread.
+#[derive(Debug)]
+pub struct Reader {
+    reloads: Sender<Arc<Generation>>,
+    stop: Arc<AtomicBool>,
+    bell: Arc<Bell>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Reader {
+    /// Starts to read. `bell` is the journal's, or any.
+    ///
+    /// # Errors
+    /// There is no thread for it.
+    pub fn start(
+        sources: Sources,
+        remembered: Remembered,
+        generation: Arc<Generation>,
+        jobs: SyncSender<Job>,
+        health: Arc<Health>,
+        bell: Arc<Bell>,
+        watch: Watch,
+    ) -> io::Result<Self> {
+        let (reloads, receiver) = channel();
+        let stop = Arc::<AtomicBool>::default();
+        let work = Work::new(
+            sources,
+            &remembered,
+            generation,
+            jobs,
+            health,
+            Arc::clone(&stop),
+            watch,
+        );
+        let wait = Arc::clone(&bell);
+        let thread = thread::Builder::new()
+            .name("reader".to_owned())
+            .spawn(move || work.run(&receiver, &wait))?;
+        Ok(Self {
+            reloads,
+            stop,
+            bell,
+            thread: Some(thread),
+        })
+    }
+
+    /// A new configuration holds. Records are cut by it from the next part of the journal on; files that are not read to
+    /// their end are begun again, if it changes how records are cut. A [`Job::Reload`] says from where it holds.
+    pub fn reload(&self, generation: Arc<Generation>) {
+        // A reader that stopped needs no configuration.
+        let _ = self.reloads.send(generation);
+        self.bell.ring();
+    }
+
+    /// Stops, without finishing anything.
+    pub fn stop(mut self) {
+        self.halt();
+    }
+
+    /// Whether its thread ended, by itself if [`Reader::stop`] was not called.
+    pub fn is_finished(&self) -> bool {
+        self.thread.as_ref().is_none_or(JoinHandle::is_finished)
+    }
+
+    fn halt(&mut self) {
+        self.stop.store(true, Ordering::Relaxed);
+        self.bell.ring();
+        if let Some(thread) = self.thread.take() {
+            // A panic there was told by the panic itself.
+            let _ = thread.join();
+        }
+    }
+}
+
+impl Drop for Reader {
+    fn drop(&mut self) {
+        self.halt();
+    }
+}
+
+struct Work {
+    folder: Option<Folder>,
+    journal: Option<JournalLane>,
+    generation: Arc<Generation>,
+    /// A configuration that holds from the next part of the journal on.
+    waiting: Option<Arc<Generation>>,
+    jobs: SyncSender<Job>,
+    health: Arc<Health>,
+    stop: Arc<AtomicBool>,
+    watch: Watch,
+}
+
+struct JournalLane {
+    series: Series,
+    handle: journal::Handle,
+    quarantined: Option<(u32, String)>,
+}
+
+/// The daemon stops, or whoever took the jobs is gone.
+struct Stopped;
+
+fn channels(generation: &Generation) -> Vec<RodChannels> {
+    let rods = generation.config.rods.iter();
+    rods.map(|rod| rod.channels.clone()).collect()
+}
+
+/// The first part that is not read to its end yet, and the last one that is.
+fn first_part(folder: &Path, files: &BTreeMap<String, FileMark>) -> (u32, Option<u32>) {
+    let parts = part::list(folder).unwrap_or_default();
+    let is_done = |number: &u32| {
+        let Some(mark) = files.get(&part::mark_name(*number)) else {
+            return false;
+        };
+        // A journal that was begun anew has parts of the same names.
+        fs::metadata(part::path(folder, *number)).is_ok_and(|data| {
+            let modified = data.modified().map_or(0, crate::source::series::modified_ns);
+            (data.len(), modified) == (mark.size, mark.modified_ns)
+        })
+    };
+    let last_done = parts.iter().copied().rev().find(is_done);
+    let next = parts.iter().copied().find(|part| Some(*part) > last_done);
+    (
+        next.or_else(|| last_done.map(|part| part.saturating_add(1)))
+            .unwrap_or(1),
+        last_done,
+    )
+}
+
+impl Work {
+    fn new(
+        sources: Sources,
+        remembered: &Remembered,
+        generation: Arc<Generation>,
+        jobs: SyncSender<Job>,
+        health: Arc<Health>,
+        stop: Arc<AtomicBool>,
+        watch: Watch,
+    ) -> Self {
+        let (channels, settings) = (channels(&generation), generation.config.record);
+        let folder = sources.folder.map(|path| {
+            let settle = Duration::try_from_secs_f64(sources.settle_s).unwrap_or(Duration::MAX);
+            Folder::new(
+                path,
+                settle,
+                &channels,
+                &settings,
+                &remembered.files,
+                Arc::clone(&health),
+            )
+        });
+        let journal = sources.journal.map(|source| {
+            let (first, done) = first_part(&source.folder, &remembered.files);
+            source
+                .results_kept
+                .fetch_max(done.unwrap_or(0), Ordering::Relaxed);
+            let mut series = Series::new(&source.folder, Parts::From(first), &channels, &settings);
+            match &remembered.carry {
+                None => {}
+                Some(carry) if carry.part == first => {
+                    for lost in series.resume(&carry.body) {
+                        health.fault(Fault::Recording, lost);
+                    }
+                }
+                Some(carry) => health.fault(
+                    Fault::Recording,
+                    format!(
+                        "the samples that were open before part {} of the journal do not fit part {first}; they are left out",
+                        carry.part
+                    ),
+                ),
+            }
+            JournalLane {
+                series,
+                handle: source.handle,
+                quarantined: None,
+            }
+        });
+        Self {
+            folder,
+            journal,
+            generation,
+            waiting: None,
+            jobs,
+            health,
+            stop,
+            watch,
+        }
+    }
+
+    fn run(mut self, reloads: &Receiver<Arc<Generation>>, bell: &Bell) {
+        while !self.stop.load(Ordering::Relaxed) {
+            match self.turn(reloads) {
+                Ok(true) => {}
+                Ok(false) => bell.wait(POLL),
+                Err(Stopped) => return,
+            }
+        }
+    }
+
+    /// One step of every source; whether there was anything.
+    fn turn(&mut self, reloads: &Receiver<Arc<Generation>>) -> Result<bool, Stopped> {
+        while let Ok(generation) = reloads.try_recv() {
+            self.reload(generation)?;
+        }
+        let folder_had_some = self.folder_turn()?;
+        let is_live = self.folder.as_ref().is_none_or(|folder| !folder.catches_up());
+        let journal_had_some = is_live && self.journal_turn()?;
+        Ok(folder_had_some || journal_had_some)
+    }
+
+    /// Hands a job on; waits while the queue is full.
+    fn send(&self, mut job: Job) -> Result<(), Stopped> {
+        loop {
+            match self.jobs.try_send(job) {
+                Ok(()) => return Ok(()),
+                Err(TrySendError::Disconnected(_)) => return Err(Stopped),
+                Err(TrySendError::Full(back)) => job = back,
+            }
+            if self.stop.load(Ordering::Relaxed) {
+                return Err(Stopped);
+            }
+            thread::sleep(PUSH_BACK);
+        }
+    }
+
+    fn send_event(&self, event: Event, place: Place) -> Result<(), Stopped> {
+        self.send(Job::Event {
+            event,
+            place,
+            generation: Arc::clone(&self.generation),
+        })
+    }
+
+    /// One step of the folder; whether there was anything.
+    fn folder_turn(&mut self) -> Result<bool, Stopped> {
+        let Some(folder) = &mut self.folder else {
+            return Ok(false);
+        };
+        match folder.step(&mut self.watch, &self.stop) {
+            FolderStep::Idle => return Ok(false),
+            FolderStep::More => {}
+            FolderStep::Event(event, place) => self.send_event(event, place)?,
+            FolderStep::File(mark, result) => self.send(Job::File {
+                mark: Some(mark),
+                result,
+                carry: None,
+            })?,
+        }
+        Ok(true)
+    }
+
+    /// One step of the journal; whether there was anything.
+    fn journal_turn(&mut self) -> Result<bool, Stopped> {
+        let Some(lane) = &mut self.journal else {
+            return Ok(false);
+        };
+        if let Some((number, offset)) = lane.series.position() {
+            let is_set_aside = lane.quarantined.as_ref().is_some_and(|(part, _)| *part == number);
+            if !is_set_aside && let Some(why) = self.watch.begin(&part::mark_name(number), offset) {
+                self.health.fault(Fault::Quarantined, &why);
+                lane.series.abandon(&why);
+                lane.quarantined = Some((number, why));
+            }
+        }
+        let polled = lane.series.poll();
+        self.watch.end();
+        match polled {
+            SeriesPoll::Event(event, place) => self.send_event(event, place)?,
+            SeriesPoll::More => {}
+            SeriesPoll::Part(end) => self.end_part(*end)?,
+            SeriesPoll::Wait | SeriesPoll::End => return Ok(false),
+        }
+        Ok(true)
+    }
+
+    fn end_part(&mut self, end: PartEnd) -> Result<(), Stopped> {
+        let waiting = self.waiting.take();
+        let Some(lane) = &mut self.journal else {
+            return Ok(());
+        };
+        let quarantined = lane
+            .quarantined
+            .take_if(|(part, _)| *part == end.part)
+            .map(|(_, why)| why);
+        let last = waiting.as_ref().map(|generation| {
+            lane.series
+                .change(&channels(generation), &generation.config.record)
+        });
+        let body = lane.series.carry();
+        let place = Place {
+            file: Arc::from(part::mark_name(end.part)),
+            bytes: end.size,
+            records: 0,
+        };
+        for event in last.into_iter().flatten() {
+            self.send_event(event, place.clone())?;
+        }
+        let carry = end.next.zip(body.ok()).map(|(part, body)| Carry {
+            journal: JOURNAL.to_owned(),
+            part,
+            body,
+        });
+        let mark = FileMark {
+            name: part::mark_name(end.part),
+            size: end.size,
+            modified_ns: end.modified_ns,
+            state: quarantined.map_or(FileState::Done, FileState::Quarantined),
+        };
+        self.send(Job::File {
+            mark: Some(mark),
+            result: end.result,
+            carry,
+        })?;
+        match waiting {
+            Some(generation) => self.change(generation),
+            None => Ok(()),
+        }
+    }
+
+    fn reload(&mut self, generation: Arc<Generation>) -> Result<(), Stopped> {
+        let before = self.waiting.as_ref().unwrap_or(&self.generation);
+        let cuts_alike =
+            channels(before) == channels(&generation) && before.config.record == generation.config.record;
+        if self.waiting.is_some() {
+            // It holds where the one it replaces would have.
+            self.waiting = Some(generation);
+            return Ok(());
+        }
+        if cuts_alike {
+            self.generation = Arc::clone(&generation);
+            return self.send(Job::Reload(generation));
+        }
+        match &self.journal {
+            // So that every part is cut by one configuration, whenever it is read again.
+            Some(lane) => {
+                lane.handle.rotate();
+                self.waiting = Some(generation);
+                Ok(())
+            }
+            None => self.change(generation),
+        }
+    }
+
+    /// From here on records are cut by another configuration.
+    fn change(&mut self, generation: Arc<Generation>) -> Result<(), Stopped> {
+        if let Some(folder) = &mut self.folder {
+            folder.change(&channels(&generation), &generation.config.record);
+        }
+        self.generation = Arc::clone(&generation);
+        self.send(Job::Reload(generation))
+    }
+}

@@ -9,7 +9,9 @@ use std::path::PathBuf;
 use std::sync::atomic::Ordering;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
-use tirante::ingest::{Counts, IngestSettings, Intake, IntakeLine, Listen, Listener, Server, TopicSet, serve};
+use tirante::ingest::{
+    Counts, IngestSettings, Intake, IntakeLine, Listen, Listener, Server, TopicSet, serve,
+};
 use tirante::journal::{Batch, Closed, End, Entry};
 use tirante::telemetry::{Fault, Health};
 use tokio::sync::watch;
@@ -34,7 +36,12 @@ impl Written {
                 Entry::Channel { id, topic, .. } => {
                     topics.insert(*id, topic.clone());
                 }
-                Entry::Message { channel, log_time, data, .. } => {
+                Entry::Message {
+                    channel,
+                    log_time,
+                    data,
+                    ..
+                } => {
                     found.push((topics[channel].clone(), *log_time, data.clone()));
                 }
             }
@@ -66,7 +73,10 @@ pub struct LedgerLine {
 
 impl Ledger {
     pub fn new() -> Self {
-        Self { inner: Arc::default(), gate: Arc::new(watch::channel(true).0) }
+        Self {
+            inner: Arc::default(),
+            gate: Arc::new(watch::channel(true).0),
+        }
     }
 
     pub fn streams(&self) -> Vec<Written> {
@@ -85,7 +95,9 @@ impl Intake for Ledger {
     async fn connect(&self, sender: Option<&str>) -> Result<LedgerLine, Closed> {
         let mut inner = self.inner.lock().unwrap();
         let index = inner.streams.len();
-        let begins_at = sender.and_then(|name| inner.positions.get(name).copied()).unwrap_or(0);
+        let begins_at = sender
+            .and_then(|name| inner.positions.get(name).copied())
+            .unwrap_or(0);
         inner.streams.push(Written {
             sender: sender.map(str::to_owned),
             through: begins_at,
@@ -94,7 +106,12 @@ impl Intake for Ledger {
         if let Some(name) = sender {
             inner.newest.insert(name.to_owned(), index);
         }
-        Ok(LedgerLine { ledger: self.clone(), index, begins_at, durable: watch::channel(begins_at).0 })
+        Ok(LedgerLine {
+            ledger: self.clone(),
+            index,
+            begins_at,
+            durable: watch::channel(begins_at).0,
+        })
     }
 }
 
@@ -157,18 +174,41 @@ impl Daemon {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("ingest.sock");
         let address = tcp.local_addr().unwrap();
-        let listeners = vec![Listener::Tcp(tcp), Listener::bind(&Listen::Unix(path.clone())).unwrap()];
+        let listeners = vec![
+            Listener::Tcp(tcp),
+            Listener::bind(&Listen::Unix(path.clone())).unwrap(),
+        ];
         let topics: TopicSet = ["/laser", "/air"].map(str::to_owned).into();
         let (topics, wanted) = watch::channel(Arc::new(topics));
         let (health, counts) = (Arc::new(Health::default()), Arc::new(Counts::default()));
-        let server =
-            Server::new(settings, wanted, ledger.clone(), Arc::clone(&health), Arc::clone(&counts)).unwrap();
+        let server = Server::new(
+            settings,
+            wanted,
+            ledger.clone(),
+            Arc::clone(&health),
+            Arc::clone(&counts),
+        )
+        .unwrap();
         let (stop, stopped) = watch::channel(false);
         let thread = std::thread::spawn(move || {
-            let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build().unwrap();
+            let runtime = tokio::runtime::Builder::new_multi_thread()
+                .worker_threads(2)
+                .enable_all()
+                .build()
+                .unwrap();
             runtime.block_on(serve(listeners, server, stopped)).unwrap();
         });
-        Self { address, path, ledger, health, counts, topics, stop, thread: Some(thread), _folder: folder }
+        Self {
+            address,
+            path,
+            ledger,
+            health,
+            counts,
+            topics,
+            stop,
+            thread: Some(thread),
+            _folder: folder,
+        }
     }
 
     pub fn client(&self) -> Client<TcpStream> {
@@ -176,7 +216,10 @@ impl Daemon {
         stream.set_read_timeout(Some(Duration::from_secs(30))).unwrap();
         stream.set_write_timeout(Some(Duration::from_secs(30))).unwrap();
         let copy = stream.try_clone().unwrap();
-        Client { stream, answers: BufReader::new(copy) }
+        Client {
+            stream,
+            answers: BufReader::new(copy),
+        }
     }
 
     /// Stops, and says how long that took.
@@ -251,5 +294,8 @@ pub fn wait_for(what: &str, mut is_so: impl FnMut() -> bool) {
 
 /// A line of data.
 pub fn line(topic: &str, i: u64) -> String {
-    format!("{{\"topic\":\"{topic}\",\"time\":{},\"value\":{i}}}\n", 1_772_344_800_000_000_000 + i * 5_000_000)
+    format!(
+        "{{\"topic\":\"{topic}\",\"time\":{},\"value\":{i}}}\n",
+        1_772_344_800_000_000_000 + i * 5_000_000
+    )
 }

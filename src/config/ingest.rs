@@ -1,26 +1,156 @@
 //! `[ingest]`: where live data comes from.
 
-use super::range::toml_string;
-use super::reader::{Absent, Table, key};
-use crate::ingest::IngestSettings;
+use super::range::{Range, toml_string};
+use super::reader::{Absent, Key, Table, key};
+use super::value::Value;
+use crate::ingest::{IngestSettings, Listen, TlsSettings};
 use std::path::PathBuf;
 
-/// The section; only the folder, until the sockets are there.
+/// Most sockets that are listened at.
+const MOST_SOCKETS: usize = 16;
+
+const HOUR_S: f64 = 3600.0;
+
+/// The section.
 pub(super) fn read(table: &mut Table<'_>) -> IngestSettings {
-    let folder = table
+    let default = IngestSettings::default();
+    let folder = path(
+        table,
+        key(
+            "folder",
+            "folder that is watched for recordings; relative to the working folder",
+        ),
+        Absent::Nothing("no folder is watched"),
+    );
+    let settle_s = table.number(
+        key(
+            "settle_s",
+            "a recording without an end that has not grown for this long counts as cut short [s]",
+        ),
+        Range::within(1.0, 86_400.0),
+        default.settle_s,
+    );
+    let listen = table
         .take(
             key(
-                "folder",
-                "folder that is watched for recordings; relative to the working folder",
+                "listen",
+                "sockets that speak MCAP and JSON lines, `tcp://ADDRESS:PORT` and `unix://PATH`",
             ),
+            format!("up to {MOST_SOCKETS} of them"),
+            Absent::Default(default.listen),
+            sockets,
+            |sockets| {
+                let sockets: Vec<String> = sockets
+                    .iter()
+                    .map(|socket| toml_string(&socket.to_string()))
+                    .collect();
+                format!("[{}]", sockets.join(", "))
+            },
+        )
+        .unwrap_or_default();
+    let clients = table.integer(
+        key("clients", "most clients at once"),
+        1,
+        1024,
+        default.clients as u64,
+    );
+    let idle_s = table.number(
+        key(
+            "idle_s",
+            "a client of which no whole record or line came for this long is closed [s]",
+        ),
+        Range::within(1.0, 86_400.0),
+        default.idle_s,
+    );
+    let resume_s = HOUR_S
+        * table.number(
+            key("resume_h", "a named sender that was cut off may take up its stream for this long; then its last record ends [h]"),
+            Range::within(0.01, 744.0),
+            default.resume_s / HOUR_S,
+        );
+    let tls = table.optional_section(
+        "tls",
+        "TLS on every TCP socket; only clients with a certificate of the authority come in.",
+        tls,
+    );
+    if let (Some(open), None) = (listen.iter().find(|socket| socket.is_open()), &tls) {
+        table.fault_of(
+            "listen",
+            format!("{open} is not on loopback: [ingest.tls] is needed, with certificate, key and client_ca"),
+        );
+    }
+    IngestSettings {
+        folder,
+        settle_s,
+        listen,
+        tls: tls.flatten(),
+        clients: clients as usize,
+        idle_s,
+        resume_s,
+    }
+}
+
+fn tls(table: &mut Table<'_>) -> Option<TlsSettings> {
+    let certificate = path(
+        table,
+        key(
+            "certificate",
+            "the daemon's certificate and those between it and its authority (PEM file)",
+        ),
+        Absent::Required,
+    );
+    let private = path(
+        table,
+        key("key", "the daemon's private key (PEM file)"),
+        Absent::Required,
+    );
+    let client_ca = path(
+        table,
+        key(
+            "client_ca",
+            "the authority that clients' certificates must come from (PEM file)",
+        ),
+        Absent::Required,
+    );
+    Some(TlsSettings {
+        certificate: certificate?,
+        key: private?,
+        client_ca: client_ca?,
+    })
+}
+
+fn path(table: &mut Table<'_>, key: Key, absent: Absent<String>) -> Option<PathBuf> {
+    table
+        .take(
+            key,
             "1 to 255 bytes of text",
-            Absent::Nothing("no folder is watched"),
+            absent,
             |value| value.name_string().map(str::to_owned),
             |path| toml_string(path),
         )
-        .map(PathBuf::from);
-    IngestSettings {
-        folder,
-        ..IngestSettings::default()
+        .map(PathBuf::from)
+}
+
+fn sockets(value: &Value<'_>) -> Option<Vec<Listen>> {
+    let elements = value.array()?;
+    if elements.len() > MOST_SOCKETS {
+        value.fault(format!(
+            "has {} entries, at most {MOST_SOCKETS} are allowed",
+            elements.len()
+        ));
+        return None;
     }
+    let mut sockets: Vec<Listen> = Vec::new();
+    for element in &elements {
+        match element.name_string()?.parse() {
+            Ok(socket) if sockets.contains(&socket) => element.fault(format!("{socket} stands twice")),
+            Ok(socket) => {
+                sockets.push(socket);
+                continue;
+            }
+            Err(what) => element.fault(format!("{} {what}", element.name_string()?)),
+        }
+        return None;
+    }
+    Some(sockets)
 }

@@ -1,5 +1,32 @@
 //! Live data in: sockets that speak MCAP or JSON lines, into the journal.
+//!
+//! A client's bytes go one way:
+//!
+//! ```text
+//! listener -> (tls) -> connection -> protocol (bytes to batches, no socket) -> intake (the journal)
+//!                          '<------- replies: welcome, ack, done, error <----- what is durable
+//! ```
+//!
+//! `docs/streams.md` has the protocol and the limits.
 
+mod connection;
+pub mod counts;
+pub mod intake;
+mod line;
+pub mod listener;
+pub mod protocol;
+mod queue;
+pub mod reply;
+pub mod server;
 pub mod settings;
+mod stream;
+pub(crate) mod tls;
+mod writer;
 
+pub use counts::Counts;
+pub use intake::{Intake, IntakeLine};
+pub use listener::{ListenError, Listener};
+pub use protocol::{Protocol, Refusal, Step};
+pub use reply::Reply;
+pub use server::{Server, TopicSet, Topics, serve, topics_of};
 pub use settings::{IngestSettings, Listen, TlsSettings};

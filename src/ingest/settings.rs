@@ -1,7 +1,9 @@
 //! Where live data comes from, and what a client may do.
 
+use std::fmt;
 use std::net::SocketAddr;
 use std::path::PathBuf;
+use std::str::FromStr;
 
 /// A place to listen at.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -10,6 +12,39 @@ pub enum Listen {
     Tcp(SocketAddr),
     /// A Unix socket.
     Unix(PathBuf),
+}
+
+impl Listen {
+    /// Whether others than this machine can reach it.
+    pub fn is_open(&self) -> bool {
+        matches!(self, Self::Tcp(address) if !address.ip().is_loopback())
+    }
+}
+
+/// `tcp://127.0.0.1:7415`, `unix:///run/tirante/ingest.sock`
+impl fmt::Display for Listen {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Tcp(address) => write!(f, "tcp://{address}"),
+            Self::Unix(path) => write!(f, "unix://{}", path.display()),
+        }
+    }
+}
+
+impl FromStr for Listen {
+    type Err = &'static str;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        if let Some(address) = text.strip_prefix("tcp://") {
+            let address = address.parse().map(Self::Tcp);
+            return address
+                .map_err(|_| "is no IP address with a port: write tcp://127.0.0.1:7415 or tcp://[::1]:7415");
+        }
+        match text.strip_prefix("unix://") {
+            Some(path) if path.starts_with('/') && path.len() > 1 => Ok(Self::Unix(PathBuf::from(path))),
+            _ => Err("is no socket: write tcp://127.0.0.1:7415 or unix:///run/tirante/ingest.sock"),
+        }
+    }
 }
 
 /// TLS for the TCP sockets: certificates as PEM files.

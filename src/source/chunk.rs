@@ -22,8 +22,8 @@ pub struct Chunk<'a> {
 }
 
 impl ChunkReader {
-    /// Decompresses and checks a chunk record.
-    pub fn read<'a>(&'a mut self, record: &'a [u8]) -> Result<Chunk<'a>, String> {
+    /// Decompresses and checks a chunk record of at most `most` bytes uncompressed.
+    pub fn read<'a>(&'a mut self, record: &'a [u8], most: u64) -> Result<Chunk<'a>, String> {
         let mut fields = Fields(record);
         let (_start, _end) = (fields.u64()?, fields.u64()?);
         let size = fields.u64()?;
@@ -34,8 +34,8 @@ impl ChunkReader {
         if !fields.0.is_empty() {
             return Err("a chunk is longer than its content".to_owned());
         }
-        if size > MAX_CHUNK {
-            return Err(format!("a chunk of {size} bytes, at most {MAX_CHUNK} are read"));
+        if size > most {
+            return Err(format!("a chunk of {size} bytes, at most {most} are read"));
         }
         // Bounded by the limit above.
         let size = size as usize;
@@ -68,6 +68,11 @@ impl ChunkReader {
             records,
             checked: crc != 0,
         })
+    }
+
+    /// Gives the buffer back.
+    pub fn release(&mut self) {
+        self.records = Vec::new();
     }
 
     fn zstd(&mut self, compressed: &[u8], size: usize) -> Result<(), String> {

@@ -5,19 +5,30 @@
 //! before its channel, a channel or schema that changes under its id, names that are not UTF-8,
 //! a chunk in a chunk, messages behind the data section, and sizes beyond any recorder's.
 
-use super::chunk::ChunkReader;
+use super::chunk::{ChunkReader, MAX_CHUNK};
 use super::decode::SchemaRef;
-use super::verify::Trust;
+use super::verify::{self, Trust};
 use super::wire::Fields;
 use mcap::McapError;
 use mcap::records::op;
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use std::collections::{BTreeMap, HashMap};
-use std::io::Read;
+use std::fs::{self, File};
+use std::io::{self, Read};
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::Path;
 
 /// Largest record accepted, compressed chunks included \[bytes\].
 pub const MAX_RECORD: usize = 16 << 20;
+
+/// Largest uncompressed chunk accepted from a socket \[bytes\].
+pub const MAX_LIVE_CHUNK: u64 = 8 << 20;
+
+/// Most bytes of schemas and channels held.
+const MAX_HELD: usize = 16 << 20;
+
+/// Most bytes of schemas and channels held of a socket's stream.
+const MAX_LIVE_HELD: usize = 4 << 20;
 
 /// Where and why a file cannot be believed any further.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -90,6 +101,8 @@ pub struct Reader<R> {
     contents: Contents,
     /// Whether the input may grow.
     live: bool,
+    /// Least bytes asked of the input at once.
+    ahead: usize,
     bytes_read: u64,
 }
 
@@ -109,10 +122,25 @@ struct Contents {
     unverified: bool,
     /// Bytes of schemas and channels held.
     held: usize,
+    max_held: usize,
+    max_chunk: u64,
 }
 
-/// Most bytes of schemas and channels held.
-const MAX_HELD: usize = 16 << 20;
+impl Reader<File> {
+    /// Opens a finished file; it is first read once for its checksum.
+    ///
+    /// # Errors
+    /// It is no regular file, or cannot be read.
+    pub fn open(path: &Path) -> io::Result<Self> {
+        // Before it is opened: opening a pipe would wait for its writer.
+        if !fs::metadata(path)?.is_file() {
+            return Err(io::Error::other("is no regular file"));
+        }
+        let mut file = File::open(path)?;
+        let trust = verify::verify(&mut file)?;
+        Ok(Self::new(file, trust, false))
+    }
+}
 
 impl ChannelInfo {
     /// What the channel's metadata say under `key`.
@@ -146,10 +174,23 @@ impl<R: Read> Reader<R> {
                 counted: None,
                 unverified: false,
                 held: 0,
+                max_held: MAX_HELD,
+                max_chunk: MAX_CHUNK,
             },
             live,
+            ahead: 1 << 16,
             bytes_read: 0,
         }
+    }
+
+    /// Starts at the first byte of a stream from a socket: what is not there yet is waited for, chunks and definitions are
+    /// smaller, and no byte behind the end is touched.
+    pub fn of_stream(input: R) -> Self {
+        let mut reader = Self::new(input, Trust::Unverified, true);
+        reader.ahead = 1;
+        reader.contents.max_held = MAX_LIVE_HELD;
+        reader.contents.max_chunk = MAX_LIVE_CHUNK;
+        reader
     }
 
     /// Reads on, at most to the end of one record or chunk, and hands out what it held.
@@ -168,6 +209,7 @@ impl<R: Read> Reader<R> {
             framing,
             contents,
             live,
+            ahead,
             bytes_read,
         } = self;
         let offset = contents.offset;
@@ -184,7 +226,7 @@ impl<R: Read> Reader<R> {
             Some(Ok(LinearReadEvent::ReadRequest(count))) => wanted = count,
         }
         if wanted > 0 {
-            let buffer = framing.insert(wanted.clamp(1 << 16, 1 << 20));
+            let buffer = framing.insert(wanted.max(*ahead).min(1 << 20));
             let count = match input.read(buffer) {
                 Ok(0) if *live => return Ok(Progress::Wait),
                 Ok(count) => count,
@@ -205,6 +247,22 @@ impl<R: Read> Reader<R> {
     /// Where the record or chunk stands that the next step goes on with \[bytes\].
     pub fn offset(&self) -> u64 {
         self.contents.offset
+    }
+
+    /// The input.
+    pub fn input_mut(&mut self) -> &mut R {
+        &mut self.input
+    }
+
+    /// The input, with what was not read of it.
+    pub fn into_input(self) -> R {
+        self.input
+    }
+
+    /// Bytes in memory: a record that is not whole yet, and the definitions.
+    pub fn held(&self) -> usize {
+        let pending = self.bytes_read.saturating_sub(self.contents.offset);
+        pending as usize + self.contents.held
     }
 
     /// Messages handed out so far.
@@ -315,6 +373,10 @@ impl Contents {
         // Taken out while its buffer is borrowed.
         let mut reader = std::mem::take(&mut self.chunk);
         let outcome = self.chunk_records(&mut reader, data, each);
+        // Of many streams at once none keeps a buffer.
+        if self.max_chunk < MAX_CHUNK {
+            reader.release();
+        }
         self.chunk = reader;
         outcome
     }
@@ -325,7 +387,7 @@ impl Contents {
         data: &[u8],
         each: &mut dyn FnMut(Item<'_>),
     ) -> Result<(), String> {
-        let chunk = reader.read(data)?;
+        let chunk = reader.read(data, self.max_chunk)?;
         match (chunk.checked, self.trust) {
             (true, _) | (false, Trust::Verified) => {}
             (false, Trust::Unverified) => self.unverified(each),
@@ -384,7 +446,7 @@ impl Contents {
     /// Accounts for a definition that is kept.
     fn hold(&mut self, bytes: usize) -> Result<(), &'static str> {
         self.held += bytes;
-        if self.held > MAX_HELD {
+        if self.held > self.max_held {
             return Err("more schemas and channels than any recorder writes");
         }
         Ok(())

@@ -1,0 +1,377 @@
+//! `tirante send`: recordings into the daemon's socket, at a chosen speed.
+
+mod link;
+mod playback;
+mod stream;
+
+use super::BadArguments;
+use super::progress::Progress;
+use crate::ingest::Reply;
+use crate::source;
+use link::{Address, Link, TlsArgs};
+use playback::{Message, Piece, Playback};
+use std::cell::Cell;
+use std::io;
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::str::FromStr;
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use stream::Stream;
+use tokio::time::{Instant, sleep, sleep_until, timeout};
+use tokio_rustls::TlsConnector;
+
+/// A chunk is closed when its first message is this old.
+const FLUSH_AFTER: Duration = Duration::from_millis(100);
+
+/// A chunk is closed when it has this many bytes.
+const FLUSH_BYTES: usize = 256 << 10;
+
+/// A sign of life is sent when nothing else was for this long.
+const ALIVE_EVERY: Duration = Duration::from_secs(20);
+
+/// The daemon must answer a hello, and the end of the stream, within this time.
+const PATIENCE: Duration = Duration::from_secs(300);
+
+/// Pauses between attempts to connect.
+const BACK_OFF: (Duration, Duration) = (Duration::from_secs(1), Duration::from_secs(30));
+
+/// Sends recordings into the socket of a running daemon as one MCAP stream, at the speed they were recorded or another.
+#[derive(Debug, Clone, clap::Args)]
+#[command(after_help = "Examples:
+  tirante send recordings/todi-pull.mcap --to tcp://127.0.0.1:7415
+  tirante send day.mcap --to unix:///run/tirante/ingest.sock --sender north-laser --speed 10
+  tirante send day.mcap --to tcp://127.0.0.1:7415 --speed max --stamp-now
+  tirante send day.mcap --to tcp://tower.example:7415 --tls-ca ca.pem --tls-certificate me.pem --tls-key me.key
+
+Log times decide when a message is sent. With --sender the daemon acknowledges what is on its disk; after a cut
+the command connects again (after 1 s, then longer, up to 30 s) and goes on from there. Without --sender a cut is
+the end. Exit code 0 says that everything is durable; 1 that it is not, or that a recording is damaged.")]
+pub struct Args {
+    /// MCAP recordings, or folders of them; sent in the order of their data.
+    #[arg(value_name = "FILE", required = true)]
+    pub files: Vec<PathBuf>,
+
+    /// The daemon's socket: tcp://HOST:PORT or unix:///PATH.
+    #[arg(long, value_name = "ADDRESS")]
+    pub to: Address,
+
+    /// A name for the sender: 1 to 64 letters, digits, '-', '_' and '.'. One stream at a time goes by a name.
+    #[arg(long, value_name = "NAME")]
+    pub sender: Option<String>,
+
+    /// Go on where an earlier `tirante send` of the same recordings by the same name was stopped.
+    #[arg(long, requires = "sender", conflicts_with = "stamp_now")]
+    pub resume: bool,
+
+    /// How many times faster than recorded, or max.
+    #[arg(long, value_name = "TIMES", default_value = "1")]
+    pub speed: Speed,
+
+    /// Shift log and publish times so that the first message is of now. Times inside the messages (fields) stay as they are.
+    #[arg(long)]
+    pub stamp_now: bool,
+
+    /// TLS.
+    #[command(flatten)]
+    pub tls: TlsArgs,
+}
+
+/// How fast.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Speed {
+    /// So many times faster than recorded.
+    Times(f64),
+    /// As fast as the daemon takes it.
+    Max,
+}
+
+impl FromStr for Speed {
+    type Err = &'static str;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        match text.parse() {
+            _ if text == "max" => Ok(Self::Max),
+            Ok(times) if (1e-3..=1e6).contains(&times) => Ok(Self::Times(times)),
+            _ => Err("a number from 0.001 to 1000000, or max"),
+        }
+    }
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// A recording cannot be found, a certificate not used, or not everything became durable.
+pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
+    if let Some(name) = &args.sender {
+        let is_name = (1..=64).contains(&name.len())
+            && name
+                .bytes()
+                .all(|byte| byte.is_ascii_alphanumeric() || b"-_.".contains(&byte));
+        if !is_name {
+            let text = format!("--sender {name}: 1 to 64 letters, digits, '-', '_' and '.'");
+            return Err(BadArguments(text).into());
+        }
+    }
+    let files = source::recordings(&args.files)
+        .into_iter()
+        .collect::<Result<Vec<_>, _>>()?;
+    let total = files
+        .iter()
+        .filter_map(|file| file.metadata().ok())
+        .map(|data| data.len())
+        .sum();
+    let errand = Errand {
+        args,
+        tls: args.tls.connector()?,
+        files,
+        total,
+        bar: Progress::new(
+            total,
+            "{bar:40} {percent:>3} %  {bytes} of {total_bytes} sent, {eta} left",
+        ),
+        start: Cell::new(None),
+        shift_ns: Cell::new(None),
+        durable: Cell::new(0),
+        losses: Cell::new(0),
+    };
+    let runtime = tokio::runtime::Builder::new_current_thread()
+        .enable_all()
+        .build()?;
+    let outcome = runtime.block_on(async {
+        tokio::select! {
+            outcome = errand.run() => outcome,
+            _ = tokio::signal::ctrl_c() => Err(anyhow::anyhow!("interrupted")),
+        }
+    });
+    let durable = errand.durable.get();
+    let losses = errand.losses.get();
+    drop(errand);
+    let messages = outcome.map_err(|error| match &args.sender {
+        Some(sender) => error.context(format!(
+            "not everything was sent: {durable} messages of {sender} are durable (--resume goes on after them)"
+        )),
+        None => error.context("not everything was sent"),
+    })?;
+    super::print(format!("{messages} messages are durable\n").as_bytes())?;
+    Ok(if losses == 0 {
+        ExitCode::SUCCESS
+    } else {
+        ExitCode::FAILURE
+    })
+}
+
+/// Everything the attempts to send share.
+struct Errand<'a> {
+    args: &'a Args,
+    tls: Option<TlsConnector>,
+    files: Vec<PathBuf>,
+    /// Bytes of the files.
+    total: u64,
+    bar: Progress,
+    /// When the first message was sent, and its log time; paces all that follow.
+    start: Cell<Option<(Instant, u64)>>,
+    /// What is added to every time, once the first is known.
+    shift_ns: Cell<Option<i128>>,
+    /// Messages the daemon acknowledged.
+    durable: Cell<u64>,
+    /// Recordings that are damaged.
+    losses: Cell<usize>,
+}
+
+/// Why an attempt failed.
+enum Failure {
+    /// Another attempt may go well.
+    Again(String),
+    /// None will.
+    Final(anyhow::Error),
+}
+
+impl From<io::Error> for Failure {
+    fn from(fault: io::Error) -> Self {
+        Self::Again(fault.to_string())
+    }
+}
+
+impl From<mcap::McapError> for Failure {
+    fn from(fault: mcap::McapError) -> Self {
+        Self::Final(fault.into())
+    }
+}
+
+impl Errand<'_> {
+    /// Sends until everything is durable; the number of messages.
+    async fn run(&self) -> anyhow::Result<u64> {
+        let mut pause = BACK_OFF.0;
+        let mut is_first = true;
+        loop {
+            let before = self.durable.get();
+            let why = match self.attempt(&mut is_first).await {
+                Ok(messages) => return Ok(messages),
+                Err(Failure::Final(error)) => return Err(error),
+                Err(Failure::Again(why)) if self.args.sender.is_none() => anyhow::bail!(why),
+                Err(Failure::Again(why)) => why,
+            };
+            if self.durable.get() > before {
+                pause = BACK_OFF.0;
+            }
+            self.bar
+                .say(&format!("warning: {why}; again in {} s", pause.as_secs()));
+            sleep(pause).await;
+            pause = (2 * pause).min(BACK_OFF.1);
+        }
+    }
+
+    /// One connection from its beginning to the end of the stream.
+    async fn attempt(&self, is_first: &mut bool) -> Result<u64, Failure> {
+        let again = |error: anyhow::Error| Failure::Again(format!("{error:#}"));
+        let mut link = Link::open(&self.args.to, self.tls.as_ref())
+            .await
+            .map_err(again)?;
+        let mut skip = 0;
+        if let Some(sender) = &self.args.sender {
+            skip = match link.hello(sender, PATIENCE).await.map_err(again)? {
+                Ok(messages) => messages,
+                Err(reply) => return Err(refused(reply)),
+            };
+            if std::mem::take(is_first) && skip > 0 && !self.args.resume {
+                return Err(Failure::Final(anyhow::anyhow!(
+                    "the daemon has {skip} messages of a stream of {sender} that was cut: --resume goes on after them if \
+                     these are the same recordings, else take another name"
+                )));
+            }
+            self.durable.set(skip);
+        }
+        let mut playback = Playback::new(self.files.clone());
+        let mut stream = Stream::new()?;
+        let mut messages = 0;
+        let mut losses = 0;
+        // When the chunk under way is to be closed.
+        let mut flush_at = None;
+        let mut on_answer = |reply| self.heard(reply);
+        while let Some(piece) = playback.next() {
+            let mut message = match piece {
+                Piece::File => {
+                    stream.begin_file();
+                    continue;
+                }
+                Piece::Channel(channel) => {
+                    stream.channel(&channel)?;
+                    continue;
+                }
+                Piece::Loss(what) => {
+                    losses += 1;
+                    if losses > self.losses.get() {
+                        self.losses.set(losses);
+                        self.bar.say(&format!("error: {what}; what came before is sent"));
+                    }
+                    continue;
+                }
+                Piece::Message(message) => message,
+            };
+            self.stamp(&mut message);
+            messages += 1;
+            if messages <= skip {
+                continue;
+            }
+            let due = self.due(message.log_time);
+            loop {
+                let now = Instant::now();
+                if stream.pending() >= FLUSH_BYTES || flush_at.is_some_and(|at| at <= now) {
+                    stream.flush()?;
+                    flush_at = None;
+                    link.send(&stream.take(), &mut on_answer).await?;
+                    self.bar.set(playback.bytes(), self.total);
+                }
+                let Some(due) = due.filter(|due| *due > now) else {
+                    break;
+                };
+                let until = flush_at.unwrap_or(now + ALIVE_EVERY).min(due);
+                tokio::select! {
+                    () = sleep_until(until) => {
+                        if flush_at.is_none() && until < due {
+                            stream.sign_of_life()?;
+                            link.send(&stream.take(), &mut on_answer).await?;
+                        }
+                    }
+                    answer = link.answer() => match answer {
+                        Some(answer) => on_answer(answer)?,
+                        None => return Err(Failure::Again("the daemon closed the connection".to_owned())),
+                    },
+                }
+            }
+            stream.message(&message)?;
+            flush_at.get_or_insert_with(|| Instant::now() + FLUSH_AFTER);
+        }
+        if messages < skip {
+            return Err(Failure::Final(anyhow::anyhow!(
+                "the daemon has {skip} messages, these recordings hold {messages}: they are not the ones it had before"
+            )));
+        }
+        stream.finish()?;
+        link.send(&stream.take(), &mut on_answer).await?;
+        self.bar.set(playback.bytes(), self.total);
+        loop {
+            match timeout(PATIENCE, link.answer()).await {
+                Ok(Some(Reply::Done { messages: durable })) if durable == messages => return Ok(messages),
+                Ok(Some(Reply::Done { messages: durable })) => {
+                    return Err(Failure::Final(anyhow::anyhow!(
+                        "{messages} messages were sent, the daemon has {durable}"
+                    )));
+                }
+                Ok(Some(answer)) => self.heard(answer)?,
+                Ok(None) => return Err(Failure::Again("the daemon closed the connection".to_owned())),
+                Err(_) => return Err(Failure::Again("the daemon does not answer".to_owned())),
+            }
+        }
+    }
+
+    /// Moves a message to now, if that is wanted.
+    fn stamp(&self, message: &mut Message) {
+        if !self.args.stamp_now {
+            return;
+        }
+        let shift = self.shift_ns.get().unwrap_or_else(|| {
+            let now = SystemTime::now()
+                .duration_since(UNIX_EPOCH)
+                .map_or(0, |time| time.as_nanos());
+            now as i128 - i128::from(message.log_time)
+        });
+        self.shift_ns.set(Some(shift));
+        let moved = |time: u64| u64::try_from(i128::from(time) + shift).unwrap_or(time);
+        message.log_time = moved(message.log_time);
+        message.publish_time = moved(message.publish_time);
+    }
+
+    /// When a message is to be sent; `None` for now.
+    fn due(&self, log_time: u64) -> Option<Instant> {
+        let Speed::Times(times) = self.args.speed else {
+            return None;
+        };
+        let (begun, first) = self.start.get().unwrap_or_else(|| (Instant::now(), log_time));
+        self.start.set(Some((begun, first)));
+        let after_s = log_time.saturating_sub(first) as f64 * 1e-9 / times;
+        begun.checked_add(Duration::try_from_secs_f64(after_s).ok()?)
+    }
+
+    /// What the daemon said along the way.
+    fn heard(&self, reply: Reply) -> Result<(), Failure> {
+        match reply {
+            Reply::Ack { messages } => {
+                self.durable.set(messages);
+                Ok(())
+            }
+            other => Err(refused(other)),
+        }
+    }
+}
+
+/// An answer that ends the attempt.
+fn refused(reply: Reply) -> Failure {
+    match reply {
+        Reply::Error { reason, again: true } => {
+            Failure::Again(format!("the daemon closed the connection: {reason}"))
+        }
+        Reply::Error { reason, .. } => Failure::Final(anyhow::anyhow!("the daemon refuses: {reason}")),
+        other => Failure::Final(anyhow::anyhow!("the daemon answers {other} out of turn")),
+    }
+}

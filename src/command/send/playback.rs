@@ -1,0 +1,122 @@
+//! Recordings as one series of channels and messages, in the order of their data.
+
+use crate::source::mcap::{Item, Progress, Reader};
+use std::collections::VecDeque;
+use std::fs::File;
+use std::path::PathBuf;
+
+/// A channel as its recording declares it.
+#[derive(Debug, Clone)]
+pub(super) struct Channel {
+    /// Its id in the recording.
+    pub id: u16,
+    pub topic: String,
+    pub encoding: String,
+    /// Name, encoding and content.
+    pub schema: Option<(String, String, Vec<u8>)>,
+}
+
+/// A message as it stands in its recording.
+#[derive(Debug, Clone)]
+pub(super) struct Message {
+    pub channel: u16,
+    /// \[ns since 1970\]
+    pub log_time: u64,
+    /// \[ns since 1970\]
+    pub publish_time: u64,
+    pub data: Vec<u8>,
+}
+
+/// What comes next.
+pub(super) enum Piece {
+    /// Another recording begins: channels have new ids.
+    File,
+    Channel(Channel),
+    Message(Message),
+    /// A recording is damaged or cannot be read, and why: what came before is good.
+    Loss(String),
+}
+
+/// Reads recordings one after another; holds one chunk.
+pub(super) struct Playback {
+    files: std::vec::IntoIter<PathBuf>,
+    open: Option<(PathBuf, Reader<File>)>,
+    pieces: VecDeque<Piece>,
+    bytes_of_closed: u64,
+}
+
+impl Playback {
+    pub fn new(files: Vec<PathBuf>) -> Self {
+        Self {
+            files: files.into_iter(),
+            open: None,
+            pieces: VecDeque::new(),
+            bytes_of_closed: 0,
+        }
+    }
+
+    /// Bytes read.
+    pub fn bytes(&self) -> u64 {
+        self.bytes_of_closed + self.open.as_ref().map_or(0, |(_, reader)| reader.bytes_read())
+    }
+}
+
+impl Iterator for Playback {
+    type Item = Piece;
+
+    fn next(&mut self) -> Option<Piece> {
+        loop {
+            if let Some(piece) = self.pieces.pop_front() {
+                return Some(piece);
+            }
+            let Some((path, reader)) = &mut self.open else {
+                let path = self.files.next()?;
+                match Reader::open(&path) {
+                    Ok(reader) => {
+                        self.open = Some((path, reader));
+                        return Some(Piece::File);
+                    }
+                    Err(fault) => {
+                        return Some(Piece::Loss(format!(
+                            "{}: cannot be read: {fault}",
+                            path.display()
+                        )));
+                    }
+                }
+            };
+            let pieces = &mut self.pieces;
+            let outcome = reader.step(&mut |item| match item {
+                Item::Channel(id, channel, schema) => pieces.push_back(Piece::Channel(Channel {
+                    id,
+                    topic: channel.topic.clone(),
+                    encoding: channel.encoding.clone(),
+                    schema: schema.map(|schema| {
+                        (
+                            schema.name.to_owned(),
+                            schema.encoding.to_owned(),
+                            schema.data.to_vec(),
+                        )
+                    }),
+                })),
+                Item::Message(message) => pieces.push_back(Piece::Message(Message {
+                    channel: message.channel,
+                    log_time: message.log_time,
+                    publish_time: message.publish_time,
+                    data: message.data.to_vec(),
+                })),
+                Item::Unverified => {}
+            });
+            let loss = match outcome {
+                Ok(Progress::More) => continue,
+                Ok(Progress::Complete) => None,
+                Ok(Progress::Wait | Progress::Truncated) => Some("is cut short".to_owned()),
+                Err(damage) => Some(format!("at byte {}: {}", damage.offset, damage.what)),
+            };
+            if let Some(what) = loss {
+                pieces.push_back(Piece::Loss(format!("{}: {what}", path.display())));
+            }
+            self.bytes_of_closed += reader.bytes_read();
+            self.open = None;
+        }
+    }
+}

@@ -1,0 +1,130 @@
+//! What the daemon answers a client: one JSON object a line.
+
+use serde_json::{Value, json};
+use std::fmt;
+use std::str::FromStr;
+
+/// An answer.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Reply {
+    /// To a hello: the sender goes on with this message, counted from 0.
+    Welcome {
+        /// The sender.
+        sender: String,
+        /// Messages that need not be sent again.
+        messages: u64,
+    },
+    /// So many messages of this sender's stream are durable.
+    Ack {
+        /// Messages.
+        messages: u64,
+    },
+    /// A stream that ended is durable as a whole.
+    Done {
+        /// Messages.
+        messages: u64,
+    },
+    /// The connection is closed.
+    Error {
+        /// Why.
+        reason: String,
+        /// Whether the same may go well later.
+        again: bool,
+    },
+}
+
+impl fmt::Display for Reply {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let value = match self {
+            Self::Welcome { sender, messages } => {
+                json!({"welcome": {"sender": sender, "messages": messages}})
+            }
+            Self::Ack { messages } => json!({"ack": {"messages": messages}}),
+            Self::Done { messages } => json!({"done": {"messages": messages}}),
+            Self::Error { reason, again: false } => json!({"error": reason}),
+            Self::Error { reason, again: true } => json!({"error": reason, "again": true}),
+        };
+        write!(f, "{value}")
+    }
+}
+
+/// A line that is no answer of this program.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("`{0}` is no answer of `tirante run`")]
+pub struct Unknown(String);
+
+impl FromStr for Reply {
+    type Err = Unknown;
+
+    fn from_str(line: &str) -> Result<Self, Unknown> {
+        let unknown = || Unknown(line.chars().take(80).collect());
+        let value: Value = serde_json::from_str(line).map_err(|_| unknown())?;
+        let messages = |of: &Value| of.get("messages").and_then(Value::as_u64).ok_or_else(unknown);
+        if let Some(welcome) = value.get("welcome") {
+            let sender = welcome
+                .get("sender")
+                .and_then(Value::as_str)
+                .unwrap_or_default()
+                .to_owned();
+            return Ok(Self::Welcome {
+                sender,
+                messages: messages(welcome)?,
+            });
+        }
+        if let Some(ack) = value.get("ack") {
+            return Ok(Self::Ack {
+                messages: messages(ack)?,
+            });
+        }
+        if let Some(done) = value.get("done") {
+            return Ok(Self::Done {
+                messages: messages(done)?,
+            });
+        }
+        let reason = value
+            .get("error")
+            .and_then(Value::as_str)
+            .ok_or_else(unknown)?
+            .to_owned();
+        let again = value.get("again").and_then(Value::as_bool).unwrap_or(false);
+        Ok(Self::Error { reason, again })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_said_is_understood() {
+        for (reply, text) in [
+            (
+                Reply::Welcome {
+                    sender: "a".into(),
+                    messages: 3,
+                },
+                r#"{"welcome":{"messages":3,"sender":"a"}}"#,
+            ),
+            (Reply::Ack { messages: 3 }, r#"{"ack":{"messages":3}}"#),
+            (Reply::Done { messages: 3 }, r#"{"done":{"messages":3}}"#),
+            (
+                Reply::Error {
+                    reason: "a \"b\"\n".into(),
+                    again: false,
+                },
+                r#"{"error":"a \"b\"\n"}"#,
+            ),
+            (
+                Reply::Error {
+                    reason: "c".into(),
+                    again: true,
+                },
+                r#"{"again":true,"error":"c"}"#,
+            ),
+        ] {
+            assert_eq!(reply.to_string(), text);
+            assert_eq!(text.parse(), Ok(reply));
+        }
+        assert!("220 smtp ready".parse::<Reply>().is_err() && "{\"ack\":{}}".parse::<Reply>().is_err());
+    }
+}

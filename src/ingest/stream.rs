@@ -1,0 +1,155 @@
+//! The stream a client is sending: its channels, its messages, and the batch they are gathered in.
+
+use super::protocol::Refusal;
+use super::queue::Queue;
+use super::server::TopicSet;
+use crate::journal::{Batch, Entry};
+use crate::source::mcap::{Damage, Item, Progress, Reader};
+use std::collections::HashMap;
+
+/// Bytes an entry counts beyond its data.
+const ENTRY_BYTES: usize = 64;
+
+/// What is known of a stream.
+#[derive(Default)]
+pub(super) struct Stream {
+    /// Whether its sender said its name.
+    pub is_named: bool,
+    /// Messages so far, those before this connection and those of no rod's topic included.
+    pub messages: u64,
+    channels: HashMap<u16, Channel>,
+    /// Ids given to the topics of JSON lines.
+    ids: HashMap<String, u16>,
+    entries: Vec<Entry>,
+    /// Bytes gathered.
+    pub weight: usize,
+    /// Messages that no batch accounts for yet.
+    due: u64,
+    /// Messages of no rod's topic since it was asked last.
+    pub foreign: u64,
+}
+
+/// A channel as the client declared it.
+struct Channel {
+    topic: String,
+    encoding: String,
+    schema: Option<(String, String, Vec<u8>)>,
+    is_wanted: bool,
+    /// Whether the journal knows it.
+    is_told: bool,
+}
+
+impl Stream {
+    /// Other topics count from here on.
+    pub fn retarget(&mut self, topics: &TopicSet) {
+        for channel in self.channels.values_mut() {
+            channel.is_wanted = topics.contains(&channel.topic);
+        }
+    }
+
+    /// Takes what a reader's next record holds.
+    pub fn record(&mut self, reader: &mut Reader<Queue>, topics: &TopicSet) -> Result<Progress, Refusal> {
+        let outcome = reader.step(&mut |item| match item {
+            Item::Channel(id, channel, schema) => {
+                let channel = Channel {
+                    topic: channel.topic.clone(),
+                    encoding: channel.encoding.clone(),
+                    schema: schema.map(|schema| {
+                        (
+                            schema.name.to_owned(),
+                            schema.encoding.to_owned(),
+                            schema.data.to_vec(),
+                        )
+                    }),
+                    is_wanted: topics.contains(&channel.topic),
+                    is_told: false,
+                };
+                self.channels.insert(id, channel);
+            }
+            Item::Message(message) => {
+                self.message(
+                    message.channel,
+                    message.log_time,
+                    message.publish_time,
+                    message.data,
+                );
+            }
+            // What came over a socket has the journal's checksums from here on.
+            Item::Unverified => {}
+        });
+        outcome.map_err(|Damage { offset, what }| {
+            Refusal(format!("at byte {offset} of the MCAP stream: {what}"))
+        })
+    }
+
+    /// Takes a JSON line as a message of its topic.
+    pub fn line(&mut self, topic: String, time: u64, line: &[u8], topics: &TopicSet) -> Result<(), Refusal> {
+        let known = self.ids.get(&topic).copied();
+        let id = match known {
+            Some(id) => id,
+            // Not remembered: a client may name topics without end.
+            None if !topics.contains(&topic) => {
+                self.count();
+                self.foreign += 1;
+                return Ok(());
+            }
+            None => {
+                let id = u16::try_from(self.ids.len()).map_err(|_| Refusal("too many topics".to_owned()))?;
+                let channel = Channel {
+                    topic: topic.clone(),
+                    encoding: "json".to_owned(),
+                    schema: None,
+                    is_wanted: true,
+                    is_told: false,
+                };
+                self.channels.insert(id, channel);
+                self.ids.insert(topic, id);
+                id
+            }
+        };
+        self.message(id, time, time, line);
+        Ok(())
+    }
+
+    fn message(&mut self, id: u16, log_time: u64, publish_time: u64, data: &[u8]) {
+        self.count();
+        let Some(channel) = self.channels.get_mut(&id).filter(|channel| channel.is_wanted) else {
+            self.foreign += 1;
+            return;
+        };
+        if !std::mem::replace(&mut channel.is_told, true) {
+            self.entries.push(Entry::Channel {
+                id,
+                topic: channel.topic.clone(),
+                encoding: channel.encoding.clone(),
+                schema: channel.schema.clone(),
+            });
+        }
+        self.weight += ENTRY_BYTES + data.len();
+        self.entries.push(Entry::Message {
+            channel: id,
+            log_time,
+            publish_time,
+            data: data.to_vec(),
+        });
+    }
+
+    fn count(&mut self) {
+        self.messages += 1;
+        self.due += 1;
+    }
+
+    /// What was gathered, if anything was. A named stream accounts for messages of no rod's topic too.
+    pub fn batch(&mut self) -> Option<Batch> {
+        let is_due = self.due > 0 && (self.is_named || !self.entries.is_empty());
+        if !is_due {
+            return None;
+        }
+        self.due = 0;
+        self.weight = 0;
+        Some(Batch {
+            entries: std::mem::take(&mut self.entries),
+            through: self.messages,
+        })
+    }
+}

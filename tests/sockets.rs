@@ -1,0 +1,834 @@
+//! Live data through real sockets: JSON lines and MCAP, peers of others, and clients that mean no good.
+
+#![allow(clippy::unwrap_used, reason = "a test that cannot be set up fails")]
+
+mod common;
+mod listeners;
+
+use common::*;
+use listeners::*;
+use std::io::{BufReader, Read, Write};
+use std::net::{Shutdown, TcpListener, TcpStream};
+use std::os::unix::fs::PermissionsExt;
+use std::os::unix::net::UnixStream;
+use std::process::{Command, Stdio};
+use std::sync::atomic::Ordering;
+use std::time::{Duration, Instant};
+use tirante::config::{Config, ConfigError};
+use tirante::ingest::{IngestSettings, Listen, ListenError, Listener};
+use tirante::journal::End;
+use tirante::sink::{Compression, Encoding, Layout, WriterOptions};
+use tirante::telemetry::Fault;
+
+fn settings() -> IngestSettings {
+    IngestSettings::default()
+}
+
+fn small() -> WriterOptions {
+    WriterOptions {
+        chunk_bytes: Some(2000),
+        ..Default::default()
+    }
+}
+
+fn mcap(count: usize) -> Vec<u8> {
+    recording(Encoding::Json, Layout::Sample, small(), count)
+}
+
+fn lines(range: std::ops::Range<u64>) -> String {
+    range.map(|i| line("/laser", i)).collect()
+}
+
+const HELLO: &str = "{\"hello\":{\"sender\":\"north-laser\"}}\n";
+
+/// Whether a tool of others is here; where tests must not leave them out, it has to be.
+fn has(what: &str, script: &str) -> bool {
+    let mut shell = Command::new("sh");
+    shell
+        .args(["-c", script])
+        .stdout(Stdio::null())
+        .stderr(Stdio::null());
+    let is_here = shell.status().is_ok_and(|status| status.success());
+    let must = std::env::var_os("TIRANTE_REAL_PEERS").is_some();
+    assert!(is_here || !must, "{what} is wanted by TIRANTE_REAL_PEERS");
+    if !is_here {
+        eprintln!("left out: {what} is not here");
+    }
+    is_here
+}
+
+#[test]
+fn json_lines_over_tcp_and_unix() {
+    let daemon = Daemon::start(settings());
+    let mut client = daemon.client();
+    client.send(lines(0..1000));
+    client.stream.shutdown(Shutdown::Write).unwrap();
+    assert_eq!(client.answer(), "{\"done\":{\"messages\":1000}}");
+    assert_eq!(client.answer(), "", "closed");
+
+    let stream = UnixStream::connect(&daemon.path).unwrap();
+    let mut client = Client {
+        answers: BufReader::new(stream.try_clone().unwrap()),
+        stream,
+    };
+    client.send(lines(0..1000) + "{\"topic\":\"/none\",\"value\":1}\n{\"end\":true}\n");
+    assert_eq!(client.answer(), "{\"done\":{\"messages\":1001}}");
+
+    let streams = daemon.ledger.streams();
+    assert_eq!(streams.len(), 2);
+    assert_eq!(streams[0].messages().len(), 1000);
+    assert_eq!(streams[0].messages(), streams[1].messages());
+    assert!(
+        streams
+            .iter()
+            .all(|stream| stream.end == Some(End::Complete) && stream.sender.is_none())
+    );
+    assert_eq!(daemon.counts.messages.load(Ordering::Relaxed), 2001);
+    assert_eq!(daemon.counts.foreign.load(Ordering::Relaxed), 1);
+    // The second client is still there, and may begin another stream.
+    assert_eq!(daemon.clients(), 1);
+    client.send(mcap(10));
+    assert_eq!(client.answer(), "{\"done\":{\"messages\":10}}");
+    drop(client);
+    wait_for("nobody is there", || daemon.clients() == 0);
+}
+
+#[test]
+fn a_sender_with_a_name_is_told_what_is_durable_and_resumes() {
+    let daemon = Daemon::start(settings());
+    let mut client = daemon.client();
+    client.send(HELLO);
+    assert_eq!(
+        client.answer(),
+        "{\"welcome\":{\"messages\":0,\"sender\":\"north-laser\"}}"
+    );
+    client.send(lines(0..100));
+    let mut ack = String::new();
+    while !ack.contains("100") {
+        ack.clear();
+        std::io::BufRead::read_line(&mut client.answers, &mut ack).unwrap();
+        assert!(ack.starts_with("{\"ack\":{\"messages\":"), "{ack}");
+    }
+    drop(client);
+    let written = daemon.until("the cut", |stream| stream.through == 100);
+    assert_eq!(written.end, None, "a sender with a name may come back");
+
+    let mut client = daemon.client();
+    client.send(HELLO);
+    assert_eq!(
+        client.answer(),
+        "{\"welcome\":{\"messages\":100,\"sender\":\"north-laser\"}}"
+    );
+    client.send(lines(100..150) + "{\"end\":true}\n");
+    assert_eq!(client.answer(), "{\"done\":{\"messages\":150}}");
+    let all: Vec<_> = daemon
+        .ledger
+        .streams()
+        .iter()
+        .flat_map(Written::messages)
+        .collect();
+    assert_eq!(all.len(), 150);
+    assert!(all.windows(2).all(|pair| pair[0].1 < pair[1].1));
+    assert_eq!(
+        daemon.count(Fault::Client) + daemon.count(Fault::Recording),
+        0,
+        "a cut that may be mended is no fault"
+    );
+}
+
+#[test]
+fn a_newer_connection_of_the_same_name_takes_over() {
+    let daemon = Daemon::start(settings());
+    let mut old = daemon.client();
+    old.send(HELLO.to_owned() + &lines(0..10));
+    old.answer();
+    daemon.until("ten messages", |stream| stream.through == 10);
+    // The old connection is half open: it never says goodbye.
+    let mut new = daemon.client();
+    new.send(HELLO);
+    assert!(new.answer().contains("\"messages\":10"));
+    assert!(old.answer().contains("another connection took over"));
+    assert_eq!(old.answer(), "");
+    new.send(lines(10..20) + "{\"end\":true}\n");
+    assert_eq!(new.answer(), "{\"done\":{\"messages\":20}}");
+    assert_eq!(daemon.count(Fault::Client), 1);
+}
+
+#[test]
+fn without_an_end_a_stream_is_cut() {
+    let daemon = Daemon::start(settings());
+    let bytes = mcap(1000);
+    for length in [bytes.len() / 2, bytes.len() - 1] {
+        let mut client = daemon.client();
+        client.send(&bytes[..length]);
+        client.stream.shutdown(Shutdown::Write).unwrap();
+        assert_eq!(client.answer(), "");
+        let written = daemon.until("messages", |stream| stream.through > 0);
+        assert_eq!(written.end, None);
+    }
+    assert_eq!(
+        (
+            daemon.count(Fault::Recording),
+            daemon.counts.cut.load(Ordering::Relaxed)
+        ),
+        (2, 2)
+    );
+}
+
+#[test]
+fn mcap_by_netcat() {
+    if !has("netcat (nc)", "command -v nc") {
+        return;
+    }
+    let daemon = Daemon::start(settings());
+    let folder = tempfile::tempdir().unwrap();
+    let files = [
+        folder.path().join("a.mcap"),
+        folder.path().join("b.mcap"),
+        folder.path().join("c.jsonl"),
+    ];
+    std::fs::write(
+        &files[0],
+        recording(Encoding::Ros2, Layout::Batch(50), WriterOptions::default(), 5000),
+    )
+    .unwrap();
+    let options = WriterOptions {
+        compression: Compression::None,
+        chunk_bytes: None,
+        ..small()
+    };
+    std::fs::write(&files[1], recording(Encoding::Json, Layout::Sample, options, 500)).unwrap();
+    std::fs::write(&files[2], lines(0..700)).unwrap();
+    let (host, port) = (daemon.address.ip().to_string(), daemon.address.port().to_string());
+    let script = "cat \"$1\" \"$2\" | nc -N \"$4\" \"$5\"; cat \"$3\" | nc -N -U \"$6\"";
+    let output = Command::new("sh")
+        .args(["-c", script, "sh"])
+        .args(&files)
+        .args([&host, &port])
+        .arg(&daemon.path)
+        .output()
+        .unwrap();
+    let said = String::from_utf8(output.stdout).unwrap();
+    let done: Vec<&str> = said.lines().collect();
+    assert_eq!(
+        done,
+        [
+            "{\"done\":{\"messages\":100}}",
+            "{\"done\":{\"messages\":500}}",
+            "{\"done\":{\"messages\":700}}"
+        ],
+        "{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
+    assert!(
+        daemon
+            .ledger
+            .streams()
+            .iter()
+            .all(|stream| stream.end == Some(End::Complete))
+    );
+}
+
+#[test]
+fn mcap_by_the_python_library() {
+    if !has("Python's mcap", "python3 -c 'import mcap'") {
+        return;
+    }
+    let daemon = Daemon::start(settings());
+    let script = r#"
+import json, socket, sys
+from mcap.writer import Writer, CompressionType
+connection = socket.create_connection((sys.argv[1], int(sys.argv[2])))
+out = connection.makefile("wb")
+for compression in (CompressionType.ZSTD, CompressionType.LZ4, CompressionType.NONE):
+    writer = Writer(out, chunk_size=1024, compression=compression)
+    writer.start()
+    schema = writer.register_schema("Sample", "jsonschema", b'{"type":"object"}')
+    laser = writer.register_channel("/laser", "json", schema)
+    other = writer.register_channel("/none", "json", schema)
+    for i in range(1000):
+        stamp = 1772344800000000000 + i * 5000000
+        for channel in (laser, other):
+            writer.add_message(channel, stamp, json.dumps({"value": i}).encode(), stamp)
+    writer.finish()
+    out.flush()
+connection.shutdown(socket.SHUT_WR)
+sys.stdout.write(connection.makefile("r").read())
+"#;
+    let output = Command::new("python3")
+        .args([
+            "-c",
+            script,
+            &daemon.address.ip().to_string(),
+            &daemon.address.port().to_string(),
+        ])
+        .output()
+        .unwrap();
+    let said = String::from_utf8(output.stdout).unwrap();
+    assert_eq!(
+        said,
+        "{\"done\":{\"messages\":2000}}\n".repeat(3),
+        "{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
+    let streams = daemon.ledger.streams();
+    assert_eq!(streams.len(), 3);
+    for stream in streams {
+        let messages = stream.messages();
+        assert_eq!(
+            (messages.len(), stream.through, stream.end),
+            (1000, 2000, Some(End::Complete))
+        );
+        assert_eq!(
+            messages[999],
+            (
+                "/laser".into(),
+                1_772_344_804_995_000_000,
+                b"{\"value\": 999}".to_vec()
+            )
+        );
+    }
+}
+
+#[test]
+fn who_says_nothing_that_makes_sense_is_closed_within_ten_seconds() {
+    let daemon = Daemon::start(settings());
+    let since = Instant::now();
+    let silent: Vec<_> = (0..10).map(|_| daemon.client()).collect();
+    let drips: Vec<_> = [
+        &b"{\"topic\":\"/las"[..],
+        b"\n\n\n\n\n\n\n\n\n\n\n\n\n",
+        b"\x89MCAP0\r",
+    ]
+    .map(|bytes| (daemon.client(), bytes))
+    .into();
+    let mut drips: Vec<_> = drips.into_iter().collect();
+    // A byte a second is no sign of life, nor are empty lines; others are served meanwhile.
+    for second in 0..9 {
+        for (client, bytes) in &mut drips {
+            let _ = client.stream.write_all(
+                &bytes[second.min(bytes.len() - 1)..][..1.min(bytes.len() - second.min(bytes.len()))],
+            );
+        }
+        let mut other = daemon.client();
+        other.send(lines(0..10) + "{\"end\":true}\n");
+        assert_eq!(other.answer(), "{\"done\":{\"messages\":10}}");
+        let next = since + Duration::from_secs(second as u64 + 1);
+        std::thread::sleep(next.saturating_duration_since(Instant::now()));
+    }
+    for mut client in silent
+        .into_iter()
+        .chain(drips.into_iter().map(|(client, _)| client))
+    {
+        let answer = client.answer();
+        assert!(answer.contains("nothing whole came for 10 s"), "{answer}");
+        assert_eq!(client.answer(), "");
+    }
+    assert!(
+        since.elapsed() < Duration::from_millis(11_500),
+        "{:?}",
+        since.elapsed()
+    );
+    assert_eq!(daemon.count(Fault::Idle), 13);
+}
+
+#[test]
+fn a_huge_record_byte_by_byte_is_no_sign_of_life() {
+    let daemon = Daemon::start(IngestSettings {
+        idle_s: 1.0,
+        ..settings()
+    });
+    let mut client = daemon.client();
+    let whole = mcap(10);
+    let header = 8 + 9 + u64::from_le_bytes(whole[9..17].try_into().unwrap()) as usize;
+    client.send(&whole[..header]);
+    client.send([6]);
+    client.send((10u64 << 20).to_le_bytes());
+    let since = Instant::now();
+    let closed = loop {
+        if client.stream.write_all(b"x").is_err() || daemon.count(Fault::Idle) == 1 {
+            break since.elapsed();
+        }
+        assert!(since.elapsed() < Duration::from_secs(10), "still open");
+        std::thread::sleep(Duration::from_millis(20));
+    };
+    assert!(closed >= Duration::from_millis(900), "{closed:?}");
+    assert!(client.answer().contains("nothing whole came for 1 s"));
+}
+
+#[test]
+fn lengths_that_lie_are_refused_at_once() {
+    let daemon = Daemon::start(settings());
+    let whole = mcap(10);
+    let header = 8 + 9 + u64::from_le_bytes(whole[9..17].try_into().unwrap()) as usize;
+    for length in [u64::MAX, 1 << 40, (16 << 20) + 1] {
+        let mut client = daemon.client();
+        client.send(&whole[..header]);
+        client.send([6]);
+        client.send(length.to_le_bytes());
+        let answer = client.answer();
+        assert!(
+            answer.contains(&format!("a record of {length} bytes")),
+            "{answer}"
+        );
+    }
+    assert_eq!(daemon.count(Fault::Client), 3);
+}
+
+#[test]
+fn all_clients_together_hold_a_bounded_memory() {
+    let daemon = Daemon::start(settings());
+    let whole = mcap(10);
+    let header = 8 + 9 + u64::from_le_bytes(whole[9..17].try_into().unwrap()) as usize;
+    let mut start = whole[..header].to_vec();
+    start.push(6);
+    start.extend((15u64 << 20).to_le_bytes());
+    let part = vec![7u8; 6 << 20];
+    let mut clients = Vec::new();
+    for _ in 0..12 {
+        let mut client = daemon.client();
+        client.send(&start);
+        let _ = client.stream.write_all(&part);
+        clients.push(client);
+    }
+    wait_for("somebody is turned out", || daemon.count(Fault::Refused) > 0);
+    let refused = daemon.count(Fault::Refused);
+    assert!(refused < 12, "{refused}");
+    // Everybody else is served.
+    let mut other = daemon.client();
+    other.send(lines(0..10) + "{\"end\":true}\n");
+    assert_eq!(other.answer(), "{\"done\":{\"messages\":10}}");
+}
+
+#[test]
+fn too_many_clients_are_told_so() {
+    let daemon = Daemon::start(IngestSettings {
+        clients: 2,
+        ..settings()
+    });
+    let mut clients = [daemon.client(), daemon.client()];
+    for client in &mut clients {
+        client.send(lines(0..1));
+    }
+    wait_for("both are in", || daemon.clients() == 2);
+    for _ in 0..100 {
+        let mut third = daemon.client();
+        let _ = third.stream.write_all(b"{}");
+        let answer = third.answer();
+        assert_eq!(
+            answer,
+            "{\"again\":true,\"error\":\"2 clients are connected already\"}"
+        );
+    }
+    assert_eq!(daemon.count(Fault::Refused), 100);
+    drop(clients);
+    wait_for("both are gone", || daemon.clients() == 0);
+    let mut third = daemon.client();
+    third.send(lines(0..1) + "{\"end\":true}\n");
+    assert_eq!(third.answer(), "{\"done\":{\"messages\":1}}");
+}
+
+#[test]
+fn a_full_journal_stops_reading_and_nothing_is_lost() {
+    let daemon = Daemon::start(IngestSettings {
+        idle_s: 1.0,
+        ..settings()
+    });
+    daemon.ledger.open(false);
+    let mut client = daemon.client();
+    let mut writer = client.stream.try_clone().unwrap();
+    // More than the buffers of the system hold, so that the client feels it.
+    let writing = std::thread::spawn(move || {
+        for i in 0..200 {
+            writer
+                .write_all(lines(i * 1000..(i + 1) * 1000).as_bytes())
+                .unwrap();
+        }
+        writer.write_all(b"{\"end\":true}\n").unwrap();
+    });
+    // Longer than a silent client may be.
+    std::thread::sleep(Duration::from_millis(2500));
+    assert!(!writing.is_finished(), "the client is not held up");
+    assert_eq!((daemon.count(Fault::Idle), daemon.clients()), (0, 1));
+    daemon.ledger.open(true);
+    assert_eq!(client.answer(), "{\"done\":{\"messages\":200000}}");
+    writing.join().unwrap();
+    assert_eq!(daemon.ledger.streams()[0].messages().len(), 200_000);
+}
+
+#[test]
+fn a_client_that_never_reads_is_served_all_the_same() {
+    let daemon = Daemon::start(settings());
+    let mut client = daemon.client();
+    for _ in 0..20_000 {
+        client.send("{\"topic\":\"/laser\",\"time\":1,\"value\":1}\n{\"end\":true}\n");
+    }
+    wait_for("every stream", || {
+        daemon.counts.completed.load(Ordering::Relaxed) == 20_000
+    });
+}
+
+#[test]
+fn garbage_is_closed_at_once_with_one_reason() {
+    use rand::{Rng, RngExt};
+    let daemon = Daemon::start(settings());
+    let mut rng = tirante::random::stream(3, 0);
+    let mut faults = 0;
+    for i in 0..300 {
+        let mut bytes = vec![0u8; rng.random_range(1..4000)];
+        rng.fill_bytes(&mut bytes);
+        match i % 3 {
+            0 => bytes[0] |= 0x80,
+            1 => bytes.splice(0..0, *b"{").for_each(drop),
+            _ => bytes.splice(0..0, *b"\x89MCAP0\r\n").for_each(drop),
+        }
+        let mut client = daemon.client();
+        let _ = client.stream.write_all(&bytes);
+        let _ = client.stream.shutdown(Shutdown::Write);
+        let mut said = String::new();
+        client.answers.read_to_string(&mut said).unwrap();
+        assert!(said.lines().count() <= 1, "{said}");
+        faults += said
+            .lines()
+            .filter(|line| line.starts_with("{\"error\":"))
+            .count() as u64;
+    }
+    assert!(faults > 100, "{faults}");
+    assert_eq!(daemon.count(Fault::Client), faults);
+    assert!(daemon.ledger.streams().is_empty());
+}
+
+#[test]
+fn a_stop_says_goodbye_and_takes_two_seconds_at_most() {
+    let mut daemon = Daemon::start(settings());
+    let mut clients: Vec<_> = (0..20).map(|_| daemon.client()).collect();
+    for client in &mut clients {
+        client.send(lines(0..5));
+    }
+    wait_for("all are in", || daemon.ledger.streams().len() == 20);
+    let took = daemon.stop();
+    assert!(took < Duration::from_secs(2), "{took:?}");
+    for client in &mut clients {
+        assert_eq!(client.answer(), "{\"again\":true,\"error\":\"the daemon stops\"}");
+    }
+    assert!(daemon.ledger.streams().iter().all(|stream| stream.end.is_none()));
+}
+
+#[test]
+fn the_socket_of_a_dead_daemon_is_replaced_and_that_of_a_live_one_is_not() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("ingest.sock");
+    let listen = Listen::Unix(path.clone());
+    let first = Listener::bind(&listen).unwrap();
+    assert_eq!(
+        std::fs::metadata(&path).unwrap().permissions().mode() & 0o777,
+        0o660
+    );
+    let error = Listener::bind(&listen).unwrap_err();
+    assert!(
+        matches!(error, ListenError::Taken(_)) && error.to_string().contains("another daemon listens there")
+    );
+    drop(first);
+    assert!(path.exists(), "as a killed daemon leaves it");
+    drop(Listener::bind(&listen).unwrap());
+    std::fs::remove_file(&path).unwrap();
+    std::fs::write(&path, "precious").unwrap();
+    assert!(matches!(Listener::bind(&listen), Err(ListenError::NoSocket(_))));
+    assert_eq!(std::fs::read(&path).unwrap(), b"precious");
+}
+
+/// An authority and what it signed, as PEM files.
+struct Authority {
+    issuer: rcgen::CertifiedIssuer<'static, rcgen::KeyPair>,
+}
+
+impl Authority {
+    fn new() -> Self {
+        let mut params = rcgen::CertificateParams::new(Vec::<String>::new()).unwrap();
+        params.is_ca = rcgen::IsCa::Ca(rcgen::BasicConstraints::Unconstrained);
+        let key = rcgen::KeyPair::generate().unwrap();
+        Self {
+            issuer: rcgen::CertifiedIssuer::self_signed(params, key).unwrap(),
+        }
+    }
+
+    /// Writes authority, certificate and key of one party.
+    fn write(&self, folder: &std::path::Path, name: &str) -> [std::path::PathBuf; 3] {
+        let key = rcgen::KeyPair::generate().unwrap();
+        let params =
+            rcgen::CertificateParams::new(vec!["127.0.0.1".to_owned(), "localhost".to_owned()]).unwrap();
+        let certificate = params.signed_by(&key, &self.issuer).unwrap();
+        let paths = ["ca", "pem", "key"].map(|end| folder.join(format!("{name}.{end}")));
+        std::fs::write(&paths[0], self.issuer.pem()).unwrap();
+        std::fs::write(&paths[1], certificate.pem()).unwrap();
+        std::fs::write(&paths[2], key.serialize_pem()).unwrap();
+        paths
+    }
+}
+
+fn tirante_send(arguments: &[&std::ffi::OsStr]) -> std::process::Output {
+    Command::new(env!("CARGO_BIN_EXE_tirante"))
+        .arg("send")
+        .args(arguments)
+        .output()
+        .unwrap()
+}
+
+#[test]
+fn with_tls_only_the_right_certificate_comes_in() {
+    let folder = tempfile::tempdir().unwrap();
+    let (ours, theirs) = (Authority::new(), Authority::new());
+    let [ca, certificate, key] = ours.write(folder.path(), "daemon");
+    let good = ours.write(folder.path(), "client");
+    let foreign = theirs.write(folder.path(), "foreign");
+    let tls = tirante::ingest::TlsSettings {
+        certificate,
+        key,
+        client_ca: ca.clone(),
+    };
+    let daemon = Daemon::start(IngestSettings {
+        tls: Some(tls),
+        ..settings()
+    });
+    let file = folder.path().join("a.mcap");
+    std::fs::write(&file, mcap(500)).unwrap();
+    let to = format!("tcp://{}", daemon.address);
+    let send = |authority: &std::path::Path, certificate: &std::path::Path, key: &std::path::Path| {
+        let flags = ["--to", &to, "--speed", "max", "--tls-ca"].map(std::ffi::OsStr::new);
+        let mut all = vec![file.as_os_str()];
+        all.extend(flags);
+        all.extend([
+            authority.as_os_str(),
+            "--tls-certificate".as_ref(),
+            certificate.as_os_str(),
+        ]);
+        all.extend(["--tls-key".as_ref(), key.as_os_str()]);
+        tirante_send(&all)
+    };
+    let output = send(&ca, &good[1], &good[2]);
+    assert!(
+        output.status.success(),
+        "{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
+    assert_eq!(daemon.ledger.streams()[0].messages().len(), 500);
+    assert_eq!(daemon.count(Fault::Refused), 0);
+
+    let output = send(&ca, &foreign[1], &foreign[2]);
+    assert_eq!(output.status.code(), Some(1));
+    wait_for("the foreign one is counted", || daemon.count(Fault::Refused) == 1);
+    // The client looks at the daemon's certificate too.
+    let output = send(&foreign[0], &good[1], &good[2]);
+    assert_eq!(output.status.code(), Some(1));
+    wait_for("it is counted", || daemon.count(Fault::Refused) == 2);
+    // Nor does anybody come in without TLS.
+    let mut plain = daemon.client();
+    plain.send(lines(0..10) + "{\"end\":true}\n");
+    plain.stream.shutdown(Shutdown::Write).unwrap();
+    let mut said = Vec::new();
+    let _ = plain.answers.read_to_end(&mut said);
+    assert!(!String::from_utf8_lossy(&said).contains("done"));
+    wait_for("it is counted", || daemon.count(Fault::Refused) == 3);
+    assert_eq!(daemon.ledger.streams().len(), 1);
+}
+
+#[test]
+fn an_open_socket_without_tls_is_a_fault_of_the_configuration_and_of_the_server() {
+    let rod = "[[rod]]\nid = \"a\"\nlength_m = 10\nsection = \"direct\"\n[rod.priors]\naxial_force_n = 1e5\n\
+        flexural_rigidity_n_m2 = 3e5\nmass_per_length_kg_m = 20\nspring_left_n_m = 0\nspring_right_n_m = 0\n\
+        [rod.channel]\ntopic = \"/a\"\n";
+    let faults = |text: &str| match Config::parse(&format!("{text}\n{rod}"), "test") {
+        Err(ConfigError::Faults { faults, .. }) => faults.iter().map(ToString::to_string).collect::<Vec<_>>(),
+        Err(other) => panic!("{other}"),
+        Ok(_) => Vec::new(),
+    };
+    let open = faults("[ingest]\nlisten = [\"tcp://127.0.0.1:7415\", \"tcp://0.0.0.0:7415\"]");
+    assert_eq!(
+        open,
+        [
+            "2:10: ingest.listen: tcp://0.0.0.0:7415 is not on loopback: [ingest.tls] is needed, with certificate, key and client_ca"
+        ]
+    );
+    let bad = faults("[ingest]\nlisten = [\"tcp://localhost:7415\"]\nclients = 0\n[ingest.tls]\nkey = \"a\"");
+    assert!(
+        bad[0].starts_with("2:11: ingest.listen[0]: tcp://localhost:7415 is no IP address"),
+        "{bad:?}"
+    );
+    assert!(
+        bad[1].starts_with("3:11: ingest.clients: 0 is out of range"),
+        "{bad:?}"
+    );
+    assert!(
+        bad.iter()
+            .any(|fault| fault.contains("ingest.tls.client_ca: is missing")),
+        "{bad:?}"
+    );
+    let tls = "[ingest.tls]\ncertificate = \"a\"\nkey = \"b\"\nclient_ca = \"c\"";
+    assert!(faults(&format!("[ingest]\nlisten = [\"tcp://0.0.0.0:7415\"]\n{tls}")).is_empty());
+
+    let listener = Listener::Tcp(TcpListener::bind("0.0.0.0:0").unwrap());
+    let (topics, stop) = (
+        tokio::sync::watch::channel(Default::default()).1,
+        tokio::sync::watch::channel(false).1,
+    );
+    let server = tirante::ingest::Server::new(
+        settings(),
+        topics,
+        Ledger::new(),
+        Default::default(),
+        Default::default(),
+    )
+    .unwrap();
+    let runtime = tokio::runtime::Builder::new_current_thread()
+        .enable_all()
+        .build()
+        .unwrap();
+    let outcome = runtime.block_on(tirante::ingest::serve(vec![listener], server, stop));
+    assert!(matches!(outcome, Err(ListenError::Open(_))));
+}
+
+#[test]
+fn send_replays_a_recording_and_says_that_it_is_durable() {
+    let daemon = Daemon::start(settings());
+    let folder = tempfile::tempdir().unwrap();
+    let files = ["a.mcap", "b.mcap"].map(|name| folder.path().join(name));
+    std::fs::write(
+        &files[0],
+        recording(Encoding::Ros2, Layout::Sample, small(), 1000),
+    )
+    .unwrap();
+    std::fs::write(&files[1], mcap(300)).unwrap();
+    let to = format!("unix://{}", daemon.path.display());
+    let mut arguments: Vec<&std::ffi::OsStr> = files.iter().map(|file| file.as_os_str()).collect();
+    arguments.extend(["--to", &to, "--speed", "10"].map(std::ffi::OsStr::new));
+    let since = Instant::now();
+    let output = tirante_send(&arguments);
+    assert_eq!(
+        String::from_utf8_lossy(&output.stdout),
+        "1300 messages are durable\n",
+        "{output:?}"
+    );
+    assert!(output.status.success());
+    // Five seconds at ten times their speed.
+    assert!(
+        since.elapsed() >= Duration::from_millis(490),
+        "{:?}",
+        since.elapsed()
+    );
+    let stream = daemon.ledger.streams().pop().unwrap();
+    assert_eq!((stream.messages().len(), stream.end), (1300, Some(End::Complete)));
+
+    // Shifted to now, and a recording that is cut short.
+    std::fs::write(&files[0], &mcap(300)[..3000]).unwrap();
+    let mut arguments = vec![files[0].as_os_str()];
+    arguments.extend(["--to", &to, "--speed", "max", "--stamp-now"].map(std::ffi::OsStr::new));
+    let output = tirante_send(&arguments);
+    assert_eq!(output.status.code(), Some(1), "not everything there is was sent");
+    assert!(
+        String::from_utf8_lossy(&output.stderr).contains("a.mcap: is cut short"),
+        "{output:?}"
+    );
+    let messages = daemon.ledger.streams().pop().unwrap().messages();
+    let age = jiff_now() - messages[0].1 as i128;
+    assert!(messages.len() > 50 && (0..60_000_000_000).contains(&age), "{age}");
+
+    // Nobody there.
+    let gone = format!(
+        "tcp://{}",
+        TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap()
+    );
+    let output = tirante_send(&[files[1].as_os_str(), "--to".as_ref(), gone.as_ref()]);
+    assert_eq!(output.status.code(), Some(1));
+    let output = tirante_send(&[files[1].as_os_str(), "--to".as_ref(), "udp://x".as_ref()]);
+    assert_eq!(output.status.code(), Some(2));
+}
+
+fn jiff_now() -> i128 {
+    std::time::SystemTime::now()
+        .duration_since(std::time::UNIX_EPOCH)
+        .unwrap()
+        .as_nanos() as i128
+}
+
+/// Between sender and daemon; passes so many bytes, then cuts the connection.
+fn saw(to: std::net::SocketAddr, lengths: Vec<usize>) -> std::net::SocketAddr {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = listener.local_addr().unwrap();
+    std::thread::spawn(move || {
+        let lengths = lengths.into_iter().chain(std::iter::repeat(usize::MAX));
+        for (client, length) in listener.incoming().zip(lengths) {
+            let client = client.unwrap();
+            let daemon = TcpStream::connect(to).unwrap();
+            let (mut back, mut answers) = (client.try_clone().unwrap(), daemon.try_clone().unwrap());
+            std::thread::spawn(move || {
+                let _ = std::io::copy(&mut answers, &mut back);
+                let _ = back.shutdown(Shutdown::Both);
+            });
+            std::thread::spawn(move || {
+                let _ = std::io::copy(&mut (&client).take(length as u64), &mut &daemon);
+                let _ = daemon.shutdown(Shutdown::Both);
+                let _ = client.shutdown(Shutdown::Both);
+            });
+        }
+    });
+    address
+}
+
+#[test]
+fn send_goes_on_after_every_cut() {
+    let daemon = Daemon::start(settings());
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("a.mcap");
+    // Batches that do not shrink: 100 kB.
+    std::fs::write(
+        &file,
+        recording(Encoding::Ros2, Layout::Batch(20), small(), 12_000),
+    )
+    .unwrap();
+    let through = saw(daemon.address, vec![20, 5000, 30_000]);
+    let to = format!("tcp://{through}");
+    let output = tirante_send(&[
+        file.as_os_str(),
+        "--to".as_ref(),
+        to.as_ref(),
+        "--speed".as_ref(),
+        "100".as_ref(),
+        "--sender".as_ref(),
+        "north-laser".as_ref(),
+    ]);
+    assert!(output.status.success(), "{output:?}");
+    assert_eq!(
+        String::from_utf8_lossy(&output.stdout),
+        "600 messages are durable\n"
+    );
+    let streams = daemon.ledger.streams();
+    assert!(streams.len() >= 3, "{}", streams.len());
+    let all: Vec<_> = streams.iter().flat_map(Written::messages).collect();
+    assert_eq!(all.len(), 600, "nothing lost, nothing twice");
+    assert!(all.windows(2).all(|pair| pair[0].1 < pair[1].1));
+
+    // A stream of an earlier run is not taken up unless asked for.
+    let mut client = daemon.client();
+    client.send(HELLO.to_owned() + &lines(0..10));
+    daemon.until("ten messages", |stream| stream.through == 10);
+    drop(client);
+    let arguments = |more: &'static [&'static str]| {
+        let mut all = vec![file.as_os_str(), "--to".as_ref(), to.as_ref()];
+        all.extend(
+            ["--speed", "max", "--sender", "north-laser"]
+                .iter()
+                .chain(more)
+                .map(std::ffi::OsStr::new),
+        );
+        tirante_send(&all)
+    };
+    let output = arguments(&[]);
+    assert_eq!(output.status.code(), Some(1));
+    assert!(
+        String::from_utf8_lossy(&output.stderr).contains("--resume"),
+        "{output:?}"
+    );
+    let output = arguments(&["--resume"]);
+    assert!(output.status.success(), "{output:?}");
+    assert_eq!(daemon.ledger.streams().pop().unwrap().messages().len(), 590);
+}

@@ -13,6 +13,7 @@ pub mod ack;
 pub mod alarm;
 mod campaign;
 pub mod check;
+pub mod completions;
 pub mod emulator;
 pub mod frequencies;
 pub mod history;
@@ -59,6 +60,7 @@ pub fn run(command: &Command) -> anyhow::Result<ExitCode> {
         Command::Rebaseline(args) => rebaseline::run(args),
         Command::Run(args) => run::run(args),
         Command::Send(args) => send::run(args),
+        Command::Completions(args) => completions::run(args),
         Command::Manual(args) => manual::run(args),
     }
 }

@@ -2,6 +2,7 @@
 
 pub mod generation;
 pub mod job;
+pub mod notify;
 
 pub use generation::Generation;
 pub use job::Job;

@@ -50,7 +50,10 @@ fn shown(text: &str) -> BTreeMap<String, [String; 4]> {
         match (words.next(), words.next(), words.next(), words.next()) {
             (Some("#"), Some("HELP"), Some(name), Some(help)) => {
                 let help = help.trim_end_matches('.').to_owned();
-                families.push((name.to_owned(), [String::new(), String::new(), String::new(), help]));
+                families.push((
+                    name.to_owned(),
+                    [String::new(), String::new(), String::new(), help],
+                ));
             }
             (Some("#"), Some("TYPE"), Some(name), Some(kind)) => {
                 let family = families.last_mut().unwrap();
@@ -61,6 +64,7 @@ fn shown(text: &str) -> BTreeMap<String, [String; 4]> {
             (Some("#"), Some("EOF"), ..) => {}
             _ => {
                 let family = families.last_mut().unwrap();
+                assert!(!line.contains("{}"), "{line}");
                 assert!(line.starts_with(&family.0), "{line} behind {}", family.0);
                 if let Some((labels, _)) = line.split_once('{').and_then(|(_, rest)| rest.split_once('}')) {
                     for label in labels.split("\",").filter(|label| !label.starts_with("le=")) {

@@ -72,7 +72,9 @@ fn systemd_hears_when_the_daemon_is_ready_and_the_watchdog_only_while_the_work_l
     let mut told: Vec<String> = Vec::new();
     while told.last().is_none_or(|last| !last.contains("STATUS=end")) {
         let mut buffer = [0; 4096];
-        let length = socket.recv(&mut buffer).expect("the child says something in time");
+        let length = socket
+            .recv(&mut buffer)
+            .expect("the child says something in time");
         told.push(String::from_utf8(buffer[..length].to_vec()).unwrap());
     }
     assert!(child.0.wait().unwrap().success());
@@ -93,6 +95,10 @@ fn systemd_hears_when_the_daemon_is_ready_and_the_watchdog_only_while_the_work_l
     assert!(told[at("RELOADING=1")].contains("MONOTONIC_USEC="));
     assert!(at("READY=1") < at("RELOADING=1") && at("RELOADING=1") < at("following 3 rods"));
     assert!(pings("following 3 rods", "STATUS=hangs") >= 3, "{told:?}");
-    assert_eq!(pings("STATUS=stalled", "STATUS=wakes"), 0, "a hang is not covered up: {told:?}");
+    assert_eq!(
+        pings("STATUS=stalled", "STATUS=wakes"),
+        0,
+        "a hang is not covered up: {told:?}"
+    );
     assert!(pings("STATUS=wakes", "STOPPING=1") >= 3, "{told:?}");
 }

@@ -22,7 +22,10 @@ const OPEN_METRICS: &str = "application/openmetrics-text; version=1.0.0; charset
 
 /// Nothing a browser could run, keep, frame or guess.
 const STRICT: [(HeaderName, HeaderValue); 4] = [
-    (header::X_CONTENT_TYPE_OPTIONS, HeaderValue::from_static("nosniff")),
+    (
+        header::X_CONTENT_TYPE_OPTIONS,
+        HeaderValue::from_static("nosniff"),
+    ),
     (header::CACHE_CONTROL, HeaderValue::from_static("no-store")),
     (
         header::CONTENT_SECURITY_POLICY,
@@ -120,7 +123,12 @@ async fn guard(request: Request, next: Next) -> Response {
         StatusCode::URI_TOO_LONG.into_response()
     } else if !request.body().is_end_stream() {
         let close = [(header::CONNECTION, "close")];
-        (StatusCode::PAYLOAD_TOO_LARGE, close, "no request here has a body\n").into_response()
+        (
+            StatusCode::PAYLOAD_TOO_LARGE,
+            close,
+            "no request here has a body\n",
+        )
+            .into_response()
     } else {
         next.run(request).await
     };

@@ -206,7 +206,10 @@ mod tests {
     fn one_line_a_minute_of_each_kind_and_none_is_forgotten() {
         let (mut ledger, start) = serving();
         let at = |s: u32| start + s * SECOND;
-        assert_eq!(ledger.fault(Fault::Client, "first", at(0)).as_deref(), Some("first"));
+        assert_eq!(
+            ledger.fault(Fault::Client, "first", at(0)).as_deref(),
+            Some("first")
+        );
         for s in 1..=5 {
             assert_eq!(ledger.fault(Fault::Client, "again", at(s)), None);
         }
@@ -251,7 +254,11 @@ mod tests {
             Some("mail: over after 8000 s")
         );
         assert_eq!(ledger.over(Fault::Sink, "mail", at(9001)), None);
-        assert_eq!(ledger.state(at(9001)), State::Degraded, "it was true a second ago");
+        assert_eq!(
+            ledger.state(at(9001)),
+            State::Degraded,
+            "it was true a second ago"
+        );
         assert_eq!(ledger.state(at(9900)), State::Ok);
     }
 
@@ -269,7 +276,11 @@ mod tests {
     fn what_comes_from_outside_stays_one_short_line_and_bounded() {
         let (mut ledger, now) = serving();
         let line = ledger
-            .fault(Fault::Client, &format!("a\nb\u{1b}[31m{}", "x".repeat(10_000)), now)
+            .fault(
+                Fault::Client,
+                &format!("a\nb\u{1b}[31m{}", "x".repeat(10_000)),
+                now,
+            )
             .unwrap();
         assert!(line.starts_with("a b [31mx") && line.chars().count() == LONGEST_DETAIL + 1);
         for i in 0..10_000 {

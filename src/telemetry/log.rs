@@ -27,7 +27,9 @@ pub fn start(format: Option<Format>, filter: EnvFilter, is_daemon: bool) {
         Format::Plain
     });
     let (layer, trouble) = layer(format, is_daemon);
-    tracing_subscriber::registry().with(layer.with_filter(filter)).init();
+    tracing_subscriber::registry()
+        .with(layer.with_filter(filter))
+        .init();
     if let Some(trouble) = trouble {
         tracing::warn!("the log goes to stderr, the journal cannot be reached: {trouble}");
     }

@@ -8,7 +8,7 @@ use crate::track::RodState;
 use crate::track::alarm::Kind;
 use prometheus_client::collector::Collector;
 use prometheus_client::encoding::text::encode;
-use prometheus_client::encoding::{DescriptorEncoder, EncodeLabelSet};
+use prometheus_client::encoding::{DescriptorEncoder, EncodeLabelSet, MetricEncoder};
 use prometheus_client::metrics::MetricType;
 use prometheus_client::metrics::counter::Counter;
 use prometheus_client::metrics::family::Family;
@@ -187,11 +187,7 @@ impl Metrics {
                 Some(Unit::Other("newtons".to_owned())),
                 "Axial force of a rod's latest record that counts, at the reference temperature if compensated",
             ),
-            rod_relative: r.put(
-                "rod_relative_force",
-                Some(Unit::Ratios),
-                "The same force as a share of the baseline's",
-            ),
+            rod_relative: r.put("rod_relative_force", None, "The same force as a share of the baseline's"),
             rod_last_record: r.put(
                 "rod_last_record_timestamp",
                 Some(Unit::Seconds),
@@ -299,7 +295,9 @@ impl Metrics {
         for state in STATES {
             let is_in = i64::from(standing.state.code() == state);
             let rod = rod.0.clone();
-            self.rod_state.get_or_create(&OfRodState { rod, state }).set(is_in);
+            self.rod_state
+                .get_or_create(&OfRodState { rod, state })
+                .set(is_in);
         }
         for kind in Kind::ALL {
             let standing = standing.alarms.iter().filter(|other| **other == kind).count();
@@ -385,15 +383,20 @@ pub(super) fn family(
     }
     let mut metric = encoder.encode_descriptor(name, help, unit.as_ref(), kind)?;
     for (labels, value) in values {
-        let mut one = metric.encode_family(&labels)?;
-        match kind {
-            MetricType::Counter => {
-                one.encode_counter::<NoLabels, f64, f64>(&value, None)?;
-            }
-            _ => one.encode_gauge(&value)?,
+        if labels.is_empty() {
+            one(&mut metric, kind, value)?;
+        } else {
+            one(&mut metric.encode_family(&labels)?, kind, value)?;
         }
     }
     Ok(())
+}
+
+fn one(encoder: &mut MetricEncoder<'_>, kind: MetricType, value: f64) -> fmt::Result {
+    match kind {
+        MetricType::Counter => encoder.encode_counter::<NoLabels, f64, f64>(&value, None),
+        _ => encoder.encode_gauge(&value),
+    }
 }
 
 /// The state of health, at the moment somebody asks.
@@ -417,7 +420,11 @@ impl Collector for Standing {
         let is_ready = self.health.phase().not_ready().is_none();
         family(
             encoder,
-            ("ready", None, "1 while the store is open and the sources are live, else 0"),
+            (
+                "ready",
+                None,
+                "1 while the store is open and the sources are live, else 0",
+            ),
             MetricType::Gauge,
             [(Vec::new(), flag(is_ready))],
         )?;
@@ -434,7 +441,11 @@ impl Collector for Standing {
         let of_kind = |fault: Fault| vec![("kind", fault.code().to_owned())];
         family(
             encoder,
-            ("faults", None, "Faults that happened, by kind (docs/operations.md)"),
+            (
+                "faults",
+                None,
+                "Faults that happened, by kind (docs/operations.md)",
+            ),
             MetricType::Counter,
             Fault::ALL.map(|fault| (of_kind(fault), self.health.count(fault) as f64)),
         )?;
@@ -453,7 +464,11 @@ impl Collector for Standing {
         )?;
         family(
             encoder,
-            ("condition", None, "1 for each fault that lasts, with what it is about; the first 64"),
+            (
+                "condition",
+                None,
+                "1 for each fault that lasts, with what it is about; the first 64",
+            ),
             MetricType::Gauge,
             conditions.into_iter().take(MOST_CONDITIONS).map(|condition| {
                 let labels = vec![
@@ -486,7 +501,11 @@ impl Collector for Disks {
         });
         family(
             &mut encoder,
-            ("disk_free", Some(Unit::Bytes), "Free space on the disk of the store, of the journal"),
+            (
+                "disk_free",
+                Some(Unit::Bytes),
+                "Free space on the disk of the store, of the journal",
+            ),
             MetricType::Gauge,
             free,
         )

@@ -96,7 +96,10 @@ mod tests {
         assert_eq!(processor_s(stat), Some(300.0 / ticks));
         assert_eq!(processor_s("broken"), None);
         assert_eq!(number_behind("VmRSS:\t  12 kB\n", "VmRSS:"), Some(12.0));
-        assert_eq!(number_behind("Max open files            1024   4096 files", "Max open files"), Some(1024.0));
+        assert_eq!(
+            number_behind("Max open files            1024   4096 files", "Max open files"),
+            Some(1024.0)
+        );
         assert_eq!(number_behind("", "VmRSS:"), None);
     }
 }

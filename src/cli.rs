@@ -1,7 +1,7 @@
 //! Arguments as typed.
 
 use crate::command::{
-    ack, alarm, check, completions, emulator, frequencies, history, identify, manual, rebaseline, replay,
+    ack, alarm, backup, check, completions, emulator, frequencies, history, identify, manual, rebaseline, replay,
     report, run, send, simulate, status,
 };
 use crate::telemetry::log;
@@ -45,6 +45,8 @@ pub enum Command {
     Ack(ack::Args),
     /// Begins a new baseline of a rod.
     Rebaseline(rebaseline::Args),
+    /// A copy of a store, while the daemon writes to it.
+    Backup(backup::Args),
     /// What the drift alarm promises for a rod, and the proof of it.
     Alarm(alarm::Args),
     /// One recording, or frequencies measured elsewhere, to the posterior of the axial force.

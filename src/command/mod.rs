@@ -11,6 +11,7 @@ macro_rules! tell {
 
 pub mod ack;
 pub mod alarm;
+pub mod backup;
 mod campaign;
 pub mod check;
 pub mod completions;
@@ -58,6 +59,7 @@ pub fn run(command: &Command) -> anyhow::Result<ExitCode> {
         Command::Report(args) => report::run(args),
         Command::Ack(args) => ack::run(args),
         Command::Rebaseline(args) => rebaseline::run(args),
+        Command::Backup(args) => backup::run(args),
         Command::Run(args) => run::run(args),
         Command::Send(args) => send::run(args),
         Command::Completions(args) => completions::run(args),

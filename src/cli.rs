@@ -1,11 +1,11 @@
 //! Arguments as typed.
 
 use crate::command::{
-    ack, alarm, check, emulator, frequencies, history, identify, manual, rebaseline, replay, report, run,
-    send, simulate, status,
+    ack, alarm, backup, check, completions, emulator, frequencies, history, identify, manual, rebaseline, replay,
+    report, run, send, simulate, status,
 };
+use crate::telemetry::log;
 use clap::{ArgAction, Parser, Subcommand};
-use std::io;
 use tracing_subscriber::EnvFilter;
 
 /// The axial force of historic tie-rods from contactless vibration records.
@@ -22,6 +22,10 @@ pub struct Cli {
     /// Say more on stderr; twice for everything.
     #[arg(short, long, global = true, action = ArgAction::Count)]
     pub verbose: u8,
+
+    /// The form of the log; without it, the journal's if stderr leads there, else plain lines.
+    #[arg(long, global = true, value_name = "FORMAT")]
+    pub log: Option<log::Format>,
 }
 
 /// The subcommands.
@@ -41,6 +45,8 @@ pub enum Command {
     Ack(ack::Args),
     /// Begins a new baseline of a rod.
     Rebaseline(rebaseline::Args),
+    /// A copy of a store, while the daemon writes to it.
+    Backup(backup::Args),
     /// What the drift alarm promises for a rod, and the proof of it.
     Alarm(alarm::Args),
     /// One recording, or frequencies measured elsewhere, to the posterior of the axial force.
@@ -53,6 +59,8 @@ pub enum Command {
     Emulator(emulator::Args),
     /// A recording into the daemon's socket, at a chosen speed.
     Send(send::Args),
+    /// What a shell completes after `tirante`, on stdout.
+    Completions(completions::Args),
     /// Man pages and shell completions, for packages.
     #[command(hide = true)]
     Manual(manual::Args),
@@ -61,18 +69,16 @@ pub enum Command {
 }
 
 impl Cli {
-    /// Starts the log on stderr: warnings by default, more with `-v`, or as `TIRANTE_LOG` says.
+    /// Starts the log on stderr: warnings by default (of the daemon also what it does), more with `-v`, or as
+    /// `TIRANTE_LOG` says.
     pub fn start_logging(&self) {
-        let default = match self.verbose {
+        let is_daemon = matches!(self.command, Command::Run(_));
+        let default = match self.verbose + u8::from(is_daemon) {
             0 => "warn",
             1 => "info",
             _ => "debug",
         };
         let filter = EnvFilter::try_from_env("TIRANTE_LOG").unwrap_or_else(|_| EnvFilter::new(default));
-        tracing_subscriber::fmt()
-            .with_env_filter(filter)
-            .with_writer(io::stderr)
-            .without_time()
-            .init();
+        log::start(self.log, filter, is_daemon);
     }
 }

@@ -168,6 +168,14 @@ colour = 1
 fn relations_between_keys_are_checked() {
     let cases = [
         (
+            "[http]\nlisten = \"0.0.0.0:7416\"\n",
+            "http.listen: other machines reach 0.0.0.0:7416",
+        ),
+        (
+            "[http]\nlisten = \"localhost\"\n",
+            "http.listen: \"localhost\" is no address with a port",
+        ),
+        (
             "[record]\nmin_duration_s = 100\nmax_duration_s = 50\n",
             "record.max_duration_s: 50 s is less than",
         ),
@@ -351,9 +359,10 @@ fn bad_values_of_every_key_are_named_with_key_and_line() {
     let lines: Vec<&str> = printed.lines().collect();
     let mut tried = 0;
     for (number, line) in lines.iter().enumerate() {
-        let Some((key, _)) = line.split_once(" = ").filter(|_| !line.starts_with('#')) else {
+        let Some((key, value)) = line.split_once(" = ").filter(|_| !line.starts_with('#')) else {
             continue;
         };
+        let is_boolean = value.starts_with("true") || value.starts_with("false");
         for bad in [
             "nan",
             "inf",
@@ -361,7 +370,7 @@ fn bad_values_of_every_key_are_named_with_key_and_line() {
             "\"\"",
             "\"\\u0007\"",
             "-1e300",
-            "true",
+            if is_boolean { "1" } else { "true" },
             "07:32:00",
             "[[]]",
             "{ a = 1 }",
@@ -398,6 +407,28 @@ fn bad_values_of_every_key_are_named_with_key_and_line() {
         );
     }
     assert!(tried > 1000, "{tried}");
+}
+
+#[test]
+fn the_http_server_listens_on_loopback_unless_somebody_says_otherwise() {
+    let listen = |text: &str| good(&format!("{MINIMAL}\n[http]\n{text}\n")).http.listen;
+    assert_eq!(listen(""), Some("127.0.0.1:7416".parse().unwrap()));
+    assert_eq!(listen("listen = \"off\""), None);
+    assert_eq!(
+        listen("listen = \"127.0.0.9:0\""),
+        Some("127.0.0.9:0".parse().unwrap())
+    );
+    let mapped = "[::ffff:127.0.0.1]:80";
+    assert_eq!(
+        listen(&format!("listen = \"{mapped}\"")),
+        Some(mapped.parse().unwrap())
+    );
+    assert_eq!(
+        listen("listen = \"192.0.2.1:80\"\nallow_remote = true"),
+        Some("192.0.2.1:80".parse().unwrap())
+    );
+    let text = |remote| format!("{MINIMAL}\n[http]\nallow_remote = {remote}\n");
+    assert_eq!(good(&text("true")).hash(), good(&text("false")).hash());
 }
 
 #[test]

@@ -11,8 +11,10 @@ macro_rules! tell {
 
 pub mod ack;
 pub mod alarm;
+pub mod backup;
 mod campaign;
 pub mod check;
+pub mod completions;
 pub mod emulator;
 pub mod frequencies;
 pub mod history;
@@ -57,8 +59,10 @@ pub fn run(command: &Command) -> anyhow::Result<ExitCode> {
         Command::Report(args) => report::run(args),
         Command::Ack(args) => ack::run(args),
         Command::Rebaseline(args) => rebaseline::run(args),
+        Command::Backup(args) => backup::run(args),
         Command::Run(args) => run::run(args),
         Command::Send(args) => send::run(args),
+        Command::Completions(args) => completions::run(args),
         Command::Manual(args) => manual::run(args),
     }
 }

@@ -1,9 +1,63 @@
 //! `[http]`: the daemon's HTTP server.
 
-use super::reader::Table;
+use super::range::toml_string;
+use super::reader::{Absent, Table, key};
 use crate::http::HttpSettings;
+use std::net::SocketAddr;
 
 /// The section.
-pub(super) fn read(_table: &mut Table<'_>) -> HttpSettings {
-    HttpSettings::default()
+pub(super) fn read(table: &mut Table<'_>) -> HttpSettings {
+    let default = HttpSettings::default();
+    let listen = table.take(
+        key(
+            "listen",
+            "address and port of health, readiness and metrics; port 0 takes a free one; it knows no passwords",
+        ),
+        "\"address:port\" like \"127.0.0.1:7416\" or \"[::1]:7416\", or \"off\"",
+        Absent::Default(default.listen),
+        |value| {
+            let text = value.string()?;
+            if text == "off" {
+                return Some(None);
+            }
+            let address = text.parse::<SocketAddr>().ok();
+            if address.is_none() {
+                value.fault(format!(
+                    "{} is no address with a port, write it like \"127.0.0.1:7416\", or \"off\"",
+                    toml_string(text)
+                ));
+            }
+            address.map(Some)
+        },
+        |listen| match listen {
+            Some(address) => toml_string(&address.to_string()),
+            None => toml_string("off"),
+        },
+    );
+    let allow_remote = table
+        .take(
+            key(
+                "allow_remote",
+                "whether it may listen where other machines reach it, who then read everything it shows",
+            ),
+            "true or false",
+            Absent::Default(false),
+            |value| value.boolean(),
+            bool::to_string,
+        )
+        .unwrap_or(false);
+    let listen = listen.unwrap_or(default.listen);
+    if let Some(address) = listen
+        && !address.ip().to_canonical().is_loopback()
+        && !allow_remote
+    {
+        table.fault_of(
+            "listen",
+            format!(
+                "other machines reach {address}: take 127.0.0.1 and a proxy that asks for a password, or say allow_remote = \
+                 true"
+            ),
+        );
+    }
+    HttpSettings { listen }
 }

@@ -122,6 +122,15 @@ impl<'t> Value<'t> {
         }
     }
 
+    /// `true` or `false`.
+    pub(super) fn boolean(&self) -> Option<bool> {
+        if let DeValue::Boolean(value) = self.value.get_ref() {
+            return Some(*value);
+        }
+        self.wrong_type("true or false");
+        None
+    }
+
     /// A string.
     pub(super) fn string(&self) -> Option<&'t str> {
         if let DeValue::String(value) = self.value.get_ref() {

@@ -6,6 +6,7 @@ pub mod core;
 mod folder;
 pub mod generation;
 pub mod job;
+pub mod notify;
 mod pipe;
 pub mod reader;
 mod restart;

@@ -5,6 +5,7 @@
 //! tables of [results](Reader::dump) depends on the clock or on how often a run was interrupted.
 //! docs/store.md describes tables and columns.
 
+mod backup;
 pub(crate) mod columns;
 mod commit;
 mod dump;

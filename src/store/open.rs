@@ -132,6 +132,16 @@ fn open_of_others(path: &Path, flags: OpenFlags) -> Result<(Connection, PathBuf)
     }
 }
 
+/// Looks at every page, index and row of a copy.
+pub(super) fn check_copy(path: &Path) -> Result<(), StoreError> {
+    let (connection, path) = for_reading(path)?;
+    match check_content(&connection).map_err(|error| is_damage(&path, error))? {
+        Ok(_) => Ok(()),
+        Err(Finding::Refused(error)) => Err(error),
+        Err(Finding::Damaged(detail)) => Err(StoreError::Damaged { path, detail }),
+    }
+}
+
 /// The path with every link followed, so that one store has one lock.
 fn resolved(path: &Path) -> Result<PathBuf, StoreError> {
     let io = |source| StoreError::Io {

@@ -71,4 +71,32 @@ impl Fault {
             Self::Stalled => "stalled",
         }
     }
+
+    /// What happened, in one sentence; docs/operations.md says what to do.
+    pub fn meaning(self) -> &'static str {
+        match self {
+            Self::Rejected => "a record gave no force, for a reason that is kept in the store",
+            Self::Recording => "a recording is damaged, cut short, or cannot be read",
+            Self::Client => "a client sent what cannot be understood, or broke the limits",
+            Self::Refused => "a client was turned away: too many, or not allowed",
+            Self::Idle => "a client was silent for too long and was closed",
+            Self::Quarantined => "something that twice ended the program was set aside",
+            Self::Broken => "the analysis of a record broke: a fault of the program",
+            Self::DiskFull => "the disk has no room for results or the journal",
+            Self::StoreDamaged => "the store was damaged when it was opened, and was begun anew",
+            Self::Write => "the store or the journal cannot be written",
+            Self::Sink => "a sink cannot be reached, or refuses: alarms wait",
+            Self::Reload => "a new configuration is bad: the old one holds",
+            Self::Folder => "a watched folder cannot be read",
+            Self::Stalled => "the work loop stands still",
+        }
+    }
+
+    /// Whether results are not kept, or not made, while it lasts.
+    pub fn is_grave(self) -> bool {
+        matches!(
+            self,
+            Self::DiskFull | Self::StoreDamaged | Self::Write | Self::Stalled
+        )
+    }
 }

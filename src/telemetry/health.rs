@@ -1,118 +1,88 @@
 //! Faults counted, conditions remembered, and at most one log line a minute of each kind.
 
-use super::Fault;
-use std::collections::BTreeMap;
+use super::ledger::Ledger;
+use super::{Condition, Fault, Phase, Report, State};
 use std::fmt::Display;
 use std::sync::{Mutex, MutexGuard, PoisonError};
-use std::time::{Duration, Instant};
-
-/// The shortest time between two log lines of one kind of fault.
-const LOG_EVERY: Duration = Duration::from_secs(60);
-
-/// A fault that lasts.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Condition {
-    /// Its kind.
-    pub fault: Fault,
-    /// What it is about: a sink, a folder, a file.
-    pub about: String,
-    /// One sentence.
-    pub detail: String,
-    /// Since when.
-    pub since: Instant,
-}
+use std::time::Instant;
 
 /// The state of health of a daemon; shared by all its threads.
 #[derive(Debug, Default)]
 pub struct Health {
-    inner: Mutex<Inner>,
-}
-
-#[derive(Debug, Default)]
-struct Inner {
-    kinds: BTreeMap<Fault, Kind>,
-    conditions: BTreeMap<(Fault, String), Condition>,
-}
-
-#[derive(Debug, Default)]
-struct Kind {
-    count: u64,
-    logged: Option<Instant>,
-    unlogged: u64,
-    last: String,
+    ledger: Mutex<Ledger>,
 }
 
 impl Health {
     /// Something went wrong: counts it, and logs it unless one of its kind was logged less than a minute ago.
     pub fn fault(&self, fault: Fault, detail: impl Display) {
-        let detail = detail.to_string();
-        let mut inner = self.lock();
-        let kind = inner.kinds.entry(fault).or_default();
-        kind.count += 1;
-        let now = Instant::now();
-        let is_due = kind.logged.is_none_or(|logged| now - logged >= LOG_EVERY);
-        let unlogged = if is_due {
-            kind.logged = Some(now);
-            std::mem::take(&mut kind.unlogged)
-        } else {
-            kind.unlogged += 1;
-            0
-        };
-        kind.last.clone_from(&detail);
-        drop(inner);
-        match (is_due, unlogged) {
-            (false, _) => {}
-            (true, 0) => tracing::warn!(fault = fault.code(), "{detail}"),
-            (true, more) => tracing::warn!(
-                fault = fault.code(),
-                "{detail} (and {more} more since the last line)"
-            ),
-        }
+        let line = self.ledger().fault(fault, &detail.to_string(), Instant::now());
+        log(fault, line);
     }
 
     /// A fault begins to last, or goes on; counted and logged as [`Health::fault`] when it is new.
     pub fn hold(&self, fault: Fault, about: &str, detail: impl Display) {
-        let detail = detail.to_string();
-        let key = (fault, about.to_owned());
-        let mut inner = self.lock();
-        if let Some(known) = inner.conditions.get_mut(&key) {
-            known.detail = detail;
-            return;
-        }
-        let condition = Condition {
-            fault,
-            about: about.to_owned(),
-            detail: detail.clone(),
-            since: Instant::now(),
-        };
-        inner.conditions.insert(key, condition);
-        drop(inner);
-        self.fault(fault, detail);
+        let line = self
+            .ledger()
+            .hold(fault, about, &detail.to_string(), Instant::now());
+        log(fault, line);
     }
 
     /// A lasting fault is over, if it was there.
     pub fn over(&self, fault: Fault, about: &str) {
-        if self
-            .lock()
-            .conditions
-            .remove(&(fault, about.to_owned()))
-            .is_some()
-        {
-            tracing::info!(fault = fault.code(), "{about}: over");
+        let line = self.ledger().over(fault, about, Instant::now());
+        if let Some(line) = line {
+            tracing::info!(fault = fault.code(), "{line}");
         }
+    }
+
+    /// Logs what was held back and whose minute is over; called every few seconds.
+    pub fn tick(&self) {
+        let lines = self.ledger().due(Instant::now());
+        for (fault, line) in lines {
+            log(fault, Some(line));
+        }
+    }
+
+    /// The daemon has come this far ([`Telemetry::enter`](super::Telemetry::enter)).
+    pub(super) fn enter(&self, phase: Phase) {
+        self.ledger().enter(phase);
+    }
+
+    /// How far the daemon has come.
+    pub fn phase(&self) -> Phase {
+        self.ledger().phase().clone()
+    }
+
+    /// Everything in one word.
+    pub fn state(&self) -> State {
+        self.ledger().state(Instant::now())
+    }
+
+    /// Everything, as it is now.
+    pub fn report(&self) -> Report {
+        self.ledger().report(Instant::now())
     }
 
     /// The faults that last.
     pub fn conditions(&self) -> Vec<Condition> {
-        self.lock().conditions.values().cloned().collect()
+        self.ledger().conditions()
     }
 
     /// How often a fault happened.
     pub fn count(&self, fault: Fault) -> u64 {
-        self.lock().kinds.get(&fault).map_or(0, |kind| kind.count)
+        self.ledger().count(fault)
     }
 
-    fn lock(&self) -> MutexGuard<'_, Inner> {
-        self.inner.lock().unwrap_or_else(PoisonError::into_inner)
+    fn ledger(&self) -> MutexGuard<'_, Ledger> {
+        self.ledger.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// The line of a fault, if one is due.
+fn log(fault: Fault, line: Option<String>) {
+    match line {
+        None => {}
+        Some(line) if fault.is_grave() => tracing::error!(fault = fault.code(), "{line}"),
+        Some(line) => tracing::warn!(fault = fault.code(), "{line}"),
     }
 }

@@ -1,7 +1,50 @@
-//! What a daemon says of itself while it runs: faults that happened, conditions that last, counts.
+//! What a daemon says of itself while it runs: faults that happened, conditions that last, counts, logs.
 
+pub mod beat;
 pub mod fault;
 pub mod health;
+mod ledger;
+pub mod log;
+pub mod metrics;
+mod process;
+pub mod report;
 
+pub use beat::Beat;
 pub use fault::Fault;
-pub use health::{Condition, Health};
+pub use health::Health;
+pub use ledger::Condition;
+pub use metrics::Metrics;
+pub use report::{Phase, Report, State};
+
+use std::sync::Arc;
+
+/// What all parts of a daemon tell of themselves, and the servers that show it.
+#[derive(Debug, Clone)]
+pub struct Telemetry {
+    /// Faults and conditions.
+    pub health: Arc<Health>,
+    /// Whether the work loop is alive.
+    pub beat: Arc<Beat>,
+    /// Counts and gauges.
+    pub metrics: Arc<Metrics>,
+}
+
+impl Default for Telemetry {
+    fn default() -> Self {
+        let (health, beat) = (Arc::<Health>::default(), Arc::<Beat>::default());
+        let metrics = Arc::new(Metrics::new(Arc::clone(&health), Arc::clone(&beat)));
+        Self {
+            health,
+            beat,
+            metrics,
+        }
+    }
+}
+
+impl Telemetry {
+    /// The daemon has come this far. From serving on, the work loop must beat.
+    pub fn enter(&self, phase: Phase) {
+        self.beat.pass();
+        self.health.enter(phase);
+    }
+}

@@ -1,0 +1,35 @@
+//! `tirante backup`: a copy of a store, while the daemon writes to it.
+
+use super::which_store::WhichStore;
+use crate::store::Reader;
+use std::fs;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// Copies a store to one file that is whole, checked row by row, and replaces an older copy of that name.
+///
+/// The daemon goes on meanwhile. Copying the files of a store by other means while it is written gives a damaged copy.
+#[derive(Debug, Clone, clap::Args)]
+#[command(after_help = "Example:
+  tirante backup --config /etc/tirante/tirante.toml /media/backup/site.sqlite")]
+pub struct Args {
+    /// The copy.
+    #[arg(value_name = "FILE")]
+    pub target: PathBuf,
+
+    /// The store.
+    #[command(flatten)]
+    pub which: WhichStore,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// No store is named, it cannot be read, or the copy cannot be written.
+pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
+    let reader = Reader::open(&args.which.path()?)?;
+    reader.copy_to(&args.target)?;
+    let bytes = fs::metadata(&args.target)?.len();
+    let line = format!("{}: {bytes} bytes, checked\n", args.target.display());
+    super::print(line.as_bytes())
+}

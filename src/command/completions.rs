@@ -1,0 +1,28 @@
+//! `tirante completions`: what a shell completes after `tirante`.
+
+use crate::cli::Cli;
+use clap::CommandFactory;
+use clap_complete::Shell;
+use std::process::ExitCode;
+
+/// Prints what a shell completes after `tirante`.
+#[derive(Debug, clap::Args)]
+#[command(
+    after_help = "Examples:\n  tirante completions bash > ~/.local/share/bash-completion/completions/tirante\n  \
+                  tirante completions fish > ~/.config/fish/completions/tirante.fish"
+)]
+pub struct Args {
+    /// The shell.
+    pub shell: Shell,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// Standard output cannot be written.
+pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
+    // Into memory first: the generator panics when its reader has gone.
+    let mut script = Vec::new();
+    clap_complete::generate(args.shell, &mut Cli::command(), "tirante", &mut script);
+    super::print(&script)
+}

@@ -1,0 +1,120 @@
+//! How the HTTP server listens: few connections, small requests, deadlines.
+
+use super::HttpSettings;
+use crate::telemetry::{Fault, Health};
+use axum::Router;
+use hyper::server::conn::http1;
+use hyper_util::rt::{TokioIo, TokioTimer};
+use hyper_util::service::TowerToHyperService;
+use std::io;
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::net::{TcpListener, TcpStream};
+use tokio::sync::{Semaphore, watch};
+use tokio::task::JoinSet;
+use tokio::time;
+
+/// Most connections at once.
+const CONNECTIONS: usize = 64;
+
+/// A request's line and headers have come within this time, and a kept connection speaks again within it.
+const READ: Duration = Duration::from_secs(10);
+
+/// A client that takes nothing of an answer for this long is cut off.
+const WRITE: Duration = Duration::from_secs(10);
+
+/// Line and headers of a request together \[bytes\].
+const HEAD_BYTES: usize = 16 << 10;
+
+/// Most headers of a request.
+const HEADERS: usize = 64;
+
+/// What may still be answered after the end was asked for.
+const DRAIN: Duration = Duration::from_secs(1);
+
+/// After the system refused a connection.
+const PAUSE: Duration = Duration::from_millis(200);
+
+/// Listens where the settings say; `None` for no server.
+///
+/// # Errors
+/// The address is taken, or not this machine's.
+pub fn listen(settings: &HttpSettings) -> io::Result<Option<std::net::TcpListener>> {
+    let Some(address) = settings.listen else {
+        return Ok(None);
+    };
+    let listener = std::net::TcpListener::bind(address)
+        .map_err(|error| io::Error::new(error.kind(), format!("http.listen {address}: {error}")))?;
+    Ok(Some(listener))
+}
+
+/// Answers until `stop` becomes true.
+///
+/// # Errors
+/// The listener is no socket the runtime can wait on.
+pub async fn serve(
+    listener: std::net::TcpListener,
+    routes: Router,
+    health: Arc<Health>,
+    mut stop: watch::Receiver<bool>,
+) -> io::Result<()> {
+    listener.set_nonblocking(true)?;
+    let listener = TcpListener::from_std(listener)?;
+    let places = Arc::new(Semaphore::new(CONNECTIONS));
+    let mut open = JoinSet::new();
+    loop {
+        let accepted = tokio::select! {
+            _ = stop.wait_for(|stop| *stop) => break,
+            _ = open.join_next(), if !open.is_empty() => continue,
+            accepted = listener.accept() => accepted,
+        };
+        let stream = match accepted {
+            Ok((stream, _)) => stream,
+            Err(error) => {
+                health.fault(Fault::Refused, format!("http: a connection failed: {error}"));
+                time::sleep(PAUSE).await;
+                continue;
+            }
+        };
+        let Ok(place) = Arc::clone(&places).try_acquire_owned() else {
+            health.fault(
+                Fault::Refused,
+                format!("http: more than {CONNECTIONS} connections at once"),
+            );
+            continue;
+        };
+        let connection = answer(stream, routes.clone(), stop.clone());
+        open.spawn(async move {
+            connection.await;
+            drop(place);
+        });
+    }
+    drop(listener);
+    let drained = async { while open.join_next().await.is_some() {} };
+    // What is not drained by then ends with the set.
+    let _ = time::timeout(DRAIN, drained).await;
+    Ok(())
+}
+
+/// Answers one connection's requests until it closes, breaks a limit, or the server stops.
+async fn answer(stream: TcpStream, routes: Router, mut stop: watch::Receiver<bool>) {
+    // The system cuts off a client that leaves an answer in the socket's buffer.
+    let timeout_ms = u32::try_from(WRITE.as_millis()).unwrap_or(u32::MAX);
+    if rustix::net::sockopt::set_tcp_user_timeout(&stream, timeout_ms).is_err() {
+        return;
+    }
+    let connection = http1::Builder::new()
+        .timer(TokioTimer::new())
+        .header_read_timeout(READ)
+        .max_buf_size(HEAD_BYTES)
+        .max_headers(HEADERS)
+        .serve_connection(TokioIo::new(stream), TowerToHyperService::new(routes));
+    let mut connection = std::pin::pin!(connection);
+    // Errors are the client's: it went away, sent no HTTP, or ran out of time; hyper told it so if it could.
+    tokio::select! {
+        _ = connection.as_mut() => return,
+        _ = stop.wait_for(|stop| *stop) => {}
+    }
+    connection.as_mut().graceful_shutdown();
+    let _ = connection.await;
+}

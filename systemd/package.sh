@@ -1,0 +1,10 @@
+#!/usr/bin/env bash
+# Makes the Debian package: target/debian/tirante_*.deb. Needs `cargo install cargo-deb`.
+set -euo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")/.."
+
+cargo build --locked --release
+# Man pages and completions come from the program itself; none is kept in the project.
+rm -rf target/package
+target/release/tirante manual --out target/package
+cargo deb --locked --no-build "$@"

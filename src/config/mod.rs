@@ -210,7 +210,6 @@ impl Config {
         let ingest = root.section("ingest", "Where live data comes from (`run`).", ingest::read);
         let journal = root.section("journal", "Live data on disk (`run`).", journal::read);
         let http = root.section("http", "The daemon's HTTP server (`run`).", http::read);
-        let sinks = sink::read_all(root);
         let shared = rod::Shared {
             welch,
             peaks,
@@ -221,6 +220,7 @@ impl Config {
         };
         let rods = rod::read_all(root, &shared);
         emulator::check_chaos(root, model, &rods);
+        let sinks = sink::read_all(root, &rods);
         let simulation = root.optional_section("simulation", "What `tirante simulate` writes.", |table| {
             simulation::read(table, &rods)
         });

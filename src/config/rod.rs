@@ -153,7 +153,7 @@ fn read(table: &mut Table<'_>, shared: &Shared) -> Option<RodConfig> {
     })
 }
 
-fn id(value: &Value<'_>) -> Option<String> {
+pub(super) fn id(value: &Value<'_>) -> Option<String> {
     let text = value.name_string()?;
     let is_id = text.len() <= 64
         && !text.starts_with('.')

@@ -1,9 +1,497 @@
 //! `[[sink]]`: where alarms go.
 
-use super::reader::Table;
-use crate::alert::SinkSettings;
+use super::RodConfig;
+use super::range::{Range, toml_string};
+use super::reader::{Absent, Key, Table, key};
+use super::value::{Value, quoted};
+use crate::alert::TOPIC_PLACES;
+use crate::alert::credential::CredentialPath;
+use crate::alert::settings::{
+    AlertmanagerSettings, EmailSettings, HttpTarget, LOG, Login, MailSecurity, MqttSettings, SinkKind,
+    SinkSettings, WebhookSettings,
+};
+use crate::record::RodId;
+use crate::track::Kind as AlarmKind;
+use lettre::message::Mailbox;
+use std::net::IpAddr;
+use ureq::http::{HeaderName, HeaderValue, Uri};
 
-/// All sinks.
-pub(super) fn read_all(_root: &mut Table<'_>) -> Option<Vec<SinkSettings>> {
-    Some(Vec::new())
+/// The words of `kind`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Kind {
+    Webhook,
+    Alertmanager,
+    Mqtt,
+    Email,
+}
+
+const KINDS: [(&str, Kind); 4] = [
+    ("webhook", Kind::Webhook),
+    ("alertmanager", Kind::Alertmanager),
+    ("mqtt", Kind::Mqtt),
+    ("email", Kind::Email),
+];
+
+/// Most entries of a list.
+const MOST: usize = 100;
+
+impl Kind {
+    /// The schemes of its `url`: the word, the usual port, and whether what goes there can be read on the way.
+    fn schemes(self) -> &'static [(&'static str, u16, bool)] {
+        match self {
+            Self::Webhook | Self::Alertmanager => &[("http", 80, true), ("https", 443, false)],
+            Self::Mqtt => &[("mqtt", 1883, true), ("mqtts", 8883, false)],
+            Self::Email => &[
+                ("smtp", 25, true),
+                ("smtp+starttls", 587, false),
+                ("smtps", 465, false),
+            ],
+        }
+    }
+}
+
+/// All sinks; `rods` are those of the site, for the filters.
+pub(super) fn read_all(root: &mut Table<'_>, rods: &[Option<RodConfig>]) -> Option<Vec<SinkSettings>> {
+    let mut ids: Vec<(String, usize)> = Vec::new();
+    let sinks = root.list(
+        "sink",
+        "Where alarms go; the log is always told (`run`).",
+        |table| {
+            let sink = read(table, rods);
+            let line = table.line_of("id");
+            if let Some(SinkSettings { id, .. }) = &sink {
+                match ids.iter().find(|(other, _)| other.eq_ignore_ascii_case(id)) {
+                    Some((_, first)) => {
+                        table.fault_of(
+                            "id",
+                            format!("\"{id}\" is the id of the sink in line {first} too"),
+                        );
+                    }
+                    None if id.eq_ignore_ascii_case(LOG) => {
+                        table.fault_of(
+                            "id",
+                            "\"log\" is the id of the program's log, which is always told",
+                        );
+                    }
+                    None => ids.push((id.clone(), line)),
+                }
+            }
+            sink
+        },
+    );
+    sinks.into_iter().collect()
+}
+
+/// A server's address, taken from a `url`.
+struct Address {
+    url: String,
+    scheme: &'static str,
+    host: String,
+    port: u16,
+    /// Whether it can be read on the way: not encrypted, and not on this machine.
+    is_open: bool,
+}
+
+fn read(table: &mut Table<'_>, rods: &[Option<RodConfig>]) -> Option<SinkSettings> {
+    let id = table.take(
+        key(
+            "id",
+            "name of the sink, unique within the site; under another id it is a new sink",
+        ),
+        "1 to 64 letters, digits, '-', '_', '.'; not starting with '.'",
+        Absent::Required,
+        super::rod::id,
+        |id| toml_string(id),
+    );
+    let words: Vec<&str> = KINDS.iter().map(|(word, _)| *word).collect();
+    let kind = table.take(
+        key("kind", "what it is"),
+        quoted(&words),
+        Absent::Required,
+        |value| value.choice(&KINDS),
+        |kind| toml_string(KINDS.iter().find(|(_, k)| k == kind).map_or("", |(word, _)| word)),
+    );
+    let Some(kind) = kind else {
+        table.ignore(&[
+            "url",
+            "kinds",
+            "rods",
+            "token_file",
+            "headers",
+            "resend_s",
+            "topic",
+            "retain",
+            "from",
+            "to",
+            "user",
+            "password_file",
+            "ca_file",
+        ]);
+        return None;
+    };
+    let schemes: Vec<String> = kind
+        .schemes()
+        .iter()
+        .map(|(word, ..)| format!("{word}://"))
+        .collect();
+    let address = table.take(
+        key(
+            "url",
+            "the server: http(s)://…, mqtt(s)://host:port, smtp(s)://host:port or smtp+starttls://host:port",
+        ),
+        "one server, without user and password; smtp:// on this machine only",
+        Absent::Required,
+        |value| address(value, kind, &schemes),
+        |address| toml_string(&address.url),
+    );
+    let kinds = filter(table, "kinds", "kinds of alarms it wants", alarm_kind);
+    let rods = filter(table, "rods", "rods whose alarms it wants", |value| {
+        rod(value, rods)
+    });
+    let is_http = matches!(kind, Kind::Webhook | Kind::Alertmanager);
+    let token_file = file(
+        table,
+        key(
+            "token_file",
+            "file with a bearer token; may begin with $CREDENTIALS_DIRECTORY/",
+        )
+        .only(is_http, "kind = \"webhook\" or \"alertmanager\""),
+        "no token is sent",
+    );
+    let headers = table.take(
+        key("headers", "further headers, each \"Name: value\"")
+            .only(kind == Kind::Webhook, "kind = \"webhook\""),
+        "a list of at most 100 headers",
+        Absent::Default(Vec::new()),
+        |value| list(value, header),
+        |headers| strings(headers.iter().map(|(name, value)| format!("{name}: {value}"))),
+    );
+    let resend_s = table.take(
+        key(
+            "resend_s",
+            "time after which everything that stands is sent again; an alert not sent for 300 s ends [s]",
+        )
+        .only(kind == Kind::Alertmanager, "kind = \"alertmanager\""),
+        RESEND_S.of("resend_s"),
+        Absent::Default(60.0),
+        |value| value.number(RESEND_S),
+        |number| super::range::toml_float(*number),
+    );
+    let topic = table.take(
+        key(
+            "topic",
+            "topic of a message, with {site}, {rod}, {kind}, {what} and {alarm} in it",
+        )
+        .only(kind == Kind::Mqtt, "kind = \"mqtt\""),
+        "1 to 255 bytes of text without '#' and '+'",
+        Absent::Default("tirante/{site}/{rod}/{kind}".to_owned()),
+        topic,
+        |topic| toml_string(topic),
+    );
+    let is_retained = table.take(
+        key(
+            "retain",
+            "whether the broker keeps the latest message of each topic",
+        )
+        .only(kind == Kind::Mqtt, "kind = \"mqtt\""),
+        quoted(&["yes", "no"]),
+        Absent::Default(false),
+        |value| value.choice(&[("yes", true), ("no", false)]),
+        |is_retained| toml_string(if *is_retained { "yes" } else { "no" }),
+    );
+    let is_email = kind == Kind::Email;
+    let from = table.take(
+        key("from", "who the mail is from").only(is_email, "kind = \"email\""),
+        "an address, or a name and <address>",
+        Absent::Required,
+        mailbox,
+        |from| toml_string(&from.to_string()),
+    );
+    let to = table.take(
+        key("to", "who the mail is for; a server that refuses one refuses all")
+            .only(is_email, "kind = \"email\""),
+        "a list of 1 to 100 addresses",
+        Absent::Required,
+        |value| {
+            let to = list(value, mailbox)?;
+            if to.is_empty() {
+                value.fault("is empty, at least one address is wanted");
+            }
+            (!to.is_empty()).then_some(to)
+        },
+        |to| strings(to.iter().map(Mailbox::to_string)),
+    );
+    let login = login(table, matches!(kind, Kind::Mqtt | Kind::Email));
+    let ca_file = file(
+        table,
+        key(
+            "ca_file",
+            "file with the certificates (PEM) that are trusted; may begin with $CREDENTIALS_DIRECTORY/",
+        ),
+        "the public roots of the web are trusted",
+    );
+    let (id, address, login) = (id?, address?, login?);
+    check_secrets(table, &address, token_file.is_some(), login.is_some());
+    let Address {
+        url,
+        scheme,
+        host,
+        port,
+        ..
+    } = address;
+    let target = HttpTarget {
+        url,
+        token_file,
+        ca_file: ca_file.clone(),
+    };
+    let kind = match kind {
+        Kind::Webhook => SinkKind::Webhook(WebhookSettings {
+            target,
+            headers: headers?,
+        }),
+        Kind::Alertmanager => SinkKind::Alertmanager(AlertmanagerSettings {
+            target,
+            resend_s: resend_s?,
+        }),
+        Kind::Mqtt => SinkKind::Mqtt(MqttSettings {
+            host,
+            port,
+            is_tls: scheme == "mqtts",
+            topic: topic?,
+            is_retained: is_retained?,
+            login,
+            ca_file,
+        }),
+        Kind::Email => SinkKind::Email(EmailSettings {
+            host,
+            port,
+            security: match scheme {
+                "smtps" => MailSecurity::Tls,
+                "smtp+starttls" => MailSecurity::StartTls,
+                _ => MailSecurity::Plain,
+            },
+            from: from?,
+            to: to?,
+            login,
+            ca_file,
+        }),
+    };
+    Some(SinkSettings {
+        id,
+        kind,
+        kinds: kinds?,
+        rods: rods?,
+    })
+}
+
+const RESEND_S: Range = Range::within(1.0, 240.0);
+
+/// No secret leaves this machine in a way that others can read, and no certificate is named that nobody looks at.
+fn check_secrets(table: &Table<'_>, address: &Address, has_token: bool, has_login: bool) {
+    let Address { scheme, is_open, .. } = address;
+    let why = format!("others could read it on the way: {scheme}:// is not encrypted");
+    if *is_open && has_token {
+        table.fault_of("token_file", why.clone());
+    }
+    if *is_open && has_login {
+        table.fault_of("password_file", why);
+    }
+    if matches!(*scheme, "http" | "mqtt" | "smtp") && table.has("ca_file") {
+        table.fault_of(
+            "ca_file",
+            format!("has no effect: {scheme}:// is not encrypted; remove it"),
+        );
+    }
+}
+
+/// User and password file, both or none; `None` for a fault.
+fn login(table: &mut Table<'_>, is_wanted: bool) -> Option<Option<Login>> {
+    let only = "kind = \"mqtt\" or \"email\"";
+    let user = table.take(
+        key("user", "user name").only(is_wanted, only),
+        "1 to 255 bytes of text",
+        Absent::Nothing("no login"),
+        |value| value.name_string().map(str::to_owned),
+        |user| toml_string(user),
+    );
+    let password_file = file(
+        table,
+        key(
+            "password_file",
+            "file with the password; may begin with $CREDENTIALS_DIRECTORY/",
+        )
+        .only(is_wanted, only),
+        "no login",
+    );
+    match (user, password_file) {
+        (Some(user), Some(password_file)) => Some(Some(Login { user, password_file })),
+        (None, None) => Some(None),
+        (Some(_), None) if !table.has("password_file") => {
+            table.fault_of("user", "wants a `password_file` beside it");
+            None
+        }
+        (None, Some(_)) if !table.has("user") => {
+            table.fault_of("password_file", "wants a `user` beside it");
+            None
+        }
+        _ => None,
+    }
+}
+
+fn file(table: &mut Table<'_>, key: Key, without: &'static str) -> Option<CredentialPath> {
+    table.take(
+        key,
+        "1 to 255 bytes of text",
+        Absent::Nothing(without),
+        |value| value.name_string().map(CredentialPath::new),
+        |path| toml_string(path.as_str()),
+    )
+}
+
+/// A list of what is wanted; without one, everything is.
+fn filter<T: std::fmt::Display>(
+    table: &mut Table<'_>,
+    name: &'static str,
+    meaning: &'static str,
+    read: impl Fn(&Value<'_>) -> Option<T>,
+) -> Option<Vec<T>> {
+    table.take(
+        key(name, meaning),
+        "a list of at most 100; all if it is empty",
+        Absent::Default(Vec::new()),
+        |value| list(value, read),
+        |wanted| strings(wanted.iter().map(T::to_string)),
+    )
+}
+
+/// The elements of a list, each read by `read`.
+fn list<T>(value: &Value<'_>, read: impl Fn(&Value<'_>) -> Option<T>) -> Option<Vec<T>> {
+    let elements = value.array()?;
+    if elements.len() > MOST {
+        value.fault(format!(
+            "has {} entries, at most {MOST} are allowed",
+            elements.len()
+        ));
+        return None;
+    }
+    let read: Vec<Option<T>> = elements.iter().map(read).collect();
+    read.into_iter().collect()
+}
+
+fn strings(list: impl Iterator<Item = String>) -> String {
+    let quoted: Vec<String> = list.map(|text| toml_string(&text)).collect();
+    format!("[{}]", quoted.join(", "))
+}
+
+fn alarm_kind(value: &Value<'_>) -> Option<AlarmKind> {
+    value.choice(&AlarmKind::ALL.map(|kind| (kind.code(), kind)))
+}
+
+fn rod(value: &Value<'_>, rods: &[Option<RodConfig>]) -> Option<RodId> {
+    let id = value.name_string()?;
+    // A rod with a fault has no id to compare with.
+    let is_known = rods
+        .iter()
+        .any(|rod| rod.as_ref().is_none_or(|rod| rod.analysis.rod.0 == id));
+    if !is_known {
+        value.fault(format!("there is no [[rod]] with id \"{id}\""));
+    }
+    is_known.then(|| RodId(id.to_owned()))
+}
+
+fn header(value: &Value<'_>) -> Option<(String, String)> {
+    let text = value.name_string()?;
+    let parts = text
+        .split_once(':')
+        .map(|(name, value)| (name.trim(), value.trim()));
+    let is_header = |(name, value): &(&str, &str)| {
+        HeaderName::from_bytes(name.as_bytes()).is_ok() && HeaderValue::from_str(value).is_ok()
+    };
+    let Some((name, content)) = parts.filter(is_header) else {
+        value.fault(format!(
+            "\"{text}\" is no header, write it like \"X-Site: Duomo\""
+        ));
+        return None;
+    };
+    if name.eq_ignore_ascii_case("authorization") {
+        value.fault("a secret does not belong into the configuration: name a `token_file`");
+        return None;
+    }
+    Some((name.to_owned(), content.to_owned()))
+}
+
+fn mailbox(value: &Value<'_>) -> Option<Mailbox> {
+    let text = value.name_string()?;
+    let mailbox = text.parse::<Mailbox>().ok();
+    if mailbox.is_none() {
+        value.fault(format!(
+            "\"{text}\" is no address, write it like \"tie-rods@example.org\" or \"Duomo <tie-rods@example.org>\""
+        ));
+    }
+    mailbox
+}
+
+fn topic(value: &Value<'_>) -> Option<String> {
+    let text = value.name_string()?;
+    let rest = TOPIC_PLACES
+        .iter()
+        .fold(text.to_owned(), |rest, place| rest.replace(place, ""));
+    let is_topic = !rest.contains(['{', '}', '#', '+']) && !text.starts_with('$');
+    if !is_topic {
+        value.fault(format!(
+            "\"{text}\" is no topic: no '#', no '+', no '$' at its beginning, and in braces only {}",
+            TOPIC_PLACES.join(", ")
+        ));
+    }
+    is_topic.then(|| text.to_owned())
+}
+
+fn address(value: &Value<'_>, kind: Kind, schemes: &[String]) -> Option<Address> {
+    let text = value.name_string()?;
+    let refuse = |why: String| {
+        value.fault(why);
+        None
+    };
+    let Ok(uri) = text.parse::<Uri>() else {
+        return refuse(format!("\"{text}\" is no URL"));
+    };
+    let known = kind.schemes().iter().find(|(word, ..)| {
+        uri.scheme_str()
+            .is_some_and(|scheme| scheme.eq_ignore_ascii_case(word))
+    });
+    let (Some((scheme, port, is_plain)), Some(authority)) = (known, uri.authority()) else {
+        let words: Vec<&str> = schemes.iter().map(String::as_str).collect();
+        return refuse(format!("\"{text}\" does not begin with {}", quoted(&words)));
+    };
+    if authority.as_str().contains('@') {
+        return refuse("holds a user: user and password stand in keys of their own".to_owned());
+    }
+    let host = authority.host().trim_matches(['[', ']']).to_owned();
+    if host.is_empty() {
+        return refuse(format!("\"{text}\" names no host"));
+    }
+    let has_port = authority.as_str().len() > authority.host().len();
+    let port = match authority.port_u16() {
+        Some(port) if port > 0 => port,
+        None if !has_port => *port,
+        _ => return refuse(format!("\"{text}\" has no port from 1 to 65535")),
+    };
+    let is_http = matches!(kind, Kind::Webhook | Kind::Alertmanager);
+    if !is_http && !matches!(uri.path(), "" | "/") || kind != Kind::Webhook && uri.query().is_some() {
+        return refuse(format!("\"{text}\" holds more than a server"));
+    }
+    let is_here = host.eq_ignore_ascii_case("localhost")
+        || host.parse::<IpAddr>().is_ok_and(|address| address.is_loopback());
+    if kind == Kind::Email && *is_plain && !is_here {
+        return refuse(format!(
+            "\"{text}\" is not encrypted and not on this machine: use smtp+starttls:// or smtps://"
+        ));
+    }
+    Some(Address {
+        url: text.to_owned(),
+        scheme,
+        host,
+        port,
+        is_open: *is_plain && !is_here,
+    })
 }

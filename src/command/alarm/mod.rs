@@ -1,16 +1,18 @@
-//! `tirante alarm`: what the drift alarm promises, and the proof.
+//! `tirante alarm`: what the drift alarm promises, the proof, and whether messages arrive.
 
 mod design;
 mod prove;
+mod test;
 
 use std::process::ExitCode;
 
-/// What the drift alarm promises for a rod, and the proof of it by simulated years.
+/// What the drift alarm promises for a rod, the proof of it by simulated years, and whether its messages arrive.
 #[derive(Debug, Clone, clap::Args)]
 #[command(after_help = "Examples:
   tirante alarm design --noise 0.003
   tirante alarm design --config config/campaign.toml --rod nave-3 --frequency-sd 0.0005 --json
-  tirante alarm prove --histories 400 --season 15 --restraint 1")]
+  tirante alarm prove --histories 400 --season 15 --restraint 1
+  tirante alarm test --config site.toml --sink mail")]
 pub struct Args {
     /// What to do.
     #[command(subcommand)]
@@ -24,6 +26,8 @@ pub enum Action {
     Design(design::Args),
     /// Simulate years of records, follow them with the real tracker, and print how often it alarmed beside what is stated.
     Prove(prove::Args),
+    /// Send a test message to every sink of a configuration, and say which of them have it.
+    Test(test::Args),
 }
 
 /// Runs the command.
@@ -34,5 +38,6 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     match &args.action {
         Action::Design(args) => design::run(args),
         Action::Prove(args) => prove::run(args),
+        Action::Test(args) => test::run(args),
     }
 }

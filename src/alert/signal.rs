@@ -1,0 +1,110 @@
+//! How a courier is told of news and of its end, and how it reports.
+
+use super::courier::Place;
+use crate::daemon::Job;
+use std::sync::mpsc::{SyncSender, TrySendError};
+use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+/// How often a full queue of jobs is tried again.
+const AGAIN: Duration = Duration::from_millis(20);
+
+/// Somebody told the courier to stop.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Stopped;
+
+/// Between a courier's thread and whoever started it.
+#[derive(Debug)]
+pub(super) struct Signal {
+    inner: Mutex<Inner>,
+    changed: Condvar,
+}
+
+#[derive(Debug)]
+struct Inner {
+    /// Where to report; `None` once it is told to stop, so that a courier that hangs in a send keeps no queue open.
+    jobs: Option<SyncSender<Job>>,
+    is_woken: bool,
+    place: Option<Place>,
+}
+
+impl Signal {
+    pub(super) fn new(jobs: SyncSender<Job>) -> Self {
+        Self {
+            inner: Mutex::new(Inner {
+                jobs: Some(jobs),
+                is_woken: false,
+                place: None,
+            }),
+            changed: Condvar::new(),
+        }
+    }
+
+    /// There may be news.
+    pub(super) fn wake(&self) {
+        self.lock().is_woken = true;
+        self.changed.notify_all();
+    }
+
+    /// It shall end.
+    pub(super) fn stop(&self) {
+        self.lock().jobs = None;
+        self.changed.notify_all();
+    }
+
+    /// How far it came.
+    pub(super) fn place(&self) -> Option<Place> {
+        self.lock().place
+    }
+
+    /// Notes how far it came.
+    pub(super) fn arrive(&self, place: Place) {
+        self.lock().place = Some(place);
+    }
+
+    /// Reports; waits while the queue is full.
+    pub(super) fn report(&self, mut job: Job) -> Result<(), Stopped> {
+        loop {
+            let inner = self.lock();
+            match inner.jobs.as_ref().ok_or(Stopped)?.try_send(job) {
+                Ok(()) => return Ok(()),
+                Err(TrySendError::Disconnected(_)) => return Err(Stopped),
+                Err(TrySendError::Full(same)) => job = same,
+            }
+            let _ = self.changed.wait_timeout(inner, AGAIN);
+        }
+    }
+
+    /// Waits until there may be news, at most `longest`.
+    pub(super) fn wait_for_news(&self, longest: Duration) -> Result<(), Stopped> {
+        self.wait(longest, |inner| std::mem::take(&mut inner.is_woken))
+    }
+
+    /// Waits for `time`, whatever news come.
+    pub(super) fn pause(&self, time: Duration) -> Result<(), Stopped> {
+        self.wait(time, |_| false)
+    }
+
+    fn wait(&self, longest: Duration, mut is_enough: impl FnMut(&mut Inner) -> bool) -> Result<(), Stopped> {
+        let begun = Instant::now();
+        let mut inner = self.lock();
+        loop {
+            if inner.jobs.is_none() {
+                return Err(Stopped);
+            }
+            if is_enough(&mut inner) {
+                return Ok(());
+            }
+            let left = longest.saturating_sub(begun.elapsed());
+            if left.is_zero() {
+                return Ok(());
+            }
+            let waited = self.changed.wait_timeout(inner, left);
+            inner = waited.unwrap_or_else(PoisonError::into_inner).0;
+        }
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Inner> {
+        self.inner.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}

@@ -1,0 +1,66 @@
+//! `tirante alarm test`: a message to every sink, to see whether alarms would arrive.
+
+use crate::alert::{self, Message, Pace, SinkSettings};
+use crate::command::{BadArguments, which_store::now};
+use crate::config::{Config, Setting};
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// Sends a test message to every sink of a configuration and says which of them have it: exit code 0 if all, 1 if not.
+///
+/// Run it as the user the daemon runs as, so that it reads the same password files.
+#[derive(Debug, Clone, clap::Args)]
+pub struct Args {
+    /// The configuration.
+    #[arg(long, value_name = "FILE")]
+    pub config: PathBuf,
+    /// Only this sink; may be repeated.
+    #[arg(long = "sink", value_name = "ID")]
+    pub sinks: Vec<String>,
+    /// A setting over the configuration's, as KEY=VALUE; may be repeated.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub settings: Vec<Setting>,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// A bad configuration, no sink, or no such sink.
+pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
+    let config = Config::resolve(Some(&args.config), &args.settings)?;
+    let mut sinks = config.sinks.clone();
+    sinks.push(SinkSettings::log());
+    for id in &args.sinks {
+        if !sinks.iter().any(|sink| sink.id == *id) {
+            let known: Vec<&str> = sinks.iter().map(|sink| sink.id.as_str()).collect();
+            return Err(BadArguments(format!(
+                "{} has no sink \"{id}\", only {}",
+                args.config.display(),
+                known.join(", ")
+            ))
+            .into());
+        }
+    }
+    let mut all_have_it = true;
+    for settings in &sinks {
+        if !args.sinks.is_empty() && !args.sinks.contains(&settings.id) {
+            continue;
+        }
+        let message = Message::test(&config.site, &settings.id, now());
+        let mut sink = alert::open(settings, &config.site, Pace::default().deadline);
+        let line = match sink.deliver(&message) {
+            Ok(()) => format!("{}: delivered, id {}\n", settings.id, message.id),
+            Err(failure) => {
+                all_have_it = false;
+                format!("{}: NOT delivered: {failure}\n", settings.id)
+            }
+        };
+        // At once: the next sink may take ten seconds.
+        crate::command::print(line.as_bytes())?;
+    }
+    Ok(if all_have_it {
+        ExitCode::SUCCESS
+    } else {
+        ExitCode::FAILURE
+    })
+}

@@ -1,0 +1,191 @@
+//! A store with news, and a stand-in for the daemon's core thread, which alone writes it.
+
+use serde_json::Value;
+use std::path::PathBuf;
+use std::sync::mpsc::{SyncSender, sync_channel};
+use std::sync::{Arc, Mutex};
+use std::thread;
+use std::time::{Duration, Instant};
+use tempfile::TempDir;
+use tirante::alert::{Couriers, Pace, SinkSettings};
+use tirante::config::Config;
+use tirante::daemon::Job;
+use tirante::record::{RodId, Timestamp};
+use tirante::store::{Commit, Durability, RodRow, Store};
+use tirante::telemetry::{Fault, Health};
+use tirante::track::{Alarm, AlarmEvent, Kind, RodState, State, What};
+
+pub const SITE: &str = "Duomo";
+
+/// As the daemon's, a hundred times as fast.
+pub const FAST: Pace = Pace {
+    first: Duration::from_millis(10),
+    longest: Duration::from_secs(3),
+    deadline: Duration::from_millis(300),
+};
+
+pub struct Desk {
+    pub folder: TempDir,
+    pub store: Arc<Mutex<Store>>,
+    pub health: Arc<Health>,
+    pub jobs: SyncSender<Job>,
+}
+
+impl Desk {
+    pub fn new() -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let store = Store::open(&folder.path().join("site.db"), Durability::Replay).unwrap();
+        let store = Arc::new(Mutex::new(store));
+        let (jobs, received) = sync_channel(4);
+        let writer = Arc::clone(&store);
+        thread::spawn(move || {
+            for job in received {
+                let Job::Delivered { sink, through } = job else {
+                    panic!("not of a courier")
+                };
+                writer
+                    .lock()
+                    .unwrap()
+                    .commit(&Commit {
+                        delivered: Some((&sink, through)),
+                        ..Commit::default()
+                    })
+                    .unwrap();
+            }
+        });
+        Self {
+            folder,
+            store,
+            health: Arc::default(),
+            jobs,
+        }
+    }
+
+    pub fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    /// Puts news into the outbox: something happened to the alarm of `rod` and `kind` of this hour.
+    pub fn tell(&self, rod: &str, kind: Kind, hour: usize, what: What) -> Alarm {
+        let raised = at(hour);
+        let rod = RodId(rod.into());
+        let mut alarm = Alarm::new(&rod, kind, 1, raised, format!("Alarm {hour}."));
+        match what {
+            What::Raised | What::Repeated => {}
+            What::Acknowledged => alarm.acknowledged = Some(raised.plus_seconds(60.0)),
+            What::Cleared => alarm.cleared = Some(raised.plus_seconds(120.0)),
+        }
+        let event = AlarmEvent {
+            what,
+            time: alarm.cleared.or(alarm.acknowledged).unwrap_or(raised),
+            alarm: alarm.clone(),
+        };
+        self.store
+            .lock()
+            .unwrap()
+            .commit(&Commit {
+                rod: Some(RodRow {
+                    state: &State::new(rod, "key".into(), vec![0.0]),
+                    stands: &RodState::Alarm,
+                    closed: &[],
+                    events: &[event],
+                }),
+                ..Commit::default()
+            })
+            .unwrap();
+        alarm
+    }
+
+    /// An alarm that goes with its condition.
+    pub fn raise(&self, hour: usize) -> Alarm {
+        self.tell("north", Kind::Sensor, hour, What::Raised)
+    }
+
+    pub fn clear(&self, hour: usize) -> Alarm {
+        self.tell("north", Kind::Sensor, hour, What::Cleared)
+    }
+
+    pub fn start(&self, sinks: &[SinkSettings]) -> Couriers {
+        self.start_with(sinks, self.jobs.clone())
+    }
+
+    pub fn start_with(&self, sinks: &[SinkSettings], jobs: SyncSender<Job>) -> Couriers {
+        Couriers::start_at(
+            FAST,
+            sinks,
+            SITE,
+            &self.path("site.db"),
+            jobs,
+            Arc::clone(&self.health),
+        )
+    }
+
+    pub fn delivered(&self, sink: &str) -> Option<i64> {
+        self.store.lock().unwrap().delivered(sink).unwrap()
+    }
+
+    /// What lasts of this sink.
+    pub fn condition(&self, sink: &str) -> Option<String> {
+        let conditions = self.health.conditions();
+        conditions
+            .into_iter()
+            .find(|condition| condition.fault == Fault::Sink && condition.about == sink)
+            .map(|condition| condition.detail)
+    }
+}
+
+pub fn at(hour: usize) -> Timestamp {
+    Timestamp::from_nanos(1_772_344_800_000_000_000 + 3_600_000_000_000 * hour as i64)
+}
+
+/// A configuration with these sinks, on two rods.
+pub fn config_text(sinks: &str) -> String {
+    let rod = |id: &str| {
+        format!(
+            r#"
+[[rod]]
+id = "{id}"
+length_m = 10
+section = "direct"
+[rod.priors]
+axial_force_n = {{ mean = 1e5, cv = 0.2 }}
+flexural_rigidity_n_m2 = 3e5
+mass_per_length_kg_m = 20
+spring_left_n_m = 0
+spring_right_n_m = 0
+[rod.channel]
+topic = "/{id}"
+"#
+        )
+    };
+    format!(
+        "[site]\nname = \"{SITE}\"\n{}{}{sinks}",
+        rod("north"),
+        rod("south")
+    )
+}
+
+/// The sinks of a configuration.
+pub fn sinks(text: &str) -> Vec<SinkSettings> {
+    match Config::parse(&config_text(text), "site.toml") {
+        Ok(config) => config.sinks,
+        Err(error) => panic!("{error}"),
+    }
+}
+
+/// Waits until `holds`, for 30 s at most.
+pub fn eventually(what: &str, mut holds: impl FnMut() -> bool) {
+    let until = Instant::now() + Duration::from_secs(30);
+    while !holds() {
+        assert!(Instant::now() < until, "{what}: not within 30 s");
+        thread::sleep(Duration::from_millis(5));
+    }
+}
+
+/// A field of every message.
+pub fn field<'a>(messages: &'a [Value], name: &str) -> Vec<&'a str> {
+    messages
+        .iter()
+        .map(|message| message[name].as_str().unwrap())
+        .collect()
+}

@@ -1,0 +1,12 @@
+//! Alarms that arrive: each sink against a fake that fails in every way and against the real servers, restarts, outages.
+#![allow(clippy::unwrap_used)] // helpers of tests are tests
+
+mod alertmanager;
+mod couriers;
+mod desk;
+mod fake;
+mod mail;
+mod mosquitto;
+mod peers;
+mod settings;
+mod webhook;

@@ -6,6 +6,7 @@ pub mod core;
 mod folder;
 pub mod generation;
 pub mod job;
+mod live;
 pub mod notify;
 mod pipe;
 pub mod reader;
@@ -14,7 +15,6 @@ mod retention;
 mod running;
 mod signals;
 mod silence;
-mod stand_in;
 pub mod suspects;
 mod workers;
 
@@ -22,7 +22,11 @@ pub use generation::Generation;
 pub use job::Job;
 
 use crate::config::{Config, ConfigError, Setting};
-use crate::telemetry::{Fault, Health};
+use crate::http;
+use crate::ingest::Listener;
+use crate::telemetry::{Fault, Health, Phase, Telemetry};
+use live::Bound;
+use notify::Watchdog;
 use running::Running;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -49,6 +53,8 @@ enum Happening {
     Reload,
     /// A configuration was prepared, or cannot be.
     Prepared(anyhow::Result<Generation>),
+    /// Something without which the daemon cannot go on.
+    Failed(anyhow::Error),
     /// The work loop came to its end.
     Ended(Result<(), core::Broken>),
 }

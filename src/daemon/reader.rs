@@ -105,7 +105,7 @@ pub struct Reader {
 }
 
 impl Reader {
-    /// Starts to read. `bell` is the journal's, or any.
+    /// Starts to read. `bell` is the journal's, or any; `caught_up` says whether everything there is was read.
     ///
     /// # Errors
     /// There is no thread for it.
@@ -117,6 +117,7 @@ impl Reader {
         health: Arc<Health>,
         bell: Arc<Bell>,
         watch: Watch,
+        caught_up: Arc<AtomicBool>,
     ) -> io::Result<Self> {
         let (reloads, receiver) = channel();
         let stop = Arc::<AtomicBool>::default();
@@ -132,7 +133,7 @@ impl Reader {
         let wait = Arc::clone(&bell);
         let thread = thread::Builder::new()
             .name("reader".to_owned())
-            .spawn(move || work.run(&receiver, &wait))?;
+            .spawn(move || work.run(&receiver, &wait, &caught_up))?;
         Ok(Self {
             reloads,
             stop,
@@ -284,9 +285,11 @@ impl Work {
         }
     }
 
-    fn run(mut self, reloads: &Receiver<Arc<Generation>>, bell: &Bell) {
+    fn run(mut self, reloads: &Receiver<Arc<Generation>>, bell: &Bell, caught_up: &AtomicBool) {
         while !self.stop.load(Ordering::Relaxed) {
-            match self.turn(reloads) {
+            let turn = self.turn(reloads);
+            caught_up.store(matches!(turn, Ok(false)), Ordering::Relaxed);
+            match turn {
                 Ok(true) => {}
                 Ok(false) => bell.wait(POLL),
                 Err(Stopped) => return,

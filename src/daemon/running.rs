@@ -1,112 +1,141 @@
 //! A daemon at work: its threads, and how they are begun, given another configuration, and ended.
 
-use super::core::{Broken, Core, Word, open_site};
+use super::core::{Broken, Core, Word};
+use super::live::{Bound, Live};
 use super::pipe::{self, Ending, JOBS};
-use super::stand_in::Reader;
+use super::reader::{self, Reader, Remembered, Sources, Watch};
 use super::suspects::Suspects;
 use super::workers::Workers;
 use super::{Generation, Happening, Job, Options, restart};
+use crate::alert::Couriers;
+use crate::journal::part;
 use crate::pipeline::message_of;
 use crate::site::Site;
-use crate::store::StoreError;
-use crate::telemetry::Health;
+use crate::telemetry::Telemetry;
 use anyhow::Context;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::path::Path;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, Sender, SyncSender, sync_channel};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
+use tokio::runtime::Runtime;
 
 /// How long what is in the pipeline may take to come to its end.
 const DRAIN: Duration = Duration::from_secs(4);
 /// How often the pipeline is ticked.
 const TICK: Duration = Duration::from_secs(1);
-/// How long the store of another process is waited for: `tirante ack` has it for a moment.
-const PATIENCE: Duration = Duration::from_secs(2);
 
 /// A daemon at work.
 pub struct Running {
     generation: Arc<Generation>,
     reader: Reader,
+    live: Live,
+    couriers: Arc<Mutex<Couriers>>,
     suspects: Arc<Suspects>,
     ending: Ending,
 }
 
 impl Running {
-    /// Opens the store and begins everything.
+    /// Begins everything.
     ///
     /// # Errors
-    /// The store is another process's or cannot be opened.
+    /// What stands beside the store or the journal cannot be read or written, or the system gives no thread.
     pub fn start(
         generation: Arc<Generation>,
+        site: Site,
         options: &Options,
-        health: Arc<Health>,
-        tell: Sender<Happening>,
+        bound: Bound,
+        runtime: &Runtime,
+        telemetry: &Telemetry,
+        tell: &Sender<Happening>,
     ) -> anyhow::Result<Self> {
-        // `load` refuses a configuration without one.
-        let path = generation.config.store.path.clone().unwrap_or_default();
-        let site = open_patiently(&path, &generation, &health)?;
+        let config = &generation.config;
         let store = site.store().path().to_owned();
         let suspects = Suspects::open(&store)
             .with_context(|| format!("{}: what stands beside it cannot be read", store.display()))?;
         let suspects = Arc::new(suspects);
-        let marks = site.store().files()?;
+        let remembered = Remembered {
+            files: site.store().files()?,
+            carry: site.store().carry(reader::JOURNAL)?,
+        };
+        let health = &telemetry.health;
+        let live = Live::start(config, &store, bound, runtime, telemetry, tell)?;
+        telemetry.metrics.standings(&site.store().standings()?);
+
+        let (jobs, receiver) = sync_channel(JOBS);
+        let couriers = Couriers::start(
+            &config.sinks,
+            &config.site,
+            &store,
+            jobs.clone(),
+            Arc::clone(health),
+        );
+        let couriers = Arc::new(Mutex::new(couriers));
         let workers = Workers::new(site.store().all_known().clone(), Arc::clone(&suspects));
         let ending = Ending::default();
-        let (jobs, receiver) = sync_channel(JOBS);
-        let mut core = Core::new(
+        let core = Core::new(
             site,
             Arc::clone(&generation),
-            health,
+            Arc::clone(health),
             Arc::clone(&ending.drain),
-            Box::new(hear),
+            Box::new(hear(telemetry.clone(), &live, Arc::clone(&couriers))),
         );
         let threads = options
             .threads
             .unwrap_or_else(|| thread::available_parallelism().map_or(1, usize::from));
-        let ended = ending.clone();
-        let work = move || {
-            let work = || pipe::run(receiver, threads, &workers, &mut core, &ended);
-            let result = catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(|panic| {
-                ended.drain.store(true, Ordering::Relaxed);
-                Err(Broken::Panicked(message_of(&*panic)))
-            });
-            // The store is closed before anybody hears of the end.
-            drop(core);
-            let _ = tell.send(Happening::Ended(result));
-        };
-        thread::Builder::new().name("core".to_owned()).spawn(work)?;
+        work(core, receiver, workers, threads, ending.clone(), tell.clone())?;
+
         let caught_up: Arc<AtomicBool> = Arc::default();
         tick(jobs.clone(), Arc::clone(&caught_up))?;
-        let reader = Reader::start(marks, Arc::clone(&generation), jobs, caught_up)?;
+        let sources = Sources {
+            folder: config.ingest.folder.clone(),
+            settle_s: config.ingest.settle_s,
+            journal: live.source(),
+        };
+        let reader = Reader::start(
+            sources,
+            remembered,
+            Arc::clone(&generation),
+            jobs,
+            Arc::clone(health),
+            live.bell(),
+            watch(&suspects),
+            caught_up,
+        )?;
         Ok(Self {
             generation,
             reader,
+            live,
+            couriers,
             suspects,
             ending,
         })
     }
 
-    /// Goes on with another configuration from the next event on.
+    /// Goes on with another configuration.
     pub fn reload(&mut self, generation: Arc<Generation>) {
         for key in restart::needed_for(&self.generation.config, &generation.config) {
             tracing::warn!("{key} changed: it holds after a restart, the old one until then");
         }
+        let config = &generation.config;
+        self.live.retarget(&config.rods);
+        lock(&self.couriers).reload(&config.sinks, &config.site);
         self.reader.reload(Arc::clone(&generation));
         self.generation = generation;
     }
 
-    /// Stops reading, lets what was read come to its end, and closes the store; what takes too long is read again at the
-    /// next start.
+    /// Stops listening and reading, lets what was read come to its end, and closes the store; what takes too long is read
+    /// again at the next start.
     ///
     /// # Errors
     /// The core could not go on.
-    pub fn drain(self, happenings: &Receiver<Happening>) -> Result<(), Broken> {
+    pub fn drain(self, runtime: &Runtime, happenings: &Receiver<Happening>) -> Result<(), Broken> {
         let deadline = Instant::now() + DRAIN;
+        self.live.hang_up();
         self.reader.stop();
         self.ending.drain.store(true, Ordering::Relaxed);
+        self.live.stop(runtime);
         let result = loop {
             let left = deadline.saturating_duration_since(Instant::now());
             match happenings.recv_timeout(left) {
@@ -119,28 +148,43 @@ impl Running {
                 }
             }
         };
+        stop(self.couriers);
         self.suspects.stand_down();
         result
     }
 
-    /// The work loop came to its end by itself.
-    pub fn abandon(self) {
+    /// The work loop came to its end by itself, or something else that is needed did.
+    pub fn abandon(self, runtime: &Runtime) {
+        self.live.hang_up();
+        self.ending.drain.store(true, Ordering::Relaxed);
         self.reader.stop();
+        self.live.stop(runtime);
+        stop(self.couriers);
         self.suspects.stand_down();
     }
 }
 
-/// Opens the site; another process may have the store for a moment.
-fn open_patiently(path: &Path, generation: &Generation, health: &Health) -> Result<Site, StoreError> {
-    let deadline = Instant::now() + PATIENCE;
-    loop {
-        match open_site(path, generation, health) {
-            Err(StoreError::Held { .. }) if Instant::now() < deadline => {
-                thread::sleep(Duration::from_millis(100));
-            }
-            other => return other,
-        }
-    }
+/// The pipeline and the core, on a thread of their own.
+fn work(
+    mut core: Core,
+    jobs: Receiver<Job>,
+    workers: Workers,
+    threads: usize,
+    ending: Ending,
+    tell: Sender<Happening>,
+) -> std::io::Result<()> {
+    let work = move || {
+        let work = || pipe::run(jobs, threads, &workers, &mut core, &ending);
+        let result = catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(|panic| {
+            ending.drain.store(true, Ordering::Relaxed);
+            Err(Broken::Panicked(message_of(&*panic)))
+        });
+        // The store is closed before anybody hears of the end.
+        drop(core);
+        let _ = tell.send(Happening::Ended(result));
+    };
+    thread::Builder::new().name("core".to_owned()).spawn(work)?;
+    Ok(())
 }
 
 /// Sends a tick through the whole pipeline every second; a full channel makes it late, which is what it is to show.
@@ -158,13 +202,57 @@ fn tick(jobs: SyncSender<Job>, caught_up: Arc<AtomicBool>) -> std::io::Result<()
     Ok(())
 }
 
-/// What the core says.
-fn hear(word: Word<'_>) {
-    match word {
-        Word::Reloaded(generation) => {
-            tracing::info!("configuration {} holds", generation.provenance().hash);
-        }
-        Word::File(mark) => tracing::info!("{} is read", mark.name),
-        Word::Alive | Word::News | Word::Known(_) | Word::Taken { .. } => {}
+/// Marks what the reader is at among the suspects.
+fn watch(suspects: &Arc<Suspects>) -> Watch {
+    let mut slot = suspects.slot();
+    let suspects = Arc::clone(suspects);
+    Watch {
+        working_on: Box::new(move |step| match step {
+            Some(step) => slot.working_on(step),
+            None => slot.idle(),
+        }),
+        deaths: Box::new(move |step| suspects.deaths(step)),
     }
+}
+
+/// What is done with what the core says.
+fn hear(
+    telemetry: Telemetry,
+    live: &Live,
+    couriers: Arc<Mutex<Couriers>>,
+) -> impl Fn(Word<'_>) + Send + use<> {
+    let results_kept = live.results_kept();
+    let gauges = live.gauges();
+    move |word| {
+        let metrics = &telemetry.metrics;
+        match word {
+            Word::Alive => {
+                telemetry.beat.pass();
+                gauges.show(metrics);
+            }
+            Word::News => lock(&couriers).wake(),
+            Word::Known(rod) => metrics.known(rod),
+            Word::Taken { outcome, taken, took } => metrics.taken(outcome, &taken.verdict, took),
+            Word::File(mark) => {
+                if let Some(part) = part::number_of_mark(&mark.name) {
+                    results_kept.fetch_max(part, Ordering::Relaxed);
+                }
+                tracing::debug!("{} is read", mark.name);
+            }
+            Word::Reloaded(generation) => {
+                tracing::info!("configuration {} holds", generation.provenance().hash);
+            }
+        }
+    }
+}
+
+fn stop(couriers: Arc<Mutex<Couriers>>) {
+    // The core, which has the other half, has ended or is left behind.
+    if let Some(couriers) = Arc::into_inner(couriers) {
+        couriers.into_inner().unwrap_or_else(PoisonError::into_inner).stop();
+    }
+}
+
+fn lock(couriers: &Mutex<Couriers>) -> std::sync::MutexGuard<'_, Couriers> {
+    couriers.lock().unwrap_or_else(PoisonError::into_inner)
 }

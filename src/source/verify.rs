@@ -18,6 +18,18 @@ const MAGIC: &[u8; 8] = b"\x89MCAP0\r\n";
 const FOOTER: u64 = 9 + 20;
 const DATA_END: u64 = 9 + 4;
 
+/// Reads the file once to check it, and goes back to its start.
+pub fn verify(file: &mut (impl Read + Seek)) -> io::Result<Trust> {
+    let Some(mut check) = Check::begin(file)? else {
+        return Ok(Trust::Unverified);
+    };
+    loop {
+        if let Some(trust) = check.step(file)? {
+            return Ok(trust);
+        }
+    }
+}
+
 /// Bytes a step reads.
 const STEP: usize = 1 << 18;
 

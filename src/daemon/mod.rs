@@ -19,6 +19,7 @@ pub use generation::Generation;
 pub use job::Job;
 
 use crate::config::{Config, ConfigError, Setting};
+use crate::site::Site;
 use crate::telemetry::{Fault, Health};
 use running::Running;
 use std::path::PathBuf;
@@ -44,7 +45,9 @@ enum Happening {
     Stop,
     /// SIGHUP.
     Reload,
-    /// A configuration was prepared, or cannot be.
+    /// The first configuration is prepared and the store is open, or cannot be.
+    Opened(anyhow::Result<(Arc<Generation>, Site)>),
+    /// Another configuration is prepared, or cannot be.
     Prepared(anyhow::Result<Generation>),
     /// The work loop came to its end.
     Ended(Result<(), core::Broken>),
@@ -65,7 +68,7 @@ pub fn run(options: &Options) -> anyhow::Result<ExitCode> {
         .enable_all()
         .build()?;
     signals::listen(&runtime, tell.clone())?;
-    prepare(config, tell.clone())?;
+    open(config, Arc::clone(&health), tell.clone())?;
 
     let mut running: Option<Running> = None;
     // One configuration is prepared at a time; a SIGHUP meanwhile is answered after it.
@@ -80,22 +83,20 @@ pub fn run(options: &Options) -> anyhow::Result<ExitCode> {
             }
             Happening::Reload if is_preparing => is_asked_again = true,
             Happening::Reload => is_preparing = begin_reload(options, &health, &tell),
-            Happening::Prepared(result) => {
-                is_preparing = false;
-                match (result, &mut running) {
-                    (Ok(generation), None) => {
-                        let generation = Arc::new(generation);
-                        let begun = Running::start(generation, options, Arc::clone(&health), tell.clone())?;
-                        running = Some(begun);
-                        tracing::info!("ready");
-                    }
+            Happening::Opened(opened) => {
+                let (generation, site) = opened?;
+                let begun = Running::start(generation, site, options, Arc::clone(&health), tell.clone())?;
+                running = Some(begun);
+                tracing::info!("ready");
+                is_preparing = std::mem::take(&mut is_asked_again) && begin_reload(options, &health, &tell);
+            }
+            Happening::Prepared(prepared) => {
+                match (prepared, &mut running) {
                     (Ok(generation), Some(running)) => running.reload(Arc::new(generation)),
-                    (Err(error), None) => return Err(error),
-                    (Err(error), Some(_)) => keep_old(&health, &error),
+                    (Ok(_), None) => {}
+                    (Err(error), _) => keep_old(&health, &error),
                 }
-                if std::mem::take(&mut is_asked_again) {
-                    is_preparing = begin_reload(options, &health, &tell);
-                }
+                is_preparing = std::mem::take(&mut is_asked_again) && begin_reload(options, &health, &tell);
             }
             Happening::Ended(result) => {
                 if let Some(running) = running {
@@ -122,18 +123,35 @@ fn load(options: &Options) -> Result<Config, ConfigError> {
     Ok(config)
 }
 
-/// Prepares a configuration on a thread of its own, since it may take minutes.
-fn prepare(config: Config, tell: Sender<Happening>) -> std::io::Result<()> {
+/// Prepares the first configuration and opens the store, on a thread of its own: both may take long, and signals are
+/// answered meanwhile.
+fn open(config: Config, health: Arc<Health>, tell: Sender<Happening>) -> std::io::Result<()> {
     let work = move || {
-        let generation = Generation::prepare(config, |rod| {
-            tracing::info!("preparing rod {rod}");
-            |_, _| ()
+        let opened = prepared(config).and_then(|generation| {
+            let site = core::open_patiently(&generation, &health)?;
+            Ok((Arc::new(generation), site))
         });
         // Nobody listens any more if the daemon stops.
-        let _ = tell.send(Happening::Prepared(generation));
+        let _ = tell.send(Happening::Opened(opened));
+    };
+    thread::Builder::new().name("open".to_owned()).spawn(work)?;
+    Ok(())
+}
+
+/// Prepares another configuration on a thread of its own.
+fn prepare(config: Config, tell: Sender<Happening>) -> std::io::Result<()> {
+    let work = move || {
+        let _ = tell.send(Happening::Prepared(prepared(config)));
     };
     thread::Builder::new().name("prepare".to_owned()).spawn(work)?;
     Ok(())
+}
+
+fn prepared(config: Config) -> anyhow::Result<Generation> {
+    Generation::prepare(config, |rod| {
+        tracing::info!("preparing rod {rod}");
+        |_, _| ()
+    })
 }
 
 /// Begins a reload; whether one is under way.

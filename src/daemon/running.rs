@@ -1,6 +1,6 @@
 //! A daemon at work: its threads, and how they are begun, given another configuration, and ended.
 
-use super::core::{Broken, Core, Word, open_site};
+use super::core::{Broken, Core, Word};
 use super::pipe::{self, Ending, JOBS};
 use super::stand_in::Reader;
 use super::suspects::Suspects;
@@ -8,11 +8,9 @@ use super::workers::Workers;
 use super::{Generation, Happening, Job, Options, restart};
 use crate::pipeline::message_of;
 use crate::site::Site;
-use crate::store::StoreError;
 use crate::telemetry::Health;
 use anyhow::Context;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, Sender, SyncSender, sync_channel};
@@ -23,9 +21,6 @@ use std::time::{Duration, Instant};
 const DRAIN: Duration = Duration::from_secs(4);
 /// How often the pipeline is ticked.
 const TICK: Duration = Duration::from_secs(1);
-/// How long the store of another process is waited for: `tirante ack` has it for a moment.
-const PATIENCE: Duration = Duration::from_secs(2);
-
 /// A daemon at work.
 pub struct Running {
     generation: Arc<Generation>,
@@ -35,19 +30,17 @@ pub struct Running {
 }
 
 impl Running {
-    /// Opens the store and begins everything.
+    /// Begins everything.
     ///
     /// # Errors
-    /// The store is another process's or cannot be opened.
+    /// What stands beside the store cannot be read, or the system gives no thread.
     pub fn start(
         generation: Arc<Generation>,
+        site: Site,
         options: &Options,
         health: Arc<Health>,
         tell: Sender<Happening>,
     ) -> anyhow::Result<Self> {
-        // `load` refuses a configuration without one.
-        let path = generation.config.store.path.clone().unwrap_or_default();
-        let site = open_patiently(&path, &generation, &health)?;
         let store = site.store().path().to_owned();
         let suspects = Suspects::open(&store)
             .with_context(|| format!("{}: what stands beside it cannot be read", store.display()))?;
@@ -127,19 +120,6 @@ impl Running {
     pub fn abandon(self) {
         self.reader.stop();
         self.suspects.stand_down();
-    }
-}
-
-/// Opens the site; another process may have the store for a moment.
-fn open_patiently(path: &Path, generation: &Generation, health: &Health) -> Result<Site, StoreError> {
-    let deadline = Instant::now() + PATIENCE;
-    loop {
-        match open_site(path, generation, health) {
-            Err(StoreError::Held { .. }) if Instant::now() < deadline => {
-                thread::sleep(Duration::from_millis(100));
-            }
-            other => return other,
-        }
     }
 }
 

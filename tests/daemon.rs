@@ -9,8 +9,9 @@ use rand::RngExt;
 use site::*;
 use std::collections::BTreeMap;
 use std::fs::{self, File};
+use std::os::unix::process::CommandExt;
 use std::path::PathBuf;
-use std::process::{Child, Command, ExitStatus};
+use std::process::{Child, Command, ExitStatus, Stdio};
 use std::thread;
 use std::time::{Duration, Instant};
 use tirante::random;
@@ -31,11 +32,16 @@ struct Daemon {
 impl Daemon {
     fn start(site: &Site, more: &[&str]) -> Self {
         let words = [&["run", "--config", "site.toml"], more].concat();
+        Self::spawn(site, &mut site.command(&words))
+    }
+
+    fn spawn(site: &Site, command: &mut Command) -> Self {
         let log = site.path("daemon.log");
-        let child = site
-            .command(&words)
+        let child = command
             .env("TIRANTE_LOG", "info")
+            .stdout(Stdio::null())
             .stderr(File::create(&log).unwrap())
+            .process_group(0)
             .spawn()
             .unwrap();
         Self { child, log }
@@ -97,8 +103,12 @@ impl Daemon {
 
 impl Drop for Daemon {
     fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
+        if self.child.try_wait().is_ok_and(|ended| ended.is_none()) {
+            // The whole group: what strace runs would outlive it.
+            let group = format!("-{}", self.child.id());
+            let _ = Command::new("kill").args(["-KILL", "--", &group]).status();
+            let _ = self.child.wait();
+        }
     }
 }
 
@@ -452,4 +462,99 @@ fn old_lines_go_and_nothing_else_does() {
     let (_, code) = site.replay(&["archive"], "site.db");
     assert_eq!(code, 0);
     assert_eq!(count("SELECT count(*) FROM record"), records);
+}
+
+/// A small file system of its own, gone when it is dropped.
+struct SmallDisk(PathBuf);
+
+impl SmallDisk {
+    /// `None` where nobody may mount one.
+    fn mount(path: PathBuf, megabytes: usize) -> Option<Self> {
+        fs::create_dir(&path).unwrap();
+        let size = format!("size={megabytes}m");
+        let mount = Command::new("mount")
+            .args(["-t", "tmpfs", "-o", &size, "tmpfs"])
+            .arg(&path)
+            .output();
+        if mount.is_ok_and(|output| output.status.success()) {
+            return Some(Self(path));
+        }
+        eprintln!("skipped: no file system can be mounted here");
+        None
+    }
+}
+
+impl Drop for SmallDisk {
+    fn drop(&mut self) {
+        let _ = Command::new("umount").arg("-l").arg(&self.0).status();
+    }
+}
+
+#[test]
+fn a_full_disk_is_waited_for_and_nothing_is_lost() {
+    let site = daemon_site();
+    let config = fs::read_to_string(site.path("site.toml")).unwrap();
+    fs::write(
+        site.path("site.toml"),
+        config.replace("\"site.db\"", "\"small/site.db\""),
+    )
+    .unwrap();
+    let whole = replayed(&site);
+    let Some(_disk) = SmallDisk::mount(site.path("small"), 32) else {
+        return;
+    };
+    let fill = |free_kilobytes: usize| {
+        fs::write(
+            site.path("small/ballast"),
+            vec![1; (32 << 20) - (free_kilobytes << 10)],
+        )
+        .unwrap();
+    };
+    for free_kilobytes in [16, 700, 1500] {
+        fill(free_kilobytes);
+        let mut daemon = Daemon::start(&site, &["--threads", "2"]);
+        daemon.wait_for("no room on the disk");
+        if free_kilobytes == 700 {
+            // It can be stopped while it waits.
+            daemon.stop();
+            daemon = Daemon::start(&site, &["--threads", "2"]);
+        }
+        fs::remove_file(site.path("small/ballast")).unwrap();
+        daemon.wait_for("week-6.mcap is read");
+        daemon.stop();
+        assert_equal_dumps(&whole, &site.dump("small/site.db"));
+        for suffix in ["", "-wal", "-shm"] {
+            let _ = fs::remove_file(site.path(&format!("small/site.db{suffix}")));
+        }
+    }
+}
+
+#[test]
+fn a_failed_write_or_flush_ends_the_daemon_and_nothing_is_lost() {
+    if Command::new("strace").arg("-V").output().is_err() {
+        eprintln!("skipped: no strace");
+        return;
+    }
+    let site = daemon_site();
+    let whole = replayed(&site);
+    for (calls, number) in [("fsync,fdatasync", 25), ("pwrite64", 60), ("fsync,fdatasync", 3)] {
+        let mut strace = Command::new("strace");
+        strace
+            .current_dir(site.folder.path())
+            .env("TIRANTE_CACHE_DIR", env!("CARGO_TARGET_TMPDIR"))
+            .args(["-f", "-o", "/dev/null", "-e"])
+            .args([
+                &format!("trace={calls}"),
+                "-e",
+                &format!("inject={calls}:error=EIO:when={number}"),
+            ])
+            .args([env!("CARGO_BIN_EXE_tirante"), "run", "--config", "site.toml"]);
+        let mut daemon = Daemon::spawn(&site, &mut strace);
+        assert_eq!(daemon.wait().code(), Some(1), "{calls}: {}", daemon.log());
+        assert!(daemon.log().contains("site.db"), "{calls}: {}", daemon.log());
+    }
+    let daemon = Daemon::ready(&site, &[]);
+    wait_for_files(&site, 7);
+    daemon.stop();
+    assert_equal_dumps(&whole, &site.dump("site.db"));
 }

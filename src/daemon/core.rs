@@ -21,6 +21,8 @@ use std::time::{Duration, Instant, SystemTime};
 const ROOM: u64 = 8 << 20;
 /// How often a full disk is looked at.
 const LOOK: Duration = Duration::from_millis(250);
+/// How long another process may have the store when the daemon starts.
+const PATIENCE: Duration = Duration::from_secs(2);
 
 /// What comes out of the pipeline.
 pub enum Done {
@@ -117,6 +119,33 @@ pub fn open_site(path: &Path, generation: &Generation, health: &Health) -> Resul
     )?;
     warn_of_renewed(&site);
     Ok(site)
+}
+
+/// As [`open_site`] of the configuration's store, but waits while the disk is full, and for a moment for another process:
+/// `tirante ack` has the store for one.
+///
+/// # Errors
+/// Another process keeps the store, or it cannot be opened.
+pub fn open_patiently(generation: &Generation, health: &Health) -> Result<Site, StoreError> {
+    // A daemon's configuration names one.
+    let path = generation.config.store.path.clone().unwrap_or_default();
+    let about = path.display().to_string();
+    let deadline = Instant::now() + PATIENCE;
+    loop {
+        match open_site(&path, generation, health) {
+            Ok(site) => {
+                health.over(Fault::DiskFull, &about);
+                return Ok(site);
+            }
+            Err(StoreError::Held { .. }) if Instant::now() < deadline => {}
+            Err(error) if error.is_disk_full() => {
+                let detail = format_args!("{about}: no room on the disk ({error}); waiting for it");
+                health.hold(Fault::DiskFull, &about, detail);
+            }
+            Err(error) => return Err(error),
+        }
+        thread::sleep(LOOK);
+    }
 }
 
 fn warn_of_renewed(site: &Site) {

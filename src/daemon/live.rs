@@ -7,8 +7,7 @@ use crate::ingest::{self, Counts, Listener, Server, TopicSet};
 use crate::journal::{Bell, Journal};
 use crate::telemetry::{Fault, Metrics, Telemetry};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
-use std::sync::Mutex;
+use std::sync::{Arc, Mutex};
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::mpsc::Sender;
 use std::time::Duration;
@@ -20,6 +19,7 @@ use tokio::task::JoinHandle;
 const FAREWELL: Duration = Duration::from_secs(2);
 
 /// The sockets of a daemon, listened at before anything else is begun: an address that is taken is known at once.
+#[derive(Default)]
 pub struct Bound {
     ingest: Vec<Listener>,
 }

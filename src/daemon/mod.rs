@@ -24,6 +24,7 @@ pub use job::Job;
 use crate::config::{Config, ConfigError, Setting};
 use crate::http;
 use crate::ingest::Listener;
+use crate::site::Site;
 use crate::telemetry::{Fault, Health, Phase, Telemetry};
 use live::Bound;
 use notify::Watchdog;
@@ -31,8 +32,14 @@ use running::Running;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::Arc;
-use std::sync::mpsc::{Sender, channel};
+use std::sync::mpsc::{Receiver, Sender, channel};
 use std::thread;
+use std::time::Duration;
+use tokio::runtime::Runtime;
+use tokio::sync::watch;
+
+/// How long preparing may take before systemd gives up: emulators are fitted, every row of the store is checked.
+const STARTING: Duration = Duration::from_secs(600);
 
 /// What a daemon is started with.
 #[derive(Debug, Clone)]
@@ -51,7 +58,9 @@ enum Happening {
     Stop,
     /// SIGHUP.
     Reload,
-    /// A configuration was prepared, or cannot be.
+    /// The first configuration is prepared and the store is open, or cannot be.
+    Opened(anyhow::Result<(Arc<Generation>, Site)>),
+    /// Another configuration is prepared, or cannot be.
     Prepared(anyhow::Result<Generation>),
     /// Something without which the daemon cannot go on.
     Failed(anyhow::Error),
@@ -66,7 +75,9 @@ enum Happening {
 /// cannot be written.
 pub fn run(options: &Options) -> anyhow::Result<ExitCode> {
     let config = load(options)?;
-    let health = Arc::new(Health::default());
+    // Before any thread starts.
+    let inherited = Listener::inherited()?;
+    let telemetry = Telemetry::default();
     let (tell, happenings) = channel();
     let runtime = tokio::runtime::Builder::new_multi_thread()
         .worker_threads(2)
@@ -74,48 +85,115 @@ pub fn run(options: &Options) -> anyhow::Result<ExitCode> {
         .enable_all()
         .build()?;
     signals::listen(&runtime, tell.clone())?;
-    prepare(config, tell.clone())?;
+    // What is taken by another process is known before anything is begun.
+    let mut bound = Some(Bound::bind(&config, inherited)?);
+    let (_stop_http, http_stopped) = watch::channel(false);
+    show(&config, &runtime, &telemetry, http_stopped)?;
+    let _watchdog = Watchdog::start(telemetry.clone())?;
+    notify::still_starting("preparing rods and store", STARTING);
+    open(config, Arc::clone(&telemetry.health), tell.clone())?;
+    let daemon = Daemon {
+        options,
+        runtime: &runtime,
+        telemetry: &telemetry,
+        tell: &tell,
+    };
+    let result = daemon.live(&happenings, &mut bound);
+    // Whatever still waits for the network is not waited for.
+    runtime.shutdown_background();
+    result
+}
 
-    let mut running: Option<Running> = None;
-    // One configuration is prepared at a time; a SIGHUP meanwhile is answered after it.
-    let (mut is_preparing, mut is_asked_again) = (true, false);
-    // `tell` lives here: the channel never closes before the loop is left.
-    while let Ok(happening) = happenings.recv() {
-        match happening {
-            Happening::Stop => {
-                tracing::info!("stopping");
-                let result = running.map_or(Ok(()), |running| running.drain(&happenings));
-                return result.map(|()| ExitCode::SUCCESS).map_err(Into::into);
-            }
-            Happening::Reload if is_preparing => is_asked_again = true,
-            Happening::Reload => is_preparing = begin_reload(options, &health, &tell),
-            Happening::Prepared(result) => {
-                is_preparing = false;
-                match (result, &mut running) {
-                    (Ok(generation), None) => {
-                        let generation = Arc::new(generation);
-                        let begun = Running::start(generation, options, Arc::clone(&health), tell.clone())?;
-                        running = Some(begun);
-                        tracing::info!("ready");
+/// The HTTP server, from the first moment: it tells that the daemon is not ready yet, and why.
+fn show(
+    config: &Config,
+    runtime: &Runtime,
+    telemetry: &Telemetry,
+    stopped: watch::Receiver<bool>,
+) -> anyhow::Result<()> {
+    let Some(listener) = http::listen(&config.http)? else {
+        return Ok(());
+    };
+    let routes = http::routes(telemetry.clone());
+    let health = Arc::clone(&telemetry.health);
+    runtime.spawn(async move {
+        if let Err(error) = http::serve(listener, routes, Arc::clone(&health), stopped).await {
+            health.fault(Fault::Write, format!("http: {error}"));
+        }
+    });
+    Ok(())
+}
+
+/// What the daemon's life goes on in.
+struct Daemon<'a> {
+    options: &'a Options,
+    runtime: &'a Runtime,
+    telemetry: &'a Telemetry,
+    tell: &'a Sender<Happening>,
+}
+
+impl Daemon<'_> {
+    /// From one happening to the next, to the end.
+    fn live(&self, happenings: &Receiver<Happening>, bound: &mut Option<Bound>) -> anyhow::Result<ExitCode> {
+        let Self {
+            options,
+            runtime,
+            telemetry,
+            tell,
+        } = *self;
+        let health = &telemetry.health;
+        let mut running: Option<Running> = None;
+        // One configuration is prepared at a time; a SIGHUP meanwhile is answered after it.
+        let (mut is_preparing, mut is_asked_again) = (true, false);
+        // `tell` outlives this: the channel never closes before the loop is left.
+        while let Ok(happening) = happenings.recv() {
+            match happening {
+                Happening::Stop => {
+                    tracing::info!("stopping");
+                    notify::stopping();
+                    telemetry.enter(Phase::Stopping);
+                    let result = running.map_or(Ok(()), |running| running.drain(runtime, happenings));
+                    return result.map(|()| ExitCode::SUCCESS).map_err(Into::into);
+                }
+                Happening::Reload if is_preparing => is_asked_again = true,
+                Happening::Reload => is_preparing = begin_reload(options, health, tell),
+                Happening::Opened(opened) => {
+                    let (generation, site) = opened?;
+                    let bound = bound.take().unwrap_or_default();
+                    let status = format!("{}: {} rods", generation.config.site, generation.plans.len());
+                    let begun = Running::start(generation, site, options, bound, runtime, telemetry, tell)?;
+                    running = Some(begun);
+                    telemetry.enter(Phase::Serving);
+                    notify::ready(&status);
+                    tracing::info!("ready");
+                    is_preparing = std::mem::take(&mut is_asked_again) && begin_reload(options, health, tell);
+                }
+                Happening::Prepared(prepared) => {
+                    match (prepared, &mut running) {
+                        (Ok(generation), Some(running)) => running.reload(Arc::new(generation)),
+                        (Ok(_), None) => {}
+                        (Err(error), _) => keep_old(health, &error),
                     }
-                    (Ok(generation), Some(running)) => running.reload(Arc::new(generation)),
-                    (Err(error), None) => return Err(error),
-                    (Err(error), Some(_)) => keep_old(&health, &error),
+                    notify::ready("the configuration was read again");
+                    is_preparing = std::mem::take(&mut is_asked_again) && begin_reload(options, health, tell);
                 }
-                if std::mem::take(&mut is_asked_again) {
-                    is_preparing = begin_reload(options, &health, &tell);
+                Happening::Failed(error) => {
+                    if let Some(running) = running {
+                        running.abandon(runtime);
+                    }
+                    return Err(error);
                 }
-            }
-            Happening::Ended(result) => {
-                if let Some(running) = running {
-                    running.abandon();
+                Happening::Ended(result) => {
+                    if let Some(running) = running {
+                        running.abandon(runtime);
+                    }
+                    result?;
+                    anyhow::bail!("the work loop ended by itself");
                 }
-                result?;
-                anyhow::bail!("the work loop ended by itself");
             }
         }
+        Ok(ExitCode::SUCCESS)
     }
-    Ok(ExitCode::SUCCESS)
 }
 
 /// The configuration of a daemon: one that names a store.
@@ -131,22 +209,40 @@ fn load(options: &Options) -> Result<Config, ConfigError> {
     Ok(config)
 }
 
-/// Prepares a configuration on a thread of its own, since it may take minutes.
-fn prepare(config: Config, tell: Sender<Happening>) -> std::io::Result<()> {
+/// Prepares the first configuration and opens the store, on a thread of its own: both may take long, and signals are
+/// answered meanwhile.
+fn open(config: Config, health: Arc<Health>, tell: Sender<Happening>) -> std::io::Result<()> {
     let work = move || {
-        let generation = Generation::prepare(config, |rod| {
-            tracing::info!("preparing rod {rod}");
-            |_, _| ()
+        let opened = prepared(config).and_then(|generation| {
+            let site = core::open_patiently(&generation, &health)?;
+            Ok((Arc::new(generation), site))
         });
         // Nobody listens any more if the daemon stops.
-        let _ = tell.send(Happening::Prepared(generation));
+        let _ = tell.send(Happening::Opened(opened));
+    };
+    thread::Builder::new().name("open".to_owned()).spawn(work)?;
+    Ok(())
+}
+
+/// Prepares another configuration on a thread of its own.
+fn prepare(config: Config, tell: Sender<Happening>) -> std::io::Result<()> {
+    let work = move || {
+        let _ = tell.send(Happening::Prepared(prepared(config)));
     };
     thread::Builder::new().name("prepare".to_owned()).spawn(work)?;
     Ok(())
 }
 
+fn prepared(config: Config) -> anyhow::Result<Generation> {
+    Generation::prepare(config, |rod| {
+        tracing::info!("preparing rod {rod}");
+        |_, _| ()
+    })
+}
+
 /// Begins a reload; whether one is under way.
 fn begin_reload(options: &Options, health: &Health, tell: &Sender<Happening>) -> bool {
+    notify::reloading();
     let begun = load(options)
         .map_err(anyhow::Error::from)
         .and_then(|config| Ok(prepare(config, tell.clone())?));
@@ -154,6 +250,7 @@ fn begin_reload(options: &Options, health: &Health, tell: &Sender<Happening>) ->
         Ok(()) => true,
         Err(error) => {
             keep_old(health, &error);
+            notify::ready("the new configuration is bad, the old one holds");
             false
         }
     }

@@ -92,8 +92,8 @@ impl Suspects {
         if deaths.len() > MOST {
             deaths.retain(|_, deaths| *deaths > 0);
         }
-        if had_any {
-            remember(&memory, &deaths)?;
+        if had_any && let Err(error) = remember(&memory, &deaths) {
+            tracing::warn!("{}: cannot be written: {error}", memory.display());
         }
         let working = OpenOptions::new()
             .write(true)

@@ -230,17 +230,13 @@ fn the_rods_of_a_store_stand_from_the_start_and_those_that_are_gone_do_not() {
     let rods = store.rods().unwrap();
     assert!(!rods.is_empty());
     for rod in rods {
-        assert!(
-            text.contains(&format!("tirante_rod_state{{rod=\"{rod}\"")),
-            "{text}"
-        );
-        assert!(text.contains(&format!(
-            "tirante_rod_last_record_timestamp_seconds{{rod=\"{rod}\""
-        )));
-        assert!(
-            text.contains(&format!("tirante_rod_force_newtons{{rod=\"{rod}\"}} ")),
-            "{text}"
-        );
+        for wanted in [
+            format!("tirante_rod_state{{rod=\"{rod}\",state=\"monitoring\"}} 1"),
+            format!("tirante_rod_last_record_timestamp_seconds{{rod=\"{rod}\"}} 17001"),
+            format!("tirante_rod_relative_force{{rod=\"{rod}\"}} 0.9515"),
+        ] {
+            assert!(text.contains(&wanted), "no {wanted} in\n{text}");
+        }
     }
 }
 

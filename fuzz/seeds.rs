@@ -8,7 +8,7 @@ use tirante::sink::{ChannelSpec, Compression, Encoding, Layout, Precision, Recor
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let start = Timestamp::from_nanos(1_700_000_000_000_000_000);
-    for target in ["recording", "message", "stamps"] {
+    for target in ["recording", "message", "stamps", "protocol"] {
         fs::create_dir_all(format!("fuzz/corpus/{target}"))?;
     }
     for encoding in [Encoding::Json, Encoding::Protobuf, Encoding::Ros2] {
@@ -48,6 +48,13 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                 fs::write(format!("fuzz/corpus/message/{encoding:?}-{form}-{time}"), seed)?;
             }
         }
+    }
+    let lines = b"{\"topic\":\"/laser\",\"time\":5,\"value\":1e-5}\n{\"topic\":\"/none\",\"value\":1}\n{\"end\":true}\n";
+    let hello = b"{\"hello\":{\"sender\":\"north\"}}\n";
+    let mcap = fs::read("fuzz/corpus/recording/Json-sample-Zstd-true")?;
+    let twice = [&mcap[..], &mcap[..]].concat();
+    for (name, stream) in [("lines", lines.to_vec()), ("named", [&hello[..], lines].concat()), ("mcap", [&hello[..], &mcap].concat()), ("twice", twice)] {
+        fs::write(format!("fuzz/corpus/protocol/{name}"), [&[50u8][..], &stream].concat())?;
     }
     for kind in 0..3u8 {
         let steps: Vec<u8> = (0..600u32).map(|i| (i * i % 251) as u8 % 100).collect();

@@ -1,8 +1,8 @@
 //! Arguments as typed.
 
 use crate::command::{
-    ack, alarm, backup, check, completions, emulator, frequencies, history, identify, manual, rebaseline, replay,
-    report, run, send, simulate, status,
+    ack, alarm, backup, check, completions, emulator, frequencies, history, identify, manual, rebaseline,
+    replay, report, run, send, simulate, status,
 };
 use crate::telemetry::log;
 use clap::{ArgAction, Parser, Subcommand};

@@ -30,7 +30,10 @@ fn dump(path: &Path) -> String {
 #[test]
 fn a_copy_taken_beside_the_writer_holds_everything_committed_and_goes_on_as_a_store() {
     let folder = tempfile::tempdir().unwrap();
-    let (path, copy) = (folder.path().join("site.sqlite"), folder.path().join("copy.sqlite"));
+    let (path, copy) = (
+        folder.path().join("site.sqlite"),
+        folder.path().join("copy.sqlite"),
+    );
     let mut store = Store::open(&path, Durability::Full).unwrap();
     fill(&mut store, 0..30);
     let output = backup(&path, &copy);
@@ -39,9 +42,16 @@ fn a_copy_taken_beside_the_writer_holds_everything_committed_and_goes_on_as_a_st
     assert_eq!(dump(&copy), dump(&path));
     assert!(!folder.path().join("copy.sqlite-wal").exists(), "one file");
 
-    fs::write(folder.path().join("copy.sqlite.part"), "what a broken-off copy left").unwrap();
+    fs::write(
+        folder.path().join("copy.sqlite.part"),
+        "what a broken-off copy left",
+    )
+    .unwrap();
     fill(&mut store, 30..50);
-    assert!(backup(&path, &copy).status.success(), "the older copy is replaced");
+    assert!(
+        backup(&path, &copy).status.success(),
+        "the older copy is replaced"
+    );
     assert_eq!(dump(&copy), dump(&path));
     assert!(!folder.path().join("copy.sqlite.part").exists());
 
@@ -53,12 +63,20 @@ fn a_copy_taken_beside_the_writer_holds_everything_committed_and_goes_on_as_a_st
 #[test]
 fn no_store_is_written_over_and_no_damage_is_copied() {
     let folder = tempfile::tempdir().unwrap();
-    let (path, other) = (folder.path().join("site.sqlite"), folder.path().join("other.sqlite"));
+    let (path, other) = (
+        folder.path().join("site.sqlite"),
+        folder.path().join("other.sqlite"),
+    );
     fill(&mut Store::open(&path, Durability::Full).unwrap(), 0..10);
     drop(Store::open(&other, Durability::Full).unwrap());
     let before = (fs::read(&path).unwrap(), fs::read(&other).unwrap());
     std::os::unix::fs::symlink(&path, folder.path().join("link")).unwrap();
-    for target in [&path, &other, &folder.path().join("link"), &folder.path().to_owned()] {
+    for target in [
+        &path,
+        &other,
+        &folder.path().join("link"),
+        &folder.path().to_owned(),
+    ] {
         let output = backup(&path, target);
         assert_eq!(output.status.code(), Some(1), "{}", target.display());
         assert!(said(&output).contains("name another file"), "{}", said(&output));

@@ -1,26 +1,78 @@
 //! Metrics: what is documented is what is shown, both ways, and labels stay bounded.
 
+#![allow(clippy::unwrap_used)] // helpers of tests are tests
+
+mod archive;
+
 use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::path::Path;
-use std::time::Duration;
-use tirante::record::RodId;
-use tirante::telemetry::metrics::{Delivery, Queue, RecordOutcome, RodStanding};
+use std::time::{Duration, SystemTime};
+use tirante::outcome::Outcome;
+use tirante::record::{RodId, Timestamp};
+use tirante::store::{Durability, Store};
+use tirante::telemetry::metrics::{Delivery, Queue};
 use tirante::telemetry::{Fault, Phase, Telemetry};
-use tirante::track::{Kind, RodState};
+use tirante::track::relative::Interval;
+use tirante::track::{Alarm, AtReference, Kind, RodState, SetAside, Verdict};
+
+fn rod() -> RodId {
+    RodId("nave-3".into())
+}
+
+/// A rod that lost force, and what is known of it after a record.
+fn lost() -> Verdict {
+    let about = |mean: f64| Interval {
+        mean,
+        sd: 0.01 * mean,
+        q025: 0.98 * mean,
+        q975: 1.02 * mean,
+    };
+    Verdict {
+        state: RodState::Alarm,
+        segment: 1,
+        relative: None,
+        at_reference: Some(AtReference {
+            temperature_c: 15.0,
+            ratio: about(0.96),
+            force_n: about(712e3),
+        }),
+        set_aside: None,
+        closed: Vec::new(),
+        events: Vec::new(),
+        alarms: vec![Alarm::new(
+            &rod(),
+            Kind::Drift,
+            1,
+            archive::hour(1),
+            "less force".to_owned(),
+        )],
+    }
+}
+
+/// A record of which the last sample came a moment ago.
+fn live() -> Outcome {
+    let mut outcome = archive::identified(&rod(), 1);
+    if let Outcome::Identified(identification) = &mut outcome {
+        let measurement = identification.measurement.as_mut().unwrap();
+        let now = SystemTime::UNIX_EPOCH.elapsed().unwrap().as_nanos() as i64;
+        let ago = (measurement.duration_s * 1e9) as i64 + 2_000_000_000;
+        measurement.start = Timestamp::from_nanos(now - ago);
+    }
+    outcome
+}
 
 /// A daemon in which everything happened once.
 fn everything() -> Telemetry {
     let telemetry = Telemetry::default();
     let metrics = &telemetry.metrics;
-    let rod = RodId("nave-3".into());
     telemetry.enter(Phase::Serving);
     telemetry.health.hold(Fault::Sink, "mail", "refused");
-    metrics.record(&rod, RecordOutcome::Used);
-    metrics.rejection(&rod, "no-peak");
+    let took = Duration::from_millis(4);
+    metrics.taken(&archive::rejected(&rod(), 0), &lost(), took);
+    metrics.taken(&live(), &lost(), took);
+    metrics.known(&rod());
     metrics.analysis(Duration::from_millis(20));
-    metrics.commit(Duration::from_millis(4));
-    metrics.latency(Duration::from_millis(400));
     metrics.queue(Queue::Journal, 3, 64);
     metrics.queue(Queue::Jobs, 1, 16);
     metrics.clients(2);
@@ -29,16 +81,6 @@ fn everything() -> Telemetry {
     metrics.outbox("mail", 4);
     metrics.delivery("mail", Delivery::Failed);
     metrics.watch_disk("store", "/".into());
-    metrics.rod(
-        &rod,
-        &RodStanding {
-            state: &RodState::Alarm,
-            last_record_s: Some(1.7e9),
-            force_n: Some(712e3),
-            relative_force: Some(0.96),
-            alarms: &[Kind::Drift],
-        },
-    );
     telemetry
 }
 
@@ -116,7 +158,12 @@ fn values_are_those_that_were_given() {
     for line in [
         "tirante_records_total{rod=\"nave-3\",outcome=\"used\"} 1",
         "tirante_records_total{rod=\"nave-3\",outcome=\"rejected\"} 1",
-        "tirante_rejections_total{rod=\"nave-3\",reason=\"no-peak\"} 1",
+        "tirante_records_total{rod=\"nave-3\",outcome=\"known\"} 1",
+        "tirante_alarms_standing{rod=\"nave-3\",kind=\"limit\"} 0",
+        "tirante_rod_relative_force{rod=\"nave-3\"} 0.96",
+        "tirante_latency_seconds_count 1",
+        "tirante_latency_seconds_bucket{le=\"1.0\"} 0",
+        "tirante_latency_seconds_bucket{le=\"10.0\"} 1",
         "tirante_received_bytes_total 1000",
         "tirante_rod_force_newtons{rod=\"nave-3\"} 712000.0",
         "tirante_rod_state{rod=\"nave-3\",state=\"alarm\"} 1",
@@ -127,7 +174,7 @@ fn values_are_those_that_were_given() {
         "tirante_condition{kind=\"sink\",about=\"mail\"} 1.0",
         "tirante_state{state=\"degraded\"} 1.0",
         "tirante_ready 1.0",
-        "tirante_commit_seconds_count 1",
+        "tirante_commit_seconds_count 2",
     ] {
         assert!(text.lines().any(|other| other == line), "no {line} in\n{text}");
     }
@@ -135,22 +182,62 @@ fn values_are_those_that_were_given() {
 }
 
 #[test]
-fn rods_that_are_gone_and_forces_that_are_not_known_are_not_shown() {
+fn a_force_that_is_not_known_is_absent_and_a_record_that_does_not_count_changes_none() {
     let telemetry = everything();
-    let rod = RodId("nave-3".into());
-    let standing = RodStanding {
-        state: &RodState::Monitoring,
-        last_record_s: None,
-        force_n: None,
-        relative_force: None,
-        alarms: &[],
+    let force = "tirante_rod_force_newtons{rod=\"nave-3\"} 712000.0";
+    let took = Duration::from_millis(1);
+    let unknown = Verdict {
+        state: RodState::Monitoring,
+        at_reference: None,
+        alarms: Vec::new(),
+        ..lost()
     };
-    telemetry.metrics.rod(&rod, &standing);
+    telemetry
+        .metrics
+        .taken(&archive::rejected(&rod(), 2), &unknown, took);
+    let set_aside = Verdict {
+        set_aside: Some(SetAside::Late),
+        ..unknown.clone()
+    };
+    telemetry
+        .metrics
+        .taken(&archive::identified(&rod(), 3), &set_aside, took);
     let text = telemetry.metrics.text();
-    assert!(!text.contains("tirante_rod_force_newtons{"), "{text}");
+    assert!(text.contains(force), "{text}");
     assert!(text.contains("tirante_rod_state{rod=\"nave-3\",state=\"monitoring\"} 1"));
-    telemetry.metrics.forget_standing();
-    assert!(!telemetry.metrics.text().contains("tirante_rod_state{"));
+    assert!(text.contains("tirante_alarms_standing{rod=\"nave-3\",kind=\"drift\"} 0"));
+    assert!(text.contains("tirante_records_total{rod=\"nave-3\",outcome=\"set-aside\"} 1"));
+    telemetry
+        .metrics
+        .taken(&archive::identified(&rod(), 4), &unknown, took);
+    assert!(!telemetry.metrics.text().contains("tirante_rod_force_newtons{"));
+    let late = telemetry.metrics.text();
+    assert!(
+        late.contains("tirante_latency_seconds_count 1\n"),
+        "an old record was not live"
+    );
+}
+
+#[test]
+fn the_rods_of_a_store_stand_from_the_start_and_those_that_are_gone_do_not() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut store = Store::open(&folder.path().join("site.sqlite"), Durability::Full).unwrap();
+    archive::fill(&mut store, 0..30);
+    let telemetry = everything();
+    telemetry.metrics.standings(&store.standings().unwrap());
+    let text = telemetry.metrics.text();
+    assert!(!text.contains("tirante_rod_state{rod=\"nave-3\""), "{text}");
+    let rods = store.rods().unwrap();
+    assert!(!rods.is_empty());
+    for rod in rods {
+        for wanted in [
+            format!("tirante_rod_state{{rod=\"{rod}\",state=\"monitoring\"}} 1"),
+            format!("tirante_rod_last_record_timestamp_seconds{{rod=\"{rod}\"}} 17001"),
+            format!("tirante_rod_relative_force{{rod=\"{rod}\"}} 0.9515"),
+        ] {
+            assert!(text.contains(&wanted), "no {wanted} in\n{text}");
+        }
+    }
 }
 
 #[test]

@@ -42,6 +42,7 @@ fn hear<'a>(parts: impl IntoIterator<Item = &'a [u8]>) -> Heard {
             Ok(Some(Step::Batch(batch))) => {
                 assert!(batch.through > last, "a batch must lead on");
                 last = batch.through;
+                assert!(batch.entries.len() < 20_000, "a batch must stay small");
                 heard.entries.extend(batch.entries);
             }
             Ok(Some(Step::Hello(name))) => {
@@ -256,6 +257,19 @@ fn what_came_before_a_fault_is_kept_and_the_fault_has_one_sentence() {
             .refusal
             .unwrap()
             .contains("more than 1048576 bytes")
+    );
+}
+
+#[test]
+fn a_large_chunk_comes_in_small_batches() {
+    let options = WriterOptions {
+        chunk_bytes: Some(6 << 20),
+        ..Default::default()
+    };
+    let heard = of(&mcap(options, 100_000));
+    assert_eq!(
+        (heard.ends.clone(), values(&heard).len()),
+        (vec![100_000], 100_000)
     );
 }
 

@@ -86,7 +86,7 @@ fn json_lines_over_tcp_and_unix() {
     assert_eq!(daemon.counts.messages.load(Ordering::Relaxed), 2001);
     assert_eq!(daemon.counts.foreign.load(Ordering::Relaxed), 1);
     // The second client is still there, and may begin another stream.
-    assert_eq!(daemon.clients(), 1);
+    wait_for("the first one is gone", || daemon.clients() == 1);
     client.send(mcap(10));
     assert_eq!(client.answer(), "{\"done\":{\"messages\":10}}");
     drop(client);
@@ -238,8 +238,21 @@ fn mcap_by_the_python_library() {
     let script = r#"
 import json, socket, sys
 from mcap.writer import Writer, CompressionType
+
+class Socket:
+    """What the writer needs of a file: a socket that counts."""
+    def __init__(self, connection):
+        self.connection, self.sent = connection, 0
+    def write(self, data):
+        self.connection.sendall(data)
+        self.sent += len(data)
+    def tell(self):
+        return self.sent
+    def flush(self):
+        pass
+
 connection = socket.create_connection((sys.argv[1], int(sys.argv[2])))
-out = connection.makefile("wb")
+out = Socket(connection)
 for compression in (CompressionType.ZSTD, CompressionType.LZ4, CompressionType.NONE):
     writer = Writer(out, chunk_size=1024, compression=compression)
     writer.start()
@@ -251,7 +264,6 @@ for compression in (CompressionType.ZSTD, CompressionType.LZ4, CompressionType.N
         for channel in (laser, other):
             writer.add_message(channel, stamp, json.dumps({"value": i}).encode(), stamp)
     writer.finish()
-    out.flush()
 connection.shutdown(socket.SHUT_WR)
 sys.stdout.write(connection.makefile("r").read())
 "#;
@@ -535,6 +547,48 @@ fn the_socket_of_a_dead_daemon_is_replaced_and_that_of_a_live_one_is_not() {
     std::fs::write(&path, "precious").unwrap();
     assert!(matches!(Listener::bind(&listen), Err(ListenError::NoSocket(_))));
     assert_eq!(std::fs::read(&path).unwrap(), b"precious");
+}
+
+/// The part of the next test that must be a process of its own.
+#[test]
+#[ignore = "run by the next one"]
+fn tell_what_was_inherited() {
+    let inherited = Listener::inherited().unwrap();
+    let listen = [Listen::Unix(std::env::var_os("SOCKET").unwrap().into())];
+    for listener in Listener::all(inherited, &listen).unwrap() {
+        println!("listening {}", listener.address());
+    }
+}
+
+#[test]
+fn sockets_of_systemd_are_taken_over() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("ingest.sock");
+    let tcp = TcpListener::bind("[::1]:0")
+        .or_else(|_| TcpListener::bind("127.0.0.1:0"))
+        .unwrap();
+    let address = tcp.local_addr().unwrap();
+    let unix = std::os::unix::net::UnixListener::bind(&path).unwrap();
+    let output = Command::new("sh")
+        .args(["-c", "exec \"$0\" \"$@\" 3<&0 4<&2 2<&1"])
+        .arg(std::env::current_exe().unwrap())
+        .args(["--exact", "tell_what_was_inherited", "--ignored", "--nocapture"])
+        .env("LISTEN_FDS", "2")
+        .env("SOCKET", &path)
+        .stdin(std::os::fd::OwnedFd::from(tcp))
+        .stderr(std::os::fd::OwnedFd::from(unix))
+        .output()
+        .unwrap();
+    let said = String::from_utf8_lossy(&output.stdout).into_owned();
+    let listening: Vec<&str> = said
+        .lines()
+        .filter_map(|line| line.strip_prefix("listening "))
+        .collect();
+    assert_eq!(
+        listening,
+        [format!("tcp://{address}"), format!("unix://{}", path.display())],
+        "{said}"
+    );
 }
 
 /// An authority and what it signed, as PEM files.
@@ -831,4 +885,89 @@ fn send_goes_on_after_every_cut() {
     let output = arguments(&["--resume"]);
     assert!(output.status.success(), "{output:?}");
     assert_eq!(daemon.ledger.streams().pop().unwrap().messages().len(), 590);
+}
+
+/// Peak memory of this process \[MiB\].
+fn peak_mib() -> u64 {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap();
+    let line = status.lines().find(|line| line.starts_with("VmHWM")).unwrap();
+    line.split_whitespace().nth(1).unwrap().parse::<u64>().unwrap() / 1024
+}
+
+/// `cargo test --test sockets -- --ignored --nocapture --test-threads 1 what_the`
+#[test]
+#[ignore = "a measurement"]
+fn what_the_sockets_take() {
+    let daemon = Daemon::start(settings());
+    let text = lines(0..200_000);
+    let sampled = recording(Encoding::Json, Layout::Sample, WriterOptions::default(), 200_000);
+    let batched = recording(
+        Encoding::Ros2,
+        Layout::Batch(200),
+        WriterOptions::default(),
+        2_000_000,
+    );
+    for (what, bytes, samples) in [
+        ("JSON lines", text.as_bytes(), 200_000.0),
+        ("MCAP, a JSON message a sample", &sampled, 200_000.0),
+        ("MCAP, ROS 2 arrays of 200", &batched, 2_000_000.0),
+    ] {
+        let since = Instant::now();
+        let mut client = daemon.client();
+        client.send(bytes);
+        client.stream.shutdown(Shutdown::Write).unwrap();
+        assert!(client.answer().starts_with("{\"done\""));
+        let took_s = since.elapsed().as_secs_f64();
+        let megabytes = bytes.len() as f64 * 1e-6 / took_s;
+        println!("{what}: {:.0} samples/s, {megabytes:.0} MB/s", samples / took_s);
+    }
+}
+
+/// Run alone, for the memory is that of the whole process.
+#[test]
+#[ignore = "a measurement"]
+fn what_hostile_clients_can_hold() {
+    let daemon = Daemon::start(settings());
+    daemon.ledger.open(false);
+    let before = peak_mib();
+    // Chunks that unpack to all they may, of messages as small as they may be, and a journal that takes nothing.
+    let options = WriterOptions {
+        chunk_bytes: Some(7 << 20),
+        ..Default::default()
+    };
+    let mut bomb = mcap::WriteOptions::new();
+    bomb = bomb.chunk_size(options.chunk_bytes);
+    let mut writer = bomb.create(std::io::Cursor::new(Vec::new())).unwrap();
+    let channel = writer
+        .add_channel(0, "/laser", "json", &Default::default())
+        .unwrap();
+    for i in 0..250_000 {
+        let header = mcap::records::MessageHeader {
+            channel_id: channel,
+            sequence: i,
+            log_time: 1,
+            publish_time: 1,
+        };
+        writer.write_to_known_channel(&header, b"1").unwrap();
+    }
+    writer.finish().unwrap();
+    let bomb = writer.into_inner().into_inner();
+    // And records that are never whole.
+    let mut greedy = bomb[..8 + 9 + u64::from_le_bytes(bomb[9..17].try_into().unwrap()) as usize].to_vec();
+    greedy.push(6);
+    greedy.extend((15u64 << 20).to_le_bytes());
+    greedy.resize(1 << 20, 7);
+    let mut clients = Vec::new();
+    for i in 0..64 {
+        let mut client = daemon.client();
+        let _ = client.stream.write_all(if i % 2 == 0 { &bomb } else { &greedy });
+        clients.push(client);
+    }
+    std::thread::sleep(Duration::from_secs(3));
+    println!(
+        "{} clients, peak {} MiB over {before} MiB",
+        daemon.clients(),
+        peak_mib() - before
+    );
+    assert!(peak_mib() - before < 256);
 }

@@ -6,6 +6,8 @@ use lettre::message::header::ContentType;
 use lettre::transport::smtp::authentication::Credentials;
 use lettre::transport::smtp::client::{Certificate, CertificateStore, Tls, TlsParameters};
 use lettre::{SmtpTransport, Transport};
+use std::error::Error;
+use std::io;
 use std::time::Duration;
 
 /// A mail server.
@@ -78,9 +80,19 @@ impl Email {
 impl Sink for Email {
     fn deliver(&mut self, message: &Message) -> Result<(), Failure> {
         let mail = self.mail(message)?;
-        self.transport()?
-            .send(&mail)
-            .map(|_| ())
-            .map_err(|error| self.failed(error))
+        self.transport()?.send(&mail).map(|_| ()).map_err(|error| {
+            if is_timeout(&error) {
+                self.failed(format!("no answer within {:.0} s", self.deadline.as_secs_f64()))
+            } else {
+                self.failed(error)
+            }
+        })
     }
+}
+
+/// Whether the system waited for as long as it was told to; it has two names for that.
+fn is_timeout(error: &(dyn Error + 'static)) -> bool {
+    let kind = error.downcast_ref::<io::Error>().map(io::Error::kind);
+    matches!(kind, Some(io::ErrorKind::TimedOut | io::ErrorKind::WouldBlock))
+        || error.source().is_some_and(is_timeout)
 }

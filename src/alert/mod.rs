@@ -7,6 +7,7 @@
 mod alertmanager;
 pub mod backoff;
 mod courier;
+mod couriers;
 pub mod credential;
 mod email;
 mod log;
@@ -18,7 +19,7 @@ mod signal;
 mod webhook;
 
 pub use backoff::{Backoff, Pace};
-pub use courier::Couriers;
+pub use couriers::Couriers;
 pub use message::{Message, What};
 pub(crate) use mqtt::PLACES as TOPIC_PLACES;
 pub use settings::{SinkKind, SinkSettings};

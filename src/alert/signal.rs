@@ -62,6 +62,16 @@ impl Signal {
         self.lock().place = Some(place);
     }
 
+    /// Does something that nobody must do any more once it is told to stop.
+    pub(super) fn unless_stopped(&self, act: impl FnOnce()) -> Result<(), Stopped> {
+        let inner = self.lock();
+        if inner.jobs.is_none() {
+            return Err(Stopped);
+        }
+        act();
+        Ok(())
+    }
+
     /// Reports; waits while the queue is full.
     pub(super) fn report(&self, mut job: Job) -> Result<(), Stopped> {
         loop {

@@ -1,10 +1,11 @@
 //! `[[sink]]`: where alarms go.
 
+mod text;
+
 use super::RodConfig;
 use super::range::{Range, toml_string};
 use super::reader::{Absent, Key, Table, key};
 use super::value::{Value, quoted};
-use crate::alert::TOPIC_PLACES;
 use crate::alert::credential::CredentialPath;
 use crate::alert::settings::{
     AlertmanagerSettings, EmailSettings, HttpTarget, LOG, Login, MailSecurity, MqttSettings, SinkKind,
@@ -13,8 +14,7 @@ use crate::alert::settings::{
 use crate::record::RodId;
 use crate::track::Kind as AlarmKind;
 use lettre::message::Mailbox;
-use std::net::IpAddr;
-use ureq::http::{HeaderName, HeaderValue, Uri};
+use text::{Address, address, header, mailbox, topic};
 
 /// The words of `kind`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -34,21 +34,6 @@ const KINDS: [(&str, Kind); 4] = [
 
 /// Most entries of a list.
 const MOST: usize = 100;
-
-impl Kind {
-    /// The schemes of its `url`: the word, the usual port, and whether what goes there can be read on the way.
-    fn schemes(self) -> &'static [(&'static str, u16, bool)] {
-        match self {
-            Self::Webhook | Self::Alertmanager => &[("http", 80, true), ("https", 443, false)],
-            Self::Mqtt => &[("mqtt", 1883, true), ("mqtts", 8883, false)],
-            Self::Email => &[
-                ("smtp", 25, true),
-                ("smtp+starttls", 587, false),
-                ("smtps", 465, false),
-            ],
-        }
-    }
-}
 
 /// All sinks; `rods` are those of the site, for the filters.
 pub(super) fn read_all(root: &mut Table<'_>, rods: &[Option<RodConfig>]) -> Option<Vec<SinkSettings>> {
@@ -80,16 +65,6 @@ pub(super) fn read_all(root: &mut Table<'_>, rods: &[Option<RodConfig>]) -> Opti
         },
     );
     sinks.into_iter().collect()
-}
-
-/// A server's address, taken from a `url`.
-struct Address {
-    url: String,
-    scheme: &'static str,
-    host: String,
-    port: u16,
-    /// Whether it can be read on the way: not encrypted, and not on this machine.
-    is_open: bool,
 }
 
 fn read(table: &mut Table<'_>, rods: &[Option<RodConfig>]) -> Option<SinkSettings> {
@@ -397,101 +372,4 @@ fn rod(value: &Value<'_>, rods: &[Option<RodConfig>]) -> Option<RodId> {
         value.fault(format!("there is no [[rod]] with id \"{id}\""));
     }
     is_known.then(|| RodId(id.to_owned()))
-}
-
-fn header(value: &Value<'_>) -> Option<(String, String)> {
-    let text = value.name_string()?;
-    let parts = text
-        .split_once(':')
-        .map(|(name, value)| (name.trim(), value.trim()));
-    let is_header = |(name, value): &(&str, &str)| {
-        HeaderName::from_bytes(name.as_bytes()).is_ok() && HeaderValue::from_str(value).is_ok()
-    };
-    let Some((name, content)) = parts.filter(is_header) else {
-        value.fault(format!(
-            "\"{text}\" is no header, write it like \"X-Site: Duomo\""
-        ));
-        return None;
-    };
-    if name.eq_ignore_ascii_case("authorization") {
-        value.fault("a secret does not belong into the configuration: name a `token_file`");
-        return None;
-    }
-    Some((name.to_owned(), content.to_owned()))
-}
-
-fn mailbox(value: &Value<'_>) -> Option<Mailbox> {
-    let text = value.name_string()?;
-    let mailbox = text.parse::<Mailbox>().ok();
-    if mailbox.is_none() {
-        value.fault(format!(
-            "\"{text}\" is no address, write it like \"tie-rods@example.org\" or \"Duomo <tie-rods@example.org>\""
-        ));
-    }
-    mailbox
-}
-
-fn topic(value: &Value<'_>) -> Option<String> {
-    let text = value.name_string()?;
-    let rest = TOPIC_PLACES
-        .iter()
-        .fold(text.to_owned(), |rest, place| rest.replace(place, ""));
-    let is_topic = !rest.contains(['{', '}', '#', '+']) && !text.starts_with('$');
-    if !is_topic {
-        value.fault(format!(
-            "\"{text}\" is no topic: no '#', no '+', no '$' at its beginning, and in braces only {}",
-            TOPIC_PLACES.join(", ")
-        ));
-    }
-    is_topic.then(|| text.to_owned())
-}
-
-fn address(value: &Value<'_>, kind: Kind, schemes: &[String]) -> Option<Address> {
-    let text = value.name_string()?;
-    let refuse = |why: String| {
-        value.fault(why);
-        None
-    };
-    let Ok(uri) = text.parse::<Uri>() else {
-        return refuse(format!("\"{text}\" is no URL"));
-    };
-    let known = kind.schemes().iter().find(|(word, ..)| {
-        uri.scheme_str()
-            .is_some_and(|scheme| scheme.eq_ignore_ascii_case(word))
-    });
-    let (Some((scheme, port, is_plain)), Some(authority)) = (known, uri.authority()) else {
-        let words: Vec<&str> = schemes.iter().map(String::as_str).collect();
-        return refuse(format!("\"{text}\" does not begin with {}", quoted(&words)));
-    };
-    if authority.as_str().contains('@') {
-        return refuse("holds a user: user and password stand in keys of their own".to_owned());
-    }
-    let host = authority.host().trim_matches(['[', ']']).to_owned();
-    if host.is_empty() {
-        return refuse(format!("\"{text}\" names no host"));
-    }
-    let has_port = authority.as_str().len() > authority.host().len();
-    let port = match authority.port_u16() {
-        Some(port) if port > 0 => port,
-        None if !has_port => *port,
-        _ => return refuse(format!("\"{text}\" has no port from 1 to 65535")),
-    };
-    let is_http = matches!(kind, Kind::Webhook | Kind::Alertmanager);
-    if !is_http && !matches!(uri.path(), "" | "/") || kind != Kind::Webhook && uri.query().is_some() {
-        return refuse(format!("\"{text}\" holds more than a server"));
-    }
-    let is_here = host.eq_ignore_ascii_case("localhost")
-        || host.parse::<IpAddr>().is_ok_and(|address| address.is_loopback());
-    if kind == Kind::Email && *is_plain && !is_here {
-        return refuse(format!(
-            "\"{text}\" is not encrypted and not on this machine: use smtp+starttls:// or smtps://"
-        ));
-    }
-    Some(Address {
-        url: text.to_owned(),
-        scheme,
-        host,
-        port,
-        is_open: *is_plain && !is_here,
-    })
 }

@@ -146,9 +146,12 @@ impl<I: Intake> Client<'_, I> {
             let topics = self.topics.borrow_and_update().clone();
             self.protocol.retarget(topics);
         }
+        let mut turn = None;
         loop {
-            // Only whoever has a turn holds a batch: that bounds the memory of all.
-            let turn = self.server.turns.acquire().await;
+            // Only whoever has a turn holds batches: that bounds the memory of all.
+            if turn.is_none() {
+                turn = Some(self.server.turns.acquire().await);
+            }
             let step = self.protocol.next(now_ns());
             let foreign = self.protocol.take_foreign();
             self.server.counts.add(|counts| &counts.foreign, foreign);
@@ -168,14 +171,13 @@ impl<I: Intake> Client<'_, I> {
                         none => none.insert(self.server.intake.connect(None).await?),
                     };
                     line.append(batch).await?;
-                    drop(turn);
                 }
                 Some(Step::Hello(name)) => {
-                    drop(turn);
+                    turn = None;
                     self.hello(name).await?;
                 }
                 Some(Step::End { messages }) => {
-                    drop(turn);
+                    turn = None;
                     if let Some(line) = self.line.take() {
                         line.end(End::Complete).await?;
                     }

@@ -97,6 +97,19 @@ impl Listener {
         Ok(found)
     }
 
+    /// Those systemd handed over, and those the configuration names besides.
+    ///
+    /// # Errors
+    /// One of them is taken, or the system says no.
+    pub fn all(inherited: Vec<Self>, listen: &[Listen]) -> Result<Vec<Self>, ListenError> {
+        let known: Vec<String> = inherited.iter().map(Self::address).collect();
+        let mut all = inherited;
+        for place in listen.iter().filter(|place| !known.contains(&place.to_string())) {
+            all.push(Self::bind(place)?);
+        }
+        Ok(all)
+    }
+
     /// Whether only this machine can reach it.
     pub(super) fn is_local(&self) -> bool {
         match self {

@@ -12,9 +12,6 @@ use std::sync::Arc;
 /// Longest JSON line accepted \[bytes\].
 pub const MAX_LINE: usize = 1 << 20;
 
-/// A batch is handed on when it has this many bytes.
-const BATCH_BYTES: usize = 256 << 10;
-
 const MAGIC: &[u8] = b"\x89MCAP0\r\n";
 
 /// Why a client is not listened to any further.
@@ -179,8 +176,8 @@ impl Protocol {
     /// Reads on to the next step; `None` if there is no more to read.
     fn advance(&mut self, now_ns: u64) -> Result<Option<Step>, Refusal> {
         loop {
-            if self.stream.weight >= BATCH_BYTES {
-                return Ok(self.stream.batch().map(Step::Batch));
+            if let Some(batch) = self.stream.full_batch() {
+                return Ok(Some(Step::Batch(batch)));
             }
             match &mut self.state {
                 State::Start(queue) => match begin(queue.rest())? {

@@ -5,7 +5,11 @@ use super::queue::Queue;
 use super::server::TopicSet;
 use crate::journal::{Batch, Entry};
 use crate::source::mcap::{Damage, Item, Progress, Reader};
-use std::collections::HashMap;
+use std::collections::{HashMap, VecDeque};
+use std::mem;
+
+/// A batch is full with this many bytes; the journal keeps a batch whole.
+const BATCH_BYTES: usize = 256 << 10;
 
 /// Bytes an entry counts beyond its data.
 const ENTRY_BYTES: usize = 64;
@@ -20,9 +24,11 @@ pub(super) struct Stream {
     channels: HashMap<u16, Channel>,
     /// Ids given to the topics of JSON lines.
     ids: HashMap<String, u16>,
+    /// Batches that are full.
+    full: VecDeque<Batch>,
     entries: Vec<Entry>,
-    /// Bytes gathered.
-    pub weight: usize,
+    /// Bytes of the entries.
+    weight: usize,
     /// Messages that no batch accounts for yet.
     due: u64,
     /// Messages of no rod's topic since it was asked last.
@@ -117,7 +123,7 @@ impl Stream {
             self.foreign += 1;
             return;
         };
-        if !std::mem::replace(&mut channel.is_told, true) {
+        if !mem::replace(&mut channel.is_told, true) {
             self.entries.push(Entry::Channel {
                 id,
                 topic: channel.topic.clone(),
@@ -132,6 +138,10 @@ impl Stream {
             publish_time,
             data: data.to_vec(),
         });
+        if self.weight >= BATCH_BYTES {
+            let full = self.close_batch();
+            self.full.extend(full);
+        }
     }
 
     fn count(&mut self) {
@@ -139,8 +149,18 @@ impl Stream {
         self.due += 1;
     }
 
-    /// What was gathered, if anything was. A named stream accounts for messages of no rod's topic too.
+    /// The next full batch.
+    pub fn full_batch(&mut self) -> Option<Batch> {
+        self.full.pop_front()
+    }
+
+    /// What was gathered, if anything was.
     pub fn batch(&mut self) -> Option<Batch> {
+        self.full_batch().or_else(|| self.close_batch())
+    }
+
+    /// A named stream accounts for messages of no rod's topic too.
+    fn close_batch(&mut self) -> Option<Batch> {
         let is_due = self.due > 0 && (self.is_named || !self.entries.is_empty());
         if !is_due {
             return None;
@@ -148,7 +168,7 @@ impl Stream {
         self.due = 0;
         self.weight = 0;
         Some(Batch {
-            entries: std::mem::take(&mut self.entries),
+            entries: mem::take(&mut self.entries),
             through: self.messages,
         })
     }

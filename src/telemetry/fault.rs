@@ -94,9 +94,6 @@ impl Fault {
 
     /// Whether results are not kept, or not made, while it lasts.
     pub fn is_grave(self) -> bool {
-        matches!(
-            self,
-            Self::DiskFull | Self::StoreDamaged | Self::Write | Self::Stalled
-        )
+        matches!(self, Self::DiskFull | Self::Write | Self::Stalled)
     }
 }

@@ -2,56 +2,29 @@
 //!
 //! Labels are bounded: rods and sinks come from the configuration, everything else from short lists of the program.
 
-use super::{Beat, Fault, Health, State, process};
+use super::collect::{Disks, HealthNow};
+use super::process::Process;
+use super::rods::{self, Rods};
+use super::{Beat, Health};
+use crate::outcome::Outcome;
 use crate::record::RodId;
-use crate::track::RodState;
-use crate::track::alarm::Kind;
-use prometheus_client::collector::Collector;
+use crate::store::Standing;
+use crate::track::Verdict;
+use prometheus_client::encoding::EncodeLabelSet;
 use prometheus_client::encoding::text::encode;
-use prometheus_client::encoding::{DescriptorEncoder, EncodeLabelSet, MetricEncoder};
-use prometheus_client::metrics::MetricType;
 use prometheus_client::metrics::counter::Counter;
 use prometheus_client::metrics::family::Family;
 use prometheus_client::metrics::gauge::Gauge;
 use prometheus_client::metrics::histogram::Histogram;
 use prometheus_client::metrics::info::Info;
 use prometheus_client::registry::{Metric, Registry, Unit};
-use std::collections::BTreeMap;
-use std::fmt;
 use std::path::PathBuf;
+use std::sync::Arc;
 use std::sync::atomic::AtomicU64;
-use std::sync::{Arc, Mutex, PoisonError};
-use std::time::Duration;
+use std::time::{Duration, SystemTime};
 
 /// A gauge of a quantity.
 pub(super) type Quantity = Gauge<f64, AtomicU64>;
-
-/// Conditions shown one by one: what they are about may come from outside.
-const MOST_CONDITIONS: usize = 64;
-
-/// What became of a record.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum RecordOutcome {
-    /// It gave a force, and counts.
-    Used,
-    /// It gave a force, but is not followed.
-    SetAside,
-    /// It gave none, for a reason.
-    Rejected,
-    /// The store had it already.
-    Known,
-}
-
-impl RecordOutcome {
-    fn code(self) -> &'static str {
-        match self {
-            Self::Used => "used",
-            Self::SetAside => "set-aside",
-            Self::Rejected => "rejected",
-            Self::Known => "known",
-        }
-    }
-}
 
 /// A bounded queue inside the daemon.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -89,21 +62,6 @@ impl Delivery {
     }
 }
 
-/// How a rod stands after a record.
-#[derive(Debug, Clone, PartialEq)]
-pub struct RodStanding<'a> {
-    /// Its state.
-    pub state: &'a RodState,
-    /// The start of its latest record, in seconds since 1970.
-    pub last_record_s: Option<f64>,
-    /// Its force at the reference temperature, or at its own if uncompensated \[N\].
-    pub force_n: Option<f64>,
-    /// The same, as a share of the baseline's.
-    pub relative_force: Option<f64>,
-    /// Kinds of the alarms that stand.
-    pub alarms: &'a [Kind],
-}
-
 macro_rules! labels {
     ($($name:ident { $($label:ident: $kind:ty),* })*) => {$(
         #[derive(Debug, Clone, PartialEq, Eq, Hash, EncodeLabelSet)]
@@ -112,11 +70,8 @@ macro_rules! labels {
 }
 
 labels! {
-    OfRod { rod: String }
     OfRodOutcome { rod: String, outcome: &'static str }
     OfRodReason { rod: String, reason: &'static str }
-    OfRodKind { rod: String, kind: &'static str }
-    OfRodState { rod: String, state: &'static str }
     OfQueue { queue: &'static str }
     OfSink { sink: String }
     OfSinkOutcome { sink: String, outcome: &'static str }
@@ -139,11 +94,7 @@ pub struct Metrics {
     journal_bytes: Gauge,
     outbox_waiting: Family<OfSink, Gauge>,
     deliveries: Family<OfSinkOutcome, Counter>,
-    alarms: Family<OfRodKind, Gauge>,
-    rod_state: Family<OfRodState, Gauge>,
-    rod_force: Family<OfRod, Quantity>,
-    rod_relative: Family<OfRod, Quantity>,
-    rod_last_record: Family<OfRod, Quantity>,
+    rods: Rods,
     disks: Disks,
 }
 
@@ -151,7 +102,7 @@ impl Metrics {
     /// All at zero.
     pub fn new(health: Arc<Health>, beat: Arc<Beat>) -> Self {
         let mut registry = Registry::default();
-        registry.register_collector(Box::new(process::Process));
+        registry.register_collector(Box::new(Process));
         let own = registry.sub_registry_with_prefix("tirante");
         let build = vec![
             ("version", env!("CARGO_PKG_VERSION").to_owned()),
@@ -159,7 +110,7 @@ impl Metrics {
         ];
         own.register("build", "The program that runs", Info::new(build));
         let disks = Disks::default();
-        own.register_collector(Box::new(Standing { health, beat }));
+        own.register_collector(Box::new(HealthNow { health, beat }));
         own.register_collector(Box::new(disks.clone()));
         let mut r = Register(own);
         Self {
@@ -169,7 +120,8 @@ impl Metrics {
             commit_s: r.histogram("commit", "Time one record's commit to the store took", &COMMIT_S),
             latency_s: r.histogram(
                 "latency",
-                "Time from the arrival of a live record's last sample to its commit",
+                "Time from the end of a live record, by its own clock, to its commit; records that end more than an hour ago \
+                 are not live",
                 &LATENCY_S,
             ),
             queue_length: r.put("queue_length", None, "Items that wait in a queue"),
@@ -180,58 +132,58 @@ impl Metrics {
             journal_bytes: r.put("journal", Some(Unit::Bytes), "Size of all parts of the journal on disk"),
             outbox_waiting: r.put("outbox_waiting", None, "News of alarms a sink does not have yet"),
             deliveries: r.put("deliveries", None, "Attempts to deliver news of alarms, by what came of them"),
-            alarms: r.put("alarms_standing", None, "Alarms of a rod that stand, acknowledged or not"),
-            rod_state: r.put("rod_state", None, "1 for the state a rod is in (docs/states.md), else 0"),
-            rod_force: r.put(
-                "rod_force",
-                Some(Unit::Other("newtons".to_owned())),
-                "Axial force of a rod's latest record that counts, at the reference temperature if compensated",
-            ),
-            rod_relative: r.put("rod_relative_force", None, "The same force as a share of the baseline's"),
-            rod_last_record: r.put(
-                "rod_last_record_timestamp",
-                Some(Unit::Seconds),
-                "Start of a rod's latest record, rejected or not, since 1970",
-            ),
+            rods: Rods::new(&mut r),
             disks,
             registry,
         }
     }
 
-    /// A record came to its end.
-    pub fn record(&self, rod: &RodId, outcome: RecordOutcome) {
-        self.records
-            .get_or_create(&OfRodOutcome {
-                rod: rod.0.clone(),
-                outcome: outcome.code(),
-            })
-            .inc();
+    /// A record was taken, and is durable; its commit took this long.
+    pub fn taken(&self, outcome: &Outcome, verdict: &Verdict, took: Duration) {
+        let rod = outcome.rod();
+        self.commit_s.observe(took.as_secs_f64());
+        match outcome {
+            Outcome::Rejected(rejected) => {
+                self.record(rod, "rejected");
+                let of = OfRodReason {
+                    rod: rod.0.clone(),
+                    reason: rejected.rejection.code(),
+                };
+                self.rejections.get_or_create(&of).inc();
+            }
+            Outcome::Identified(_) if verdict.set_aside.is_some() => self.record(rod, "set-aside"),
+            Outcome::Identified(_) => self.record(rod, "used"),
+        }
+        if let (Some(end_s), Ok(now)) = (rods::end_s(outcome), SystemTime::UNIX_EPOCH.elapsed()) {
+            let latency_s = now.as_secs_f64() - end_s;
+            if (0.0..LIVE_S).contains(&latency_s) {
+                self.latency_s.observe(latency_s);
+            }
+        }
+        self.rods.taken(outcome, verdict);
     }
 
-    /// A record was rejected, for the reason of this [code](crate::record::Rejection::code).
-    pub fn rejection(&self, rod: &RodId, reason: &'static str) {
-        self.record(rod, RecordOutcome::Rejected);
-        self.rejections
-            .get_or_create(&OfRodReason {
-                rod: rod.0.clone(),
-                reason,
-            })
-            .inc();
+    /// A record came that the store has already.
+    pub fn known(&self, rod: &RodId) {
+        self.record(rod, "known");
+    }
+
+    fn record(&self, rod: &RodId, outcome: &'static str) {
+        let of = OfRodOutcome {
+            rod: rod.0.clone(),
+            outcome,
+        };
+        self.records.get_or_create(&of).inc();
+    }
+
+    /// How all rods of the store stand: at the start, and when another configuration holds.
+    pub fn standings(&self, standings: &[Standing]) {
+        self.rods.all(standings);
     }
 
     /// One record's analysis took this long.
     pub fn analysis(&self, took: Duration) {
         self.analysis_s.observe(took.as_secs_f64());
-    }
-
-    /// One record's commit took this long.
-    pub fn commit(&self, took: Duration) {
-        self.commit_s.observe(took.as_secs_f64());
-    }
-
-    /// A live record was committed this long after its last sample came.
-    pub fn latency(&self, took: Duration) {
-        self.latency_s.observe(took.as_secs_f64());
     }
 
     /// A queue has this many items of so many it can hold.
@@ -275,48 +227,12 @@ impl Metrics {
             .inc();
     }
 
-    /// A rod stands so now.
-    pub fn rod(&self, rod: &RodId, standing: &RodStanding<'_>) {
-        let of = OfRod { rod: rod.0.clone() };
-        for (gauge, value) in [
-            (&self.rod_force, standing.force_n),
-            (&self.rod_relative, standing.relative_force),
-            (&self.rod_last_record, standing.last_record_s),
-        ] {
-            match value {
-                Some(value) => {
-                    gauge.get_or_create(&of).set(value);
-                }
-                None => {
-                    gauge.remove(&of);
-                }
-            }
-        }
-        for state in STATES {
-            let is_in = i64::from(standing.state.code() == state);
-            let rod = rod.0.clone();
-            self.rod_state
-                .get_or_create(&OfRodState { rod, state })
-                .set(is_in);
-        }
-        for kind in Kind::ALL {
-            let standing = standing.alarms.iter().filter(|other| **other == kind).count();
-            let of = OfRodKind {
-                rod: rod.0.clone(),
-                kind: kind.code(),
-            };
-            self.alarms.get_or_create(&of).set(count(standing));
-        }
-    }
-
-    /// Forgets the gauges of all rods and sinks, before those of a new configuration are set.
-    pub fn forget_standing(&self) {
-        self.rod_force.clear();
-        self.rod_relative.clear();
-        self.rod_last_record.clear();
-        self.rod_state.clear();
-        self.alarms.clear();
-        self.outbox_waiting.clear();
+    /// A sink is no longer configured.
+    pub fn forget_sink(&self, sink: &str) {
+        let sink = OfSink {
+            sink: sink.to_owned(),
+        };
+        self.outbox_waiting.remove(&sink);
     }
 
     /// Shows the free space where `path` is, as `use_`: `store`, `journal`.
@@ -335,22 +251,27 @@ impl Metrics {
     }
 }
 
-/// The states of [`RodState`].
-const STATES: [&str; 4] = ["learning", "monitoring", "alarm", "not-monitoring"];
+/// A record whose end is longer ago was not live when it came \[s\].
+const LIVE_S: f64 = 3600.0;
 
 const ANALYSIS_S: [f64; 10] = [0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0];
 const COMMIT_S: [f64; 10] = [0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0];
-const LATENCY_S: [f64; 10] = [0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 60.0, 300.0, 1800.0, 7200.0];
+const LATENCY_S: [f64; 10] = [0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 60.0, 300.0, 900.0, 3600.0];
 
-fn count(items: usize) -> i64 {
+pub(super) fn count(items: usize) -> i64 {
     i64::try_from(items).unwrap_or(i64::MAX)
 }
 
 /// A registry that hands back what it was given.
-struct Register<'r>(&'r mut Registry);
+pub(super) struct Register<'r>(&'r mut Registry);
 
 impl Register<'_> {
-    fn put<M: Metric + Clone + Default>(&mut self, name: &str, unit: Option<Unit>, help: &str) -> M {
+    pub(super) fn put<M: Metric + Clone + Default>(
+        &mut self,
+        name: &str,
+        unit: Option<Unit>,
+        help: &str,
+    ) -> M {
         self.keep(name, unit, help, M::default())
     }
 
@@ -365,149 +286,5 @@ impl Register<'_> {
             None => self.0.register(name, help, metric.clone()),
         }
         metric
-    }
-}
-
-type NoLabels = Vec<(&'static str, String)>;
-
-/// Writes a family of gauges or counters whose values are known only when somebody asks.
-pub(super) fn family(
-    encoder: &mut DescriptorEncoder<'_>,
-    (name, unit, help): (&str, Option<Unit>, &str),
-    kind: MetricType,
-    values: impl IntoIterator<Item = (Vec<(&'static str, String)>, f64)>,
-) -> fmt::Result {
-    let mut values = values.into_iter().peekable();
-    if values.peek().is_none() {
-        return Ok(());
-    }
-    let mut metric = encoder.encode_descriptor(name, help, unit.as_ref(), kind)?;
-    for (labels, value) in values {
-        if labels.is_empty() {
-            one(&mut metric, kind, value)?;
-        } else {
-            one(&mut metric.encode_family(&labels)?, kind, value)?;
-        }
-    }
-    Ok(())
-}
-
-fn one(encoder: &mut MetricEncoder<'_>, kind: MetricType, value: f64) -> fmt::Result {
-    match kind {
-        MetricType::Counter => encoder.encode_counter::<NoLabels, f64, f64>(&value, None),
-        _ => encoder.encode_gauge(&value),
-    }
-}
-
-/// The state of health, at the moment somebody asks.
-#[derive(Debug)]
-struct Standing {
-    health: Arc<Health>,
-    beat: Arc<Beat>,
-}
-
-impl Collector for Standing {
-    fn encode(&self, mut encoder: DescriptorEncoder<'_>) -> fmt::Result {
-        let encoder = &mut encoder;
-        let flag = |is: bool| f64::from(u8::from(is));
-        let state = self.health.state();
-        family(
-            encoder,
-            ("state", None, "1 for the daemon's state of health, else 0"),
-            MetricType::Gauge,
-            State::ALL.map(|other| (vec![("state", other.code().to_owned())], flag(other == state))),
-        )?;
-        let is_ready = self.health.phase().not_ready().is_none();
-        family(
-            encoder,
-            (
-                "ready",
-                None,
-                "1 while the store is open and the sources are live, else 0",
-            ),
-            MetricType::Gauge,
-            [(Vec::new(), flag(is_ready))],
-        )?;
-        family(
-            encoder,
-            (
-                "beat_age",
-                Some(Unit::Seconds),
-                "Time since something last went through the whole pipeline",
-            ),
-            MetricType::Gauge,
-            [(Vec::new(), self.beat.age().as_secs_f64())],
-        )?;
-        let of_kind = |fault: Fault| vec![("kind", fault.code().to_owned())];
-        family(
-            encoder,
-            (
-                "faults",
-                None,
-                "Faults that happened, by kind (docs/operations.md)",
-            ),
-            MetricType::Counter,
-            Fault::ALL.map(|fault| (of_kind(fault), self.health.count(fault) as f64)),
-        )?;
-        let conditions = self.health.conditions();
-        let mut counts: BTreeMap<Fault, u32> = Fault::ALL.map(|fault| (fault, 0)).into();
-        for condition in &conditions {
-            *counts.entry(condition.fault).or_default() += 1;
-        }
-        family(
-            encoder,
-            ("conditions", None, "Faults that last, by kind"),
-            MetricType::Gauge,
-            counts
-                .into_iter()
-                .map(|(fault, count)| (of_kind(fault), f64::from(count))),
-        )?;
-        family(
-            encoder,
-            (
-                "condition",
-                None,
-                "1 for each fault that lasts, with what it is about; the first 64",
-            ),
-            MetricType::Gauge,
-            conditions.into_iter().take(MOST_CONDITIONS).map(|condition| {
-                let labels = vec![
-                    ("kind", condition.fault.code().to_owned()),
-                    ("about", condition.about),
-                ];
-                (labels, 1.0)
-            }),
-        )
-    }
-}
-
-/// Free space of the disks that are written to.
-#[derive(Debug, Clone, Default)]
-struct Disks(Arc<Mutex<BTreeMap<&'static str, PathBuf>>>);
-
-impl Disks {
-    fn paths(&self) -> std::sync::MutexGuard<'_, BTreeMap<&'static str, PathBuf>> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-}
-
-impl Collector for Disks {
-    fn encode(&self, mut encoder: DescriptorEncoder<'_>) -> fmt::Result {
-        let paths = self.paths().clone();
-        let free = paths.into_iter().filter_map(|(use_, path)| {
-            let disk = rustix::fs::statvfs(path).ok()?;
-            let free = disk.f_bavail as f64 * disk.f_frsize as f64;
-            Some((vec![("use", use_.to_owned())], free))
-        });
-        family(
-            &mut encoder,
-            (
-                "disk_free",
-                Some(Unit::Bytes),
-                "Free space on the disk of the store, of the journal",
-            ),
-            MetricType::Gauge,
-            free,
-        )
     }
 }

@@ -1,6 +1,7 @@
 //! What a daemon says of itself while it runs: faults that happened, conditions that last, counts, logs.
 
 pub mod beat;
+mod collect;
 pub mod fault;
 pub mod health;
 mod ledger;
@@ -8,6 +9,7 @@ pub mod log;
 pub mod metrics;
 mod process;
 pub mod report;
+mod rods;
 
 pub use beat::Beat;
 pub use fault::Fault;

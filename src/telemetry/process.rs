@@ -1,6 +1,6 @@
 //! Memory, descriptors, threads and processor time of this process, from `/proc`, under Prometheus' own names.
 
-use super::metrics::family;
+use super::collect::family;
 use prometheus_client::collector::Collector;
 use prometheus_client::encoding::DescriptorEncoder;
 use prometheus_client::metrics::MetricType;

@@ -6,6 +6,7 @@ use crate::peers::{Server, program};
 use serde_json::Value;
 use std::fs;
 use std::path::Path;
+use tirante::track::{Kind, What};
 
 fn start(program: &Path, desk: &Desk, storage: &str) -> Server {
     Server::start_anywhere(program, |address| arguments(desk, storage, &address.to_string()))
@@ -99,5 +100,12 @@ fn an_alarm_fires_goes_on_and_is_resolved() {
     });
     assert!(told(&receiver, &other.id).iter().all(|status| status == "firing"));
     eventually("the mark", || desk.delivered("pager") == Some(3));
+    // A sensor's clock far ahead.
+    let ahead = desk.tell("south", Kind::Drift, 1_000_000, What::Raised);
+    couriers.wake();
+    eventually("it fires", || told(&receiver, &ahead.id) == ["firing"]);
+    desk.tell("south", Kind::Drift, 1_000_000, What::Acknowledged);
+    couriers.wake();
+    eventually("the marks", || desk.delivered("pager") == Some(5));
     couriers.stop();
 }

@@ -285,6 +285,28 @@ fn couriers_stop_at_once() {
     );
 }
 
+/// One that is taken out while it hangs says nothing more, however its send ends.
+#[test]
+fn a_sink_that_is_taken_out_leaves_no_condition_behind() {
+    let desk = Desk::new();
+    let hanging = Fake::new(&vec![Answer::Hang(Duration::from_secs(5)); 10]);
+    let mut couriers = desk.start(&to(&hanging));
+    eventually("the sink is known", || desk.delivered("hook") == Some(0));
+    desk.raise(0);
+    couriers.wake();
+    eventually("the second send hangs", || hanging.requests().len() == 2);
+    assert!(desk.condition("hook").is_some());
+    couriers.reload(&[], SITE);
+    // Longer than the send may take: FAST.deadline.
+    let until = Instant::now() + 3 * FAST.deadline;
+    while Instant::now() < until {
+        assert_eq!(desk.condition("hook"), None);
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    assert_eq!(hanging.requests().len(), 2);
+    couriers.stop();
+}
+
 #[test]
 fn a_full_queue_does_not_keep_couriers_from_stopping() {
     let (desk, fake) = (Desk::new(), Fake::new(&[]));

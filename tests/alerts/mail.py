@@ -31,7 +31,7 @@ class Handler:
             "subject": mail["Subject"],
             "id": mail["Message-ID"],
             "references": mail["References"],
-            "body": mail.get_content(),
+            "body": mail.get_content().replace("\r\n", "\n"),
         }), flush=True)
         if refused > 0:
             refused -= 1
@@ -46,7 +46,7 @@ class Handler:
 
 
 def authenticate(server, session, envelope, mechanism, data):
-    return AuthResult(success=data.login == b"tirante" and data.password == b"secret")
+    return AuthResult(handled=False, success=data.login == b"tirante" and data.password == b"secret")
 
 
 def server():

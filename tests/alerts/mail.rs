@@ -7,6 +7,7 @@ use std::fs;
 use std::io::{BufRead, BufReader};
 use std::process::{Child, Command, Stdio};
 use std::sync::{Arc, Mutex};
+use std::time::Instant;
 use tirante::alert::{self, Failure, Message, Pace};
 use tirante::track::{Kind, What};
 
@@ -50,6 +51,7 @@ impl Mailer {
             .args([desk.path("mail.pem"), desk.path("mail.key")])
             .args([mode, &refused.to_string()])
             .stdout(Stdio::piped())
+            .stderr(Stdio::null())
             .spawn()
             .unwrap();
         let mut lines = BufReader::new(child.stdout.take().unwrap()).lines();
@@ -171,4 +173,18 @@ fn refusals_are_told_and_tried_again() {
         assert_eq!(mail["subject"], "Duomo, rod north: limit raised");
         assert!(mail["body"].as_str().unwrap().starts_with("Alarm 3.\n"));
     }
+}
+
+#[test]
+fn a_server_that_says_nothing_is_left_after_the_deadline() {
+    let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let url = format!("smtp://{}", listener.local_addr().unwrap());
+    let text = format!(
+        "[[sink]]\nid = \"mail\"\nkind = \"email\"\nurl = \"{url}\"\nfrom = \"a@b.org\"\nto = [\"c@d.org\"]\n"
+    );
+    let mut sink = alert::open(&sinks(&text)[0], SITE, FAST.deadline);
+    let begun = Instant::now();
+    let failure = sink.deliver(&Message::test(SITE, "mail", at(0))).unwrap_err();
+    assert!(failure.reason.contains("no answer within"), "{failure}");
+    assert!(begun.elapsed() < 5 * FAST.deadline, "{:?}", begun.elapsed());
 }

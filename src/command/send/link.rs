@@ -15,6 +15,9 @@ use tokio_rustls::rustls::pki_types::ServerName;
 /// How long a connection may take to be made.
 const CONNECT: Duration = Duration::from_secs(10);
 
+/// How long the reason for a closed connection may take to arrive.
+const LAST_WORDS: Duration = Duration::from_secs(1);
+
 /// Longest answers together \[bytes\]: the daemon says little.
 const MOST_ANSWERS: u64 = 1 << 30;
 
@@ -156,7 +159,14 @@ impl Link {
                     // The sending will say what is wrong.
                     None => is_open = false,
                 },
-                sent = &mut sending => return Ok(sent?),
+                sent = &mut sending => {
+                    // Why it failed may still be on its way.
+                    let last = if sent.is_err() { timeout(LAST_WORDS, answers.recv()).await } else { Ok(None) };
+                    if let Ok(Some(answer)) = last {
+                        on_answer(answer)?;
+                    }
+                    return Ok(sent?);
+                }
             }
         }
     }

@@ -1,0 +1,154 @@
+//! The couriers of a daemon: started, woken, reloaded and stopped together.
+
+use super::courier::{Courier, Errand, Place};
+use super::signal::Signal;
+use super::{Pace, SinkSettings};
+use crate::daemon::Job;
+use crate::telemetry::{Fault, Health};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
+use std::thread;
+use std::time::{Duration, Instant};
+
+/// How long a courier that is told to stop may take, unless it is in the middle of a send.
+const STOP_WITHIN: Duration = Duration::from_millis(100);
+
+/// All couriers of a daemon.
+pub struct Couriers {
+    store: PathBuf,
+    jobs: SyncSender<Job>,
+    health: Arc<Health>,
+    pace: Pace,
+    running: Vec<Running>,
+}
+
+struct Running {
+    settings: SinkSettings,
+    site: String,
+    signal: Arc<Signal>,
+    ended: Receiver<()>,
+}
+
+impl Couriers {
+    /// Starts one for each sink and one for the log. They read `store` and report through `jobs`, of which they keep a
+    /// sender until they are stopped.
+    pub fn start(
+        sinks: &[SinkSettings],
+        site: &str,
+        store: &Path,
+        jobs: SyncSender<Job>,
+        health: Arc<Health>,
+    ) -> Self {
+        Self::start_at(Pace::default(), sinks, site, store, jobs, health)
+    }
+
+    /// Starts them at another pace than the usual one.
+    pub fn start_at(
+        pace: Pace,
+        sinks: &[SinkSettings],
+        site: &str,
+        store: &Path,
+        jobs: SyncSender<Job>,
+        health: Arc<Health>,
+    ) -> Self {
+        let mut couriers = Self {
+            store: store.to_owned(),
+            jobs,
+            health,
+            pace,
+            running: Vec::new(),
+        };
+        couriers.reload(sinks, site);
+        couriers
+    }
+
+    /// There may be news in the store.
+    pub fn wake(&self) {
+        for courier in &self.running {
+            courier.signal.wake();
+        }
+    }
+
+    /// Goes on with these sinks. A courier whose settings are the same is not disturbed; one whose settings changed
+    /// goes on where it was.
+    pub fn reload(&mut self, sinks: &[SinkSettings], site: &str) {
+        let log = SinkSettings::log();
+        let mut wanted: Vec<&SinkSettings> = sinks.iter().collect();
+        wanted.push(&log);
+        let is_same = |courier: &Running| courier.site == site && wanted.contains(&&courier.settings);
+        let (mut kept, changed): (Vec<Running>, Vec<Running>) =
+            std::mem::take(&mut self.running).into_iter().partition(is_same);
+        let stopped = stop(changed);
+        for (id, _) in &stopped {
+            if !wanted.iter().any(|settings| settings.id == *id) {
+                self.health.over(Fault::Sink, id);
+            }
+        }
+        for settings in wanted {
+            if kept.iter().any(|courier| courier.settings.id == settings.id) {
+                continue;
+            }
+            let place = stopped
+                .iter()
+                .find(|(id, _)| *id == settings.id)
+                .and_then(|(_, place)| *place);
+            if let Some(courier) = self.spawn(settings, site, place) {
+                kept.push(courier);
+            }
+        }
+        self.running = kept;
+    }
+
+    /// Ends them all within 100 ms. One in the middle of a send is left to itself: if its message arrives, it is sent
+    /// again at the next start, with the same id.
+    pub fn stop(self) {
+        stop(self.running);
+    }
+
+    fn spawn(&self, settings: &SinkSettings, site: &str, place: Option<Place>) -> Option<Running> {
+        let signal = Arc::new(Signal::new(self.jobs.clone()));
+        let (ending, ended) = sync_channel(0);
+        let id = settings.id.clone();
+        let errand = Errand {
+            settings: settings.clone(),
+            site: site.to_owned(),
+            store: self.store.clone(),
+            health: Arc::clone(&self.health),
+        };
+        let mut courier = Courier::new(errand, self.pace, place, Arc::clone(&signal));
+        let spawned = thread::Builder::new().name(format!("sink {id}")).spawn(move || {
+            courier.run();
+            drop(ending);
+        });
+        if let Err(error) = spawned {
+            self.health
+                .hold(Fault::Sink, &id, format!("sink {id}: no thread for it: {error}"));
+            return None;
+        }
+        Some(Running {
+            settings: settings.clone(),
+            site: site.to_owned(),
+            signal,
+            ended,
+        })
+    }
+}
+
+/// Stops couriers; their ids and how far they came.
+fn stop(couriers: Vec<Running>) -> Vec<(String, Option<Place>)> {
+    for courier in &couriers {
+        courier.signal.stop();
+    }
+    let until = Instant::now() + STOP_WITHIN;
+    for courier in &couriers {
+        let left = until.saturating_duration_since(Instant::now());
+        if courier.ended.recv_timeout(left) == Err(RecvTimeoutError::Timeout) {
+            tracing::debug!("sink {}: left in the middle of a send", courier.settings.id);
+        }
+    }
+    couriers
+        .into_iter()
+        .map(|courier| (courier.settings.id, courier.signal.place()))
+        .collect()
+}

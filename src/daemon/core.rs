@@ -68,7 +68,7 @@ pub enum Broken {
     #[error("the store was damaged while the disk was full; a restart reads everything again")]
     Damaged,
     /// A fault of the program.
-    #[error("the work loop broke, please report it: {0}")]
+    #[error("the program broke, please report it: {0}")]
     Panicked(String),
 }
 

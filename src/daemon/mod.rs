@@ -19,14 +19,21 @@ pub use generation::Generation;
 pub use job::Job;
 
 use crate::config::{Config, ConfigError, Setting};
+use crate::pipeline::message_of;
 use crate::site::Site;
 use crate::telemetry::{Fault, Health};
 use running::Running;
+use std::io;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::mpsc::{Sender, channel};
 use std::thread;
+use std::time::Duration;
+
+/// How often the threads are looked after.
+const LOOK: Duration = Duration::from_secs(1);
 
 /// What a daemon is started with.
 #[derive(Debug, Clone)]
@@ -46,9 +53,9 @@ enum Happening {
     /// SIGHUP.
     Reload,
     /// The first configuration is prepared and the store is open, or cannot be.
-    Opened(anyhow::Result<(Arc<Generation>, Site)>),
+    Opened(anyhow::Result<(Arc<Generation>, Box<Site>)>),
     /// Another configuration is prepared, or cannot be.
-    Prepared(anyhow::Result<Generation>),
+    Prepared(anyhow::Result<Arc<Generation>>),
     /// The work loop came to its end.
     Ended(Result<(), core::Broken>),
 }
@@ -73,8 +80,14 @@ pub fn run(options: &Options) -> anyhow::Result<ExitCode> {
     let mut running: Option<Running> = None;
     // One configuration is prepared at a time; a SIGHUP meanwhile is answered after it.
     let (mut is_preparing, mut is_asked_again) = (true, false);
-    // `tell` lives here: the channel never closes before the loop is left.
-    while let Ok(happening) = happenings.recv() {
+    loop {
+        let happening = match happenings.recv_timeout(LOOK) {
+            Ok(happening) => happening,
+            Err(_) => {
+                running.as_ref().map_or(Ok(()), Running::check)?;
+                continue;
+            }
+        };
         match happening {
             Happening::Stop => {
                 tracing::info!("stopping");
@@ -85,14 +98,14 @@ pub fn run(options: &Options) -> anyhow::Result<ExitCode> {
             Happening::Reload => is_preparing = begin_reload(options, &health, &tell),
             Happening::Opened(opened) => {
                 let (generation, site) = opened?;
-                let begun = Running::start(generation, site, options, Arc::clone(&health), tell.clone())?;
+                let begun = Running::start(generation, *site, options, Arc::clone(&health), tell.clone())?;
                 running = Some(begun);
                 tracing::info!("ready");
                 is_preparing = std::mem::take(&mut is_asked_again) && begin_reload(options, &health, &tell);
             }
             Happening::Prepared(prepared) => {
                 match (prepared, &mut running) {
-                    (Ok(generation), Some(running)) => running.reload(Arc::new(generation)),
+                    (Ok(generation), Some(running)) => running.reload(generation),
                     (Ok(_), None) => {}
                     (Err(error), _) => keep_old(&health, &error),
                 }
@@ -107,7 +120,6 @@ pub fn run(options: &Options) -> anyhow::Result<ExitCode> {
             }
         }
     }
-    Ok(ExitCode::SUCCESS)
 }
 
 /// The configuration of a daemon: one that names a store.
@@ -125,33 +137,45 @@ fn load(options: &Options) -> Result<Config, ConfigError> {
 
 /// Prepares the first configuration and opens the store, on a thread of its own: both may take long, and signals are
 /// answered meanwhile.
-fn open(config: Config, health: Arc<Health>, tell: Sender<Happening>) -> std::io::Result<()> {
+fn open(config: Config, health: Arc<Health>, tell: Sender<Happening>) -> io::Result<()> {
     let work = move || {
-        let opened = prepared(config).and_then(|generation| {
-            let site = core::open_patiently(&generation, &health)?;
-            Ok((Arc::new(generation), site))
-        });
-        // Nobody listens any more if the daemon stops.
-        let _ = tell.send(Happening::Opened(opened));
+        let generation = prepared(config)?;
+        let site = core::open_patiently(&generation, &health)?;
+        Ok((generation, Box::new(site)))
     };
-    thread::Builder::new().name("open".to_owned()).spawn(work)?;
-    Ok(())
+    beside("open", tell, work, Happening::Opened)
 }
 
 /// Prepares another configuration on a thread of its own.
-fn prepare(config: Config, tell: Sender<Happening>) -> std::io::Result<()> {
-    let work = move || {
-        let _ = tell.send(Happening::Prepared(prepared(config)));
+fn prepare(config: Config, tell: Sender<Happening>) -> io::Result<()> {
+    beside("prepare", tell, || prepared(config), Happening::Prepared)
+}
+
+/// Does some work on a thread called `name` and tells what came of it, whatever that is.
+fn beside<T: 'static>(
+    name: &str,
+    tell: Sender<Happening>,
+    work: impl FnOnce() -> anyhow::Result<T> + Send + 'static,
+    happening: fn(anyhow::Result<T>) -> Happening,
+) -> io::Result<()> {
+    let whole = move || {
+        let result = catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(|panic| {
+            let detail = message_of(&*panic);
+            Err(anyhow::anyhow!("the program broke, please report it: {detail}"))
+        });
+        // Nobody listens any more if the daemon stops.
+        let _ = tell.send(happening(result));
     };
-    thread::Builder::new().name("prepare".to_owned()).spawn(work)?;
+    thread::Builder::new().name(name.to_owned()).spawn(whole)?;
     Ok(())
 }
 
-fn prepared(config: Config) -> anyhow::Result<Generation> {
+fn prepared(config: Config) -> anyhow::Result<Arc<Generation>> {
     Generation::prepare(config, |rod| {
         tracing::info!("preparing rod {rod}");
         |_, _| ()
     })
+    .map(Arc::new)
 }
 
 /// Begins a reload; whether one is under way.

@@ -91,6 +91,17 @@ impl Running {
         self.generation = generation;
     }
 
+    /// Whether everything that is to run does.
+    ///
+    /// # Errors
+    /// The reader ended by itself: nothing would be read any more.
+    pub fn check(&self) -> Result<(), Broken> {
+        if self.reader.is_finished() && !self.ending.drain.load(Ordering::Relaxed) {
+            return Err(Broken::Panicked("the reader ended by itself".to_owned()));
+        }
+        Ok(())
+    }
+
     /// Stops reading, lets what was read come to its end, and closes the store; what takes too long is read again at the
     /// next start.
     ///

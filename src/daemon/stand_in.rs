@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, Sender, SyncSender, channel};
-use std::thread;
+use std::thread::{self, JoinHandle};
 use std::time::{Duration, UNIX_EPOCH};
 
 /// How often the folder is looked at.
@@ -22,6 +22,7 @@ const LOOK: Duration = Duration::from_millis(100);
 pub struct Reader {
     stop: Arc<AtomicBool>,
     reloads: Sender<Arc<Generation>>,
+    thread: Option<JoinHandle<()>>,
 }
 
 struct Reading {
@@ -48,7 +49,12 @@ impl Reader {
         let (reloads, receiver) = channel();
         let stop: Arc<AtomicBool> = Arc::default();
         let Some(folder) = generation.config.ingest.folder.clone() else {
-            return Ok(Self { stop, reloads });
+            caught_up.store(true, Ordering::Relaxed);
+            return Ok(Self {
+                stop,
+                reloads,
+                thread: None,
+            });
         };
         let mut reading = Reading {
             folder,
@@ -59,10 +65,14 @@ impl Reader {
             stop: Arc::clone(&stop),
             caught_up,
         };
-        thread::Builder::new()
+        let thread = thread::Builder::new()
             .name("reader".to_owned())
             .spawn(move || reading.run())?;
-        Ok(Self { stop, reloads })
+        Ok(Self {
+            stop,
+            reloads,
+            thread: Some(thread),
+        })
     }
 
     /// Goes on with another configuration.
@@ -72,8 +82,13 @@ impl Reader {
     }
 
     /// Stops without finishing anything.
-    pub fn stop(&self) {
+    pub fn stop(self) {
         self.stop.store(true, Ordering::Relaxed);
+    }
+
+    /// Whether its thread ended.
+    pub fn is_finished(&self) -> bool {
+        self.thread.as_ref().is_some_and(JoinHandle::is_finished)
     }
 }
 

@@ -295,7 +295,10 @@ impl Core {
                     warn_of_renewed(&site);
                     self.site = Some(site);
                 }
-                Err(error) if error.is_disk_full() => self.wait_for_room(&error)?,
+                Err(error) if error.is_disk_full() => {
+                    self.wait_for_room(&error, 0)?;
+                    self.health.over(Fault::DiskFull, &self.about());
+                }
                 Err(error) => return Err(error.into()),
             }
         }
@@ -342,32 +345,45 @@ impl Core {
     /// the store then, so both are read from the disk anew. Records the store has are known by content, so nothing is
     /// taken twice.
     fn durable<T>(&mut self, mut act: impl FnMut(&mut Site) -> Result<T, StoreError>) -> Result<T, Broken> {
+        let mut tries = 0;
         loop {
             let Some(site) = &mut self.site else {
                 return Err(Broken::Stopping);
             };
             match act(site) {
-                Ok(value) => return Ok(value),
-                Err(error) if error.is_disk_full() => self.wait_for_room(&error)?,
+                Ok(value) => {
+                    if tries > 0 {
+                        self.health.over(Fault::DiskFull, &self.about());
+                    }
+                    return Ok(value);
+                }
+                Err(error) if error.is_disk_full() => self.wait_for_room(&error, tries)?,
                 Err(error) => return Err(error.into()),
             }
+            tries += 1;
         }
     }
 
-    fn wait_for_room(&mut self, error: &StoreError) -> Result<(), Broken> {
-        let about = self.store.display().to_string();
-        self.health.hold(
-            Fault::DiskFull,
-            &about,
-            format_args!("{about}: no room on the disk ({error}); nothing is lost, work goes on when there is room again"),
+    /// Gives up trackers and store, and opens them again when there is room; longer after each try that was in vain.
+    fn wait_for_room(&mut self, error: &StoreError, tries: u32) -> Result<(), Broken> {
+        let about = self.about();
+        let waits = format_args!(
+            "{about}: no room on the disk ({error}); nothing is lost, work goes on when there is"
         );
+        self.health.hold(Fault::DiskFull, &about, waits);
         self.site = None;
+        let mut looks = 1 << tries.min(6);
         loop {
             if self.stopping.load(Ordering::Relaxed) {
                 return Err(Broken::Stopping);
             }
             (self.tell)(Word::Alive);
             thread::sleep(LOOK);
+            looks -= 1;
+            if looks > 0 {
+                continue;
+            }
+            looks = 1;
             if room(&self.store) < ROOM {
                 continue;
             }
@@ -376,15 +392,19 @@ impl Core {
                 Ok(site) if site.store().moved_aside().is_some() => return Err(Broken::Damaged),
                 Ok(site) => {
                     self.site = Some(site);
-                    self.health.over(Fault::DiskFull, &about);
                     return Ok(());
                 }
                 // Somebody acknowledges an alarm meanwhile.
-                Err(StoreError::Held { .. }) => {}
-                Err(error) if error.is_disk_full() => {}
+                Err(error @ StoreError::Held { .. }) => self.health.hold(Fault::DiskFull, &about, error),
+                Err(error) if error.is_disk_full() => looks = 1 << 6,
                 Err(error) => return Err(error.into()),
             }
         }
+    }
+
+    /// What a condition of the store is about.
+    fn about(&self) -> String {
+        self.store.display().to_string()
     }
 }
 

@@ -109,28 +109,27 @@ impl Running {
     /// The core could not go on.
     pub fn drain(self, happenings: &Receiver<Happening>) -> Result<(), Broken> {
         let deadline = Instant::now() + DRAIN;
-        self.reader.stop();
         self.ending.drain.store(true, Ordering::Relaxed);
-        let result = loop {
+        self.suspects.stand_down();
+        self.reader.stop();
+        loop {
             let left = deadline.saturating_duration_since(Instant::now());
             match happenings.recv_timeout(left) {
-                Ok(Happening::Ended(result)) => break result,
+                Ok(Happening::Ended(result)) => return result,
                 Ok(_) => {}
                 Err(_) => {
                     tracing::warn!("some records are still analysed: they are read again at the next start");
                     self.ending.give_up.store(true, Ordering::Relaxed);
-                    break Ok(());
+                    return Ok(());
                 }
             }
-        };
-        self.suspects.stand_down();
-        result
+        }
     }
 
     /// The work loop came to its end by itself.
     pub fn abandon(self) {
-        self.reader.stop();
         self.suspects.stand_down();
+        self.reader.stop();
     }
 }
 

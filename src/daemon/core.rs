@@ -1,15 +1,16 @@
 //! The one thread that owns trackers and store: takes what comes out of the pipeline, in order, and makes it durable.
 
+use super::opening::{open_site, warn_of_renewed};
 use super::retention::Retention;
 use super::silence::Silence;
 use super::{Generation, Job};
 use crate::outcome::Outcome;
 use crate::record::Rejection;
 use crate::record::{RodId, Timestamp};
-use crate::site::{self, Note, Site, Taken};
+use crate::site::{Note, Site, Taken};
 use crate::source::{SourceError, Summary};
 use crate::step::{Analysed, Passed, Place};
-use crate::store::{Durability, FileMark, Store, StoreError};
+use crate::store::{FileMark, StoreError};
 use crate::telemetry::{Fault, Health};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -21,8 +22,6 @@ use std::time::{Duration, Instant, SystemTime};
 const ROOM: u64 = 8 << 20;
 /// How often a full disk is looked at.
 const LOOK: Duration = Duration::from_millis(250);
-/// How long another process may have the store when the daemon starts.
-const PATIENCE: Duration = Duration::from_secs(2);
 
 /// What comes out of the pipeline.
 pub enum Done {
@@ -84,77 +83,6 @@ pub struct Core {
     health: Arc<Health>,
     stopping: Arc<AtomicBool>,
     tell: Box<dyn Fn(Word<'_>) + Send>,
-}
-
-/// Opens the store and goes on where it left off.
-///
-/// # Errors
-/// As [`Store::open`] and [`Site::open`].
-pub fn open_site(path: &Path, generation: &Generation, health: &Health) -> Result<Site, StoreError> {
-    let store = Store::open(path, Durability::Full)?;
-    if let Some(aside) = store.moved_aside() {
-        health.hold(
-            Fault::StoreDamaged,
-            &path.display().to_string(),
-            format_args!(
-                "the store was damaged and is now {}; a new one is begun from the recordings and journal parts that are there; \
-                 acknowledgements and baselines asked for must be repeated",
-                aside.display()
-            ),
-        );
-    }
-    let name = &generation.config.site;
-    let others = site::others_in(&store, name)?;
-    if !others.is_empty() {
-        let others = others.join(", ");
-        tracing::warn!(
-            "{} holds records of {others}; those of {name} are added to it",
-            path.display()
-        );
-    }
-    let site = Site::open(
-        generation.track_plans.iter().cloned(),
-        store,
-        generation.provenance(),
-    )?;
-    warn_of_renewed(&site);
-    Ok(site)
-}
-
-/// As [`open_site`] of the configuration's store, but waits while the disk is full, and for a moment for another process:
-/// `tirante ack` has the store for one.
-///
-/// # Errors
-/// Another process keeps the store, or it cannot be opened.
-pub fn open_patiently(generation: &Generation, health: &Health) -> Result<Site, StoreError> {
-    // A daemon's configuration names one.
-    let path = generation.config.store.path.clone().unwrap_or_default();
-    let about = path.display().to_string();
-    let deadline = Instant::now() + PATIENCE;
-    loop {
-        match open_site(&path, generation, health) {
-            Ok(site) => {
-                health.over(Fault::DiskFull, &about);
-                return Ok(site);
-            }
-            Err(StoreError::Held { .. }) if Instant::now() < deadline => {}
-            Err(error) if error.is_disk_full() => {
-                let detail = format_args!("{about}: no room on the disk ({error}); waiting for it");
-                health.hold(Fault::DiskFull, &about, detail);
-            }
-            Err(error) => return Err(error),
-        }
-        thread::sleep(LOOK);
-    }
-}
-
-fn warn_of_renewed(site: &Site) {
-    for (rod, segment) in site.renewed() {
-        tracing::warn!(
-            "the settings of {rod} changed: its new records begin a new baseline (segment {segment}); records kept before are \
-             not analysed again"
-        );
-    }
 }
 
 impl Core {

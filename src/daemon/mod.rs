@@ -5,6 +5,7 @@
 pub mod core;
 pub mod generation;
 pub mod job;
+mod opening;
 mod pipe;
 mod restart;
 mod retention;
@@ -140,7 +141,7 @@ fn load(options: &Options) -> Result<Config, ConfigError> {
 fn open(config: Config, health: Arc<Health>, tell: Sender<Happening>) -> io::Result<()> {
     let work = move || {
         let generation = prepared(config)?;
-        let site = core::open_patiently(&generation, &health)?;
+        let site = opening::open_patiently(&generation, &health)?;
         Ok((generation, Box::new(site)))
     };
     beside("open", tell, work, Happening::Opened)

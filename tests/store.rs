@@ -304,7 +304,7 @@ fn a_newer_format_is_refused_by_name_and_left_alone() {
     fill(&mut open(&path), 0..3);
     Connection::open(&path)
         .unwrap()
-        .pragma_update(None, "user_version", 2)
+        .pragma_update(None, "user_version", 3)
         .unwrap();
     let before = std::fs::read(&path).unwrap();
     for error in [
@@ -316,8 +316,8 @@ fn a_newer_format_is_refused_by_name_and_left_alone() {
             matches!(
                 error,
                 StoreError::Newer {
-                    found: 2,
-                    known: 1,
+                    found: 3,
+                    known: 2,
                     ..
                 }
             ),
@@ -325,7 +325,7 @@ fn a_newer_format_is_refused_by_name_and_left_alone() {
         );
         let text = error.to_string();
         assert!(
-            text.contains("format 2") && text.contains(env!("CARGO_PKG_VERSION")),
+            text.contains("format 3") && text.contains(env!("CARGO_PKG_VERSION")),
             "{text}"
         );
     }

@@ -10,7 +10,8 @@ use std::process::ExitCode;
 
 /// Acknowledges alarms: they are no longer told again, and end when their condition ends.
 ///
-/// At once if nothing writes to the store; else the running `replay` or `run` does so before the rod's next record.
+/// At once if nothing writes to the store; else a running `run` does so within seconds, a running `replay` before the rod's
+/// next record.
 #[derive(Debug, Clone, clap::Args)]
 #[command(
     group = clap::ArgGroup::new("which alarms").required(true).args(["alarms", "rod", "all"]),

@@ -92,7 +92,7 @@ pub fn ask(path: &Path, requests: &[(RodId, Asked)], asked: Timestamp) -> anyhow
                 |pid| format!("process {pid}"),
             );
             return Ok(format!(
-                "asked for, {writer} does it before the rod's next record"
+                "asked for, {writer} does it: a daemon within seconds, a replay before the rod's next record"
             ));
         }
         Err(error) => return Err(error.into()),

@@ -1,15 +1,16 @@
 //! The one thread that owns trackers and store: takes what comes out of the pipeline, in order, and makes it durable.
 
+use super::opening::{open_site, warn_of_renewed};
 use super::retention::Retention;
 use super::silence::Silence;
 use super::{Generation, Job};
 use crate::outcome::Outcome;
 use crate::record::Rejection;
 use crate::record::{RodId, Timestamp};
-use crate::site::{self, Note, Site, Taken};
+use crate::site::{Note, Site, Taken};
 use crate::source::{SourceError, Summary};
 use crate::step::{Analysed, Passed, Place};
-use crate::store::{Durability, FileMark, Store, StoreError};
+use crate::store::{FileMark, StoreError};
 use crate::telemetry::{Fault, Health};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -21,8 +22,6 @@ use std::time::{Duration, Instant, SystemTime};
 const ROOM: u64 = 8 << 20;
 /// How often a full disk is looked at.
 const LOOK: Duration = Duration::from_millis(250);
-/// How long another process may have the store when the daemon starts.
-const PATIENCE: Duration = Duration::from_secs(2);
 
 /// What comes out of the pipeline.
 pub enum Done {
@@ -68,7 +67,7 @@ pub enum Broken {
     #[error("the store was damaged while the disk was full; a restart reads everything again")]
     Damaged,
     /// A fault of the program.
-    #[error("the work loop broke, please report it: {0}")]
+    #[error("the program broke, please report it: {0}")]
     Panicked(String),
 }
 
@@ -84,77 +83,6 @@ pub struct Core {
     health: Arc<Health>,
     stopping: Arc<AtomicBool>,
     tell: Box<dyn Fn(Word<'_>) + Send>,
-}
-
-/// Opens the store and goes on where it left off.
-///
-/// # Errors
-/// As [`Store::open`] and [`Site::open`].
-pub fn open_site(path: &Path, generation: &Generation, health: &Health) -> Result<Site, StoreError> {
-    let store = Store::open(path, Durability::Full)?;
-    if let Some(aside) = store.moved_aside() {
-        health.hold(
-            Fault::StoreDamaged,
-            &path.display().to_string(),
-            format_args!(
-                "the store was damaged and is now {}; a new one is begun from the recordings and journal parts that are there; \
-                 acknowledgements and baselines asked for must be repeated",
-                aside.display()
-            ),
-        );
-    }
-    let name = &generation.config.site;
-    let others = site::others_in(&store, name)?;
-    if !others.is_empty() {
-        let others = others.join(", ");
-        tracing::warn!(
-            "{} holds records of {others}; those of {name} are added to it",
-            path.display()
-        );
-    }
-    let site = Site::open(
-        generation.track_plans.iter().cloned(),
-        store,
-        generation.provenance(),
-    )?;
-    warn_of_renewed(&site);
-    Ok(site)
-}
-
-/// As [`open_site`] of the configuration's store, but waits while the disk is full, and for a moment for another process:
-/// `tirante ack` has the store for one.
-///
-/// # Errors
-/// Another process keeps the store, or it cannot be opened.
-pub fn open_patiently(generation: &Generation, health: &Health) -> Result<Site, StoreError> {
-    // A daemon's configuration names one.
-    let path = generation.config.store.path.clone().unwrap_or_default();
-    let about = path.display().to_string();
-    let deadline = Instant::now() + PATIENCE;
-    loop {
-        match open_site(&path, generation, health) {
-            Ok(site) => {
-                health.over(Fault::DiskFull, &about);
-                return Ok(site);
-            }
-            Err(StoreError::Held { .. }) if Instant::now() < deadline => {}
-            Err(error) if error.is_disk_full() => {
-                let detail = format_args!("{about}: no room on the disk ({error}); waiting for it");
-                health.hold(Fault::DiskFull, &about, detail);
-            }
-            Err(error) => return Err(error),
-        }
-        thread::sleep(LOOK);
-    }
-}
-
-fn warn_of_renewed(site: &Site) {
-    for (rod, segment) in site.renewed() {
-        tracing::warn!(
-            "the settings of {rod} changed: its new records begin a new baseline (segment {segment}); records kept before are \
-             not analysed again"
-        );
-    }
 }
 
 impl Core {
@@ -295,7 +223,10 @@ impl Core {
                     warn_of_renewed(&site);
                     self.site = Some(site);
                 }
-                Err(error) if error.is_disk_full() => self.wait_for_room(&error)?,
+                Err(error) if error.is_disk_full() => {
+                    self.wait_for_room(&error, 0)?;
+                    self.health.over(Fault::DiskFull, &self.about());
+                }
                 Err(error) => return Err(error.into()),
             }
         }
@@ -342,32 +273,45 @@ impl Core {
     /// the store then, so both are read from the disk anew. Records the store has are known by content, so nothing is
     /// taken twice.
     fn durable<T>(&mut self, mut act: impl FnMut(&mut Site) -> Result<T, StoreError>) -> Result<T, Broken> {
+        let mut tries = 0;
         loop {
             let Some(site) = &mut self.site else {
                 return Err(Broken::Stopping);
             };
             match act(site) {
-                Ok(value) => return Ok(value),
-                Err(error) if error.is_disk_full() => self.wait_for_room(&error)?,
+                Ok(value) => {
+                    if tries > 0 {
+                        self.health.over(Fault::DiskFull, &self.about());
+                    }
+                    return Ok(value);
+                }
+                Err(error) if error.is_disk_full() => self.wait_for_room(&error, tries)?,
                 Err(error) => return Err(error.into()),
             }
+            tries += 1;
         }
     }
 
-    fn wait_for_room(&mut self, error: &StoreError) -> Result<(), Broken> {
-        let about = self.store.display().to_string();
-        self.health.hold(
-            Fault::DiskFull,
-            &about,
-            format_args!("{about}: no room on the disk ({error}); nothing is lost, work goes on when there is room again"),
+    /// Gives up trackers and store, and opens them again when there is room; longer after each try that was in vain.
+    fn wait_for_room(&mut self, error: &StoreError, tries: u32) -> Result<(), Broken> {
+        let about = self.about();
+        let waits = format_args!(
+            "{about}: no room on the disk ({error}); nothing is lost, work goes on when there is"
         );
+        self.health.hold(Fault::DiskFull, &about, waits);
         self.site = None;
+        let mut looks = 1 << tries.min(6);
         loop {
             if self.stopping.load(Ordering::Relaxed) {
                 return Err(Broken::Stopping);
             }
             (self.tell)(Word::Alive);
             thread::sleep(LOOK);
+            looks -= 1;
+            if looks > 0 {
+                continue;
+            }
+            looks = 1;
             if room(&self.store) < ROOM {
                 continue;
             }
@@ -376,15 +320,19 @@ impl Core {
                 Ok(site) if site.store().moved_aside().is_some() => return Err(Broken::Damaged),
                 Ok(site) => {
                     self.site = Some(site);
-                    self.health.over(Fault::DiskFull, &about);
                     return Ok(());
                 }
                 // Somebody acknowledges an alarm meanwhile.
-                Err(StoreError::Held { .. }) => {}
-                Err(error) if error.is_disk_full() => {}
+                Err(error @ StoreError::Held { .. }) => self.health.hold(Fault::DiskFull, &about, error),
+                Err(error) if error.is_disk_full() => looks = 1 << 6,
                 Err(error) => return Err(error.into()),
             }
         }
+    }
+
+    /// What a condition of the store is about.
+    fn about(&self) -> String {
+        self.store.display().to_string()
     }
 }
 

@@ -8,6 +8,7 @@ pub mod generation;
 pub mod job;
 mod live;
 pub mod notify;
+mod opening;
 mod pipe;
 pub mod reader;
 mod restart;
@@ -24,11 +25,14 @@ pub use job::Job;
 use crate::config::{Config, ConfigError, Setting};
 use crate::http;
 use crate::ingest::Listener;
+use crate::pipeline::message_of;
 use crate::site::Site;
 use crate::telemetry::{Fault, Health, Phase, Telemetry};
 use live::Bound;
 use notify::Watchdog;
 use running::Running;
+use std::io;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -40,6 +44,9 @@ use tokio::sync::watch;
 
 /// How long preparing may take before systemd gives up: emulators are fitted, every row of the store is checked.
 const STARTING: Duration = Duration::from_secs(600);
+
+/// How often the threads are looked after.
+const LOOK: Duration = Duration::from_secs(1);
 
 /// What a daemon is started with.
 #[derive(Debug, Clone)]
@@ -59,9 +66,9 @@ enum Happening {
     /// SIGHUP.
     Reload,
     /// The first configuration is prepared and the store is open, or cannot be.
-    Opened(anyhow::Result<(Arc<Generation>, Site)>),
+    Opened(anyhow::Result<(Arc<Generation>, Box<Site>)>),
     /// Another configuration is prepared, or cannot be.
-    Prepared(anyhow::Result<Generation>),
+    Prepared(anyhow::Result<Arc<Generation>>),
     /// Something without which the daemon cannot go on.
     Failed(anyhow::Error),
     /// The work loop came to its end.
@@ -145,8 +152,14 @@ impl Daemon<'_> {
         let mut running: Option<Running> = None;
         // One configuration is prepared at a time; a SIGHUP meanwhile is answered after it.
         let (mut is_preparing, mut is_asked_again) = (true, false);
-        // `tell` outlives this: the channel never closes before the loop is left.
-        while let Ok(happening) = happenings.recv() {
+        loop {
+            let happening = match happenings.recv_timeout(LOOK) {
+                Ok(happening) => happening,
+                Err(_) => {
+                    running.as_ref().map_or(Ok(()), Running::check)?;
+                    continue;
+                }
+            };
             match happening {
                 Happening::Stop => {
                     tracing::info!("stopping");
@@ -161,7 +174,7 @@ impl Daemon<'_> {
                     let (generation, site) = opened?;
                     let bound = bound.take().unwrap_or_default();
                     let status = format!("{}: {} rods", generation.config.site, generation.plans.len());
-                    let begun = Running::start(generation, site, options, bound, runtime, telemetry, tell)?;
+                    let begun = Running::start(generation, *site, options, bound, runtime, telemetry, tell)?;
                     running = Some(begun);
                     telemetry.enter(Phase::Serving);
                     notify::ready(&status);
@@ -170,7 +183,7 @@ impl Daemon<'_> {
                 }
                 Happening::Prepared(prepared) => {
                     match (prepared, &mut running) {
-                        (Ok(generation), Some(running)) => running.reload(Arc::new(generation)),
+                        (Ok(generation), Some(running)) => running.reload(generation),
                         (Ok(_), None) => {}
                         (Err(error), _) => keep_old(health, &error),
                     }
@@ -192,7 +205,6 @@ impl Daemon<'_> {
                 }
             }
         }
-        Ok(ExitCode::SUCCESS)
     }
 }
 
@@ -211,33 +223,45 @@ fn load(options: &Options) -> Result<Config, ConfigError> {
 
 /// Prepares the first configuration and opens the store, on a thread of its own: both may take long, and signals are
 /// answered meanwhile.
-fn open(config: Config, health: Arc<Health>, tell: Sender<Happening>) -> std::io::Result<()> {
+fn open(config: Config, health: Arc<Health>, tell: Sender<Happening>) -> io::Result<()> {
     let work = move || {
-        let opened = prepared(config).and_then(|generation| {
-            let site = core::open_patiently(&generation, &health)?;
-            Ok((Arc::new(generation), site))
-        });
-        // Nobody listens any more if the daemon stops.
-        let _ = tell.send(Happening::Opened(opened));
+        let generation = prepared(config)?;
+        let site = opening::open_patiently(&generation, &health)?;
+        Ok((generation, Box::new(site)))
     };
-    thread::Builder::new().name("open".to_owned()).spawn(work)?;
-    Ok(())
+    beside("open", tell, work, Happening::Opened)
 }
 
 /// Prepares another configuration on a thread of its own.
-fn prepare(config: Config, tell: Sender<Happening>) -> std::io::Result<()> {
-    let work = move || {
-        let _ = tell.send(Happening::Prepared(prepared(config)));
+fn prepare(config: Config, tell: Sender<Happening>) -> io::Result<()> {
+    beside("prepare", tell, || prepared(config), Happening::Prepared)
+}
+
+/// Does some work on a thread called `name` and tells what came of it, whatever that is.
+fn beside<T: 'static>(
+    name: &str,
+    tell: Sender<Happening>,
+    work: impl FnOnce() -> anyhow::Result<T> + Send + 'static,
+    happening: fn(anyhow::Result<T>) -> Happening,
+) -> io::Result<()> {
+    let whole = move || {
+        let result = catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(|panic| {
+            let detail = message_of(&*panic);
+            Err(anyhow::anyhow!("the program broke, please report it: {detail}"))
+        });
+        // Nobody listens any more if the daemon stops.
+        let _ = tell.send(happening(result));
     };
-    thread::Builder::new().name("prepare".to_owned()).spawn(work)?;
+    thread::Builder::new().name(name.to_owned()).spawn(whole)?;
     Ok(())
 }
 
-fn prepared(config: Config) -> anyhow::Result<Generation> {
+fn prepared(config: Config) -> anyhow::Result<Arc<Generation>> {
     Generation::prepare(config, |rod| {
         tracing::info!("preparing rod {rod}");
         |_, _| ()
     })
+    .map(Arc::new)
 }
 
 /// Begins a reload; whether one is under way.

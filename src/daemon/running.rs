@@ -125,6 +125,17 @@ impl Running {
         self.generation = generation;
     }
 
+    /// Whether everything that is to run does.
+    ///
+    /// # Errors
+    /// The reader ended by itself: nothing would be read any more.
+    pub fn check(&self) -> Result<(), Broken> {
+        if self.reader.is_finished() && !self.ending.drain.load(Ordering::Relaxed) {
+            return Err(Broken::Panicked("the reader ended by itself".to_owned()));
+        }
+        Ok(())
+    }
+
     /// Stops listening and reading, lets what was read come to its end, and closes the store; what takes too long is read
     /// again at the next start.
     ///
@@ -133,8 +144,9 @@ impl Running {
     pub fn drain(self, runtime: &Runtime, happenings: &Receiver<Happening>) -> Result<(), Broken> {
         let deadline = Instant::now() + DRAIN;
         self.live.hang_up();
-        self.reader.stop();
         self.ending.drain.store(true, Ordering::Relaxed);
+        self.suspects.stand_down();
+        self.reader.stop();
         self.live.stop(runtime);
         let result = loop {
             let left = deadline.saturating_duration_since(Instant::now());
@@ -149,7 +161,6 @@ impl Running {
             }
         };
         stop(self.couriers);
-        self.suspects.stand_down();
         result
     }
 
@@ -157,10 +168,10 @@ impl Running {
     pub fn abandon(self, runtime: &Runtime) {
         self.live.hang_up();
         self.ending.drain.store(true, Ordering::Relaxed);
+        self.suspects.stand_down();
         self.reader.stop();
         self.live.stop(runtime);
         stop(self.couriers);
-        self.suspects.stand_down();
     }
 }
 

@@ -133,9 +133,10 @@ impl Suspects {
         }
     }
 
-    /// The process ends in order: what is still at work did not end it.
+    /// The process is about to end in order: what is still at work did not end it, and nobody waits any more.
     pub fn stand_down(&self) {
         self.lock().is_over = true;
+        self.changed.notify_all();
         // Nothing can be done about a failure: at worst a step is tried alone.
         let _ = self.working.set_len(0);
     }
@@ -149,7 +150,7 @@ impl Suspects {
         let (mut inner, _) = self
             .changed
             .wait_timeout_while(self.lock(), PATIENCE, |inner| {
-                inner.is_alone || (is_suspect && inner.busy > 0)
+                !inner.is_over && (inner.is_alone || (is_suspect && inner.busy > 0))
             })
             .unwrap_or_else(PoisonError::into_inner);
         let is_alone = is_suspect && inner.busy == 0;

@@ -472,6 +472,55 @@ fn parts_rotate_by_size_and_go_when_their_results_are_kept() {
 }
 
 #[test]
+fn a_blank_end_after_a_power_cut_is_a_torn_end() {
+    let bytes = measured(12_000);
+    let sent = sent(&bytes);
+    let folder = tempfile::tempdir().unwrap();
+    let (alive, dead) = (folder.path().join("alive"), folder.path().join("dead"));
+    let (journal, _) = start(&alive);
+    block_on(async {
+        let mut line = journal.handle().connect(Some("laser")).await.unwrap();
+        for to in (20..=100).step_by(20) {
+            send(&mut line, &sent, to - 20, to, 10).await.unwrap();
+            durable(&line, to as u64).await;
+        }
+        copy(&alive, &dead);
+    });
+    drop(journal);
+    let path = part::path(&dead, 1);
+    let mut content = fs::read(&path).unwrap();
+    let blank = content.len() * 3 / 4;
+    // The chunk in which the blank begins is damaged; one that begins in it is not there.
+    content.truncate(blank);
+    let whole = whole_records(&content);
+    content.truncate(whole);
+    content.resize(whole + 10_000, 0);
+    fs::write(&path, content).unwrap();
+    let (journal, health) = start(&dead);
+    block_on(send_all(&journal.handle(), Some("laser"), &sent, End::Complete));
+    journal.stop();
+    assert_eq!(health.count(Fault::Recording), 0);
+    let (events, faults) = replay(&dead, &laser(), &windows(11.0));
+    assert_eq!(events, direct(&bytes, &laser(), &windows(11.0)));
+    assert_eq!(faults, Vec::<String>::new());
+}
+
+/// Bytes up to the end of the last whole record of an MCAP file.
+fn whole_records(bytes: &[u8]) -> usize {
+    let mut at = 8;
+    loop {
+        let Some(head) = bytes.get(at + 1..at + 9) else {
+            return at;
+        };
+        let length = u64::from_le_bytes(head.try_into().unwrap()) as usize;
+        if at + 9 + length > bytes.len() {
+            return at;
+        }
+        at += 9 + length;
+    }
+}
+
+#[test]
 fn a_missing_part_is_told_and_records_end_there() {
     let bytes = measured(20_000);
     let sent = sent(&bytes);

@@ -191,6 +191,8 @@ struct JournalLane {
     series: Series,
     handle: journal::Handle,
     quarantined: Option<(u32, String)>,
+    /// The damaged part for which another one was asked.
+    rotated: Option<u32>,
 }
 
 /// The daemon stops, or whoever took the jobs is gone.
@@ -270,6 +272,7 @@ impl Work {
                 series,
                 handle: source.handle,
                 quarantined: None,
+                rotated: None,
             }
         });
         Self {
@@ -365,7 +368,15 @@ impl Work {
             SeriesPoll::Event(event, place) => self.send_event(event, place)?,
             SeriesPoll::More => {}
             SeriesPoll::Part(end) => self.end_part(*end)?,
-            SeriesPoll::Wait | SeriesPoll::End => return Ok(false),
+            SeriesPoll::Wait => {
+                let stuck = lane.series.stuck_in();
+                if stuck > lane.rotated {
+                    lane.handle.rotate();
+                    lane.rotated = stuck;
+                }
+                return Ok(false);
+            }
+            SeriesPoll::End => return Ok(false),
         }
         Ok(true)
     }

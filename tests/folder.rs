@@ -235,13 +235,13 @@ fn only_regular_recordings_under_the_folder_are_read_whatever_their_name() {
 fn a_growing_file_is_followed_ended_when_it_settles_and_read_again_when_it_grows() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("grows.mcap");
-    let mut run = Run::folder(folder.path(), 2.0);
+    let samples = motion(10_000);
+    let mut run = Run::folder(folder.path(), 5.0);
     let file = File::create(&path).unwrap();
     let mut writer = RecordingWriter::new(file, WriterOptions::default()).unwrap();
     let id = writer
         .add_channel(spec("/laser", Encoding::Json, LAYOUT))
         .unwrap();
-    let samples = motion(10_000);
     let mut write = |from: usize, to: usize| {
         let start = START.plus_seconds(from as f64 / FS);
         writer.write_samples(id, start, FS, &samples[from..to]).unwrap();
@@ -329,7 +329,7 @@ fn a_file_without_permission_is_named_and_does_not_stop_the_others() {
     let folder = tempfile::tempdir().unwrap();
     let locked = folder.path().join("locked.mcap");
     fs::write(&locked, measured(0.0, 20.0)).unwrap();
-    fs::set_permissions(&locked, fs::Permissions::from_mode(0)).unwrap();
+    fs::set_permissions(&locked, fs::Permissions::from_mode(0o0)).unwrap();
     if File::open(&locked).is_ok() {
         return eprintln!("skipped: this user may read everything");
     }
@@ -439,7 +439,7 @@ fn send(live: &Live, bytes: &[u8], rotate_every: usize, end: bool) {
                 vec![content]
             };
             line.append(Batch { entries, through }).await.unwrap();
-            if through as usize % rotate_every == 0 {
+            if (through as usize).is_multiple_of(rotate_every) {
                 live.journal.handle().rotate();
             }
         }
@@ -457,7 +457,7 @@ fn a_restart_at_any_job_gives_the_same_records() {
     let live = journal(folder.path());
     // Windows of 10 s, parts of 6.25 s: every part but the first begins in the middle of a record.
     send(&live, &measured(0.0, 65.0), 25, true);
-    let mut run = Run::of(
+    let run = Run::of(
         sources(&live, None),
         Remembered::default(),
         live.journal.bell(),

@@ -14,6 +14,7 @@ use std::ffi::{OsStr, OsString};
 use std::fs::{self, File, Metadata};
 use std::io::{self, Read, Seek, SeekFrom};
 use std::os::unix::ffi::OsStrExt;
+use std::os::unix::fs::MetadataExt;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -71,6 +72,8 @@ struct Lane {
     /// As it was when reading began, or when it was last seen to grow.
     stamp: Stamp,
     grew: Instant,
+    /// Whether another file has its name now.
+    is_replaced: bool,
     quarantined: Option<String>,
 }
 
@@ -237,13 +240,17 @@ impl Folder {
     }
 
     fn found(&mut self, name: &OsStr, stamp: Stamp, data: &Metadata) {
+        if let Some(lane) = self.growing.iter_mut().find(|lane| lane.name == name) {
+            let same = |open: Metadata| (open.dev(), open.ino()) == (data.dev(), data.ino());
+            lane.is_replaced = !lane.file.metadata().is_ok_and(same);
+            return;
+        }
         let is_read = |lane: &Lane| lane.name == name;
         let is_waiting = self.failed.get(name).is_some_and(|until| Instant::now() < *until);
         if self.done.get(name) == Some(&stamp)
             || self.queued.contains_key(name)
             || is_waiting
             || self.finished.as_ref().is_some_and(is_read)
-            || self.growing.iter().any(is_read)
         {
             return;
         }
@@ -324,6 +331,7 @@ impl Folder {
             is_live,
             stamp,
             grew: Instant::now(),
+            is_replaced: false,
             quarantined: None,
         })
     }
@@ -384,7 +392,7 @@ impl Lane {
             self.stamp = now;
             self.grew = Instant::now();
         }
-        if shrank || self.grew.elapsed() >= settle {
+        if shrank || self.is_replaced || self.grew.elapsed() >= settle {
             self.recording.give_up();
             return LaneStep::More;
         }

@@ -31,10 +31,13 @@ const MOST_DEATHS: u32 = 2;
 /// The name the store keeps the journal's [`Carry`] under.
 pub const JOURNAL: &str = "journal";
 
+/// Takes note of what is worked on.
+pub type TakeNote = Box<dyn FnMut(Option<&str>) + Send>;
+
 /// Whom the reader tells what it works on, so that an end of the program can be laid to it.
 pub struct Watch {
     /// Notes what is worked on; `None` when it went well.
-    pub working_on: Box<dyn FnMut(Option<&str>) + Send>,
+    pub working_on: TakeNote,
     /// How often that ended the program.
     pub deaths: Box<dyn Fn(&str) -> u32 + Send>,
 }
@@ -101,6 +104,7 @@ pub struct Reader {
     reloads: Sender<Arc<Generation>>,
     stop: Arc<AtomicBool>,
     bell: Arc<Bell>,
+    caught_up: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
 }
 
@@ -131,6 +135,7 @@ impl Reader {
             watch,
         );
         let wait = Arc::clone(&bell);
+        let caught_up = Arc::clone(&work.caught_up);
         let thread = thread::Builder::new()
             .name("reader".to_owned())
             .spawn(move || work.run(&receiver, &wait, &caught_up))?;
@@ -138,6 +143,7 @@ impl Reader {
             reloads,
             stop,
             bell,
+            caught_up,
             thread: Some(thread),
         })
     }
@@ -148,6 +154,11 @@ impl Reader {
         // A reader that stopped needs no configuration.
         let _ = self.reloads.send(generation);
         self.bell.ring();
+    }
+
+    /// Becomes true when everything there was at the start has been handed on.
+    pub fn caught_up(&self) -> Arc<AtomicBool> {
+        Arc::clone(&self.caught_up)
     }
 
     /// Stops, without finishing anything.
@@ -185,6 +196,7 @@ struct Work {
     jobs: SyncSender<Job>,
     health: Arc<Health>,
     stop: Arc<AtomicBool>,
+    caught_up: Arc<AtomicBool>,
     watch: Watch,
 }
 
@@ -192,6 +204,8 @@ struct JournalLane {
     series: Series,
     handle: journal::Handle,
     quarantined: Option<(u32, String)>,
+    /// The damaged part for which another one was asked.
+    rotated: Option<u32>,
 }
 
 /// The daemon stops, or whoever took the jobs is gone.
@@ -271,6 +285,7 @@ impl Work {
                 series,
                 handle: source.handle,
                 quarantined: None,
+                rotated: None,
             }
         });
         Self {
@@ -281,6 +296,7 @@ impl Work {
             jobs,
             health,
             stop,
+            caught_up: Arc::default(),
             watch,
         }
     }
@@ -291,7 +307,10 @@ impl Work {
             caught_up.store(matches!(turn, Ok(false)), Ordering::Relaxed);
             match turn {
                 Ok(true) => {}
-                Ok(false) => bell.wait(POLL),
+                Ok(false) => {
+                    self.caught_up.store(true, Ordering::Relaxed);
+                    bell.wait(POLL);
+                }
                 Err(Stopped) => return,
             }
         }
@@ -368,7 +387,15 @@ impl Work {
             SeriesPoll::Event(event, place) => self.send_event(event, place)?,
             SeriesPoll::More => {}
             SeriesPoll::Part(end) => self.end_part(*end)?,
-            SeriesPoll::Wait | SeriesPoll::End => return Ok(false),
+            SeriesPoll::Wait => {
+                let stuck = lane.series.stuck_in();
+                if stuck > lane.rotated {
+                    lane.handle.rotate();
+                    lane.rotated = stuck;
+                }
+                return Ok(false);
+            }
+            SeriesPoll::End => return Ok(false),
         }
         Ok(true)
     }

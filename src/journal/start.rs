@@ -4,6 +4,7 @@ use super::note::{Note, Standing, State, TOPIC};
 use super::part;
 use crate::source::Trust;
 use crate::source::mcap::{Item, Progress, Reader};
+use crate::source::series::is_blank;
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io;
@@ -33,7 +34,7 @@ pub(super) fn look(folder: &Path) -> io::Result<Standings> {
         let path = part::path(folder, number);
         let file = File::open(&path)?;
         file.sync_all()?;
-        read(file, &mut found).unwrap_or_else(|damage| {
+        read(&file, &mut found).unwrap_or_else(|damage| {
             found.damage = Some(format!("{}: {damage}", path.display()));
         });
         // One without a single whole chunk says nothing, and nothing in it was acknowledged.
@@ -44,7 +45,7 @@ pub(super) fn look(folder: &Path) -> io::Result<Standings> {
     Ok(found)
 }
 
-fn read(file: File, found: &mut Standings) -> Result<(), String> {
+fn read(file: &File, found: &mut Standings) -> Result<(), String> {
     let mut reader = Reader::new(file, Trust::Unverified, false);
     let mut notes = None;
     loop {
@@ -60,6 +61,8 @@ fn read(file: File, found: &mut Standings) -> Result<(), String> {
         match progress {
             Ok(Progress::More) => {}
             Ok(_) => return Ok(()),
+            // After a power cut the end of a torn part may be blank.
+            Err(_) if is_blank(file, reader.offset()) => return Ok(()),
             Err(damage) => return Err(format!("at byte {}: {}", damage.offset, damage.what)),
         }
     }

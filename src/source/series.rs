@@ -12,6 +12,7 @@ use crate::record::{Event, RecordSettings, RodChannels};
 use crate::step::Place;
 use std::collections::VecDeque;
 use std::fs::File;
+use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::UNIX_EPOCH;
@@ -153,6 +154,12 @@ impl Series {
         Some((open.number, open.offset))
     }
 
+    /// The part that is written now, if nothing more of it can be read: only another part brings data again.
+    pub fn stuck_in(&self) -> Option<u32> {
+        let open = self.open.as_ref()?;
+        (open.ended && open.damage.is_some()).then_some(open.number)
+    }
+
     /// Bytes read of the part that is open.
     pub fn bytes_read(&self) -> u64 {
         self.open.as_ref().map_or(0, |open| open.read)
@@ -203,6 +210,8 @@ impl Series {
                     }
                 }
             }
+            // After a power cut the end of a torn part may be blank.
+            Err(_) if open.is_blank() => open.ended = true,
             Err(damage) => {
                 open.fail(damage);
                 self.lose();
@@ -423,6 +432,13 @@ impl Open {
         }
     }
 
+    fn is_blank(&self) -> bool {
+        match &self.stage {
+            Stage::Reading(file, _) => is_blank(file, self.offset),
+            Stage::Checking(..) | Stage::Failed(_) => false,
+        }
+    }
+
     fn fail(&mut self, Damage { offset, what }: Damage) {
         self.ended = true;
         let damage = format!(
@@ -430,6 +446,19 @@ impl Open {
             self.name
         );
         self.damage = Some(damage);
+    }
+}
+
+/// Whether a file holds nothing but zeros from `offset` on.
+pub fn is_blank(file: &File, from: u64) -> bool {
+    let mut offset = from;
+    let mut buffer = vec![0u8; 1 << 16];
+    loop {
+        match file.read_at(&mut buffer, offset) {
+            Ok(0) => return offset > from,
+            Ok(count) if buffer[..count].iter().all(|byte| *byte == 0) => offset += count as u64,
+            _ => return false,
+        }
     }
 }
 

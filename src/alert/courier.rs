@@ -1,8 +1,8 @@
 //! One thread a sink: takes the next news from the store, sends it, reports that it arrived, for ever.
 
+use super::marks::Marks;
 use super::signal::{Signal, Stopped};
 use super::{Backoff, Failure, Message, Pace, Sink, SinkSettings};
-use crate::daemon::Job;
 use crate::random;
 use crate::store::{Filter, Reader, StoreError};
 use crate::telemetry::{Fault, Health};
@@ -63,6 +63,7 @@ pub(super) struct Errand {
     pub(super) settings: SinkSettings,
     pub(super) site: String,
     pub(super) store: PathBuf,
+    pub(super) marks: Arc<Marks>,
     pub(super) health: Arc<Health>,
 }
 
@@ -274,10 +275,8 @@ impl Courier {
 
     /// The store shall remember what was reached.
     fn report(&self, mark: &str, through: i64) -> Result<(), Stopped> {
-        self.signal.report(Job::Delivered {
-            sink: mark.to_owned(),
-            through,
-        })
+        self.signal
+            .unless_stopped(|| self.errand.marks.put(mark, through))
     }
 }
 

@@ -1,6 +1,7 @@
 //! The couriers of a daemon: started, woken, reloaded and stopped together.
 
 use super::courier::{Courier, Errand, Place};
+use super::marks::Marks;
 use super::signal::Signal;
 use super::{Pace, SinkSettings};
 use crate::daemon::Job;
@@ -17,7 +18,8 @@ const STOP_WITHIN: Duration = Duration::from_millis(100);
 /// All couriers of a daemon.
 pub struct Couriers {
     store: PathBuf,
-    jobs: SyncSender<Job>,
+    marks: Arc<Marks>,
+    marks_ended: Option<Receiver<()>>,
     health: Arc<Health>,
     pace: Pace,
     running: Vec<Running>,
@@ -52,9 +54,19 @@ impl Couriers {
         jobs: SyncSender<Job>,
         health: Arc<Health>,
     ) -> Self {
+        let marks = Arc::<Marks>::default();
+        let marks_ended = match marks.start(jobs) {
+            Ok(ended) => Some(ended),
+            Err(error) => {
+                let detail = format!("what was delivered cannot be remembered, no thread for it: {error}");
+                health.hold(Fault::Sink, "marks", detail);
+                None
+            }
+        };
         let mut couriers = Self {
             store: store.to_owned(),
-            jobs,
+            marks,
+            marks_ended,
             health,
             pace,
             running: Vec::new(),
@@ -79,7 +91,7 @@ impl Couriers {
         let is_same = |courier: &Running| courier.site == site && wanted.contains(&&courier.settings);
         let (mut kept, changed): (Vec<Running>, Vec<Running>) =
             std::mem::take(&mut self.running).into_iter().partition(is_same);
-        let stopped = stop(changed);
+        let stopped = stop(changed, Instant::now() + STOP_WITHIN);
         for (id, _) in &stopped {
             if !wanted.iter().any(|settings| settings.id == *id) {
                 self.health.over(Fault::Sink, id);
@@ -100,20 +112,20 @@ impl Couriers {
         self.running = kept;
     }
 
-    /// Ends them all within 100 ms. One in the middle of a send is left to itself: if its message arrives, it is sent
-    /// again at the next start, with the same id.
-    pub fn stop(self) {
-        stop(self.running);
-    }
+    /// Ends them all within 100 ms, as dropping them does. One in the middle of a send is left to itself: if its
+    /// message arrives, it is sent again at the next start, with the same id. What was delivered is still reported if
+    /// the queue of jobs is read on until it is disconnected.
+    pub fn stop(self) {}
 
     fn spawn(&self, settings: &SinkSettings, site: &str, place: Option<Place>) -> Option<Running> {
-        let signal = Arc::new(Signal::new(self.jobs.clone()));
+        let signal = Arc::new(Signal::default());
         let (ending, ended) = sync_channel(0);
         let id = settings.id.clone();
         let errand = Errand {
             settings: settings.clone(),
             site: site.to_owned(),
             store: self.store.clone(),
+            marks: Arc::clone(&self.marks),
             health: Arc::clone(&self.health),
         };
         let mut courier = Courier::new(errand, self.pace, place, Arc::clone(&signal));
@@ -135,12 +147,23 @@ impl Couriers {
     }
 }
 
-/// Stops couriers; their ids and how far they came.
-fn stop(couriers: Vec<Running>) -> Vec<(String, Option<Place>)> {
+impl Drop for Couriers {
+    fn drop(&mut self) {
+        let until = Instant::now() + STOP_WITHIN;
+        stop(std::mem::take(&mut self.running), until);
+        self.marks.end();
+        if let Some(ended) = &self.marks_ended {
+            // Disconnected: it ended. Else it still waits for a place in the queue.
+            let _ = ended.recv_timeout(until.saturating_duration_since(Instant::now()));
+        }
+    }
+}
+
+/// Stops couriers and waits for them until a moment; their ids and how far they came.
+fn stop(couriers: Vec<Running>, until: Instant) -> Vec<(String, Option<Place>)> {
     for courier in &couriers {
         courier.signal.stop();
     }
-    let until = Instant::now() + STOP_WITHIN;
     for courier in &couriers {
         let left = until.saturating_duration_since(Instant::now());
         if courier.ended.recv_timeout(left) == Err(RecvTimeoutError::Timeout) {

@@ -1,6 +1,6 @@
 //! Alarms that arrive: the outbox delivered to every sink, in order, at least once.
 //!
-//! The store's outbox is the queue. One thread a sink ([`courier`]) reads it beside the writer, sends one piece of news
+//! The store's outbox is the queue. One thread a sink, a courier, reads it beside the writer, sends one piece of news
 //! at a time, and only when the other side has taken it reports the place reached as a [`Job`](crate::daemon::Job). A
 //! sink that fails is tried again for ever and holds up nobody else. docs/sinks.md is the page for operators.
 
@@ -11,6 +11,7 @@ mod couriers;
 pub mod credential;
 mod email;
 mod log;
+mod marks;
 pub mod message;
 mod mqtt;
 mod post;

@@ -1,45 +1,28 @@
-//! How a courier is told of news and of its end, and how it reports.
+//! How a courier is told of news and of its end.
 
 use super::courier::Place;
-use crate::daemon::Job;
-use std::sync::mpsc::{SyncSender, TrySendError};
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
-
-/// How often a full queue of jobs is tried again.
-const AGAIN: Duration = Duration::from_millis(20);
 
 /// Somebody told the courier to stop.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Stopped;
 
 /// Between a courier's thread and whoever started it.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(super) struct Signal {
     inner: Mutex<Inner>,
     changed: Condvar,
 }
 
-#[derive(Debug)]
+#[derive(Debug, Default)]
 struct Inner {
-    /// Where to report; `None` once it is told to stop, so that a courier that hangs in a send keeps no queue open.
-    jobs: Option<SyncSender<Job>>,
+    is_stopped: bool,
     is_woken: bool,
     place: Option<Place>,
 }
 
 impl Signal {
-    pub(super) fn new(jobs: SyncSender<Job>) -> Self {
-        Self {
-            inner: Mutex::new(Inner {
-                jobs: Some(jobs),
-                is_woken: false,
-                place: None,
-            }),
-            changed: Condvar::new(),
-        }
-    }
-
     /// There may be news.
     pub(super) fn wake(&self) {
         self.lock().is_woken = true;
@@ -48,7 +31,7 @@ impl Signal {
 
     /// It shall end.
     pub(super) fn stop(&self) {
-        self.lock().jobs = None;
+        self.lock().is_stopped = true;
         self.changed.notify_all();
     }
 
@@ -65,24 +48,11 @@ impl Signal {
     /// Does something that nobody must do any more once it is told to stop.
     pub(super) fn unless_stopped(&self, act: impl FnOnce()) -> Result<(), Stopped> {
         let inner = self.lock();
-        if inner.jobs.is_none() {
+        if inner.is_stopped {
             return Err(Stopped);
         }
         act();
         Ok(())
-    }
-
-    /// Reports; waits while the queue is full.
-    pub(super) fn report(&self, mut job: Job) -> Result<(), Stopped> {
-        loop {
-            let inner = self.lock();
-            match inner.jobs.as_ref().ok_or(Stopped)?.try_send(job) {
-                Ok(()) => return Ok(()),
-                Err(TrySendError::Disconnected(_)) => return Err(Stopped),
-                Err(TrySendError::Full(same)) => job = same,
-            }
-            let _ = self.changed.wait_timeout(inner, AGAIN);
-        }
     }
 
     /// Waits until there may be news, at most `longest`.
@@ -99,7 +69,7 @@ impl Signal {
         let begun = Instant::now();
         let mut inner = self.lock();
         loop {
-            if inner.jobs.is_none() {
+            if inner.is_stopped {
                 return Err(Stopped);
             }
             if is_enough(&mut inner) {

@@ -308,11 +308,29 @@ fn a_sink_that_is_taken_out_leaves_no_condition_behind() {
 }
 
 #[test]
-fn a_full_queue_does_not_keep_couriers_from_stopping() {
+fn a_full_queue_keeps_couriers_neither_from_sending_nor_from_stopping() {
     let (desk, fake) = (Desk::new(), Fake::new(&[]));
     let (jobs, received) = sync_channel(1);
     let couriers = desk.start_with(&to(&fake), jobs);
-    eventually("the queue is full", || received.try_iter().next().is_some());
+    eventually("the first report", || received.try_iter().next().is_some());
+    // It stays full while an archive is read: alarms arrive all the same.
+    eventually("the sink is known", || {
+        !fake.requests().is_empty() || {
+            desk.raise(fake.requests().len());
+            couriers.wake();
+            false
+        }
+    });
+    for hour in 1000..1020 {
+        desk.raise(hour);
+    }
+    couriers.wake();
+    let last = at(1019).to_string();
+    eventually("all arrive", || {
+        fake.bodies()
+            .last()
+            .is_some_and(|body| body["raised"] == last.as_str())
+    });
     let begun = Instant::now();
     couriers.stop();
     assert!(

@@ -12,6 +12,8 @@ fn stderr_of(arguments: &[&str]) -> String {
             "identify",
             "--frequencies",
             "4.492,9.288,13.252",
+            "--sd",
+            "0.01",
             "--draws",
             "10000",
         ])

@@ -1,4 +1,5 @@
 //! The HTTP server over raw sockets: answers, refusals, limits, deadlines, its end.
+#![allow(clippy::unwrap_used)] // helpers of tests are tests
 
 use std::io::{ErrorKind, Read, Write};
 use std::net::{SocketAddr, TcpStream};

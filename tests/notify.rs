@@ -1,4 +1,5 @@
 //! What systemd is told, by a child with a socket of the test's as NOTIFY_SOCKET.
+#![allow(clippy::unwrap_used)] // helpers of tests are tests
 
 use std::os::unix::net::UnixDatagram;
 use std::process::{Child, Command};

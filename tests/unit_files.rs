@@ -1,4 +1,5 @@
 //! What the package ships beside the program: unit, default configuration, alert rules, dashboard, man pages.
+#![allow(clippy::unwrap_used)] // helpers of tests are tests
 
 use std::collections::BTreeSet;
 use std::fs;

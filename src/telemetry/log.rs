@@ -2,7 +2,7 @@
 
 use clap::ValueEnum;
 use std::env;
-use std::io;
+use std::io::{self, IsTerminal};
 use tracing_subscriber::layer::SubscriberExt;
 use tracing_subscriber::util::SubscriberInitExt;
 use tracing_subscriber::{EnvFilter, Layer, Registry, fmt};
@@ -38,7 +38,15 @@ pub fn start(format: Option<Format>, filter: EnvFilter, is_daemon: bool) {
 type Boxed = Box<dyn Layer<Registry> + Send + Sync>;
 
 fn layer(format: Format, is_daemon: bool) -> (Boxed, Option<io::Error>) {
-    let lines = || fmt::layer().with_writer(io::stderr);
+    let lines = || {
+        let lines = fmt::layer().with_writer(io::stderr);
+        // Colours are for a terminal only, and there unless NO_COLOR says otherwise.
+        if io::stderr().is_terminal() {
+            lines
+        } else {
+            lines.with_ansi(false)
+        }
+    };
     match format {
         Format::Json => (Box::new(lines().json().flatten_event(true)), None),
         Format::Journal => match tracing_journald::layer() {

@@ -109,7 +109,7 @@ pub struct Reader {
 }
 
 impl Reader {
-    /// Starts to read. `bell` is the journal's, or any; `caught_up` says whether everything there is was read.
+    /// Starts to read. `bell` is the journal's, or any.
     ///
     /// # Errors
     /// There is no thread for it.
@@ -121,7 +121,6 @@ impl Reader {
         health: Arc<Health>,
         bell: Arc<Bell>,
         watch: Watch,
-        caught_up: Arc<AtomicBool>,
     ) -> io::Result<Self> {
         let (reloads, receiver) = channel();
         let stop = Arc::<AtomicBool>::default();
@@ -138,7 +137,7 @@ impl Reader {
         let caught_up = Arc::clone(&work.caught_up);
         let thread = thread::Builder::new()
             .name("reader".to_owned())
-            .spawn(move || work.run(&receiver, &wait, &caught_up))?;
+            .spawn(move || work.run(&receiver, &wait))?;
         Ok(Self {
             reloads,
             stop,
@@ -301,11 +300,9 @@ impl Work {
         }
     }
 
-    fn run(mut self, reloads: &Receiver<Arc<Generation>>, bell: &Bell, caught_up: &AtomicBool) {
+    fn run(mut self, reloads: &Receiver<Arc<Generation>>, bell: &Bell) {
         while !self.stop.load(Ordering::Relaxed) {
-            let turn = self.turn(reloads);
-            caught_up.store(matches!(turn, Ok(false)), Ordering::Relaxed);
-            match turn {
+            match self.turn(reloads) {
                 Ok(true) => {}
                 Ok(false) => {
                     self.caught_up.store(true, Ordering::Relaxed);

@@ -86,8 +86,6 @@ impl Running {
             .unwrap_or_else(|| thread::available_parallelism().map_or(1, usize::from));
         work(core, receiver, workers, threads, ending.clone(), tell.clone())?;
 
-        let caught_up: Arc<AtomicBool> = Arc::default();
-        tick(jobs.clone(), Arc::clone(&caught_up))?;
         let sources = Sources {
             folder: config.ingest.folder.clone(),
             settle_s: config.ingest.settle_s,
@@ -97,12 +95,12 @@ impl Running {
             sources,
             remembered,
             Arc::clone(&generation),
-            jobs,
+            jobs.clone(),
             Arc::clone(health),
             live.bell(),
             watch(&suspects),
-            caught_up,
         )?;
+        tick(jobs, reader.caught_up())?;
         Ok(Self {
             generation,
             reader,

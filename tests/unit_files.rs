@@ -153,6 +153,15 @@ fn every_metric_of_the_alert_rules_exists_and_prometheus_accepts_them() {
 }
 
 #[test]
+fn the_alert_rules_speak_when_they_should() {
+    let folder = tempfile::tempdir().unwrap();
+    fs::copy(shipped("alerts.yml"), folder.path().join("alerts.yml")).unwrap();
+    let histories = folder.path().join("histories.yml");
+    fs::copy(project().join("tests/alert-rules.yml"), &histories).unwrap();
+    if_installed(Command::new("promtool").args(["test", "rules"]).arg(histories));
+}
+
+#[test]
 fn every_metric_of_the_dashboard_exists() {
     let dashboard: serde_json::Value = serde_json::from_str(&text(&shipped("dashboard.json"))).unwrap();
     let panels = dashboard["panels"].as_array().unwrap();

@@ -3,15 +3,21 @@
 //! The watchdog is fed only while something passes through the whole pipeline (`telemetry::Beat`): a thread that merely lives
 //! proves nothing. A daemon that hangs is ended and begun again by systemd, and loses nothing.
 
-use crate::telemetry::{Fault, Telemetry};
+use crate::telemetry::{Fault, Phase, Telemetry};
 use sd_notify::NotifyState;
 use std::io;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::thread::{self, JoinHandle};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// Without systemd, how old a beat may be before the work loop counts as standing still.
 const PATIENCE: Duration = Duration::from_secs(30);
+
+/// While it starts, the daemon may take this long for its next step: emulators are fitted, many rows are checked.
+const STEP: Duration = Duration::from_secs(60);
+
+/// But not longer than this for all of them.
+const LONGEST_START: Duration = Duration::from_secs(3600);
 
 /// What the condition of a work loop that stands still is about.
 const ABOUT: &str = "work loop";
@@ -39,12 +45,6 @@ pub fn stopping() {
     tell(&[NotifyState::Stopping, NotifyState::Status("stopping")]);
 }
 
-/// Starting takes this much longer: emulators are fitted, many rows are checked.
-pub fn still_starting(doing: &str, more: Duration) {
-    let usec = u32::try_from(more.as_micros()).unwrap_or(u32::MAX);
-    tell(&[NotifyState::ExtendTimeoutUsec(usec), NotifyState::Status(doing)]);
-}
-
 /// Does nothing if nobody listens.
 fn tell(states: &[NotifyState<'_>]) {
     if let Err(error) = sd_notify::notify(states) {
@@ -60,8 +60,9 @@ pub struct Watchdog {
 }
 
 impl Watchdog {
-    /// Watches the work loop from now on: holds the fault [`Fault::Stalled`] while it stands still, feeds systemd's watchdog
-    /// (if there is one) while it does not, and lets health log what it held back.
+    /// Watches from now on: asks systemd for time while the daemon starts, holds the fault [`Fault::Stalled`] while the work
+    /// loop stands still, feeds systemd's watchdog (if there is one) while it does not, and lets health log what it held
+    /// back.
     ///
     /// # Errors
     /// The system gives no thread.
@@ -93,10 +94,17 @@ impl Drop for Watchdog {
 fn watch(telemetry: &Telemetry, patience: Duration, is_fed: bool, stopped: &Receiver<()>) {
     let health = &telemetry.health;
     let every = (patience / 4).clamp(Duration::from_millis(10), Duration::from_secs(5));
+    let begun = Instant::now();
     loop {
-        let age = telemetry.beat.age();
+        let (age, phase) = (telemetry.beat.age(), health.phase());
+        if let Phase::Starting(doing) = phase
+            && begun.elapsed() < LONGEST_START
+        {
+            let usec = u32::try_from(STEP.as_micros()).unwrap_or(u32::MAX);
+            tell(&[NotifyState::ExtendTimeoutUsec(usec), NotifyState::Status(doing)]);
+        }
         // While the daemon starts or drains systemd has other limits, and there is no work loop yet, or any more.
-        let is_working = health.phase().not_ready().is_none();
+        let is_working = phase.not_ready().is_none();
         if age < patience || !is_working {
             health.over(Fault::Stalled, ABOUT);
             if is_fed {

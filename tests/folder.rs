@@ -11,10 +11,11 @@ use std::os::unix::ffi::OsStrExt;
 use std::os::unix::fs::symlink;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
 use std::time::{Duration, Instant};
 use tirante::config::Config;
-use tirante::daemon::reader::{JournalSource, Reader, Remembered, Sources, Watch};
+use tirante::daemon::reader::{JournalSource, Reader, Remembered, Sources, Surroundings, Watch};
 use tirante::daemon::{Generation, Job};
 use tirante::journal::{Batch, Bell, End, Entry, Journal, JournalSettings};
 use tirante::record::{Event, Flag, Record};
@@ -81,6 +82,7 @@ struct Run {
     reader: Reader,
     jobs: Receiver<Job>,
     health: Arc<Health>,
+    caught_up: Arc<AtomicBool>,
     remembered: Remembered,
     records: Vec<(String, Record)>,
     reloads: usize,
@@ -103,20 +105,25 @@ impl Run {
     fn of(sources: Sources, remembered: Remembered, bell: Arc<Bell>, watch: Watch) -> Self {
         let (sender, jobs) = sync_channel(8);
         let health = Arc::<Health>::default();
+        let caught_up = Arc::<AtomicBool>::default();
         let reader = Reader::start(
             sources,
             remembered.clone(),
             generation(10.0),
-            sender,
-            Arc::clone(&health),
-            bell,
-            watch,
+            Surroundings {
+                jobs: sender,
+                health: Arc::clone(&health),
+                bell,
+                caught_up: Arc::clone(&caught_up),
+                watch,
+            },
         )
         .unwrap();
         Self {
             reader,
             jobs,
             health,
+            caught_up,
             remembered,
             records: Vec::new(),
             reloads: 0,
@@ -550,11 +557,13 @@ fn live_data_come_within_a_second_beside_a_large_file() {
         Watch::none(),
     );
     run.until_quiet();
+    assert!(run.caught_up.load(Ordering::Relaxed));
     // It appears when the reader is live already.
     let large = recording(Encoding::Json, LAYOUT, WriterOptions::default(), 1_000_000);
     fs::write(watched.join("large.tmp"), large).unwrap();
     fs::rename(watched.join("large.tmp"), watched.join("large.mcap")).unwrap();
     run.until("the large file", |run| !run.starts("large.mcap").is_empty());
+    assert!(!run.caught_up.load(Ordering::Relaxed));
     send(&live, &measured(100_000.0, 29.0), 100_000, false);
     run.until("the live records", |run| {
         run.records

@@ -120,6 +120,11 @@ impl Folder {
         self.catches_up
     }
 
+    /// Whether finished files wait to be read, or are read now.
+    pub fn has_backlog(&self) -> bool {
+        self.catches_up || self.finished.is_some() || !self.queue.is_empty()
+    }
+
     /// Other channels and settings hold: files not read to their end are begun again.
     pub fn change(&mut self, channels: &[RodChannels], settings: &RecordSettings) {
         channels.clone_into(&mut self.channels);

@@ -7,17 +7,19 @@ use common::{FS, START, motion, recording, spec};
 use std::collections::{BTreeMap, BTreeSet};
 use std::ffi::OsStr;
 use std::fs::{self, File};
+use std::io::Write;
 use std::os::unix::ffi::OsStrExt;
 use std::os::unix::fs::symlink;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
 use std::time::{Duration, Instant};
 use tirante::config::Config;
-use tirante::daemon::reader::{JournalSource, Reader, Remembered, Sources, Watch};
+use tirante::daemon::reader::{JournalSource, Reader, Remembered, Sources, Surroundings, Watch};
 use tirante::daemon::{Generation, Job};
 use tirante::journal::{Batch, Bell, End, Entry, Journal, JournalSettings};
-use tirante::record::{Event, Flag, Record};
+use tirante::record::{Event, Record};
 use tirante::sink::{Encoding, Layout, RecordingWriter, WriterOptions};
 use tirante::store::FileState;
 use tirante::telemetry::{Fault, Health};
@@ -81,9 +83,11 @@ struct Run {
     reader: Reader,
     jobs: Receiver<Job>,
     health: Arc<Health>,
+    caught_up: Arc<AtomicBool>,
     remembered: Remembered,
     records: Vec<(String, Record)>,
     reloads: usize,
+    damaged: usize,
 }
 
 impl Run {
@@ -103,23 +107,29 @@ impl Run {
     fn of(sources: Sources, remembered: Remembered, bell: Arc<Bell>, watch: Watch) -> Self {
         let (sender, jobs) = sync_channel(8);
         let health = Arc::<Health>::default();
+        let caught_up = Arc::<AtomicBool>::default();
         let reader = Reader::start(
             sources,
             remembered.clone(),
             generation(10.0),
-            sender,
-            Arc::clone(&health),
-            bell,
-            watch,
+            Surroundings {
+                jobs: sender,
+                health: Arc::clone(&health),
+                bell,
+                caught_up: Arc::clone(&caught_up),
+                watch,
+            },
         )
         .unwrap();
         Self {
             reader,
             jobs,
             health,
+            caught_up,
             remembered,
             records: Vec::new(),
             reloads: 0,
+            damaged: 0,
         }
     }
 
@@ -136,6 +146,10 @@ impl Run {
                 }
                 self.remembered.carry = carry.or(self.remembered.carry.take());
             }
+            Job::Event {
+                event: Event::Rejected { rejection, .. },
+                ..
+            } if rejection.code() == "damaged" => self.damaged += 1,
             Job::Reload(_) => self.reloads += 1,
             _ => {}
         }
@@ -170,10 +184,6 @@ impl Run {
             .map(|(_, record)| record.start.seconds_since(START))
             .collect()
     }
-}
-
-fn is_truncated(record: &Record) -> bool {
-    record.flags.contains(&Flag::Truncated)
 }
 
 #[test]
@@ -235,39 +245,53 @@ fn only_regular_recordings_under_the_folder_are_read_whatever_their_name() {
 fn a_growing_file_is_followed_ended_when_it_settles_and_read_again_when_it_grows() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("grows.mcap");
-    let samples = motion(10_000);
-    let mut run = Run::folder(folder.path(), 5.0);
-    let file = File::create(&path).unwrap();
-    let mut writer = RecordingWriter::new(file, WriterOptions::default()).unwrap();
-    let id = writer
-        .add_channel(spec("/laser", Encoding::Json, LAYOUT))
-        .unwrap();
-    let mut write = |from: usize, to: usize| {
-        let start = START.plus_seconds(from as f64 / FS);
-        writer.write_samples(id, start, FS, &samples[from..to]).unwrap();
-        writer.flush().unwrap();
+    let options = WriterOptions {
+        chunk_bytes: Some(20_000),
+        ..WriterOptions::default()
     };
-    write(0, 5_000);
+    let bytes = recording(Encoding::Json, LAYOUT, options, 12_000);
+    let (first, second) = (bytes.len() * 6 / 10, bytes.len() * 8 / 10);
+    let mut run = Run::folder(folder.path(), 5.0);
+    fs::write(&path, &bytes[..first]).unwrap();
     run.until("the first record", |run| !run.records.is_empty());
     assert!(!run.done("grows.mcap"), "it may still grow");
     run.until("its settling", |run| run.done("grows.mcap"));
-    let of_first: Vec<bool> = run
-        .records
-        .iter()
-        .map(|(_, record)| is_truncated(record))
-        .collect();
-    assert_eq!(of_first.len(), 2, "two whole windows, the third is too short");
-    let mark = run.remembered.files["grows.mcap"].clone();
-    write(5_000, 9_000);
+    assert!(run.records.iter().all(|(_, record)| record.duration_s() >= 9.9));
+    let before = run.records.len();
+    let mut file = File::options().append(true).open(&path).unwrap();
+    file.write_all(&bytes[first..second]).unwrap();
+    let size = second as u64;
     run.until("a second reading", |run| {
-        run.remembered.files["grows.mcap"] != mark
+        run.remembered.files["grows.mcap"].size == size
     });
     let identities: BTreeSet<[u8; 32]> = run.records.iter().map(|(_, record)| record.identity()).collect();
+    assert!(identities.len() > before, "there are new ones");
     assert_eq!(
-        (run.records.len(), identities.len()),
-        (6, 4),
-        "known records come again, as the same"
+        run.records.len(),
+        before + identities.len(),
+        "known ones come again, as the same"
     );
+    assert_eq!(run.damaged, 0);
+}
+
+#[test]
+fn a_writer_that_goes_back_and_fills_in_lengths_is_no_damage() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("grows.mcap");
+    let mut run = Run::folder(folder.path(), 600.0);
+    let mut writer = RecordingWriter::new(File::create(&path).unwrap(), WriterOptions::default()).unwrap();
+    let id = writer
+        .add_channel(spec("/laser", Encoding::Json, LAYOUT))
+        .unwrap();
+    for (at, samples) in motion(10_000).chunks(500).enumerate() {
+        let start = START.plus_seconds(at as f64 * 500.0 / FS);
+        writer.write_samples(id, start, FS, samples).unwrap();
+        std::thread::sleep(Duration::from_millis(100));
+    }
+    writer.finish().unwrap();
+    run.until("its end", |run| run.done("grows.mcap"));
+    let identities: BTreeSet<[u8; 32]> = run.records.iter().map(|(_, record)| record.identity()).collect();
+    assert_eq!((identities.len(), run.damaged), (5, 0));
 }
 
 #[test]
@@ -550,11 +574,13 @@ fn live_data_come_within_a_second_beside_a_large_file() {
         Watch::none(),
     );
     run.until_quiet();
+    assert!(run.caught_up.load(Ordering::Relaxed));
     // It appears when the reader is live already.
     let large = recording(Encoding::Json, LAYOUT, WriterOptions::default(), 1_000_000);
     fs::write(watched.join("large.tmp"), large).unwrap();
     fs::rename(watched.join("large.tmp"), watched.join("large.mcap")).unwrap();
     run.until("the large file", |run| !run.starts("large.mcap").is_empty());
+    assert!(!run.caught_up.load(Ordering::Relaxed));
     send(&live, &measured(100_000.0, 29.0), 100_000, false);
     run.until("the live records", |run| {
         run.records

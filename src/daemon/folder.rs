@@ -120,6 +120,11 @@ impl Folder {
         self.catches_up
     }
 
+    /// Whether finished files wait to be read, or are read now.
+    pub fn has_backlog(&self) -> bool {
+        self.catches_up || self.finished.is_some() || !self.queue.is_empty()
+    }
+
     /// Other channels and settings hold: files not read to their end are begun again.
     pub fn change(&mut self, channels: &[RodChannels], settings: &RecordSettings) {
         channels.clone_into(&mut self.channels);
@@ -155,7 +160,7 @@ impl Folder {
                     self.finished = Some(lane);
                     FolderStep::Event(event, place)
                 }
-                LaneStep::More | LaneStep::Wait => {
+                LaneStep::More | LaneStep::Wait | LaneStep::Again => {
                     self.finished = Some(lane);
                     FolderStep::More
                 }
@@ -177,6 +182,7 @@ impl Folder {
             match step {
                 LaneStep::End => return Some(self.close(lane)),
                 LaneStep::Wait => self.growing.push_back(lane),
+                LaneStep::Again => self.next_scan = Instant::now(),
                 LaneStep::More => {
                     self.growing.push_back(lane);
                     return Some(FolderStep::More);
@@ -338,6 +344,8 @@ impl Folder {
 }
 
 enum LaneStep {
+    /// It is to be found again.
+    Again,
     Event(Event, Place),
     More,
     Wait,
@@ -391,6 +399,9 @@ impl Lane {
         if now != self.stamp && !shrank {
             self.stamp = now;
             self.grew = Instant::now();
+            if self.recording.is_in_doubt() && has_end(&self.file) {
+                return LaneStep::Again;
+            }
         }
         if shrank || self.is_replaced || self.grew.elapsed() >= settle {
             self.recording.give_up();

@@ -89,6 +89,20 @@ pub struct JournalSource {
     pub results_kept: Arc<AtomicU32>,
 }
 
+/// Whom the reader works with.
+pub struct Surroundings {
+    /// Where its jobs go.
+    pub jobs: SyncSender<Job>,
+    /// Who is told of faults.
+    pub health: Arc<Health>,
+    /// What wakes it: the journal's, or any.
+    pub bell: Arc<Bell>,
+    /// Whether nothing there is waits to be read; false again while finished recordings are.
+    pub caught_up: Arc<AtomicBool>,
+    /// Who notes what it works on.
+    pub watch: Watch,
+}
+
 /// What the store remembers of the sources.
 #[derive(Debug, Clone, Default)]
 pub struct Remembered {
@@ -104,12 +118,11 @@ pub struct Reader {
     reloads: Sender<Arc<Generation>>,
     stop: Arc<AtomicBool>,
     bell: Arc<Bell>,
-    caught_up: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
 }
 
 impl Reader {
-    /// Starts to read. `bell` is the journal's, or any.
+    /// Starts to read.
     ///
     /// # Errors
     /// There is no thread for it.
@@ -117,32 +130,19 @@ impl Reader {
         sources: Sources,
         remembered: Remembered,
         generation: Arc<Generation>,
-        jobs: SyncSender<Job>,
-        health: Arc<Health>,
-        bell: Arc<Bell>,
-        watch: Watch,
+        around: Surroundings,
     ) -> io::Result<Self> {
         let (reloads, receiver) = channel();
         let stop = Arc::<AtomicBool>::default();
-        let work = Work::new(
-            sources,
-            &remembered,
-            generation,
-            jobs,
-            health,
-            Arc::clone(&stop),
-            watch,
-        );
-        let wait = Arc::clone(&bell);
-        let caught_up = Arc::clone(&work.caught_up);
+        let bell = Arc::clone(&around.bell);
+        let work = Work::new(sources, &remembered, generation, around, Arc::clone(&stop));
         let thread = thread::Builder::new()
             .name("reader".to_owned())
-            .spawn(move || work.run(&receiver, &wait))?;
+            .spawn(move || work.run(&receiver))?;
         Ok(Self {
             reloads,
             stop,
             bell,
-            caught_up,
             thread: Some(thread),
         })
     }
@@ -153,11 +153,6 @@ impl Reader {
         // A reader that stopped needs no configuration.
         let _ = self.reloads.send(generation);
         self.bell.ring();
-    }
-
-    /// Becomes true when everything there was at the start has been handed on.
-    pub fn caught_up(&self) -> Arc<AtomicBool> {
-        Arc::clone(&self.caught_up)
     }
 
     /// Stops, without finishing anything.
@@ -192,11 +187,8 @@ struct Work {
     generation: Arc<Generation>,
     /// A configuration that holds from the next part of the journal on.
     waiting: Option<Arc<Generation>>,
-    jobs: SyncSender<Job>,
-    health: Arc<Health>,
+    around: Surroundings,
     stop: Arc<AtomicBool>,
-    caught_up: Arc<AtomicBool>,
-    watch: Watch,
 }
 
 struct JournalLane {
@@ -205,6 +197,8 @@ struct JournalLane {
     quarantined: Option<(u32, String)>,
     /// The damaged part for which another one was asked.
     rotated: Option<u32>,
+    /// Whether its end has been reached once.
+    is_read: bool,
 }
 
 /// The daemon stops, or whoever took the jobs is gone.
@@ -242,11 +236,10 @@ impl Work {
         sources: Sources,
         remembered: &Remembered,
         generation: Arc<Generation>,
-        jobs: SyncSender<Job>,
-        health: Arc<Health>,
+        around: Surroundings,
         stop: Arc<AtomicBool>,
-        watch: Watch,
     ) -> Self {
+        let health = &around.health;
         let (channels, settings) = (channels(&generation), generation.config.record);
         let folder = sources.folder.map(|path| {
             let settle = Duration::try_from_secs_f64(sources.settle_s).unwrap_or(Duration::MAX);
@@ -256,7 +249,7 @@ impl Work {
                 &channels,
                 &settings,
                 &remembered.files,
-                Arc::clone(&health),
+                Arc::clone(health),
             )
         });
         let journal = sources.journal.map(|source| {
@@ -285,6 +278,7 @@ impl Work {
                 handle: source.handle,
                 quarantined: None,
                 rotated: None,
+                is_read: false,
             }
         });
         Self {
@@ -292,22 +286,16 @@ impl Work {
             journal,
             generation,
             waiting: None,
-            jobs,
-            health,
+            around,
             stop,
-            caught_up: Arc::default(),
-            watch,
         }
     }
 
-    fn run(mut self, reloads: &Receiver<Arc<Generation>>, bell: &Bell) {
+    fn run(mut self, reloads: &Receiver<Arc<Generation>>) {
         while !self.stop.load(Ordering::Relaxed) {
             match self.turn(reloads) {
                 Ok(true) => {}
-                Ok(false) => {
-                    self.caught_up.store(true, Ordering::Relaxed);
-                    bell.wait(POLL);
-                }
+                Ok(false) => self.around.bell.wait(POLL),
                 Err(Stopped) => return,
             }
         }
@@ -321,13 +309,18 @@ impl Work {
         let folder_had_some = self.folder_turn()?;
         let is_live = self.folder.as_ref().is_none_or(|folder| !folder.catches_up());
         let journal_had_some = is_live && self.journal_turn()?;
+        let folder_is_read = self.folder.as_ref().is_none_or(|folder| !folder.has_backlog());
+        let journal_is_read = self.journal.as_ref().is_none_or(|lane| lane.is_read);
+        self.around
+            .caught_up
+            .store(folder_is_read && journal_is_read, Ordering::Relaxed);
         Ok(folder_had_some || journal_had_some)
     }
 
     /// Hands a job on; waits while the queue is full.
     fn send(&self, mut job: Job) -> Result<(), Stopped> {
         loop {
-            match self.jobs.try_send(job) {
+            match self.around.jobs.try_send(job) {
                 Ok(()) => return Ok(()),
                 Err(TrySendError::Disconnected(_)) => return Err(Stopped),
                 Err(TrySendError::Full(back)) => job = back,
@@ -352,7 +345,7 @@ impl Work {
         let Some(folder) = &mut self.folder else {
             return Ok(false);
         };
-        match folder.step(&mut self.watch, &self.stop) {
+        match folder.step(&mut self.around.watch, &self.stop) {
             FolderStep::Idle => return Ok(false),
             FolderStep::More => {}
             FolderStep::Event(event, place) => self.send_event(event, place)?,
@@ -372,19 +365,20 @@ impl Work {
         };
         if let Some((number, offset)) = lane.series.position() {
             let is_set_aside = lane.quarantined.as_ref().is_some_and(|(part, _)| *part == number);
-            if !is_set_aside && let Some(why) = self.watch.begin(&part::mark_name(number), offset) {
-                self.health.fault(Fault::Quarantined, &why);
+            if !is_set_aside && let Some(why) = self.around.watch.begin(&part::mark_name(number), offset) {
+                self.around.health.fault(Fault::Quarantined, &why);
                 lane.series.abandon(&why);
                 lane.quarantined = Some((number, why));
             }
         }
         let polled = lane.series.poll();
-        self.watch.end();
+        self.around.watch.end();
         match polled {
             SeriesPoll::Event(event, place) => self.send_event(event, place)?,
             SeriesPoll::More => {}
             SeriesPoll::Part(end) => self.end_part(*end)?,
             SeriesPoll::Wait => {
+                lane.is_read = true;
                 let stuck = lane.series.stuck_in();
                 if stuck > lane.rotated {
                     lane.handle.rotate();

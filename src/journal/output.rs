@@ -12,6 +12,8 @@ use std::time::{Instant, SystemTime, UNIX_EPOCH};
 
 /// Channels of one part; ids have 16 bits.
 const MAX_CHANNELS: usize = 60_000;
+/// Chunks of one part; each costs memory until its part is closed.
+const MAX_CHUNKS: usize = 50_000;
 /// Bytes of schemas and channels in one part, as readers count them.
 const MAX_HELD: usize = 8 << 20;
 
@@ -57,6 +59,7 @@ pub(super) struct Output {
     unwritten: Vec<u8>,
     bytes: u64,
     channels: usize,
+    chunks: usize,
     held: usize,
     sequence: u32,
     notes: u16,
@@ -111,6 +114,7 @@ impl Output {
             unwritten: Vec::new(),
             bytes: 0,
             channels: 1,
+            chunks: 0,
             held: 0,
             sequence: 0,
             notes,
@@ -171,6 +175,7 @@ impl Output {
             .map_err(other)?;
         self.mcap.flush().map_err(other)?;
         self.unwritten.append(&mut self.made.take());
+        self.chunks += 1;
         Ok(())
     }
 
@@ -218,6 +223,7 @@ impl Output {
 
     /// Whether the part is full or old enough to be closed.
     pub fn is_due(&self, part_bytes: u64, part_s: f64) -> bool {
-        self.has_data && (self.bytes >= part_bytes || self.began.elapsed().as_secs_f64() >= part_s)
+        let is_large = self.bytes >= part_bytes || self.chunks >= MAX_CHUNKS;
+        self.has_data && (is_large || self.began.elapsed().as_secs_f64() >= part_s)
     }
 }

@@ -79,6 +79,10 @@ pub struct Recording {
     read: u64,
     offset: u64,
     summary: Summary,
+    /// Whether it is read while it may be written.
+    is_live: bool,
+    /// What looks like damage while it may be a record that is being written.
+    doubt: Option<Damage>,
 }
 
 impl Recording {
@@ -112,6 +116,7 @@ impl Recording {
     ) -> Result<Self, SourceError> {
         let mut recording = Self::begin(name, input, rods, settings, options.follow.is_some())?;
         recording.follow = options.follow;
+        recording.is_live = false;
         while let Stage::Checking(input, check) = &mut recording.stage {
             if let Some(trust) = check.step(input).map_err(|source| SourceError::Io {
                 path: name.to_owned(),
@@ -176,6 +181,8 @@ impl Recording {
                 file: name.to_owned(),
                 ..Default::default()
             },
+            is_live: live,
+            doubt: None,
         })
     }
 
@@ -183,6 +190,9 @@ impl Recording {
     pub fn poll(&mut self) -> Poll {
         if let Some(event) = self.queue.pop_front() {
             return Poll::Event(event);
+        }
+        if self.doubt.is_some() {
+            return Poll::Wait;
         }
         let outcome = match &mut self.stage {
             Stage::Ended => return Poll::End,
@@ -208,6 +218,11 @@ impl Recording {
         match outcome {
             Ok(Progress::More) => self.router.events(&mut self.queue),
             Ok(Progress::Wait) => return Poll::Wait,
+            // Some writers go back and fill in lengths: until it settles this may be no damage.
+            Err(damage) if self.is_live => {
+                self.doubt = Some(damage);
+                return Poll::Wait;
+            }
             outcome => self.end(outcome),
         }
         self.queue.pop_front().map_or(Poll::More, Poll::Event)
@@ -215,11 +230,19 @@ impl Recording {
 
     /// Ends a recording that does not grow any more as one that is cut short; its last events are still to be taken.
     pub fn give_up(&mut self) {
-        self.end(Ok(Progress::Truncated));
+        let outcome = self.doubt.take().map_or(Ok(Progress::Truncated), Err);
+        self.end(outcome);
+    }
+
+    /// Whether something in it looks like damage, but may be a record that is being written: it waits until it is
+    /// [given up](Self::give_up) or opened again when it is finished.
+    pub fn is_in_doubt(&self) -> bool {
+        self.doubt.is_some()
     }
 
     /// Ends a recording that may not be read any further; its last events are still to be taken.
     pub fn abandon(&mut self, why: &str) {
+        self.doubt = None;
         self.end(Err(Damage {
             offset: self.offset,
             what: why.to_owned(),

@@ -928,7 +928,6 @@ fn what_the_sockets_take() {
 #[ignore = "a measurement"]
 fn what_hostile_clients_can_hold() {
     let daemon = Daemon::start(settings());
-    daemon.ledger.open(false);
     let before = peak_mib();
     // Chunks that unpack to all they may, of messages as small as they may be, and a journal that takes nothing.
     let options = WriterOptions {
@@ -957,13 +956,20 @@ fn what_hostile_clients_can_hold() {
     greedy.push(6);
     greedy.extend((15u64 << 20).to_le_bytes());
     greedy.resize(1 << 20, 7);
-    let mut clients = Vec::new();
-    for i in 0..64 {
+    let send = |bytes: &[u8]| {
         let mut client = daemon.client();
-        let _ = client.stream.write_all(if i % 2 == 0 { &bomb } else { &greedy });
-        clients.push(client);
-    }
-    std::thread::sleep(Duration::from_secs(3));
+        // Once nothing is read any more it is enough.
+        client
+            .stream
+            .set_write_timeout(Some(Duration::from_millis(200)))
+            .unwrap();
+        let _ = client.stream.write_all(bytes);
+        client
+    };
+    let mut clients: Vec<_> = (0..32).map(|_| send(&greedy)).collect();
+    daemon.ledger.open(false);
+    clients.extend((0..32).map(|_| send(&bomb)));
+    wait_for("all are in", || daemon.clients() >= 60);
     println!(
         "{} clients, peak {} MiB over {before} MiB",
         daemon.clients(),

@@ -126,7 +126,7 @@ impl Protocol {
     /// Grows with every line or record that came whole.
     pub fn progress(&self) -> u64 {
         match &self.state {
-            State::Mcap(reader) => self.progress + reader.position(),
+            State::Mcap(reader) => self.progress + reader.offset(),
             _ => self.progress,
         }
     }
@@ -211,7 +211,7 @@ impl Protocol {
                     Progress::More => {}
                     Progress::Wait | Progress::Truncated => return Ok(None),
                     Progress::Complete => {
-                        self.progress += reader.position();
+                        self.progress += reader.offset();
                         if let State::Mcap(reader) = mem::replace(&mut self.state, State::Over) {
                             self.state = State::Ended(reader.into_input());
                         }

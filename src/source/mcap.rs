@@ -247,8 +247,8 @@ impl<R: Read> Reader<R> {
         self.input
     }
 
-    /// Bytes from the start to the end of the last whole record.
-    pub fn position(&self) -> u64 {
+    /// Where the record or chunk stands that the next step goes on with \[bytes\].
+    pub fn offset(&self) -> u64 {
         self.contents.offset
     }
 

@@ -300,6 +300,7 @@ impl Core {
         );
         self.health.hold(Fault::DiskFull, &about, waits);
         self.site = None;
+        let begun = Instant::now();
         let mut looks = 1 << tries.min(6);
         loop {
             if self.stopping.load(Ordering::Relaxed) {
@@ -320,6 +321,7 @@ impl Core {
                 Ok(site) if site.store().moved_aside().is_some() => return Err(Broken::Damaged),
                 Ok(site) => {
                     self.site = Some(site);
+                    self.silence.forgive(begun.elapsed());
                     return Ok(());
                 }
                 // Somebody acknowledges an alarm meanwhile.

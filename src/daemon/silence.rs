@@ -2,7 +2,7 @@
 
 use crate::record::{RodId, Timestamp};
 use std::collections::BTreeMap;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 /// Silence before the start longer than this is that of an old campaign, not of a sensor \[s\].
 const OLD_S: f64 = 90.0 * 86_400.0;
@@ -45,18 +45,25 @@ impl Silence {
         }
     }
 
+    /// For this long nothing could be taken: that was no silence.
+    pub fn forgive(&mut self, deaf: Duration) {
+        for since in self.rods.values_mut() {
+            since.instant += deaf;
+        }
+    }
+
     /// The rods, and how long each has been silent \[s\].
     pub fn lasts(&self, now: Instant) -> impl Iterator<Item = (&RodId, f64)> {
-        self.rods
-            .iter()
-            .map(move |(rod, since)| (rod, since.before_s + (now - since.instant).as_secs_f64()))
+        self.rods.iter().map(move |(rod, since)| {
+            let lasts = now.saturating_duration_since(since.instant);
+            (rod, since.before_s + lasts.as_secs_f64())
+        })
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::time::Duration;
 
     fn first(silence: &Silence, now: Instant) -> f64 {
         silence.lasts(now).next().unwrap().1
@@ -93,5 +100,8 @@ mod tests {
             now + Duration::from_secs(20),
         );
         assert_eq!(first(&silence, now + Duration::from_secs(30)), 20.0);
+        silence.forgive(Duration::from_secs(15));
+        assert_eq!(first(&silence, now + Duration::from_secs(30)), 5.0);
+        assert_eq!(first(&silence, now + Duration::from_secs(20)), 0.0);
     }
 }

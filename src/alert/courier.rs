@@ -5,7 +5,8 @@ use super::signal::{Signal, Stopped};
 use super::{Backoff, Failure, Message, Pace, Sink, SinkSettings};
 use crate::random;
 use crate::store::{Filter, Reader, StoreError};
-use crate::telemetry::{Fault, Health};
+use crate::telemetry::metrics::Delivery;
+use crate::telemetry::{Fault, Telemetry};
 use crate::track::alarm;
 use std::collections::{HashSet, VecDeque};
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -64,7 +65,7 @@ pub(super) struct Errand {
     pub(super) site: String,
     pub(super) store: PathBuf,
     pub(super) marks: Arc<Marks>,
-    pub(super) health: Arc<Health>,
+    pub(super) telemetry: Telemetry,
 }
 
 /// One sink's courier.
@@ -121,17 +122,22 @@ impl Courier {
     fn failed(&mut self, failure: &Failure) -> Result<(), Stopped> {
         let wait = self.backoff.after_failure(failure.retry_after);
         let id = &self.errand.settings.id;
+        self.errand.telemetry.metrics.delivery(id, Delivery::Failed);
         let next_s = wait.as_secs_f64().ceil();
         let detail = format!("sink {id}: {failure}; tried again in {next_s:.0} s");
         self.signal
-            .unless_stopped(|| self.errand.health.hold(Fault::Sink, id, detail))?;
+            .unless_stopped(|| self.errand.telemetry.health.hold(Fault::Sink, id, detail))?;
         self.signal.pause(wait)
     }
 
     fn worked(&mut self) -> Result<(), Stopped> {
         self.backoff.reset();
-        self.signal
-            .unless_stopped(|| self.errand.health.over(Fault::Sink, &self.errand.settings.id))
+        self.signal.unless_stopped(|| {
+            self.errand
+                .telemetry
+                .health
+                .over(Fault::Sink, &self.errand.settings.id)
+        })
     }
 
     fn until_next_look(&self) -> Duration {
@@ -159,6 +165,9 @@ impl Courier {
             self.tell_standing(reader, &mut place)?;
         }
         loop {
+            let waiting = usize::try_from(reader.latest_news()? - place.through).unwrap_or(0);
+            let (metrics, id) = (&self.errand.telemetry.metrics, &self.errand.settings.id);
+            metrics.outbox(id, waiting);
             let news = reader.news_after(place.through, BATCH)?;
             let Some(last) = news.last().map(|news| news.number) else {
                 break;
@@ -167,6 +176,8 @@ impl Courier {
                 if self.errand.settings.wants(news.event.alarm.kind, &news.rod) {
                     self.send(&Message::of_news(&self.errand.site, news))?;
                     self.worked()?;
+                    let (metrics, id) = (&self.errand.telemetry.metrics, &self.errand.settings.id);
+                    metrics.delivery(id, Delivery::Delivered);
                 } else if news.number < last {
                     // What is not for this sink is passed over without a commit each.
                     continue;

@@ -5,7 +5,7 @@ use super::marks::Marks;
 use super::signal::Signal;
 use super::{Pace, SinkSettings};
 use crate::daemon::Job;
-use crate::telemetry::{Fault, Health};
+use crate::telemetry::{Fault, Telemetry};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
@@ -20,7 +20,7 @@ pub struct Couriers {
     store: PathBuf,
     marks: Arc<Marks>,
     marks_ended: Option<Receiver<()>>,
-    health: Arc<Health>,
+    telemetry: Telemetry,
     pace: Pace,
     running: Vec<Running>,
 }
@@ -40,9 +40,9 @@ impl Couriers {
         site: &str,
         store: &Path,
         jobs: SyncSender<Job>,
-        health: Arc<Health>,
+        telemetry: Telemetry,
     ) -> Self {
-        Self::start_at(Pace::default(), sinks, site, store, jobs, health)
+        Self::start_at(Pace::default(), sinks, site, store, jobs, telemetry)
     }
 
     /// Starts them at another pace than the usual one.
@@ -52,7 +52,7 @@ impl Couriers {
         site: &str,
         store: &Path,
         jobs: SyncSender<Job>,
-        health: Arc<Health>,
+        telemetry: Telemetry,
     ) -> Self {
         let marks = Arc::<Marks>::default();
         let marks_ended = match marks.start(jobs) {
@@ -67,7 +67,7 @@ impl Couriers {
             store: store.to_owned(),
             marks,
             marks_ended,
-            health,
+            telemetry,
             pace,
             running: Vec::new(),
         };
@@ -94,7 +94,8 @@ impl Couriers {
         let stopped = stop(changed, Instant::now() + STOP_WITHIN);
         for (id, _) in &stopped {
             if !wanted.iter().any(|settings| settings.id == *id) {
-                self.health.over(Fault::Sink, id);
+                self.telemetry.health.over(Fault::Sink, id);
+                self.telemetry.metrics.forget_sink(id);
             }
         }
         for settings in wanted {
@@ -126,7 +127,7 @@ impl Couriers {
             site: site.to_owned(),
             store: self.store.clone(),
             marks: Arc::clone(&self.marks),
-            health: Arc::clone(&self.health),
+            telemetry: self.telemetry.clone(),
         };
         let mut courier = Courier::new(errand, self.pace, place, Arc::clone(&signal));
         let spawned = thread::Builder::new().name(format!("sink {id}")).spawn(move || {
@@ -134,7 +135,8 @@ impl Couriers {
             drop(ending);
         });
         if let Err(error) = spawned {
-            self.health
+            self.telemetry
+                .health
                 .hold(Fault::Sink, &id, format!("sink {id}: no thread for it: {error}"));
             return None;
         }

@@ -4,12 +4,12 @@ use super::Happening;
 use super::reader::JournalSource;
 use crate::config::{Config, RodConfig};
 use crate::ingest::{self, Counts, Listener, Server, TopicSet};
-use crate::journal::{Bell, Journal};
+use crate::journal::{Bell, Journal, part};
 use crate::telemetry::{Fault, Metrics, Telemetry};
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex};
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::mpsc::Sender;
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 use tokio::runtime::Runtime;
 use tokio::sync::watch;
@@ -30,11 +30,9 @@ impl Bound {
     /// # Errors
     /// An address is taken.
     pub fn bind(config: &Config, inherited: Vec<Listener>) -> anyhow::Result<Self> {
-        let mut ingest = inherited;
-        for listen in &config.ingest.listen {
-            ingest.push(Listener::bind(listen)?);
-        }
-        Ok(Self { ingest })
+        Ok(Self {
+            ingest: Listener::all(inherited, &config.ingest.listen)?,
+        })
     }
 }
 
@@ -87,6 +85,7 @@ impl Live {
         let resume_s = config.ingest.resume_s;
         let journal = Journal::start(&folder, &config.journal, resume_s, Arc::clone(health), failed)?;
         telemetry.metrics.watch_disk("journal", folder.clone());
+        telemetry.metrics.watch_disk("store", store.to_owned());
         if !bound.ingest.is_empty() {
             let server = Server::new(
                 config.ingest.clone(),
@@ -133,6 +132,7 @@ impl Live {
     pub fn gauges(&self) -> Gauges {
         Gauges {
             counts: Arc::clone(&self.counts),
+            journal: self.journal.as_ref().map(|(_, folder)| folder.clone()),
             shown: Mutex::default(),
         }
     }
@@ -171,6 +171,7 @@ pub fn folder_of(config: &Config, store: &Path) -> PathBuf {
 /// Counts of the sockets on their way to the metrics.
 pub struct Gauges {
     counts: Arc<Counts>,
+    journal: Option<PathBuf>,
     /// Messages and bytes shown so far.
     shown: Mutex<(u64, u64)>,
 }
@@ -180,9 +181,22 @@ impl Gauges {
     pub fn show(&self, metrics: &Metrics) {
         let of = |count: &std::sync::atomic::AtomicU64| count.load(Ordering::Relaxed);
         let (messages, bytes) = (of(&self.counts.messages), of(&self.counts.bytes));
-        let mut shown = self.shown.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        let mut shown = self
+            .shown
+            .lock()
+            .unwrap_or_else(std::sync::PoisonError::into_inner);
         metrics.received(messages - shown.0, bytes - shown.1);
         metrics.clients(usize::try_from(of(&self.counts.clients)).unwrap_or(usize::MAX));
         *shown = (messages, bytes);
+        if let Some(folder) = &self.journal {
+            metrics.journal(bytes_in(folder));
+        }
     }
+}
+
+/// What the parts of a journal take together.
+fn bytes_in(folder: &Path) -> u64 {
+    let parts = part::list(folder).unwrap_or_default();
+    let size = |part: u32| std::fs::metadata(part::path(folder, part)).map_or(0, |data| data.len());
+    parts.into_iter().map(size).sum()
 }

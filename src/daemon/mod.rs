@@ -27,6 +27,7 @@ use crate::http;
 use crate::ingest::Listener;
 use crate::pipeline::message_of;
 use crate::site::Site;
+use crate::store;
 use crate::telemetry::{Fault, Health, Phase, Telemetry};
 use live::Bound;
 use notify::Watchdog;
@@ -93,9 +94,17 @@ pub fn run(options: &Options) -> anyhow::Result<ExitCode> {
         .build()?;
     signals::listen(&runtime, tell.clone())?;
     // What is taken by another process is known before anything is begun.
-    let mut bound = Some(Bound::bind(&config, inherited)?);
     let (_stop_http, http_stopped) = watch::channel(false);
-    show(&config, &runtime, &telemetry, http_stopped)?;
+    let bind = || -> anyhow::Result<Bound> {
+        show(&config, &runtime, &telemetry, http_stopped)?;
+        Bound::bind(&config, inherited)
+    };
+    // If it is another daemon on the same store, that is the reason to give.
+    let holder = |error| match config.store.path.as_deref().and_then(store::held) {
+        Some(held) => held.into(),
+        None => error,
+    };
+    let mut bound = Some(bind().map_err(holder)?);
     let _watchdog = Watchdog::start(telemetry.clone())?;
     notify::still_starting("preparing rods and store", STARTING);
     open(config, Arc::clone(&telemetry.health), tell.clone())?;

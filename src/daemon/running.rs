@@ -69,10 +69,14 @@ impl Running {
             &config.site,
             &store,
             jobs.clone(),
-            Arc::clone(health),
+            telemetry.clone(),
         );
         let couriers = Arc::new(Mutex::new(couriers));
-        let workers = Workers::new(site.store().all_known().clone(), Arc::clone(&suspects));
+        let workers = Workers::new(
+            site.store().all_known().clone(),
+            Arc::clone(&suspects),
+            Arc::clone(&telemetry.metrics),
+        );
         let ending = Ending::default();
         let core = Core::new(
             site,
@@ -258,7 +262,10 @@ fn hear(
 fn stop(couriers: Arc<Mutex<Couriers>>) {
     // The core, which has the other half, has ended or is left behind.
     if let Some(couriers) = Arc::into_inner(couriers) {
-        couriers.into_inner().unwrap_or_else(PoisonError::into_inner).stop();
+        couriers
+            .into_inner()
+            .unwrap_or_else(PoisonError::into_inner)
+            .stop();
     }
 }
 

@@ -5,22 +5,26 @@ use super::suspects::{Slot, Suspects};
 use super::{Generation, Job};
 use crate::record::{Event, Record, Rejection};
 use crate::step::{self, Analysed, Known, Place};
+use crate::telemetry::Metrics;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Instant;
 
 /// The pipeline's threads.
 pub struct Workers {
     /// Records that were in the store when the daemon started; those that came since are found by the core.
     known: Known,
     suspects: Arc<Suspects>,
+    metrics: Arc<Metrics>,
     idle: Mutex<Vec<Slot>>,
 }
 
 impl Workers {
     /// Threads that leave out `known` and mark what they are at with `suspects`.
-    pub fn new(known: Known, suspects: Arc<Suspects>) -> Self {
+    pub fn new(known: Known, suspects: Arc<Suspects>, metrics: Arc<Metrics>) -> Self {
         Self {
             known,
             suspects,
+            metrics,
             idle: Mutex::default(),
         }
     }
@@ -60,7 +64,9 @@ impl Workers {
         }
         let mut slot = self.idle().pop().unwrap_or_else(|| self.suspects.slot());
         slot.working_on(&name);
+        let begun = Instant::now();
         let analysed = step::analyse(Event::Record(record), &generation.plans, &self.known);
+        self.metrics.analysis(begun.elapsed());
         slot.idle();
         self.idle().push(slot);
         Done::Event(analysed, place)

@@ -226,6 +226,14 @@ impl Store {
     }
 }
 
+/// Why the store at `path` cannot be written now, if another process writes it.
+pub fn held(path: &Path) -> Option<StoreError> {
+    let path = std::fs::canonicalize(path).ok()?;
+    Lock::take(&path)
+        .err()
+        .filter(|error| matches!(error, StoreError::Held { .. }))
+}
+
 /// Puts requests into a store that another process writes; their numbers.
 ///
 /// # Errors

@@ -19,7 +19,8 @@ use tirante::record::RodId;
 use tirante::store::Reader;
 
 /// What the daemon's configuration has besides the site: no fixed port, so that daemons run side by side.
-const OPERATION: &str = "\n[store]\npath = \"site.db\"\n[ingest]\nfolder = \"archive\"\n";
+const OPERATION: &str =
+    "\n[store]\npath = \"site.db\"\n[ingest]\nfolder = \"archive\"\n[http]\nlisten = \"off\"\n";
 /// How long anything may take on a machine that is busy with other things.
 const DEADLINE: Duration = Duration::from_secs(120);
 

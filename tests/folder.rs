@@ -57,11 +57,8 @@ unit = "mm"
 fs_hz = 200
 "#
     );
-    Arc::new(Generation {
-        config: Config::parse(&text, "test.toml").unwrap(),
-        plans: BTreeMap::new(),
-        track_plans: Vec::new(),
-    })
+    let config = Config::parse(&text, "test.toml").unwrap();
+    Arc::new(Generation::prepare(config, |_| |_, _| ()).unwrap())
 }
 
 /// A recording of `seconds` that begins `after` seconds late.
@@ -371,7 +368,7 @@ fn what_twice_ended_the_program_is_set_aside_and_the_rest_goes_on() {
     fs::write(folder.path().join("good.mcap"), measured(100.0, 20.0)).unwrap();
     let watch = Watch {
         working_on: Box::new(|_| {}),
-        deaths: Box::new(|step| if step.starts_with("bad.mcap@") { 2 } else { 1 }),
+        deaths: Box::new(|step| if step.starts_with("bad.mcap@") { 3 } else { 2 }),
     };
     let mut run = Run::with(folder.path(), 600.0, Remembered::default(), watch);
     run.until("both", |run| run.done("bad.mcap") && run.done("good.mcap"));

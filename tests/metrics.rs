@@ -11,7 +11,7 @@ use std::time::{Duration, SystemTime};
 use tirante::outcome::Outcome;
 use tirante::record::{RodId, Timestamp};
 use tirante::store::{Durability, Store};
-use tirante::telemetry::metrics::{Delivery, Queue};
+use tirante::telemetry::metrics::Delivery;
 use tirante::telemetry::{Fault, Phase, Telemetry};
 use tirante::track::relative::Interval;
 use tirante::track::{Alarm, AtReference, Kind, RodState, SetAside, Verdict};
@@ -73,8 +73,6 @@ fn everything() -> Telemetry {
     metrics.taken(&live(), &lost(), took);
     metrics.known(&rod());
     metrics.analysis(Duration::from_millis(20));
-    metrics.queue(Queue::Journal, 3, 64);
-    metrics.queue(Queue::Jobs, 1, 16);
     metrics.clients(2);
     metrics.received(10, 1000);
     metrics.journal(1 << 20);

@@ -59,7 +59,7 @@ impl Couriers {
             Ok(ended) => Some(ended),
             Err(error) => {
                 let detail = format!("what was delivered cannot be remembered, no thread for it: {error}");
-                health.hold(Fault::Sink, "marks", detail);
+                telemetry.health.hold(Fault::Sink, "marks", detail);
                 None
             }
         };

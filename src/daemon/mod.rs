@@ -43,9 +43,6 @@ use std::time::Duration;
 use tokio::runtime::Runtime;
 use tokio::sync::watch;
 
-/// How long preparing may take before systemd gives up: emulators are fitted, every row of the store is checked.
-const STARTING: Duration = Duration::from_secs(600);
-
 /// How often the threads are looked after.
 const LOOK: Duration = Duration::from_secs(1);
 
@@ -106,7 +103,6 @@ pub fn run(options: &Options) -> anyhow::Result<ExitCode> {
     };
     let mut bound = Some(bind().map_err(holder)?);
     let _watchdog = Watchdog::start(telemetry.clone())?;
-    notify::still_starting("preparing rods and store", STARTING);
     open(config, Arc::clone(&telemetry.health), tell.clone())?;
     let daemon = Daemon {
         options,

@@ -4,6 +4,7 @@
 //! it stops: what was not committed is read again at the next start.
 
 use super::folder::{Folder, FolderStep};
+use super::suspects::CONDEMNED;
 use super::{Generation, Job};
 use crate::journal::{self, Bell, part};
 use crate::record::{Event, RodChannels};
@@ -25,8 +26,6 @@ use std::time::Duration;
 const POLL: Duration = Duration::from_millis(200);
 /// Pause before a full queue is tried again.
 const PUSH_BACK: Duration = Duration::from_millis(2);
-/// Deaths of the program at one step before that step is not tried again.
-const MOST_DEATHS: u32 = 2;
 
 /// The name the store keeps the journal's [`Carry`] under.
 pub const JOURNAL: &str = "journal";
@@ -55,7 +54,7 @@ impl Watch {
     pub(super) fn begin(&mut self, name: &str, offset: u64) -> Option<String> {
         let step = format!("{name}@{offset}");
         let deaths = (self.deaths)(&step);
-        if deaths >= MOST_DEATHS {
+        if deaths >= CONDEMNED {
             return Some(format!(
                 "{name}: reading it at byte {offset} ended the program {deaths} times; it is set aside"
             ));

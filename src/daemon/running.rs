@@ -3,7 +3,7 @@
 use super::core::{Broken, Core, Word};
 use super::live::{Bound, Live};
 use super::pipe::{self, Ending, JOBS};
-use super::reader::{self, Reader, Remembered, Sources, Watch};
+use super::reader::{self, Reader, Remembered, Sources, Surroundings, Watch};
 use super::suspects::Suspects;
 use super::workers::Workers;
 use super::{Generation, Happening, Job, Options, restart};
@@ -90,6 +90,7 @@ impl Running {
             .unwrap_or_else(|| thread::available_parallelism().map_or(1, usize::from));
         work(core, receiver, workers, threads, ending.clone(), tell.clone())?;
 
+        let caught_up = Arc::<AtomicBool>::default();
         let sources = Sources {
             folder: config.ingest.folder.clone(),
             settle_s: config.ingest.settle_s,
@@ -99,12 +100,15 @@ impl Running {
             sources,
             remembered,
             Arc::clone(&generation),
-            jobs.clone(),
-            Arc::clone(health),
-            live.bell(),
-            watch(&suspects),
+            Surroundings {
+                jobs: jobs.clone(),
+                health: Arc::clone(health),
+                bell: live.bell(),
+                caught_up: Arc::clone(&caught_up),
+                watch: watch(&suspects),
+            },
         )?;
-        tick(jobs, reader.caught_up())?;
+        tick(jobs, caught_up)?;
         Ok(Self {
             generation,
             reader,

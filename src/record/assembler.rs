@@ -46,8 +46,9 @@ const WARM: usize = 16;
 const ASTRAY: usize = 3;
 /// How far back a late message may belong, in messages.
 const LATE: usize = 64;
-/// Messages a window waits for late ones.
+/// Messages a window waits for late ones, and how long at most \[s\], but for one message at least.
 const LAG: usize = 32;
+const LAG_S: f64 = 0.5;
 /// Records that wait for the temperature beside them.
 const WAITING: usize = 4;
 /// Samples too few to say why they are no record.
@@ -392,7 +393,8 @@ impl Assembler {
             return;
         };
         let span = time.saturating_sub(start) as f64 * 1e-9;
-        let lag = LAG as f64 * interval * values.len() as f64 * 1e-9;
+        let message = interval * values.len() as f64 * 1e-9;
+        let lag = (LAG as f64 * message).min(message.max(LAG_S));
         let longest = self.settings.max_duration_s;
         let full = self.open.values.len() >= MAX_SAMPLES;
         match self.settings.cut {

@@ -26,24 +26,6 @@ use std::time::{Duration, SystemTime};
 /// A gauge of a quantity.
 pub(super) type Quantity = Gauge<f64, AtomicU64>;
 
-/// A bounded queue inside the daemon.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Queue {
-    /// From the sockets to the journal's thread.
-    Journal,
-    /// From the reader to the core.
-    Jobs,
-}
-
-impl Queue {
-    fn code(self) -> &'static str {
-        match self {
-            Self::Journal => "journal",
-            Self::Jobs => "jobs",
-        }
-    }
-}
-
 /// What came of one attempt to deliver news.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Delivery {
@@ -72,7 +54,6 @@ macro_rules! labels {
 labels! {
     OfRodOutcome { rod: String, outcome: &'static str }
     OfRodReason { rod: String, reason: &'static str }
-    OfQueue { queue: &'static str }
     OfSink { sink: String }
     OfSinkOutcome { sink: String, outcome: &'static str }
 }
@@ -86,8 +67,6 @@ pub struct Metrics {
     analysis_s: Histogram,
     commit_s: Histogram,
     latency_s: Histogram,
-    queue_length: Family<OfQueue, Gauge>,
-    queue_capacity: Family<OfQueue, Gauge>,
     clients: Gauge,
     received_messages: Counter,
     received_bytes: Counter,
@@ -124,8 +103,6 @@ impl Metrics {
                  are not live",
                 &LATENCY_S,
             ),
-            queue_length: r.put("queue_length", None, "Items that wait in a queue"),
-            queue_capacity: r.put("queue_capacity", None, "Items a queue holds before its writer waits"),
             clients: r.put("clients", None, "Clients connected to the sockets"),
             received_messages: r.put("received_messages", None, "Messages received through the sockets"),
             received_bytes: r.put("received", Some(Unit::Bytes), "Bytes received through the sockets"),
@@ -184,13 +161,6 @@ impl Metrics {
     /// One record's analysis took this long.
     pub fn analysis(&self, took: Duration) {
         self.analysis_s.observe(took.as_secs_f64());
-    }
-
-    /// A queue has this many items of so many it can hold.
-    pub fn queue(&self, queue: Queue, length: usize, capacity: usize) {
-        let queue = OfQueue { queue: queue.code() };
-        self.queue_length.get_or_create(&queue).set(count(length));
-        self.queue_capacity.get_or_create(&queue).set(count(capacity));
     }
 
     /// This many clients are connected.

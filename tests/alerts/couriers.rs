@@ -363,8 +363,8 @@ fn a_store_that_cannot_be_read_is_told_and_tried_again() {
     let (desk, fake) = (Desk::new(), Fake::new(&[]));
     let missing = desk.path("none.db");
     let (jobs, _received) = sync_channel(10);
-    let health = std::sync::Arc::clone(&desk.health);
-    let couriers = tirante::alert::Couriers::start_at(FAST, &to(&fake), SITE, &missing, jobs, health);
+    let couriers =
+        tirante::alert::Couriers::start_at(FAST, &to(&fake), SITE, &missing, jobs, desk.telemetry.clone());
     eventually("it is told", || {
         desk.condition("hook").is_some() && desk.condition("log").is_some()
     });

@@ -12,7 +12,7 @@ use tirante::config::Config;
 use tirante::daemon::Job;
 use tirante::record::{RodId, Timestamp};
 use tirante::store::{Commit, Durability, RodRow, Store};
-use tirante::telemetry::{Fault, Health};
+use tirante::telemetry::{Fault, Health, Telemetry};
 use tirante::track::{Alarm, AlarmEvent, Kind, RodState, State, What};
 
 pub const SITE: &str = "Duomo";
@@ -27,12 +27,14 @@ pub const FAST: Pace = Pace {
 pub struct Desk {
     pub folder: TempDir,
     pub store: Arc<Mutex<Store>>,
+    pub telemetry: Telemetry,
     pub health: Arc<Health>,
     pub jobs: SyncSender<Job>,
 }
 
 impl Desk {
     pub fn new() -> Self {
+        let telemetry = Telemetry::default();
         let folder = tempfile::tempdir().unwrap();
         let store = Store::open(&folder.path().join("site.db"), Durability::Replay).unwrap();
         let store = Arc::new(Mutex::new(store));
@@ -56,7 +58,8 @@ impl Desk {
         Self {
             folder,
             store,
-            health: Arc::default(),
+            health: Arc::clone(&telemetry.health),
+            telemetry,
             jobs,
         }
     }
@@ -116,7 +119,7 @@ impl Desk {
             SITE,
             &self.path("site.db"),
             jobs,
-            Arc::clone(&self.health),
+            self.telemetry.clone(),
         )
     }
 

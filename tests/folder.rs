@@ -4,7 +4,7 @@
 mod common;
 
 use common::{FS, START, motion, recording, spec};
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 use std::ffi::OsStr;
 use std::fs::{self, File};
 use std::io::Write;

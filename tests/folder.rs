@@ -362,7 +362,7 @@ fn a_file_without_permission_is_named_and_does_not_stop_the_others() {
 }
 
 #[test]
-fn what_twice_ended_the_program_is_set_aside_and_the_rest_goes_on() {
+fn what_thrice_ended_the_program_is_set_aside_and_the_rest_goes_on() {
     let folder = tempfile::tempdir().unwrap();
     fs::write(folder.path().join("bad.mcap"), measured(0.0, 20.0)).unwrap();
     fs::write(folder.path().join("good.mcap"), measured(100.0, 20.0)).unwrap();
@@ -373,7 +373,7 @@ fn what_twice_ended_the_program_is_set_aside_and_the_rest_goes_on() {
     let mut run = Run::with(folder.path(), 600.0, Remembered::default(), watch);
     run.until("both", |run| run.done("bad.mcap") && run.done("good.mcap"));
     assert!(
-        matches!(&run.remembered.files["bad.mcap"].state, FileState::Quarantined(why) if why.contains("2 times"))
+        matches!(&run.remembered.files["bad.mcap"].state, FileState::Quarantined(why) if why.contains("3 times"))
     );
     assert_eq!(run.remembered.files["good.mcap"].state, FileState::Done);
     assert_eq!((run.records.len(), run.health.count(Fault::Quarantined)), (2, 1));

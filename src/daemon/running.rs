@@ -254,7 +254,7 @@ fn hear(
                 if let Some(part) = part::number_of_mark(&mark.name) {
                     results_kept.fetch_max(part, Ordering::Relaxed);
                 }
-                tracing::debug!("{} is read", mark.name);
+                tracing::info!("{} is read", mark.name);
             }
             Word::Reloaded(generation) => {
                 tracing::info!("configuration {} holds", generation.provenance().hash);

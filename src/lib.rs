@@ -29,11 +29,25 @@
 //! * [`sink`]     recordings out: MCAP
 //! * [`cache`]    fitted emulators on disk
 //! * [`line`](mod@line)     a record as one JSON line
+//! * [`step`]     one record through its rod's plan, the same for `replay` and daemon
 //! * [`site`]     the trackers of a site's rods, folded in the order records come, and the store they commit to
 //! * [`store`]    what is remembered: SQLite, one transaction per record
 //! * [`plot`]     figures and the report page
 //! * [`pipeline`] reading and computing at once, results in order
 //! * [`cli`], [`command`] arguments as typed, one file per subcommand
+//!
+//! The daemon (`tirante run`; everything live becomes a file first, docs/daemon.md):
+//!
+//! ```text
+//! ingest -> journal --.
+//! watched folder -----+-> daemon: reader -> pipeline -> core -> store -> alert
+//! ```
+//! * [`daemon`]   its life and its threads: reader, pipeline, core; reload, drain, suspects
+//! * [`ingest`]   sockets: the protocol, named senders and what is acknowledged, limits, TLS
+//! * [`journal`]  what the sockets took, as MCAP parts on disk
+//! * [`alert`]    news of alarms to the sinks, at least once and in order
+//! * [`telemetry`] faults and health, metrics, the log
+//! * [`http`]     `/healthz`, `/readyz`, `/metrics`
 //!
 //! Units are SI throughout; where no documentation travels, the unit is a suffix of the name.
 

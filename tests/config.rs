@@ -12,6 +12,7 @@ use tirante::synthesis::Truth;
 const MINIMAL: &str = include_str!("../config/minimal.toml");
 const TODI: &str = include_str!("../config/todi.toml");
 const CAMPAIGN: &str = include_str!("../config/campaign.toml");
+const DAEMON: &str = include_str!("../config/daemon.toml");
 const EVERY_KEY: &str = include_str!("every-key.toml");
 
 fn good(text: &str) -> Config {
@@ -461,7 +462,7 @@ fn a_rods_meaning_changes_with_what_its_numbers_depend_on_and_nothing_else() {
 
 #[test]
 fn the_effective_configuration_reads_back_as_the_same() {
-    for text in [MINIMAL, TODI, CAMPAIGN, EVERY_KEY] {
+    for text in [MINIMAL, TODI, CAMPAIGN, DAEMON, EVERY_KEY] {
         let config = good(text);
         let again = good(&config.effective());
         assert_eq!(config, again);
@@ -469,6 +470,31 @@ fn the_effective_configuration_reads_back_as_the_same() {
         assert_ne!(
             config.hash(),
             good(&text.replace("14", "13").replace("12.5", "12.6")).hash()
+        );
+    }
+}
+
+#[test]
+fn the_daemons_example_follows_the_rod_of_the_campaign() {
+    let (daemon, campaign) = (good(DAEMON), good(CAMPAIGN));
+    let rod = RodId("nave-3".into());
+    assert_eq!(daemon.meaning_of(&rod), campaign.meaning_of(&rod));
+    assert_eq!(daemon.rods, campaign.rods);
+    assert!(daemon.store.path.is_some() && daemon.ingest.folder.is_some());
+    assert!(!daemon.ingest.listen.is_empty());
+}
+
+#[test]
+fn every_bad_socket_is_named() {
+    let text = format!(
+        "{MINIMAL}\n[ingest]\nlisten = [\"udp://x\", \"tcp://127.0.0.1:99999\", 7, \"unix:///a\", \"unix:///a\"]\n"
+    );
+    let found = messages(&text);
+    for index in [0, 1, 2, 4] {
+        let name = format!("ingest.listen[{index}]");
+        assert!(
+            found.iter().any(|fault| fault.contains(&name)),
+            "{name}: {found:?}"
         );
     }
 }

@@ -141,16 +141,21 @@ fn sockets(value: &Value<'_>) -> Option<Vec<Listen>> {
         return None;
     }
     let mut sockets: Vec<Listen> = Vec::new();
+    let mut is_good = true;
     for element in &elements {
-        match element.name_string()?.parse() {
-            Ok(socket) if sockets.contains(&socket) => element.fault(format!("{socket} stands twice")),
-            Ok(socket) => {
+        let Some(text) = element.name_string() else {
+            is_good = false;
+            continue;
+        };
+        match text.parse() {
+            Ok(socket) if !sockets.contains(&socket) => {
                 sockets.push(socket);
                 continue;
             }
-            Err(what) => element.fault(format!("{} {what}", element.name_string()?)),
+            Ok(socket) => element.fault(format!("{socket} stands twice")),
+            Err(what) => element.fault(format!("{text} {what}")),
         }
-        return None;
+        is_good = false;
     }
-    Some(sockets)
+    is_good.then_some(sockets)
 }

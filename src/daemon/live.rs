@@ -160,7 +160,7 @@ impl Live {
 }
 
 /// The journal's folder: the configured one, or `journal` beside the store.
-pub fn folder_of(config: &Config, store: &Path) -> PathBuf {
+fn folder_of(config: &Config, store: &Path) -> PathBuf {
     config
         .journal
         .folder

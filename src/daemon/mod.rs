@@ -126,6 +126,7 @@ fn show(
     let Some(listener) = http::listen(&config.http)? else {
         return Ok(());
     };
+    tracing::info!("health and metrics at http://{}", listener.local_addr()?);
     let routes = http::routes(telemetry.clone());
     let health = Arc::clone(&telemetry.health);
     runtime.spawn(async move {

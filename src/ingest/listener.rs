@@ -16,7 +16,7 @@ const UNIX_MODE: u32 = 0o660;
 #[derive(Debug, thiserror::Error)]
 pub enum ListenError {
     /// The system said no.
-    #[error("cannot listen at {address}: {source}")]
+    #[error("cannot listen at {address}")]
     Io {
         /// The socket.
         address: String,

@@ -10,7 +10,7 @@ use std::mem;
 use std::sync::Arc;
 
 /// Longest JSON line accepted \[bytes\].
-pub const MAX_LINE: usize = 1 << 20;
+const MAX_LINE: usize = 1 << 20;
 
 const MAGIC: &[u8] = b"\x89MCAP0\r\n";
 

@@ -13,6 +13,14 @@ pub enum StoreError {
         /// The file.
         path: PathBuf,
     },
+    /// There is no folder to put it into.
+    #[error("{path}: there is no folder {folder} for the store: make it, or name another", path = path.display(), folder = folder.display())]
+    NoFolder {
+        /// The file.
+        path: PathBuf,
+        /// The folder.
+        folder: PathBuf,
+    },
     /// Another program's file.
     #[error("{path} is no store of tirante ({what}): name another file", path = path.display())]
     Foreign {

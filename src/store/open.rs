@@ -152,7 +152,14 @@ fn resolved(path: &Path) -> Result<PathBuf, StoreError> {
         Ok(path) => Ok(path),
         Err(error) if error.kind() == ErrorKind::NotFound => {
             let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
-            let folder = fs::canonicalize(folder.unwrap_or(Path::new("."))).map_err(io)?;
+            let folder = folder.unwrap_or(Path::new("."));
+            let folder = fs::canonicalize(folder).map_err(|error| match error.kind() {
+                ErrorKind::NotFound => StoreError::NoFolder {
+                    path: path.to_owned(),
+                    folder: folder.to_owned(),
+                },
+                _ => io(error),
+            })?;
             let name = path
                 .file_name()
                 .ok_or_else(|| io(std::io::Error::new(ErrorKind::InvalidInput, "not a file name")))?;

@@ -13,7 +13,7 @@ pub enum Fault {
     Refused,
     /// A client was silent for too long.
     Idle,
-    /// Something that twice ended the program was set aside.
+    /// Something that again and again ended the program was set aside.
     Quarantined,
     /// The analysis of a record broke.
     Broken,
@@ -80,7 +80,7 @@ impl Fault {
             Self::Client => "a client sent what cannot be understood, or broke the limits",
             Self::Refused => "a client was turned away: too many, or not allowed",
             Self::Idle => "a client was silent for too long and was closed",
-            Self::Quarantined => "something that twice ended the program was set aside",
+            Self::Quarantined => "something that again and again ended the program was set aside",
             Self::Broken => "the analysis of a record broke: a fault of the program",
             Self::DiskFull => "the disk has no room for results or the journal",
             Self::StoreDamaged => "the store was damaged when it was opened, and was begun anew",

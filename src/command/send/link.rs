@@ -2,6 +2,7 @@
 
 use crate::ingest::{Reply, tls};
 use anyhow::{Context, bail};
+use std::fmt;
 use std::path::PathBuf;
 use std::str::FromStr;
 use std::time::Duration;
@@ -33,6 +34,16 @@ pub enum Address {
     },
     /// A Unix socket.
     Unix(PathBuf),
+}
+
+impl fmt::Display for Address {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Tcp { host, port } if host.contains(':') => write!(f, "tcp://[{host}]:{port}"),
+            Self::Tcp { host, port } => write!(f, "tcp://{host}:{port}"),
+            Self::Unix(path) => write!(f, "unix://{}", path.display()),
+        }
+    }
 }
 
 impl FromStr for Address {
@@ -103,6 +114,7 @@ impl Link {
         timeout(CONNECT, Self::connect(to, tls))
             .await
             .context("no connection within 10 s")?
+            .with_context(|| to.to_string())
     }
 
     async fn connect(to: &Address, tls: Option<&TlsConnector>) -> anyhow::Result<Self> {

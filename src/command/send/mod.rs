@@ -114,7 +114,9 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     }
     let files = source::recordings(&args.files)
         .into_iter()
-        .collect::<Result<Vec<_>, _>>()?;
+        .collect::<Result<Vec<_>, _>>()
+        // Its words hold the cause already.
+        .map_err(|error| anyhow::Error::msg(error.to_string()))?;
     let total = files
         .iter()
         .filter_map(|file| file.metadata().ok())

@@ -304,7 +304,7 @@ fn a_newer_format_is_refused_by_name_and_left_alone() {
     fill(&mut open(&path), 0..3);
     Connection::open(&path)
         .unwrap()
-        .pragma_update(None, "user_version", 3)
+        .pragma_update(None, "user_version", 99)
         .unwrap();
     let before = std::fs::read(&path).unwrap();
     for error in [
@@ -316,7 +316,7 @@ fn a_newer_format_is_refused_by_name_and_left_alone() {
             matches!(
                 error,
                 StoreError::Newer {
-                    found: 3,
+                    found: 99,
                     known: 2,
                     ..
                 }
@@ -325,7 +325,7 @@ fn a_newer_format_is_refused_by_name_and_left_alone() {
         );
         let text = error.to_string();
         assert!(
-            text.contains("format 3") && text.contains(env!("CARGO_PKG_VERSION")),
+            text.contains("format 99") && text.contains(env!("CARGO_PKG_VERSION")),
             "{text}"
         );
     }
@@ -437,4 +437,44 @@ fn a_reader_does_not_believe_a_changed_row() {
         let store = open(&copy);
         assert!(store.moved_aside().is_some(), "{change}");
     }
+}
+
+/// A store that the program of format 1 wrote (`replay recordings/todi-pull.mcap`), and what its `history --format json`
+/// printed.
+#[test]
+fn a_store_of_the_first_format_is_read_as_it_is_and_brought_up_to_date_by_a_writer() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("site.db");
+    let packed = include_bytes!("fixtures/store-format-1.db.zst");
+    std::fs::write(&path, zstd::decode_all(&packed[..]).unwrap()).unwrap();
+    // The program that wrote it left its lock's file.
+    std::fs::write(folder.path().join("site.db.lock"), "1\n").unwrap();
+    let history = |reader: &Reader| {
+        let mut text = String::new();
+        reader
+            .lines(
+                Listing::Records,
+                &Filter::default(),
+                |line| -> Result<(), StoreError> {
+                    text += line;
+                    text.push('\n');
+                    Ok(())
+                },
+            )
+            .unwrap();
+        text
+    };
+    let expected = include_str!("fixtures/store-format-1.json");
+    let reader = Reader::open(&path).unwrap();
+    assert_eq!(history(&reader), expected);
+    let before = reader.dump().unwrap();
+    drop(reader);
+    let store = open(&path);
+    assert_eq!(store.moved_aside(), None);
+    assert_eq!(history(&store), expected);
+    assert_eq!(store.dump().unwrap(), before);
+    assert_eq!(store.files().unwrap().len(), 0);
+    assert_eq!(store.delivered("mail").unwrap(), None);
+    drop(store);
+    assert_eq!(Reader::open(&path).unwrap().dump().unwrap(), before);
 }

@@ -1,4 +1,4 @@
-//! `kill -9` at random moments: 200 in the tests, `KILLS=3000 cargo test --test faults kill -- --nocapture` by hand.
+//! `kill -9` at random moments: 200 in the tests, `KILLS=3000 cargo test --test survival kill -- --nocapture` by hand.
 
 use super::campaign::{Campaign, Material};
 use rand::RngExt;

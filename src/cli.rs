@@ -2,7 +2,7 @@
 
 use crate::command::{
     ack, alarm, check, emulator, frequencies, history, identify, manual, rebaseline, replay, report, run,
-    send, simulate, status,
+    send, simulate, status, study,
 };
 use clap::{ArgAction, Parser, Subcommand};
 use std::io;
@@ -51,6 +51,8 @@ pub enum Command {
     Frequencies(frequencies::Args),
     /// Fits and judges the emulators.
     Emulator(emulator::Args),
+    /// The source paper's study, held against what it prints.
+    Study(study::Args),
     /// A recording into the daemon's socket, at a chosen speed.
     Send(send::Args),
     /// Man pages and shell completions, for packages.

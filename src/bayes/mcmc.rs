@@ -206,9 +206,9 @@ impl<'a> Walk<'a> {
                 }
             }
             let density = walk.log_density();
-            for chain in 0..count {
-                if density[chain] > walk.density[chain] {
-                    walk.take(chain, density[chain]);
+            for (chain, density) in density.into_iter().enumerate().take(count) {
+                if density > walk.density[chain] {
+                    walk.take(chain, density);
                 }
             }
         }

@@ -29,6 +29,7 @@ pub mod send;
 mod setup;
 pub mod simulate;
 pub mod status;
+pub mod study;
 pub mod which_store;
 
 use crate::bayes::PlanError;
@@ -57,6 +58,7 @@ pub fn run(command: &Command) -> anyhow::Result<ExitCode> {
         Command::Report(args) => report::run(args),
         Command::Ack(args) => ack::run(args),
         Command::Rebaseline(args) => rebaseline::run(args),
+        Command::Study(args) => study::run(args),
         Command::Run(args) => run::run(args),
         Command::Send(args) => send::run(args),
         Command::Manual(args) => manual::run(args),

@@ -8,12 +8,15 @@
 //! group adapts together. Each chain draws from its own stream: the same seed gives the same bytes at any
 //! number of threads.
 
+mod proposal;
+
 use super::adjust::{back, forth};
 use super::chains::Chains;
 use super::likelihood::{Likelihood, NoLikelihood};
 use super::{InvalidObservation, Observation, Prior, RodPrior};
 use crate::forward::{ForwardModel, MAX_MODES};
 use crate::random;
+use proposal::Adapted;
 use rand::rngs::ChaCha8Rng;
 use rand_distr::{Distribution, Exp1, StandardNormal};
 use rayon::prelude::*;
@@ -24,8 +27,6 @@ pub const GROUP: usize = 16;
 /// Prior draws a chain chooses its start from. The best of so few is near the posterior, and far from where it
 /// is narrow: starts stay wider spread than what they are to find.
 const STARTS: usize = 64;
-/// Share of proposals to be accepted (Roberts, Gelman and Gilks 1997).
-const ACCEPTANCE: f64 = 0.234;
 /// Steps between two proposals in the burn-in, and before the first.
 const RENEWAL: usize = 50;
 
@@ -296,7 +297,7 @@ impl<'a> Walk<'a> {
         self.root = adapted.root();
         for step in 0..steps {
             let moved = self.step();
-            let rate = 1.0 / (step as f64 + 2.0).powf(0.7);
+            let rate = 1.0 / libm::pow(step as f64 + 2.0, 0.7);
             let accepted = moved.iter().filter(|&&moved| moved).count() as f64 / count;
             adapted.follow(&self.places, self.generators.len(), accepted, rate);
             if step % RENEWAL == RENEWAL - 1 {
@@ -328,70 +329,6 @@ impl<'a> Walk<'a> {
         }
         let shares = accepted[..count].iter().map(|&n| f64::from(n) / steps as f64);
         (kept, shares.collect())
-    }
-}
-
-/// The proposal that the burn-in learns.
-struct Adapted {
-    mean: Vec<f64>,
-    covariance: Vec<f64>,
-    log_size: f64,
-}
-
-impl Adapted {
-    fn new(unknowns: usize) -> Self {
-        let mut covariance = vec![0.0; unknowns * unknowns];
-        (0..unknowns).for_each(|i| covariance[i * unknowns + i] = 1e-4);
-        Self {
-            mean: Vec::new(),
-            covariance,
-            log_size: (2.38 / (unknowns as f64).sqrt()).ln(),
-        }
-    }
-
-    /// Moves by `rate` towards mean and covariance of the `count` chains, and towards the wanted acceptance.
-    fn follow(&mut self, places: &[Lanes], count: usize, accepted: f64, rate: f64) {
-        let unknowns = places.len();
-        let average = |lanes: &Lanes| lanes[..count].iter().sum::<f64>() / count as f64;
-        if self.mean.is_empty() {
-            self.mean = places.iter().map(average).collect();
-        }
-        for i in 0..unknowns {
-            for j in 0..=i {
-                let (a, b) = (self.mean[i], self.mean[j]);
-                let square: f64 = (0..count).map(|l| (places[i][l] - a) * (places[j][l] - b)).sum();
-                let entry = &mut self.covariance[i * unknowns + j];
-                *entry += rate * (square / count as f64 - *entry);
-            }
-        }
-        for (mean, lanes) in self.mean.iter_mut().zip(places) {
-            *mean += rate * (average(lanes) - *mean);
-        }
-        self.log_size += rate * (accepted - ACCEPTANCE);
-    }
-
-    /// Lower triangular root of the covariance times the size, row by row without the zeros.
-    fn root(&self) -> Vec<f64> {
-        let n = self
-            .mean
-            .len()
-            .max((self.covariance.len() as f64).sqrt() as usize);
-        let mut full = vec![0.0; n * n];
-        let mut packed = Vec::with_capacity(n * (n + 1) / 2);
-        for i in 0..n {
-            for j in 0..=i {
-                let sum: f64 = (0..j).map(|k| full[i * n + k] * full[j * n + k]).sum();
-                let rest = self.covariance[i * n + j] - sum;
-                full[i * n + j] = if i == j {
-                    // Rounding must not make a direction impossible.
-                    rest.max(1e-14).sqrt()
-                } else {
-                    rest / full[j * n + j]
-                };
-                packed.push(libm::exp(self.log_size) * full[i * n + j]);
-            }
-        }
-        packed
     }
 }
 
@@ -449,20 +386,5 @@ mod tests {
             run(&known, &observation, settings),
             Err(McmcError::NothingUncertain)
         );
-    }
-
-    #[test]
-    fn the_proposal_is_learned_from_the_chains() {
-        // Places on a line with slope two: the root's second row must be twice the first.
-        let mut adapted = Adapted::new(2);
-        for step in 0..2000 {
-            let x = (f64::from(step) * 0.7).sin();
-            let places = [[x; GROUP], [2.0 * x; GROUP]];
-            adapted.follow(&places, GROUP, ACCEPTANCE, 1.0 / f64::from(step + 2).powf(0.7));
-        }
-        let root = adapted.root();
-        assert!((root[1] / root[0] - 2.0).abs() < 0.02 && root[2] < 0.1 * root[0]);
-        // The sine's standard deviation, times the size for two unknowns.
-        assert!((root[0] / (0.5f64.sqrt() * 2.38 / 2f64.sqrt()) - 1.0).abs() < 0.2);
     }
 }

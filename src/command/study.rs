@@ -143,7 +143,7 @@ fn field(text: &str) -> String {
 
 fn numbers(comparisons: &[Comparison]) -> String {
     let mut csv = String::from("part,column,quantity,statistic,paper,ours,error_of_one_run,runs,deviation\n");
-    let optional = |value: Option<f64>| value.map_or_else(String::new, |v| v.to_string());
+    let optional = |value: Option<f64>| value.map_or_else(String::new, |v| format!("{v:?}"));
     for c in comparisons {
         let names = [&c.part, &c.column, &c.quantity, c.statistic]
             .map(field)
@@ -151,7 +151,7 @@ fn numbers(comparisons: &[Comparison]) -> String {
         let error = Some(c.ours.error).filter(|e| e.is_finite());
         let _ = writeln!(
             csv,
-            "{names},{},{},{},{},{}",
+            "{names},{},{:?},{},{},{}",
             optional(c.paper.map(|printed| printed.value)),
             c.ours.value,
             optional(error),

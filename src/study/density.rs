@@ -54,7 +54,7 @@ impl Grid {
         }
         let mean = values.iter().sum::<f64>() / count;
         let square: f64 = values.iter().map(|x| (x - mean) * (x - mean)).sum();
-        let width = 0.9 * (square / (count - 1.0)).sqrt() * worth.max(2.0).powf(-0.2);
+        let width = 0.9 * (square / (count - 1.0)).sqrt() * libm::pow(worth.max(2.0), -0.2);
         let width = (width / self.step).max(0.5);
         let reach = (5.0 * width).ceil() as usize;
         let kernel: Vec<f64> = (0..=reach)

@@ -119,7 +119,7 @@ pub fn springs(prior: &RodPrior) -> Result<Springs, StudyError> {
         exact.frequencies(&theta, &mut y)?;
         Ok(y)
     };
-    let (low, high) = (STIFFNESS.0.ln(), STIFFNESS.1.ln());
+    let (low, high) = (libm::log(STIFFNESS.0), libm::log(STIFFNESS.1));
     let stiffness_n_m: Vec<f64> = (0..POINTS)
         .map(|i| libm::exp(low + (high - low) * i as f64 / (POINTS - 1) as f64))
         .collect();

@@ -83,7 +83,7 @@ pub struct Run {
     pub density: [Vec<f64>; 4],
     /// What the sampler says of itself.
     pub quality: Quality,
-    /// Up to [`SAMPLE`] parameter vectors, row-major; of the first run alone.
+    /// Up to 4000 parameter vectors, row-major; of the first run alone.
     pub sample: Vec<f64>,
     /// Traces; of the first run of MCMC alone.
     pub traces: Option<Traces>,

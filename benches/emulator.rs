@@ -5,7 +5,7 @@ use divan::{Bencher, black_box};
 use std::sync::LazyLock;
 use tirante::bayes::RodPrior;
 use tirante::emulator::fit::Weighting;
-use tirante::emulator::{Pce, Reduced, ReducedModel, Training};
+use tirante::emulator::{Ann, Pce, Reduced, ReducedModel, Training};
 use tirante::forward::ForwardModel;
 use tirante::random;
 
@@ -49,6 +49,22 @@ fn pce_eval_3_modes(bencher: Bencher, points: usize) {
     if let Some(training) = &*TRAINING {
         let pce = Pce::from_training(&RodPrior::todi(), training, Weighting::Equal);
         many(bencher, &pce, points);
+    }
+}
+
+/// Ten of the 150 passes over the 46656 points; the error report included.
+#[divan::bench(sample_count = 3)]
+fn ann_train_10_passes(bencher: Bencher) {
+    if let Some(training) = &*TRAINING {
+        bencher.bench_local(|| Ann::train(&RodPrior::todi(), training, 10, 1, &|| ()));
+    }
+}
+
+#[divan::bench(args = [1, 1000, 100_000])]
+fn ann_eval_3_modes(bencher: Bencher, points: usize) {
+    if let Some(training) = &*TRAINING {
+        let ann = Ann::train(&RodPrior::todi(), training, 1, 1, &|| ());
+        many(bencher, &ann, points);
     }
 }
 

@@ -2,7 +2,7 @@
 
 use crate::command::{
     ack, alarm, backup, check, completions, emulator, frequencies, history, identify, manual, rebaseline,
-    replay, report, run, send, simulate, status,
+    replay, report, run, send, simulate, status, study,
 };
 use crate::telemetry::log;
 use clap::{ArgAction, Parser, Subcommand};
@@ -57,6 +57,8 @@ pub enum Command {
     Frequencies(frequencies::Args),
     /// Fits and judges the emulators.
     Emulator(emulator::Args),
+    /// The source paper's study, held against what it prints.
+    Study(study::Args),
     /// A recording into the daemon's socket, at a chosen speed.
     Send(send::Args),
     /// What a shell completes after `tirante`, on stdout.

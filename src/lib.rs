@@ -15,6 +15,7 @@
 //! * [`forward`]  one trait for every map from rod parameters to natural frequencies
 //! * [`emulator`] chaos expansions that stand in for the beam, with their error reports
 //! * [`bayes`]    priors, approximate Bayesian computation, posteriors, conflict
+//! * [`study`]    the paper's own study, beside what it prints
 //! * [`analysis`] a plan once per rod, then one pure `run` per record
 //! * [`outcome`]  what came of one record: a force, or a reason why there is none
 //! * [`snapshot`] what one record looked like, for the report
@@ -79,6 +80,7 @@ pub mod source;
 pub mod spectrum;
 pub mod step;
 pub mod store;
+pub mod study;
 pub mod synthesis;
 pub mod telemetry;
 pub mod track;

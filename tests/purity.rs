@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-const PURE: [&str; 14] = [
+const PURE: [&str; 15] = [
     "record",
     "spectrum",
     "modes",
@@ -14,6 +14,7 @@ const PURE: [&str; 14] = [
     "analysis.rs",
     "outcome.rs",
     "snapshot.rs",
+    "study",
     "synthesis",
     "track",
     "random.rs",

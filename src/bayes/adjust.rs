@@ -140,7 +140,7 @@ fn centred(matrix: &DMatrix<f64>, weights: &[f64]) -> (DMatrix<f64>, Vec<f64>) {
 }
 
 /// From the support of the prior to the real line.
-fn forth(prior: &Prior, value: f64) -> f64 {
+pub(super) fn forth(prior: &Prior, value: f64) -> f64 {
     match *prior {
         Prior::Uniform { low, high } => {
             // Tables round to f32, which may reach an end of the support.
@@ -152,7 +152,7 @@ fn forth(prior: &Prior, value: f64) -> f64 {
 }
 
 /// From the real line to the support of the prior.
-fn back(prior: &Prior, value: f64) -> f64 {
+pub(super) fn back(prior: &Prior, value: f64) -> f64 {
     match *prior {
         Prior::Uniform { low, high } => low + (high - low) / (1.0 + libm::exp(-value)),
         _ => libm::exp(value),

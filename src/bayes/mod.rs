@@ -8,14 +8,20 @@
 //! * [`sequential`]  a sequence of populations instead of one table
 //! * [`posterior`]   the weighted sample, its means and quantiles
 //! * [`conflict`]    how far the observation lies from everything the beam can produce
+//! * [`mcmc`]        Metropolis-Hastings with data augmentation (paper, Algorithm 1) on the exact likelihood
+//! * [`chains`]      what chains have drawn, and whether it can be trusted
+//! * [`likelihood`]  the density of the observed frequencies
 //! * [`diagnostics`] Monte Carlo errors, effective sample size, tests of calibration
 
 pub mod abc;
 pub mod adjust;
+pub mod chains;
 pub mod conflict;
 pub mod diagnostics;
 pub mod distance;
 pub mod inference;
+pub mod likelihood;
+pub mod mcmc;
 pub mod observation;
 pub mod posterior;
 pub mod prior;
@@ -24,8 +30,11 @@ pub mod sequential;
 pub mod settings;
 pub mod table;
 
+pub use chains::Chains;
 pub use conflict::{Conflict, Violation};
 pub use inference::{Inference, PlanError};
+pub use likelihood::Likelihood;
+pub use mcmc::{McmcError, McmcSettings};
 pub use observation::{InvalidObservation, Observation};
 pub use posterior::{Marginal, Posterior, Stop};
 pub use prior::{Prior, RodPrior};

@@ -31,6 +31,7 @@ pub mod send;
 mod setup;
 pub mod simulate;
 pub mod status;
+pub mod study;
 pub mod which_store;
 
 use crate::bayes::PlanError;
@@ -60,6 +61,7 @@ pub fn run(command: &Command) -> anyhow::Result<ExitCode> {
         Command::Ack(args) => ack::run(args),
         Command::Rebaseline(args) => rebaseline::run(args),
         Command::Backup(args) => backup::run(args),
+        Command::Study(args) => study::run(args),
         Command::Run(args) => run::run(args),
         Command::Send(args) => send::run(args),
         Command::Completions(args) => completions::run(args),

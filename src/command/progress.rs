@@ -48,6 +48,12 @@ impl Progress {
         self.show();
     }
 
+    /// So many steps are done, of so many; the last was this. Reports may come out of order.
+    pub fn say_at(&self, what: &str, done: u64, all: u64) {
+        self.bar.set_message(what.to_owned());
+        self.set(done.max(self.bar.position()), all);
+    }
+
     /// Prints without the bar in the way.
     pub fn suspend<T>(&self, print: impl FnOnce() -> T) -> T {
         self.bar.suspend(print)

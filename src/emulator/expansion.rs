@@ -41,6 +41,15 @@ impl Expansion {
         self.coefficients.len()
     }
 
+    /// The coefficients with their outer and inner functions.
+    pub fn iter(&self) -> impl Iterator<Item = (usize, usize, f64)> + '_ {
+        let places = self.runs.iter().enumerate();
+        places
+            .flat_map(|(outer, &run)| (0..run).map(move |inner| (outer, inner)))
+            .zip(&self.coefficients)
+            .map(|((outer, inner), &c)| (outer, inner, c))
+    }
+
     /// Whether the expansion fits these numbers of outer and inner functions, every coefficient finite.
     pub fn fits(&self, outer: usize, inner: usize) -> bool {
         self.runs.len() == outer

@@ -1,7 +1,9 @@
-//! Emulators that stand in for the beam: chaos expansions with their error reports.
+//! Emulators that stand in for the beam: chaos expansions and a perceptron, with their error reports.
 
+pub mod ann;
 pub mod basis;
 pub mod design;
+pub mod domain;
 pub mod expansion;
 pub mod fallback;
 pub mod fit;
@@ -9,9 +11,11 @@ pub mod germ;
 pub mod pce;
 pub mod reduced;
 mod reduced_fit;
+pub mod sobol;
 pub mod training;
 pub mod validate;
 
+pub use ann::Ann;
 pub use fallback::OrExact;
 pub use pce::Pce;
 pub use reduced::{Reduced, ReducedModel};

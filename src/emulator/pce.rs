@@ -5,12 +5,14 @@
 
 use super::basis::Recurrence;
 use super::design::{Axis, Design};
+use super::domain::Domain;
 use super::expansion::{Expansion, LANES};
 use super::fit::Weighting;
+use super::sobol::{self, Indices};
 use super::training::split;
 use super::validate::{self, ErrorReport, GridErrors};
 use crate::bayes::RodPrior;
-use crate::beam::{Exact, Parameterisation};
+use crate::beam::{Exact, Parameterisation, Quantity};
 use crate::forward::{FEW, ForwardModel, MAX_MODES, OutsideRange};
 use crate::wide::{Kernel, vectorised};
 use serde::{Deserialize, Serialize};
@@ -35,8 +37,7 @@ pub struct Fitted {
 pub struct Pce {
     prior: RodPrior,
     order: usize,
-    axes: Vec<Axis>,
-    fixed: Vec<(usize, f64)>,
+    domain: Domain,
     hermite: Recurrence,
     outer: Vec<Vec<usize>>,
     inner: Vec<Vec<usize>>,
@@ -57,19 +58,9 @@ impl Pce {
 
     /// Fits and judges.
     pub fn from_training(prior: &RodPrior, training: &Training, weighting: Weighting) -> Self {
-        let report = ErrorReport {
-            emulator: String::new(),
-            reference: String::new(),
-            sample: 0,
-            seed: 0,
-            outside: 0,
-            modes: Vec::new(),
-            extrapolated: None,
-            grid: None,
-        };
         let fitted = Fitted {
             expansions: training.fit(MAX_MODES, weighting),
-            report,
+            report: ErrorReport::default(),
         };
         let mut pce = Self::assemble(prior, training.order, training.design.clone(), fitted);
         let exact = Exact::new(*prior.parameterisation());
@@ -92,17 +83,12 @@ impl Pce {
 
     fn assemble(prior: &RodPrior, order: usize, design: Design, fitted: Fitted) -> Self {
         let (outer, inner) = split(design.axes.len(), order);
-        let all = prior.priors().iter().enumerate();
-        let fixed = all
-            .filter(|(_, prior)| prior.is_fixed())
-            .map(|(i, prior)| (i, prior.centre()))
-            .collect();
-        let (prior, axes) = (prior.clone(), design.axes);
+        let domain = Domain::new(MODEL, prior, &design);
+        let prior = prior.clone();
         Self {
             prior,
             order,
-            axes,
-            fixed,
+            domain,
             hermite: Recurrence::hermite(order),
             outer,
             inner,
@@ -128,6 +114,24 @@ impl Pce {
     /// Terms per mode.
     pub fn terms(&self) -> usize {
         self.fitted.expansions.first().map_or(0, Expansion::terms)
+    }
+
+    /// Sobol's indices of the quantities of [`Pce::uncertain`], mode by mode.
+    pub fn sobol(&self) -> Vec<Indices> {
+        let of = |expansion: &Expansion| {
+            let terms: Vec<(Vec<usize>, f64)> = expansion
+                .iter()
+                .map(|(a, b, c)| ([self.outer[a].as_slice(), &self.inner[b]].concat(), c))
+                .collect();
+            let terms = terms.iter().map(|(index, c)| (index.as_slice(), *c));
+            sobol::of_terms(self.domain.axes.len(), terms)
+        };
+        self.fitted.expansions.iter().map(of).collect()
+    }
+
+    /// The quantities it expands in.
+    pub fn uncertain(&self) -> Vec<Quantity> {
+        self.domain.axes.iter().map(|axis| axis.germ.quantity).collect()
     }
 
     /// Judges it against `reference` on another sample (draws and seed) from its prior, see
@@ -176,43 +180,10 @@ impl Pce {
             .collect()
     }
 
-    /// Refuses what lies outside the design's box, or differs in a quantity the prior holds fixed.
-    fn check(&self, theta: &[f64]) -> Result<(), OutsideRange> {
-        for axis in &self.axes {
-            if !axis.holds(axis.germ.germ(theta[axis.germ.index])) {
-                let (low, high) = (axis.nodes[0], axis.nodes[axis.nodes.len() - 1]);
-                let what = axis.germ.quantity.key();
-                let (value, low, high) = (
-                    theta[axis.germ.index],
-                    axis.germ.value(low),
-                    axis.germ.value(high),
-                );
-                return Err(OutsideRange {
-                    model: MODEL,
-                    what,
-                    value,
-                    low,
-                    high,
-                });
-            }
-        }
-        let quantities = self.prior.parameterisation().quantities();
-        let differs = |&&(index, fixed): &&(usize, f64)| theta[index] != fixed;
-        self.fixed.iter().find(differs).map_or(Ok(()), |&(index, fixed)| {
-            let (what, value) = (quantities[index].key(), theta[index]);
-            Err(OutsideRange {
-                model: MODEL,
-                what,
-                value,
-                low: fixed,
-                high: fixed,
-            })
-        })
-    }
-
     /// Values of the expansions without a check of the range.
     fn evaluate(&self, theta: &[f64], out: &mut [f64]) {
         let germs: Vec<[f64; 1]> = self
+            .domain
             .axes
             .iter()
             .map(|axis| [axis.germ.germ(theta[axis.germ.index])])
@@ -221,12 +192,6 @@ impl Pce {
         let mut scratch = self.scratch();
         self.block(&germs, &mut scratch, &mut rows[..out.len()]);
         out.iter_mut().zip(rows).for_each(|(out, [f])| *out = f);
-    }
-
-    /// Whether every quantity that the prior holds fixed has its value.
-    #[inline]
-    fn has_fixed(&self, theta: &[f64]) -> bool {
-        self.fixed.iter().all(|&(index, value)| theta[index] == value)
     }
 
     /// The germ of the axial force, or a refusal if the force is fixed: the chaos knows no slope then.
@@ -239,7 +204,8 @@ impl Pce {
             low: value,
             high: value,
         };
-        self.axes
+        self.domain
+            .axes
             .first()
             .filter(|axis| axis.germ.index == 0)
             .ok_or(refusal)
@@ -249,6 +215,7 @@ impl Pce {
     fn slopes(&self, theta: &[f64], out: &mut [f64]) -> Result<(), OutsideRange> {
         let axis = self.force()?;
         let germs: Vec<[f64; 1]> = self
+            .domain
             .axes
             .iter()
             .map(|axis| [axis.germ.germ(theta[axis.germ.index])])
@@ -281,7 +248,7 @@ impl Pce {
 
     fn scratch<const L: usize>(&self) -> Scratch<L> {
         Scratch {
-            polynomials: vec![[0.0; L]; self.axes.len() * (self.order + 1)],
+            polynomials: vec![[0.0; L]; self.domain.axes.len() * (self.order + 1)],
             outer: vec![[0.0; L]; self.outer.len()],
             inner: vec![[0.0; L]; self.inner.len()],
         }
@@ -362,13 +329,13 @@ impl ForwardModel for Pce {
     }
 
     fn frequencies(&self, theta: &[f64], out: &mut [f64]) -> Result<(), OutsideRange> {
-        self.check(theta)?;
+        self.domain.check(theta)?;
         self.evaluate(theta, out);
         Ok(())
     }
 
     fn log_slopes(&self, theta: &[f64], out: &mut [f64]) -> Result<(), OutsideRange> {
-        self.check(theta)?;
+        self.domain.check(theta)?;
         self.slopes(theta, out)
     }
 
@@ -376,7 +343,7 @@ impl ForwardModel for Pce {
         let width = self.prior.parameterisation().len();
         let mut rows = [[0.0; LANES]; MAX_MODES];
         let rows = &mut rows[..modes];
-        let mut germs = vec![[0.0; LANES]; self.axes.len()];
+        let mut germs = vec![[0.0; LANES]; self.domain.axes.len()];
         let mut scratch = self.scratch();
         for (thetas, out) in thetas.chunks(LANES * width).zip(out.chunks_mut(LANES * modes)) {
             if thetas.len() / width < FEW {
@@ -384,7 +351,7 @@ impl ForwardModel for Pce {
                 continue;
             }
             for (l, theta) in thetas.chunks_exact(width).enumerate() {
-                for (axis, z) in self.axes.iter().zip(&mut germs) {
+                for (axis, z) in self.domain.axes.iter().zip(&mut germs) {
                     z[l] = axis.germ.germ(theta[axis.germ.index]);
                 }
             }
@@ -399,8 +366,13 @@ impl ForwardModel for Pce {
                 .enumerate()
                 .zip(out.chunks_exact_mut(modes))
             {
-                let inside =
-                    self.axes.iter().zip(&germs).all(|(axis, z)| axis.holds(z[l])) && self.has_fixed(theta);
+                let inside = self
+                    .domain
+                    .axes
+                    .iter()
+                    .zip(&germs)
+                    .all(|(axis, z)| axis.holds(z[l]))
+                    && self.domain.has_fixed(theta);
                 for (out, row) in out.iter_mut().zip(rows.iter()) {
                     *out = if inside { row[l] } else { f64::NAN };
                 }

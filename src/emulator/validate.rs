@@ -58,7 +58,7 @@ pub struct GridErrors {
 }
 
 /// An emulator's error report.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct ErrorReport {
     /// Which emulator.
     pub emulator: String,

@@ -2,6 +2,7 @@
 //!
 //! [`view`] says what a report is about; everything else turns it into one HTML page:
 //! * [`page`](mod@page)      the whole page
+//! * [`study`](fn@study) the paper's study as a page
 //! * `rod`         one rod's part of it
 //! * `history`     figures over time: forces, temperature, frequencies, charts
 //! * `distribution` spectrum, densities, regression: figures not over time
@@ -21,7 +22,9 @@ mod history;
 mod markup;
 pub mod page;
 mod rod;
+mod study;
 pub mod view;
 
 pub use page::page;
+pub use study::study;
 pub use view::SiteReport;

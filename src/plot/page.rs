@@ -10,6 +10,23 @@ const STYLE: &str = include_str!("style.css");
 
 /// The page. The same report gives the same bytes: nothing in it knows the time of day.
 pub fn page(report: &SiteReport) -> String {
+    let title = format!("{}: axial force of the tie-rods", report.site);
+    document(&title, |body| {
+        body.element("header", &[], |header| heading(header, report));
+        body.element("main", &[], |main| {
+            overview(main, report);
+            for (i, one) in report.rods.iter().enumerate() {
+                main.element("section", &[("id", &anchor(i))], |section| {
+                    rod::section(section, one, &anchor(i));
+                });
+            }
+        });
+        body.element("footer", &[], |footer| provenance(footer, report));
+    })
+}
+
+/// A whole page with this title and body.
+pub(super) fn document(title: &str, body: impl FnOnce(&mut Markup)) -> String {
     let mut html = Markup::new();
     html.verbatim("<!DOCTYPE html>\n");
     html.element("html", &[("lang", "en")], |html| {
@@ -31,25 +48,10 @@ pub fn page(report: &SiteReport) -> String {
                     ("content", "default-src 'none'; style-src 'unsafe-inline'"),
                 ],
             );
-            head.leaf(
-                "title",
-                &[],
-                format!("{}: axial force of the tie-rods", report.site),
-            );
+            head.leaf("title", &[], title);
             head.element("style", &[], |style| style.verbatim(STYLE));
         });
-        html.element("body", &[], |body| {
-            body.element("header", &[], |header| heading(header, report));
-            body.element("main", &[], |main| {
-                overview(main, report);
-                for (i, one) in report.rods.iter().enumerate() {
-                    main.element("section", &[("id", &anchor(i))], |section| {
-                        rod::section(section, one, &anchor(i));
-                    });
-                }
-            });
-            body.element("footer", &[], |footer| provenance(footer, report));
-        });
+        html.element("body", &[], body);
     });
     html.into_string()
 }

@@ -1,0 +1,246 @@
+//! `tirante study`: the source paper, run again and held against what it prints.
+
+use super::print;
+use super::progress::Progress;
+use crate::beam::Quantity;
+use crate::plot;
+use crate::sink::AtomicFile;
+use crate::study::claims::{Claim, Verdict};
+use crate::study::density::Grid;
+use crate::study::estimate::{Comparison, DISAGREE};
+use crate::study::paper::{self, INFERRED};
+use crate::study::{self, Effort, Study};
+use anyhow::Context;
+use serde::Serialize;
+use std::fmt::Write as _;
+use std::fs;
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+/// Runs the study of the source paper and holds every table and figure against what it prints, with Monte Carlo
+/// errors.
+#[derive(Debug, Clone, clap::Args)]
+#[command(after_help = "Examples:
+  tirante study --out study
+  tirante study --quick
+
+Writes study.html (every table and figure), study.json and numbers.csv (every number), curves.csv (every curve). \
+The same seed gives the same bytes. A few minutes on two cores; --quick half a minute.")]
+pub struct Args {
+    /// The folder of the report; without it only the table on stdout.
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+
+    /// Repetitions of every ABC; of every MCMC a quarter as many.
+    #[arg(long, value_name = "COUNT", default_value_t = 40, value_parser = clap::value_parser!(u16).range(8..=10_000), conflicts_with = "quick")]
+    pub repeats: u16,
+
+    /// A small part of the work, to see what comes out; its errors are large.
+    #[arg(long)]
+    pub quick: bool,
+
+    /// Seed of all random numbers.
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+
+    /// One JSON object with every number instead of the table.
+    #[arg(long)]
+    pub json: bool,
+}
+
+impl Args {
+    fn effort(&self) -> Effort {
+        let runs = usize::from(self.repeats);
+        if self.quick {
+            Effort {
+                abc_runs: 8,
+                mcmc_runs: 3,
+                many_draws: 50_000,
+                mcmc_steps: 48_000,
+                rods: 4,
+                epochs: 10,
+                ..Effort::default()
+            }
+        } else {
+            Effort {
+                abc_runs: runs,
+                mcmc_runs: runs / 4,
+                ..Effort::default()
+            }
+        }
+    }
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// The report cannot be written.
+pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
+    if let Some(out) = &args.out {
+        // Minutes of work must not end at a folder that cannot be made.
+        fs::create_dir_all(out).with_context(|| format!("the folder {}", out.display()))?;
+    }
+    let progress = Progress::new(0, "{wide_bar} {human_pos}/{human_len} runs, {eta} left, {msg}");
+    let study = study::run(args.effort(), args.seed, &|what, done, all| {
+        progress.say_at(what, done as u64, all as u64);
+    })?;
+    drop(progress);
+    let json = serde_json::to_string(&Document::of(&study))? + "\n";
+    if let Some(out) = &args.out {
+        write(&out.join("study.html"), &plot::study(&study))?;
+        write(&out.join("study.json"), &json)?;
+        write(&out.join("numbers.csv"), &numbers(&study.comparisons()))?;
+        write(&out.join("curves.csv"), &curves(&study))?;
+    }
+    let text = if args.json {
+        json
+    } else {
+        table(&study, args.out.as_deref())
+    };
+    print(text.as_bytes())
+}
+
+fn write(path: &Path, text: &str) -> anyhow::Result<()> {
+    let at = || format!("the file {}", path.display());
+    let mut file = AtomicFile::create(path).with_context(at)?;
+    file.write_all(text.as_bytes()).with_context(at)?;
+    file.commit().with_context(at)
+}
+
+/// Every number.
+#[derive(Serialize)]
+struct Document<'a> {
+    program: &'static str,
+    version: &'static str,
+    seed: u64,
+    effort: Effort,
+    claims: &'a [Claim],
+    numbers: Vec<Comparison>,
+}
+
+impl<'a> Document<'a> {
+    fn of(study: &'a Study) -> Self {
+        Self {
+            program: "tirante study",
+            version: env!("CARGO_PKG_VERSION"),
+            seed: study.seed,
+            effort: study.effort,
+            claims: &study.claims,
+            numbers: study.comparisons(),
+        }
+    }
+}
+
+/// A field of a CSV file; ours hold commas but no quotes.
+fn field(text: &str) -> String {
+    if text.contains(',') {
+        format!("\"{text}\"")
+    } else {
+        text.to_owned()
+    }
+}
+
+fn numbers(comparisons: &[Comparison]) -> String {
+    let mut csv = String::from("part,column,quantity,statistic,paper,ours,error_of_one_run,runs,deviation\n");
+    let optional = |value: Option<f64>| value.map_or_else(String::new, |v| format!("{v:?}"));
+    for c in comparisons {
+        let names = [&c.part, &c.column, &c.quantity, c.statistic]
+            .map(field)
+            .join(",");
+        let error = Some(c.ours.error).filter(|e| e.is_finite());
+        let _ = writeln!(
+            csv,
+            "{names},{},{:?},{},{},{}",
+            optional(c.paper.map(|printed| printed.value)),
+            c.ours.value,
+            optional(error),
+            c.ours.runs,
+            optional(c.deviation)
+        );
+    }
+    csv
+}
+
+fn curves(study: &Study) -> String {
+    let mut csv = String::from("figure,setting,curve,quantity,x,y\n");
+    let mut line = |figure: &str, setting: &str, curve: &str, quantity: &str, x: f64, y: f64| {
+        let _ = writeln!(csv, "{figure},{setting},{},{quantity},{x},{y}", field(curve));
+    };
+    for part in &study.parts {
+        let (key, prior) = (part.setting.key(), part.setting.prior());
+        let table_3 = paper::prior(paper::TABLE_3_DENSITY);
+        for (i, quantity) in INFERRED.map(Quantity::key).iter().enumerate() {
+            let grid = Grid::of(&prior.priors()[i]);
+            for column in &part.columns {
+                for (k, density) in column.density(i).into_iter().enumerate().step_by(4) {
+                    line("5", key, &column.which.name(), quantity, grid.at(k), density);
+                }
+            }
+            let grid = Grid::of(&table_3.priors()[i]);
+            for row in &part.rows {
+                let curve = format!("nf = {}", row.frequencies);
+                for (k, density) in row.quantities[i].density.iter().enumerate().step_by(4) {
+                    line("7", key, &curve, quantity, grid.at(k), *density);
+                }
+            }
+        }
+    }
+    let springs = &study.springs;
+    for (stiffness, frequencies) in springs.stiffness_n_m.iter().zip(&springs.frequency_hz) {
+        for (mode, f) in frequencies.iter().enumerate() {
+            line(
+                "4",
+                "",
+                &format!("mode {}", mode + 1),
+                "frequency_hz",
+                *stiffness,
+                *f,
+            );
+        }
+    }
+    csv
+}
+
+/// The study for people: what agrees, what does not, which statements hold.
+fn table(study: &Study, out: Option<&Path>) -> String {
+    let mut text = String::new();
+    let _ = writeln!(text, "printed figures within {DISAGREE} standard errors of ours");
+    for (part, agree, all) in study.score() {
+        let _ = writeln!(text, "  {part:<24} {agree:>3} of {all}");
+    }
+    let _ = writeln!(
+        text,
+        "\nTable 2 and Table 3: paper, ours with the error of one run, difference in standard errors"
+    );
+    let tables = study.comparisons();
+    let shown = tables
+        .iter()
+        .filter(|c| c.part.starts_with("Table") && c.paper.is_some());
+    for c in shown {
+        let (Some(printed), Some(deviation)) = (c.paper, c.deviation) else {
+            continue;
+        };
+        let _ = writeln!(
+            text,
+            "  {:<20} {:<24} {:<18} {:<5} {:>10.4e} {:>10.4e} +- {:.1e} {deviation:>7.1}",
+            c.part, c.column, c.quantity, c.statistic, printed.value, c.ours.value, c.ours.error
+        );
+    }
+    let _ = writeln!(text, "\nstatements");
+    for claim in &study.claims {
+        let verdict = match claim.verdict {
+            Verdict::Holds => "holds",
+            Verdict::Fails => "does not hold",
+        };
+        let _ = writeln!(
+            text,
+            "  [{verdict}] {} ({})\n      {}",
+            claim.statement, claim.source, claim.evidence
+        );
+    }
+    if let Some(out) = out {
+        let _ = writeln!(text, "\n{}", out.join("study.html").display());
+    }
+    text
+}

@@ -371,7 +371,7 @@ fn of_rod(store: &rusqlite::Connection, rod: &str) -> String {
     ] {
         let sql = format!("SELECT t.* FROM {from} ORDER BY {order}");
         let mut statement = store.prepare(&sql).unwrap();
-        let names: Vec<String> = statement.column_names().into_iter().map(str::to_owned).collect();
+        let names: Vec<String> = statement.column_names().map(str::to_owned).collect();
         // Records and news are numbered through all rods, and checksums are of the numbers, too.
         let is_kept = |name: &str| match name {
             "checksum" | "id" if table == "record" => false,

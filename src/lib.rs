@@ -13,8 +13,8 @@
 //! * [`modes`]    natural frequency, damping and standard error per peak; peaks to mode orders
 //! * [`beam`]     the tensioned Euler-Bernoulli beam: sections, finite elements, exact solver
 //! * [`forward`]  one trait for every map from rod parameters to natural frequencies
-//! * [`emulator`] chaos expansions that stand in for the beam, with their error reports
-//! * [`bayes`]    priors, approximate Bayesian computation, posteriors, conflict
+//! * [`emulator`] chaos expansions and a perceptron that stand in for the beam, with their error reports
+//! * [`bayes`]    priors, approximate Bayesian computation, Markov chains, posteriors, conflict
 //! * [`study`]    the paper's own study, beside what it prints
 //! * [`analysis`] a plan once per rod, then one pure `run` per record
 //! * [`outcome`]  what came of one record: a force, or a reason why there is none

@@ -85,7 +85,6 @@ impl Live {
         let resume_s = config.ingest.resume_s;
         let journal = Journal::start(&folder, &config.journal, resume_s, Arc::clone(health), failed)?;
         telemetry.metrics.watch_disk("journal", folder.clone());
-        telemetry.metrics.watch_disk("store", store.to_owned());
         if !bound.ingest.is_empty() {
             let server = Server::new(
                 config.ingest.clone(),

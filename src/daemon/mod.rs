@@ -189,11 +189,13 @@ impl Daemon<'_> {
                 }
                 Happening::Prepared(prepared) => {
                     match (prepared, &mut running) {
-                        (Ok(generation), Some(running)) => running.reload(generation),
+                        (Ok(generation), Some(running)) => {
+                            running.reload(generation);
+                            notify::ready("the configuration was read again");
+                        }
                         (Ok(_), None) => {}
                         (Err(error), _) => keep_old(health, &error),
                     }
-                    notify::ready("the configuration was read again");
                     is_preparing = std::mem::take(&mut is_asked_again) && begin_reload(options, health, tell);
                 }
                 Happening::Failed(error) => {
@@ -280,13 +282,12 @@ fn begin_reload(options: &Options, health: &Health, tell: &Sender<Happening>) ->
         Ok(()) => true,
         Err(error) => {
             keep_old(health, &error);
-            notify::ready("the new configuration is bad, the old one holds");
             false
         }
     }
 }
 
-/// All faults go to the log, one fault to health.
+/// The reload is over. All faults go to the log, one fault to health.
 fn keep_old(health: &Health, error: &anyhow::Error) {
     for line in error.to_string().lines() {
         tracing::error!("{line}");
@@ -295,4 +296,5 @@ fn keep_old(health: &Health, error: &anyhow::Error) {
         Fault::Reload,
         "the new configuration is bad, the old one holds; `tirante check` lists its faults",
     );
+    notify::ready("the new configuration is bad, the old one holds");
 }

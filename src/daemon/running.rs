@@ -61,6 +61,7 @@ impl Running {
         };
         let health = &telemetry.health;
         let live = Live::start(config, &store, bound, runtime, telemetry, tell)?;
+        telemetry.metrics.watch_disk("store", store.clone());
         telemetry.metrics.standings(&site.store().standings()?);
 
         let (jobs, receiver) = sync_channel(JOBS);

@@ -1,4 +1,4 @@
-//! `kill -9` at random moments: 200 in the tests, `KILLS=3000 cargo test --test survival kill -- --nocapture` by hand.
+//! `kill -9` at random moments: a campaign by hand, `KILLS=3000 cargo test --test survival kill -- --ignored --nocapture`.
 
 use super::campaign::{Campaign, Material};
 use rand::RngExt;

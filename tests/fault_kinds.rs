@@ -22,6 +22,9 @@ use std::time::{Duration, Instant};
 
 /// What the daemon's configuration has besides the site: no fixed port, so that daemons run side by side.
 const OPERATION: &str = r#"
+[abc]
+draws = 1000
+accept = { quantile = 0.1 }
 [store]
 path = "site.db"
 [ingest]
@@ -310,7 +313,9 @@ fn sink() {
     held(&site);
     daemon.expect("sink", 1.0, "degraded");
     assert_eq!(daemon.conditions("sink"), 1);
-    assert!(daemon.log().contains("sensor"), "the log is told all the same");
+    daemon.wait("the log is told all the same", |daemon| {
+        daemon.log().contains("sensor")
+    });
 }
 
 #[test]

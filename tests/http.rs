@@ -25,12 +25,16 @@ impl Server {
     fn start() -> Self {
         let settings = HttpSettings {
             listen: Some("127.0.0.1:0".parse().unwrap()),
+            ..HttpSettings::default()
         };
         let listener = listen(&settings).unwrap().expect("a listener");
         let address = listener.local_addr().unwrap();
         let telemetry = Telemetry::default();
         let (stop, stopped) = watch::channel(false);
-        let (routes, health) = (routes(telemetry.clone()), Arc::clone(&telemetry.health));
+        let (routes, health) = (
+            routes(Some(telemetry.clone()), None),
+            Arc::clone(&telemetry.health),
+        );
         let thread = thread::spawn(move || {
             let runtime = tokio::runtime::Builder::new_current_thread()
                 .enable_all()
@@ -312,10 +316,18 @@ fn a_client_that_takes_no_answer_is_cut_off_and_the_end_comes_at_once() {
 
 #[test]
 fn no_address_no_server_and_a_taken_one_is_named() {
-    assert!(listen(&HttpSettings { listen: None }).unwrap().is_none());
+    assert!(
+        listen(&HttpSettings {
+            listen: None,
+            ..HttpSettings::default()
+        })
+        .unwrap()
+        .is_none()
+    );
     let server = Server::start();
     let taken = HttpSettings {
         listen: Some(server.address),
+        ..HttpSettings::default()
     };
     let error = listen(&taken).unwrap_err().to_string();
     assert!(error.contains("http.listen 127.0.0.1:"), "{error}");

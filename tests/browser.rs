@@ -284,7 +284,7 @@ fn a_phone_shows_it_without_scrolling_sideways() {
         // What has a purpose has a name, for those who do not see it.
         let nameless = browser.run(
             "return [...document.querySelectorAll('button, a, input, select, [role=img]')].filter((e) => !e.hidden
-             && !(e.textContent.trim() || e.getAttribute('aria-label') || e.getAttribute('aria-labelledby')
+             && !e.closest('.modebar') && !(e.textContent.trim() || e.getAttribute('aria-label') || e.getAttribute('aria-labelledby')
              || (e.id && document.querySelector(`label[for=${e.id}]`)))).map((e) => e.outerHTML)",
         );
         assert_eq!(nameless, json!([]), "{path}");
@@ -296,7 +296,7 @@ fn a_phone_shows_it_without_scrolling_sideways() {
 
 /// Pictures of every page for the README, into the folder `SCREENSHOTS`.
 #[test]
-#[ignore = "writes pictures: SCREENSHOTS=docs/pictures cargo test --test browser -- --ignored"]
+#[ignore = "writes pictures: SCREENSHOTS=docs/images cargo test --test browser -- --ignored"]
 fn screenshots() {
     let folder = std::env::var_os("SCREENSHOTS").expect("SCREENSHOTS names a folder");
     let folder = Path::new(&folder);

@@ -218,7 +218,7 @@ fn oversized_and_broken_requests_end_and_the_next_is_answered() {
             answer.is_empty() || [400, 414, 431].contains(&status(&answer)),
             "{shown}: {answer}"
         );
-        assert_eq!(status(&server.get("/")), 200);
+        assert_eq!(status(&server.get("/metrics")), 200);
     }
 }
 
@@ -231,7 +231,7 @@ fn a_client_that_dribbles_is_cut_off_and_others_are_served_meanwhile() {
     slow.set_read_timeout(Some(Duration::from_millis(500))).unwrap();
     let mut idle = server.connect();
     let mut kept = server.connect();
-    kept.write_all(b"GET / HTTP/1.1\r\nHost: x\r\n\r\n").unwrap();
+    kept.write_all(b"GET /metrics HTTP/1.1\r\nHost: x\r\n\r\n").unwrap();
     let is_cut = loop {
         assert!(begun.elapsed() < PATIENCE, "it was never cut off");
         let _ = slow.write_all(b"A: b\r\n");
@@ -241,7 +241,7 @@ fn a_client_that_dribbles_is_cut_off_and_others_are_served_meanwhile() {
             Err(error) if [ErrorKind::WouldBlock, ErrorKind::TimedOut].contains(&error.kind()) => {}
             Err(_) => break true,
         }
-        assert_eq!(status(&server.get("/")), 200);
+        assert_eq!(status(&server.get("/metrics")), 200);
     };
     assert!(
         is_cut && begun.elapsed() < Duration::from_secs(15),
@@ -279,7 +279,7 @@ fn too_many_connections_are_turned_away_counted_and_forgotten() {
     drop(more);
     loop {
         assert!(begun.elapsed() < PATIENCE, "places were not given back");
-        if server.get("/").starts_with("HTTP/1.1 200") {
+        if server.get("/metrics").starts_with("HTTP/1.1 200") {
             break;
         }
     }

@@ -31,6 +31,7 @@ pub mod send;
 pub mod serve;
 mod setup;
 pub mod simulate;
+pub mod sketch;
 pub mod status;
 pub mod study;
 pub mod which_store;

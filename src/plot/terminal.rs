@@ -94,7 +94,7 @@ impl Sketch<'_> {
             // Writing to a string cannot fail.
             let _ = writeln!(out, "{:LEFT$} {}", "", beside(texts, columns));
         }
-        let ticks = axis::numbers(up, 3);
+        let ticks = axis::numbers(up, 5);
         for (row, line) in cells.chunks(columns).enumerate() {
             let middle = |at: f64| ((up.1 - at) / (up.1 - up.0) * (ROWS - 1) as f64).round() as usize;
             let tick = ticks.iter().find(|tick| middle(tick.at) == row);

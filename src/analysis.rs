@@ -6,7 +6,7 @@ use crate::emulator::ModelSettings;
 use crate::forward::{ForwardModel, MAX_MODES};
 use crate::modes::{ModalPlan, Mode, ModeSettings, Pattern, Resonance};
 use crate::random;
-use crate::record::{Flag, Reading, Record, Rejection, RodId, Timestamp};
+use crate::record::{Envelope, Flag, Reading, Record, Rejection, RodId, Timestamp};
 use crate::spectrum::{PeakSettings, Spectrum, WelchSettings};
 use std::sync::Arc;
 
@@ -72,6 +72,8 @@ pub struct Measurement {
     pub readings: Vec<Reading>,
     /// Root mean square of the samples, SI of their unit.
     pub rms: f64,
+    /// The samples as the columns of a drawing.
+    pub waveform: Envelope,
     /// What the quality checks noticed.
     pub flags: Vec<Flag>,
     /// Welch's spectrum.
@@ -160,6 +162,7 @@ impl Plan {
                 temperature_c: record.temperature_c,
                 readings: record.readings.clone(),
                 rms: record.rms(),
+                waveform: Envelope::of(&record.samples, record.fs_hz),
                 flags: record.flags.clone(),
                 spectrum: estimate.spectrum,
                 resonances: estimate.resonances,

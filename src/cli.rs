@@ -2,7 +2,7 @@
 
 use crate::command::{
     ack, alarm, backup, check, completions, emulator, frequencies, history, identify, manual, rebaseline,
-    replay, report, run, send, simulate, status, study,
+    replay, report, run, send, serve, simulate, status, study,
 };
 use crate::telemetry::log;
 use clap::{ArgAction, Parser, Subcommand};
@@ -37,6 +37,8 @@ pub enum Command {
     Run(run::Args),
     /// How every rod of a store stands: state, force, change since the baseline, alarms.
     Status(status::Args),
+    /// A store as a web page.
+    Serve(serve::Args),
     /// What a store holds: records, periods, alarms, rejections.
     History(history::Args),
     /// What a store knows as one page with figures, to read and print.

@@ -28,12 +28,14 @@
 //! * [`config`]   the TOML configuration, every fault reported at once
 //! * [`source`]   recordings in: MCAP, message decoding
 //! * [`sink`]     recordings out: MCAP
+//! * [`clock`]    the time people's requests carry
 //! * [`cache`]    fitted emulators on disk
 //! * [`line`](mod@line)     a record as one JSON line
 //! * [`step`]     one record through its rod's plan, the same for `replay` and daemon
 //! * [`site`]     the trackers of a site's rods, folded in the order records come, and the store they commit to
 //! * [`store`]    what is remembered: SQLite, one transaction per record
 //! * [`plot`]     figures and the report page
+//! * [`api`]      what a store says to the page and to other programs, as JSON
 //! * [`pipeline`] reading and computing at once, results in order
 //! * [`cli`], [`command`] arguments as typed, one file per subcommand
 //!
@@ -48,16 +50,18 @@
 //! * [`journal`]  what the sockets took, as MCAP parts on disk
 //! * [`alert`]    news of alarms to the sinks, at least once and in order
 //! * [`telemetry`] faults and health, metrics, the log
-//! * [`http`]     `/healthz`, `/readyz`, `/metrics`
+//! * [`http`]     the page, its API, `/healthz`, `/readyz`, `/metrics`
 //!
 //! Units are SI throughout; where no documentation travels, the unit is a suffix of the name.
 
 pub mod alert;
 pub mod analysis;
+pub mod api;
 pub mod bayes;
 pub mod beam;
 pub mod cache;
 pub mod cli;
+pub mod clock;
 pub mod command;
 pub mod config;
 pub mod daemon;

@@ -3,7 +3,7 @@
 
 use crate::analysis::Identification;
 use crate::bayes::{Posterior, Prior, RodPrior};
-use crate::record::Timestamp;
+use crate::record::{Envelope, Timestamp};
 use crate::spectrum::Spectrum;
 use serde::{Deserialize, Serialize};
 
@@ -29,6 +29,9 @@ pub struct Snapshot {
     pub fs_hz: f64,
     /// The record's seed, as sixteen hexadecimal digits: JSON readers round larger integers.
     pub seed: String,
+    /// The samples; `None` for records of programs that did not keep them.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub waveform: Option<Envelope>,
     /// Welch's power spectral density.
     pub curve: Curve,
     /// The resonances found, ascending in frequency.
@@ -104,6 +107,7 @@ impl Snapshot {
             duration_s: measurement.duration_s,
             fs_hz: measurement.fs_hz,
             seed: format!("{:016x}", identification.posterior.seed),
+            waveform: Some(measurement.waveform.clone()),
             curve: Curve::of(&measurement.spectrum, BEYOND_HIGHEST * highest_hz),
             peaks: peaks
                 .filter(|peak| peak.frequency_hz <= BEYOND_HIGHEST * highest_hz)

@@ -25,12 +25,16 @@ impl Server {
     fn start() -> Self {
         let settings = HttpSettings {
             listen: Some("127.0.0.1:0".parse().unwrap()),
+            ..HttpSettings::default()
         };
         let listener = listen(&settings).unwrap().expect("a listener");
         let address = listener.local_addr().unwrap();
         let telemetry = Telemetry::default();
         let (stop, stopped) = watch::channel(false);
-        let (routes, health) = (routes(telemetry.clone()), Arc::clone(&telemetry.health));
+        let (routes, health) = (
+            routes(Some(telemetry.clone()), None),
+            Arc::clone(&telemetry.health),
+        );
         let thread = thread::spawn(move || {
             let runtime = tokio::runtime::Builder::new_current_thread()
                 .enable_all()
@@ -214,7 +218,7 @@ fn oversized_and_broken_requests_end_and_the_next_is_answered() {
             answer.is_empty() || [400, 414, 431].contains(&status(&answer)),
             "{shown}: {answer}"
         );
-        assert_eq!(status(&server.get("/")), 200);
+        assert_eq!(status(&server.get("/metrics")), 200);
     }
 }
 
@@ -227,7 +231,7 @@ fn a_client_that_dribbles_is_cut_off_and_others_are_served_meanwhile() {
     slow.set_read_timeout(Some(Duration::from_millis(500))).unwrap();
     let mut idle = server.connect();
     let mut kept = server.connect();
-    kept.write_all(b"GET / HTTP/1.1\r\nHost: x\r\n\r\n").unwrap();
+    kept.write_all(b"GET /metrics HTTP/1.1\r\nHost: x\r\n\r\n").unwrap();
     let is_cut = loop {
         assert!(begun.elapsed() < PATIENCE, "it was never cut off");
         let _ = slow.write_all(b"A: b\r\n");
@@ -237,7 +241,7 @@ fn a_client_that_dribbles_is_cut_off_and_others_are_served_meanwhile() {
             Err(error) if [ErrorKind::WouldBlock, ErrorKind::TimedOut].contains(&error.kind()) => {}
             Err(_) => break true,
         }
-        assert_eq!(status(&server.get("/")), 200);
+        assert_eq!(status(&server.get("/metrics")), 200);
     };
     assert!(
         is_cut && begun.elapsed() < Duration::from_secs(15),
@@ -275,7 +279,7 @@ fn too_many_connections_are_turned_away_counted_and_forgotten() {
     drop(more);
     loop {
         assert!(begun.elapsed() < PATIENCE, "places were not given back");
-        if server.get("/").starts_with("HTTP/1.1 200") {
+        if server.get("/metrics").starts_with("HTTP/1.1 200") {
             break;
         }
     }
@@ -312,10 +316,18 @@ fn a_client_that_takes_no_answer_is_cut_off_and_the_end_comes_at_once() {
 
 #[test]
 fn no_address_no_server_and_a_taken_one_is_named() {
-    assert!(listen(&HttpSettings { listen: None }).unwrap().is_none());
+    assert!(
+        listen(&HttpSettings {
+            listen: None,
+            ..HttpSettings::default()
+        })
+        .unwrap()
+        .is_none()
+    );
     let server = Server::start();
     let taken = HttpSettings {
         listen: Some(server.address),
+        ..HttpSettings::default()
     };
     let error = listen(&taken).unwrap_err().to_string();
     assert!(error.contains("http.listen 127.0.0.1:"), "{error}");

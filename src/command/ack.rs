@@ -1,7 +1,8 @@
 //! `tirante ack`: somebody knows of an alarm.
 
 use super::BadArguments;
-use super::which_store::{WhichStore, ask, check_rod, now};
+use super::which_store::{WhichStore, ask, check_rod};
+use crate::clock;
 use crate::record::RodId;
 use crate::store::{Asked, Filter, Reader};
 use crate::track::Alarm;
@@ -62,7 +63,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
             )
         })
         .collect();
-    let when = ask(&path, &requests, now())?;
+    let when = ask(&path, &requests, clock::now())?;
     let mut out = String::new();
     for alarm in &alarms {
         // Writing to a string cannot fail.

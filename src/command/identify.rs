@@ -3,6 +3,7 @@
 use super::campaign::{self, News, Reading, Taken};
 use super::render::{CONFLICT_SHOWN, PRIOR_TAIL_SHOWN};
 use super::setup::{self, Setup};
+use super::sketch::{self, When};
 use super::{BadArguments, WITH_LOSSES};
 use crate::analysis::{Identification, Plan};
 use crate::config::Config;
@@ -62,6 +63,10 @@ pub struct Args {
     /// One JSON object per record instead of tables.
     #[arg(long)]
     pub json: bool,
+
+    /// Whether a small plot is drawn in the end.
+    #[arg(long, value_name = "WHEN", value_enum, default_value_t)]
+    pub plot: When,
 
     /// The configuration.
     #[command(flatten)]
@@ -145,7 +150,11 @@ fn show(args: &Args, config: &Config, plans: &BTreeMap<RodId, Plan>, outcome: &O
     let text = match outcome {
         _ if args.json => line::json(outcome, None, &provenance(config)) + "\n",
         Outcome::Identified(identification) => match plans.get(&identification.rod) {
-            Some(plan) => describe(plan, identification),
+            Some(plan) => {
+                let width = args.plot.width();
+                let plot = width.map(|width| sketch::spectrum(&plan.settings().prior, identification, width));
+                describe(plan, identification) + &plot.map_or_else(String::new, |plot| format!("\n{plot}"))
+            }
             None => String::new(),
         },
         Outcome::Rejected(rejected) => {

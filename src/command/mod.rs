@@ -28,8 +28,10 @@ pub mod replay;
 pub mod report;
 pub mod run;
 pub mod send;
+pub mod serve;
 mod setup;
 pub mod simulate;
+pub mod sketch;
 pub mod status;
 pub mod study;
 pub mod which_store;
@@ -63,6 +65,7 @@ pub fn run(command: &Command) -> anyhow::Result<ExitCode> {
         Command::Backup(args) => backup::run(args),
         Command::Study(args) => study::run(args),
         Command::Run(args) => run::run(args),
+        Command::Serve(args) => serve::run(args),
         Command::Send(args) => send::run(args),
         Command::Completions(args) => completions::run(args),
         Command::Manual(args) => manual::run(args),

@@ -1,6 +1,7 @@
 //! `tirante rebaseline`: a rod's force is compared with a new baseline from now on.
 
-use super::which_store::{WhichStore, ask, check_rod, now};
+use super::which_store::{WhichStore, ask, check_rod};
+use crate::clock;
 use crate::store::{Asked, Reader};
 use std::process::ExitCode;
 
@@ -49,6 +50,6 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         reason: args.reason.clone(),
     };
     let requests: Vec<_> = rod.into_iter().map(|rod| (rod, what.clone())).collect();
-    ask(&path, &requests, now())?;
+    ask(&path, &requests, clock::now())?;
     super::print(format!("a new baseline of {} begins with its next record\n", args.rod).as_bytes())
 }

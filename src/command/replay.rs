@@ -5,6 +5,7 @@ use super::progress::Progress;
 use super::render::Table;
 use super::report;
 use super::setup::{self, Prepared, Setup};
+use super::sketch::{self, When};
 use super::status;
 use super::which_store::Format;
 use crate::record::RodId;
@@ -51,6 +52,10 @@ pub struct Args {
     /// How recordings are read.
     #[command(flatten)]
     pub reading: Reading,
+
+    /// Whether a small plot is drawn in the end.
+    #[arg(long, value_name = "WHEN", value_enum, default_value_t)]
+    pub plot: When,
 
     /// The configuration.
     #[command(flatten)]
@@ -119,6 +124,11 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     if has_seen_all {
         let standing = status::text(site.store(), None, Format::Table)?;
         tell!("{}", standing.trim_end());
+        if let Some(width) = args.plot.width().filter(|_| !args.json) {
+            for rod in site.store().rods()? {
+                write!(output, "\n{}", sketch::force(site.store(), &rod, width)?)?;
+            }
+        }
     }
     if let Some(folder) = &args.report {
         let page = report::write(site.store(), None, folder)?;

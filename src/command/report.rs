@@ -133,7 +133,7 @@ pub fn load(reader: &Reader, rod: Option<&RodId>) -> anyhow::Result<SiteReport> 
     let config = present.and_then(|[_, _, text]| Config::parse(text, "the store").ok());
     for report in &mut rods {
         let unit = config.as_ref().and_then(|config| config.rod(&report.rod));
-        report.motion_unit = unit.map(|rod| si_of(rod.channels.displacement.unit.key()).to_owned());
+        report.motion_unit = unit.map(|rod| rod.channels.displacement.unit.si().to_owned());
     }
     let mut provenance = vec![(
         "program".to_owned(),
@@ -158,17 +158,6 @@ pub fn load(reader: &Reader, rod: Option<&RodId>) -> anyhow::Result<SiteReport> 
         rods,
         provenance,
     })
-}
-
-/// The SI unit samples of a unit of motion are converted to.
-fn si_of(unit: &str) -> &'static str {
-    if unit.ends_with("/s2") || unit == "g" {
-        "m/s\u{b2}"
-    } else if unit.ends_with("/s") {
-        "m/s"
-    } else {
-        "m"
-    }
 }
 
 /// What gave the numbers their meaning, over all records.

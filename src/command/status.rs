@@ -3,11 +3,9 @@
 use super::listing::{Aligned, csv, minutes};
 use super::render::signed_percent;
 use super::which_store::{Format, WhichStore, check_rod};
+use crate::api::RodStatus;
 use crate::record::{RodId, Timestamp};
-use crate::store::{Asked, Reader, Standing};
-use crate::track::whiteness::Whiteness;
-use crate::track::{Alarm, Interval, RodState};
-use serde::{Deserialize, Serialize};
+use crate::store::Reader;
 use std::process::ExitCode;
 
 /// Says how every rod stands: its state and since when, the force with its 95 % interval, the change since the
@@ -36,43 +34,6 @@ pub struct Args {
     pub format: Format,
 }
 
-/// One rod, as JSON has it; every field is always present.
-#[derive(Serialize)]
-struct Row {
-    rod: RodId,
-    state: &'static str,
-    state_reason: Option<String>,
-    since: Option<Timestamp>,
-    segment: u32,
-    baseline_records: Option<usize>,
-    learned_periods: Option<usize>,
-    /// Whether force and change are at the reference temperature.
-    compensated: bool,
-    reference_temperature_c: Option<f64>,
-    force_n: Option<Interval>,
-    relative_force: Option<Interval>,
-    latest_used: Option<Timestamp>,
-    latest_record: Option<Timestamp>,
-    records: i64,
-    rejected: i64,
-    alarms: Vec<Alarm>,
-    /// Whether the latest charted residuals are white, as the stated false-alarm rate supposes.
-    whiteness: Option<Whiteness>,
-    waiting: Vec<String>,
-}
-
-/// What a record's line says that is asked for here.
-#[derive(Default, Deserialize)]
-struct Line {
-    start: Option<Timestamp>,
-    tracked_force_n: Option<Interval>,
-    relative_force: Option<Interval>,
-    reference_temperature_c: Option<f64>,
-    force_at_reference_n: Option<Interval>,
-    relative_force_at_reference: Option<Interval>,
-    segment: Option<u32>,
-}
-
 /// Runs the command.
 ///
 /// # Errors
@@ -93,14 +54,12 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
 /// The store cannot be read.
 pub fn text(reader: &Reader, rod: Option<&RodId>, format: Format) -> anyhow::Result<String> {
     let mut rows = Vec::new();
-    let states = reader.states()?;
+    let mut whiteness = reader.whiteness()?;
     for standing in reader.standings()? {
         if rod.is_none_or(|rod| *rod == standing.rod) {
-            let whiteness = states.get(&standing.rod).and_then(|state| state.whiteness);
-            rows.push(Row {
-                whiteness,
-                ..Row::of(standing)?
-            });
+            let counts = reader.counts(&standing.rod)?;
+            let whiteness = whiteness.remove(&standing.rod);
+            rows.push(RodStatus::of(standing, counts, whiteness)?);
         }
     }
     if rows.is_empty() {
@@ -110,79 +69,7 @@ pub fn text(reader: &Reader, rod: Option<&RodId>, format: Format) -> anyhow::Res
     }
 }
 
-impl Row {
-    fn of(standing: Standing) -> anyhow::Result<Self> {
-        let line: Line = match &standing.latest {
-            Some(line) => serde_json::from_str(line)?,
-            None => Line::default(),
-        };
-        // What an older segment's record says is relative to another baseline.
-        let is_present = line.segment == Some(standing.segment);
-        let line = if is_present {
-            line
-        } else {
-            Line {
-                start: line.start,
-                ..Line::default()
-            }
-        };
-        let compensated = line.relative_force_at_reference.is_some();
-        let (state_reason, baseline_records, learned_periods) = match &standing.state {
-            RodState::NotMonitoring { reason } => (Some(reason.clone()), None, None),
-            RodState::Learning { records, periods } => (None, Some(*records), Some(*periods)),
-            RodState::Monitoring | RodState::Alarm => (None, None, None),
-        };
-        Ok(Self {
-            state: standing.state.code(),
-            state_reason,
-            since: standing.since,
-            segment: standing.segment,
-            baseline_records,
-            learned_periods,
-            compensated,
-            reference_temperature_c: line.reference_temperature_c,
-            force_n: line.force_at_reference_n.or(line.tracked_force_n),
-            relative_force: line.relative_force_at_reference.or(line.relative_force),
-            latest_used: line.start,
-            latest_record: standing.latest_start,
-            records: standing.records,
-            rejected: standing.rejected,
-            alarms: standing.alarms,
-            whiteness: None,
-            waiting: standing
-                .waiting
-                .iter()
-                .map(|request| match &request.what {
-                    Asked::Acknowledge { alarm } => format!("acknowledge {alarm}"),
-                    Asked::Rebaseline { .. } => "rebaseline".to_owned(),
-                })
-                .collect(),
-            rod: standing.rod,
-        })
-    }
-
-    fn rejected_share(&self) -> f64 {
-        if self.records > 0 {
-            self.rejected as f64 / self.records as f64
-        } else {
-            0.0
-        }
-    }
-
-    /// Why the rod stands as it does, if there is more to say than the state's name.
-    fn why(&self) -> Option<String> {
-        if let (Some(records), Some(periods)) = (self.baseline_records, self.learned_periods) {
-            return Some(format!(
-                "learning: {} for the baseline, {} for the charts so far",
-                counted(records, "record"),
-                counted(periods, "period")
-            ));
-        }
-        self.state_reason.clone()
-    }
-}
-
-fn print(rows: &[Row], format: Format) -> anyhow::Result<String> {
+fn print(rows: &[RodStatus], format: Format) -> anyhow::Result<String> {
     match format {
         Format::Json => {
             let mut out = String::new();
@@ -197,7 +84,7 @@ fn print(rows: &[Row], format: Format) -> anyhow::Result<String> {
     }
 }
 
-fn table(rows: &[Row]) -> String {
+fn table(rows: &[RodStatus]) -> String {
     let mut table = Aligned::new(&[
         "rod",
         "state",
@@ -269,17 +156,12 @@ fn table(rows: &[Row]) -> String {
     table.print()
 }
 
-/// `1 record`, `3 records`.
-fn counted(count: usize, noun: &str) -> String {
-    format!("{count} {noun}{}", if count == 1 { "" } else { "s" })
-}
-
 /// A time to the day.
 fn day(time: Timestamp) -> String {
     time.to_string().chars().take(10).collect()
 }
 
-fn spreadsheet(rows: &[Row]) -> String {
+fn spreadsheet(rows: &[RodStatus]) -> String {
     let mut out = csv([
         "rod",
         "state",

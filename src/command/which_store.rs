@@ -1,11 +1,10 @@
-//! Which store a command means, in which format it answers, and what time it is.
+//! Which store a command means, and in which format it answers.
 
 use super::BadArguments;
 use crate::config::Config;
 use crate::record::{RodId, Timestamp};
 use crate::store::{Asked, Durability, Reader, Store, StoreError, request_of_writer};
 use std::path::{Path, PathBuf};
-use std::time::SystemTime;
 
 /// The store of a command.
 #[derive(Debug, Clone, clap::Args)]
@@ -71,14 +70,6 @@ pub fn check_rod(reader: &Reader, rod: Option<&str>) -> anyhow::Result<Option<Ro
         rods.join(", ")
     };
     Err(BadArguments(format!("rod {id}: {} has {known}", reader.path().display())).into())
-}
-
-/// What the clock says.
-pub fn now() -> Timestamp {
-    let nanos = SystemTime::now()
-        .duration_since(SystemTime::UNIX_EPOCH)
-        .map_or(0, |since| i64::try_from(since.as_nanos()).unwrap_or(i64::MAX));
-    Timestamp::from_nanos(nanos)
 }
 
 /// Puts requests into a store, and applies at once what needs no fold if nothing writes to it; says when they hold.

@@ -2,6 +2,7 @@
 
 use super::range::toml_string;
 use super::reader::{Absent, Table, key};
+use super::sink::{file, list, strings};
 use crate::http::HttpSettings;
 use std::net::SocketAddr;
 
@@ -59,5 +60,28 @@ pub(super) fn read(table: &mut Table<'_>) -> HttpSettings {
             ),
         );
     }
-    HttpSettings { listen }
+    let token_file = file(
+        table,
+        key(
+            "token_file",
+            "file with the token (one line, 16 characters or more) of those who acknowledge alarms on the page; may begin with \
+             $CREDENTIALS_DIRECTORY/; read at the start",
+        ),
+        "nobody may acknowledge over HTTP",
+    );
+    let names = table.take(
+        key(
+            "names",
+            "host names browsers reach the page under, besides addresses and localhost",
+        ),
+        "a list of at most 100 names",
+        Absent::Default(Vec::new()),
+        |value| list(value, |name| name.name_string().map(str::to_owned)),
+        |names| strings(names.iter().cloned()),
+    );
+    HttpSettings {
+        listen,
+        token_file,
+        names: names.unwrap_or_default(),
+    }
 }

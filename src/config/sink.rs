@@ -313,7 +313,8 @@ fn login(table: &mut Table<'_>, is_wanted: bool) -> Option<Option<Login>> {
     }
 }
 
-fn file(table: &mut Table<'_>, key: Key, without: &'static str) -> Option<CredentialPath> {
+/// A file with a secret.
+pub(super) fn file(table: &mut Table<'_>, key: Key, without: &'static str) -> Option<CredentialPath> {
     table.take(
         key,
         "1 to 255 bytes of text",
@@ -340,7 +341,7 @@ fn filter<T: std::fmt::Display>(
 }
 
 /// The elements of a list, each read by `read`.
-fn list<T>(value: &Value<'_>, read: impl Fn(&Value<'_>) -> Option<T>) -> Option<Vec<T>> {
+pub(super) fn list<T>(value: &Value<'_>, read: impl Fn(&Value<'_>) -> Option<T>) -> Option<Vec<T>> {
     let elements = value.array()?;
     if elements.len() > MOST {
         value.fault(format!(
@@ -353,7 +354,8 @@ fn list<T>(value: &Value<'_>, read: impl Fn(&Value<'_>) -> Option<T>) -> Option<
     read.into_iter().collect()
 }
 
-fn strings(list: impl Iterator<Item = String>) -> String {
+/// A list of texts as TOML has it.
+pub(super) fn strings(list: impl Iterator<Item = String>) -> String {
     let quoted: Vec<String> = list.map(|text| toml_string(&text)).collect();
     format!("[{}]", quoted.join(", "))
 }

@@ -22,6 +22,7 @@ mod workers;
 pub use generation::Generation;
 pub use job::Job;
 
+use crate::clock;
 use crate::config::{Config, ConfigError, Setting};
 use crate::http;
 use crate::ingest::Listener;
@@ -126,8 +127,24 @@ fn show(
     let Some(listener) = http::listen(&config.http)? else {
         return Ok(());
     };
-    tracing::info!("health and metrics at http://{}", listener.local_addr()?);
-    let routes = http::routes(telemetry.clone());
+    tracing::info!("page, health and metrics at http://{}", listener.local_addr()?);
+    let api = match &config.store.path {
+        Some(path) => {
+            let shown = http::Shown::new(path);
+            runtime.spawn(Arc::clone(&shown).watch(stopped.clone()));
+            let ask = {
+                let path = path.clone();
+                move |rod, what| match store::request_of_writer(&path, &[(rod, what)], clock::now()) {
+                    Ok(_) => Ok("within seconds".to_owned()),
+                    Err(error) => Err(error.to_string()),
+                }
+            };
+            let access = config.http.access()?;
+            Some(http::Api::new(shown, access, ask, stopped.clone()))
+        }
+        None => None,
+    };
+    let routes = http::routes(Some(telemetry.clone()), api);
     let health = Arc::clone(&telemetry.health);
     runtime.spawn(async move {
         if let Err(error) = http::serve(listener, routes, Arc::clone(&health), stopped).await {

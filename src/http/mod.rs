@@ -1,12 +1,27 @@
-//! The daemon's HTTP server: health, readiness, metrics.
+//! The HTTP server: the page and its API, health, readiness, metrics.
 //!
-//! [`routes`] is what it answers, a plain function of the daemon's telemetry; [`serve`] is how it listens: at most so many
-//! connections, each with limits and deadlines, so that no client can cost the daemon more than a little memory.
+//! [`routes`] is what it answers; [`serve`] is how it listens: at most so many connections, each with limits and deadlines, so
+//! that no client can cost the daemon more than a little memory.
+//! * `page`    documents, scripts and style (`src/http/page/`), the plot library
+//! * `api`     `/api/v1`, read-only but for what brings the token
+//! * `live`    `/api/v1/events`
+//! * `shown`   the store behind both
+//! * `access`  who may ask, who may change something
+//! * `problem` what is answered when there is no answer
 
+mod access;
+mod api;
+mod live;
+mod page;
+mod problem;
 mod routes;
 mod serve;
 pub mod settings;
+mod shown;
 
+pub use access::Access;
+pub use api::Api;
 pub use routes::routes;
 pub use serve::{listen, serve};
 pub use settings::HttpSettings;
+pub use shown::Shown;

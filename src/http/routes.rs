@@ -1,5 +1,7 @@
 //! What the HTTP server answers.
 
+use super::api::{self, Api};
+use super::page;
 use crate::telemetry::{Report, Telemetry};
 use axum::Router;
 use axum::body::HttpBody;
@@ -40,20 +42,46 @@ struct Shared {
     begun: Instant,
 }
 
-/// Health, readiness and metrics of a daemon.
-pub fn routes(telemetry: Telemetry) -> Router {
-    let shared = Shared {
-        telemetry,
-        begun: Instant::now(),
-    };
-    Router::new()
-        .route("/", get("tirante: /healthz, /readyz, /metrics\n"))
-        .route("/healthz", get(health))
-        .route("/readyz", get(ready))
-        .route("/metrics", get(metrics))
-        .fallback(|| async { (StatusCode::NOT_FOUND, "there is /healthz, /readyz, /metrics\n") })
-        .with_state(shared)
+/// Health, readiness and metrics of a daemon, the page and its API of a store.
+pub fn routes(telemetry: Option<Telemetry>, api: Option<Api>) -> Router {
+    let mut router = Router::new();
+    if let Some(telemetry) = telemetry {
+        let shared = Shared {
+            telemetry,
+            begun: Instant::now(),
+        };
+        let health = Router::new()
+            .route("/healthz", get(health))
+            .route("/readyz", get(ready))
+            .route("/metrics", get(metrics))
+            .with_state(shared);
+        router = router.merge(health);
+    }
+    if let Some(api) = api {
+        let access = api.access.clone();
+        let hosts = middleware::from_fn(move |request: Request, next: Next| {
+            let is_ours = access.is_host(request.headers());
+            async move {
+                if is_ours {
+                    next.run(request).await
+                } else {
+                    foreign()
+                }
+            }
+        });
+        let site = page::routes().merge(api::routes()).layer(hosts).with_state(api);
+        router = router.merge(site);
+    }
+    let nothing = "there is nothing here; try /, /api/v1/openapi.json, /healthz, /readyz, /metrics\n";
+    router
+        .fallback(move || async move { (StatusCode::NOT_FOUND, nothing) })
         .layer(middleware::from_fn(guard))
+}
+
+/// The answer to a host name that is not ours.
+fn foreign() -> Response {
+    let why = "this server does not answer to that name: put it into http.names of the configuration\n";
+    (StatusCode::MISDIRECTED_REQUEST, why).into_response()
 }
 
 /// `/healthz`, as JSON.
@@ -133,7 +161,8 @@ async fn guard(request: Request, next: Next) -> Response {
         next.run(request).await
     };
     for (name, value) in STRICT {
-        response.headers_mut().insert(name, value);
+        // The page says more exactly what it needs.
+        response.headers_mut().entry(name).or_insert(value);
     }
     response
 }

@@ -2,6 +2,7 @@
 //!
 //! [`view`] says what a report is about; everything else turns it into one HTML page:
 //! * [`page`](mod@page)      the whole page
+//! * [`terminal`] a small plot in the terminal
 //! * [`study`](fn@study) the paper's study as a page
 //! * `rod`         one rod's part of it
 //! * `history`     figures over time: forces, temperature, frequencies, charts
@@ -23,6 +24,7 @@ mod markup;
 pub mod page;
 mod rod;
 mod study;
+pub mod terminal;
 pub mod view;
 
 pub use page::page;

@@ -61,6 +61,16 @@ impl Unit {
     /// Every unit of temperature.
     pub const TEMPERATURE: [Self; 3] = [Self::Celsius, Self::Kelvin, Self::Fahrenheit];
 
+    /// The SI unit its values are converted to.
+    pub fn si(self) -> &'static str {
+        match self {
+            Self::Metre | Self::Millimetre | Self::Micrometre | Self::Nanometre => "m",
+            Self::MetrePerSecond | Self::MillimetrePerSecond | Self::MicrometrePerSecond => "m/s",
+            Self::MetrePerSecondSquared | Self::StandardGravity => "m/s\u{b2}",
+            Self::Celsius | Self::Kelvin | Self::Fahrenheit => "\u{b0}C",
+        }
+    }
+
     /// The name in configuration.
     pub fn key(self) -> &'static str {
         match self {

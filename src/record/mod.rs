@@ -2,6 +2,7 @@
 
 pub mod assembler;
 pub mod channel;
+mod envelope;
 mod onset;
 pub mod quality;
 pub mod rejection;
@@ -13,6 +14,7 @@ mod timing;
 
 pub use assembler::{Assembler, Event};
 pub use channel::{Channel, RodChannels, TimeSource, Unit};
+pub use envelope::Envelope;
 pub use rejection::{Flag, Rejection};
 pub use settings::{Cut, RecordSettings};
 pub use temperature::Reading;

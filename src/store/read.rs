@@ -51,10 +51,6 @@ pub struct Standing {
     pub since: Option<Timestamp>,
     /// The present segment.
     pub segment: u32,
-    /// Records in the store.
-    pub records: i64,
-    /// Those of them that were rejected.
-    pub rejected: i64,
     /// The JSON line of the rod's latest record that was not rejected.
     pub latest: Option<String>,
     /// The start of the rod's latest record, rejected or not.
@@ -316,37 +312,45 @@ impl Reader {
     /// # Errors
     /// The store cannot be read.
     pub fn standings(&self) -> Result<Vec<Standing>, StoreError> {
-        let mut standings = self.try_standings().map_err(|trouble| self.fault(trouble))?;
+        self.standings_of(None)
+    }
+
+    /// How one rod stands; `None` if the store does not know it.
+    ///
+    /// # Errors
+    /// The store cannot be read.
+    pub fn standing(&self, rod: &RodId) -> Result<Option<Standing>, StoreError> {
+        Ok(self.standings_of(Some(rod))?.pop())
+    }
+
+    fn standings_of(&self, rod: Option<&RodId>) -> Result<Vec<Standing>, StoreError> {
+        let mut standings = self.try_standings(rod).map_err(|trouble| self.fault(trouble))?;
         for standing in &mut standings {
             standing.waiting = self.waiting(&standing.rod)?;
         }
         Ok(standings)
     }
 
-    fn try_standings(&self) -> Result<Vec<Standing>, Trouble> {
-        let mut statement = self.connection.prepare(
+    fn try_standings(&self, rod: Option<&RodId>) -> Result<Vec<Standing>, Trouble> {
+        let mut statement = self.connection.prepare_cached(
             "SELECT rod, detail, since, segment,
-                (SELECT count(*) FROM record WHERE record.rod = rod.rod),
-                (SELECT count(*) FROM record WHERE record.rod = rod.rod AND rejection IS NOT NULL),
                 (SELECT json FROM line WHERE line.record =
                     (SELECT id FROM record WHERE record.rod = rod.rod AND rejection IS NULL AND set_aside IS NULL
                      ORDER BY start_ns DESC, id DESC LIMIT 1)),
                 (SELECT max(start_ns) FROM record WHERE record.rod = rod.rod)
-             FROM rod ORDER BY rod",
+             FROM rod WHERE ?1 IS NULL OR rod = ?1 ORDER BY rod",
         )?;
-        let mut rows = statement.query(())?;
+        let mut rows = statement.query([rod.map(|rod| rod.0.as_str())])?;
         let mut standings = Vec::new();
         while let Some(row) = rows.next()? {
             let (rod, detail): (String, String) = (row.get(0)?, row.get(1)?);
             let since: Option<String> = row.get(2)?;
-            let latest_start: Option<i64> = row.get(7)?;
+            let latest_start: Option<i64> = row.get(5)?;
             standings.push(Standing {
                 state: state::read(&rod, &detail)?,
                 since: since.as_deref().map(state::time).transpose()?,
                 segment: row.get(3)?,
-                records: row.get(4)?,
-                rejected: row.get(5)?,
-                latest: row.get(6)?,
+                latest: row.get(4)?,
                 latest_start: latest_start.map(Timestamp::from_nanos),
                 alarms: self.standing_alarms(&rod)?,
                 waiting: Vec::new(),
@@ -354,6 +358,19 @@ impl Reader {
             });
         }
         Ok(standings)
+    }
+
+    /// A rod's records in the store, and how many of them were rejected. Looks at every one of them.
+    ///
+    /// # Errors
+    /// The store cannot be read.
+    pub fn counts(&self, rod: &RodId) -> Result<(u64, u64), StoreError> {
+        let counted: (i64, i64) = self
+            .connection
+            .prepare_cached("SELECT count(*), count(rejection) FROM record WHERE rod = ?")
+            .and_then(|mut statement| statement.query_row([&rod.0], |row| Ok((row.get(0)?, row.get(1)?))))
+            .map_err(|error| self.fault(Trouble::Sql(error)))?;
+        Ok((counted.0.unsigned_abs(), counted.1.unsigned_abs()))
     }
 
     fn standing_alarms(&self, rod: &str) -> Result<Vec<Alarm>, Trouble> {

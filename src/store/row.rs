@@ -1,7 +1,7 @@
 //! Rows with a checksum each: what was written is what is read, or it is known that it is not.
 
 use rusqlite::types::{Value, ValueRef};
-use rusqlite::{Connection, Statement};
+use rusqlite::{Connection, Params, Statement};
 
 /// The column that holds the checksum, the last of every table.
 const CHECKSUM: &str = "checksum";
@@ -86,11 +86,22 @@ impl Row {
 pub(super) fn verify(
     connection: &Connection,
     table: &str,
+    on_row: impl FnMut(&rusqlite::Row<'_>) -> rusqlite::Result<()>,
+) -> rusqlite::Result<Option<usize>> {
+    verify_where(connection, table, "1", (), on_row)
+}
+
+/// As [`verify`], of the rows a condition picks; it may end in an order and a limit.
+pub(super) fn verify_where(
+    connection: &Connection,
+    table: &str,
+    condition: &str,
+    parameters: impl Params,
     mut on_row: impl FnMut(&rusqlite::Row<'_>) -> rusqlite::Result<()>,
 ) -> rusqlite::Result<Option<usize>> {
-    let mut statement = connection.prepare(&format!("SELECT * FROM {table}"))?;
+    let mut statement = connection.prepare_cached(&format!("SELECT * FROM {table} WHERE {condition}"))?;
     let places = places(&statement)?;
-    let mut rows = statement.query(())?;
+    let mut rows = statement.query(parameters)?;
     let mut number = 0;
     while let Some(row) = rows.next()? {
         number += 1;

@@ -116,6 +116,7 @@ mod tests {
             duration_s: 60.0,
             fs_hz: 200.0,
             seed: "ff".to_owned(),
+            waveform: None,
             curve: Curve {
                 first_hz: 0.1,
                 step_hz: 0.1,

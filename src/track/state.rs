@@ -45,6 +45,18 @@ pub enum Opening {
     Clock,
 }
 
+impl Opening {
+    /// The name in JSON.
+    pub fn code(self) -> &'static str {
+        match self {
+            Self::First => "first",
+            Self::Requested => "requested",
+            Self::Changed => "changed",
+            Self::Clock => "clock",
+        }
+    }
+}
+
 /// Everything remembered of one rod.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct State {

@@ -8,7 +8,7 @@ use tirante::bayes::{Prior, RodPrior};
 use tirante::beam::{Parameterisation, Section};
 use tirante::modes::Mode;
 use tirante::outcome::{Outcome, Rejected};
-use tirante::record::{Reading, Rejection, RodId, Timestamp};
+use tirante::record::{Envelope, Reading, Rejection, RodId, Timestamp};
 use tirante::snapshot::Snapshot;
 use tirante::spectrum::Spectrum;
 use tirante::store::{Commit, Position, RecordRow, RodRow, SnapshotRow, Store};
@@ -52,6 +52,7 @@ pub fn identified(rod: &RodId, number: i64) -> Outcome {
             temperature_c: Some(12.25),
             readings: Vec::new(),
             rms: 1.5e-5,
+            waveform: Envelope::of(&[1.5e-5, -1.5e-5], 200.0),
             flags: Vec::new(),
             spectrum: Spectrum {
                 df_hz: 0.1,

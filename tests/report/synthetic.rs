@@ -73,6 +73,7 @@ fn snapshot(at: Timestamp, shift: f64) -> Snapshot {
         duration_s: 60.0,
         fs_hz: 200.0,
         seed: "00c0ffee00c0ffee".to_owned(),
+        waveform: None,
         curve: Curve {
             first_hz: 0.05,
             step_hz: 0.05,

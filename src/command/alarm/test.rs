@@ -1,7 +1,8 @@
 //! `tirante alarm test`: a message to every sink, to see whether alarms would arrive.
 
 use crate::alert::{self, Message, Pace, SinkSettings};
-use crate::command::{BadArguments, which_store::now};
+use crate::clock;
+use crate::command::BadArguments;
 use crate::config::{Config, Setting};
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -46,7 +47,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         if !args.sinks.is_empty() && !args.sinks.contains(&settings.id) {
             continue;
         }
-        let message = Message::test(&config.site, &settings.id, now());
+        let message = Message::test(&config.site, &settings.id, clock::now());
         let mut sink = alert::open(settings, &config.site, Pace::default().deadline);
         let line = match sink.deliver(&message) {
             Ok(()) => format!("{}: delivered, id {}\n", settings.id, message.id),

@@ -1,0 +1,149 @@
+//! How one rod stands, as JSON: what `status --format json` prints and the page shows.
+
+use crate::record::{RodId, Timestamp};
+use crate::store::{Asked, Standing, StoreError};
+use crate::track::whiteness::Whiteness;
+use crate::track::{Alarm, Interval, RodState};
+use serde::{Deserialize, Serialize};
+
+/// How one rod stands; every field is always present.
+#[derive(Debug, Clone, Serialize)]
+pub struct RodStatus {
+    /// The rod.
+    pub rod: RodId,
+    /// `learning`, `monitoring`, `alarm` or `not-monitoring`.
+    pub state: &'static str,
+    /// Why it is not followed, if it is not.
+    pub state_reason: Option<String>,
+    /// Since when, in event time.
+    pub since: Option<Timestamp>,
+    /// The present segment.
+    pub segment: u32,
+    /// Records of the baseline so far, while it learns.
+    pub baseline_records: Option<usize>,
+    /// Periods learned so far, while it learns.
+    pub learned_periods: Option<usize>,
+    /// Whether force and change are at the reference temperature.
+    pub compensated: bool,
+    /// Reference temperature \[degC\].
+    pub reference_temperature_c: Option<f64>,
+    /// Force given the baseline \[N\].
+    pub force_n: Option<Interval>,
+    /// N_t / N_0.
+    pub relative_force: Option<Interval>,
+    /// The latest record that was neither rejected nor set aside.
+    pub latest_used: Option<Timestamp>,
+    /// The latest record.
+    pub latest_record: Option<Timestamp>,
+    /// Records there were.
+    pub records: u64,
+    /// Those of them that were rejected.
+    pub rejected: u64,
+    /// Alarms that stand.
+    pub alarms: Vec<Alarm>,
+    /// Whether the latest charted residuals are white, as the stated false-alarm rate supposes.
+    pub whiteness: Option<Whiteness>,
+    /// What was asked for and waits.
+    pub waiting: Vec<String>,
+}
+
+/// What a record's line says that is asked for here.
+#[derive(Default, Deserialize)]
+struct Line {
+    start: Option<Timestamp>,
+    tracked_force_n: Option<Interval>,
+    relative_force: Option<Interval>,
+    reference_temperature_c: Option<f64>,
+    force_at_reference_n: Option<Interval>,
+    relative_force_at_reference: Option<Interval>,
+    segment: Option<u32>,
+}
+
+impl RodStatus {
+    /// From what the store knows; `counts` are the rod's records and those rejected.
+    ///
+    /// # Errors
+    /// The latest record's line cannot be understood.
+    pub fn of(
+        standing: Standing,
+        counts: (u64, u64),
+        whiteness: Option<Whiteness>,
+    ) -> Result<Self, StoreError> {
+        let line: Line = match &standing.latest {
+            Some(line) => serde_json::from_str(line).map_err(|error| StoreError::Unreadable {
+                what: format!("the latest record of rod {}", standing.rod),
+                detail: error.to_string(),
+            })?,
+            None => Line::default(),
+        };
+        // What an older segment's record says is relative to another baseline.
+        let is_present = line.segment == Some(standing.segment);
+        let line = if is_present {
+            line
+        } else {
+            Line {
+                start: line.start,
+                ..Line::default()
+            }
+        };
+        let compensated = line.relative_force_at_reference.is_some();
+        let (state_reason, baseline_records, learned_periods) = match &standing.state {
+            RodState::NotMonitoring { reason } => (Some(reason.clone()), None, None),
+            RodState::Learning { records, periods } => (None, Some(*records), Some(*periods)),
+            RodState::Monitoring | RodState::Alarm => (None, None, None),
+        };
+        Ok(Self {
+            state: standing.state.code(),
+            state_reason,
+            since: standing.since,
+            segment: standing.segment,
+            baseline_records,
+            learned_periods,
+            compensated,
+            reference_temperature_c: line.reference_temperature_c,
+            force_n: line.force_at_reference_n.or(line.tracked_force_n),
+            relative_force: line.relative_force_at_reference.or(line.relative_force),
+            latest_used: line.start,
+            latest_record: standing.latest_start,
+            records: counts.0,
+            rejected: counts.1,
+            alarms: standing.alarms,
+            whiteness,
+            waiting: standing
+                .waiting
+                .iter()
+                .map(|request| match &request.what {
+                    Asked::Acknowledge { alarm } => format!("acknowledge {alarm}"),
+                    Asked::Rebaseline { .. } => "rebaseline".to_owned(),
+                })
+                .collect(),
+            rod: standing.rod,
+        })
+    }
+
+    /// The share of records that were rejected.
+    pub fn rejected_share(&self) -> f64 {
+        if self.records > 0 {
+            self.rejected as f64 / self.records as f64
+        } else {
+            0.0
+        }
+    }
+
+    /// Why the rod stands as it does, if there is more to say than the state's name.
+    pub fn why(&self) -> Option<String> {
+        if let (Some(records), Some(periods)) = (self.baseline_records, self.learned_periods) {
+            return Some(format!(
+                "learning: {} for the baseline, {} for the charts so far",
+                counted(records, "record"),
+                counted(periods, "period")
+            ));
+        }
+        self.state_reason.clone()
+    }
+}
+
+/// `1 record`, `3 records`.
+fn counted(count: usize, noun: &str) -> String {
+    format!("{count} {noun}{}", if count == 1 { "" } else { "s" })
+}

@@ -1,0 +1,113 @@
+//! `tirante serve`: the page of any store, without a daemon.
+
+use super::BadArguments;
+use super::which_store::{WhichStore, ask};
+use crate::alert::credential::CredentialPath;
+use crate::clock;
+use crate::config::Config;
+use crate::http::{self, Api, HttpSettings, Shown};
+use crate::store::Reader;
+use crate::telemetry::Health;
+use std::net::SocketAddr;
+use std::process::ExitCode;
+use std::sync::Arc;
+use tokio::signal::unix::{SignalKind, signal};
+use tokio::sync::watch;
+
+/// Shows a store as a web page, beside a running `replay` or `run` or without one.
+///
+/// Runs until Ctrl-C. The page shows what is committed meanwhile within a second.
+#[derive(Debug, Clone, clap::Args)]
+#[command(after_help = "Examples:
+  tirante serve --store todi.db                      # then open http://127.0.0.1:7417
+  tirante serve --config site.toml --listen 127.0.0.1:0
+  tirante serve --store todi.db --token-file token   # with the right to acknowledge alarms
+
+A daemon shows the page itself, at [http] listen. Other machines reach neither unless a proxy that asks for a password
+leads there, or --allow-remote is said.")]
+pub struct Args {
+    /// The store.
+    #[command(flatten)]
+    pub which: WhichStore,
+
+    /// Address and port; port 0 takes a free one, which is said on stderr.
+    #[arg(long, value_name = "ADDRESS:PORT", default_value = "127.0.0.1:7417")]
+    pub listen: SocketAddr,
+
+    /// It may listen where other machines reach it, who then read everything it shows.
+    #[arg(long)]
+    pub allow_remote: bool,
+
+    /// A file with the token of those who may acknowledge alarms; over `http.token_file` of the configuration.
+    #[arg(long, value_name = "FILE")]
+    pub token_file: Option<String>,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// No store, one that cannot be read, or an address that is taken.
+pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
+    if !args.listen.ip().to_canonical().is_loopback() && !args.allow_remote {
+        return Err(BadArguments(format!(
+            "other machines reach {}: take 127.0.0.1 and a proxy that asks for a password, or say --allow-remote",
+            args.listen
+        ))
+        .into());
+    }
+    let path = args.which.path()?;
+    // What is no store is said before anything listens.
+    drop(Reader::open(&path)?);
+    let configured = match &args.which.config {
+        Some(config) => Config::resolve(Some(config), &[])?.http,
+        None => HttpSettings::default(),
+    };
+    let settings = HttpSettings {
+        listen: Some(args.listen),
+        token_file: args
+            .token_file
+            .as_deref()
+            .map(CredentialPath::new)
+            .or(configured.token_file),
+        names: configured.names,
+    };
+    let access = settings.access()?;
+    let Some(listener) = http::listen(&settings)? else {
+        return Ok(ExitCode::SUCCESS);
+    };
+    tell!(
+        "{} at http://{}  (Ctrl-C ends it)",
+        path.display(),
+        listener.local_addr()?
+    );
+    let (stop, stopped) = watch::channel(false);
+    let shown = Shown::new(&path);
+    let ask = move |rod, what| ask(&path, &[(rod, what)], clock::now()).map_err(|error| format!("{error:#}"));
+    let api = Api::new(Arc::clone(&shown), access, ask, stopped.clone());
+    let runtime = tokio::runtime::Builder::new_multi_thread()
+        .worker_threads(2)
+        .enable_all()
+        .build()?;
+    runtime.block_on(async {
+        let (mut interrupt, mut terminate) =
+            (signal(SignalKind::interrupt())?, signal(SignalKind::terminate())?);
+        tokio::spawn(shown.watch(stopped.clone()));
+        tokio::spawn(async move {
+            tokio::select! {
+                _ = interrupt.recv() => {}
+                _ = terminate.recv() => {}
+            }
+            stop.send_replace(true);
+        });
+        http::serve(
+            listener,
+            http::routes(None, Some(api)),
+            Arc::new(Health::default()),
+            stopped,
+        )
+        .await
+    })?;
+    // A question still under way is not waited for.
+    runtime.shutdown_background();
+    Ok(ExitCode::SUCCESS)
+}

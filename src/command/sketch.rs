@@ -1,0 +1,112 @@
+//! The small plots that `identify` and `replay` end with when a person looks at them.
+
+use crate::analysis::Identification;
+use crate::bayes::RodPrior;
+use crate::plot::terminal::Sketch;
+use crate::record::{RodId, Timestamp};
+use crate::snapshot::Snapshot;
+use crate::store::{Reader, StoreError};
+use std::io::{self, IsTerminal};
+
+/// Characters of a line when nobody says how many there are.
+const WIDTH: usize = 80;
+/// Most records of a force plot.
+const MOST: usize = 100_000;
+
+/// When plots are drawn.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, clap::ValueEnum)]
+pub enum When {
+    /// If stdout is a terminal.
+    #[default]
+    Auto,
+    /// Into files and pipes too.
+    Always,
+    /// Never.
+    Never,
+}
+
+impl When {
+    /// The width of the plots \[characters\]; `None` for no plots.
+    pub fn width(self) -> Option<usize> {
+        let out = io::stdout();
+        if self == Self::Never || (self == Self::Auto && !out.is_terminal()) {
+            return None;
+        }
+        let size = rustix::termios::tcgetwinsize(&out).ok();
+        Some(size.map_or(WIDTH, |size| usize::from(size.ws_col)).max(1))
+    }
+}
+
+/// The spectrum of an identified record with its modes; nothing for frequencies measured elsewhere.
+pub fn spectrum(prior: &RodPrior, identification: &Identification, width: usize) -> String {
+    let Some(snapshot) = Snapshot::of(prior, identification) else {
+        return String::new();
+    };
+    let curve = &snapshot.curve;
+    let points: Vec<(f64, f64)> = (0..)
+        .zip(&curve.level_db)
+        .map(|(i, level)| (curve.frequency_hz(i), *level))
+        .collect();
+    let labels: Vec<(f64, String)> = snapshot
+        .peaks
+        .iter()
+        .filter_map(|peak| {
+            Some((
+                peak.frequency_hz,
+                format!("{}: {:.3}", peak.order?, peak.frequency_hz),
+            ))
+        })
+        .collect();
+    let sketch = Sketch {
+        title: "power spectral density [dB] over frequency [Hz]",
+        points: &points,
+        is_time: false,
+        labels: &labels,
+    };
+    sketch.draw(width)
+}
+
+/// The change of a rod's force since its baseline, or its force while there is none, over time; nothing for less than two
+/// records.
+///
+/// # Errors
+/// The store cannot be read.
+pub fn force(reader: &Reader, rod: &RodId, width: usize) -> Result<String, StoreError> {
+    let always = (Timestamp::from_nanos(i64::MIN), Timestamp::MAX);
+    let found = reader.points_between(rod, always.0, always.1, MOST)?;
+    let counted = || found.iter().filter(|point| point.set_aside.is_none());
+    let column = |value: fn(&crate::store::Point) -> Option<f64>| -> Vec<(f64, f64)> {
+        counted()
+            .filter_map(|point| Some((point.start?.as_nanos() as f64 * 1e-9, value(point)?)))
+            .collect()
+    };
+    let choices = [
+        (
+            "change of force at the reference temperature [%]",
+            column(|point| {
+                point
+                    .relative_force_at_reference
+                    .map(|ratio| (ratio.mean - 1.0) * 100.0)
+            }),
+        ),
+        (
+            "change of force, not compensated for temperature [%]",
+            column(|point| point.relative_force.map(|ratio| (ratio.mean - 1.0) * 100.0)),
+        ),
+        (
+            "axial force of each record alone [kN]",
+            column(|point| point.axial_force_n.map(|force| force.mean * 1e-3)),
+        ),
+    ];
+    let Some((what, points)) = choices.into_iter().find(|(_, points)| points.len() > 1) else {
+        return Ok(String::new());
+    };
+    let title = format!("{rod}: {what}");
+    let sketch = Sketch {
+        title: &title,
+        points: &points,
+        is_time: true,
+        labels: &[],
+    };
+    Ok(sketch.draw(width))
+}

@@ -1,0 +1,114 @@
+//! Who may ask: hosts the server answers to, and the token of those who may change something.
+
+use axum::http::HeaderMap;
+use axum::http::header::{AUTHORIZATION, HOST};
+use sha2::{Digest, Sha256};
+use std::net::IpAddr;
+use subtle::ConstantTimeEq;
+
+/// Who may ask.
+#[derive(Clone, Default)]
+pub struct Access {
+    /// SHA-256 of the token; `None`: nobody may change anything.
+    token: Option<[u8; 32]>,
+    /// Names the server answers to besides addresses and `localhost`.
+    names: Vec<String>,
+}
+
+impl Access {
+    /// Of the settings; `token` is the secret itself.
+    pub fn new(token: Option<&str>, names: &[String]) -> Self {
+        Self {
+            token: token.map(|token| Sha256::digest(token).into()),
+            names: names.iter().map(|name| name.to_ascii_lowercase()).collect(),
+        }
+    }
+
+    /// Whether anybody may change something.
+    pub fn has_token(&self) -> bool {
+        self.token.is_some()
+    }
+
+    /// Whether these headers bring the token. Hashes of equal length are compared in a time that does not depend on them.
+    pub fn may_write(&self, headers: &HeaderMap) -> bool {
+        let said = headers
+            .get(AUTHORIZATION)
+            .and_then(|value| value.to_str().ok())
+            .and_then(|value| value.strip_prefix("Bearer "));
+        match (&self.token, said) {
+            (Some(token), Some(said)) => {
+                let said: [u8; 32] = Sha256::digest(said.trim()).into();
+                token.ct_eq(&said).into()
+            }
+            _ => false,
+        }
+    }
+
+    /// Whether the browser was led here under a name of ours: a foreign page may point its own name at this address to
+    /// read the answers.
+    pub fn is_host(&self, headers: &HeaderMap) -> bool {
+        let Some(host) = headers.get(HOST) else {
+            // Only HTTP/1.0 has none, and no browser speaks it.
+            return true;
+        };
+        let Ok(host) = host.to_str() else { return false };
+        let name = match host.strip_prefix('[') {
+            Some(rest) => rest.split(']').next().unwrap_or_default(),
+            None => host.rsplit_once(':').map_or(host, |(name, _)| name),
+        };
+        let name = name.to_ascii_lowercase();
+        name.parse::<IpAddr>().is_ok() || name == "localhost" || self.names.contains(&name)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use axum::http::{HeaderName, HeaderValue};
+
+    fn headers(name: HeaderName, value: &'static str) -> HeaderMap {
+        HeaderMap::from_iter([(name, HeaderValue::from_static(value))])
+    }
+
+    #[test]
+    fn the_token_and_nothing_else_may_write() {
+        let access = Access::new(Some("a long secret"), &[]);
+        let may = |value| access.may_write(&headers(AUTHORIZATION, value));
+        assert!(may("Bearer a long secret"));
+        for wrong in [
+            "Bearer a long secre",
+            "Bearer ",
+            "a long secret",
+            "Basic a long secret",
+            "Bearer a long secret2",
+        ] {
+            assert!(!may(wrong), "{wrong}");
+        }
+        assert!(!access.may_write(&HeaderMap::new()));
+        assert!(!Access::default().may_write(&headers(AUTHORIZATION, "Bearer ")));
+    }
+
+    #[test]
+    fn foreign_names_are_not_ours() {
+        let access = Access::new(None, &["Tower.example".to_owned()]);
+        for ours in [
+            "127.0.0.1:7416",
+            "localhost",
+            "LOCALHOST:80",
+            "[::1]:7416",
+            "192.168.1.4",
+            "tower.example:7416",
+        ] {
+            assert!(access.is_host(&headers(HOST, ours)), "{ours}");
+        }
+        for foreign in [
+            "evil.example",
+            "evil.example:7416",
+            "tower.example.evil:1",
+            "",
+            "[evil]",
+        ] {
+            assert!(!access.is_host(&headers(HOST, foreign)), "{foreign}");
+        }
+    }
+}

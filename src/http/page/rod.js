@@ -1,0 +1,159 @@
+// One rod: its forces over time, its charts, its latest record, its records.
+
+import { alarmNote, ask, el, fixed, interval, kilonewtons, live, percent, show, state, table, time, why } from "./common.js";
+import * as figures from "./figures.js";
+
+const id = new URLSearchParams(location.search).get("id") ?? "";
+const base = `/api/v1/rods/${encodeURIComponent(id)}`;
+const content = document.getElementById("content");
+document.getElementById("title").textContent = id;
+document.title = `${id} - Tirante`;
+
+const notes = el("div", {}), facts = el("dl", { class: "facts" });
+const relative = figures.figure("relative", "Change of the axial force since the baseline, with its 95 % interval. Green: the baseline; red: an alarm was raised.");
+const charts = figures.figure("charts", "The charts of the drift alarm, each divided by its limit: an alarm is raised where a line crosses 1 or -1.", true);
+const absolute = figures.figure("absolute", "Axial force with its 95 % interval: from each record alone, and given the baseline.");
+const temperature = figures.figure("temperature", "Temperature of the records.", true);
+const waveform = figures.figure("waveform", "The latest identified record about its mean.", true);
+const spectrum = figures.figure("spectrum", "Power spectral density of the latest identified record, with the modes found.");
+const density = figures.figure("density", "What the latest record says of one quantity: posterior against prior.");
+const choice = el("select", { id: "quantity", onchange: () => drawLatest() });
+const latestTitle = el("h2", { id: "latest-title" }, "Latest record");
+const records = el("div", {}), older = el("button", { type: "button", hidden: true, onclick: () => drawRecords(true) }, "older ones");
+const rejectedOnly = el("input", { type: "checkbox", id: "rejected", onchange: () => drawRecords() });
+
+// The stretch of time that is shown: the last so many days, everything, or what somebody zoomed to.
+let days = 365, zoomed = null, rod = null, alarms = [], latest = null, shown = [], next = null;
+const DAY = 86_400_000;
+
+const ranges = [["7 d", 7], ["30 d", 30], ["1 y", 365], ["all", null]].map(([name, length]) =>
+  el("button", { type: "button", "data-days": String(length), "aria-pressed": String(length === days), onclick: () => { days = length; zoomed = null; drawHistory(); } }, name));
+
+function stretch() {
+  if (zoomed) return zoomed;
+  if (!rod?.span) return null;
+  const [first, end] = rod.span.map((text) => Date.parse(text));
+  return [days === null ? first : Math.max(first, end - days * DAY), end].map((ms) => new Date(ms).toISOString());
+}
+
+async function drawHistory() {
+  for (const button of ranges) button.setAttribute("aria-pressed", String(!zoomed && button.dataset.days === String(days)));
+  const range = stretch();
+  if (!range) return;
+  const span = `from=${encodeURIComponent(range[0])}&to=${encodeURIComponent(range[1])}`;
+  const [history, chart] = await Promise.all([ask(`${base}/history?${span}&points=1200`), ask(`${base}/chart`)]);
+  await figures.relative(relative.plot, rod, history, alarms, range);
+  await figures.absolute(absolute.plot, rod, history, range);
+  await figures.charts(charts.plot, chart, range);
+  charts.element.hidden = !chart.limits;
+  await figures.temperature(temperature.plot, history, range);
+  temperature.element.hidden = history.temperature_c.every((value) => value === null);
+  const each = history.step_s === null ? "each point is one record" : `each point is the mean of ${figures_span(history.step_s)}`;
+  const last = history.relative_force_at_reference.mean.findLast((value) => value !== null) ?? history.relative_force.mean.findLast((value) => value !== null);
+  relative.words.textContent = "Change of the axial force since the baseline, with its 95 % interval" +
+    (last === undefined ? "" : `; the last value shown is ${percent(last)} %`) + `. Green: the baseline; red: an alarm was raised; ${each}.`;
+  relative.plot.dataset.points = String(history.time.length);
+  for (const { plot } of [relative, absolute, charts, temperature]) {
+    plot.removeAllListeners?.("plotly_relayout");
+    plot.on("plotly_relayout", (change) => {
+      if (change["xaxis.autorange"]) zoomed = null;
+      else if (change["xaxis.range[0]"]) zoomed = ["xaxis.range[0]", "xaxis.range[1]"].map((key) => new Date(`${String(change[key]).replace(" ", "T")}Z`).toISOString());
+      else return;
+      drawHistory();
+    });
+  }
+}
+
+const figures_span = (seconds) => seconds >= 86400 ? `${fixed(seconds / 86400, 0)} d` : seconds >= 3600 ? `${fixed(seconds / 3600, 1)} h` : `${fixed(seconds, 0)} s`;
+
+async function drawLatest(isNew = false) {
+  if (isNew) {
+    latest = await ask(`${base}/latest`);
+    const quantities = latest.latest?.densities.map((d) => d.quantity) ?? [];
+    const kept = choice.value;
+    choice.replaceChildren(...quantities.map((key) => el("option", { value: key }, figures.quantity(key)[0])));
+    if (quantities.includes(kept)) choice.value = kept;
+  }
+  const look = latest?.latest;
+  const here = [waveform, spectrum, density];
+  for (const { element } of here) element.hidden = !look;
+  latestTitle.textContent = look ? `Latest record: ${time(look.start)} UTC, ${fixed(look.duration_s, 0)} s at ${fixed(look.fs_hz, 0)} Hz` : "No record identified yet";
+  if (!look) return;
+  waveform.element.hidden = !look.waveform;
+  if (look.waveform) await figures.waveform(waveform.plot, look.waveform, latest.unit);
+  await figures.spectrum(spectrum.plot, look);
+  const modes = look.peaks.filter((peak) => peak.order !== null).map((peak) => `${peak.order}: ${peak.frequency_hz.toFixed(3)} Hz`);
+  spectrum.words.textContent = `Power spectral density of the latest identified record. Modes: ${modes.join(", ")}.`;
+  const chosen = look.densities.find((d) => d.quantity === choice.value) ?? look.densities[0];
+  if (chosen) {
+    await figures.density(density.plot, chosen);
+    const [title, factor] = figures.quantity(chosen.quantity);
+    const said = ([mean, sd]) => {
+      const digits = Math.min(Math.max(1 - Math.floor(Math.log10(sd * factor)), 0), 6);
+      return `${fixed(mean * factor, digits)} \u00b1 ${fixed(sd * factor, digits)}`;
+    };
+    density.words.textContent = `Posterior against prior: ${title}, prior ${said(chosen.prior_mean_sd)}, posterior ${said(chosen.posterior_mean_sd)} (mean \u00b1 standard deviation).`;
+  }
+}
+
+function recordRow(record) {
+  const cell = (name, kind, ...children) => el("td", { "data-name": name, class: kind }, ...children);
+  const said = record.rejection ? `rejected: ${record.rejection.message}` : record.set_aside ? `set aside: ${record.set_aside}` : record.state;
+  return el("tr", { "data-start": record.start },
+    cell("start", "nowrap", time(record.start)),
+    cell("length [s]", "n", record.duration_s === null ? "-" : fixed(record.duration_s, 0)),
+    cell("frequencies [Hz]", "", (record.modes ?? []).map((mode) => mode.frequency_hz.toFixed(3)).join(", ") || "-"),
+    cell("force [kN]", "n", ...interval(record.axial_force_n, kilonewtons)),
+    cell("change [%]", "n", ...interval(record.relative_force_at_reference ?? record.relative_force, (r) => percent(r))),
+    cell("temperature [\u00b0C]", "n", record.temperature_c === null || record.temperature_c === undefined ? "-" : fixed(record.temperature_c, 1)),
+    cell("result", "", said));
+}
+
+async function drawRecords(isOlder = false) {
+  const before = isOlder && next ? `&before=${encodeURIComponent(next)}` : "";
+  const answer = await ask(`${base}/records?limit=25&rejected=${rejectedOnly.checked}${before}`);
+  shown = isOlder ? shown.concat(answer.records) : answer.records;
+  next = answer.next;
+  older.hidden = !next;
+  records.replaceChildren(shown.length
+    ? table("The latest first; times are UTC. The force is that of each record alone.", [["start"], ["length [s]", "n"], ["frequencies [Hz]"], ["force [kN]", "n"], ["change [%]", "n"], ["T [\u00b0C]", "n"], ["result"]], shown.map(recordRow))
+    : el("p", {}, rejectedOnly.checked ? "None was rejected." : "There are no records."));
+}
+
+function drawFacts() {
+  const fact = (name, ...children) => el("div", {}, el("dt", {}, name), el("dd", {}, ...children));
+  const mark = rod.compensated || !rod.relative_force ? "" : "~";
+  const share = rod.records ? 100 * rod.rejected / rod.records : 0;
+  const segment = rod.segments.at(-1);
+  notes.replaceChildren(...rod.alarms.map((alarm) => alarmNote(alarm)),
+    ...(rod.caveat ? [el("p", { class: "note calm" }, rod.caveat)] : []),
+    ...rod.waiting.map((request) => el("p", { class: "note calm" }, `asked for, waits for the next record: ${request}`)));
+  facts.replaceChildren(
+    fact("state", state(rod), el("small", {}, why(rod) ?? (rod.since ? `since ${time(rod.since)}` : ""))),
+    fact("change since the baseline [%]", mark, ...interval(rod.relative_force, (r) => percent(r))),
+    fact("force given the baseline [kN]", mark, ...interval(rod.force_n, kilonewtons)),
+    fact("last record", time(rod.latest_record), el("small", {}, `${fixed(rod.records, 0)} records, ${fixed(share, 1)} % rejected`)),
+    fact("baseline", segment?.baseline ? time(segment.baseline[0]) : "-", el("small", {}, segment
+      ? `segment ${segment.number} (${segment.reason})${segment.baseline ? `, ${segment.baseline_records} records` : ""}${segment.fault ? `; ${segment.fault}` : ""}` : "")),
+    fact("temperature", rod.thermal ? `${fixed(rod.thermal.slope_per_k * 100, 3)} % per K` : "-", el("small", {}, rod.thermal
+      ? `\u00b1 ${fixed(rod.thermal.slope_sd_per_k * 100, 3)}${rod.reference_temperature_c === null ? "" : `, reference ${fixed(rod.reference_temperature_c, 1)} \u00b0C`}` : "not compensated")));
+}
+
+async function draw() {
+  const [answer, page] = await Promise.all([ask(base), ask(`/api/v1/alarms?rod=${encodeURIComponent(id)}&limit=100`)]);
+  rod = answer;
+  alarms = page.alarms;
+  content.querySelector(".failed")?.remove();
+  drawFacts();
+  await Promise.all([drawHistory(), drawLatest(true), shown.length <= 25 ? drawRecords() : null]);
+}
+
+show(content, notes, facts,
+  el("div", { class: "tools", role: "group", "aria-label": "Stretch of time shown" }, ranges),
+  el("h2", {}, "Relative force"), relative.element, charts.element,
+  el("h2", {}, "Absolute force"), absolute.element, temperature.element,
+  latestTitle, el("div", { class: "pair" }, waveform.element, spectrum.element),
+  el("div", { class: "tools" }, el("label", { for: "quantity" }, "Quantity "), choice), density.element,
+  el("h2", {}, "Records"), el("div", { class: "tools" }, rejectedOnly, el("label", { for: "rejected" }, "rejected ones only")), records, older);
+live(draw);
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => draw());

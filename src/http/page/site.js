@@ -1,0 +1,67 @@
+// The overview: one row per rod.
+
+import { ago, alarmNote, ask, el, fixed, interval, kilonewtons, live, percent, rodLink, show, state, table, time, why } from "./common.js";
+
+const content = document.getElementById("content");
+
+function spark(trend) {
+  const points = trend.time.map((text, i) => [Date.parse(text), trend.mean[i]]).filter(([, mean]) => mean !== null);
+  if (points.length < 2) return "";
+  const xs = points.map(([x]) => x), ys = points.map(([, y]) => y);
+  const low = Math.min(...ys, 1), high = Math.max(...ys, 1), span = Math.max(high - low, 1e-4);
+  const x = (t) => 1 + 118 * (t - xs[0]) / (xs.at(-1) - xs[0]);
+  const y = (v) => 29 - 26 * (v - low) / span;
+  const space = "http://www.w3.org/2000/svg";
+  const svg = document.createElementNS(space, "svg");
+  svg.setAttribute("viewBox", "0 0 120 32");
+  svg.setAttribute("class", "spark");
+  svg.setAttribute("role", "img");
+  svg.setAttribute("aria-label", `change over the last ${points.length} days shown: from ${percent(ys[0])} % to ${percent(ys.at(-1))} %`);
+  const zero = document.createElementNS(space, "line");
+  for (const [key, value] of Object.entries({ x1: 0, x2: 120, y1: y(1), y2: y(1) })) zero.setAttribute(key, value);
+  const path = document.createElementNS(space, "path");
+  path.setAttribute("d", points.map(([t, v], i) => `${i ? "L" : "M"}${x(t).toFixed(1)} ${y(v).toFixed(1)}`).join(""));
+  svg.append(zero, path);
+  return svg;
+}
+
+function row(rod) {
+  const mark = rod.compensated || !rod.relative_force ? "" : "~";
+  const share = rod.recent.records ? 100 * rod.recent.rejected / rod.recent.records : 0;
+  const cell = (name, kind, ...children) => el("td", { "data-name": name, class: kind }, ...children);
+  return el("tr", { "data-rod": rod.rod },
+    el("th", { scope: "row" }, el("a", { href: rodLink(rod.rod) }, rod.rod)),
+    cell("state", "", state(rod), el("small", {}, why(rod) ?? (rod.since ? `since ${time(rod.since)}` : ""))),
+    cell("force [kN]", "n", mark, ...interval(rod.force_n, kilonewtons)),
+    cell("change [%]", "n", mark, ...interval(rod.relative_force, (r) => percent(r))),
+    cell("last year", "", spark(rod.trend)),
+    cell("last record", "nowrap", time(rod.latest_record), el("small", {}, ago(rod.latest_record))),
+    cell(`last ${rod.recent.days} d`, "n", `${fixed(rod.recent.records, 0)} records`, el("small", {}, `${fixed(share, 1)} % rejected`)));
+}
+
+async function draw() {
+  const site = await ask("/api/v1/site");
+  document.getElementById("title").textContent = site.site;
+  document.title = `${site.site} - Tirante`;
+  document.getElementById("brand").title = `version ${site.version}`;
+  const alarms = site.rods.flatMap((rod) => rod.alarms.map((alarm) => ({ rod: rod.rod, alarm })));
+  const open = alarms.filter(({ alarm }) => !alarm.acknowledged).length;
+  const counted = (count, noun) => `${count} ${noun}${count === 1 ? "" : "s"}`;
+  const uncompensated = site.rods.some((rod) => rod.relative_force && !rod.compensated);
+  show(content,
+    el("p", { class: "about", id: "summary" },
+      `${counted(site.rods.length, "rod")}, ` +
+      (alarms.length ? `${counted(alarms.length, "alarm")} standing, ${open} not acknowledged` : "no alarm stands")),
+    alarms.map(({ rod, alarm }) => {
+      const note = alarmNote(alarm);
+      note.prepend(el("a", { href: rodLink(rod) }, rod), " ");
+      return note;
+    }),
+    site.rods.length
+      ? table("Force with its 95 % interval, and its change since the rod's baseline. Times are UTC.",
+        [["rod"], ["state"], ["force [kN]", "n"], ["change [%]", "n"], ["last year"], ["last record"], ["data", "n"]], site.rods.map(row))
+      : el("p", {}, "There are no records yet."),
+    uncompensated ? el("p", { class: "about" }, "~ not compensated: at the temperature of the latest record.") : "");
+}
+
+live(draw);

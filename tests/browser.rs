@@ -1,0 +1,328 @@
+//! The page in a real browser: it draws without a network, a new record appears by itself, an acknowledgement lands. Chromium is
+//! driven by its own driver; without one the test says so, or fails with `TIRANTE_REAL_PEERS`.
+#![allow(clippy::unwrap_used)] // helpers of tests are tests
+
+mod server;
+mod site;
+
+use serde_json::{Value as Json, json};
+use server::{Server, TOKEN};
+use site::{Part, campaign};
+use std::io::{BufRead, BufReader};
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+use std::thread;
+use std::time::{Duration, Instant};
+
+/// How long a page may take on a machine that is busy with other things.
+const PATIENCE: Duration = Duration::from_secs(90);
+
+/// A browser without a window.
+struct Browser {
+    driver: Child,
+    session: String,
+}
+
+impl Browser {
+    /// `None` if there is none on this machine.
+    fn start(width: u32, height: u32, is_dark: bool) -> Option<Self> {
+        let driver = Command::new("chromedriver")
+            .arg("--port=0")
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null())
+            .spawn();
+        let Ok(mut driver) = driver else {
+            assert!(
+                std::env::var_os("TIRANTE_REAL_PEERS").is_none(),
+                "chromedriver is not installed"
+            );
+            eprintln!("left out: chromedriver is not installed");
+            return None;
+        };
+        // "ChromeDriver was started successfully on port 12345."
+        let port = BufReader::new(driver.stdout.take().unwrap())
+            .lines()
+            .map_while(Result::ok)
+            .find_map(|line| {
+                let (_, port) = line.split_once("successfully on port ")?;
+                port.trim_end_matches('.').parse::<u16>().ok()
+            });
+        let mut browser = Self {
+            driver,
+            session: format!("http://127.0.0.1:{}/session", port.expect("the driver's port")),
+        };
+        let mut arguments = vec![
+            "--headless=new".to_owned(),
+            "--no-sandbox".to_owned(),
+            "--disable-gpu".to_owned(),
+            "--disable-dev-shm-usage".to_owned(),
+            // Nothing but this machine.
+            "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1, EXCLUDE localhost".to_owned(),
+            format!("--window-size={width},{height}"),
+        ];
+        if is_dark {
+            arguments.push("--force-dark-mode".to_owned());
+        }
+        let options = json!({"capabilities": {"alwaysMatch": {
+            "browserName": "chrome",
+            "goog:chromeOptions": {"args": arguments},
+            "goog:loggingPrefs": {"browser": "ALL"},
+        }}});
+        let answer = browser.post("", &options);
+        let id = answer["sessionId"].as_str().expect("a session").to_owned();
+        browser.session = format!("{}/{id}", browser.session);
+        Some(browser)
+    }
+
+    fn post(&self, path: &str, body: &Json) -> Json {
+        let agent: ureq::Agent = ureq::Agent::config_builder()
+            .timeout_global(Some(PATIENCE))
+            .http_status_as_error(false)
+            .build()
+            .into();
+        let mut answer = agent
+            .post(format!("{}{path}", self.session))
+            .content_type("application/json")
+            .send(body.to_string())
+            .unwrap();
+        let text = answer.body_mut().read_to_string().unwrap();
+        let answer: Json = serde_json::from_str(&text).unwrap();
+        assert!(answer["value"]["error"].is_null(), "{path}: {answer}");
+        answer["value"].clone()
+    }
+
+    fn open(&self, server: &Server, path: &str) {
+        let address = format!("http://127.0.0.1:{}{path}", server.address.port());
+        self.post("/url", &json!({"url": address}));
+    }
+
+    /// What a script gives back.
+    fn run(&self, script: &str) -> Json {
+        self.post("/execute/sync", &json!({"script": script, "args": []}))
+    }
+
+    /// Waits until a script gives `true`.
+    fn wait(&self, what: &str, script: &str) {
+        let until = Instant::now() + PATIENCE;
+        while self.run(script) != json!(true) {
+            if Instant::now() > until {
+                let text = self.run("return document.body.innerText");
+                panic!("{what} does not come: {text}\n{}", self.complaints().join("\n"));
+            }
+            thread::sleep(Duration::from_millis(50));
+        }
+    }
+
+    /// What the page wrote on the console: errors of scripts, what its own policy forbade, what could not be loaded.
+    fn complaints(&self) -> Vec<String> {
+        let log = self.post("/se/log", &json!({"type": "browser"}));
+        let entries = log.as_array().cloned().unwrap_or_default();
+        entries.iter().map(|entry| entry["message"].to_string()).collect()
+    }
+
+    fn screenshot(&self, path: &Path) {
+        // The whole document, not the window alone.
+        let height = self
+            .run("return document.documentElement.scrollHeight")
+            .as_u64()
+            .unwrap();
+        let width = self.run("return window.innerWidth").as_u64().unwrap();
+        let shot = self.post(
+            "/goog/cdp/execute",
+            &json!({"cmd": "Page.captureScreenshot", "params": {
+                "format": "png", "captureBeyondViewport": true,
+                "clip": {"x": 0, "y": 0, "width": width, "height": height.min(6000), "scale": 1},
+            }}),
+        );
+        std::fs::write(path, decoded(shot["data"].as_str().unwrap())).unwrap();
+    }
+}
+
+impl Drop for Browser {
+    fn drop(&mut self) {
+        let _ = ureq::delete(&self.session).call();
+        let _ = self.driver.kill();
+        let _ = self.driver.wait();
+    }
+}
+
+/// Base64 (RFC 4648).
+fn decoded(text: &str) -> Vec<u8> {
+    let alphabet = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+    let digits: Vec<u32> = text
+        .bytes()
+        .filter_map(|byte| alphabet.iter().position(|letter| *letter == byte))
+        .map(|digit| digit as u32)
+        .collect();
+    let mut bytes = Vec::new();
+    for four in digits.chunks(4) {
+        let bits = four.iter().fold(0, |bits, digit| bits << 6 | digit) << (6 * (4 - four.len()));
+        bytes.extend(&bits.to_be_bytes()[1..four.len()]);
+    }
+    bytes
+}
+
+const DRAWN: &str =
+    "return [...document.querySelectorAll('.plot')].filter((p) => !p.closest('figure').hidden)
+    .every((p) => p.querySelectorAll('.main-svg path.js-line, .main-svg .point, .main-svg .trace').length > 0)
+    && document.querySelectorAll('.plot .main-svg').length >= 5";
+
+#[test]
+fn the_page_draws_follows_and_acknowledges() {
+    let site = campaign();
+    site.replay(&["archive"], "site.db");
+    let server = Server::of(&site, "site.db");
+    let Some(browser) = Browser::start(1280, 900, false) else {
+        return;
+    };
+
+    browser.open(&server, "/");
+    browser.wait(
+        "the overview",
+        "return document.querySelectorAll('tr[data-rod]').length === 2",
+    );
+    browser.wait(
+        "the light",
+        "return document.getElementById('live').textContent === 'live'",
+    );
+    let text = browser.run("return document.body.innerText");
+    assert!(
+        text.as_str().unwrap().contains("Two rods") && text.as_str().unwrap().contains("alarm"),
+        "{text}"
+    );
+
+    browser.open(&server, "/rod?id=south");
+    browser.wait("the plots", DRAWN);
+    let rows = "return document.querySelectorAll('tr[data-start]').length > 10";
+    browser.wait("the records", rows);
+    // The number on the page is the number of the command.
+    let record = site
+        .history("site.db", "records")
+        .into_iter()
+        .rfind(|line| line["rod"] == "south")
+        .unwrap();
+    let force = record["axial_force_n"]["mean"].as_f64().unwrap() / 1e3;
+    let shown = browser.run(
+        "return document.querySelector('tr[data-start] td[data-name=\"force [kN]\"]').firstChild.textContent",
+    );
+    let shown: f64 = shown.as_str().unwrap().parse().unwrap();
+    assert!((shown - force).abs() <= 0.5, "{shown} {force}");
+    let before = browser.run("return document.getElementById('relative').dataset.points");
+
+    // A record comes while the page is open.
+    site.simulate("later", &Part::new(56, 2));
+    site.replay(&["archive"], "site.db");
+    browser.wait(
+        "the new record",
+        "return document.querySelector('tr[data-start]').dataset.start >= '2026-02-27'",
+    );
+    browser.wait(
+        "the new point",
+        &format!("return document.getElementById('relative').dataset.points !== {before}"),
+    );
+    browser.wait("the plots", DRAWN);
+
+    // The axis follows the buttons.
+    browser.run("document.querySelector('button[data-days=\"7\"]').click()");
+    browser.wait(
+        "a week",
+        "return Number(document.getElementById('relative').dataset.points) <= 8",
+    );
+
+    browser.open(&server, "/alarms");
+    browser.wait(
+        "the alarms",
+        "return document.querySelectorAll('tr[data-alarm]').length > 0",
+    );
+    let id = browser.run("return document.querySelector('tr[data-alarm]').dataset.alarm");
+    browser.run("document.querySelector('tr[data-alarm] button').click()");
+    browser.wait(
+        "the question for the token",
+        "return document.querySelector('dialog[open]') !== null",
+    );
+    browser.run(&format!(
+        "document.getElementById('token').value = '{TOKEN}'; document.querySelector('dialog button').click()"
+    ));
+    browser.wait(
+        "the answer",
+        "return document.getElementById('said').textContent.includes('acknowledged')",
+    );
+    let shown = "return document.querySelector('tr[data-alarm]')?.dataset.stands !== 'stands'";
+    browser.wait("the mark", shown);
+    let alarm = site
+        .history("site.db", "alarms")
+        .into_iter()
+        .find(|alarm| alarm["id"] == id)
+        .unwrap();
+    assert!(!alarm["acknowledged"].is_null(), "{alarm}");
+    assert_eq!(browser.complaints(), [""; 0]);
+}
+
+#[test]
+fn a_phone_shows_it_without_scrolling_sideways() {
+    let site = campaign();
+    site.replay(&["archive"], "site.db");
+    let server = Server::of(&site, "site.db");
+    let Some(browser) = Browser::start(500, 900, true) else {
+        return;
+    };
+    for (path, ready) in [
+        (
+            "/",
+            "return document.querySelectorAll('tr[data-rod]').length === 2",
+        ),
+        ("/rod?id=north", DRAWN),
+        (
+            "/alarms",
+            "return document.querySelectorAll('tr[data-alarm]').length > 0",
+        ),
+    ] {
+        browser.open(&server, path);
+        browser.wait(path, ready);
+        let wider = browser.run("return document.documentElement.scrollWidth - window.innerWidth");
+        assert!(wider.as_i64().unwrap() <= 0, "{path} is {wider} px too wide");
+        // What has a purpose has a name, for those who do not see it.
+        let nameless = browser.run(
+            "return [...document.querySelectorAll('button, a, input, select, [role=img]')].filter((e) => !e.hidden
+             && !e.closest('.modebar') && !(e.textContent.trim() || e.getAttribute('aria-label') || e.getAttribute('aria-labelledby')
+             || (e.id && document.querySelector(`label[for=${e.id}]`)))).map((e) => e.outerHTML)",
+        );
+        assert_eq!(nameless, json!([]), "{path}");
+    }
+    let dark = browser.run("return matchMedia('(prefers-color-scheme: dark)').matches");
+    assert_eq!(dark, json!(true));
+    assert_eq!(browser.complaints(), [""; 0]);
+}
+
+/// Pictures of every page for the README, into the folder `SCREENSHOTS`.
+#[test]
+#[ignore = "writes pictures: SCREENSHOTS=docs/images cargo test --test browser -- --ignored"]
+fn screenshots() {
+    let folder = std::env::var_os("SCREENSHOTS").expect("SCREENSHOTS names a folder");
+    let folder = Path::new(&folder);
+    std::fs::create_dir_all(folder).unwrap();
+    let site = campaign();
+    site.replay(&["archive"], "site.db");
+    let server = Server::of(&site, "site.db");
+    for (name, width, is_dark) in [("", 1280, false), ("-phone-dark", 500, true)] {
+        let browser = Browser::start(width, 900, is_dark).expect("chromedriver");
+        for (page, path, ready) in [
+            (
+                "site",
+                "/",
+                "return document.querySelectorAll('tr[data-rod]').length === 2",
+            ),
+            ("rod", "/rod?id=north", DRAWN),
+            (
+                "alarms",
+                "/alarms",
+                "return document.querySelectorAll('tr[data-alarm]').length > 0",
+            ),
+        ] {
+            browser.open(&server, path);
+            browser.wait(page, ready);
+            browser.wait("records", "return document.querySelector('table') !== null");
+            browser.screenshot(&folder.join(format!("{page}{name}.png")));
+        }
+    }
+}

@@ -1,0 +1,109 @@
+//! `tirante serve` on a port of its own, and a client that says exactly what a test says.
+#![allow(clippy::unwrap_used, dead_code)] // helpers of tests are tests; not every test uses all of them
+
+use super::site::Site;
+use serde_json::Value as Json;
+use std::fs;
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::{SocketAddr, TcpStream};
+use std::process::{Child, Stdio};
+use std::time::Duration;
+
+/// How long anything may take here before the test fails.
+const PATIENCE: Duration = Duration::from_secs(60);
+
+pub const TOKEN: &str = "0123456789abcdef-secret";
+
+/// The server, ended when this is dropped.
+pub struct Server {
+    pub address: SocketAddr,
+    child: Child,
+}
+
+impl Server {
+    pub fn of(site: &Site, store: &str) -> Self {
+        fs::write(site.path("token"), format!("{TOKEN}\n")).unwrap();
+        let words = [
+            "serve",
+            "--store",
+            store,
+            "--listen",
+            "127.0.0.1:0",
+            "--token-file",
+            "token",
+        ];
+        let mut child = site.command(&words).stderr(Stdio::piped()).spawn().unwrap();
+        let mut line = String::new();
+        let mut said = BufReader::new(child.stderr.take().unwrap());
+        said.read_line(&mut line).unwrap();
+        let address = line.split("http://").nth(1).unwrap_or_else(|| panic!("{line}"));
+        Self {
+            address: address.split_whitespace().next().unwrap().parse().unwrap(),
+            child,
+        }
+    }
+
+    /// Sends a request and gives the connection.
+    fn send(&self, method: &str, path: &str, headers: &str) -> TcpStream {
+        let mut stream = TcpStream::connect(self.address).unwrap();
+        stream.set_read_timeout(Some(PATIENCE)).unwrap();
+        let host = if headers.contains("Host:") {
+            ""
+        } else {
+            "Host: localhost\r\n"
+        };
+        write!(stream, "{method} {path} HTTP/1.1\r\n{host}{headers}\r\n").unwrap();
+        stream
+    }
+
+    fn whole(&self, method: &str, path: &str, headers: &str) -> (String, String) {
+        let mut stream = self.send(method, path, &format!("Connection: close\r\n{headers}"));
+        let mut answer = Vec::new();
+        stream.read_to_end(&mut answer).unwrap();
+        let answer = String::from_utf8(answer).unwrap();
+        let (head, body) = answer
+            .split_once("\r\n\r\n")
+            .unwrap_or_else(|| panic!("{answer}"));
+        (head.to_ascii_lowercase(), body.to_owned())
+    }
+
+    /// Status and body.
+    pub fn ask(&self, method: &str, path: &str, headers: &str) -> (u16, String) {
+        let (head, body) = self.whole(method, path, headers);
+        (head.split(' ').nth(1).unwrap().parse().unwrap(), body)
+    }
+
+    /// The head of an answer, in lower case.
+    pub fn head(&self, path: &str) -> String {
+        self.whole("GET", path, "").0
+    }
+
+    pub fn get(&self, path: &str) -> Json {
+        let (status, body) = self.ask("GET", path, "");
+        assert_eq!(status, 200, "{path}: {body}");
+        serde_json::from_str(&body).unwrap()
+    }
+
+    /// The status of an answer that gives a reason.
+    pub fn refused(&self, path: &str) -> u16 {
+        let (status, body) = self.ask("GET", path, "");
+        let reason: Result<Json, _> = serde_json::from_str(&body);
+        assert!(
+            reason.is_ok_and(|body| body["error"].is_string()),
+            "{path}: {status} {body}"
+        );
+        status
+    }
+
+    /// A connection on which an answer goes on coming.
+    pub fn stream(&self, path: &str) -> TcpStream {
+        self.send("GET", path, "")
+    }
+}
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}

@@ -291,6 +291,26 @@ fn a_growing_recording_gives_what_the_finished_one_gives() {
 }
 
 #[test]
+fn plots_are_drawn_for_people_alone() {
+    let cache = tempfile::tempdir().unwrap();
+    let say = |words: &[&str]| {
+        let output = tirante(&cache).args(words).output().unwrap();
+        assert!(output.status.success(), "{}", text(&output.stderr));
+        text(&output.stdout)
+    };
+    let is_drawn = |text: &str| text.chars().any(|c| ('\u{2801}'..='\u{28ff}').contains(&c));
+    let recording = "recordings/todi-pull.mcap";
+    let piped = say(&["identify", recording]);
+    assert!(!is_drawn(&piped));
+    let drawn = say(&["identify", recording, "--plot", "always"]);
+    assert!(drawn.starts_with(&piped) && is_drawn(&drawn), "{drawn}");
+    assert!(drawn.contains("1: 4.49") && drawn.contains("frequency [Hz]"), "{drawn}");
+    // JSON stays JSON.
+    let lines = say(&["replay", recording, "--json", "--plot", "always"]);
+    assert_eq!(lines.lines().count(), 1);
+}
+
+#[test]
 fn simulate_destroys_nothing_it_should_not() {
     let cache = tempfile::tempdir().unwrap();
     let target = cache.path().join("a.mcap");

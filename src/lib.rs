@@ -28,6 +28,7 @@
 //! * [`config`]   the TOML configuration, every fault reported at once
 //! * [`source`]   recordings in: MCAP, message decoding
 //! * [`sink`]     recordings out: MCAP
+//! * [`import`]   measurements of other programs in: CSV, UFF58, WAV, MATLAB
 //! * [`cache`]    fitted emulators on disk
 //! * [`line`](mod@line)     a record as one JSON line
 //! * [`step`]     one record through its rod's plan, the same for `replay` and daemon
@@ -64,6 +65,7 @@ pub mod daemon;
 pub mod emulator;
 pub mod forward;
 pub mod http;
+pub mod import;
 pub mod ingest;
 pub mod journal;
 pub mod line;

@@ -19,6 +19,7 @@ pub mod emulator;
 pub mod frequencies;
 pub mod history;
 pub mod identify;
+pub mod import;
 mod listing;
 pub mod manual;
 mod progress;
@@ -53,6 +54,7 @@ pub fn run(command: &Command) -> anyhow::Result<ExitCode> {
         Command::Frequencies(args) => frequencies::run(args),
         Command::Emulator(args) => emulator::run(args),
         Command::Check(args) => check::run(args),
+        Command::Import(args) => import::run(args),
         Command::Simulate(args) => simulate::run(args),
         Command::Alarm(args) => alarm::run(args),
         Command::Status(args) => status::run(args),

@@ -108,10 +108,7 @@ fn single_precision_and_big_endian_blocks_of_58b() {
     }
     let lying = header(1, 1 << 30);
     let error = uff::read(lying.as_bytes(), 0).unwrap_err().to_string();
-    assert!(
-        error.contains("58b of 1073741824 bytes, but 3 points"),
-        "{error}"
-    );
+    assert!(error.contains("58b of 1073741824 bytes, but 3 points"), "{error}");
 }
 
 #[test]

@@ -182,7 +182,9 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         MessageEncoding::Protobuf => Encoding::Protobuf,
         MessageEncoding::Cdr => Encoding::Ros2,
     };
-    let plan = Plan::new(signals, &asked, encoding).map_err(|error| refuse(&args.path, error))?;
+    // What a plan lacks or refuses is a matter of arguments.
+    let plan =
+        Plan::new(signals, &asked, encoding).map_err(|error| BadArguments(format!("{name}: {error}")))?;
     let mut writer = RecordingWriter::create(out, WriterOptions::default())?;
     writer.metadata("tirante.import", facts(&args.path, &plan)?)?;
     let messages = import::write(&mut writer, &plan)?;
@@ -262,10 +264,14 @@ fn read(args: &Args, format: Format) -> Result<(Vec<Signal>, Vec<String>), Impor
             Ok((found.signals, found.skipped))
         }
         Format::Wav => {
-            let Some(full_scale) = args.full_scale else {
-                return Err(ImportError::new(
-                    "a WAV file does not say what its numbers mean: --full-scale VALUE --unit UNIT says what full scale is",
-                ));
+            let full_scale = match (args.full_scale, &args.out) {
+                (Some(full_scale), _) => full_scale,
+                (None, None) => 1.0,
+                (None, Some(_)) => {
+                    return Err(ImportError::new(
+                        "a WAV file does not say what its numbers mean: --full-scale VALUE --unit UNIT says what full scale is",
+                    ));
+                }
             };
             Ok((wav::read(from, full_scale)?, Vec::new()))
         }
@@ -338,8 +344,8 @@ fn contents(path: &Path, signals: &[Signal]) -> String {
         let when = match &signal.timing {
             Timing::Unknown => "rate and start not said (--rate, --time, --start)".to_owned(),
             Timing::Rate { fs_hz, start, .. } => match start {
-                Some(start) => format!("{fs_hz} Hz from {start}"),
-                None => format!("{fs_hz} Hz, start not said (--start)"),
+                Some(start) => format!("{} Hz from {start}", import::rounded(*fs_hz)),
+                None => format!("{} Hz, start not said (--start)", import::rounded(*fs_hz)),
             },
             Timing::Stamps(stamps) => match stamps.nanos.first() {
                 Some(first) if stamps.absolute => format!("stamps from {}", Timestamp::from_nanos(*first)),
@@ -393,6 +399,7 @@ fn snippet(path: &Path, out: &Path, plan: &Plan, messages: u64) -> String {
             Some(deviation_s) if channel.is_resampled => {
                 let _ = write!(text, ", interpolated up to {deviation_s:.2e} s from a stamp");
             }
+            Some(0.0) => text.push_str(", stamps exactly even"),
             Some(deviation_s) => {
                 let _ = write!(text, ", stamps within {deviation_s:.2e} s of it");
             }

@@ -60,8 +60,8 @@ pub(super) fn even(stamps: &Stamps) -> Result<Grid, ImportError> {
     Ok(grid)
 }
 
-/// A rate with the digits a person reads.
-pub(super) fn rounded(fs_hz: f64) -> f64 {
+/// A rate with the seven digits a person reads.
+pub fn rounded(fs_hz: f64) -> f64 {
     format!("{fs_hz:.6e}").parse().unwrap_or(fs_hz)
 }
 

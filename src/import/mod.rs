@@ -15,6 +15,7 @@ mod units;
 pub mod wav;
 mod write;
 
+pub use self::grid::rounded;
 pub use self::plan::{Asked, Plan, Wanted};
 pub use self::stamp::{DateOrder, TimeUnit, utc_offset};
 pub use self::units::unit_of;

@@ -22,6 +22,8 @@ pub mod identify;
 pub mod import;
 mod listing;
 pub mod manual;
+#[cfg(feature = "parquet")]
+pub mod parquet;
 mod progress;
 pub mod rebaseline;
 mod render;

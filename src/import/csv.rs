@@ -82,6 +82,9 @@ pub fn read(from: impl BufRead, table: &Table) -> Result<Vec<Signal>, ImportErro
             ))
         })?,
     };
+    if table.head_lines.is_none() {
+        check_head(&head[..first], delimiter)?;
+    }
     let Some(row) = rows.get(first) else {
         return Err(ImportError::new(format!(
             "has no line {} to begin with",
@@ -117,15 +120,43 @@ pub fn read(from: impl BufRead, table: &Table) -> Result<Vec<Signal>, ImportErro
     columns.finish()
 }
 
-/// What most likely stands between the columns of the last line seen.
+/// What stands between the columns of most lines.
 fn guess(head: &[String], decimal_comma: bool) -> u8 {
-    let line = head.iter().rev().find(|line| !line.trim().is_empty());
-    let line = line.map_or("", |line| line.trim());
-    match line {
-        line if line.contains(';') => b';',
-        line if line.contains('\t') => b'\t',
-        line if line.contains(',') && !decimal_comma => b',',
-        _ => b' ',
+    let lines = || {
+        head.iter()
+            .map(|line| line.trim())
+            .filter(|line| !line.is_empty())
+    };
+    let half = lines().count() / 2;
+    let is_usual = |delimiter: char| lines().filter(|line| line.contains(delimiter)).count() > half;
+    match () {
+        () if is_usual(';') => b';',
+        () if is_usual('\t') => b'\t',
+        () if is_usual(',') && !decimal_comma => b',',
+        () if is_usual(' ') => b' ',
+        // One column.
+        () => b';',
+    }
+}
+
+/// Refuses to pass over a line that looks like data before the first row of data.
+fn check_head(head: &[String], delimiter: u8) -> Result<(), ImportError> {
+    let is_like_data = |line: &str| {
+        line.contains(|c: char| c.is_ascii_digit())
+            && line
+                .chars()
+                .all(|c| c.is_ascii_digit() || "+-.,;:/eE \t|".contains(c))
+    };
+    match head.iter().position(|line| is_like_data(line)) {
+        None => Ok(()),
+        Some(index) => Err(ImportError::at(
+            format_args!("line {}", index + 1),
+            format!(
+                "looks like data but has other columns than what follows (delimiter {}): --head-lines and --delimiter say how \
+                 the file is made",
+                named(delimiter)
+            ),
+        )),
     }
 }
 
@@ -550,7 +581,7 @@ mod tests {
             ..Table::default()
         };
         let found = signals(
-            "  1.0   2.0 x\n 3.0\t4.0 y\n",
+            "  1.0   2.0 x\n 3.0 4.0 y\n",
             &Table {
                 head_lines: Some(0),
                 ..table
@@ -580,6 +611,7 @@ mod tests {
             refused("t;d\n0;1.5\n1\n"),
             "line 3: 1 columns, 2 in the rows before"
         );
+        assert!(refused("01/02/2026|06:00\n0;1.5\n1;2.5\n").starts_with("line 1: looks like data"));
         assert!(refused("").contains("no row of numbers"));
         assert!(refused("a,\"b\n1,2.5\n").contains("quote"));
         assert!(refused("t;d\n01/02/2026 00:00;1.5\n").contains("--dates"));

@@ -106,7 +106,10 @@ fn is_same(cell: &str, value: Option<&Value>) -> bool {
         }
         Some(Value::Bool(value)) => cell == if *value { "1" } else { "0" },
         Some(Value::String(text)) => cell == text,
-        Some(other) => cell == other.to_string(),
+        Some(other) => {
+            let text = other.to_string();
+            cell == text
+        }
     }
 }
 

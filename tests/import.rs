@@ -1,5 +1,7 @@
 //! Measurements of other programs against those programs' own readers, to MCAP and back bit for bit, and damaged.
 
+#![allow(clippy::unwrap_used)] // helpers of tests are tests
+
 mod common;
 
 use common::rod;
@@ -167,7 +169,7 @@ fn a_matlab_file_that_unpacks_without_end_is_refused() {
     use std::io::Write as _;
     let mut packed = flate2::write::ZlibEncoder::new(Vec::new(), flate2::Compression::best());
     let zeros = vec![0_u8; 1 << 20];
-    for _ in 0..(8 * MOST_VALUES >> 20) + 1 {
+    for _ in 0..((8 * MOST_VALUES) >> 20) + 1 {
         packed.write_all(&zeros).unwrap();
     }
     let packed = packed.finish().unwrap();

@@ -1,5 +1,7 @@
 //! `tirante import` as users run it: exit codes, the lines it prints, and what `check` and `replay` make of them.
 
+#![allow(clippy::unwrap_used)] // helpers of tests are tests
+
 use assert_cmd::Command;
 use serde_json::Value;
 use std::fmt::Write as _;

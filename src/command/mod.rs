@@ -20,6 +20,7 @@ pub mod frequencies;
 pub mod history;
 pub mod identify;
 pub mod import;
+pub mod init;
 mod listing;
 pub mod manual;
 #[cfg(feature = "parquet")]
@@ -57,6 +58,7 @@ pub fn run(command: &Command) -> anyhow::Result<ExitCode> {
         Command::Emulator(args) => emulator::run(args),
         Command::Check(args) => check::run(args),
         Command::Import(args) => import::run(args),
+        Command::Init(args) => init::run(args),
         Command::Simulate(args) => simulate::run(args),
         Command::Alarm(args) => alarm::run(args),
         Command::Status(args) => status::run(args),

@@ -104,11 +104,8 @@ pub fn read(from: impl BufRead, table: &Table) -> Result<Vec<Signal>, ImportErro
         columns.push(row, index as u32 + 1)?;
     }
     drop(rows);
-    loop {
-        let line = match lines.next_text()? {
-            Some(line) => line.into_owned(),
-            None => break,
-        };
+    while let Some(line) = lines.next_text()? {
+        let line = line.into_owned();
         let row = splitter.split(&line, lines.number())?;
         columns.push(&row, lines.number())?;
     }

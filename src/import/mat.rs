@@ -305,7 +305,7 @@ fn numbers(kind: u32, bytes: &[u8], is_little: bool) -> Result<Vec<f64>, String>
     macro_rules! read {
         ($number:ty) => {{
             const SIZE: usize = size_of::<$number>();
-            if bytes.len() % SIZE != 0 {
+            if !bytes.len().is_multiple_of(SIZE) {
                 return Err("its bytes are no whole number of numbers: damaged".to_owned());
             }
             bytes

@@ -330,10 +330,7 @@ fn channels_of(rods: &[RodChannels]) -> impl Iterator<Item = (&str, &Channel)> {
 }
 
 /// The signals wanted, in the order they are.
-fn choose<'a>(
-    signals: Vec<Signal>,
-    wanted: &'a [Wanted],
-) -> Result<Vec<(Signal, Option<&'a Wanted>)>, ImportError> {
+fn choose(signals: Vec<Signal>, wanted: &[Wanted]) -> Result<Vec<(Signal, Option<&Wanted>)>, ImportError> {
     if wanted.is_empty() {
         return Ok(signals.into_iter().map(|signal| (signal, None)).collect());
     }

@@ -268,7 +268,7 @@ impl Header {
             let mut ordinates = Vec::with_capacity(self.points);
             let mut largest = 0.0_f64;
             for pair in values.chunks_exact(2) {
-                if !(pair[0].abs() < 1e9) {
+                if !pair[0].is_finite() || pair[0].abs() >= 1e9 {
                     return Err(refuse("a time beyond thirty years, or none"));
                 }
                 largest = largest.max(pair[0].abs());

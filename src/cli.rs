@@ -1,8 +1,8 @@
 //! Arguments as typed.
 
 use crate::command::{
-    ack, alarm, backup, check, completions, emulator, frequencies, history, identify, manual, rebaseline,
-    replay, report, run, send, serve, simulate, status, study,
+    ack, alarm, backup, check, completions, emulator, frequencies, history, identify, import, init, manual,
+    rebaseline, replay, report, run, send, serve, simulate, status, study,
 };
 use crate::telemetry::log;
 use clap::{ArgAction, Parser, Subcommand};
@@ -53,6 +53,10 @@ pub enum Command {
     Alarm(alarm::Args),
     /// One recording, or frequencies measured elsewhere, to the posterior of the axial force.
     Identify(identify::Args),
+    /// A commented configuration for one rod, from flags, questions and a recording.
+    Init(init::Args),
+    /// Measurements of other programs (CSV, UFF58, WAV, MATLAB) to a recording.
+    Import(import::Args),
     /// Recordings from the beam model, faults included, as MCAP files.
     Simulate(simulate::Args),
     /// Natural frequencies of a given rod, by every forward model side by side.

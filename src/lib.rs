@@ -29,6 +29,7 @@
 //! * [`source`]   recordings in: MCAP, message decoding
 //! * [`sink`]     recordings out: MCAP
 //! * [`clock`]    the time people's requests carry
+//! * [`import`]   measurements of other programs in: CSV, UFF58, WAV, MATLAB
 //! * [`cache`]    fitted emulators on disk
 //! * [`line`](mod@line)     a record as one JSON line
 //! * [`step`]     one record through its rod's plan, the same for `replay` and daemon
@@ -68,6 +69,7 @@ pub mod daemon;
 pub mod emulator;
 pub mod forward;
 pub mod http;
+pub mod import;
 pub mod ingest;
 pub mod journal;
 pub mod line;

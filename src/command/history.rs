@@ -8,6 +8,8 @@ use crate::record::Timestamp;
 use crate::store::{Filter, Listing, Reader};
 use rusqlite::types::Value;
 use serde_json::Value as Json;
+#[cfg(feature = "parquet")]
+use std::io::IsTerminal;
 use std::io::{self, Write};
 use std::process::ExitCode;
 
@@ -20,6 +22,7 @@ use std::process::ExitCode;
   tirante history --store site.db --rod north --from 2026-03-01 --to 2026-04-01
   tirante history --config site.toml --what alarms
   tirante history --store site.db --format csv > forces.csv
+  tirante history --store site.db --format parquet > forces.parquet
 
 A '~' before a change or force says that it is not compensated for temperature.")]
 pub struct Args {
@@ -45,7 +48,21 @@ pub struct Args {
 
     /// How it is listed.
     #[arg(long, value_enum, default_value_t)]
-    pub format: Format,
+    pub format: AnyFormat,
+}
+
+/// How a listing is written.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, clap::ValueEnum)]
+pub enum AnyFormat {
+    /// Aligned columns for people.
+    #[default]
+    Table,
+    /// One JSON object per line.
+    Json,
+    /// Comma-separated values (RFC 4180) with the unit in each column's name.
+    Csv,
+    /// Parquet: the columns of the CSV, typed (only if built with `--features parquet`).
+    Parquet,
 }
 
 /// What can be listed.
@@ -60,6 +77,18 @@ pub enum What {
     Alarms,
     /// Records that were rejected.
     Rejections,
+}
+
+impl What {
+    /// As the store calls it.
+    pub fn listing(self) -> Listing {
+        match self {
+            Self::Records => Listing::Records,
+            Self::Periods => Listing::Periods,
+            Self::Alarms => Listing::Alarms,
+            Self::Rejections => Listing::Rejections,
+        }
+    }
 }
 
 /// A day, from its midnight in UTC, or a point in time.
@@ -94,10 +123,46 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         from: args.from,
         to: args.to,
     };
-    let mut out = io::BufWriter::new(io::stdout().lock());
-    write(&reader, &filter, args.what, args.format, &mut out)?;
+    let mut out = io::BufWriter::new(io::stdout());
+    let format = match args.format {
+        AnyFormat::Table => Format::Table,
+        AnyFormat::Json => Format::Json,
+        AnyFormat::Csv => Format::Csv,
+        AnyFormat::Parquet => {
+            write_parquet(&reader, &filter, args.what, &mut out)?;
+            out.flush()?;
+            return Ok(ExitCode::SUCCESS);
+        }
+    };
+    write(&reader, &filter, args.what, format, &mut out)?;
     out.flush()?;
     Ok(ExitCode::SUCCESS)
+}
+
+#[cfg(feature = "parquet")]
+fn write_parquet(
+    reader: &Reader,
+    filter: &Filter,
+    what: What,
+    out: &mut (impl Write + Send),
+) -> anyhow::Result<()> {
+    if io::stdout().is_terminal() {
+        return Err(BadArguments(
+            "Parquet is not for a terminal: send it to a file, > forces.parquet".to_owned(),
+        )
+        .into());
+    }
+    super::parquet::write(reader, filter, what, out)
+}
+
+#[cfg(not(feature = "parquet"))]
+fn write_parquet(_: &Reader, _: &Filter, _: What, _: &mut impl Write) -> anyhow::Result<()> {
+    Err(BadArguments(
+        "this program was built without Parquet: build it with `cargo build --release --features parquet`, or take \
+         --format csv, which holds the same columns"
+            .to_owned(),
+    )
+    .into())
 }
 
 /// Writes what is wanted of a store.
@@ -111,12 +176,7 @@ pub fn write(
     format: Format,
     out: &mut impl Write,
 ) -> anyhow::Result<()> {
-    let listing = match what {
-        What::Records => Listing::Records,
-        What::Periods => Listing::Periods,
-        What::Alarms => Listing::Alarms,
-        What::Rejections => Listing::Rejections,
-    };
+    let listing = what.listing();
     match (format, what) {
         (Format::Json, What::Records | What::Rejections) => {
             reader.lines(listing, filter, |line| Ok(writeln!(out, "{line}")?))

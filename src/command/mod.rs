@@ -19,8 +19,12 @@ pub mod emulator;
 pub mod frequencies;
 pub mod history;
 pub mod identify;
+pub mod import;
+pub mod init;
 mod listing;
 pub mod manual;
+#[cfg(feature = "parquet")]
+pub mod parquet;
 mod progress;
 pub mod rebaseline;
 mod render;
@@ -55,6 +59,8 @@ pub fn run(command: &Command) -> anyhow::Result<ExitCode> {
         Command::Frequencies(args) => frequencies::run(args),
         Command::Emulator(args) => emulator::run(args),
         Command::Check(args) => check::run(args),
+        Command::Import(args) => import::run(args),
+        Command::Init(args) => init::run(args),
         Command::Simulate(args) => simulate::run(args),
         Command::Alarm(args) => alarm::run(args),
         Command::Status(args) => status::run(args),

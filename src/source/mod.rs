@@ -3,6 +3,7 @@
 mod carry;
 pub mod cdr;
 mod chunk;
+pub mod contents;
 pub mod decode;
 pub mod folder;
 pub mod json;

@@ -10,6 +10,7 @@ pub(crate) mod columns;
 mod commit;
 mod dump;
 mod error;
+mod kinds;
 mod lock;
 mod open;
 mod operation;
@@ -25,6 +26,7 @@ mod state;
 
 pub use commit::{Commit, Position, RecordRow, RodRow};
 pub use error::StoreError;
+pub use kinds::ColumnKind;
 pub use open::Durability;
 pub use operation::{Carry, FileMark, FileState, News};
 pub use page::{Mark, Point};

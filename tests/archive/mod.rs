@@ -122,7 +122,7 @@ pub fn line(outcome: &Outcome) -> String {
     match outcome {
         Outcome::Identified(identification) => format!(
             concat!(
-                r#"{{"rod":"{}","start":"{}","duration_s":60.0,"fs_hz":200.0,"modes":[],"#,
+                r#"{{"rod":"{}","start":"{}","duration_s":60.0,"fs_hz":200.0,"modes":{},"#,
                 r#""axial_force_n":{{"mean":574000.0,"sd":109000.0,"cv":0.19,"q025":4e5,"q50":570000.0,"q975":8e5}},"#,
                 r#""parameters":{{"density_kg_m3":{{"mean":7500.5,"cv":0.05}}}},"epsilon":0.01,"draws":1000000,"#,
                 r#""accepted":100,"ess":99.5,"conflict":0.4,"prior_tail":0.5,"tracked_force_n":null,"#,
@@ -134,6 +134,7 @@ pub fn line(outcome: &Outcome) -> String {
             ),
             identification.rod,
             identification.measurement.as_ref().unwrap().start,
+            serde_json::to_string(&identification.modes).unwrap(),
             CONFIG
         ),
         Outcome::Rejected(rejected) => format!(

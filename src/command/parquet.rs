@@ -1,0 +1,151 @@
+//! Listings as Parquet, for data frames: the columns of the CSV, typed; times in nanoseconds, UTC.
+
+use super::history::What;
+use crate::record::Timestamp;
+use crate::store::{ColumnKind, Filter, Reader};
+use anyhow::{Context, bail};
+use parquet::basic::Compression;
+use parquet::data_type::{ByteArray, ByteArrayType, DoubleType, Int64Type};
+use parquet::errors::ParquetError;
+use parquet::file::properties::WriterProperties;
+use parquet::file::writer::{SerializedFileWriter, SerializedRowGroupWriter};
+use parquet::schema::parser::parse_message_type;
+use rusqlite::types::Value;
+use std::io::Write;
+use std::sync::Arc;
+
+/// Rows held in memory and written together.
+const GROUP: usize = 65_536;
+
+/// Writes what is wanted of a store.
+///
+/// # Errors
+/// The store cannot be read, or `out` cannot be written.
+pub fn write(reader: &Reader, filter: &Filter, what: What, out: impl Write + Send) -> anyhow::Result<()> {
+    let listing = what.listing();
+    let kinds = reader.column_kinds(listing)?;
+    let fields: String = kinds
+        .iter()
+        .map(|(name, kind)| format!("OPTIONAL {};\n", field(name, *kind)))
+        .collect();
+    let schema = parse_message_type(&format!("message history {{\n{fields}}}"))?;
+    let properties = WriterProperties::builder()
+        .set_created_by(concat!("tirante ", env!("CARGO_PKG_VERSION")).to_owned())
+        .set_compression(Compression::SNAPPY)
+        .build();
+    let mut file = SerializedFileWriter::new(out, Arc::new(schema), Arc::new(properties))?;
+    let mut columns: Vec<Column> = kinds.iter().map(|(_, kind)| Column::new(*kind)).collect();
+    let mut rows = 0;
+    reader.list(listing, filter, |names, values| -> anyhow::Result<()> {
+        for ((column, value), name) in columns.iter_mut().zip(values).zip(names) {
+            column.push(value).with_context(|| format!("column {name}"))?;
+        }
+        rows += 1;
+        if rows == GROUP {
+            flush(&mut file, &mut columns)?;
+            rows = 0;
+        }
+        Ok(())
+    })?;
+    if rows > 0 {
+        flush(&mut file, &mut columns)?;
+    }
+    file.close()?;
+    Ok(())
+}
+
+/// A column as Parquet's own language says it.
+fn field(name: &str, kind: ColumnKind) -> String {
+    match kind {
+        ColumnKind::Text => format!("BYTE_ARRAY {name} (STRING)"),
+        ColumnKind::Time => format!("INT64 {name} (TIMESTAMP(NANOS,true))"),
+        ColumnKind::Integer => format!("INT64 {name}"),
+        ColumnKind::Real => format!("DOUBLE {name}"),
+    }
+}
+
+fn flush<W: Write + Send>(
+    file: &mut SerializedFileWriter<W>,
+    columns: &mut [Column],
+) -> Result<(), ParquetError> {
+    let mut group = file.next_row_group()?;
+    for column in columns {
+        column.flush(&mut group)?;
+    }
+    group.close()?;
+    Ok(())
+}
+
+/// Cells of one column that are not written yet.
+struct Column {
+    /// 1 for a value, 0 for nothing.
+    levels: Vec<i16>,
+    cells: Cells,
+}
+
+enum Cells {
+    Text(Vec<ByteArray>),
+    Time(Vec<i64>),
+    Integer(Vec<i64>),
+    Real(Vec<f64>),
+}
+
+impl Column {
+    fn new(kind: ColumnKind) -> Self {
+        Self {
+            levels: Vec::new(),
+            cells: match kind {
+                ColumnKind::Text => Cells::Text(Vec::new()),
+                ColumnKind::Time => Cells::Time(Vec::new()),
+                ColumnKind::Integer => Cells::Integer(Vec::new()),
+                ColumnKind::Real => Cells::Real(Vec::new()),
+            },
+        }
+    }
+
+    fn push(&mut self, value: &Value) -> anyhow::Result<()> {
+        self.levels.push(i16::from(*value != Value::Null));
+        match (&mut self.cells, value) {
+            (_, Value::Null) => {}
+            (Cells::Text(cells), Value::Text(text)) => cells.push(text.as_bytes().to_vec().into()),
+            (Cells::Time(cells), Value::Text(text)) => {
+                let time: Timestamp = serde_json::from_value(text.as_str().into())?;
+                cells.push(time.as_nanos());
+            }
+            (Cells::Integer(cells), Value::Integer(number)) => cells.push(*number),
+            (Cells::Real(cells), Value::Real(number)) => cells.push(*number),
+            (_, value) => bail!(
+                "holds {:?}, which is not what the column is for",
+                value.data_type()
+            ),
+        }
+        Ok(())
+    }
+
+    fn flush<W: Write + Send>(
+        &mut self,
+        group: &mut SerializedRowGroupWriter<'_, W>,
+    ) -> Result<(), ParquetError> {
+        let Some(mut writer) = group.next_column()? else {
+            return Err(ParquetError::General(
+                "more columns than the schema has".to_owned(),
+            ));
+        };
+        let levels = Some(self.levels.as_slice());
+        match &self.cells {
+            Cells::Text(cells) => writer.typed::<ByteArrayType>().write_batch(cells, levels, None)?,
+            Cells::Time(cells) | Cells::Integer(cells) => {
+                writer.typed::<Int64Type>().write_batch(cells, levels, None)?
+            }
+            Cells::Real(cells) => writer.typed::<DoubleType>().write_batch(cells, levels, None)?,
+        };
+        writer.close()?;
+        self.levels.clear();
+        match &mut self.cells {
+            Cells::Text(cells) => cells.clear(),
+            Cells::Time(cells) | Cells::Integer(cells) => cells.clear(),
+            Cells::Real(cells) => cells.clear(),
+        }
+        Ok(())
+    }
+}

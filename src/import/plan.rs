@@ -1,0 +1,678 @@
+//! What is written of a file: topics, units, rates and times settled, and held against a configuration.
+
+use super::grid::{self, Stretch, rounded};
+use super::units::unit_of;
+use super::{ImportError, MOST_VALUES, Signal, Stamps, Timing};
+use crate::config::field_of;
+use crate::record::{Channel, RodChannels, Timestamp, Unit};
+use crate::sink::{Encoding, Layout};
+use std::ops::Range;
+use std::sync::Arc;
+
+/// Two rates that differ by more than this share are not the same.
+const RATE_ERROR: f64 = 1e-3;
+/// The most samples in a message.
+const BATCH: usize = 4096;
+
+/// A channel that somebody wants, as `SOURCE[=TOPIC][,UNIT]`.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Wanted {
+    /// Its name or number in the file.
+    pub source: String,
+    /// The topic it gets, else its name.
+    pub topic: Option<String>,
+    /// Its unit, if the file does not say it.
+    pub unit: Option<Unit>,
+}
+
+impl Wanted {
+    /// From `SOURCE`, `SOURCE=TOPIC`, `SOURCE=TOPIC,UNIT` or `SOURCE=,UNIT`.
+    ///
+    /// # Errors
+    /// There is no source, or the unit is none of ours.
+    pub fn parse(text: &str) -> Result<Self, String> {
+        let (source, rest) = text.split_once('=').unwrap_or((text, ""));
+        let (topic, unit) = match rest.rsplit_once(',') {
+            Some((topic, unit)) => (topic, Some(unit)),
+            None => (rest, None),
+        };
+        let unit = unit
+            .map(|unit| unit_of(unit).ok_or_else(|| unknown_unit(unit)))
+            .transpose()?;
+        if source.trim().is_empty() {
+            return Err("SOURCE[=TOPIC][,UNIT] is expected".to_owned());
+        }
+        Ok(Self {
+            source: source.trim().to_owned(),
+            topic: Some(topic.trim())
+                .filter(|topic| !topic.is_empty())
+                .map(str::to_owned),
+            unit,
+        })
+    }
+}
+
+/// What to say of a unit that is none of ours.
+pub fn unknown_unit(unit: &str) -> String {
+    let known: Vec<&str> = Unit::MOTION
+        .iter()
+        .chain(&Unit::TEMPERATURE)
+        .map(|unit| unit.key())
+        .collect();
+    format!("{unit:?} is no unit; there is {}", known.join(", "))
+}
+
+/// What is asked of a file.
+#[derive(Debug, Clone, Default)]
+pub struct Asked<'a> {
+    /// The channels wanted; empty: all.
+    pub channels: &'a [Wanted],
+    /// The unit of channels whose unit nobody else says.
+    pub unit: Option<Unit>,
+    /// The sample rate \[Hz\].
+    pub rate_hz: Option<f64>,
+    /// The time of the first sample.
+    pub start: Option<Timestamp>,
+    /// Interpolate to this rate \[Hz\].
+    pub resample_hz: Option<f64>,
+    /// The rods of a configuration the result is for; empty: any.
+    pub rods: &'a [RodChannels],
+}
+
+/// A recording that can be written.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Plan {
+    /// How its messages are encoded.
+    pub encoding: Encoding,
+    /// Its channels, with different topics.
+    pub channels: Vec<Planned>,
+}
+
+/// A channel of it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Planned {
+    /// Its name in the file.
+    pub name: String,
+    /// Its unit as the file writes it.
+    pub written_unit: Option<String>,
+    /// Its topic.
+    pub topic: String,
+    /// The unit of its samples.
+    pub unit: Unit,
+    /// Its sample rate \[Hz\].
+    pub fs_hz: f64,
+    /// One sample or many in a message.
+    pub layout: Layout,
+    /// Its samples.
+    pub values: Vec<f64>,
+    /// Which samples follow one another without a gap, and when the first one was taken.
+    pub stretches: Vec<(Timestamp, Range<usize>)>,
+    /// The largest distance of a stamp from the grid it is put on \[s\]; nothing without stamps.
+    pub deviation_s: Option<f64>,
+    /// Whether the samples are interpolated.
+    pub is_resampled: bool,
+}
+
+impl Planned {
+    /// Samples that are not there.
+    pub fn missing(&self) -> usize {
+        self.values.iter().filter(|value| !value.is_finite()).count()
+    }
+
+    /// The field of a message that holds them.
+    pub fn field(&self, encoding: Encoding) -> &'static str {
+        field_of(encoding, matches!(self.layout, Layout::Batch(_)))
+    }
+}
+
+impl Plan {
+    /// Settles what is open.
+    ///
+    /// # Errors
+    /// Something is missing or contradicts: a unit, the rate, the time, a channel; the sentence says what to add.
+    pub fn new(signals: Vec<Signal>, asked: &Asked<'_>, encoding: Encoding) -> Result<Self, ImportError> {
+        let mut grids = Vec::new();
+        let mut plan = Self {
+            encoding,
+            channels: Vec::new(),
+        };
+        for (signal, wanted) in choose(signals, asked.channels)? {
+            let planned = plan.settle(signal, wanted, asked, &mut grids)?;
+            plan.channels.push(planned);
+        }
+        plan.check(asked.rods)?;
+        Ok(plan)
+    }
+
+    fn settle(
+        &self,
+        signal: Signal,
+        wanted: Option<&Wanted>,
+        asked: &Asked<'_>,
+        grids: &mut Vec<(Arc<Stamps>, grid::Grid)>,
+    ) -> Result<Planned, ImportError> {
+        let topic = self.topic(&signal, wanted)?;
+        let unit = unit(&signal, wanted, asked, &topic)?;
+        let told = told(&signal);
+        let mut values = signal.values;
+        let (fs_hz, stretches, deviation_s) = match &signal.timing {
+            Timing::Stamps(stamps) => {
+                let base_ns = base(stamps, asked.start, &told)?;
+                let grid = match asked.resample_hz {
+                    Some(fs_hz) => {
+                        let most =
+                            MOST_VALUES.saturating_sub(self.channels.iter().map(|c| c.values.len()).sum());
+                        let (grid, resampled) = grid::resample(stamps, &values, fs_hz, most)?;
+                        values = resampled;
+                        grid
+                    }
+                    None => match grids.iter().find(|(known, _)| Arc::ptr_eq(known, stamps)) {
+                        Some((_, grid)) => grid.clone(),
+                        None => {
+                            let grid = grid::even(stamps)?;
+                            grids.push((Arc::clone(stamps), grid.clone()));
+                            grid
+                        }
+                    },
+                };
+                if asked.resample_hz.is_none() {
+                    agree(grid.fs_hz, asked.rate_hz, &told)?;
+                }
+                let place = |stretch: &Stretch| {
+                    let time = Timestamp::from_nanos(stretch.start_ns.saturating_add(base_ns));
+                    (time, stretch.samples.clone())
+                };
+                (
+                    grid.fs_hz,
+                    grid.stretches.iter().map(place).collect(),
+                    Some(grid.deviation_s),
+                )
+            }
+            timing => {
+                if asked.resample_hz.is_some() {
+                    return Err(ImportError::new(format!(
+                        "{told} has no stamps to resample from: leave --resample out"
+                    )));
+                }
+                let fs_hz = rate(timing, asked.rate_hz, &told)?;
+                let of_file = match timing {
+                    Timing::Rate { start, .. } => *start,
+                    _ => None,
+                };
+                let start = asked.start.or(of_file).ok_or_else(|| no_start(&told))?;
+                (fs_hz, vec![(start, 0..values.len())], None)
+            }
+        };
+        if !(1e-4..=1e6).contains(&fs_hz) {
+            return Err(ImportError::new(format!(
+                "{told}: a rate of {fs_hz} Hz lies outside 0.0001 Hz to 1 MHz"
+            )));
+        }
+        let is_batch = !Unit::TEMPERATURE.contains(&unit) && fs_hz > 2.0;
+        Ok(Planned {
+            name: signal.name,
+            written_unit: signal.unit,
+            topic,
+            unit,
+            fs_hz,
+            // About a second a message. Temperatures come one by one, as the pipeline reads them beside records.
+            layout: if is_batch {
+                Layout::Batch((fs_hz.ceil() as usize).min(BATCH))
+            } else {
+                Layout::Sample
+            },
+            values,
+            stretches,
+            deviation_s,
+            is_resampled: asked.resample_hz.is_some(),
+        })
+    }
+
+    fn topic(&self, signal: &Signal, wanted: Option<&Wanted>) -> Result<String, ImportError> {
+        let is_taken = |topic: &str| self.channels.iter().any(|channel| channel.topic == topic);
+        let topic = match wanted.and_then(|wanted| wanted.topic.clone()) {
+            Some(topic) if is_taken(&topic) => {
+                return Err(ImportError::new(format!(
+                    "two channels of the topic {topic:?} are asked for"
+                )));
+            }
+            Some(topic) => topic,
+            None => {
+                let name = match signal.name.as_str() {
+                    "" => format!("channel-{}", signal.number),
+                    name => name.to_owned(),
+                };
+                let mut topic = name.clone();
+                let mut number = 2;
+                while is_taken(&topic) {
+                    topic = format!("{name}-{number}");
+                    number += 1;
+                }
+                topic
+            }
+        };
+        if topic.len() > 255 || topic.chars().any(char::is_control) {
+            return Err(ImportError::new(format!(
+                "{} cannot be a topic (1 to 255 bytes of text): --channel {}=TOPIC names it",
+                super::lines::shown(&topic),
+                signal.number
+            )));
+        }
+        Ok(topic)
+    }
+
+    /// Holds the channels against those a configuration reads.
+    fn check(&self, rods: &[RodChannels]) -> Result<(), ImportError> {
+        if rods.is_empty() {
+            return Ok(());
+        }
+        let mut topics = Vec::new();
+        let mut is_read = false;
+        for (rod, channel) in channels_of(rods) {
+            topics.push(channel.topic.as_str());
+            for planned in self
+                .channels
+                .iter()
+                .filter(|planned| planned.topic == channel.topic)
+            {
+                is_read = true;
+                let refuse = |what: String| {
+                    Err(ImportError::new(format!(
+                        "channel {:?}, rod {rod}: {what}",
+                        planned.topic
+                    )))
+                };
+                let field = planned.field(self.encoding);
+                if channel.field != field {
+                    return refuse(format!(
+                        "the samples are written into the field {field:?}, the configuration reads {:?}",
+                        channel.field
+                    ));
+                }
+                if let Some(fs_hz) = channel.fs_hz
+                    && !is_same_rate(fs_hz, planned.fs_hz)
+                {
+                    return refuse(format!(
+                        "the file has {} Hz, the configuration says fs_hz = {fs_hz}",
+                        rounded(planned.fs_hz)
+                    ));
+                }
+                if channel.fs_hz.is_none() && matches!(planned.layout, Layout::Batch(_)) {
+                    return refuse(format!(
+                        "the configuration needs fs_hz = {:?} for it",
+                        planned.fs_hz
+                    ));
+                }
+            }
+        }
+        if is_read {
+            return Ok(());
+        }
+        let have: Vec<&str> = self
+            .channels
+            .iter()
+            .map(|channel| channel.topic.as_str())
+            .collect();
+        Err(ImportError::new(format!(
+            "the configuration reads {}, the file gives {}: --channel SOURCE=TOPIC names a channel as the configuration does",
+            topics.join(", "),
+            have.join(", ")
+        )))
+    }
+}
+
+fn channels_of(rods: &[RodChannels]) -> impl Iterator<Item = (&str, &Channel)> {
+    rods.iter().flat_map(|rod| {
+        std::iter::once(&rod.displacement)
+            .chain(rod.temperature.as_ref())
+            .map(|channel| (rod.rod.0.as_str(), channel))
+    })
+}
+
+/// The signals wanted, in the order they are.
+fn choose(signals: Vec<Signal>, wanted: &[Wanted]) -> Result<Vec<(Signal, Option<&Wanted>)>, ImportError> {
+    if wanted.is_empty() {
+        return Ok(signals.into_iter().map(|signal| (signal, None)).collect());
+    }
+    let mut left: Vec<Option<Signal>> = signals.into_iter().map(Some).collect();
+    let names: Vec<(String, usize)> = left
+        .iter()
+        .flatten()
+        .map(|signal| (signal.name.clone(), signal.number))
+        .collect();
+    let mut chosen = Vec::with_capacity(wanted.len());
+    for one in wanted {
+        let source = &one.source;
+        let named = names.iter().position(|(name, _)| name == source);
+        let found = named.or_else(|| names.iter().position(|(_, number)| number.to_string() == *source));
+        let Some(place) = found else {
+            let known: Vec<String> = names
+                .iter()
+                .map(|(name, number)| format!("{number} ({name})"))
+                .collect();
+            return Err(ImportError::new(format!(
+                "no channel {source:?}; there is: {}",
+                known.join(", ")
+            )));
+        };
+        match left.get_mut(place).and_then(Option::take) {
+            Some(signal) => chosen.push((signal, Some(one))),
+            None => return Err(ImportError::new(format!("channel {source:?} is asked for twice"))),
+        }
+    }
+    Ok(chosen)
+}
+
+/// A signal's name in sentences.
+fn told(signal: &Signal) -> String {
+    match signal.name.as_str() {
+        "" => format!("channel {}", signal.number),
+        name => format!("channel {} ({name})", signal.number),
+    }
+}
+
+/// The unit that file, command line and configuration agree on.
+fn unit(
+    signal: &Signal,
+    wanted: Option<&Wanted>,
+    asked: &Asked<'_>,
+    topic: &str,
+) -> Result<Unit, ImportError> {
+    let told = told(signal);
+    let written = signal.unit.as_deref();
+    let of_file = written.and_then(unit_of);
+    let is_temperature = |unit: &Unit| Unit::TEMPERATURE.contains(unit);
+    // What is said of all channels is not said of the thermometer among them.
+    let of_all = asked
+        .unit
+        .filter(|unit| of_file.is_none_or(|of_file| is_temperature(&of_file) == is_temperature(unit)));
+    let of_person = wanted.and_then(|wanted| wanted.unit).or(of_all);
+    if let (Some(of_file), Some(of_person)) = (of_file, of_person)
+        && of_file != of_person
+    {
+        return Err(ImportError::new(format!(
+            "{told} is in {} by the file, in {} by the command line",
+            of_file.key(),
+            of_person.key()
+        )));
+    }
+    let settled = of_person.or(of_file);
+    for (rod, channel) in channels_of(asked.rods).filter(|(_, channel)| channel.topic == topic) {
+        match settled {
+            Some(unit) if unit != channel.unit => {
+                return Err(ImportError::new(format!(
+                    "{told} is in {}, but the configuration reads {topic:?} of rod {rod} in {}: correct whichever is wrong",
+                    unit.key(),
+                    channel.unit.key()
+                )));
+            }
+            Some(_) => {}
+            // A unit that is written but none of ours: what the configuration says may be another one.
+            None if written.is_some() => {}
+            None => return Ok(channel.unit),
+        }
+    }
+    settled.ok_or_else(|| {
+        let what = match written {
+            Some(written) => format!("the unit {written:?} of {told} is none of ours"),
+            None => format!("the file does not say the unit of {told}"),
+        };
+        ImportError::new(format!(
+            "{what}: --unit UNIT or --channel {}=,UNIT says it",
+            signal.number
+        ))
+    })
+}
+
+fn no_start(told: &str) -> ImportError {
+    ImportError::new(format!(
+        "the file does not say when {told} began: --start 2026-03-01T06:00:00Z says it"
+    ))
+}
+
+/// What to add to stamps so that they count from 1970 \[ns\].
+fn base(stamps: &Stamps, start: Option<Timestamp>, told: &str) -> Result<i64, ImportError> {
+    let first = stamps.nanos.first().copied().unwrap_or_default();
+    match (stamps.absolute, start) {
+        (true, None) => Ok(0),
+        (true, Some(start)) => Err(ImportError::new(format!(
+            "{told} begins at {} by its stamps, at {start} by --start: leave one out (--time none leaves the stamps out)",
+            Timestamp::from_nanos(first)
+        ))),
+        (false, Some(start)) => Ok(start.as_nanos().saturating_sub(first)),
+        (false, None) => Err(no_start(told)),
+    }
+}
+
+fn is_same_rate(a: f64, b: f64) -> bool {
+    (a / b - 1.0).abs() <= RATE_ERROR
+}
+
+/// Refuses a rate that somebody says and the file contradicts.
+fn agree(fs_hz: f64, said: Option<f64>, told: &str) -> Result<(), ImportError> {
+    match said {
+        Some(said) if !is_same_rate(said, fs_hz) => Err(ImportError::new(format!(
+            "{told} has {} Hz by the file, {said} Hz by --rate",
+            rounded(fs_hz)
+        ))),
+        _ => Ok(()),
+    }
+}
+
+/// The rate of samples without stamps \[Hz\].
+fn rate(timing: &Timing, said: Option<f64>, told: &str) -> Result<f64, ImportError> {
+    match (timing, said) {
+        (Timing::Rate { fs_hz, rounding, .. }, said) => {
+            agree(*fs_hz, said, told)?;
+            // A header of six digits makes 1024 Hz 1024.0004 Hz.
+            let interval_ns = 1e9 / fs_hz;
+            Ok(match said {
+                Some(said) if *rounding > 0.0 => said,
+                _ if *rounding > 0.0 => 1e9 / grid::simplest(interval_ns, interval_ns * rounding),
+                _ => *fs_hz,
+            })
+        }
+        (_, Some(said)) => Ok(said),
+        (_, None) => Err(ImportError::new(format!(
+            "the file does not say the sample rate of {told}: --rate HZ says it, --time COLUMN where the stamps are"
+        ))),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::record::{RodId, TimeSource};
+
+    fn signal(name: &str, unit: Option<&str>, timing: Timing) -> Signal {
+        Signal {
+            name: name.into(),
+            number: 1,
+            unit: unit.map(str::to_owned),
+            timing,
+            values: vec![0.5; 10],
+        }
+    }
+
+    fn steady(start: Option<Timestamp>) -> Timing {
+        Timing::Rate {
+            fs_hz: 200.0,
+            rounding: 0.0,
+            start,
+        }
+    }
+
+    fn planned(signals: Vec<Signal>, asked: &Asked<'_>) -> Result<Vec<Planned>, String> {
+        let plan = Plan::new(signals, asked, Encoding::Protobuf);
+        plan.map(|plan| plan.channels).map_err(|error| error.to_string())
+    }
+
+    const START: Timestamp = Timestamp::from_nanos(1_772_344_800_000_000_000);
+
+    fn reads(topic: &str, unit: Unit, field: &str, fs_hz: f64) -> RodChannels {
+        RodChannels {
+            rod: RodId("nave".into()),
+            displacement: Channel {
+                topic: topic.into(),
+                field: field.into(),
+                unit,
+                time: TimeSource::Log,
+                fs_hz: Some(fs_hz),
+            },
+            temperature: None,
+        }
+    }
+
+    #[test]
+    fn what_is_missing_is_named_with_the_next_step() {
+        let asked = Asked::default();
+        let refused = |signal: Signal| planned(vec![signal], &asked).unwrap_err();
+        assert!(refused(signal("d", None, steady(Some(START)))).contains("--unit"));
+        assert!(refused(signal("d", Some("V"), steady(Some(START)))).contains("\"V\""));
+        assert!(refused(signal("d", Some("mm"), steady(None))).contains("--start"));
+        assert!(refused(signal("d", Some("mm"), Timing::Unknown)).contains("--rate"));
+        let good = planned(vec![signal("d", Some("mm"), steady(Some(START)))], &asked).unwrap();
+        assert_eq!(
+            (good[0].unit, good[0].fs_hz, good[0].topic.as_str()),
+            (Unit::Millimetre, 200.0, "d")
+        );
+    }
+
+    #[test]
+    fn contradictions_name_both_sides() {
+        let one = || vec![signal("d", Some("mm"), steady(Some(START)))];
+        let asked = Asked {
+            unit: Some(Unit::Metre),
+            ..Asked::default()
+        };
+        assert_eq!(
+            planned(one(), &asked).unwrap_err(),
+            "channel 1 (d) is in mm by the file, in m by the command line"
+        );
+        let asked = Asked {
+            rate_hz: Some(256.0),
+            ..Asked::default()
+        };
+        assert!(
+            planned(one(), &asked)
+                .unwrap_err()
+                .contains("200 Hz by the file, 256 Hz by --rate")
+        );
+        let rods = [reads("d", Unit::Micrometre, "values", 200.0)];
+        let asked = Asked {
+            rods: &rods,
+            ..Asked::default()
+        };
+        let error = planned(one(), &asked).unwrap_err();
+        assert!(
+            error.contains("is in mm") && error.contains("of rod nave in um"),
+            "{error}"
+        );
+        for (rod, word) in [
+            (
+                reads("e", Unit::Millimetre, "values", 200.0),
+                "--channel SOURCE=TOPIC",
+            ),
+            (reads("d", Unit::Millimetre, "value", 200.0), "\"value\""),
+            (reads("d", Unit::Millimetre, "values", 100.0), "fs_hz = 100"),
+        ] {
+            let rods = [rod];
+            let error = planned(
+                one(),
+                &Asked {
+                    rods: &rods,
+                    ..Asked::default()
+                },
+            )
+            .unwrap_err();
+            assert!(error.contains(word), "{error}");
+        }
+        let rods = [reads("d", Unit::Millimetre, "values", 200.0)];
+        assert!(
+            planned(
+                one(),
+                &Asked {
+                    rods: &rods,
+                    ..Asked::default()
+                }
+            )
+            .is_ok()
+        );
+    }
+
+    #[test]
+    fn the_configuration_says_a_unit_the_file_does_not_say() {
+        let rods = [reads("d", Unit::Micrometre, "values", 200.0)];
+        let asked = Asked {
+            rods: &rods,
+            ..Asked::default()
+        };
+        let found = planned(vec![signal("d", None, steady(Some(START)))], &asked).unwrap();
+        assert_eq!(found[0].unit, Unit::Micrometre);
+    }
+
+    #[test]
+    fn a_unit_for_all_is_not_the_thermometers() {
+        let asked = Asked {
+            unit: Some(Unit::Millimetre),
+            ..Asked::default()
+        };
+        let signals = vec![
+            signal("d", None, steady(Some(START))),
+            signal("air", Some("°C"), steady(Some(START))),
+        ];
+        let found = planned(signals, &asked).unwrap();
+        assert_eq!((found[0].unit, found[1].unit), (Unit::Millimetre, Unit::Celsius));
+        assert_eq!(found[1].layout, Layout::Sample);
+    }
+
+    #[test]
+    fn channels_are_chosen_renamed_and_numbered_when_alike() {
+        let signals = || {
+            let mut second = signal("d", Some("mm"), steady(Some(START)));
+            second.number = 2;
+            vec![signal("d", Some("mm"), steady(Some(START))), second]
+        };
+        let topics = |found: Vec<Planned>| found.into_iter().map(|channel| channel.topic).collect::<Vec<_>>();
+        assert_eq!(
+            topics(planned(signals(), &Asked::default()).unwrap()),
+            ["d", "d-2"]
+        );
+        let wanted = [Wanted::parse("2=/nave,mm").unwrap()];
+        let asked = Asked {
+            channels: &wanted,
+            ..Asked::default()
+        };
+        assert_eq!(topics(planned(signals(), &asked).unwrap()), ["/nave"]);
+        let wanted = [Wanted::parse("x").unwrap()];
+        let asked = Asked {
+            channels: &wanted,
+            ..Asked::default()
+        };
+        assert!(
+            planned(signals(), &asked)
+                .unwrap_err()
+                .contains("there is: 1 (d), 2 (d)")
+        );
+        assert!(Wanted::parse("2=/nave,parsec").is_err() && Wanted::parse("=x").is_err());
+        assert_eq!(
+            Wanted::parse("a b=,um").unwrap(),
+            Wanted {
+                source: "a b".into(),
+                topic: None,
+                unit: Some(Unit::Micrometre)
+            }
+        );
+    }
+
+    #[test]
+    fn a_rate_of_six_digits_is_the_round_one() {
+        let timing = Timing::Rate {
+            fs_hz: 1.0 / 9.76562e-4,
+            rounding: 0.5e-5 / 9.76562,
+            start: Some(START),
+        };
+        let found = planned(vec![signal("d", Some("mm"), timing)], &Asked::default()).unwrap();
+        assert_eq!(found[0].fs_hz, 1024.0);
+    }
+}

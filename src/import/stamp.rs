@@ -1,0 +1,282 @@
+//! Stamps as text: decimal numbers and dates, exact to the nanosecond.
+
+use jiff::civil::DateTime;
+use jiff::tz::Offset;
+
+/// What the numbers of a time column count.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum TimeUnit {
+    /// Seconds.
+    S,
+    /// Milliseconds.
+    Ms,
+    /// Microseconds.
+    Us,
+    /// Nanoseconds.
+    Ns,
+}
+
+/// How `03/04/2026` is meant.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum DateOrder {
+    /// The third of April.
+    DayFirst,
+    /// The fourth of March.
+    MonthFirst,
+}
+
+/// A stamp as it was written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Written {
+    pub(super) nanos: i64,
+    /// The step of its last digit \[ns\], at least 1.
+    pub(super) resolution_ns: i64,
+    /// Whether it is a date rather than a number.
+    pub(super) is_date: bool,
+}
+
+impl TimeUnit {
+    /// Powers of ten from this unit to nanoseconds.
+    fn power(self) -> i32 {
+        match self {
+            Self::S => 9,
+            Self::Ms => 6,
+            Self::Us => 3,
+            Self::Ns => 0,
+        }
+    }
+
+    /// Nanoseconds in one.
+    pub(super) fn nanos(self) -> f64 {
+        f64::from(10_u32.pow(self.power().unsigned_abs()))
+    }
+
+    /// The unit a head names.
+    pub(super) fn of(text: &str) -> Option<Self> {
+        match text.trim() {
+            "s" | "sec" | "S" | "seconds" => Some(Self::S),
+            "ms" | "msec" => Some(Self::Ms),
+            "us" | "µs" | "μs" | "usec" => Some(Self::Us),
+            "ns" => Some(Self::Ns),
+            _ => None,
+        }
+    }
+}
+
+/// A decimal number of `unit`, with or without exponent, rounded to the nanosecond; none if it is no number or
+/// beyond 292 years.
+pub(super) fn number(text: &str, unit: TimeUnit) -> Option<Written> {
+    let (text, negative) = match text.strip_prefix('-') {
+        Some(rest) => (rest, true),
+        None => (text.strip_prefix('+').unwrap_or(text), false),
+    };
+    let (digits, exponent) = match text.split_once(['e', 'E']) {
+        Some((digits, exponent)) => (digits, exponent.parse::<i32>().ok()?),
+        None => (text, 0),
+    };
+    let (whole, fraction) = digits.split_once('.').unwrap_or((digits, ""));
+    let all = whole.len() + fraction.len();
+    if all == 0 || all > 36 || exponent.abs() > 40 {
+        return None;
+    }
+    let mut mantissa: i128 = 0;
+    for digit in whole.bytes().chain(fraction.bytes()) {
+        if !digit.is_ascii_digit() {
+            return None;
+        }
+        mantissa = mantissa * 10 + i128::from(digit - b'0');
+    }
+    let power = exponent - fraction.len() as i32 + unit.power();
+    let ten = |power: i32| 10_i128.checked_pow(power.unsigned_abs());
+    let nanos = if power >= 0 {
+        mantissa.checked_mul(ten(power)?)?
+    } else {
+        match ten(power) {
+            Some(by) => (mantissa + by / 2) / by,
+            None => 0,
+        }
+    };
+    let nanos = i64::try_from(nanos).ok()?;
+    Some(Written {
+        nanos: if negative { -nanos } else { nanos },
+        resolution_ns: ten(power.max(0))
+            .and_then(|step| i64::try_from(step).ok())
+            .unwrap_or(1),
+        is_date: false,
+    })
+}
+
+/// A date with its time of day: `2026-03-01T06:00:00.005Z`, `2026-03-01 06:00`, `01.03.2026 06:00:00,005`, and with an
+/// `order` `01/03/2026 06:00:00`. Without an offset of its own it is `offset_s` ahead of UTC.
+///
+/// # Errors
+/// A sentence about it.
+pub(super) fn date(text: &str, order: Option<DateOrder>, offset_s: i32) -> Result<Written, String> {
+    let no_time =
+        || "is no time: numbers, 2026-03-01T06:00:00.005Z or 01.03.2026 06:00:00,005 are read".to_owned();
+    let (day, clock) = text.split_once(['T', ' ']).ok_or_else(no_time)?;
+    let separator = day.chars().find(|c| !c.is_ascii_digit()).ok_or_else(no_time)?;
+    let parts: Vec<&str> = day.split(separator).collect();
+    let [a, b, c] = parts[..] else {
+        return Err(no_time());
+    };
+    let (year, month, of_month) = if a.len() == 4 {
+        (a, b, c)
+    } else if c.len() == 4 {
+        match (separator, order) {
+            (_, Some(DateOrder::MonthFirst)) => (c, a, b),
+            ('.', None) | (_, Some(DateOrder::DayFirst)) => (c, b, a),
+            (_, None) => {
+                return Err(
+                    "may be day or month first: say --dates day-first or --dates month-first".to_owned(),
+                );
+            }
+        }
+    } else {
+        return Err("has no year of four digits".to_owned());
+    };
+    let clock = clock.trim();
+    let (clock, offset_s) = offset(clock, offset_s).ok_or_else(no_time)?;
+    let mut fields = clock.splitn(3, ':');
+    let (hour, minute) = (fields.next(), fields.next());
+    let (second, fraction) = match fields.next() {
+        Some(second) => second.split_once(['.', ',']).unwrap_or((second, "")),
+        None => ("0", ""),
+    };
+    let whole = |text: &str| {
+        text.parse::<i16>()
+            .ok()
+            .filter(|_| text.bytes().all(|b| b.is_ascii_digit()))
+    };
+    let small = |text: Option<&str>| text.and_then(whole).and_then(|number| i8::try_from(number).ok());
+    if fraction.len() > 9 || !fraction.bytes().all(|b| b.is_ascii_digit()) {
+        return Err("has more than nine digits behind the second".to_owned());
+    }
+    let nanos: i32 = format!("{fraction:0<9}").parse().map_err(|_| no_time())?;
+    let (Some(year), Some(month), Some(day)) = (whole(year), small(Some(month)), small(Some(of_month)))
+    else {
+        return Err(no_time());
+    };
+    let (Some(hour), Some(minute), Some(second)) = (small(hour), small(minute), small(Some(second))) else {
+        return Err(no_time());
+    };
+    let civil = DateTime::new(year, month, day, hour, minute, second, nanos)
+        .map_err(|_| "is no day and time of the calendar (day and month mixed up? --dates)".to_owned())?;
+    let time = Offset::from_seconds(offset_s)
+        .and_then(|offset| offset.to_timestamp(civil))
+        .map_err(|_| "lies outside the calendar".to_owned())?;
+    Ok(Written {
+        nanos: i64::try_from(time.as_nanosecond())
+            .map_err(|_| "lies outside the years 1677 to 2262".to_owned())?,
+        resolution_ns: 10_i64.pow(9 - fraction.len() as u32),
+        is_date: true,
+    })
+}
+
+/// Splits `Z` or `+02:00` off a time of day.
+fn offset(clock: &str, default_s: i32) -> Option<(&str, i32)> {
+    if let Some(clock) = clock.strip_suffix(['Z', 'z']) {
+        return Some((clock, 0));
+    }
+    match clock.rfind(['+', '-']) {
+        None => Some((clock, default_s)),
+        Some(at) => Some((clock.get(..at)?.trim_end(), utc_offset(clock.get(at..)?).ok()?)),
+    }
+}
+
+/// `+01:00`, `-0530` or `+1` in seconds ahead of UTC.
+///
+/// # Errors
+/// It is none of these.
+pub fn utc_offset(text: &str) -> Result<i32, String> {
+    let fault = || format!("{text:?} is no offset from UTC: +01:00 is expected");
+    let (sign, digits) = match text.split_at_checked(1) {
+        Some(("+", digits)) => (1, digits),
+        Some(("-", digits)) => (-1, digits),
+        _ => return Err(fault()),
+    };
+    let (hours, minutes) = match digits.split_once(':') {
+        Some(parts) => parts,
+        None if digits.len() == 4 => digits.split_at_checked(2).ok_or_else(fault)?,
+        None => (digits, "0"),
+    };
+    let number = |text: &str, most: i32| {
+        let value: i32 = text.parse().ok()?;
+        (text.len() <= 2 && text.bytes().all(|b| b.is_ascii_digit()) && value <= most).then_some(value)
+    };
+    let (hours, minutes) = (
+        number(hours, 14).ok_or_else(fault)?,
+        number(minutes, 59).ok_or_else(fault)?,
+    );
+    Ok(sign * (hours * 3600 + minutes * 60))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_are_exact_to_the_nanosecond() {
+        let nanos =
+            |text: &str, unit| number(text, unit).map(|written| (written.nanos, written.resolution_ns));
+        assert_eq!(nanos("0.005", TimeUnit::S), Some((5_000_000, 1_000_000)));
+        assert_eq!(
+            nanos("1772344800.123456789", TimeUnit::S),
+            Some((1_772_344_800_123_456_789, 1))
+        );
+        assert_eq!(
+            nanos("5.000000000000000000e-03", TimeUnit::S),
+            Some((5_000_000, 1))
+        );
+        assert_eq!(nanos("-12", TimeUnit::Ms), Some((-12_000_000, 1_000_000)));
+        assert_eq!(nanos("0.15000000000000002", TimeUnit::S), Some((150_000_000, 1)));
+        assert_eq!(nanos("+.5", TimeUnit::Us), Some((500, 100)));
+        for bad in [
+            "",
+            ".",
+            "-",
+            "1e",
+            "1.2.3",
+            "1,5",
+            "e5",
+            "1e999",
+            "99999999999999999999",
+        ] {
+            assert_eq!(nanos(bad, TimeUnit::S), None, "{bad}");
+        }
+    }
+
+    #[test]
+    fn dates_are_read_as_meant_or_refused() {
+        let nanos = |text: &str, order| date(text, order, 3600).map(|written| written.nanos);
+        let six = 1_772_344_800_000_000_000;
+        assert_eq!(nanos("2026-03-01T06:00:00Z", None), Ok(six));
+        assert_eq!(nanos("2026-03-01 07:00:00", None), Ok(six));
+        assert_eq!(
+            nanos("2026-03-01 08:00:00,250+02:00", None),
+            Ok(six + 250_000_000)
+        );
+        assert_eq!(nanos("01.03.2026 07:00", None), Ok(six));
+        assert_eq!(nanos("01/03/2026 07:00:00", Some(DateOrder::DayFirst)), Ok(six));
+        assert_eq!(nanos("03/01/2026 07:00:00", Some(DateOrder::MonthFirst)), Ok(six));
+        assert!(
+            nanos("01/03/2026 07:00:00", None)
+                .unwrap_err()
+                .contains("--dates")
+        );
+        for bad in [
+            "",
+            "2026-03-01",
+            "2026-02-30 06:00",
+            "2026-03-01 25:00",
+            "01.03.26 06:00",
+            "a b",
+            "2026-03-01 06:00:00.1234567890",
+            "é é",
+        ] {
+            assert!(nanos(bad, None).is_err(), "{bad}");
+        }
+        assert_eq!(utc_offset("-05:30"), Ok(-19800));
+        assert!(utc_offset("5").is_err() && utc_offset("+é1").is_err());
+    }
+}

@@ -1,0 +1,55 @@
+//! What kind of values the columns of a listing hold, for formats that must know it before the first row.
+
+use super::state::Trouble;
+use super::{Listing, Reader, StoreError};
+use std::collections::BTreeMap;
+
+/// What a column holds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ColumnKind {
+    /// Text.
+    Text,
+    /// A point in time, as RFC 3339 text in UTC.
+    Time,
+    /// Whole numbers.
+    Integer,
+    /// Numbers.
+    Real,
+}
+
+/// Text columns that hold points in time.
+const TIMES: [&str; 4] = ["start", "raised", "acknowledged", "cleared"];
+
+impl Reader {
+    /// The names of a listing's columns with what they hold.
+    ///
+    /// # Errors
+    /// The store cannot be read.
+    pub fn column_kinds(&self, listing: Listing) -> Result<Vec<(String, ColumnKind)>, StoreError> {
+        let table = match listing {
+            Listing::Records | Listing::Rejections => "record",
+            Listing::Periods => "period",
+            Listing::Alarms => "alarm",
+        };
+        let declared = || -> rusqlite::Result<BTreeMap<String, String>> {
+            let mut statement = self
+                .connection
+                .prepare("SELECT name, type FROM pragma_table_info(?)")?;
+            let rows = statement.query_map([table], |row| Ok((row.get(0)?, row.get(1)?)))?;
+            rows.collect()
+        };
+        let declared = declared().map_err(|error| self.fault(Trouble::Sql(error)))?;
+        let kind = |name: &str| match declared.get(name).map(String::as_str) {
+            Some("TEXT") if TIMES.contains(&name) => ColumnKind::Time,
+            Some("TEXT") => ColumnKind::Text,
+            Some("INTEGER") => ColumnKind::Integer,
+            // What the table does not have are the modes: frequencies and dampings.
+            _ => ColumnKind::Real,
+        };
+        let names = self.columns(listing)?;
+        Ok(names
+            .into_iter()
+            .map(|name| (name.clone(), kind(&name)))
+            .collect())
+    }
+}

@@ -41,7 +41,11 @@ static STORE: LazyLock<(tempfile::TempDir, PathBuf)> = LazyLock::new(|| {
         for rod in 0..RODS {
             let rod = RodId(format!("rod-{rod:02}"));
             for number in 24 * day..24 * (day + 1) {
-                let outcome = if number % 50 == 49 { rejected(&rod, number) } else { identified(&rod, number) };
+                let outcome = if number % 50 == 49 {
+                    rejected(&rod, number)
+                } else {
+                    identified(&rod, number)
+                };
                 let closed: Vec<Period> = (number % 24 == 23).then(|| period(day)).into_iter().collect();
                 let now = state(&rod, number);
                 let row = RodRow {
@@ -64,7 +68,11 @@ static STORE: LazyLock<(tempfile::TempDir, PathBuf)> = LazyLock::new(|| {
         }
         store.end_group().expect("a store");
     }
-    eprintln!("{} rows in {:.0} s", years * HOURS * RODS, begun.elapsed().as_secs_f64());
+    eprintln!(
+        "{} rows in {:.0} s",
+        years * HOURS * RODS,
+        begun.elapsed().as_secs_f64()
+    );
     (folder, path)
 });
 
@@ -87,7 +95,11 @@ fn rod() -> RodId {
 #[divan::bench(sample_count = 3, sample_size = 1)]
 fn first(bencher: Bencher) {
     LazyLock::force(&STORE);
-    bencher.bench_local(|| Shown::new(&STORE.1).ask(|_, days| Ok(days.counts(&rod()))).expect("a store"));
+    bencher.bench_local(|| {
+        Shown::new(&STORE.1)
+            .ask(|_, days| Ok(days.counts(&rod())))
+            .expect("a store")
+    });
 }
 
 #[divan::bench(sample_count = 20, sample_size = 1)]
@@ -107,7 +119,10 @@ fn history(bencher: Bencher) {
 #[divan::bench(sample_count = 20, sample_size = 1)]
 fn history_from_records(bencher: Bencher) {
     LazyLock::force(&SHOWN);
-    let (first, _) = SHOWN.ask(|_, days| Ok(days.span(&rod()))).expect("a store").expect("a rod");
+    let (first, _) = SHOWN
+        .ask(|_, days| Ok(days.span(&rod())))
+        .expect("a store")
+        .expect("a rod");
     let span = (first, first.plus_seconds(3600.0 * 19_900.0));
     bencher.bench_local(|| answer(|reader, days| History::of(reader, days, &rod(), span, 1200)));
 }

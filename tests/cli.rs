@@ -304,7 +304,10 @@ fn plots_are_drawn_for_people_alone() {
     assert!(!is_drawn(&piped));
     let drawn = say(&["identify", recording, "--plot", "always"]);
     assert!(drawn.starts_with(&piped) && is_drawn(&drawn), "{drawn}");
-    assert!(drawn.contains("1: 4.49") && drawn.contains("frequency [Hz]"), "{drawn}");
+    assert!(
+        drawn.contains("1: 4.49") && drawn.contains("frequency [Hz]"),
+        "{drawn}"
+    );
     // JSON stays JSON.
     let lines = say(&["replay", recording, "--json", "--plot", "always"]);
     assert_eq!(lines.lines().count(), 1);

@@ -305,3 +305,77 @@ mod parquet_file {
         }
     }
 }
+
+#[test]
+fn mcap_has_every_force_every_mode_and_every_alarm() {
+    let folder = tempfile::tempdir().unwrap();
+    let reader = filled(&folder.path().join("site.db"));
+    let output = Command::new(env!("CARGO_BIN_EXE_tirante"))
+        .args(["history", "--store", "site.db", "--format", "mcap"])
+        .current_dir(folder.path())
+        .output()
+        .unwrap();
+    assert!(
+        output.status.success(),
+        "{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
+    let mut found: Vec<(String, u64, Value)> = Vec::new();
+    for message in mcap::MessageStream::new(&output.stdout).unwrap() {
+        let message = message.unwrap();
+        assert_eq!(message.channel.message_encoding, "json");
+        let schema = message.channel.schema.clone().unwrap();
+        let schema: Value = serde_json::from_slice(&schema.data).unwrap();
+        let body: Value = serde_json::from_slice(&message.data).unwrap();
+        for key in body.as_object().unwrap().keys() {
+            assert!(
+                schema["properties"].get(key).is_some(),
+                "{key} is not in the schema"
+            );
+        }
+        let stamp = &body["timestamp"];
+        let nanos = stamp["sec"].as_u64().unwrap() * 1_000_000_000 + stamp["nsec"].as_u64().unwrap();
+        assert_eq!(nanos, message.log_time);
+        found.push((message.channel.topic.clone(), message.log_time, body));
+    }
+    let said = |what: What| -> Vec<Value> {
+        let text = listed(&reader, what, Format::Json);
+        text.lines()
+            .map(|line| serde_json::from_str(line).unwrap())
+            .collect()
+    };
+    let forces: Vec<&Value> = found
+        .iter()
+        .filter(|(topic, ..)| topic.ends_with("/force"))
+        .map(|(.., body)| body)
+        .collect();
+    let records = said(What::Records);
+    assert_eq!((forces.len(), records.len()), (50, 50));
+    for (force, record) in forces.iter().zip(&records) {
+        for key in [
+            "axial_force_n",
+            "relative_force",
+            "temperature_c",
+            "state",
+            "rejection",
+        ] {
+            assert_eq!(
+                force[key],
+                record.get(key).cloned().unwrap_or(Value::Null),
+                "{key}"
+            );
+        }
+    }
+    assert!(found.iter().any(|(topic, ..)| topic == "/tirante/south è/force"));
+    let alarms: Vec<&Value> = found
+        .iter()
+        .filter(|(topic, ..)| topic == "/tirante/alarms")
+        .map(|(.., body)| &body["file"])
+        .collect();
+    let wanted = said(What::Alarms);
+    assert!(!wanted.is_empty());
+    assert_eq!(
+        alarms,
+        wanted.iter().map(|alarm| &alarm["id"]).collect::<Vec<_>>()
+    );
+}

@@ -231,7 +231,8 @@ fn a_client_that_dribbles_is_cut_off_and_others_are_served_meanwhile() {
     slow.set_read_timeout(Some(Duration::from_millis(500))).unwrap();
     let mut idle = server.connect();
     let mut kept = server.connect();
-    kept.write_all(b"GET /metrics HTTP/1.1\r\nHost: x\r\n\r\n").unwrap();
+    kept.write_all(b"GET /metrics HTTP/1.1\r\nHost: x\r\n\r\n")
+        .unwrap();
     let is_cut = loop {
         assert!(begun.elapsed() < PATIENCE, "it was never cut off");
         let _ = slow.write_all(b"A: b\r\n");

@@ -5,12 +5,11 @@ use super::listing::{Aligned, cell, csv, object, seconds};
 use super::render::percent;
 use super::which_store::{Format, WhichStore, check_rod};
 use crate::record::Timestamp;
+use crate::sink::ResultsWriter;
 use crate::store::{Filter, Listing, Reader};
 use rusqlite::types::Value;
 use serde_json::Value as Json;
-#[cfg(feature = "parquet")]
-use std::io::IsTerminal;
-use std::io::{self, Write};
+use std::io::{self, IsTerminal, Write};
 use std::process::ExitCode;
 
 /// Lists what the store has: records with their forces, closed periods with the charts, alarms, or rejected records.
@@ -23,6 +22,7 @@ use std::process::ExitCode;
   tirante history --config site.toml --what alarms
   tirante history --store site.db --format csv > forces.csv
   tirante history --store site.db --format parquet > forces.parquet
+  tirante history --store site.db --format mcap > results.mcap
 
 A '~' before a change or force says that it is not compensated for temperature.")]
 pub struct Args {
@@ -63,6 +63,8 @@ pub enum AnyFormat {
     Csv,
     /// Parquet: the columns of the CSV, typed (only if built with `--features parquet`).
     Parquet,
+    /// MCAP: records and alarms as messages, to be opened beside the recordings in Foxglove or Lichtblick.
+    Mcap,
 }
 
 /// What can be listed.
@@ -128,6 +130,15 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         AnyFormat::Table => Format::Table,
         AnyFormat::Json => Format::Json,
         AnyFormat::Csv => Format::Csv,
+        AnyFormat::Mcap => {
+            if args.what != What::Records {
+                let why = "--format mcap has records and alarms in one file; leave --what out";
+                return Err(BadArguments(why.to_owned()).into());
+            }
+            write_mcap(&reader, &filter, &mut out)?;
+            out.flush()?;
+            return Ok(ExitCode::SUCCESS);
+        }
         AnyFormat::Parquet => {
             write_parquet(&reader, &filter, args.what, &mut out)?;
             out.flush()?;
@@ -137,6 +148,20 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     write(&reader, &filter, args.what, format, &mut out)?;
     out.flush()?;
     Ok(ExitCode::SUCCESS)
+}
+
+/// Records and alarms as messages.
+fn write_mcap(reader: &Reader, filter: &Filter, out: &mut impl Write) -> anyhow::Result<()> {
+    if io::stdout().is_terminal() {
+        let why = "MCAP is not for a terminal: send it to a file, > results.mcap";
+        return Err(BadArguments(why.to_owned()).into());
+    }
+    let mut results = ResultsWriter::new(out)?;
+    reader.lines(Listing::Records, filter, |line| anyhow::Ok(results.record(line)?))?;
+    for alarm in reader.alarms(filter)? {
+        results.alarm(&alarm)?;
+    }
+    Ok(results.finish()?)
 }
 
 #[cfg(feature = "parquet")]

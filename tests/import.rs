@@ -121,6 +121,15 @@ fn touching_columns_of_text_are_told_apart() {
     let less = file.replace("-4.00000E+00\n", "");
     let error = uff::read(less.as_bytes(), 0).unwrap_err().to_string();
     assert_eq!(error, "line 15: the dataset ends after 3 of 4 numbers");
+    let axis = |label: &str| format!("        17    0    0    0 Time                 {label}\n         8 ");
+    let slow = file.replace("        17\n         8 ", &axis("ms"));
+    assert!(
+        uff::read(slow.as_bytes(), 0)
+            .unwrap_err()
+            .to_string()
+            .contains("over a time in \"ms\"")
+    );
+    assert!(uff::read(file.replace("        17\n         8 ", &axis("s")).as_bytes(), 0).is_ok());
     let odd = file.replace("-4.00000E+00", "-4.00x00E+00");
     assert!(
         uff::read(odd.as_bytes(), 0)
@@ -216,6 +225,20 @@ fn sound_of_24_bits_and_two_channels() {
     let found = wav::read(bytes.into_inner().as_slice(), 4.0).unwrap();
     assert_eq!(found[0].values, [2.0, 0.0]);
     assert_eq!(found[1].values, [-4.0 / 8_388_608.0, -4.0]);
+}
+
+#[test]
+fn sound_in_wider_containers_is_refused() {
+    let mut bytes = fixture("float.wav");
+    let at = bytes.windows(4).position(|name| name == b"fmt ").unwrap() + 8;
+    // 24 bits of whole numbers in four bytes.
+    bytes[at..at + 2].copy_from_slice(&1_u16.to_le_bytes());
+    bytes[at + 14..at + 16].copy_from_slice(&24_u16.to_le_bytes());
+    let refused = wav::read(bytes.as_slice(), 1.0).unwrap_err().to_string();
+    assert!(
+        refused.contains("wider containers") || refused.contains("kind of WAV"),
+        "{refused}"
+    );
 }
 
 const START: Timestamp = Timestamp::from_nanos(1_772_344_800_000_000_000);

@@ -2,7 +2,7 @@
 
 use super::lines::{Lines, shown};
 use super::stamp::{self, DateOrder, TimeUnit, Written};
-use super::units::{some, split_head};
+use super::units::{some, split_head, unit_of};
 use super::{ImportError, MOST_VALUES, Signal, Stamps, Timing, is_time_name};
 use csv_core::{ReadRecordResult, Reader, ReaderBuilder};
 use std::io::BufRead;
@@ -249,8 +249,8 @@ fn number(cell: &str, decimal_comma: bool) -> Option<f64> {
     cell.replace(',', ".").parse().ok()
 }
 
-/// Names and units from the lines before the data: the first of the last lines that have as many cells names the columns,
-/// one below it gives units.
+/// Names and units from the lines with as many cells just before the data: the last of them gives units if it holds any, and the
+/// one above then names, else it names.
 fn heads(before: &[Vec<String>], width: usize) -> (Vec<String>, Vec<Option<String>>) {
     let matching = before
         .iter()
@@ -259,16 +259,25 @@ fn heads(before: &[Vec<String>], width: usize) -> (Vec<String>, Vec<Option<Strin
     let matching: Vec<&Vec<String>> = matching.filter(|row| !row.is_empty()).collect();
     let mut names = vec![String::new(); width];
     let mut units = vec![None; width];
-    if let Some(row) = matching.last() {
-        for ((name, unit), head) in names.iter_mut().zip(&mut units).zip(row.iter()) {
-            (*name, *unit) = split_head(head);
-        }
-        if let Some(row) = matching.iter().rev().nth(1) {
-            for (unit, cell) in units.iter_mut().zip(row.iter()) {
-                if unit.is_none() {
-                    *unit = some(cell);
-                }
-            }
+    let is_unit = |cell: &String| {
+        some(cell).is_some_and(|unit| unit_of(&unit).is_some() || TimeUnit::of(&unit).is_some())
+    };
+    let (row_of_units, row_of_names) = match matching[..] {
+        // "t" and "s" alone could be names as well.
+        [last, above, ..] if last.iter().any(is_unit) => (Some(last), Some(above)),
+        [last, ..] => (None, Some(last)),
+        [] => (None, None),
+    };
+    for ((name, unit), head) in names
+        .iter_mut()
+        .zip(&mut units)
+        .zip(row_of_names.into_iter().flatten())
+    {
+        (*name, *unit) = split_head(head);
+    }
+    for (unit, cell) in units.iter_mut().zip(row_of_units.into_iter().flatten()) {
+        if unit.is_none() {
+            *unit = some(cell);
         }
     }
     (names, units)
@@ -292,7 +301,8 @@ struct Columns {
     decimal_comma: bool,
     columns: Vec<Column>,
     time: Vec<usize>,
-    time_unit: TimeUnit,
+    /// What numbers count, or what the head says instead.
+    time_unit: Result<TimeUnit, String>,
     dates: Option<DateOrder>,
     utc_offset_s: i32,
     nanos: Vec<i64>,
@@ -344,10 +354,10 @@ impl Columns {
             .and_then(|place| units.get(*place))
             .and_then(|unit| unit.as_deref());
         let time_unit = match (table.time_unit, of_head) {
-            (Some(unit), _) => unit,
-            (None, None) => TimeUnit::S,
+            (Some(unit), _) => Ok(unit),
+            (None, None) => Ok(TimeUnit::S),
             // Heads of dates say other things: "UTC", "local".
-            (None, Some(head)) => TimeUnit::of(head).unwrap_or(TimeUnit::S),
+            (None, Some(head)) => TimeUnit::of(head).ok_or_else(|| head.to_owned()),
         };
         let mut places: Vec<(usize, bool)> = Vec::new();
         for wanted in &table.columns {
@@ -449,9 +459,15 @@ impl Columns {
             true => text.replace(',', "."),
             false => text.clone(),
         };
-        let written: Written = match stamp::number(&decimal, self.time_unit) {
-            Some(written) => written,
-            None => stamp::date(&text, self.dates, self.utc_offset_s).map_err(refuse)?,
+        let unit = self.time_unit.as_ref().copied().unwrap_or(TimeUnit::S);
+        let written: Written = match (stamp::number(&decimal, unit), &self.time_unit) {
+            (Some(written), Ok(_)) => written,
+            (Some(_), Err(head)) => {
+                return Err(refuse(format!(
+                    "counts {head:?} by its head, which is not known: --time-unit says it"
+                )));
+            }
+            (None, _) => stamp::date(&text, self.dates, self.utc_offset_s).map_err(refuse)?,
         };
         if *self.is_date.get_or_insert(written.is_date) != written.is_date {
             return Err(refuse("is of another kind than the stamps before".to_owned()));
@@ -569,6 +585,44 @@ mod tests {
         assert_eq!(found[0].values, [1.5, -2.25e-3]);
         assert_eq!(nanos(&found[0])[1] - nanos(&found[0])[0], 5_000_000);
         assert_eq!(nanos(&found[0])[0], 1_772_344_800_000_000_000);
+    }
+
+    #[test]
+    fn names_stand_above_units_and_below_everything_else() {
+        let text = "Kanal;1;2\nName;Weg;Luft\n[ms];µm;°C\n0;1.5;20\n5;2.5;21\n";
+        let table = Table {
+            time: TimeColumn::Named(vec!["1".into()]),
+            ..Table::default()
+        };
+        let found = signals(text, &table).unwrap();
+        assert_eq!(
+            (found[0].name.as_str(), found[0].unit.as_deref()),
+            ("Weg", Some("µm"))
+        );
+        assert_eq!(
+            (found[1].name.as_str(), found[1].unit.as_deref()),
+            ("Luft", Some("°C"))
+        );
+        assert_eq!(nanos(&found[0]), [0, 5_000_000]);
+        let found = signals("Kanal;1;2\nt;Weg;Luft\n0;1.5;20\n5;2.5;21\n", &Table::default()).unwrap();
+        assert_eq!((found[0].name.as_str(), found[0].unit.as_deref()), ("Weg", None));
+    }
+
+    #[test]
+    fn a_time_in_an_unknown_unit_is_refused() {
+        let text = "Time [min],d\n0,1.5\n1,2.5\n";
+        let error = signals(text, &Table::default()).unwrap_err();
+        assert!(
+            error.contains("\"min\"") && error.contains("--time-unit"),
+            "{error}"
+        );
+        let table = Table {
+            time_unit: Some(TimeUnit::Ms),
+            ..Table::default()
+        };
+        assert_eq!(nanos(&signals(text, &table).unwrap()[0]), [0, 1_000_000]);
+        let dated = signals("time [UTC],d\n2026-03-01 06:00:00,1.5\n", &Table::default());
+        assert!(dated.is_ok());
     }
 
     #[test]

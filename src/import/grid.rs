@@ -6,6 +6,11 @@ use std::ops::Range;
 /// Stamps farther from the grid than this share of the interval are uneven, unless they are written that coarsely.
 const UNEVEN: f64 = 0.1;
 
+/// A rounder rate is taken only within this share of the measured one, however coarse the stamps are.
+const SURE: f64 = 1e-4;
+/// The largest interval to resample to, in intervals of the stamps: without a filter, more would fold fast vibration onto slow.
+const COARSER: f64 = 1.1;
+
 /// Evenly spaced samples without a gap.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Stretch {
@@ -83,7 +88,7 @@ fn fit(stamps: &Stamps) -> Result<(Grid, usize), ImportError> {
     }
     stretches.push(begin..nanos.len());
     let (slope, length) = slope_ns(nanos, &stretches, interval);
-    let slope = simplest(slope, stamps.resolution_ns as f64 / length);
+    let slope = simplest(slope, (stamps.resolution_ns as f64 / length).min(SURE * slope));
     let mut grid = Grid {
         fs_hz: 1e9 / slope,
         stretches: Vec::with_capacity(stretches.len()),
@@ -191,8 +196,8 @@ pub(super) fn simplest(slope: f64, tolerance: f64) -> f64 {
     slope
 }
 
-/// Values between stamps on an even grid of `fs_hz`, by straight lines; gaps of more than three intervals of the grid and of
-/// the stamps stay gaps. With the largest distance between a sample of the grid and the stamp nearest to it \[s\].
+/// Values between stamps on an even grid of `fs_hz`, by straight lines; gaps of more than three intervals
+/// stay gaps. With the largest distance between a sample of the grid and the stamp nearest to it \[s\].
 pub(super) fn resample(
     stamps: &Stamps,
     values: &[f64],
@@ -204,7 +209,14 @@ pub(super) fn resample(
         return Err(ImportError::new("fewer than two stamps give no rate"));
     }
     let step = 1e9 / fs_hz;
-    let longest = 3.0 * step.max(interval_ns(stamps)?);
+    let interval = interval_ns(stamps)?;
+    if step > COARSER * interval {
+        return Err(ImportError::new(format!(
+            "--resample {fs_hz} is less than the {} Hz of the stamps and would fold fast vibration onto slow: give that or more",
+            rounded(1e9 / interval)
+        )));
+    }
+    let longest = 3.0 * interval;
     let mut grid = Grid {
         fs_hz,
         stretches: Vec::new(),
@@ -356,5 +368,7 @@ mod tests {
         }
         assert!((grid.deviation_s - 1e-3).abs() < 1e-12);
         assert!(resample(&uneven, &values, 1e9, 100).is_err());
+        let folded = resample(&uneven, &values, 100.0, 100).unwrap_err().to_string();
+        assert!(folded.contains("less than the 200 Hz"), "{folded}");
     }
 }

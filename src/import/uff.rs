@@ -1,6 +1,7 @@
 //! Universal file format, dataset 58: time histories as text or binary (58b).
 
 use super::lines::{Lines, shown};
+use super::stamp::TimeUnit;
 use super::units::some;
 use super::{ImportError, MOST_VALUES, Signal, Stamps, Timing};
 use crate::record::Timestamp;
@@ -136,6 +137,8 @@ struct Header {
     rounding: f64,
     /// 17: time.
     abscissa: i64,
+    /// The unit of the time, if it is not the second.
+    odd_time: Option<String>,
     unit: Option<String>,
 }
 
@@ -192,7 +195,8 @@ impl Header {
             step_s,
             rounding: 0.5 * 10_f64.powi(-behind) / mantissa.max(f64::MIN_POSITIVE),
             abscissa: integer(8, 0, "kind of abscissa")?,
-            unit: some(&records[8].chars().skip(47).take(20).collect::<String>()),
+            odd_time: label(&records[7]).filter(|unit| TimeUnit::of(unit) != Some(TimeUnit::S)),
+            unit: label(&records[8]),
         })
     }
 
@@ -205,6 +209,15 @@ impl Header {
                 "a function of type {}, no time history (1)",
                 self.function
             ));
+        }
+        if !matches!(self.abscissa, 0 | 1 | 17) {
+            return Some(format!(
+                "over a quantity of type {}, not over time (17)",
+                self.abscissa
+            ));
+        }
+        if let Some(unit) = &self.odd_time {
+            return Some(format!("over a time in {unit:?}, not in seconds"));
         }
         (self.ordinate != 2 && self.ordinate != 4).then(|| "complex".to_owned())
     }
@@ -297,6 +310,11 @@ impl Header {
             values,
         })
     }
+}
+
+/// The unit in the record of an axis.
+fn label(record: &str) -> Option<String> {
+    some(&record.chars().skip(47).take(20).collect::<String>())
 }
 
 /// A number as Fortran writes it, `D` exponents included.

@@ -1,9 +1,15 @@
 //! What the paper says, and what independent checks of it had found before: which of it holds, judged from the
-//! study's own figures.
+//! study's own figures by three rules, the same for every statement and none chosen after its figure:
+//!
+//! * a printed figure *comes out* if it lies within three standard errors of one run of ours ([`DISAGREE`]); a
+//!   bound holds if one run of ours may lie within it;
+//! * a figure is *about* or *close to* another if it rounds to it or differs by at most 5 % ([`CLOSE`]); so is what
+//!   counts as little;
+//! * of two figures one is *larger* if it is so by three standard errors of our means; else the statement is open.
 
 use super::cases::{self, Case};
-use super::estimate::{Comparison, DISAGREE, Estimate};
-use super::paper::{self, INFERRED};
+use super::estimate::{CLOSE, Comparison, DISAGREE, Estimate};
+use super::paper::{self, INFERRED, Printed, Table2Column};
 use super::setting::Setting;
 use super::table2::{Column, Sampler, Which};
 use super::{Part, Study, table3};
@@ -19,6 +25,53 @@ pub enum Verdict {
     Holds,
     /// It does not.
     Fails,
+    /// Our figures cannot tell.
+    Open,
+}
+
+impl Verdict {
+    /// In words.
+    pub fn words(self) -> &'static str {
+        match self {
+            Self::Holds => "holds",
+            Self::Fails => "does not hold",
+            Self::Open => "open",
+        }
+    }
+
+    /// Of a statement that says two things.
+    fn and(self, other: Self) -> Self {
+        match (self, other) {
+            (Self::Fails, _) | (_, Self::Fails) => Self::Fails,
+            (Self::Holds, Self::Holds) => Self::Holds,
+            _ => Self::Open,
+        }
+    }
+}
+
+impl From<bool> for Verdict {
+    fn from(holds: bool) -> Self {
+        if holds { Self::Holds } else { Self::Fails }
+    }
+}
+
+/// Whether `difference`, of standard error `error`, is above zero.
+fn positive(difference: f64, error: f64) -> Verdict {
+    if difference > DISAGREE * error {
+        Verdict::Holds
+    } else if difference < -DISAGREE * error {
+        Verdict::Fails
+    } else {
+        Verdict::Open
+    }
+}
+
+/// Whether the first is larger.
+fn larger(a: &Estimate, b: &Estimate) -> Verdict {
+    positive(
+        a.value - b.value,
+        a.error_of_mean().hypot(b.error_of_mean()),
+    )
 }
 
 /// A statement and what came of it.
@@ -36,12 +89,13 @@ pub struct Claim {
 
 const EARLIER: &str = "earlier checks";
 const PAPER: &str = "the paper";
+const OURS: &str = "this study";
 
-fn claim(source: &'static str, statement: &str, holds: bool, evidence: String) -> Claim {
+fn claim(source: &'static str, statement: &str, verdict: impl Into<Verdict>, evidence: String) -> Claim {
     Claim {
         source,
         statement: statement.to_owned(),
-        verdict: if holds { Verdict::Holds } else { Verdict::Fails },
+        verdict: verdict.into(),
         evidence,
     }
 }
@@ -52,11 +106,13 @@ pub fn judge(study: &Study) -> Vec<Claim> {
     let mut claims = Vec::new();
     if let (Some(printed), Some(inferred)) = (of(Setting::AsPrinted), of(Setting::AsInferred)) {
         claims.extend(table_2(printed, inferred));
+        claims.extend(no_variance(study));
         claims.extend(figure_6(inferred));
         claims.extend(table_3(study));
         claims.extend(enough(inferred));
     }
     claims.extend(one_frequency());
+    claims.push(towards_the_truth());
     claims.extend(chaos(study));
     claims.extend(beam(study));
     claims.extend(springs(study));
@@ -117,9 +173,9 @@ fn table_2(printed: &Part, inferred: &Part) -> Vec<Claim> {
         claims.push(claim(
             EARLIER,
             "as printed, many draws give N = 559 kN with CV 0.19 and E = 1.15e11 Pa",
-            (n.value / 559e3 - 1.0).abs() < 0.01
-                && (cv.value - 0.19).abs() < 0.01
-                && (e.value / 1.15e11 - 1.0).abs() < 0.03,
+            printed_as(559e3, 1e3).is_about(n.value)
+                && printed_as(0.19, 0.01).is_about(cv.value)
+                && printed_as(1.15e11, 1e9).is_about(e.value),
             format!(
                 "N = {:.1} kN, CV {:.3}, E = {:.3e} Pa; at this tolerance, not in the limit of none",
                 1e-3 * n.value,
@@ -130,12 +186,13 @@ fn table_2(printed: &Part, inferred: &Part) -> Vec<Claim> {
     }
     if let Some(mcmc) = column(printed, Sampler::Mcmc) {
         let (n, e) = (force(mcmc), modulus(mcmc));
+        let (agree, all, _) = agreement(&mcmc.comparisons(printed.setting));
         claims.push(claim(
             EARLIER,
             "MCMC with an error variance of 1e-3 cannot give Table 2",
-            e.value < 0.1 * paper::MCMC.mean[1].value,
+            agree < all,
             format!(
-                "its posterior has E = {:.1e} Pa, no iron, and N = {:.0} kN: the rod becomes a string because the data ask for less than one",
+                "{agree} of {all} figures within {DISAGREE} standard errors; its posterior has E = {:.1e} Pa, no iron, and N = {:.0} kN: the rod becomes a string because the data ask for less than one",
                 e.value,
                 1e-3 * n.value
             ),
@@ -145,32 +202,68 @@ fn table_2(printed: &Part, inferred: &Part) -> Vec<Claim> {
     claims
 }
 
+/// A figure that an earlier check gave, and the unit of its last digit.
+fn printed_as(value: f64, digit: f64) -> Printed {
+    Printed { value, digit }
+}
+
 /// How near MCMC comes with a unit error variance.
 fn unit_variance(part: &Part) -> Option<Claim> {
     let chains = part
         .columns
         .iter()
-        .filter(|column| column.which.sampler == Sampler::Mcmc);
-    let (mut mean, mut cv, mut comparisons) = (0.0f64, 0.0f64, Vec::new());
-    for column in chains {
-        let Some(printed) = column.which.printed() else {
-            continue;
-        };
-        for i in 0..INFERRED.len() {
-            let off = |ours: Estimate, paper: f64| (ours.value / paper - 1.0).abs();
-            mean = mean.max(off(column.estimate(|run| run.mean[i]), printed.mean[i].value));
-            cv = cv.max(off(column.estimate(|run| run.cv[i]), printed.cv[i].value));
-        }
-        comparisons.extend(column.comparisons(part.setting));
-    }
+        .filter(|column| column.which.sampler == Sampler::Mcmc && column.which.printed().is_some());
+    let comparisons: Vec<Comparison> = chains
+        .flat_map(|column| column.comparisons(part.setting))
+        .filter(|c| c.paper.is_some())
+        .collect();
+    let about = |c: &&Comparison| c.paper.is_some_and(|printed| printed.is_about(c.ours.value));
+    let close = comparisons.iter().filter(about).count();
+    let largest = |statistic: &str| {
+        let own = comparisons.iter().filter(|c| c.statistic == statistic);
+        let off = own.filter_map(|c| Some((c.ours.value / c.paper?.value - 1.0).abs()));
+        100.0 * off.fold(0.0, f64::max)
+    };
     let (agree, all, worst) = agreement(&comparisons);
     let evidence = format!(
-        "both MCMC columns: means within {:.1} %, CVs within {:.0} %; {agree} of {all} figures within {DISAGREE} standard errors of a chain that mixes; {worst}",
-        100.0 * mean,
-        100.0 * cv
+        "both MCMC columns: {close} of {all} figures are close; means differ by up to {:.0} %, CVs by up to {:.0} %. {agree} of {all} figures within {DISAGREE} standard errors; {worst}",
+        largest("mean"),
+        largest("cv")
     );
-    let statement = "with a unit error variance MCMC comes close (means within 10 %, CVs within 25 %)";
-    (all > 0).then(|| claim(EARLIER, statement, mean < 0.1 && cv < 0.25, evidence))
+    let statement = "with a unit error variance MCMC comes close to Table 2 (every figure within 5 %)";
+    (all > 0).then(|| claim(EARLIER, statement, close == all, evidence))
+}
+
+/// Whether any error variance gives a column of MCMC.
+fn no_variance(study: &Study) -> Option<Claim> {
+    let columns: [(&str, &Table2Column); 2] = [("elements", &paper::MCMC), ("chaos", &paper::MCMC_PCE)];
+    let figures = 2 * INFERRED.len();
+    let mut nearest: Option<(f64, String)> = None;
+    let mut most = 0;
+    for assumed in study.assumptions.iter().filter(|a| a.discrepancy == 0.0) {
+        for (name, column) in columns {
+            let (off, agree) = assumed.against(column);
+            most = most.max(agree);
+            if nearest.as_ref().is_none_or(|(least, _)| off < *least) {
+                nearest = Some((
+                    off,
+                    format!(
+                        "nearest: an sd of {} Hz and a density prior of {:.0} for the column on {name}, largest difference {:.0} %",
+                        assumed.error_sd_hz,
+                        assumed.density_kg_m3,
+                        100.0 * off
+                    ),
+                ));
+            }
+        }
+    }
+    let (_, nearest) = nearest?;
+    Some(claim(
+        OURS,
+        "no error variance from 1e-4 to 2.25 Hz\u{b2} gives either MCMC column, with either density prior",
+        most < figures,
+        format!("at most {most} of {figures} figures within {DISAGREE} standard errors; {nearest}"),
+    ))
 }
 
 fn figure_6(part: &Part) -> Vec<Claim> {
@@ -197,6 +290,17 @@ fn figure_6(part: &Part) -> Vec<Claim> {
             chance(case)
         )
     });
+    // What the other model adds to the divergence of two runs on one, where it adds most.
+    let added = |case: &Case| {
+        let of = case.quantities.iter().map(|apart| {
+            let (divergence, chance) = (apart.divergence, apart.chance);
+            let error = divergence.error_of_mean().hypot(chance.error_of_mean());
+            (divergence.value - chance.value, error)
+        });
+        of.max_by(|a, b| a.0.total_cmp(&b.0)).unwrap_or((f64::NAN, f64::NAN))
+    };
+    let (of_a, of_b) = (added(a), added(b));
+    let beyond = |apart: &cases::Apart| apart.divergence.value + DISAGREE * apart.divergence.error > 0.2;
     let force = &c.quantities[0].divergence;
     vec![
         claim(
@@ -208,9 +312,9 @@ fn figure_6(part: &Part) -> Vec<Claim> {
         claim(
             PAPER,
             "figure 6: in case C the divergence of N alone exceeds 0.2",
-            force.value > 0.2,
+            beyond(&c.quantities[0]) && !c.quantities[1..].iter().all(beyond),
             format!(
-                "N: {:.3} \u{b1} {:.3}; largest {:.3}. A chain that mixes and an ABC with the same data do not differ that much",
+                "N: {:.3} \u{b1} {:.3}; largest {:.3}",
                 force.value,
                 force.error,
                 c.largest_divergence()
@@ -219,17 +323,34 @@ fn figure_6(part: &Part) -> Vec<Claim> {
         claim(
             PAPER,
             "section 5.1: ABC is less sensitive to the emulator than MCMC (case B against A)",
-            a.largest_divergence() > b.largest_divergence()
-                && a.largest_divergence() > 3.0 * chance(a).max(1e-12),
+            positive(of_a.0 - of_b.0, of_a.1.hypot(of_b.1)),
             format!(
-                "divergence by the emulator: MCMC {:.4}, of two runs on the same model {:.4}; ABC {:.4}, of two runs {:.4}",
-                a.largest_divergence(),
-                chance(a),
-                b.largest_divergence(),
-                chance(b)
+                "what the chaos adds to the divergence of two runs on one model: MCMC {:.4} \u{b1} {:.4}, ABC {:.4} \u{b1} {:.4}",
+                of_a.0, of_a.1, of_b.0, of_b.1
             ),
         ),
+        ratios_of_b(a, b),
     ]
+}
+
+/// Whether the ratios of CVs spread more in case B than in case A, as the text says: by the paper's own Table 2.
+fn ratios_of_b(a: &Case, b: &Case) -> Claim {
+    let range = |case: &Case| {
+        let ratios = case.quantities.iter().filter_map(|apart| apart.paper_cv_ratio);
+        ratios.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), ratio| {
+            (low.min(ratio.value), high.max(ratio.value))
+        })
+    };
+    let (of_a, of_b) = (range(a), range(b));
+    claim(
+        PAPER,
+        "section 5.1: the ratios of CVs have a wider range in case B than in case A",
+        of_b.1 - of_b.0 > of_a.1 - of_a.0,
+        format!(
+            "by the paper's own Table 2: A {:.2} to {:.2}, B {:.2} to {:.2}",
+            of_a.0, of_a.1, of_b.0, of_b.1
+        ),
+    )
 }
 
 fn table_3(study: &Study) -> Vec<Claim> {
@@ -246,7 +367,7 @@ fn table_3(study: &Study) -> Vec<Claim> {
     }
     vec![claim(
         EARLIER,
-        "Table 3 (density prior 7000) comes out for three, four and five frequencies",
+        "Table 3 (density prior 7000) comes out for three, four and five frequencies, with one share accepted at least",
         holds,
         evidence.join("; "),
     )]
@@ -267,7 +388,7 @@ fn one_frequency() -> Option<Claim> {
     Some(claim(
         PAPER,
         "Table 3's row of one frequency is of the same rod as the others",
-        (printed / truth - 1.0).abs() < 0.02,
+        (printed / truth - 1.0).abs() < CLOSE,
         format!(
             "its means give a first frequency of {printed:.3} Hz, the true parameters {truth:.3} Hz; the real record has {:.3} Hz. Likeliest reason: that row was run on other data, perhaps the real record",
             paper::OBSERVED_HZ[0]
@@ -275,28 +396,49 @@ fn one_frequency() -> Option<Claim> {
     ))
 }
 
+/// Whether Table 3's means come nearer to the truth with every frequency: by its own figures.
+fn towards_the_truth() -> Claim {
+    let off = |row: &[f64; 4]| {
+        let off = row.iter().zip(&paper::TRUTH).map(|(mean, truth)| (mean / truth - 1.0).abs());
+        off.sum::<f64>() / INFERRED.len() as f64
+    };
+    let all = paper::TABLE_3.map(|row| off(&row));
+    let shown: Vec<String> = all.iter().map(|off| format!("{:.1} %", 100.0 * off)).collect();
+    claim(
+        PAPER,
+        "section 5.2: the posterior means move towards the truth as frequencies are added",
+        all.is_sorted_by(|a, b| a > b),
+        format!(
+            "by the paper's own Table 3 the means are off by {} on average with one to five frequencies; E leaves its truth from three on",
+            shown.join(", ")
+        ),
+    )
+}
+
 fn enough(part: &Part) -> Vec<Claim> {
     let bmape: Vec<Estimate> = part.rows.iter().map(|row| row.bmape).collect();
-    let [one, _, three, four, five] = bmape[..] else {
+    let [one, _, three, four, five] = &bmape[..] else {
         return Vec::new();
     };
     let percent = |e: &Estimate| format!("{:.2} \u{b1} {:.2} %", 100.0 * e.value, 100.0 * e.error);
     let all: Vec<String> = bmape.iter().map(percent).collect();
+    let about = |e: &Estimate| printed_as(e.value, 0.0);
     vec![
         claim(
             PAPER,
             "figure 8: the error (BMAPE) decreases slightly from three to four or five frequencies",
-            four.value < three.value && five.value < three.value,
+            larger(three, four).and(larger(three, five)),
             format!("with one to five frequencies: {}", all.join(", ")),
         ),
         claim(
             PAPER,
-            "one frequency is not enough, three are",
-            one.value > three.value + 2.0 * one.error_of_mean().hypot(three.error_of_mean()),
+            "one frequency is not enough, three are (BMAPE within 5 % of that of five)",
+            larger(one, three).and(about(five).is_about(three.value).into()),
             format!(
-                "one frequency {}, three {}; the prior's share in all of it is large",
-                percent(&one),
-                percent(&three)
+                "one frequency {}, three {}, five {}; the prior's share in all of it is large",
+                percent(one),
+                percent(three),
+                percent(five)
             ),
         ),
     ]
@@ -312,11 +454,11 @@ fn chaos(study: &Study) -> Vec<Claim> {
     };
     let variances: Vec<f64> = grid.iter().take(3).map(|g| g.variance_hz2).collect();
     let tails: Vec<f64> = report.modes.iter().take(3).map(|m| m.value_hz.max).collect();
-    let near = |value: f64, wanted: f64| (value / wanted).ln().abs() < 0.35;
     let shown = |values: &[f64]| {
         let all: Vec<String> = values.iter().map(|v| format!("{v:.1e}")).collect();
         all.join(", ")
     };
+    let worst = tails.iter().copied().fold(0.0, f64::max);
     let largest = variances.iter().copied().fold(0.0, f64::max);
     vec![
         claim(
@@ -324,9 +466,9 @@ fn chaos(study: &Study) -> Vec<Claim> {
             "the order-5 chaos has grid error variances of about 6e-6, 3e-5, 1e-4 Hz\u{b2} and tail errors near 0.1 Hz",
             variances
                 .iter()
-                .zip([6e-6, 3e-5, 1e-4])
-                .all(|(&v, wanted)| near(v, wanted))
-                && tails.iter().any(|t| near(*t, 0.1)),
+                .zip([(6e-6, 1e-6), (3e-5, 1e-5), (1e-4, 1e-4)].map(|(value, digit)| printed_as(value, digit)))
+                .all(|(v, wanted)| wanted.is_about(*v))
+                && printed_as(0.1, 0.1).is_about(worst),
             format!(
                 "grid variances {} Hz\u{b2}; largest errors over 20 000 draws of the prior {} Hz",
                 shown(&variances),
@@ -340,7 +482,7 @@ fn chaos(study: &Study) -> Vec<Claim> {
                 && tails
                     .iter()
                     .zip(paper::TAIL_ERRORS_HZ)
-                    .all(|(t, printed)| *t < 1.5 * printed),
+                    .all(|(t, printed)| *t < printed || printed_as(printed, 0.0).is_about(*t)),
             format!(
                 "grid variances {} Hz\u{b2}, largest errors {} Hz; the likeliest reason is where the paper looked for tails: its points are not said",
                 shown(&variances),
@@ -357,11 +499,12 @@ fn beam(study: &Study) -> Vec<Claim> {
     let smallest = posterior
         .map(|check| check.smallest_ratio)
         .fold(smallest, f64::min);
-    let conflict = study.assumptions.first().map_or(f64::NAN, |a| a.conflict);
+    let printed = |a: &&super::assumptions::Assumed| (a.error_sd_hz - paper::error_sd_hz()).abs() < 1e-12;
+    let conflict = study.assumptions.iter().find(printed).map_or(f64::NAN, |a| a.conflict);
     vec![claim(
         EARLIER,
         "no tensioned beam on rotational springs has f3/f1 below 3; the observed 2.950 cannot come from the model",
-        smallest >= 3.0 - 1e-9 && conflict > 4.0,
+        smallest >= 3.0 - 1e-9 && conflict > DISAGREE,
         format!(
             "smallest f3/f1 over every posterior {smallest:.4}; the record lies {conflict:.1} standard deviations (31.6 mHz) from the nearest such beam"
         ),
@@ -378,7 +521,7 @@ fn springs(study: &Study) -> Vec<Claim> {
     vec![claim(
         PAPER,
         "section 4.2: the frequencies are little sensitive to the springs, which cannot be learned",
-        total(true) < 0.05,
+        total(true) < CLOSE,
         format!(
             "largest total Sobol index of a spring {:.4}, of the others {:.3}. Between hinge and clamp mode 1 still moves by {:.1} %, which is {:.0} % of N",
             total(true),
@@ -390,27 +533,34 @@ fn springs(study: &Study) -> Vec<Claim> {
     )]
 }
 
-/// Why Table 3 may disagree with one frequency, and with more, in a sentence.
-pub fn likeliest_reason_of_table_3(frequencies: usize) -> &'static str {
-    if frequencies == 1 {
-        "Likeliest reason: that row was run on other data, perhaps the real record: its means give a first frequency near that record's, 13 % below the true rod's."
-    } else {
-        "Likeliest reason: the share accepted, which the paper does not say for this table."
-    }
-}
+#[cfg(test)]
+mod tests {
+    use super::*;
 
-/// Why a column of Table 2 may disagree, in a sentence.
-pub fn likeliest_reason(setting: Setting, sampler: Sampler) -> &'static str {
-    match (setting, sampler) {
-        (Setting::AsPrinted, Sampler::Mcmc) => {
-            "Likeliest reason: the likelihood that was run had a larger error than the one printed. With a variance of 1e-3 Hz\u{b2} the record, which no beam of the model can produce, drives E to zero."
-        }
-        (Setting::AsPrinted, _) => {
-            "Likeliest reason: more draws were accepted than alpha = 0.01 allows, and the density prior was Table 3's; with 5 % and 7000 kg/m\u{b3} the column comes out. E falls as the tolerance shrinks, since the data ask for a string."
-        }
-        (Setting::AsInferred, Sampler::Mcmc) => {
-            "Likeliest reason: chains too short of independent draws. The paper's two MCMC columns differ by 5 % in N and 3 % in density where elements and chaos give one posterior, and no error variance between 0.01 and 2.25 Hz\u{b2} gives either column (docs/study.md)."
-        }
-        (Setting::AsInferred, _) => "Likeliest reason: not known.",
+    #[test]
+    fn a_difference_within_its_error_leaves_a_statement_open() {
+        let estimate = |value: f64, error: f64| Estimate {
+            value,
+            error,
+            runs: 4,
+        };
+        let zero = estimate(0.0, 0.0);
+        assert_eq!(larger(&estimate(1.6, 1.0), &zero), Verdict::Holds);
+        assert_eq!(larger(&estimate(1.4, 1.0), &zero), Verdict::Open);
+        assert_eq!(larger(&estimate(-1.6, 1.0), &zero), Verdict::Fails);
+        assert_eq!(larger(&estimate(f64::NAN, 1.0), &zero), Verdict::Open);
+        assert_eq!(Verdict::Holds.and(Verdict::Open), Verdict::Open);
+        assert_eq!(Verdict::Open.and(Verdict::Fails), Verdict::Fails);
+    }
+
+    #[test]
+    fn the_papers_own_table_3_does_not_come_nearer_with_every_frequency() {
+        let claim = towards_the_truth();
+        assert_eq!(claim.verdict, Verdict::Fails);
+        assert!(
+            claim.evidence.contains("2.9 %, 2.4 %, 2.6 %, 3.1 %"),
+            "{}",
+            claim.evidence
+        );
     }
 }

@@ -56,7 +56,7 @@ fn pce_eval_3_modes(bencher: Bencher, points: usize) {
 #[divan::bench(sample_count = 3)]
 fn ann_train_10_steps(bencher: Bencher) {
     if let Some(training) = &*TRAINING {
-        bencher.bench_local(|| Ann::train(&RodPrior::todi(), training, 10, 1, &|| ()));
+        bencher.bench_local(|| Ann::train(&RodPrior::todi(), training, 10, 1));
     }
 }
 
@@ -64,13 +64,13 @@ fn ann_train_10_steps(bencher: Bencher) {
 #[divan::bench(sample_count = 1, sample_size = 1)]
 fn ann_train(bencher: Bencher) {
     if let Some(training) = &*TRAINING {
-        bencher.bench_local(|| Ann::train(&RodPrior::todi(), training, ann::ITERATIONS, 1, &|| ()));
+        bencher.bench_local(|| Ann::train(&RodPrior::todi(), training, ann::ITERATIONS, 1));
     }
 }
 
 #[divan::bench(args = [1, 1000, 100_000])]
 fn ann_eval_3_modes(bencher: Bencher, points: usize) {
-    let trained = |training| Ann::train(&RodPrior::todi(), training, 1, 1, &|| ()).ok();
+    let trained = |training| Ann::train(&RodPrior::todi(), training, 1, 1).ok();
     if let Some(ann) = TRAINING.as_ref().and_then(trained) {
         many(bencher, &ann, points);
     }

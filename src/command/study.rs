@@ -262,7 +262,11 @@ fn table(study: &Study, out: Option<&Path>) -> String {
         let _ = writeln!(text, "\ntimes on one thread of this machine [s]");
     }
     for time in &study.times {
-        let _ = writeln!(text, "  {:<30} {:<16} {:.3e}", time.what, time.model, time.seconds);
+        let _ = writeln!(
+            text,
+            "  {:<30} {:<16} {:.3e}",
+            time.what, time.model, time.seconds
+        );
     }
     if let Some(out) = out {
         let _ = writeln!(text, "\n{}", out.join("study.html").display());

@@ -43,7 +43,7 @@ pub struct Ann {
 
 impl Ann {
     /// Trains on solves made for a chaos, and judges; `iterations` steps of the search, from a start that `seed`
-    /// gives. `passed` is told of every pass over the design, of which a step needs one or a few.
+    /// gives; a step needs one pass over the design, or a few.
     ///
     /// # Errors
     /// The search cannot be set up.
@@ -52,7 +52,6 @@ impl Ann {
         training: &Training,
         iterations: usize,
         seed: u64,
-        passed: &dyn Fn(),
     ) -> Result<Self, FitError> {
         let design = &training.design;
         let points = design.len();
@@ -78,7 +77,6 @@ impl Ann {
             network: &start,
             points: &points,
             last: RefCell::default(),
-            passed,
         };
         let search = LBFGS::new(MoreThuenteLineSearch::new(), MEMORY);
         let mut found = Executor::new(fit, search)
@@ -149,7 +147,6 @@ struct Fit<'a> {
     points: &'a Points,
     /// The weights asked for last and the gradient there: a line search asks for the error and then for the gradient.
     last: RefCell<(Vec<f64>, Vec<f64>)>,
-    passed: &'a dyn Fn(),
 }
 
 impl CostFunction for Fit<'_> {
@@ -159,7 +156,6 @@ impl CostFunction for Fit<'_> {
     fn cost(&self, weights: &Vec<f64>) -> Result<f64, argmin::core::Error> {
         let (error, gradient) = self.network.with_weights(weights).error_and_gradient(self.points);
         self.last.replace((weights.clone(), gradient));
-        (self.passed)();
         Ok(error)
     }
 }
@@ -214,15 +210,14 @@ impl ForwardModel for Ann {
 
     fn frequencies_of_many(&self, thetas: &[f64], modes: usize, out: &mut [f64]) {
         let mut scratch = self.network.scratch();
-        self.domain
-            .in_blocks(self, (thetas, modes, out), |germs, rows| {
-                vectorised(Block {
-                    ann: self,
-                    germs,
-                    scratch: &mut scratch,
-                    out: rows,
-                });
+        self.domain.in_blocks(self, (thetas, modes, out), |germs, rows| {
+            vectorised(Block {
+                ann: self,
+                germs,
+                scratch: &mut scratch,
+                out: rows,
             });
+        });
     }
 }
 
@@ -241,7 +236,7 @@ mod tests {
                 .num_threads(threads)
                 .build()
                 .unwrap();
-            pool.install(|| Ann::train(&prior, &training, 60, 5, &|| ()).unwrap())
+            pool.install(|| Ann::train(&prior, &training, 60, 5).unwrap())
         };
         let ann = train(1);
         assert_eq!(ann.network, train(3).network);

@@ -331,15 +331,14 @@ impl ForwardModel for Pce {
 
     fn frequencies_of_many(&self, thetas: &[f64], modes: usize, out: &mut [f64]) {
         let mut scratch = self.scratch();
-        self.domain
-            .in_blocks(self, (thetas, modes, out), |germs, rows| {
-                vectorised(Block {
-                    pce: self,
-                    germs,
-                    scratch: &mut scratch,
-                    out: rows,
-                });
+        self.domain.in_blocks(self, (thetas, modes, out), |germs, rows| {
+            vectorised(Block {
+                pce: self,
+                germs,
+                scratch: &mut scratch,
+                out: rows,
             });
+        });
     }
 }
 

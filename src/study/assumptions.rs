@@ -5,9 +5,7 @@ use super::estimate::{Comparison, DISAGREE, Estimate};
 use super::paper::{self, INFERRED, Table2Column};
 use super::{Effort, StudyError, table2};
 use crate::bayes::mcmc::{self, McmcSettings, Problem};
-use crate::bayes::{
-    AbcSettings, Distance, Inference, Method, Noise, Observation, Tables, conflict,
-};
+use crate::bayes::{AbcSettings, Distance, Inference, Method, Noise, Observation, Tables, conflict};
 use crate::emulator::ReducedModel;
 use crate::random;
 use rayon::prelude::*;

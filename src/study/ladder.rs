@@ -115,7 +115,10 @@ pub fn ladder(
     let samplers: [(&'static str, Sampler); 6] = [
         ("rejection, the paper's draws", Box::new(abc(few))),
         ("rejection, many draws", Box::new(abc(many))),
-        ("regression-adjusted (this program's default)", Box::new(abc(adjusted))),
+        (
+            "regression-adjusted (this program's default)",
+            Box::new(abc(adjusted)),
+        ),
         ("sequential ABC, adjusted", Box::new(abc(sequential))),
         ("MCMC", Box::new(chains)),
         ("exact (importance sampling)", Box::new(importance)),

@@ -8,7 +8,7 @@
 //! * [`sensitivity`] Sobol's indices, figure 4
 //! * [`predictive`]  posterior predictive checks
 //! * [`assumptions`], [`worth`], [`ladder`] beyond the paper: other assumptions, what to measure next, samplers
-//! * [`claims`]      which statements hold, and by which rules; [`reasons`] why figures disagree
+//! * [`claims`]      which statements hold, by the rules of [`verdict`]; [`reasons`] why figures disagree
 //! * [`times`]       what emulators and samplers cost
 //! * [`estimate`]    a figure with its Monte Carlo error
 //! * [`density`]     densities and the Kullback-Leibler divergence
@@ -29,6 +29,7 @@ pub mod setting;
 pub mod table2;
 pub mod table3;
 pub mod times;
+pub mod verdict;
 pub mod worth;
 
 use crate::bayes::{InvalidObservation, McmcError, PlanError, RodPrior};
@@ -48,8 +49,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use table2::{Column, Sampler};
 use table3::Row;
-use times::Time;
 use thiserror::Error;
+use times::Time;
 
 /// The paper's order of the chaos.
 const ORDER: usize = 5;
@@ -244,8 +245,7 @@ impl Study {
         for part in &self.parts {
             let setting = part.setting;
             let columns = part.columns.iter();
-            let table_2 =
-                columns.map(|c| (format!("Table 2, {}", c.which.name()), c.comparisons(setting)));
+            let table_2 = columns.map(|c| (format!("Table 2, {}", c.which.name()), c.comparisons(setting)));
             let cases = part.cases.iter();
             let figure_6 = cases.map(|c| (format!("Figure 6, case {}", c.name), c.comparisons(setting)));
             let rows = part.rows.iter();
@@ -370,7 +370,7 @@ impl Emulators {
         let training = Training::solve(prior, ORDER, finite_elements::ELEMENTS, &|_, _| ())?;
         let pce = Pce::from_training(prior, &training, Weighting::Equal);
         done("chaos");
-        let ann = Ann::train(prior, &training, effort.training_steps, seed, &|| ())?;
+        let ann = Ann::train(prior, &training, effort.training_steps, seed)?;
         done("perceptron");
         Ok(Self { pce, ann })
     }

@@ -43,10 +43,7 @@ impl Check {
     /// Its figures.
     pub fn comparisons(&self, part: &str) -> Vec<Comparison> {
         let figures = [
-            (
-                "smallest f3/f1 of the model",
-                Estimate::sure(self.smallest_ratio),
-            ),
+            ("smallest f3/f1 of the model", Estimate::sure(self.smallest_ratio)),
             ("f3/f1, 2.5 % quantile", self.ratio[0]),
             ("f3/f1, median", self.ratio[1]),
             ("f3/f1, 97.5 % quantile", self.ratio[2]),
@@ -102,7 +99,9 @@ pub fn check(column: &Column, prior: &RodPrior, error_sd_hz: f64, seed: u64) -> 
     Ok(Check {
         column: name,
         error_sd_hz,
-        smallest_ratio: runs.iter().fold(f64::INFINITY, |least, run| least.min(run.smallest_ratio)),
+        smallest_ratio: runs
+            .iter()
+            .fold(f64::INFINITY, |least, run| least.min(run.smallest_ratio)),
         ratio: [0.025, 0.5, 0.975].map(quantile),
         ratio_tail: over(&|run| below(run) as f64 / run.ratios.len() as f64),
         residual_hz: [0, 1, 2].map(|mode| over(&|run| run.residual_hz[mode])),

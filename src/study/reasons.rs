@@ -34,7 +34,10 @@ pub fn of_table_2(setting: Setting, column: &Column) -> String {
 fn independent_draws(column: &Column) -> Option<f64> {
     let printed = column.which.printed()?;
     let square = |i: usize| {
-        let (mean, cv) = (column.estimate(|run| run.mean[i]), column.estimate(|run| run.cv[i]));
+        let (mean, cv) = (
+            column.estimate(|run| run.mean[i]),
+            column.estimate(|run| run.cv[i]),
+        );
         ((printed.mean[i].value / mean.value - 1.0) / cv.value).powi(2)
     };
     let squares: f64 = (0..INFERRED.len()).map(square).sum();

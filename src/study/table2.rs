@@ -313,12 +313,7 @@ pub fn settings(draws: usize, share: f64) -> AbcSettings {
     }
 }
 
-fn rejection(
-    plan: &Plan,
-    model: &Arc<dyn ForwardModel>,
-    draws: usize,
-    seed: u64,
-) -> Result<Run, StudyError> {
+fn rejection(plan: &Plan, model: &Arc<dyn ForwardModel>, draws: usize, seed: u64) -> Result<Run, StudyError> {
     let observation = Observation::first(&paper::OBSERVED_HZ, paper::error_sd_hz())?;
     let inference = Inference::plan(
         plan.prior.clone(),

@@ -15,7 +15,7 @@ const LITTLE: Effort = Effort {
     many_draws: 12_000,
     mcmc_steps: 16 * 200,
     rods: 2,
-    training_steps: 2,
+    epochs: 1,
 };
 
 fn study(threads: usize, seed: u64) -> Study {

@@ -61,11 +61,11 @@ impl Args {
         if self.quick {
             Effort {
                 abc_runs: 8,
-                mcmc_runs: 3,
+                mcmc_runs: 4,
                 many_draws: 50_000,
                 mcmc_steps: 48_000,
                 rods: 4,
-                training_steps: 20,
+                epochs: 10,
                 ..Effort::default()
             }
         } else {

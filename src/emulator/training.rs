@@ -46,9 +46,6 @@ pub enum FitError {
     /// The forward model has no answer at a design point.
     #[error("a design point is no rod: {0}")]
     Model(#[from] OutsideRange),
-    /// The perceptron's search did not begin.
-    #[error("the perceptron cannot be trained: {0}")]
-    Search(String),
 }
 
 /// Frequencies on the design points, to be fitted.

@@ -70,8 +70,8 @@ pub struct Effort {
     pub mcmc_steps: usize,
     /// Rods over which the worth of measurements is averaged.
     pub rods: usize,
-    /// Steps of the perceptron's training.
-    pub training_steps: usize,
+    /// Passes of the perceptron's training over its design.
+    pub epochs: usize,
 }
 
 /// The paper's sizes, repeated until the error of one run is known to a tenth (ABC) or a quarter (MCMC).
@@ -84,7 +84,7 @@ impl Default for Effort {
             many_draws: 200_000,
             mcmc_steps: 450_000,
             rods: 20,
-            training_steps: ann::ITERATIONS,
+            epochs: ann::EPOCHS,
         }
     }
 }
@@ -370,7 +370,7 @@ impl Emulators {
         let training = Training::solve(prior, ORDER, finite_elements::ELEMENTS, &|_, _| ())?;
         let pce = Pce::from_training(prior, &training, Weighting::Equal);
         done("chaos");
-        let ann = Ann::train(prior, &training, effort.training_steps, seed)?;
+        let ann = Ann::train(prior, &training, effort.epochs, seed);
         done("perceptron");
         Ok(Self { pce, ann })
     }

@@ -52,7 +52,7 @@ fn on_this_thread(effort: &Effort, seed: u64) -> Result<Vec<Time>, StudyError> {
     training.fit(crate::forward::MAX_MODES, Weighting::Equal);
     time("training", "pce", begun);
     let begun = Instant::now();
-    Ann::train(&prior, &training, effort.training_steps, seed)?;
+    Ann::train(&prior, &training, effort.epochs, seed);
     time("training", "ann", begun);
     let begun = Instant::now();
     Reduced::fit();

@@ -1,4 +1,4 @@
-//! Layers of a perceptron, and its error over a set of points with the gradient of that.
+//! Layers of a perceptron, the gradient of its error, and the optimiser that follows it.
 
 use crate::wide::{Kernel, vectorised};
 use rand::rngs::ChaCha8Rng;
@@ -7,8 +7,10 @@ use rayon::prelude::*;
 
 /// Points whose gradients are summed side by side.
 const BLOCK: usize = 64;
-/// Points that are one piece of parallel work.
-const PIECE: usize = 16 * BLOCK;
+/// Points of one step of the optimiser.
+pub(super) const BATCH: usize = 4 * BLOCK;
+/// Adam's memory of gradients and of their squares (Kingma and Ba 2015).
+const MEMORY: (f64, f64) = (0.9, 0.999);
 
 /// One layer: weights row by row (outputs x inputs), and a bias per output.
 #[derive(Debug, Clone, PartialEq)]
@@ -42,22 +44,15 @@ impl Network {
         }
     }
 
-    /// Every weight and bias, layer by layer, weights first.
-    pub(super) fn weights(&self) -> Vec<f64> {
-        let layers = self.layers.iter();
-        layers
-            .flat_map(|layer| layer.weights.iter().chain(&layer.bias))
-            .copied()
-            .collect()
+    /// Every weight and bias in the order of the gradient.
+    pub(super) fn iter_mut(&mut self) -> impl Iterator<Item = &mut f64> {
+        let layers = self.layers.iter_mut();
+        layers.flat_map(|layer| layer.weights.iter_mut().chain(&mut layer.bias))
     }
 
-    /// The same layers with these weights, in the order of [`Network::weights`].
-    pub(super) fn with_weights(&self, weights: &[f64]) -> Self {
-        let mut network = self.clone();
-        let layers = network.layers.iter_mut();
-        let own = layers.flat_map(|layer| layer.weights.iter_mut().chain(&mut layer.bias));
-        own.zip(weights).for_each(|(own, weight)| *own = *weight);
-        network
+    pub(super) fn weights(&self) -> usize {
+        let layers = self.layers.iter();
+        layers.map(|layer| layer.weights.len() + layer.bias.len()).sum()
     }
 
     /// Room for the values of every layer at `L` points.
@@ -91,55 +86,39 @@ impl Network {
         }
     }
 
-    /// Mean over the points of the squared error, and its gradient in the order of [`Network::weights`]; the
-    /// sums are taken in an order that does not depend on the number of threads.
-    pub(super) fn error_and_gradient(&self, points: &Points) -> (f64, Vec<f64>) {
-        let count = points.targets.len() / self.outputs();
-        let pieces: Vec<(f64, Vec<f64>)> = (0..count.div_ceil(PIECE))
-            .into_par_iter()
-            .map(|piece| {
-                let begin = piece * PIECE;
-                let (mut error, mut gradient) = (0.0, vec![0.0; self.weights().len()]);
-                for first in (begin..count.min(begin + PIECE)).step_by(BLOCK) {
-                    vectorised(Backward {
-                        network: self,
-                        points,
-                        lanes: first..count.min(first + BLOCK),
-                        error: &mut error,
-                        gradient: &mut gradient,
-                    });
-                }
-                (error, gradient)
+    /// Gradient of the mean square error over a batch of points, in the order of the layers, weights first.
+    pub(super) fn gradient(&self, inputs: &[f64], targets: &[f64], batch: &[usize]) -> Vec<f64> {
+        let blocks: Vec<Vec<f64>> = batch
+            .par_chunks(BLOCK)
+            .map(|points| {
+                let mut gradient = vec![0.0; self.weights()];
+                vectorised(Backward {
+                    network: self,
+                    inputs,
+                    targets,
+                    points,
+                    gradient: &mut gradient,
+                });
+                gradient
             })
             .collect();
-        let (mut error, mut gradient) = (0.0, vec![0.0; self.weights().len()]);
-        let share = 1.0 / count as f64;
-        for (part, slopes) in &pieces {
-            error += share * part;
-            for (sum, slope) in gradient.iter_mut().zip(slopes) {
-                *sum += share * slope;
+        let mut sum = vec![0.0; self.weights()];
+        let share = 1.0 / batch.len() as f64;
+        for block in &blocks {
+            for (sum, part) in sum.iter_mut().zip(block) {
+                *sum += share * part;
             }
         }
-        (error, gradient)
-    }
-
-    fn outputs(&self) -> usize {
-        self.layers.last().map_or(0, |layer| layer.bias.len())
+        sum
     }
 }
 
-/// Points to learn: inputs and wanted outputs, point by point.
-pub(super) struct Points {
-    pub(super) inputs: Vec<f64>,
-    pub(super) targets: Vec<f64>,
-}
-
-/// Values forward and errors backward for up to [`BLOCK`] points; adds to error and gradient.
+/// Values forward and errors backward for up to [`BLOCK`] points.
 struct Backward<'a> {
     network: &'a Network,
-    points: &'a Points,
-    lanes: std::ops::Range<usize>,
-    error: &'a mut f64,
+    inputs: &'a [f64],
+    targets: &'a [f64],
+    points: &'a [usize],
     gradient: &'a mut [f64],
 }
 
@@ -162,21 +141,19 @@ impl Kernel for Backward<'_> {
         let outputs = layers[layers.len() - 1].bias.len();
         let variables = layers[0].weights.len() / layers[0].bias.len();
         let mut input = vec![[0.0; BLOCK]; variables];
-        for (l, point) in self.lanes.clone().enumerate() {
+        for (l, &point) in self.points.iter().enumerate() {
             for (i, input) in input.iter_mut().enumerate() {
-                input[l] = self.points.inputs[point * variables + i];
+                input[l] = self.inputs[point * variables + i];
             }
         }
         let mut values = self.network.scratch();
         self.network.forward(&input, &mut values);
         // Lanes beyond the last point have no error.
         let mut errors = vec![[0.0; BLOCK]; outputs];
-        for (mode, error) in errors.iter_mut().enumerate() {
-            for (l, point) in self.lanes.clone().enumerate() {
-                error[l] = values[layers.len() - 1][mode][l] - self.points.targets[point * outputs + mode];
+        for (l, &point) in self.points.iter().enumerate() {
+            for (mode, error) in errors.iter_mut().enumerate() {
+                error[l] = 2.0 * (values[layers.len() - 1][mode][l] - self.targets[point * outputs + mode]);
             }
-            *self.error += dot(error, error);
-            error.iter_mut().for_each(|error| *error *= 2.0);
         }
         let mut rest = self.gradient;
         for (at, layer) in layers.iter().enumerate().rev() {
@@ -186,9 +163,9 @@ impl Kernel for Backward<'_> {
             rest = head;
             let (weights, bias) = gradient.split_at_mut(layer.weights.len());
             for ((row, bias), error) in weights.chunks_exact_mut(before.len()).zip(bias).zip(&errors) {
-                *bias += error.iter().sum::<f64>();
+                *bias = error.iter().sum();
                 for (weight, x) in row.iter_mut().zip(before) {
-                    *weight += dot(error, x);
+                    *weight = dot(error, x);
                 }
             }
             if at == 0 {
@@ -214,6 +191,36 @@ impl Kernel for Backward<'_> {
     }
 }
 
+/// Adam's state.
+pub(super) struct Adam {
+    mean: Vec<f64>,
+    square: Vec<f64>,
+    /// Powers of the memories.
+    left: (f64, f64),
+}
+
+impl Adam {
+    pub(super) fn new(weights: usize) -> Self {
+        Self {
+            mean: vec![0.0; weights],
+            square: vec![0.0; weights],
+            left: (1.0, 1.0),
+        }
+    }
+
+    pub(super) fn step(&mut self, network: &mut Network, gradient: &[f64], rate: f64) {
+        self.left = (self.left.0 * MEMORY.0, self.left.1 * MEMORY.1);
+        let weights = network.iter_mut();
+        let state = self.mean.iter_mut().zip(&mut self.square);
+        for ((weight, slope), (mean, square)) in weights.zip(gradient).zip(state) {
+            *mean += (1.0 - MEMORY.0) * (slope - *mean);
+            *square += (1.0 - MEMORY.1) * (slope * slope - *square);
+            let (m, v) = (*mean / (1.0 - self.left.0), *square / (1.0 - self.left.1));
+            *weight -= rate * m / (v.sqrt() + 1e-8);
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -222,38 +229,34 @@ mod tests {
     #[test]
     fn the_gradient_is_that_of_differences() {
         let mut generator = random::stream(2, 0);
-        let network = Network::new(&[2, 5, 4, 3], &mut generator);
+        let mut network = Network::new(&[2, 5, 4, 3], &mut generator);
         let mut numbers = |count: usize| -> Vec<f64> {
             (0..count)
                 .map(|_| StandardNormal.sample(&mut generator))
                 .collect()
         };
         // More points than a block, and not a whole number of blocks.
-        let points = Points {
-            inputs: numbers(2 * 100),
-            targets: numbers(3 * 100),
-        };
+        let (inputs, targets) = (numbers(2 * 100), numbers(3 * 100));
+        let batch: Vec<usize> = (0..100).collect();
+        let gradient = network.gradient(&inputs, &targets, &batch);
         let loss = |network: &Network| -> f64 {
             let mut values = vec![vec![[0.0]; 5], vec![[0.0]; 4], vec![[0.0]; 3]];
             let square = |point: usize| -> f64 {
-                let x = &points.inputs[2 * point..];
-                network.forward(&[[x[0]], [x[1]]], &mut values);
+                network.forward(&[[inputs[2 * point]], [inputs[2 * point + 1]]], &mut values);
                 (0..3)
-                    .map(|i| (values[2][i][0] - points.targets[3 * point + i]).powi(2))
+                    .map(|i| (values[2][i][0] - targets[3 * point + i]).powi(2))
                     .sum()
             };
-            (0..100).map(square).sum::<f64>() / 100.0
+            batch.iter().copied().map(square).sum::<f64>() / 100.0
         };
-        let (error, gradient) = network.error_and_gradient(&points);
-        assert!((error - loss(&network)).abs() < 1e-12);
-        let weights = network.weights();
-        assert_eq!(gradient.len(), weights.len());
         let step = 1e-6;
         for (i, gradient) in gradient.iter().enumerate() {
             let at = |by: f64| {
-                let mut moved = weights.clone();
-                moved[i] += by;
-                loss(&network.with_weights(&moved))
+                let mut moved = network.clone();
+                if let Some(weight) = moved.iter_mut().nth(i) {
+                    *weight += by;
+                }
+                loss(&moved)
             };
             let difference = (at(step) - at(-step)) / (2.0 * step);
             assert!(
@@ -261,5 +264,6 @@ mod tests {
                 "{i} {difference} {gradient}"
             );
         }
+        assert_eq!(gradient.len(), network.iter_mut().count());
     }
 }

@@ -42,6 +42,13 @@ pub(super) fn figure_6(part: &Part) -> Vec<Claim> {
             .unwrap_or((f64::NAN, f64::NAN))
     };
     let (of_a, of_b) = (added(a), added(b));
+    let shown = |(value, error): (f64, f64)| {
+        if error.is_finite() {
+            format!("{value:.4} \u{b1} {error:.4}")
+        } else {
+            format!("{value:.4}")
+        }
+    };
     let beyond = |apart: &cases::Apart| apart.divergence.value + DISAGREE * apart.divergence.error > 0.2;
     let force = &c.quantities[0].divergence;
     vec![
@@ -67,8 +74,9 @@ pub(super) fn figure_6(part: &Part) -> Vec<Claim> {
             "section 5.1: ABC is less sensitive to the emulator than MCMC (case B against A)",
             positive(of_a.0 - of_b.0, of_a.1.hypot(of_b.1)),
             format!(
-                "what the chaos adds to the divergence of two runs on one model: MCMC {:.4} \u{b1} {:.4}, ABC {:.4} \u{b1} {:.4}",
-                of_a.0, of_a.1, of_b.0, of_b.1
+                "what the chaos adds to the divergence of two runs on one model: MCMC {}, ABC {}",
+                shown(of_a),
+                shown(of_b)
             ),
         ),
         ratios_of_b(a, b),

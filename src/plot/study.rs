@@ -364,7 +364,7 @@ fn predictive(main: &mut Markup, part: &Part) {
                     check.ratio[1].value, check.ratio[0].value, check.ratio[2].value
                 )),
                 Cell::Line(with_error(&check.ratio_tail, 1.0)),
-                Cell::Line(with_error(&check.p_value, 1.0)),
+                Cell::Line(minus(&format!("{:.1e}", check.p_value.value))),
                 Cell::Line(check.residual_hz.map(|r| format!("{:.3}", r.value)).join(", ")),
             ]
         })

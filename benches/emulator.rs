@@ -5,7 +5,7 @@ use divan::{Bencher, black_box};
 use std::sync::LazyLock;
 use tirante::bayes::RodPrior;
 use tirante::emulator::fit::Weighting;
-use tirante::emulator::{Ann, Pce, Reduced, ReducedModel, Training};
+use tirante::emulator::{Ann, Pce, Reduced, ReducedModel, Training, ann};
 use tirante::forward::ForwardModel;
 use tirante::random;
 
@@ -56,14 +56,22 @@ fn pce_eval_3_modes(bencher: Bencher, points: usize) {
 #[divan::bench(sample_count = 3)]
 fn ann_train_10_passes(bencher: Bencher) {
     if let Some(training) = &*TRAINING {
-        bencher.bench_local(|| Ann::train(&RodPrior::todi(), training, 10, 1, &|| ()));
+        bencher.bench_local(|| Ann::train(&RodPrior::todi(), training, 10, 1));
+    }
+}
+
+/// All of them.
+#[divan::bench(sample_count = 1, sample_size = 1)]
+fn ann_train(bencher: Bencher) {
+    if let Some(training) = &*TRAINING {
+        bencher.bench_local(|| Ann::train(&RodPrior::todi(), training, ann::EPOCHS, 1));
     }
 }
 
 #[divan::bench(args = [1, 1000, 100_000])]
 fn ann_eval_3_modes(bencher: Bencher, points: usize) {
     if let Some(training) = &*TRAINING {
-        let ann = Ann::train(&RodPrior::todi(), training, 1, 1, &|| ());
+        let ann = Ann::train(&RodPrior::todi(), training, 1, 1);
         many(bencher, &ann, points);
     }
 }

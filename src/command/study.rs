@@ -5,11 +5,12 @@ use super::progress::Progress;
 use crate::beam::Quantity;
 use crate::plot;
 use crate::sink::AtomicFile;
-use crate::study::claims::{Claim, Verdict};
+use crate::study::claims::Claim;
 use crate::study::density::Grid;
 use crate::study::estimate::{Comparison, DISAGREE};
 use crate::study::paper::{self, INFERRED};
-use crate::study::{self, Effort, Study};
+use crate::study::times::Time;
+use crate::study::{self, Effort, Score, Study};
 use anyhow::Context;
 use serde::Serialize;
 use std::fmt::Write as _;
@@ -40,6 +41,11 @@ pub struct Args {
     #[arg(long)]
     pub quick: bool,
 
+    /// Also takes the times of training, evaluation and sampling on one thread, half a minute more; these are not the
+    /// same twice, everything else is.
+    #[arg(long)]
+    pub times: bool,
+
     /// Seed of all random numbers.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
@@ -55,7 +61,7 @@ impl Args {
         if self.quick {
             Effort {
                 abc_runs: 8,
-                mcmc_runs: 3,
+                mcmc_runs: 4,
                 many_draws: 50_000,
                 mcmc_steps: 48_000,
                 rods: 4,
@@ -82,10 +88,13 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         fs::create_dir_all(out).with_context(|| format!("the folder {}", out.display()))?;
     }
     let progress = Progress::new(0, "{wide_bar} {human_pos}/{human_len} runs, {eta} left, {msg}");
-    let study = study::run(args.effort(), args.seed, &|what, done, all| {
+    let mut study = study::run(args.effort(), args.seed, &|what, done, all| {
         progress.say_at(what, done as u64, all as u64);
     })?;
     drop(progress);
+    if args.times {
+        study.times = study::times::measure(&args.effort(), args.seed)?;
+    }
     let json = serde_json::to_string(&Document::of(&study))? + "\n";
     if let Some(out) = &args.out {
         write(&out.join("study.html"), &plot::study(&study))?;
@@ -116,6 +125,9 @@ struct Document<'a> {
     seed: u64,
     effort: Effort,
     claims: &'a [Claim],
+    score: Vec<Score>,
+    #[serde(skip_serializing_if = "<[Time]>::is_empty")]
+    times: &'a [Time],
     numbers: Vec<Comparison>,
 }
 
@@ -127,6 +139,8 @@ impl<'a> Document<'a> {
             seed: study.seed,
             effort: study.effort,
             claims: &study.claims,
+            score: study.score(),
+            times: &study.times,
             numbers: study.comparisons(),
         }
     }
@@ -205,9 +219,17 @@ fn curves(study: &Study) -> String {
 /// The study for people: what agrees, what does not, which statements hold.
 fn table(study: &Study, out: Option<&Path>) -> String {
     let mut text = String::new();
-    let _ = writeln!(text, "printed figures within {DISAGREE} standard errors of ours");
-    for (part, agree, all) in study.score() {
-        let _ = writeln!(text, "  {part:<24} {agree:>3} of {all}");
+    let _ = writeln!(
+        text,
+        "printed figures within {DISAGREE} standard errors of ours {:>14} {:>12}",
+        "as printed", "as inferred"
+    );
+    for score in study.score() {
+        let _ = write!(text, "  {:<46}", score.name);
+        for (agree, all) in score.agree {
+            let _ = write!(text, " {agree:>6} of {all:>2}");
+        }
+        text.push('\n');
     }
     let _ = writeln!(
         text,
@@ -229,14 +251,21 @@ fn table(study: &Study, out: Option<&Path>) -> String {
     }
     let _ = writeln!(text, "\nstatements");
     for claim in &study.claims {
-        let verdict = match claim.verdict {
-            Verdict::Holds => "holds",
-            Verdict::Fails => "does not hold",
-        };
+        let verdict = claim.verdict.words();
         let _ = writeln!(
             text,
             "  [{verdict}] {} ({})\n      {}",
             claim.statement, claim.source, claim.evidence
+        );
+    }
+    if !study.times.is_empty() {
+        let _ = writeln!(text, "\ntimes on one thread of this machine [s]");
+    }
+    for time in &study.times {
+        let _ = writeln!(
+            text,
+            "  {:<30} {:<16} {:.3e}",
+            time.what, time.model, time.seconds
         );
     }
     if let Some(out) = out {

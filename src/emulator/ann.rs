@@ -13,7 +13,7 @@ use super::training::Training;
 use super::validate::{self, ErrorReport};
 use crate::bayes::RodPrior;
 use crate::beam::{Exact, Parameterisation};
-use crate::forward::{FEW, ForwardModel, MAX_MODES, OutsideRange};
+use crate::forward::{ForwardModel, MAX_MODES, OutsideRange};
 use crate::random;
 use crate::wide::{Kernel, vectorised};
 use network::{Adam, BATCH, Network};
@@ -39,14 +39,8 @@ pub struct Ann {
 }
 
 impl Ann {
-    /// Trains on solves made for a chaos, and judges; `epochs` passes over the design, of which `passed` is told.
-    pub fn train(
-        prior: &RodPrior,
-        training: &Training,
-        epochs: usize,
-        seed: u64,
-        passed: &(dyn Fn() + Sync),
-    ) -> Self {
+    /// Trains on solves made for a chaos, and judges; `epochs` passes over the design.
+    pub fn train(prior: &RodPrior, training: &Training, epochs: usize, seed: u64) -> Self {
         let design = &training.design;
         let points = design.len();
         let domain = Domain::new("perceptron", prior, design);
@@ -79,7 +73,6 @@ impl Ann {
                 adam.step(&mut network, &gradient, rate);
                 step += 1;
             }
-            passed();
         }
         let mut ann = Self {
             prior: prior.clone(),
@@ -99,20 +92,16 @@ impl Ann {
         &self.report
     }
 
-    /// Frequencies at `L` points given by their germs, mode by mode.
+    /// Frequencies \[Hz\] at `L` points given by their germs, mode by mode.
     #[inline(always)]
     fn block<const L: usize>(&self, germs: &[[f64; L]], scratch: &mut [Vec<[f64; L]>], out: &mut [[f64; L]]) {
         self.network.forward(germs, scratch);
         let Some(last) = scratch.last() else { return };
         for ((out, values), (mean, sd)) in out.iter_mut().zip(last).zip(&self.scale) {
             for l in 0..L {
-                out[l] = mean + sd * values[l];
+                out[l] = libm::exp(mean + sd * values[l]);
             }
         }
-    }
-
-    fn scratch<const L: usize>(&self) -> Vec<Vec<[f64; L]>> {
-        self.network.scratch()
     }
 }
 
@@ -177,48 +166,26 @@ impl ForwardModel for Ann {
 
     fn frequencies(&self, theta: &[f64], out: &mut [f64]) -> Result<(), OutsideRange> {
         self.domain.check(theta)?;
-        let axes = self.domain.axes.iter();
-        let germs: Vec<[f64; 1]> = axes
-            .map(|axis| [axis.germ.germ(theta[axis.germ.index])])
-            .collect();
         let mut rows = [[0.0]; MAX_MODES];
-        self.block(&germs, &mut self.scratch(), &mut rows);
-        out.iter_mut()
-            .zip(rows)
-            .for_each(|(out, [log])| *out = libm::exp(log));
+        self.block(
+            &self.domain.germs(theta),
+            &mut self.network.scratch(),
+            &mut rows[..out.len()],
+        );
+        out.iter_mut().zip(rows).for_each(|(out, [f])| *out = f);
         Ok(())
     }
 
     fn frequencies_of_many(&self, thetas: &[f64], modes: usize, out: &mut [f64]) {
-        let width = self.parameterisation().len();
-        let mut rows = [[0.0; LANES]; MAX_MODES];
-        let mut germs = vec![[0.0; LANES]; self.domain.axes.len()];
-        let mut scratch = self.scratch();
-        for (thetas, out) in thetas.chunks(LANES * width).zip(out.chunks_mut(LANES * modes)) {
-            if thetas.len() / width < FEW {
-                self.one_by_one(thetas, modes, out);
-                continue;
-            }
-            for (l, theta) in thetas.chunks_exact(width).enumerate() {
-                for (axis, z) in self.domain.axes.iter().zip(&mut germs) {
-                    z[l] = axis.germ.germ(theta[axis.germ.index]);
-                }
-            }
+        let mut scratch = self.network.scratch();
+        self.domain.in_blocks(self, (thetas, modes, out), |germs, rows| {
             vectorised(Block {
                 ann: self,
-                germs: &germs,
+                germs,
                 scratch: &mut scratch,
-                out: &mut rows,
+                out: rows,
             });
-            let points = thetas.chunks_exact(width).zip(out.chunks_exact_mut(modes));
-            for (l, (theta, out)) in points.enumerate() {
-                let mut axes = self.domain.axes.iter().zip(&germs);
-                let inside = axes.all(|(axis, z)| axis.holds(z[l])) && self.domain.has_fixed(theta);
-                for (out, row) in out.iter_mut().zip(&rows) {
-                    *out = if inside { libm::exp(row[l]) } else { f64::NAN };
-                }
-            }
-        }
+        });
     }
 }
 
@@ -237,7 +204,7 @@ mod tests {
                 .num_threads(threads)
                 .build()
                 .unwrap();
-            pool.install(|| Ann::train(&prior, &training, 300, 5, &|| ()))
+            pool.install(|| Ann::train(&prior, &training, 300, 5))
         };
         let ann = train(1);
         assert_eq!(ann.network, train(3).network);

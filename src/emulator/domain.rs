@@ -2,9 +2,10 @@
 //! prior holds fixed.
 
 use super::design::{Axis, Design};
+use super::expansion::LANES;
 use crate::bayes::RodPrior;
 use crate::beam::Quantity;
-use crate::forward::OutsideRange;
+use crate::forward::{FEW, ForwardModel, MAX_MODES, OutsideRange};
 
 /// The trained range of an emulator.
 #[derive(Debug, Clone)]
@@ -64,5 +65,46 @@ impl Domain {
     #[inline]
     pub fn has_fixed(&self, theta: &[f64]) -> bool {
         self.fixed.iter().all(|&(index, value)| theta[index] == value)
+    }
+
+    /// The germs of one point.
+    pub fn germs(&self, theta: &[f64]) -> Vec<[f64; 1]> {
+        let axes = self.axes.iter();
+        axes.map(|axis| [axis.germ.germ(theta[axis.germ.index])])
+            .collect()
+    }
+
+    /// [`ForwardModel::frequencies_of_many`] for `model`, whose range this is: `block` turns the germs of
+    /// [`LANES`] points into frequencies, mode by mode; outside the range they become NaN.
+    pub fn in_blocks(
+        &self,
+        model: &impl ForwardModel,
+        (thetas, modes, out): (&[f64], usize, &mut [f64]),
+        mut block: impl FnMut(&[[f64; LANES]], &mut [[f64; LANES]]),
+    ) {
+        let width = model.parameterisation().len();
+        let mut rows = [[0.0; LANES]; MAX_MODES];
+        let rows = &mut rows[..modes];
+        let mut germs = vec![[0.0; LANES]; self.axes.len()];
+        for (thetas, out) in thetas.chunks(LANES * width).zip(out.chunks_mut(LANES * modes)) {
+            if thetas.len() / width < FEW {
+                model.one_by_one(thetas, modes, out);
+                continue;
+            }
+            for (l, theta) in thetas.chunks_exact(width).enumerate() {
+                for (axis, z) in self.axes.iter().zip(&mut germs) {
+                    z[l] = axis.germ.germ(theta[axis.germ.index]);
+                }
+            }
+            block(&germs, rows);
+            let points = thetas.chunks_exact(width).zip(out.chunks_exact_mut(modes));
+            for (l, (theta, out)) in points.enumerate() {
+                let mut axes = self.axes.iter().zip(&germs);
+                let inside = axes.all(|(axis, z)| axis.holds(z[l])) && self.has_fixed(theta);
+                for (out, row) in out.iter_mut().zip(rows.iter()) {
+                    *out = if inside { row[l] } else { f64::NAN };
+                }
+            }
+        }
     }
 }

@@ -13,7 +13,7 @@ use super::training::split;
 use super::validate::{self, ErrorReport, GridErrors};
 use crate::bayes::RodPrior;
 use crate::beam::{Exact, Parameterisation, Quantity};
-use crate::forward::{FEW, ForwardModel, MAX_MODES, OutsideRange};
+use crate::forward::{ForwardModel, MAX_MODES, OutsideRange};
 use crate::wide::{Kernel, vectorised};
 use serde::{Deserialize, Serialize};
 
@@ -182,12 +182,7 @@ impl Pce {
 
     /// Values of the expansions without a check of the range.
     fn evaluate(&self, theta: &[f64], out: &mut [f64]) {
-        let germs: Vec<[f64; 1]> = self
-            .domain
-            .axes
-            .iter()
-            .map(|axis| [axis.germ.germ(theta[axis.germ.index])])
-            .collect();
+        let germs = self.domain.germs(theta);
         let mut rows = [[0.0]; MAX_MODES];
         let mut scratch = self.scratch();
         self.block(&germs, &mut scratch, &mut rows[..out.len()]);
@@ -214,12 +209,7 @@ impl Pce {
     /// Slopes of the expansions without a check of the range.
     fn slopes(&self, theta: &[f64], out: &mut [f64]) -> Result<(), OutsideRange> {
         let axis = self.force()?;
-        let germs: Vec<[f64; 1]> = self
-            .domain
-            .axes
-            .iter()
-            .map(|axis| [axis.germ.germ(theta[axis.germ.index])])
-            .collect();
+        let germs = self.domain.germs(theta);
         let mut scratch = self.scratch::<1>();
         let mut values = [[0.0]; MAX_MODES];
         self.block(&germs, &mut scratch, &mut values[..out.len()]);
@@ -340,44 +330,15 @@ impl ForwardModel for Pce {
     }
 
     fn frequencies_of_many(&self, thetas: &[f64], modes: usize, out: &mut [f64]) {
-        let width = self.prior.parameterisation().len();
-        let mut rows = [[0.0; LANES]; MAX_MODES];
-        let rows = &mut rows[..modes];
-        let mut germs = vec![[0.0; LANES]; self.domain.axes.len()];
         let mut scratch = self.scratch();
-        for (thetas, out) in thetas.chunks(LANES * width).zip(out.chunks_mut(LANES * modes)) {
-            if thetas.len() / width < FEW {
-                self.one_by_one(thetas, modes, out);
-                continue;
-            }
-            for (l, theta) in thetas.chunks_exact(width).enumerate() {
-                for (axis, z) in self.domain.axes.iter().zip(&mut germs) {
-                    z[l] = axis.germ.germ(theta[axis.germ.index]);
-                }
-            }
+        self.domain.in_blocks(self, (thetas, modes, out), |germs, rows| {
             vectorised(Block {
                 pce: self,
-                germs: &germs,
+                germs,
                 scratch: &mut scratch,
                 out: rows,
             });
-            for ((l, theta), out) in thetas
-                .chunks_exact(width)
-                .enumerate()
-                .zip(out.chunks_exact_mut(modes))
-            {
-                let inside = self
-                    .domain
-                    .axes
-                    .iter()
-                    .zip(&germs)
-                    .all(|(axis, z)| axis.holds(z[l]))
-                    && self.domain.has_fixed(theta);
-                for (out, row) in out.iter_mut().zip(rows.iter()) {
-                    *out = if inside { row[l] } else { f64::NAN };
-                }
-            }
-        }
+        });
     }
 }
 

@@ -9,13 +9,14 @@ use super::figure::Figure;
 use super::markup::Markup;
 use super::page::document;
 use super::rod::{self, Cell};
-use crate::study::claims::{Verdict, likeliest_reason, likeliest_reason_of_table_3};
 use crate::study::density::Grid;
-use crate::study::estimate::{Comparison, DISAGREE, Estimate};
+use crate::study::estimate::{CLOSE, Comparison, DISAGREE, Estimate};
 use crate::study::paper::{self, INFERRED};
 use crate::study::predictive::{BINS, RATIO};
+use crate::study::reasons;
 use crate::study::setting::Setting;
 use crate::study::table2::{Column, Sampler};
+use crate::study::verdict::Verdict;
 use crate::study::{Part, Study};
 use beyond::{beyond, emulators, sensitivity};
 use figures::{COLOURS, case_figure, densities, figure, figure_8, traces};
@@ -48,32 +49,53 @@ pub fn study(study: &Study) -> String {
 
 fn overview(main: &mut Markup, study: &Study) {
     main.leaf("h2", &[], "What holds");
+    let shown = |(agree, all): &(usize, usize)| {
+        let text = format!("{agree} of {all}");
+        Cell::State(if agree == all { "monitoring" } else { "alarm-state" }, text)
+    };
     let rows: Vec<Vec<Cell>> = study
         .score()
-        .into_iter()
-        .map(|(part, agree, all)| vec![Cell::Text(part), Cell::Text(format!("{agree} of {all}"))])
+        .iter()
+        .map(|score| {
+            let mut cells = vec![Cell::Text(score.name.clone())];
+            cells.extend(score.agree.iter().map(shown));
+            cells
+        })
         .collect();
+    let mut header = vec!["Column or row of the paper"];
+    header.extend(study.parts.iter().map(|part| part.setting.key()));
     let caption = format!("Printed figures within {DISAGREE} standard errors of ours.");
-    rod::table(main, &caption, &["Table or figure", "Agree"], &rows);
+    rod::table(main, &caption, &header, &rows);
+    for part in &study.parts {
+        let text = format!("{}: {}.", part.setting.key(), part.setting.about());
+        main.leaf("p", &[("class", "about")], text);
+    }
     let rows: Vec<Vec<Cell>> = study
         .claims
         .iter()
         .map(|claim| {
-            let state = match claim.verdict {
-                Verdict::Holds => Cell::State("monitoring", "holds".to_owned()),
-                Verdict::Fails => Cell::State("alarm-state", "does not hold".to_owned()),
+            let class = match claim.verdict {
+                Verdict::Holds => "monitoring",
+                Verdict::Fails => "alarm-state",
+                Verdict::Open => "learning",
             };
             vec![
                 Cell::Text(claim.statement.clone()),
                 Cell::Text(claim.source.to_owned()),
-                state,
+                Cell::State(class, claim.verdict.words().to_owned()),
                 Cell::Text(minus_signs(&claim.evidence)),
             ]
         })
         .collect();
+    let caption = format!(
+        "Statements of the paper, and of earlier checks of it, judged by the figures below. Three rules: a printed figure comes out \
+         within {DISAGREE} standard errors of one run; it is about or close to ours within {:.0} % or where ours rounds to it; one \
+         figure is larger than another by {DISAGREE} standard errors of our means, and within them the statement is open.",
+        100.0 * CLOSE
+    );
     rod::table(
         main,
-        "Statements of the paper, and of earlier checks of it, judged by the figures below.",
+        &caption,
         &["Statement", "Who says it", "Verdict", "Figures"],
         &rows,
     );
@@ -165,7 +187,7 @@ fn setting(main: &mut Markup, part: &Part) {
             .map(|c| quantity(&c.quantity).0)
             .collect();
         if !off.is_empty() {
-            let reason = likeliest_reason_of_table_3(row.frequencies);
+            let reason = reasons::of_table_3(row.frequencies);
             let text = format!("nf = {}: {} disagree. {reason}", row.frequencies, off.join(", "));
             main.leaf("p", &[("class", "note calm")], text);
         }
@@ -239,7 +261,7 @@ fn sentence(setting: Setting, column: &Column, comparisons: &[Comparison]) -> St
     if off.is_empty() {
         return "Every printed figure of this column agrees with ours.".to_owned();
     }
-    let reason = likeliest_reason(setting, column.which.sampler);
+    let reason = reasons::of_table_2(setting, column);
     format!("Disagree: {}. {reason}", off.join(", "))
 }
 
@@ -339,11 +361,11 @@ fn predictive(main: &mut Markup, part: &Part) {
                 Cell::Line(significant4(check.smallest_ratio)),
                 Cell::Line(format!(
                     "{:.3} [{:.3} to {:.3}]",
-                    check.ratio[1], check.ratio[0], check.ratio[2]
+                    check.ratio[1].value, check.ratio[0].value, check.ratio[2].value
                 )),
-                Cell::Line(format!("{:.4}", check.ratio_tail)),
-                Cell::Line(format!("{:.4}", check.p_value)),
-                Cell::Line(check.residual_hz.map(|r| format!("{r:.3}")).join(", ")),
+                Cell::Line(with_error(&check.ratio_tail, 1.0)),
+                Cell::Line(minus(&format!("{:.1e}", check.p_value.value))),
+                Cell::Line(check.residual_hz.map(|r| format!("{:.3}", r.value)).join(", ")),
             ]
         })
         .collect();

@@ -5,6 +5,15 @@ use serde::Serialize;
 
 /// From this many standard errors on, two figures are said to disagree.
 pub const DISAGREE: f64 = 3.0;
+/// Up to this relative difference one figure is said to be about another.
+pub const CLOSE: f64 = 0.05;
+
+impl Printed {
+    /// Whether a figure is about the printed one: it rounds to it, or differs by [`CLOSE`] at most.
+    pub fn is_about(self, value: f64) -> bool {
+        (value - self.value).abs() <= (0.5 * self.digit).max(CLOSE * self.value.abs())
+    }
+}
 
 /// A stochastic figure over repeated runs.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -113,6 +122,16 @@ mod tests {
         let at = |value, digit| ours.deviation(Printed { value, digit });
         assert!((at(4.0, 0.0) - 2.0 / (2.0f64 / 3.0 * 1.25).sqrt()).abs() < 1e-12);
         assert!((at(4.0, 10.0) - 2.0 / (2.0f64 / 3.0 * 1.25 + 100.0 / 12.0).sqrt()).abs() < 1e-12);
+        let rounded = Printed {
+            value: 0.1,
+            digit: 0.1,
+        };
+        assert!(rounded.is_about(0.149) && !rounded.is_about(0.151) && !rounded.is_about(f64::NAN));
+        let exact = Printed {
+            value: 200.0,
+            digit: 1.0,
+        };
+        assert!(exact.is_about(209.9) && !exact.is_about(189.9));
         let printed = Printed {
             value: 7.0,
             digit: 0.1,

@@ -5,8 +5,7 @@ use super::estimate::Estimate;
 use super::{Effort, StudyError, paper, table2};
 use crate::bayes::mcmc::{self, McmcSettings, Problem};
 use crate::bayes::{
-    AbcSettings, Accept, Adjustment, Distance, Inference, Likelihood, Method, Noise, Observation, RodPrior,
-    Tables, diagnostics,
+    AbcSettings, Accept, Inference, Likelihood, Method, Observation, RodPrior, Tables, diagnostics,
 };
 use crate::beam::{Exact, Quantity};
 use crate::emulator::ReducedModel;
@@ -68,14 +67,12 @@ pub fn ladder(
         ..few
     };
     let adjusted = AbcSettings {
-        adjustment: Adjustment::Linear,
-        ..many
+        draws: effort.many_draws,
+        ..AbcSettings::default()
     };
     let sequential = AbcSettings {
         method: Method::Sequential,
-        distance: Distance::Euclidean,
         accept: Accept::Epsilon(0.5 * paper::error_sd_hz()),
-        noise: Noise::Record,
         ..adjusted
     };
     let abc = |settings: AbcSettings| {
@@ -118,7 +115,10 @@ pub fn ladder(
     let samplers: [(&'static str, Sampler); 6] = [
         ("rejection, the paper's draws", Box::new(abc(few))),
         ("rejection, many draws", Box::new(abc(many))),
-        ("the same, regression-adjusted", Box::new(abc(adjusted))),
+        (
+            "regression-adjusted (this program's default)",
+            Box::new(abc(adjusted)),
+        ),
         ("sequential ABC, adjusted", Box::new(abc(sequential))),
         ("MCMC", Box::new(chains)),
         ("exact (importance sampling)", Box::new(importance)),

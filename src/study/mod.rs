@@ -8,7 +8,8 @@
 //! * [`sensitivity`] Sobol's indices, figure 4
 //! * [`predictive`]  posterior predictive checks
 //! * [`assumptions`], [`worth`], [`ladder`] beyond the paper: other assumptions, what to measure next, samplers
-//! * [`claims`]      which statements hold
+//! * [`claims`]      which statements hold, by the rules of [`verdict`]; [`reasons`] why figures disagree
+//! * [`times`]       what emulators and samplers cost
 //! * [`estimate`]    a figure with its Monte Carlo error
 //! * [`density`]     densities and the Kullback-Leibler divergence
 //!
@@ -22,10 +23,13 @@ pub mod estimate;
 pub mod ladder;
 pub mod paper;
 pub mod predictive;
+pub mod reasons;
 pub mod sensitivity;
 pub mod setting;
 pub mod table2;
 pub mod table3;
+pub mod times;
+pub mod verdict;
 pub mod worth;
 
 use crate::bayes::{InvalidObservation, McmcError, PlanError, RodPrior};
@@ -46,6 +50,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use table2::{Column, Sampler};
 use table3::Row;
 use thiserror::Error;
+use times::Time;
 
 /// The paper's order of the chaos.
 const ORDER: usize = 5;
@@ -98,7 +103,7 @@ impl Effort {
     fn reports(&self, models: usize) -> usize {
         let samplers = [Sampler::Mcmc, Sampler::Abc, Sampler::AbcOfMany];
         let columns: usize = samplers.iter().map(|&sampler| models * self.runs(sampler)).sum();
-        let (assumptions, rungs) = (6, 6);
+        let (assumptions, rungs) = (assumptions::COUNT, 6);
         let trainings = 2;
         Setting::ALL.len() * (columns + self.abc_runs + trainings) + self.rods + assumptions + rungs
     }
@@ -119,6 +124,9 @@ pub enum StudyError {
     /// No chains.
     #[error(transparent)]
     Mcmc(#[from] McmcError),
+    /// No thread of its own to take times on.
+    #[error("times cannot be taken: {0}")]
+    Threads(#[from] rayon::ThreadPoolBuildError),
     /// No frequencies.
     #[error(transparent)]
     Observation(#[from] InvalidObservation),
@@ -168,6 +176,17 @@ pub struct Study {
     pub ladder: Vec<ladder::Rung>,
     /// Which statements hold.
     pub claims: Vec<Claim>,
+    /// What emulators and samplers cost; empty unless [`times::measure`] was asked.
+    pub times: Vec<Time>,
+}
+
+/// How many printed figures of a column or row agree with ours.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Score {
+    /// The table or figure, and which column or row of it.
+    pub name: String,
+    /// Per setting: how many agree, and of how many.
+    pub agree: Vec<(usize, usize)>,
 }
 
 impl Study {
@@ -220,22 +239,37 @@ impl Study {
         all
     }
 
-    /// How many of the printed figures of each table and figure agree, and of how many.
-    pub fn score(&self) -> Vec<(String, usize, usize)> {
-        let mut score: Vec<(String, usize, usize)> = Vec::new();
-        for comparison in self.comparisons() {
-            let Some(disagrees) = comparison.disagrees() else {
-                continue;
-            };
-            if score.last().is_none_or(|(part, _, _)| *part != comparison.part) {
-                score.push((comparison.part, 0, 0));
-            }
-            if let Some((_, agree, all)) = score.last_mut() {
-                *agree += usize::from(!disagrees);
-                *all += 1;
+    /// How many of the printed figures agree, column by column and row by row.
+    pub fn score(&self) -> Vec<Score> {
+        let mut all: Vec<Score> = Vec::new();
+        for part in &self.parts {
+            let setting = part.setting;
+            let columns = part.columns.iter();
+            let table_2 = columns.map(|c| (format!("Table 2, {}", c.which.name()), c.comparisons(setting)));
+            let cases = part.cases.iter();
+            let figure_6 = cases.map(|c| (format!("Figure 6, case {}", c.name), c.comparisons(setting)));
+            let rows = part.rows.iter();
+            let table_3 = rows.map(|row| {
+                let name = format!("Table 3, nf = {}", row.frequencies);
+                (name, table3::comparisons(row, setting))
+            });
+            for (name, comparisons) in table_2.chain(figure_6).chain(table_3) {
+                let judged: Vec<bool> = comparisons.iter().filter_map(Comparison::disagrees).collect();
+                if judged.is_empty() {
+                    continue;
+                }
+                let agree = judged.iter().filter(|disagrees| !**disagrees).count();
+                let counts = (agree, judged.len());
+                match all.iter_mut().find(|score| score.name == name) {
+                    Some(score) => score.agree.push(counts),
+                    None => all.push(Score {
+                        name,
+                        agree: vec![counts],
+                    }),
+                }
             }
         }
-        score
+        all
     }
 }
 
@@ -276,7 +310,7 @@ pub fn run(
     progress: &(dyn Fn(&str, usize, usize) + Sync),
 ) -> Result<Study, StudyError> {
     let count = AtomicUsize::new(0);
-    let all = effort.reports(models_of().len());
+    let all = effort.reports(MODELS);
     let done = |what: &str| progress(what, count.fetch_add(1, Ordering::Relaxed) + 1, all);
     let mut parts = Vec::new();
     let mut all_emulators = Vec::new();
@@ -295,18 +329,29 @@ pub fn run(
         emulators: emulators.reports(&prior),
         sensitivity: sensitivity::indices(&prior, &emulators.pce, seed),
         springs: sensitivity::springs(&prior)?,
-        assumptions: assumptions::assumptions(&prior, &effort, seed, &done)?,
+        assumptions: assumptions::assumptions(&effort, seed, &done)?,
         worth: worth::worth(&prior, &effort, seed, &done)?,
         ladder: ladder::ladder(&prior, &effort, seed, &done)?,
         claims: Vec::new(),
+        times: Vec::new(),
     };
     study.claims = claims::judge(&study);
     Ok(study)
 }
 
-/// Names of the forward models, in the order of the columns.
-fn models_of() -> [&'static str; 5] {
-    ["finite-elements", "pce", "ann", "exact", "reduced"]
+/// How many forward models there are.
+const MODELS: usize = 5;
+
+/// The forward models in the order of the columns.
+fn models(prior: &RodPrior, emulators: &Emulators) -> [Arc<dyn ForwardModel>; MODELS] {
+    let rod = *prior.parameterisation();
+    [
+        Arc::new(FiniteElements::new(rod, finite_elements::ELEMENTS)),
+        Arc::new(OrExact::new(emulators.pce.clone())),
+        Arc::new(OrExact::new(emulators.ann.clone())),
+        Arc::new(Exact::new(rod)),
+        Arc::new(ReducedModel::new(rod)),
+    ]
 }
 
 /// The paper's two emulators, trained on the same solves.
@@ -325,7 +370,7 @@ impl Emulators {
         let training = Training::solve(prior, ORDER, finite_elements::ELEMENTS, &|_, _| ())?;
         let pce = Pce::from_training(prior, &training, Weighting::Equal);
         done("chaos");
-        let ann = Ann::train(prior, &training, effort.epochs, seed, &|| ());
+        let ann = Ann::train(prior, &training, effort.epochs, seed);
         done("perceptron");
         Ok(Self { pce, ann })
     }
@@ -351,17 +396,7 @@ fn part(
     done: &(dyn Fn(&str) + Sync),
 ) -> Result<Part, StudyError> {
     let prior = setting.prior();
-    let rod = *prior.parameterisation();
-    let model = |name: &str| -> Arc<dyn ForwardModel> {
-        match name {
-            "finite-elements" => Arc::new(FiniteElements::new(rod, finite_elements::ELEMENTS)),
-            "pce" => Arc::new(OrExact::new(emulators.pce.clone())),
-            "ann" => Arc::new(OrExact::new(emulators.ann.clone())),
-            "exact" => Arc::new(Exact::new(rod)),
-            _ => Arc::new(ReducedModel::new(rod)),
-        }
-    };
-    let models = models_of().map(model);
+    let models = models(&prior, emulators);
     let plan = table2::Plan {
         setting,
         prior: &prior,
@@ -372,15 +407,13 @@ fn part(
     let columns = table2::columns(&plan, done)?;
     let checks = columns
         .iter()
-        .filter(|column| column.which.model == "finite-elements")
-        .filter_map(|column| Some((column, &column.runs.first()?.sample)))
-        .filter(|(_, sample)| !sample.is_empty())
-        .map(|(column, sample)| {
+        .filter(|column| column.which.model == "finite-elements" && column.which.printed().is_some())
+        .map(|column| {
             let sd = match column.which.sampler {
                 Sampler::Mcmc => setting.likelihood_sd_hz(),
                 Sampler::Abc | Sampler::AbcOfMany => paper::error_sd_hz(),
             };
-            predictive::check(&column.which.name(), &prior, sample, sd, seed)
+            predictive::check(column, &prior, sd, seed)
         })
         .collect::<Result<_, _>>()?;
     Ok(Part {

@@ -17,7 +17,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 use std::sync::Arc;
 
-/// Draws of the first run that are kept for posterior predictive checks.
+/// Draws of a run that are kept for posterior predictive checks.
 const SAMPLE: usize = 4000;
 /// One of so many steps of a chain is kept.
 pub const THIN: usize = 5;
@@ -83,7 +83,7 @@ pub struct Run {
     pub density: [Vec<f64>; 4],
     /// What the sampler says of itself.
     pub quality: Quality,
-    /// Up to 4000 parameter vectors, row-major; of the first run alone.
+    /// Up to 4000 parameter vectors, row-major.
     pub sample: Vec<f64>,
     /// Traces; of the first run of MCMC alone.
     pub traces: Option<Traces>,
@@ -216,17 +216,7 @@ pub fn columns(plan: &Plan, done: &(dyn Fn(&str) + Sync)) -> Result<Vec<Column>,
         .into_par_iter()
         .with_max_len(1)
         .map(|(which, model, run)| {
-            let seed = random::seed(&[
-                plan.setting.key().as_bytes(),
-                which.name().as_bytes(),
-                &(run as u64).to_le_bytes(),
-                &plan.seed.to_le_bytes(),
-            ]);
-            let result = match which.sampler {
-                Sampler::Mcmc => chain(plan, &**model, seed, run == 0),
-                Sampler::Abc => rejection(plan, model, plan.effort.abc_draws, seed, run == 0),
-                Sampler::AbcOfMany => rejection(plan, model, plan.effort.many_draws, seed, false),
-            };
+            let result = one(plan, which, model, run);
             done(&which.name());
             result.map(|run| (which, run))
         })
@@ -242,6 +232,24 @@ pub fn columns(plan: &Plan, done: &(dyn Fn(&str) + Sync)) -> Result<Vec<Column>,
         }
     }
     Ok(columns)
+}
+
+/// Run number `run` of a column.
+///
+/// # Errors
+/// It cannot be made.
+pub fn one(plan: &Plan, which: Which, model: &Arc<dyn ForwardModel>, run: usize) -> Result<Run, StudyError> {
+    let seed = random::seed(&[
+        plan.setting.key().as_bytes(),
+        which.name().as_bytes(),
+        &(run as u64).to_le_bytes(),
+        &plan.seed.to_le_bytes(),
+    ]);
+    match which.sampler {
+        Sampler::Mcmc => chain(plan, &**model, seed, run == 0),
+        Sampler::Abc => rejection(plan, model, plan.effort.abc_draws, seed),
+        Sampler::AbcOfMany => rejection(plan, model, plan.effort.many_draws, seed),
+    }
 }
 
 fn chain(plan: &Plan, model: &dyn ForwardModel, seed: u64, first: bool) -> Result<Run, StudyError> {
@@ -288,11 +296,7 @@ fn chain(plan: &Plan, model: &dyn ForwardModel, seed: u64, first: bool) -> Resul
             ess: ess.into_iter().fold(f64::INFINITY, f64::min),
             acceptance: chains.acceptance.iter().sum::<f64>() / chains.acceptance.len() as f64,
         },
-        sample: if first {
-            thinned(&chains.draws, plan.prior)
-        } else {
-            Vec::new()
-        },
+        sample: thinned(&chains.draws, plan.prior),
         traces,
     })
 }
@@ -309,13 +313,7 @@ pub fn settings(draws: usize, share: f64) -> AbcSettings {
     }
 }
 
-fn rejection(
-    plan: &Plan,
-    model: &Arc<dyn ForwardModel>,
-    draws: usize,
-    seed: u64,
-    first: bool,
-) -> Result<Run, StudyError> {
+fn rejection(plan: &Plan, model: &Arc<dyn ForwardModel>, draws: usize, seed: u64) -> Result<Run, StudyError> {
     let observation = Observation::first(&paper::OBSERVED_HZ, paper::error_sd_hz())?;
     let inference = Inference::plan(
         plan.prior.clone(),
@@ -333,11 +331,7 @@ fn rejection(
         cv,
         density,
         quality: Quality::Tolerance(posterior.epsilon),
-        sample: if first {
-            thinned(&posterior.particles, plan.prior)
-        } else {
-            Vec::new()
-        },
+        sample: thinned(&posterior.particles, plan.prior),
         traces: None,
     })
 }

@@ -8,6 +8,7 @@ use crate::plot::figure::Figure;
 use crate::plot::markup::Markup;
 use crate::plot::rod::{self, Cell};
 use crate::study::Study;
+use crate::study::estimate::Estimate;
 
 pub(super) fn sensitivity(main: &mut Markup, study: &Study) {
     main.leaf("h2", &[], "Sensitivity");
@@ -104,6 +105,47 @@ pub(super) fn emulators(main: &mut Markup, study: &Study) {
     ];
     let caption = "Against the exact model on 20 000 draws of Table 1's prior; those outside an emulator's design, where the exact model answers, left out. The slope is d ln f / d ln N. Paper: variances below 1.364e-5 Hz\u{b2}, largest errors 5e-3, 5e-2, 4e-2 Hz.";
     rod::table(main, caption, &header, &rows);
+    times(main, study);
+}
+
+fn times(main: &mut Markup, study: &Study) {
+    if study.times.is_empty() {
+        main.leaf(
+            "p",
+            &[("class", "about")],
+            "What training, evaluation and sampling cost: tirante study --times measures it on this machine. It is left out \
+             here because it is not the same twice.",
+        );
+        return;
+    }
+    let rows: Vec<Vec<Cell>> = study
+        .times
+        .iter()
+        .map(|time| {
+            vec![
+                Cell::Text(time.what.to_owned()),
+                Cell::Text(time.model.to_owned()),
+                Cell::Line(duration(time.seconds)),
+            ]
+        })
+        .collect();
+    let caption = format!(
+        "Times on one thread of the machine that made this page; the only figures here that are not the same twice. Chaos and \
+         perceptron learn from the same {} solves. Paper: 5 minutes for one ABC of {} draws, 2 hours for one MCMC of {} steps.",
+        6usize.pow(6),
+        study.effort.abc_draws,
+        study.effort.mcmc_steps
+    );
+    rod::table(main, &caption, &["What", "Model", "Time"], &rows);
+}
+
+/// A time with its unit.
+fn duration(seconds: f64) -> String {
+    match seconds {
+        s if s < 1e-3 => format!("{} \u{b5}s", significant(1e6 * s)),
+        s if s < 1.0 => format!("{} ms", significant(1e3 * s)),
+        s => format!("{} s", significant(s)),
+    }
 }
 
 pub(super) fn beyond(main: &mut Markup, study: &Study) {
@@ -114,26 +156,30 @@ pub(super) fn beyond(main: &mut Markup, study: &Study) {
         .iter()
         .map(|a| {
             vec![
-                Cell::Text(a.name()),
+                Cell::Line(format!("{:.0}", a.density_kg_m3)),
+                Cell::Line(significant(a.error_sd_hz)),
+                Cell::Line(format!("{:.0} %", 100.0 * a.discrepancy)),
                 Cell::Line(significant(a.conflict)),
-                Cell::Line(with_error(&a.mean[0], 1e-3)),
-                Cell::Line(with_error(&a.cv[0], 1.0)),
-                Cell::Line(with_error(&a.mean[1], 1e-9)),
-                Cell::Line(with_error(&a.abc_force_n, 1e-3)),
-                Cell::Line(with_error(&a.abc_force_cv, 1.0)),
+                both(&a.mean[0], &a.cv[0], 1e-3),
+                both(&a.mean[1], &a.cv[1], 1e-9),
+                both(&a.mean[2], &a.cv[2], 1.0),
+                both(&a.mean[3], &a.cv[3], 1.0),
+                both(&a.abc_force_n, &a.abc_force_cv, 1e-3),
             ]
         })
         .collect();
     let header = [
-        "Assumption",
+        "Density prior [kg/m\u{b3}]",
+        "Error [Hz]",
+        "Discrepancy",
         "Conflict [sd]",
-        "N, MCMC [kN]",
-        "CV of N, MCMC",
-        "E, MCMC [GPa]",
-        "N, ABC [kN]",
-        "CV of N, ABC",
+        "N [kN]",
+        "E [GPa]",
+        "Density [kg/m\u{b3}]",
+        "Side [m]",
+        "N by ABC [kN]",
     ];
-    let caption = "Conflict: how far the record lies from every beam. Only room for a wrong model (1 to 3 % a mode) or for a wrong record (1 Hz) lets the data be what they are. ABC: this program's, regression-adjusted where the record is within reach of the draws.";
+    let caption = "Posterior means by MCMC on the reduced emulator, in brackets the coefficients of variation. Conflict: how far the record lies from every beam; only room for a wrong model (1 to 3 % a mode) or for a wrong record (1 Hz) lets the data be what they are. ABC: this program's, regression-adjusted where the record is within reach of the draws. The paper's MCMC columns: 605 (0.168), 158 (0.318), 7520 (0.096), 0.076 (0.074), and on the chaos 573 (0.206), 153 (0.349), 7299 (0.086), 0.074 (0.087).";
     rod::table(main, caption, &header, &rows);
     main.leaf("h3", &[], "What to measure next");
     let rows: Vec<Vec<Cell>> = study
@@ -180,4 +226,11 @@ pub(super) fn beyond(main: &mut Markup, study: &Study) {
     ];
     let caption = "A record that the model can produce (the rod at the prior means, errors of 31.6 mHz): each sampler against the exact posterior.";
     rod::table(main, caption, &header, &rows);
+}
+
+/// Mean and, in brackets, coefficient of variation.
+fn both(mean: &Estimate, cv: &Estimate, factor: f64) -> Cell {
+    let (value, error) = (factor * mean.value, factor * mean.error);
+    let decimals = (-error.log10().floor()).clamp(0.0, 5.0) as usize;
+    Cell::Line(format!("{value:.decimals$} ({:.3})", cv.value))
 }

@@ -1,0 +1,107 @@
+//! What emulators and samplers cost on this machine, on one thread: the one part of the study that is not the same
+//! twice, measured only when asked for.
+
+use super::setting::Setting;
+use super::table2::{self, Plan, Sampler, Which};
+use super::{Effort, Emulators, ORDER, StudyError, models};
+use crate::bayes::RodPrior;
+use crate::beam::finite_elements;
+use crate::emulator::fit::Weighting;
+use crate::emulator::{Ann, Reduced, Training};
+use crate::forward::ForwardModel;
+use crate::random::{self, BLOCK};
+use serde::Serialize;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+/// An evaluation is repeated for so long.
+const LONG_ENOUGH: Duration = Duration::from_millis(300);
+
+/// One thing that takes time.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Time {
+    /// What is done.
+    pub what: &'static str,
+    /// Which model does it.
+    pub model: &'static str,
+    /// How long it takes \[s\].
+    pub seconds: f64,
+}
+
+/// Trains, asks and samples once more, on one thread, and takes the time.
+///
+/// # Errors
+/// As the study.
+pub fn measure(effort: &Effort, seed: u64) -> Result<Vec<Time>, StudyError> {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
+    pool.install(|| on_this_thread(effort, seed))
+}
+
+fn on_this_thread(effort: &Effort, seed: u64) -> Result<Vec<Time>, StudyError> {
+    let setting = Setting::AsInferred;
+    let prior = setting.prior();
+    let mut all = Vec::new();
+    let mut time = |what, model, from: Instant| {
+        let seconds = from.elapsed().as_secs_f64();
+        all.push(Time { what, model, seconds });
+    };
+    let begun = Instant::now();
+    let training = Training::solve(&prior, ORDER, finite_elements::ELEMENTS, &|_, _| ())?;
+    time("solves of the design", "finite-elements", begun);
+    let begun = Instant::now();
+    training.fit(crate::forward::MAX_MODES, Weighting::Equal);
+    time("training", "pce", begun);
+    let begun = Instant::now();
+    Ann::train(&prior, &training, effort.epochs, seed);
+    time("training", "ann", begun);
+    let begun = Instant::now();
+    Reduced::fit();
+    time("training", "reduced", begun);
+    let emulators = Emulators::train(&prior, effort, seed, &|_| ())?;
+    let models = models(&prior, &emulators);
+    for model in &models {
+        all.push(Time {
+            what: "three frequencies of one rod",
+            model: model.name(),
+            seconds: evaluation(&**model, &prior),
+        });
+    }
+    let plan = Plan {
+        setting,
+        prior: &prior,
+        models: &models,
+        effort,
+        seed,
+    };
+    for (sampler, what) in [(Sampler::Abc, "one ABC"), (Sampler::Mcmc, "one MCMC")] {
+        for model in &models {
+            let model: &Arc<dyn ForwardModel> = model;
+            let name = model.name();
+            let begun = Instant::now();
+            table2::one(&plan, Which { sampler, model: name }, model, 0)?;
+            all.push(Time {
+                what,
+                model: name,
+                seconds: begun.elapsed().as_secs_f64(),
+            });
+        }
+    }
+    Ok(all)
+}
+
+/// Time of one point, asked for in blocks as inference does \[s\].
+fn evaluation(model: &dyn ForwardModel, prior: &RodPrior) -> f64 {
+    let width = prior.priors().len();
+    let mut generator = random::stream(0, 0);
+    let mut thetas = vec![0.0; BLOCK * width];
+    for theta in thetas.chunks_exact_mut(width) {
+        prior.sample(&mut generator, theta);
+    }
+    let mut y = vec![0.0; BLOCK * 3];
+    let (begun, mut points) = (Instant::now(), 0);
+    while begun.elapsed() < LONG_ENOUGH {
+        model.frequencies_of_many(&thetas, 3, std::hint::black_box(&mut y));
+        points += BLOCK;
+    }
+    begun.elapsed().as_secs_f64() / points as f64
+}

@@ -1,4 +1,4 @@
-//! When a statement holds: three rules, the same for every statement and none chosen after its figure.
+//! When a statement holds: three rules, the same for every statement.
 //!
 //! * A printed figure *comes out* if it lies within three standard errors of one run of ours ([`DISAGREE`]); a
 //!   bound holds if one run of ours may lie within it.

@@ -158,7 +158,7 @@ pub fn run(
             Step::Event(event, place) => Done::Event(analyse(event, plans, known), place),
             Step::File(result) => Done::File(result),
         },
-        |result| {
+        |results| results.into_iter().try_for_each(|result| {
             bar.set(done.load(Ordering::Relaxed), total);
             match result {
                 Ok(Done::Event(Analysed::Known(rod, identity), _)) => {
@@ -215,7 +215,7 @@ pub fn run(
                 }
             }
             ControlFlow::Continue(())
-        },
+        }),
     );
     drop(bar);
     match failure {

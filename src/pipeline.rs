@@ -9,7 +9,7 @@ use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread;
 
 /// Items in flight per worker at the most, however light.
-const ITEMS_PER_WORKER: usize = 4;
+const ITEMS_PER_WORKER: usize = 8;
 
 /// How much is done at once.
 #[derive(Debug, Clone, Copy)]

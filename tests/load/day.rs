@@ -45,7 +45,11 @@ fn a_day_of_three_channels_at_1_khz() {
     let all_h = (HOURS * RODS * 60) as f64 / (60 * RODS) as f64;
     loop {
         assert!(daemon.is_running(), "ended:\n{}", daemon.log());
-        assert!(begun.elapsed() < Duration::from_secs(3600), "too slow:\n{}", daemon.log());
+        assert!(
+            begun.elapsed() < Duration::from_secs(3600),
+            "too slow:\n{}",
+            daemon.log()
+        );
         let hours = plant.count("SELECT count(*) FROM record") as f64 / (60 * RODS) as f64;
         samples.push((hours, Usage::of(pid)));
         if hours >= all_h - 1e-9 {

@@ -13,6 +13,8 @@ pub struct Plan {
     /// Length of a record \[s\]; 0 where each ends with a gap.
     pub window_s: f64,
     pub modes: usize,
+    /// Where samples stand in a message: `values` for arrays, `data` for one sample.
+    pub field: &'static str,
     /// What the daemon's configuration has besides rods, store and sockets.
     pub more: String,
 }
@@ -24,6 +26,7 @@ impl Default for Plan {
             fs_hz: 200.0,
             window_s: 60.0,
             modes: 5,
+            field: "values",
             more: String::new(),
         }
     }
@@ -167,17 +170,27 @@ impl Drop for Sender {
 pub fn wait(daemon: &mut Process, what: &str, limit: std::time::Duration, is_so: impl Fn() -> bool) {
     let until = std::time::Instant::now() + limit;
     while !is_so() {
-        assert!(std::time::Instant::now() < until, "not so: {what}\n{}", daemon.log());
+        assert!(
+            std::time::Instant::now() < until,
+            "not so: {what}\n{}",
+            daemon.log()
+        );
         assert!(daemon.is_running(), "ended before {what}:\n{}", daemon.log());
         thread::sleep(std::time::Duration::from_millis(20));
     }
 }
 
 fn rods(plan: &Plan, which: std::ops::Range<usize>) -> String {
-    let (fs_hz, window_s) = (plan.fs_hz, plan.window_s);
+    let Plan {
+        fs_hz,
+        window_s,
+        field,
+        ..
+    } = *plan;
     let mut text = "[site]\nname = \"Load\"\nseed = 11\n".to_owned();
     if window_s > 0.0 {
-        text += &format!("[record]\ncut = \"window\"\nwindow_s = {window_s:?}\nmin_duration_s = {window_s:?}\n");
+        text +=
+            &format!("[record]\ncut = \"window\"\nwindow_s = {window_s:?}\nmin_duration_s = {window_s:?}\n");
     }
     for rod in which {
         let length_m = 8.0 + 0.02 * rod as f64;
@@ -196,7 +209,7 @@ spring_left_n_m = {{ low = 0, high = 100e3 }}
 spring_right_n_m = {{ low = 0, high = 100e3 }}
 [rod.channel]
 topic = "/rod-{rod}"
-field = "data"
+field = "{field}"
 unit = "m"
 fs_hz = {fs_hz:?}
 "#

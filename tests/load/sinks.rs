@@ -39,6 +39,7 @@ fn plant(moods: [Mood; 4]) -> (Plant, [Server; 4], Process) {
         window_s: 0.0,
         modes: 3,
         more,
+        ..Plan::default()
     });
     let daemon = plant.start();
     (plant, servers, daemon)
@@ -81,7 +82,9 @@ fn told(plant: &Plant) -> Vec<(String, String)> {
     let mut statement = store
         .prepare("SELECT alarm, what FROM outbox ORDER BY number")
         .unwrap();
-    let rows = statement.query_map((), |row| Ok((row.get(0)?, row.get(1)?))).unwrap();
+    let rows = statement
+        .query_map((), |row| Ok((row.get(0)?, row.get(1)?)))
+        .unwrap();
     rows.map(Result::unwrap).collect()
 }
 

@@ -36,7 +36,7 @@ impl Witness {
                 .query_row("SELECT coalesce(max(id), 0) FROM record", (), |row| row.get(0))
                 .unwrap();
             let mut statement = store
-                .prepare("SELECT id, rod, start_ns, duration_s FROM record WHERE id > ? ORDER BY id")
+                .prepare("SELECT id, rod, start_ns, duration_s FROM record WHERE id > ? AND start_ns IS NOT NULL ORDER BY id")
                 .unwrap();
             loop {
                 let is_last = is_over.load(Ordering::Relaxed);
@@ -76,10 +76,15 @@ impl Drop for Witness {
     }
 }
 
-/// Median, 95 % and largest latency \[s\].
-pub fn spread(seen: &[Seen]) -> [f64; 3] {
+/// Least, median, 95 % and largest latency \[s\].
+pub fn spread(seen: &[Seen]) -> [f64; 4] {
     let mut latencies: Vec<f64> = seen.iter().map(|seen| seen.latency_s).collect();
     latencies.sort_by(f64::total_cmp);
     let last = latencies.len() - 1;
-    [latencies[last / 2], latencies[last * 95 / 100], latencies[last]]
+    [
+        latencies[0],
+        latencies[last / 2],
+        latencies[last * 95 / 100],
+        latencies[last],
+    ]
 }

@@ -1,6 +1,8 @@
 //! A plan once per rod, then one pure `run` per record: displacement to axial force.
 
-use crate::bayes::{AbcSettings, Conflict, Inference, Observation, PlanError, Posterior, RodPrior, Tables};
+use crate::bayes::{
+    AbcSettings, Conflict, Inference, Observation, PlanError, Posterior, RodPrior, Table, Tables,
+};
 use crate::beam::exact;
 use crate::emulator::ModelSettings;
 use crate::forward::{ForwardModel, MAX_MODES};
@@ -131,6 +133,11 @@ impl Plan {
             modal,
             inference,
         })
+    }
+
+    /// The table of simulated draws: drawn now, not with the first record.
+    pub fn table(&self) -> &Table {
+        self.inference.table()
     }
 
     /// What the plan was made from.

@@ -135,6 +135,20 @@ impl Site {
         &self.store
     }
 
+    /// Does several things that become durable at once, and are visible to others only then.
+    ///
+    /// # Errors
+    /// As what is done; the site must be given up, nothing of it was kept.
+    pub fn together<T>(
+        &mut self,
+        act: impl FnOnce(&mut Self) -> Result<T, StoreError>,
+    ) -> Result<T, StoreError> {
+        self.store.begin_group()?;
+        let value = act(self)?;
+        self.store.end_group()?;
+        Ok(value)
+    }
+
     /// Takes what came of one record and makes it durable; `None` if the store has the record already, or the site does not
     /// have its rod. What people asked of the rod is done first.
     ///

@@ -306,11 +306,11 @@ mod tests {
         Target::new(&observation, &discrepancy, Noise::Record, Distance::Relative).unwrap()
     }
 
-    fn tables(draws: usize) -> (std::sync::Arc<Table>, NoiseTable) {
+    fn tables(draws: usize) -> (Table, NoiseTable) {
         let (tables, prior) = (Tables::new(3), RodPrior::todi());
         let model = Exact::new(*prior.parameterisation());
         (
-            tables.simulated(&prior, &model, MAX_MODES, draws),
+            Table::draw(&prior, &model, MAX_MODES, draws, 3),
             tables.noise(draws, MAX_MODES),
         )
     }

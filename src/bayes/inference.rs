@@ -6,7 +6,7 @@ use super::distance::{self, Target};
 use super::posterior::Posterior;
 use super::prior_tail::prior_tail;
 use super::sequential::{self, SequentialSettings};
-use super::table::{NoiseTable, Table, Tables};
+use super::table::{LaterTable, NoiseTable, Table, Tables};
 use super::{AbcSettings, Accept, Adjustment, Distance, Method, Noise, Observation, RodPrior};
 use super::{adjust, diagnostics};
 use crate::forward::{ForwardModel, MAX_MODES};
@@ -104,12 +104,12 @@ pub struct Inference {
     model: Arc<dyn ForwardModel>,
     discrepancy: Vec<f64>,
     settings: AbcSettings,
-    table: Arc<Table>,
+    table: Arc<LaterTable>,
     noise: NoiseTable,
 }
 
 impl Inference {
-    /// Checks the choices and draws the table (or shares an equal one of `tables`).
+    /// Checks the choices and finds the table (or shares an equal one of `tables`); it is drawn when it is first needed.
     ///
     /// `discrepancy` holds the relative standard deviation of the model discrepancy, one entry for
     /// each of the mode orders 1 to `modes`.
@@ -128,7 +128,7 @@ impl Inference {
             Method::Sequential => settings.draws.min(10_000),
         };
         Ok(Self {
-            table: tables.simulated(&prior, model.as_ref(), modes, draws),
+            table: tables.simulated(&prior, &model, modes, draws),
             noise: tables.noise(draws, modes),
             prior,
             model,
@@ -144,12 +144,13 @@ impl Inference {
     /// [`MIN_ACCEPTED`] accepted draws.
     pub fn run(&self, observation: &Observation, seed: u64) -> Result<Posterior, Rejection> {
         let target = self.target(observation)?;
-        let invalid = self.table.invalid();
-        if invalid as f64 > MAX_INVALID_SHARE * self.table.draws() as f64 {
+        let table = self.table();
+        let invalid = table.invalid();
+        if invalid as f64 > MAX_INVALID_SHARE * table.draws() as f64 {
             return Err(Rejection::OutsideEmulator {
                 detail: format!(
                     "{invalid} of {} draws of the prior lie outside the range of the model {}, at most {} % may",
-                    self.table.draws(),
+                    table.draws(),
                     self.model.name(),
                     MAX_INVALID_SHARE * 100.0
                 ),
@@ -189,13 +190,13 @@ impl Inference {
             nearest_hz,
             residuals,
             violation: conflict::violation(orders, frequency_hz, &sd_hz),
-            prior_tail: prior_tail(&target, &self.table, &self.noise),
+            prior_tail: prior_tail(&target, self.table(), &self.noise),
         })
     }
 
-    /// The table of simulated draws.
+    /// The table of simulated draws, drawn now if it is not yet.
     pub fn table(&self) -> &Table {
-        &self.table
+        self.table.get()
     }
 
     /// The prior.
@@ -235,11 +236,12 @@ impl Inference {
     }
 
     fn reject(&self, target: &Target, seed: u64) -> Result<Posterior, Rejection> {
-        let draws = self.table.draws();
+        let table = self.table();
+        let draws = table.draws();
         let shift = (seed % draws as u64) as usize;
-        let accepted = abc::reject(target, &self.table, &self.noise, shift, self.settings.accept);
+        let accepted = abc::reject(target, table, &self.noise, shift, self.settings.accept);
         let weights = vec![1.0 / accepted.distances.len() as f64; accepted.distances.len()];
-        self.posterior(target, accepted, weights, draws, self.table.invalid(), seed)
+        self.posterior(target, accepted, weights, draws, table.invalid(), seed)
     }
 
     fn sequence(&self, target: &Target, seed: u64) -> Result<Posterior, Rejection> {

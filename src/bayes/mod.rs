@@ -39,4 +39,4 @@ pub use observation::{InvalidObservation, Observation};
 pub use posterior::{Marginal, Posterior, Stop};
 pub use prior::{Prior, RodPrior};
 pub use settings::{AbcSettings, Accept, Adjustment, Distance, Method, Noise};
-pub use table::{Table, Tables};
+pub use table::{LaterTable, Table, Tables};

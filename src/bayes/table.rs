@@ -6,7 +6,7 @@ use crate::forward::ForwardModel;
 use crate::random::{self, BLOCK};
 use rand_distr::{Distribution, StandardNormal};
 use rayon::prelude::*;
-use std::sync::{Arc, Mutex, PoisonError, Weak};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError, Weak};
 
 /// Draws (theta, y_M) of prior and model.
 ///
@@ -196,11 +196,45 @@ struct KnownColumn {
     values: Weak<Vec<f32>>,
 }
 
+/// A table that is drawn when it is first asked for. Nothing of a plan depends on what is in it, so a site of many rods is
+/// ready before all of theirs are drawn.
+pub struct LaterTable {
+    drawn: OnceLock<Table>,
+    prior: RodPrior,
+    model: Arc<dyn ForwardModel>,
+    modes: usize,
+    draws: usize,
+    seed: u64,
+}
+
+impl LaterTable {
+    /// The table, drawn now if it is not yet.
+    pub fn get(&self) -> &Table {
+        if let Some(table) = self.drawn.get() {
+            return table;
+        }
+        // Nothing is held while drawing: a thread of the pool that waits for its share of the work could pick up another
+        // record of the same rod and wait for itself. Drawn twice, it has the same bits.
+        let table = Table::draw(
+            &self.prior,
+            self.model.as_ref(),
+            self.modes,
+            self.draws,
+            self.seed,
+        );
+        self.drawn.get_or_init(|| table)
+    }
+
+    /// Modes in each draw.
+    pub fn modes(&self) -> usize {
+        self.modes
+    }
+}
+
 /// The tables of one site, shared between rods of equal prior, model, modes and number of draws.
-#[derive(Debug)]
 pub struct Tables {
     seed: u64,
-    simulated: Mutex<Vec<(Key, Weak<Table>)>>,
+    simulated: Mutex<Vec<(Key, Weak<LaterTable>)>>,
     noise: Mutex<Vec<KnownColumn>>,
 }
 
@@ -223,34 +257,36 @@ impl Tables {
         random::seed(&[use_, &self.seed.to_le_bytes()])
     }
 
-    /// The table of this prior and model, drawn now unless a rod still holds an equal one.
+    /// The table of this prior and model: one that is to be drawn, unless a rod still holds an equal one.
     pub fn simulated(
         &self,
         prior: &RodPrior,
-        model: &dyn ForwardModel,
+        model: &Arc<dyn ForwardModel>,
         modes: usize,
         draws: usize,
-    ) -> Arc<Table> {
+    ) -> Arc<LaterTable> {
         let seed = self.stream_seed(b"simulated table");
         let key = Key {
             prior: prior.clone(),
             model: model.name(),
-            probe: probe(prior, model, modes, seed),
+            probe: probe(prior, model.as_ref(), modes, seed),
             modes,
             draws,
         };
-        // The lock is never held while drawing: a thread of the pool that waits for its share of the
-        // work could pick up another rod's plan and wait for itself.
-        if let Some(table) = find(
-            &self.simulated,
-            |(other, _)| *other == key,
-            |(_, table)| table.upgrade(),
-        ) {
-            return table;
-        }
-        let table = Arc::new(Table::draw(prior, model, modes, draws, seed));
         let mut known = self.simulated.lock().unwrap_or_else(PoisonError::into_inner);
         known.retain(|(_, table)| table.strong_count() > 0);
+        let equal = known.iter().find(|(other, _)| *other == key);
+        if let Some(table) = equal.and_then(|(_, table)| table.upgrade()) {
+            return table;
+        }
+        let table = Arc::new(LaterTable {
+            drawn: OnceLock::new(),
+            prior: prior.clone(),
+            model: Arc::clone(model),
+            modes,
+            draws,
+            seed,
+        });
         known.push((key, Arc::downgrade(&table)));
         table
     }

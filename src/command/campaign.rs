@@ -158,63 +158,65 @@ pub fn run(
             Step::Event(event, place) => Done::Event(analyse(event, plans, known), place),
             Step::File(result) => Done::File(result),
         },
-        |result| {
-            bar.set(done.load(Ordering::Relaxed), total);
-            match result {
-                Ok(Done::Event(Analysed::Known(rod, identity), _)) => {
-                    passed.note(&rod, identity);
-                    tally.repeated += 1;
-                }
-                Ok(Done::Event(Analysed::Readings(rod, readings), _)) => {
-                    let news = News::Readings {
-                        rod: &rod,
-                        readings: &readings,
-                        after: passed.last(&rod),
-                    };
-                    if let Err(error) = on_news(news, &bar) {
-                        failure = Some(error);
-                        return ControlFlow::Break(());
+        |results| {
+            results.into_iter().try_for_each(|result| {
+                bar.set(done.load(Ordering::Relaxed), total);
+                match result {
+                    Ok(Done::Event(Analysed::Known(rod, identity), _)) => {
+                        passed.note(&rod, identity);
+                        tally.repeated += 1;
                     }
-                }
-                Ok(Done::Event(Analysed::Record(outcome), place)) => {
-                    if let Some(identity) = outcome.identity() {
-                        passed.note(outcome.rod(), identity);
-                        if !seen.insert(identity) {
-                            tally.repeated += 1;
-                            return ControlFlow::Continue(());
-                        }
-                    }
-                    match on_news(News::Outcome(&outcome, place.position()), &bar) {
-                        Ok(Taken::New) => {}
-                        Ok(Taken::Known) => {
-                            tally.repeated += 1;
-                            return ControlFlow::Continue(());
-                        }
-                        Err(error) => {
+                    Ok(Done::Event(Analysed::Readings(rod, readings), _)) => {
+                        let news = News::Readings {
+                            rod: &rod,
+                            readings: &readings,
+                            after: passed.last(&rod),
+                        };
+                        if let Err(error) = on_news(news, &bar) {
                             failure = Some(error);
                             return ControlFlow::Break(());
                         }
                     }
-                    match outcome.as_ref() {
-                        Outcome::Identified(_) => tally.identified += 1,
-                        Outcome::Rejected(rejected)
-                            if matches!(rejected.rejection, Rejection::Broken { .. }) =>
-                        {
-                            tally.broken += 1;
-                            bar.say(&format!("error: rod {}: {}", rejected.rod, rejected.rejection));
+                    Ok(Done::Event(Analysed::Record(outcome), place)) => {
+                        if let Some(identity) = outcome.identity() {
+                            passed.note(outcome.rod(), identity);
+                            if !seen.insert(identity) {
+                                tally.repeated += 1;
+                                return ControlFlow::Continue(());
+                            }
                         }
-                        Outcome::Rejected(rejected) => {
-                            *tally.rejected.entry(rejected.rejection.code()).or_default() += 1;
+                        match on_news(News::Outcome(&outcome, place.position()), &bar) {
+                            Ok(Taken::New) => {}
+                            Ok(Taken::Known) => {
+                                tally.repeated += 1;
+                                return ControlFlow::Continue(());
+                            }
+                            Err(error) => {
+                                failure = Some(error);
+                                return ControlFlow::Break(());
+                            }
+                        }
+                        match outcome.as_ref() {
+                            Outcome::Identified(_) => tally.identified += 1,
+                            Outcome::Rejected(rejected)
+                                if matches!(rejected.rejection, Rejection::Broken { .. }) =>
+                            {
+                                tally.broken += 1;
+                                bar.say(&format!("error: rod {}: {}", rejected.rod, rejected.rejection));
+                            }
+                            Outcome::Rejected(rejected) => {
+                                *tally.rejected.entry(rejected.rejection.code()).or_default() += 1;
+                            }
                         }
                     }
+                    Ok(Done::File(result)) => tally.file(&result, &bar),
+                    Err(panic) => {
+                        tally.broken += 1;
+                        bar.say(&format!("error: the program broke on one event ({panic})"));
+                    }
                 }
-                Ok(Done::File(result)) => tally.file(&result, &bar),
-                Err(panic) => {
-                    tally.broken += 1;
-                    bar.say(&format!("error: the program broke on one event ({panic})"));
-                }
-            }
-            ControlFlow::Continue(())
+                ControlFlow::Continue(())
+            })
         },
     );
     drop(bar);

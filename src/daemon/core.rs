@@ -31,6 +31,13 @@ pub enum Done {
     Job(Job),
 }
 
+impl Done {
+    /// Whether all it does is to keep something; the rest stands alone.
+    fn is_kept(&self) -> bool {
+        !matches!(self, Self::Job(Job::Reload(_) | Job::Tick { .. }))
+    }
+}
+
 /// What the core lets others know, on its own thread: whoever listens must be quick.
 pub enum Word<'a> {
     /// A tick passed through the whole pipeline, or a full disk is waited for: the work loop is alive.
@@ -45,7 +52,7 @@ pub enum Word<'a> {
         outcome: &'a Outcome,
         /// What tracking made of it.
         taken: &'a Taken,
-        /// How long the commit took.
+        /// How long the commit took, with the others of its group.
         took: Duration,
     },
     /// A file, or a part of the journal, is in the store up to its end.
@@ -116,43 +123,20 @@ impl Core {
         core
     }
 
-    /// Takes one item.
+    /// Takes what came out of the pipeline together, in order. Records, files and marks that follow each other become
+    /// durable at once, for the price of one flush of the disk; nobody hears of any before.
     ///
     /// # Errors
-    /// The daemon cannot go on; nothing of the item was kept.
-    pub fn take(&mut self, done: Done) -> Result<(), Broken> {
-        match done {
-            Done::Event(Analysed::Known(rod, identity), _) => {
-                self.passed.note(&rod, identity);
-                (self.tell)(Word::Known(&rod));
-                Ok(())
+    /// The daemon cannot go on; what was not told was not kept.
+    pub fn take(&mut self, group: &[Done]) -> Result<(), Broken> {
+        for run in group.chunk_by(|one, next| one.is_kept() && next.is_kept()) {
+            match run {
+                [Done::Job(Job::Reload(generation))] => self.reload(Arc::clone(generation))?,
+                [Done::Job(Job::Tick { is_caught_up })] => self.tick(*is_caught_up)?,
+                run => self.keep(run)?,
             }
-            Done::Event(Analysed::Readings(rod, readings), _) => {
-                let after = self.passed.last(&rod);
-                self.durable(|site| site.take_readings(&rod, &readings, after))?;
-                Ok(())
-            }
-            Done::Event(Analysed::Record(outcome), place) => self.record(&outcome, &place),
-            Done::Job(Job::File { mark, result, carry }) => {
-                self.report(&result);
-                if mark.is_some() || carry.is_some() {
-                    let (mark, carry) = (mark.as_ref(), carry.as_ref());
-                    self.durable(|site| site.note(Note::File { mark, carry }))?;
-                }
-                if let Some(mark) = &mark {
-                    (self.tell)(Word::File(mark));
-                }
-                Ok(())
-            }
-            Done::Job(Job::Delivered { sink, through }) => {
-                let sink = sink.as_str();
-                self.durable(|site| site.note(Note::Delivered { sink, through }))
-            }
-            Done::Job(Job::Reload(generation)) => self.reload(generation),
-            Done::Job(Job::Tick { is_caught_up }) => self.tick(is_caught_up),
-            // The pipeline turns every event into what came of it.
-            Done::Job(Job::Event { .. }) => Ok(()),
         }
+        Ok(())
     }
 
     /// An event whose work panicked outside the analysis: nothing is known of it but that.
@@ -163,18 +147,66 @@ impl Core {
         );
     }
 
-    fn record(&mut self, outcome: &Outcome, place: &Place) -> Result<(), Broken> {
-        let rod = outcome.rod();
-        if let Some(identity) = outcome.identity() {
+    /// Makes a run of items durable, then tells of them.
+    fn keep(&mut self, run: &[Done]) -> Result<(), Broken> {
+        let begun = Instant::now();
+        // Asked once, in order: the run may be taken again.
+        let before: Vec<_> = run.iter().map(|done| self.pass(done)).collect();
+        let taken = self.durable(|site| {
+            site.together(|site| {
+                let items = run.iter().zip(&before);
+                items.map(|(done, before)| put(site, done, *before)).collect()
+            })
+        });
+        let taken: Vec<Option<Taken>> = taken?;
+        let took = begun.elapsed();
+        let mut has_news = false;
+        for (done, taken) in run.iter().zip(&taken) {
+            match done {
+                Done::Event(Analysed::Known(rod, _), _) => (self.tell)(Word::Known(rod)),
+                Done::Event(Analysed::Record(outcome), place) => match taken {
+                    None => (self.tell)(Word::Known(outcome.rod())),
+                    Some(taken) => {
+                        self.record(outcome, place, taken, took);
+                        has_news |= !taken.verdict.events.is_empty();
+                    }
+                },
+                Done::Job(Job::File { mark, result, .. }) => {
+                    self.report(result);
+                    if let Some(mark) = mark {
+                        (self.tell)(Word::File(mark));
+                    }
+                }
+                Done::Event(Analysed::Readings(..), _) | Done::Job(_) => {}
+            }
+        }
+        if has_news {
+            (self.tell)(Word::News);
+        }
+        Ok(())
+    }
+
+    /// Notes that an item passes; the record of its rod that passed before.
+    fn pass(&mut self, done: &Done) -> Option<[u8; 32]> {
+        let Done::Event(analysed, _) = done else {
+            return None;
+        };
+        let (rod, identity) = match analysed {
+            Analysed::Known(rod, identity) => (rod, Some(*identity)),
+            Analysed::Record(outcome) => (outcome.rod(), outcome.identity()),
+            Analysed::Readings(rod, _) => (rod, None),
+        };
+        let before = self.passed.last(rod);
+        if let Some(identity) = identity {
             self.passed.note(rod, identity);
         }
-        let begun = Instant::now();
-        let Some(taken) = self.durable(|site| site.take(outcome, Some(place.position())))? else {
-            (self.tell)(Word::Known(rod));
-            return Ok(());
-        };
-        let now = Instant::now();
-        self.silence.end(rod, now);
+        before
+    }
+
+    /// Tells of a record that was taken.
+    fn record(&mut self, outcome: &Outcome, place: &Place, taken: &Taken, took: Duration) {
+        let rod = outcome.rod();
+        self.silence.end(rod, Instant::now());
         if let Outcome::Rejected(rejected) = outcome {
             let fault = match rejected.rejection {
                 Rejection::Broken { .. } => Fault::Broken,
@@ -185,15 +217,7 @@ impl Core {
             self.health
                 .fault(fault, format_args!("rod {rod}, {file}: {reason}"));
         }
-        (self.tell)(Word::Taken {
-            outcome,
-            taken: &taken,
-            took: now - begun,
-        });
-        if !taken.verdict.events.is_empty() {
-            (self.tell)(Word::News);
-        }
-        Ok(())
+        (self.tell)(Word::Taken { outcome, taken, took });
     }
 
     fn report(&self, result: &Result<Summary, SourceError>) {
@@ -336,6 +360,27 @@ impl Core {
     fn about(&self) -> String {
         self.store.display().to_string()
     }
+}
+
+/// Puts an item into the site; what was taken, if it is a record that is new.
+fn put(site: &mut Site, done: &Done, before: Option<[u8; 32]>) -> Result<Option<Taken>, StoreError> {
+    match done {
+        Done::Event(Analysed::Record(outcome), place) => return site.take(outcome, Some(place.position())),
+        Done::Event(Analysed::Readings(rod, readings), _) => {
+            site.take_readings(rod, readings, before)?;
+        }
+        Done::Job(Job::File { mark, carry, .. }) if mark.is_some() || carry.is_some() => {
+            let (mark, carry) = (mark.as_ref(), carry.as_ref());
+            site.note(Note::File { mark, carry })?;
+        }
+        Done::Job(Job::Delivered { sink, through }) => {
+            let through = *through;
+            site.note(Note::Delivered { sink, through })?;
+        }
+        // What is known needs nothing, and the pipeline turned every event into what came of it.
+        Done::Event(Analysed::Known(..), _) | Done::Job(_) => {}
+    }
+    Ok(None)
 }
 
 /// Free space where a file is \[bytes\]; all there is if the system does not say.

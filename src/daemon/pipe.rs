@@ -65,18 +65,18 @@ pub fn run(
         limits,
         weigh,
         |job| workers.work(job),
-        |result| {
+        |results| {
             if ending.give_up.load(Ordering::Relaxed) {
                 return ControlFlow::Break(());
             }
-            let taken = match result {
-                Ok(done) => core.take(done),
-                Err(panic) => {
-                    core.lost(&panic);
-                    Ok(())
+            let mut group = Vec::with_capacity(results.len());
+            for result in results {
+                match result {
+                    Ok(done) => group.push(done),
+                    Err(panic) => core.lost(&panic),
                 }
-            };
-            if let Err(error) = taken {
+            }
+            if let Err(error) = core.take(&group) {
                 broken = Some(error);
                 // Else the input would wait for jobs that nobody takes.
                 ending.drain.store(true, Ordering::Relaxed);

@@ -13,6 +13,7 @@ use crate::pipeline::message_of;
 use crate::site::Site;
 use crate::telemetry::Telemetry;
 use anyhow::Context;
+use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, Sender, SyncSender, sync_channel};
@@ -110,6 +111,7 @@ impl Running {
             },
         )?;
         tick(jobs, caught_up)?;
+        draw_tables(&generation, &ending)?;
         Ok(Self {
             generation,
             reader,
@@ -129,6 +131,8 @@ impl Running {
         self.live.retarget(&config.rods);
         lock(&self.couriers).reload(&config.sinks, &config.site);
         self.reader.reload(Arc::clone(&generation));
+        // Without a thread for it, a rod's first record draws its table.
+        let _ = draw_tables(&generation, &self.ending);
         self.generation = generation;
     }
 
@@ -217,6 +221,27 @@ fn tick(jobs: SyncSender<Job>, caught_up: Arc<AtomicBool>) -> std::io::Result<()
         }
     };
     thread::Builder::new().name("tick".to_owned()).spawn(work)?;
+    Ok(())
+}
+
+/// Draws the tables of all rods, on a thread beside those that analyse: a site of many rods is ready before, and a record that
+/// comes meanwhile draws its rod's itself.
+fn draw_tables(generation: &Arc<Generation>, ending: &Ending) -> std::io::Result<()> {
+    let (generation, drain) = (Arc::clone(generation), Arc::clone(&ending.drain));
+    let work = move || {
+        // By address: rods of equal prior share theirs.
+        let mut bytes = BTreeMap::new();
+        for plan in generation.plans.values() {
+            if drain.load(Ordering::Relaxed) {
+                return;
+            }
+            let table = plan.table();
+            bytes.insert(std::ptr::from_ref(table), table.bytes());
+        }
+        let mb = bytes.values().sum::<usize>() as f64 / 1e6;
+        tracing::info!("the tables of all rods are drawn: {mb:.0} MB");
+    };
+    thread::Builder::new().name("tables".to_owned()).spawn(work)?;
     Ok(())
 }
 

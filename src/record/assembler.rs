@@ -48,7 +48,7 @@ const ASTRAY: usize = 3;
 const LATE: usize = 64;
 /// Messages a window waits for late ones, and how long at most \[s\], but for one message at least.
 const LAG: usize = 32;
-const LAG_S: f64 = 0.5;
+const LAG_S: f64 = 0.2;
 /// Records that wait for the temperature beside them.
 const WAITING: usize = 4;
 /// Samples too few to say why they are no record.

@@ -1,4 +1,4 @@
-//! What is remembered: SQLite in WAL mode, one transaction per record.
+//! What is remembered: SQLite in WAL mode, one transaction per record, or per group of records that came together.
 //!
 //! A [`Store`] writes, one process at a time; a [`Reader`] reads beside it. Every row carries a checksum, and a
 //! store whose content contradicts itself is moved aside, never written to and never believed. Nothing in the
@@ -51,6 +51,7 @@ pub struct Store {
     known: HashMap<RodId, HashSet<[u8; 32]>>,
     kept: Kept,
     moved_aside: Option<PathBuf>,
+    is_grouping: bool,
     _lock: Option<Lock>,
 }
 
@@ -76,6 +77,7 @@ impl Store {
             known: opened.known,
             kept: Kept::default(),
             moved_aside: opened.moved_aside,
+            is_grouping: false,
             _lock: Some(opened.lock),
         })
     }
@@ -95,6 +97,7 @@ impl Store {
             known: HashMap::new(),
             kept: Kept::default(),
             moved_aside: None,
+            is_grouping: false,
             _lock: None,
         })
     }
@@ -150,7 +153,7 @@ impl Store {
         Ok(states)
     }
 
-    /// Makes everything in `commit` durable, or nothing of it.
+    /// Makes everything in `commit` durable, or nothing of it; within a [group](Store::begin_group) when that ends.
     ///
     /// # Errors
     /// A record that is [known](Store::known) already, something that would not read back as it is, or a file
@@ -175,6 +178,10 @@ impl Store {
     }
 
     fn try_commit(&mut self, commit: &Commit<'_>) -> Result<(), Trouble> {
+        if self.is_grouping {
+            // A group that lost a part must not be ended: what is left of it goes with the connection.
+            return commit.write(&self.reader.connection, &mut self.kept);
+        }
         let transaction = self
             .reader
             .connection
@@ -182,6 +189,32 @@ impl Store {
         commit.write(&transaction, &mut self.kept)?;
         transaction.commit()?;
         Ok(())
+    }
+
+    /// Begins a group: what is [committed](Store::commit) from here on becomes durable, and visible to others, all at once
+    /// with [`Store::end_group`], for the price of one. After an error within it the store must be given up: nothing of
+    /// the group is kept then.
+    ///
+    /// # Errors
+    /// Another process writes, or the file system refuses.
+    pub fn begin_group(&mut self) -> Result<(), StoreError> {
+        self.batch("BEGIN IMMEDIATE")?;
+        self.is_grouping = true;
+        Ok(())
+    }
+
+    /// Makes everything of the group durable.
+    ///
+    /// # Errors
+    /// The file system refuses; the store must be given up.
+    pub fn end_group(&mut self) -> Result<(), StoreError> {
+        self.is_grouping = false;
+        self.batch("COMMIT")
+    }
+
+    fn batch(&self, words: &str) -> Result<(), StoreError> {
+        let done = self.reader.connection.execute_batch(words);
+        done.map_err(|error| self.reader.fault(Trouble::Sql(error)))
     }
 
     /// Applies at once the acknowledgements that wait and that no other request of their rod stands before; the number

@@ -96,7 +96,7 @@ impl Metrics {
             records: r.put("records", None, "Records that came to their end, by what became of them"),
             rejections: r.put("rejections", None, "Rejected records, by reason (docs/recordings.md)"),
             analysis_s: r.histogram("analysis", "Time one record's analysis took", &ANALYSIS_S),
-            commit_s: r.histogram("commit", "Time one record's commit to the store took", &COMMIT_S),
+            commit_s: r.histogram("commit", "Time a record's commit to the store took, with those committed together", &COMMIT_S),
             latency_s: r.histogram(
                 "latency",
                 "Time from the end of a live record, by its own clock, to its commit; records that end more than an hour ago \

@@ -1,0 +1,22 @@
+//! The daemon under load, in real time or faster: latency, saturation, a day of fast channels, dead sinks, a long store, hostile
+//! input. Every figure is printed and held to its limit.
+//!
+//! One at a time, on a machine that does nothing else:
+//! `cargo test --release --test load -- --ignored --nocapture --test-threads 1 NAME`. docs/performance.md has the figures.
+#![allow(clippy::unwrap_used)] // helpers of tests are tests
+
+#[path = "../archive/mod.rs"]
+#[allow(dead_code, reason = "each test binary uses its part")]
+mod archive;
+mod day;
+mod hostile;
+mod latency;
+mod plant;
+#[path = "../survival/process.rs"]
+#[allow(dead_code, reason = "each test binary uses its part")]
+mod process;
+mod server;
+mod sinks;
+mod start;
+mod usage;
+mod witness;

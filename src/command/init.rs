@@ -42,16 +42,16 @@ pub struct Args {
     /// Diameter of a round section in metres.
     #[arg(long, value_name = "M", value_parser = positive_flag, conflicts_with = "width_m")]
     pub diameter_m: Option<f64>,
-    /// Width of a rectangle, across the plane of vibration in metres.
+    /// Width of a rectangle in metres, across the plane of vibration.
     #[arg(long, value_name = "M", value_parser = positive_flag, requires = "height_m")]
     pub width_m: Option<f64>,
-    /// Height of a rectangle, in the plane of vibration in metres.
+    /// Height of a rectangle in metres, in the plane of vibration.
     #[arg(long, value_name = "M", value_parser = positive_flag, requires = "width_m")]
     pub height_m: Option<f64>,
     /// What the rod is made of.
     #[arg(long, value_enum)]
     pub material: Option<Material>,
-    /// The axial force expected, give or take 30 % in newtons; without it everything up to a stress of 300 MPa is as likely.
+    /// The axial force expected in newtons, give or take 30 %; without it everything up to a stress of 300 MPa is as likely.
     #[arg(long, value_name = "N", value_parser = positive_flag)]
     pub force_n: Option<f64>,
     /// The topic of its displacement, velocity or acceleration.

@@ -49,7 +49,7 @@ pub struct Args {
     /// The unit of channels whose unit the file does not say.
     #[arg(long, value_parser = unit)]
     pub unit: Option<Unit>,
-    /// The sample rate [Hz], if the file does not say it; checked if it does.
+    /// The sample rate in Hz, if the file does not say it; checked if it does.
     #[arg(long, value_name = "HZ", value_parser = positive)]
     pub rate: Option<f64>,
     /// The time of the first sample, if the file does not say it.
@@ -58,7 +58,7 @@ pub struct Args {
     /// How far times without an offset of their own are ahead of UTC.
     #[arg(long, value_name = "+HH:MM", value_parser = import::utc_offset, default_value = "+00:00", allow_hyphen_values = true)]
     pub utc_offset: i32,
-    /// Interpolates uneven stamps to this rate [Hz]; without it they are refused.
+    /// Interpolates uneven stamps to this rate in Hz; without it they are refused.
     #[arg(long, value_name = "HZ", value_parser = positive, conflicts_with = "rate")]
     pub resample: Option<f64>,
     /// How messages are encoded.

@@ -33,25 +33,25 @@ pub struct Args {
     /// The name of the rod: letters, digits, '-', '_' and '.'.
     #[arg(long, default_value = "rod-1")]
     pub id: String,
-    /// Free length between the walls [m].
+    /// Free length between the walls in metres.
     #[arg(long, value_name = "M", value_parser = positive_flag)]
     pub length_m: Option<f64>,
-    /// Side of a square section [m].
+    /// Side of a square section in metres.
     #[arg(long, value_name = "M", value_parser = positive_flag, conflicts_with_all = ["diameter_m", "width_m"])]
     pub side_m: Option<f64>,
-    /// Diameter of a round section [m].
+    /// Diameter of a round section in metres.
     #[arg(long, value_name = "M", value_parser = positive_flag, conflicts_with = "width_m")]
     pub diameter_m: Option<f64>,
-    /// Width of a rectangle, across the plane of vibration [m].
+    /// Width of a rectangle in metres, across the plane of vibration.
     #[arg(long, value_name = "M", value_parser = positive_flag, requires = "height_m")]
     pub width_m: Option<f64>,
-    /// Height of a rectangle, in the plane of vibration [m].
+    /// Height of a rectangle in metres, in the plane of vibration.
     #[arg(long, value_name = "M", value_parser = positive_flag, requires = "width_m")]
     pub height_m: Option<f64>,
     /// What the rod is made of.
     #[arg(long, value_enum)]
     pub material: Option<Material>,
-    /// The axial force expected, give or take 30 % [N]; without it everything up to a stress of 300 MPa is as likely.
+    /// The axial force expected in newtons, give or take 30 %; without it everything up to a stress of 300 MPa is as likely.
     #[arg(long, value_name = "N", value_parser = positive_flag)]
     pub force_n: Option<f64>,
     /// The topic of its displacement, velocity or acceleration.
@@ -63,7 +63,7 @@ pub struct Args {
     /// The unit of the samples, if the recording does not say it.
     #[arg(long)]
     pub unit: Option<String>,
-    /// The sample rate [Hz], of arrays only, if the recording does not say it.
+    /// The sample rate in Hz, of arrays only, if the recording does not say it.
     #[arg(long, value_name = "HZ", value_parser = positive_flag)]
     pub fs_hz: Option<f64>,
 }
@@ -188,7 +188,7 @@ fn positive(text: &str) -> Option<f64> {
 struct Rod {
     length_m: f64,
     section: &'static str,
-    /// Keys and values of its dimensions [m].
+    /// Keys and values of its dimensions in metres.
     dimensions: Vec<(&'static str, f64)>,
     area_m2: f64,
     inertia_m4: f64,

@@ -4,19 +4,20 @@
 mod common;
 
 use common::{FS, START, motion, recording, spec};
-use std::collections::BTreeSet;
+use std::collections::{BTreeSet, HashSet};
 use std::ffi::OsStr;
 use std::fs::{self, File};
 use std::io::Write;
 use std::os::unix::ffi::OsStrExt;
 use std::os::unix::fs::symlink;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 use tirante::config::Config;
-use tirante::daemon::reader::{JournalSource, Reader, Remembered, Sources, Surroundings, Watch};
+use tirante::daemon::reader::{JournalSource, Reader, Remembered, Sources, Surroundings};
+use tirante::daemon::steps::Watch;
 use tirante::daemon::{Generation, Job};
 use tirante::journal::{Batch, Bell, End, Entry, Journal, JournalSettings};
 use tirante::record::{Event, Record};
@@ -359,6 +360,31 @@ fn a_file_without_permission_is_named_and_does_not_stop_the_others() {
     run.until("the other", |run| run.done("open.mcap"));
     run.until_quiet();
     assert_eq!((run.records.len(), run.health.count(Fault::Folder)), (2, 1));
+}
+
+#[test]
+fn no_two_steps_of_a_file_have_one_name_and_they_are_the_same_the_next_time() {
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("a.mcap"), measured(0.0, 120.0)).unwrap();
+    let steps = || {
+        let steps = Arc::<Mutex<Vec<String>>>::default();
+        let noted = Arc::clone(&steps);
+        let watch = Watch {
+            working_on: Box::new(move |step| noted.lock().unwrap().extend(step.map(str::to_owned))),
+            deaths: Box::new(|_| 0),
+        };
+        let mut run = Run::with(folder.path(), 600.0, Remembered::default(), watch);
+        run.until("it", |run| run.done("a.mcap"));
+        drop(run);
+        let mut steps = steps.lock().unwrap().clone();
+        // The last look, which finds the end, may come again.
+        steps.pop();
+        steps
+    };
+    let first = steps();
+    let names: HashSet<_> = first.iter().collect();
+    assert!(first.len() > 10 && names.len() == first.len(), "{first:?}");
+    assert_eq!(first, steps());
 }
 
 #[test]

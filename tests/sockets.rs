@@ -336,11 +336,7 @@ fn who_says_nothing_that_makes_sense_is_closed_within_ten_seconds() {
         assert!(answer.contains("nothing whole came for 7 s"), "{answer}");
         assert_eq!(client.answer(), "");
     }
-    assert!(
-        since.elapsed() < Duration::from_secs(10),
-        "{:?}",
-        since.elapsed()
-    );
+    assert!(since.elapsed() < Duration::from_secs(10), "{:?}", since.elapsed());
     assert_eq!(daemon.count(Fault::Idle), 13);
 }
 

@@ -1,0 +1,59 @@
+//! A recording that ends the program whenever it is read: too much for the memory it has.
+
+use super::campaign::{Campaign, Material, RODS, huge};
+use super::process::Process;
+use std::fs;
+
+/// Memory beyond what a daemon takes that reads what is harmless \[kB\].
+const MORE_KB: u64 = 24 << 10;
+/// One arena, so that addresses are taken for what is used.
+const VARIABLES: [(&str, &str); 1] = [("MALLOC_ARENA_MAX", "1")];
+
+/// The most addresses a process had so far \[kB\].
+fn peak_kb(pid: u32) -> u64 {
+    let status = fs::read_to_string(format!("/proc/{pid}/status")).unwrap();
+    let line = status
+        .lines()
+        .find_map(|line| line.strip_prefix("VmPeak:"))
+        .unwrap();
+    line.trim_end_matches("kB").trim().parse().unwrap()
+}
+
+#[test]
+fn a_recording_the_program_dies_of_is_set_aside_after_two_deaths_alone() {
+    let material = Material::short();
+    let campaign = Campaign::new(material, "[record]\nmax_duration_s = 43_200\n");
+    let mut feed = campaign.feed();
+    feed.offer(1.0);
+    let mut daemon = Process::with(campaign.folder.path(), &[], &VARIABLES);
+    let all = material.days * RODS.len();
+    daemon.wait_until("everything is in", |_| {
+        feed.is_done() && campaign.records() >= all
+    });
+    let limit = format!("--as={}", (peak_kb(daemon.pid()) + MORE_KB) << 10);
+    daemon.stop("-TERM");
+
+    fs::write(campaign.path("coming"), huge()).unwrap();
+    fs::rename(campaign.path("coming"), campaign.path("archive/a-huge.mcap")).unwrap();
+    let mut deaths = 0;
+    let mut daemon = loop {
+        let mut daemon = Process::with(campaign.folder.path(), &["prlimit", &limit], &VARIABLES);
+        let is_set_aside = daemon.becomes(|log| log.contains("quarantined"));
+        if is_set_aside {
+            break daemon;
+        }
+        assert!(!daemon.wait().success(), "{}", daemon.log());
+        deaths += 1;
+        assert!(deaths < 6, "{}", daemon.log());
+    };
+    // One that blames nobody, two alone.
+    assert_eq!(deaths, 3);
+    // Later days of the rod "north".
+    fs::write(campaign.path("coming"), &Material::long().files[3]).unwrap();
+    fs::rename(campaign.path("coming"), campaign.path("archive/good.mcap")).unwrap();
+    daemon.wait_until("the rest goes on", |log| log.contains("good.mcap is read"));
+    // Of what was set aside there is one row at most: its reason.
+    let records = campaign.records() - all;
+    assert!((2..=3).contains(&records), "{records} more records");
+    daemon.stop("-TERM");
+}

@@ -20,7 +20,7 @@ fn peak_kb(pid: u32) -> u64 {
 }
 
 #[test]
-fn a_recording_the_program_dies_of_is_set_aside_after_two_deaths_alone() {
+fn a_recording_the_program_dies_of_is_set_aside_and_the_rest_goes_on() {
     let material = Material::short();
     let campaign = Campaign::new(material, "[record]\nmax_duration_s = 43_200\n");
     let mut feed = campaign.feed();
@@ -34,24 +34,24 @@ fn a_recording_the_program_dies_of_is_set_aside_after_two_deaths_alone() {
     daemon.stop("-TERM");
 
     fs::write(campaign.path("coming"), huge()).unwrap();
-    fs::rename(campaign.path("coming"), campaign.path("archive/a-huge.mcap")).unwrap();
+    fs::rename(campaign.path("coming"), campaign.path("archive/huge.mcap")).unwrap();
+    // Later days of the rod "north", read after it.
+    fs::write(campaign.path("coming"), &Material::long().files[3]).unwrap();
+    fs::rename(campaign.path("coming"), campaign.path("archive/later.mcap")).unwrap();
     let mut deaths = 0;
-    let mut daemon = loop {
+    let daemon = loop {
         let mut daemon = Process::with(campaign.folder.path(), &["prlimit", &limit], &VARIABLES);
-        let is_set_aside = daemon.becomes(|log| log.contains("quarantined"));
-        if is_set_aside {
+        let goes_on = daemon.becomes(|log| log.contains("later.mcap is read"));
+        if goes_on {
             break daemon;
         }
         assert!(!daemon.wait().success(), "{}", daemon.log());
         deaths += 1;
-        assert!(deaths < 6, "{}", daemon.log());
+        assert!(deaths <= 6, "{}", daemon.log());
     };
-    // One that blames nobody, two alone.
-    assert_eq!(deaths, 3);
-    // Later days of the rod "north".
-    fs::write(campaign.path("coming"), &Material::long().files[3]).unwrap();
-    fs::rename(campaign.path("coming"), campaign.path("archive/good.mcap")).unwrap();
-    daemon.wait_until("the rest goes on", |log| log.contains("good.mcap is read"));
+    // One death that blames nobody and two alone for reading it, and as many for analysing what was read before that.
+    assert!(deaths == 3 || deaths == 6, "{deaths} deaths");
+    assert!(daemon.log().contains("quarantined"), "{}", daemon.log());
     // Of what was set aside there is one row at most: its reason.
     let records = campaign.records() - all;
     assert!((2..=3).contains(&records), "{records} more records");

@@ -296,6 +296,8 @@ impl Campaign {
         feed.kill_sender();
         feed.offer(1.0);
         let all = self.material.days * RODS.len();
+        // All may be in already, and it answers to signals when it has begun only.
+        daemon.wait_until("it is ready", |log| log.contains("ready"));
         daemon.wait_until("everything is in", |_| feed.is_done() && self.records() >= all);
         // What is repeated is told within these seconds, too.
         let until = Instant::now() + DEADLINE;

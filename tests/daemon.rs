@@ -402,7 +402,7 @@ fn a_record_the_program_dies_of_is_set_aside_and_the_rest_goes_on() {
         .query_row("SELECT count(*) FROM record", (), |row| row.get(0))
         .unwrap();
     let step = format!("record {identity} of rod {rod}");
-    let memory = serde_json::to_vec(&BTreeMap::from([(step, 3)])).unwrap();
+    let memory = serde_json::to_vec(&BTreeMap::from([(step, 2)])).unwrap();
     fs::write(site.path("site.db.suspects"), memory).unwrap();
     let mut daemon = Daemon::ready(&site, &[]);
     wait_for_files(&site, 7);

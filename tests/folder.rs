@@ -4,19 +4,20 @@
 mod common;
 
 use common::{FS, START, motion, recording, spec};
-use std::collections::BTreeSet;
+use std::collections::{BTreeSet, HashSet};
 use std::ffi::OsStr;
 use std::fs::{self, File};
 use std::io::Write;
 use std::os::unix::ffi::OsStrExt;
 use std::os::unix::fs::symlink;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 use tirante::config::Config;
-use tirante::daemon::reader::{JournalSource, Reader, Remembered, Sources, Surroundings, Watch};
+use tirante::daemon::reader::{JournalSource, Reader, Remembered, Sources, Surroundings};
+use tirante::daemon::steps::Watch;
 use tirante::daemon::{Generation, Job};
 use tirante::journal::{Batch, Bell, End, Entry, Journal, JournalSettings};
 use tirante::record::{Event, Record};
@@ -362,18 +363,43 @@ fn a_file_without_permission_is_named_and_does_not_stop_the_others() {
 }
 
 #[test]
-fn what_thrice_ended_the_program_is_set_aside_and_the_rest_goes_on() {
+fn no_two_steps_of_a_file_have_one_name_and_they_are_the_same_the_next_time() {
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("a.mcap"), measured(0.0, 120.0)).unwrap();
+    let steps = || {
+        let steps = Arc::<Mutex<Vec<String>>>::default();
+        let noted = Arc::clone(&steps);
+        let watch = Watch {
+            working_on: Box::new(move |step| noted.lock().unwrap().extend(step.map(str::to_owned))),
+            deaths: Box::new(|_| 0),
+        };
+        let mut run = Run::with(folder.path(), 600.0, Remembered::default(), watch);
+        run.until("it", |run| run.done("a.mcap"));
+        drop(run);
+        let mut steps = steps.lock().unwrap().clone();
+        // The last look, which finds the end, may come again.
+        steps.pop();
+        steps
+    };
+    let first = steps();
+    let names: HashSet<_> = first.iter().collect();
+    assert!(first.len() > 10 && names.len() == first.len(), "{first:?}");
+    assert_eq!(first, steps());
+}
+
+#[test]
+fn what_twice_ended_the_program_alone_is_set_aside_and_the_rest_goes_on() {
     let folder = tempfile::tempdir().unwrap();
     fs::write(folder.path().join("bad.mcap"), measured(0.0, 20.0)).unwrap();
     fs::write(folder.path().join("good.mcap"), measured(100.0, 20.0)).unwrap();
     let watch = Watch {
         working_on: Box::new(|_| {}),
-        deaths: Box::new(|step| if step.starts_with("bad.mcap@") { 3 } else { 2 }),
+        deaths: Box::new(|step| if step.starts_with("bad.mcap@") { 2 } else { 1 }),
     };
     let mut run = Run::with(folder.path(), 600.0, Remembered::default(), watch);
     run.until("both", |run| run.done("bad.mcap") && run.done("good.mcap"));
     assert!(
-        matches!(&run.remembered.files["bad.mcap"].state, FileState::Quarantined(why) if why.contains("3 times"))
+        matches!(&run.remembered.files["bad.mcap"].state, FileState::Quarantined(why) if why.contains("2 times"))
     );
     assert_eq!(run.remembered.files["good.mcap"].state, FileState::Done);
     assert_eq!((run.records.len(), run.health.count(Fault::Quarantined)), (2, 1));

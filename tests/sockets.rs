@@ -316,7 +316,7 @@ fn who_says_nothing_that_makes_sense_is_closed_within_ten_seconds() {
     .into();
     let mut drips: Vec<_> = drips.into_iter().collect();
     // A byte a second is no sign of life, nor are empty lines; others are served meanwhile.
-    for second in 0..9 {
+    for second in 0..6 {
         for (client, bytes) in &mut drips {
             let _ = client.stream.write_all(
                 &bytes[second.min(bytes.len() - 1)..][..1.min(bytes.len() - second.min(bytes.len()))],
@@ -333,14 +333,10 @@ fn who_says_nothing_that_makes_sense_is_closed_within_ten_seconds() {
         .chain(drips.into_iter().map(|(client, _)| client))
     {
         let answer = client.answer();
-        assert!(answer.contains("nothing whole came for 10 s"), "{answer}");
+        assert!(answer.contains("nothing whole came for 7 s"), "{answer}");
         assert_eq!(client.answer(), "");
     }
-    assert!(
-        since.elapsed() < Duration::from_millis(11_500),
-        "{:?}",
-        since.elapsed()
-    );
+    assert!(since.elapsed() < Duration::from_secs(10), "{:?}", since.elapsed());
     assert_eq!(daemon.count(Fault::Idle), 13);
 }
 

@@ -1,6 +1,6 @@
 //! The watched folder: which recordings in it are to be read, and reading them a step at a time.
 
-use super::reader::Watch;
+use super::steps::{Steps, Watch};
 use crate::record::{Event, RecordSettings, RodChannels};
 use crate::source::folder::first_time;
 use crate::source::series::modified_ns;
@@ -66,6 +66,7 @@ struct Lane {
     name: OsString,
     label: Arc<str>,
     recording: Recording,
+    steps: Steps,
     file: File,
     records: u64,
     is_live: bool,
@@ -332,6 +333,7 @@ impl Folder {
             name: name.to_owned(),
             label: Arc::from(label),
             recording,
+            steps: Steps::default(),
             file,
             records: 0,
             is_live,
@@ -355,7 +357,7 @@ enum LaneStep {
 impl Lane {
     fn step(&mut self, watch: &mut Watch, settle: Duration, health: &Health) -> LaneStep {
         if self.quarantined.is_none()
-            && let Some(why) = watch.begin(&self.label, self.recording.offset())
+            && let Some(why) = watch.begin(&self.label, self.recording.offset(), &mut self.steps)
         {
             health.fault(Fault::Quarantined, &why);
             self.recording.abandon(&why);
@@ -363,6 +365,9 @@ impl Lane {
         }
         let polled = self.recording.poll();
         watch.end();
+        if matches!(polled, Poll::More | Poll::Event(_)) {
+            self.steps.brought_something();
+        }
         match polled {
             Poll::Event(event) => {
                 self.records += u64::from(!matches!(event, Event::Readings { .. }));

@@ -16,6 +16,7 @@ mod retention;
 mod running;
 mod signals;
 mod silence;
+pub mod steps;
 pub mod suspects;
 mod workers;
 

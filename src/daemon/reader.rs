@@ -4,7 +4,7 @@
 //! it stops: what was not committed is read again at the next start.
 
 use super::folder::{Folder, FolderStep};
-use super::suspects::CONDEMNED;
+use super::steps::{Steps, Watch};
 use super::{Generation, Job};
 use crate::journal::{self, Bell, part};
 use crate::record::{Event, RodChannels};
@@ -29,44 +29,6 @@ const PUSH_BACK: Duration = Duration::from_millis(2);
 
 /// The name the store keeps the journal's [`Carry`] under.
 pub const JOURNAL: &str = "journal";
-
-/// Takes note of what is worked on.
-pub type TakeNote = Box<dyn FnMut(Option<&str>) + Send>;
-
-/// Whom the reader tells what it works on, so that an end of the program can be laid to it.
-pub struct Watch {
-    /// Notes what is worked on; `None` when it went well.
-    pub working_on: TakeNote,
-    /// How often that ended the program.
-    pub deaths: Box<dyn Fn(&str) -> u32 + Send>,
-}
-
-impl Watch {
-    /// Nobody is told.
-    pub fn none() -> Self {
-        Self {
-            working_on: Box::new(|_| {}),
-            deaths: Box::new(|_| 0),
-        }
-    }
-
-    /// A step begins; why it must not, if it must not.
-    pub(super) fn begin(&mut self, name: &str, offset: u64) -> Option<String> {
-        let step = format!("{name}@{offset}");
-        let deaths = (self.deaths)(&step);
-        if deaths >= CONDEMNED {
-            return Some(format!(
-                "{name}: reading it at byte {offset} ended the program {deaths} times; it is set aside"
-            ));
-        }
-        (self.working_on)(Some(&step));
-        None
-    }
-
-    pub(super) fn end(&mut self) {
-        (self.working_on)(None);
-    }
-}
 
 /// What is read.
 pub struct Sources {
@@ -193,6 +155,7 @@ struct Work {
 struct JournalLane {
     series: Series,
     handle: journal::Handle,
+    steps: Steps,
     quarantined: Option<(u32, String)>,
     /// The damaged part for which another one was asked.
     rotated: Option<u32>,
@@ -275,6 +238,7 @@ impl Work {
             JournalLane {
                 series,
                 handle: source.handle,
+                steps: Steps::default(),
                 quarantined: None,
                 rotated: None,
                 is_read: false,
@@ -364,7 +328,8 @@ impl Work {
         };
         if let Some((number, offset)) = lane.series.position() {
             let is_set_aside = lane.quarantined.as_ref().is_some_and(|(part, _)| *part == number);
-            if !is_set_aside && let Some(why) = self.around.watch.begin(&part::mark_name(number), offset) {
+            let name = part::mark_name(number);
+            if !is_set_aside && let Some(why) = self.around.watch.begin(&name, offset, &mut lane.steps) {
                 self.around.health.fault(Fault::Quarantined, &why);
                 lane.series.abandon(&why);
                 lane.quarantined = Some((number, why));
@@ -372,6 +337,9 @@ impl Work {
         }
         let polled = lane.series.poll();
         self.around.watch.end();
+        if matches!(polled, SeriesPoll::More | SeriesPoll::Event(..)) {
+            lane.steps.brought_something();
+        }
         match polled {
             SeriesPoll::Event(event, place) => self.send_event(event, place)?,
             SeriesPoll::More => {}

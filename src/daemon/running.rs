@@ -3,7 +3,8 @@
 use super::core::{Broken, Core, Word};
 use super::live::{Bound, Live};
 use super::pipe::{self, Ending, JOBS};
-use super::reader::{self, Reader, Remembered, Sources, Surroundings, Watch};
+use super::reader::{self, Reader, Remembered, Sources, Surroundings};
+use super::steps::Watch;
 use super::suspects::Suspects;
 use super::workers::Workers;
 use super::{Generation, Happening, Job, Options, restart};

@@ -16,8 +16,9 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread;
 use std::time::Duration;
 
-/// So many deaths of a step alone, and it is not tried any more.
-pub const CONDEMNED: u32 = 3;
+/// So many deaths of a step alone, and it is not tried any more. With the first death, which blames nobody, these are three:
+/// systemd must not give up before (docs/daemon.md).
+pub const CONDEMNED: u32 = 2;
 
 /// Bytes of a slot.
 const SLOT: usize = 1024;

@@ -18,10 +18,10 @@ use tokio::time;
 const CONNECTIONS: usize = 64;
 
 /// A request's line and headers have come within this time, and a kept connection speaks again within it.
-const READ: Duration = Duration::from_secs(10);
+const READ: Duration = Duration::from_secs(8);
 
 /// A client that takes nothing of an answer for this long is cut off.
-const WRITE: Duration = Duration::from_secs(10);
+const WRITE: Duration = Duration::from_secs(8);
 
 /// Line and headers of a request together \[bytes\].
 const HEAD_BYTES: usize = 16 << 10;

@@ -47,9 +47,10 @@ impl From<Closed> for Farewell {
     }
 }
 
-/// Serves one client to its end.
+/// Serves one client, let in at that moment, to its end.
 pub(super) async fn attend<I: Intake>(
     socket: Box<dyn Socket>,
+    let_in: Instant,
     peer: &str,
     server: &Server<I>,
     mut stop: watch::Receiver<bool>,
@@ -76,7 +77,7 @@ pub(super) async fn attend<I: Intake>(
     };
     let outcome = tokio::select! {
         _ = stop.wait_for(|stop| *stop) => Err(Farewell::Closed(Closed::Stopping)),
-        outcome = client.converse(&mut input) => outcome,
+        outcome = client.converse(&mut input, let_in) => outcome,
     };
     client.leave(peer, outcome).await;
     drop(client);
@@ -103,9 +104,13 @@ struct Client<'a, I: Intake> {
 
 impl<I: Intake> Client<'_, I> {
     /// Listens until the client closes its side.
-    async fn converse(&mut self, input: &mut (impl AsyncRead + Unpin)) -> Result<(), Farewell> {
+    async fn converse(
+        &mut self,
+        input: &mut (impl AsyncRead + Unpin),
+        let_in: Instant,
+    ) -> Result<(), Farewell> {
         let mut buffer = vec![0; READ_BYTES];
-        let mut alive = Instant::now();
+        let mut alive = let_in;
         let mut progress = 0;
         loop {
             let patience = if self.protocol.has_spoken() {

@@ -21,8 +21,9 @@ use tokio::task::JoinSet;
 use tokio::time::{Instant, sleep, timeout, timeout_at};
 use tokio_rustls::TlsAcceptor;
 
-/// A client must say something that makes sense within this time, and finish its TLS handshake.
-pub(super) const GREETING: Duration = Duration::from_secs(10);
+/// From the moment it is let in, a client has this time for its TLS handshake and for something that makes sense. With the
+/// seconds it is then given to read why, it is gone within ten.
+pub(super) const GREETING: Duration = Duration::from_secs(7);
 
 /// How long clients are given to go when the daemon stops.
 const FAREWELL: Duration = Duration::from_millis(1500);
@@ -214,11 +215,14 @@ async fn attend<I: Intake>(
             continue;
         };
         let (shared, stop) = (Arc::clone(&shared), stop.clone());
+        let let_in = Instant::now();
         tasks.spawn(async move {
             match shared.tls.as_ref().filter(|_| is_tls) {
-                None => connection::attend(socket, &peer, &shared, stop).await,
-                Some(tls) => match timeout(GREETING, tls.accept(socket)).await {
-                    Ok(Ok(socket)) => connection::attend(Box::new(socket), &peer, &shared, stop).await,
+                None => connection::attend(socket, let_in, &peer, &shared, stop).await,
+                Some(tls) => match timeout_at(let_in + GREETING, tls.accept(socket)).await {
+                    Ok(Ok(socket)) => {
+                        connection::attend(Box::new(socket), let_in, &peer, &shared, stop).await;
+                    }
                     Ok(Err(fault)) => {
                         shared
                             .health

@@ -200,8 +200,10 @@ fn begin(path: &Path) -> Result<(), StoreError> {
     }
     let write = || -> rusqlite::Result<()> {
         let mut connection = Connection::open(&new)?;
-        connection.pragma_update(None, "journal_mode", "WAL")?;
+        // Only in this order: closing a database whose journal could not be written back says nothing of it, and what goes to
+        // its place would be empty.
         schema::migrate(&mut connection, 0)?;
+        connection.pragma_update(None, "journal_mode", "WAL")?;
         connection.close().map_err(|(_, error)| error)
     };
     write().map_err(|source| StoreError::Database {

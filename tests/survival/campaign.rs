@@ -124,6 +124,36 @@ fn tirante(folder: &Path, words: &[&str]) -> std::process::Output {
         .unwrap()
 }
 
+/// Simulates a recording into a folder; where it is.
+fn simulate(folder: &Path, name: &str, config: &str, seed: usize) -> PathBuf {
+    fs::write(folder.join("simulated.toml"), config).unwrap();
+    let seed = seed.to_string();
+    let words = [
+        "simulate",
+        "--config",
+        "simulated.toml",
+        "--out",
+        name,
+        "--seed",
+        &seed,
+    ];
+    let output = tirante(folder, &words);
+    assert!(
+        output.status.success(),
+        "{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
+    folder.join(name)
+}
+
+/// A recording of one record of the rod `east`, 11 hours long: 32 MB of samples at once.
+pub fn huge() -> Vec<u8> {
+    let folder = tempfile::tempdir().unwrap();
+    let config =
+        simulation("east", 5, 1, false, "protobuf").replace("record_s = 30.0", "record_s = 40_000.0");
+    fs::read(simulate(folder.path(), "huge.mcap", &config, 5)).unwrap()
+}
+
 impl Material {
     /// Long enough for baselines, charts and an alarm.
     pub fn long() -> &'static Self {
@@ -141,24 +171,8 @@ impl Material {
         let folder = tempfile::tempdir().unwrap();
         let simulate = |name: &str, id: &str, first: usize, days: usize, encoding: &str| {
             let config = simulation(id, first, days, first >= good_days, encoding);
-            fs::write(folder.path().join("simulated.toml"), config).unwrap();
-            let seed = (first + 1000 * id.len() + usize::from(id.as_bytes()[0])).to_string();
-            let words = [
-                "simulate",
-                "--config",
-                "simulated.toml",
-                "--out",
-                name,
-                "--seed",
-                &seed,
-            ];
-            let output = tirante(folder.path(), &words);
-            assert!(
-                output.status.success(),
-                "{}",
-                String::from_utf8_lossy(&output.stderr)
-            );
-            folder.path().join(name)
+            let seed = first + 1000 * id.len() + usize::from(id.as_bytes()[0]);
+            simulate(folder.path(), name, &config, seed)
         };
         let half = days / 2;
         let files = (0..days)
@@ -282,6 +296,8 @@ impl Campaign {
         feed.kill_sender();
         feed.offer(1.0);
         let all = self.material.days * RODS.len();
+        // All may be in already, and it answers to signals when it has begun only.
+        daemon.wait_until("it is ready", |log| log.contains("ready"));
         daemon.wait_until("everything is in", |_| feed.is_done() && self.records() >= all);
         // What is repeated is told within these seconds, too.
         let until = Instant::now() + DEADLINE;
@@ -323,11 +339,12 @@ impl Campaign {
             .collect()
     }
 
-    /// The invariants, after everything was fed.
-    pub fn check(&self, what: &str) {
+    /// The invariants, after everything was fed. A store that was damaged on purpose must have been moved aside, no other.
+    pub fn check(&self, what: &str, was_damaged: bool) {
         let made = self.results("state/site.db");
         compare(what, self.material.undisturbed(), &made);
-        assert!(!self.path("state/site.db.corrupt-1").exists(), "{what}");
+        let is_aside = self.path("state/site.db.corrupt-1").exists();
+        assert_eq!(is_aside, was_damaged, "{what}");
         let replayed = self.replay(&["archive", "state/journal"]);
         compare(&format!("{what}, replayed"), &made, &replayed);
     }

@@ -6,6 +6,7 @@ mod campaign;
 mod feed;
 mod hook;
 mod kill;
+mod poison;
 mod process;
 mod refusals;
 mod sandbox;

@@ -65,6 +65,19 @@ impl Process {
         }
     }
 
+    /// Waits until it is so, or the daemon ends; whether it is so.
+    pub fn becomes(&mut self, is_so: impl Fn(&str) -> bool) -> bool {
+        let until = Instant::now() + DEADLINE;
+        while self.is_running() {
+            if is_so(&self.log()) {
+                return true;
+            }
+            assert!(Instant::now() < until, "neither so nor ended:\n{}", self.log());
+            thread::sleep(Duration::from_millis(10));
+        }
+        false
+    }
+
     /// The daemon itself, inside of what runs it.
     pub fn pid(&self) -> u32 {
         let mut pid = self.child.id();

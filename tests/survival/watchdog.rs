@@ -2,13 +2,14 @@
 
 use super::campaign::{Campaign, Material};
 use super::process::Process;
-use super::steps::{has_strace, injecting};
+use super::steps::{Files, has_strace, injecting};
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream};
 use std::os::unix::net::UnixDatagram;
 use std::time::{Duration, Instant};
 
-fn status(port: u16) -> String {
+/// What `/healthz` answers, whole.
+pub fn status(port: u16) -> String {
     let mut stream = TcpStream::connect(("127.0.0.1", port)).unwrap();
     stream.set_read_timeout(Some(Duration::from_secs(10))).unwrap();
     stream
@@ -19,17 +20,19 @@ fn status(port: u16) -> String {
     answer
 }
 
+/// A port nobody listens at.
+pub fn free_port() -> u16 {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    listener.local_addr().unwrap().port()
+}
+
 #[test]
-#[ignore = "compiles, but has not been run to its end yet: run it with --ignored"]
+#[ignore = "45 s of waiting"]
 fn a_work_loop_that_hangs_does_not_feed_the_watchdog() {
     if !has_strace() {
         return;
     }
-    let port = TcpListener::bind("127.0.0.1:0")
-        .unwrap()
-        .local_addr()
-        .unwrap()
-        .port();
+    let port = free_port();
     let campaign = Campaign::new(
         Material::long(),
         &format!("[http]\nlisten = \"127.0.0.1:{port}\"\n"),
@@ -38,13 +41,8 @@ fn a_work_loop_that_hangs_does_not_feed_the_watchdog() {
     socket.set_nonblocking(true).unwrap();
     let mut feed = campaign.feed();
     // The tenth flush of the store hangs for an hour; the journal's do not.
-    let mut words = injecting(&campaign, "fsync,fdatasync", "delay_enter=3600000000:when=10+");
-    while let Some(place) = words
-        .iter()
-        .position(|word| word.contains("journal") || word.ends_with("state"))
-    {
-        words.drain(place - 1..=place);
-    }
+    let injection = "delay_enter=3600000000:when=10+";
+    let words = injecting(&campaign, Files::Store, "fsync,fdatasync", injection);
     let words: Vec<&str> = words.iter().map(String::as_str).collect();
     let notify = campaign.path("notify");
     let variables = [
@@ -84,5 +82,5 @@ fn a_work_loop_that_hangs_does_not_feed_the_watchdog() {
     assert!(!told.iter().any(|said| said.contains("WATCHDOG=1")), "{told:?}");
     drop(daemon);
     campaign.finish(&mut feed);
-    campaign.check("hung");
+    campaign.check("hung", false);
 }

@@ -1,0 +1,64 @@
+//! What the reader is at, step by step, so that an end of the program can be laid to a step of an input.
+
+use super::suspects::CONDEMNED;
+
+/// Takes note of what is worked on.
+pub type TakeNote = Box<dyn FnMut(Option<&str>) + Send>;
+
+/// Whom the reader tells what it works on.
+pub struct Watch {
+    /// Notes what is worked on; `None` when it went well.
+    pub working_on: TakeNote,
+    /// How often that ended the program.
+    pub deaths: Box<dyn Fn(&str) -> u32 + Send>,
+}
+
+impl Watch {
+    /// Nobody is told.
+    pub fn none() -> Self {
+        Self {
+            working_on: Box::new(|_| {}),
+            deaths: Box::new(|_| 0),
+        }
+    }
+
+    /// The next step of the input `name` begins; why it must not, if it must not.
+    pub(super) fn begin(&mut self, name: &str, offset: u64, steps: &mut Steps) -> Option<String> {
+        let step = steps.next(name, offset);
+        let deaths = (self.deaths)(&step);
+        if deaths >= CONDEMNED {
+            return Some(format!(
+                "{name}: reading it at byte {offset} ended the program {deaths} times; it is set aside"
+            ));
+        }
+        (self.working_on)(Some(&step));
+        None
+    }
+
+    pub(super) fn end(&mut self) {
+        (self.working_on)(None);
+    }
+}
+
+/// Tells the steps of one input apart: a chunk is read in many, all at one offset. Were they of one name, the first that
+/// went well would clear the one after it, which ends the program, and the input would never be set aside. They are the
+/// same whenever the input is read: looks that brought nothing do not count.
+#[derive(Debug, Default)]
+pub(super) struct Steps {
+    offset: u64,
+    /// Those at this offset that brought something.
+    taken: u64,
+}
+
+impl Steps {
+    fn next(&mut self, name: &str, offset: u64) -> String {
+        if offset != self.offset {
+            *self = Self { offset, taken: 0 };
+        }
+        format!("{name}@{offset}+{}", self.taken)
+    }
+
+    pub fn brought_something(&mut self) {
+        self.taken += 1;
+    }
+}

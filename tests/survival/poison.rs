@@ -1,0 +1,60 @@
+//! A recording that ends the program whenever it is read: too much for the memory it has.
+
+use super::campaign::{Campaign, Material, RODS, huge};
+use super::process::Process;
+use std::fs;
+
+/// Memory beyond what a daemon takes that reads what is harmless \[kB\].
+const MORE_KB: u64 = 24 << 10;
+/// One arena, so that addresses are taken for what is used.
+const VARIABLES: [(&str, &str); 1] = [("MALLOC_ARENA_MAX", "1")];
+
+/// The most addresses a process had so far \[kB\].
+fn peak_kb(pid: u32) -> u64 {
+    let status = fs::read_to_string(format!("/proc/{pid}/status")).unwrap();
+    let line = status
+        .lines()
+        .find_map(|line| line.strip_prefix("VmPeak:"))
+        .unwrap();
+    line.trim_end_matches("kB").trim().parse().unwrap()
+}
+
+#[test]
+fn a_recording_the_program_dies_of_is_set_aside_and_the_rest_goes_on() {
+    let material = Material::short();
+    let campaign = Campaign::new(material, "[record]\nmax_duration_s = 43_200\n");
+    let mut feed = campaign.feed();
+    feed.offer(1.0);
+    let mut daemon = Process::with(campaign.folder.path(), &[], &VARIABLES);
+    let all = material.days * RODS.len();
+    daemon.wait_until("everything is in", |_| {
+        feed.is_done() && campaign.records() >= all
+    });
+    let limit = format!("--as={}", (peak_kb(daemon.pid()) + MORE_KB) << 10);
+    daemon.stop("-TERM");
+
+    fs::write(campaign.path("coming"), huge()).unwrap();
+    fs::rename(campaign.path("coming"), campaign.path("archive/huge.mcap")).unwrap();
+    // Later days of the rod "north", read after it.
+    fs::write(campaign.path("coming"), &Material::long().files[3]).unwrap();
+    fs::rename(campaign.path("coming"), campaign.path("archive/later.mcap")).unwrap();
+    let mut deaths = 0;
+    let daemon = loop {
+        let mut daemon = Process::with(campaign.folder.path(), &["prlimit", &limit], &VARIABLES);
+        let goes_on = daemon.becomes(|log| log.contains("later.mcap is read"));
+        if goes_on {
+            break daemon;
+        }
+        assert!(!daemon.wait().success(), "{}", daemon.log());
+        deaths += 1;
+        assert!(deaths <= 6, "{}", daemon.log());
+    };
+    // One death that blames nobody and two alone for reading it, and as many for analysing what was read before that.
+    assert!(deaths == 3 || deaths == 6, "{deaths} deaths");
+    assert!(daemon.log().contains("quarantined"), "{}", daemon.log());
+    let store = rusqlite::Connection::open(campaign.path("state/site.db")).unwrap();
+    let sql = "SELECT count(*) FROM record WHERE rod = 'north' AND rejection IS NULL";
+    let north: usize = store.query_row(sql, (), |row| row.get(0)).unwrap();
+    assert_eq!(north, material.days + 2);
+    daemon.stop("-TERM");
+}

@@ -5,6 +5,7 @@
 //! `page::rejected`.
 
 #[path = "../tests/archive/mod.rs"]
+#[allow(dead_code)] // it fills its own store
 mod archive;
 
 use archive::{CONFIG, identified, line, period, rejected, state};

@@ -54,7 +54,7 @@ fn a_recording_the_program_dies_of_is_set_aside_and_the_rest_goes_on() {
     assert!(daemon.log().contains("quarantined"), "{}", daemon.log());
     let store = rusqlite::Connection::open(campaign.path("state/site.db")).unwrap();
     let sql = "SELECT count(*) FROM record WHERE rod = 'north' AND rejection IS NULL";
-    let north: usize = store.query_row(sql, (), |row| row.get(0)).unwrap();
-    assert_eq!(north, material.days + 2);
+    let north: i64 = store.query_row(sql, (), |row| row.get(0)).unwrap();
+    assert_eq!(usize::try_from(north).unwrap(), material.days + 2);
     daemon.stop("-TERM");
 }

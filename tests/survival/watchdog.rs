@@ -2,7 +2,7 @@
 
 use super::campaign::{Campaign, Material};
 use super::process::Process;
-use super::steps::{Files, has_strace, injecting};
+use super::steps::{Files, Found, has_strace, injecting, prepare};
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream};
 use std::os::unix::net::UnixDatagram;
@@ -40,6 +40,8 @@ fn a_work_loop_that_hangs_does_not_feed_the_watchdog() {
     let socket = UnixDatagram::bind(campaign.path("notify")).unwrap();
     socket.set_nonblocking(true).unwrap();
     let mut feed = campaign.feed();
+    // Making the store takes more than ten flushes.
+    prepare(&campaign, &mut feed, Found::Begun);
     // The tenth flush of the store hangs for an hour; the journal's do not.
     let injection = "delay_enter=3600000000:when=10+";
     let words = injecting(&campaign, Files::Store, "fsync,fdatasync", injection);

@@ -3,6 +3,7 @@
 //!
 //! One at a time, on a machine that does nothing else:
 //! `cargo test --release --test load -- --ignored --nocapture --test-threads 1 NAME`. docs/performance.md has the figures.
+//! On a machine that is busy, `chrt -f 5` before the built test binary puts all of it before everything else.
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
 #[path = "../archive/mod.rs"]

@@ -282,8 +282,9 @@ impl Campaign {
         let Ok(reader) = tirante::store::Reader::open(&self.path("state/site.db")) else {
             return 0;
         };
-        let standings = reader.standings().unwrap_or_default();
-        standings.iter().map(|standing| standing.records as usize).sum()
+        let rods = reader.rods().unwrap_or_default();
+        let counts = rods.iter().filter_map(|rod| reader.counts(rod).ok());
+        counts.map(|(records, _)| records as usize).sum()
     }
 
     /// Lets an undisturbed daemon take the rest.

@@ -137,10 +137,10 @@ fn wait_for_files(site: &Site, count: usize) {
     });
 }
 
-fn records(reader: &Reader) -> u64 {
+fn records(reader: &Reader) -> i64 {
     let rods = reader.rods().unwrap_or_default();
     let counts = rods.iter().filter_map(|rod| reader.counts(rod).ok());
-    counts.map(|(records, _)| records).sum()
+    counts.map(|(records, _)| records as i64).sum()
 }
 
 /// The dump of an undisturbed replay.

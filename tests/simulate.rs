@@ -72,7 +72,10 @@ fn exact_hz(theta: &[f64]) -> [f64; 5] {
 #[test]
 fn without_weather_and_change_the_truth_is_the_beam() {
     let record = record("[simulation]", 0);
-    assert_eq!(record.truth.frequency_hz, exact_hz(&THETA));
+    // The same formula compiled twice: what the compiler knows to be constant may differ in the last bit.
+    for (said, wanted) in record.truth.frequency_hz.iter().zip(exact_hz(&THETA)) {
+        assert!((said / wanted - 1.0).abs() < 1e-15, "{said} {wanted}");
+    }
     assert_eq!(record.truth.axial_force_n, Some(800e3));
     assert_eq!(record.truth.relative_force, 1.0);
 }

@@ -18,6 +18,7 @@ use std::fs;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::time::Instant;
 
 /// Runs the study of the source paper and holds every table and figure against what it prints, with Monte Carlo
 /// errors.
@@ -93,7 +94,9 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     })?;
     drop(progress);
     if args.times {
-        study.times = study::times::measure(&args.effort(), args.seed)?;
+        let begun = Instant::now();
+        let clock = || begun.elapsed().as_secs_f64();
+        study.times = study::times::measure(&args.effort(), args.seed, &clock)?;
     }
     let json = serde_json::to_string(&Document::of(&study))? + "\n";
     if let Some(out) = &args.out {

@@ -12,7 +12,7 @@ pub(super) fn read(table: &mut Table<'_>) -> HttpSettings {
     let listen = table.take(
         key(
             "listen",
-            "address and port of health, readiness and metrics; port 0 takes a free one; it knows no passwords",
+            "address and port of the page, health, readiness and metrics; port 0 takes a free one; reading needs no password",
         ),
         "\"address:port\" like \"127.0.0.1:7416\" or \"[::1]:7416\", or \"off\"",
         Absent::Default(default.listen),

@@ -12,10 +12,9 @@ use crate::forward::ForwardModel;
 use crate::random::{self, BLOCK};
 use serde::Serialize;
 use std::sync::Arc;
-use std::time::{Duration, Instant};
 
-/// An evaluation is repeated for so long.
-const LONG_ENOUGH: Duration = Duration::from_millis(300);
+/// An evaluation is repeated for so long \[s\].
+const LONG_ENOUGH_S: f64 = 0.3;
 
 /// One thing that takes time.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -28,33 +27,37 @@ pub struct Time {
     pub seconds: f64,
 }
 
-/// Trains, asks and samples once more, on one thread, and takes the time.
+/// Trains, asks and samples once more, on one thread, and takes the time by a clock that goes on in seconds.
 ///
 /// # Errors
 /// As the study.
-pub fn measure(effort: &Effort, seed: u64) -> Result<Vec<Time>, StudyError> {
+pub fn measure(
+    effort: &Effort,
+    seed: u64,
+    clock: &(dyn Fn() -> f64 + Sync),
+) -> Result<Vec<Time>, StudyError> {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
-    pool.install(|| on_this_thread(effort, seed))
+    pool.install(|| on_this_thread(effort, seed, clock))
 }
 
-fn on_this_thread(effort: &Effort, seed: u64) -> Result<Vec<Time>, StudyError> {
+fn on_this_thread(effort: &Effort, seed: u64, clock: &dyn Fn() -> f64) -> Result<Vec<Time>, StudyError> {
     let setting = Setting::AsInferred;
     let prior = setting.prior();
     let mut all = Vec::new();
-    let mut time = |what, model, from: Instant| {
-        let seconds = from.elapsed().as_secs_f64();
+    let mut time = |what, model, begun: f64| {
+        let seconds = clock() - begun;
         all.push(Time { what, model, seconds });
     };
-    let begun = Instant::now();
+    let begun = clock();
     let training = Training::solve(&prior, ORDER, finite_elements::ELEMENTS, &|_, _| ())?;
     time("solves of the design", "finite-elements", begun);
-    let begun = Instant::now();
+    let begun = clock();
     training.fit(crate::forward::MAX_MODES, Weighting::Equal);
     time("training", "pce", begun);
-    let begun = Instant::now();
+    let begun = clock();
     Ann::train(&prior, &training, effort.epochs, seed);
     time("training", "ann", begun);
-    let begun = Instant::now();
+    let begun = clock();
     Reduced::fit();
     time("training", "reduced", begun);
     let emulators = Emulators::train(&prior, effort, seed, &|_| ())?;
@@ -63,7 +66,7 @@ fn on_this_thread(effort: &Effort, seed: u64) -> Result<Vec<Time>, StudyError> {
         all.push(Time {
             what: "three frequencies of one rod",
             model: model.name(),
-            seconds: evaluation(&**model, &prior),
+            seconds: evaluation(&**model, &prior, clock),
         });
     }
     let plan = Plan {
@@ -77,12 +80,12 @@ fn on_this_thread(effort: &Effort, seed: u64) -> Result<Vec<Time>, StudyError> {
         for model in &models {
             let model: &Arc<dyn ForwardModel> = model;
             let name = model.name();
-            let begun = Instant::now();
+            let begun = clock();
             table2::one(&plan, Which { sampler, model: name }, model, 0)?;
             all.push(Time {
                 what,
                 model: name,
-                seconds: begun.elapsed().as_secs_f64(),
+                seconds: clock() - begun,
             });
         }
     }
@@ -90,7 +93,7 @@ fn on_this_thread(effort: &Effort, seed: u64) -> Result<Vec<Time>, StudyError> {
 }
 
 /// Time of one point, asked for in blocks as inference does \[s\].
-fn evaluation(model: &dyn ForwardModel, prior: &RodPrior) -> f64 {
+fn evaluation(model: &dyn ForwardModel, prior: &RodPrior, clock: &dyn Fn() -> f64) -> f64 {
     let width = prior.priors().len();
     let mut generator = random::stream(0, 0);
     let mut thetas = vec![0.0; BLOCK * width];
@@ -98,10 +101,10 @@ fn evaluation(model: &dyn ForwardModel, prior: &RodPrior) -> f64 {
         prior.sample(&mut generator, theta);
     }
     let mut y = vec![0.0; BLOCK * 3];
-    let (begun, mut points) = (Instant::now(), 0);
-    while begun.elapsed() < LONG_ENOUGH {
+    let (begun, mut points) = (clock(), 0);
+    while clock() - begun < LONG_ENOUGH_S {
         model.frequencies_of_many(&thetas, 3, std::hint::black_box(&mut y));
         points += BLOCK;
     }
-    begun.elapsed().as_secs_f64() / points as f64
+    (clock() - begun) / points as f64
 }

@@ -131,7 +131,7 @@ impl Browser {
             "/goog/cdp/execute",
             &json!({"cmd": "Page.captureScreenshot", "params": {
                 "format": "png", "captureBeyondViewport": true,
-                "clip": {"x": 0, "y": 0, "width": width, "height": height.min(6000), "scale": 1},
+                "clip": {"x": 0, "y": 0, "width": width, "height": height.min(2200), "scale": 1},
             }}),
         );
         std::fs::write(path, decoded(shot["data"].as_str().unwrap())).unwrap();

@@ -35,12 +35,27 @@ export function figure(id, caption, low = false) {
 
 const react = (plot, traces, lay) => Plotly.react(plot, traces, lay, config);
 
+// One closed outline around each stretch without a gap.
+function around(time, low, high) {
+  const x = [], y = [];
+  for (let from = 0; from < time.length; from += 1) {
+    let to = from;
+    while (to < time.length && low[to] !== null) to += 1;
+    if (to === from) continue;
+    const stretch = [...Array(to - from).keys()].map((i) => from + i);
+    const back = stretch.toReversed();
+    x.push(...stretch.map((i) => time[i]), ...back.map((i) => time[i]), null);
+    y.push(...stretch.map((i) => high[i]), ...back.map((i) => low[i]), null);
+    from = to;
+  }
+  return { x, y };
+}
+
 function band(time, values, name, shade, scale, more = {}) {
   const scaled = (list) => list.map((value) => (value === null ? null : scale(value)));
-  const edge = { x: time, mode: "lines", line: { width: 0 }, hoverinfo: "skip", showlegend: false, connectgaps: false };
+  const outline = { mode: "lines", line: { width: 0 }, hoverinfo: "skip", showlegend: false, fill: "toself", fillcolor: faint(shade, 0.2) };
   return [
-    { ...edge, y: scaled(values.q025) },
-    { ...edge, y: scaled(values.q975), fill: "tonexty", fillcolor: faint(shade, 0.2) },
+    { ...outline, ...around(time, scaled(values.q025), scaled(values.q975)) },
     { x: time, y: scaled(values.mean), name, mode: time.length > 400 ? "lines" : "lines+markers", connectgaps: false,
       line: { color: colour(shade), width: 1.4 }, marker: { size: 4, color: colour(shade) }, ...more },
   ];
@@ -62,8 +77,8 @@ export function relative(plot, rod, history, alarms, range) {
   if (drawn(history.relative_force_at_reference)) traces.push(...band(history.time, history.relative_force_at_reference, "at reference temperature", "c1", percent));
   if (drawn(history.relative_force)) {
     const measured = band(history.time, history.relative_force, "at measured temperature", "c2", percent);
-    if (traces.length) measured[2].visible = "legendonly";
-    traces.push(...(traces.length ? measured.slice(2) : measured));
+    if (traces.length) measured[1].visible = "legendonly";
+    traces.push(...(traces.length ? measured.slice(1) : measured));
   }
   const aside = history.time.flatMap((time, i) => (history.set_aside[i] && history.relative_force.mean[i] !== null ? [[time, percent(history.relative_force.mean[i]), history.set_aside[i]]] : []));
   if (aside.length) {

@@ -11,6 +11,8 @@ use std::process::Command;
 
 const UNIT: &str = include_str!("../../systemd/tirante.service");
 
+const PROGRAM: &str = env!("CARGO_BIN_EXE_tirante");
+
 fn has(program: &str) -> bool {
     let has = Command::new(program).arg("--version").output().is_ok();
     assert!(
@@ -120,6 +122,8 @@ fn confined<'a>(folder: &'a str, state: &'a str) -> Vec<&'a str> {
         "/tmp",
     ]);
     words.extend(["--ro-bind", folder, folder, "--bind", state, state]);
+    // The project itself may lie below /tmp.
+    words.extend(["--ro-bind", PROGRAM, PROGRAM]);
     words
 }
 

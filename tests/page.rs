@@ -8,7 +8,7 @@ mod site;
 use serde_json::{Value as Json, json};
 use server::{Server, TOKEN};
 use site::{Part, SITE, Site, campaign, lines};
-use std::io::{BufRead, BufReader, Write};
+use std::io::{BufRead, BufReader};
 use std::sync::LazyLock;
 
 /// The campaign's store, made once.
@@ -468,5 +468,4 @@ fn a_store_that_is_not_there_or_damaged_is_told() {
     assert_eq!(server.refused("/api/v1/site"), 503);
     let (_, body) = server.ask("GET", "/api/v1/rods/north/history", "");
     assert!(body.contains("not what was written"), "{body}");
-    std::io::stderr().flush().unwrap();
 }

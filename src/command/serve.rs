@@ -16,7 +16,7 @@ use tokio::sync::watch;
 
 /// Shows a store as a web page, beside a running `replay` or `run` or without one.
 ///
-/// Runs until Ctrl-C. The page shows what is committed meanwhile within a second.
+/// Runs until Ctrl-C. The page follows what is committed meanwhile: the store is looked at four times a second.
 #[derive(Debug, Clone, clap::Args)]
 #[command(after_help = "Examples:
   tirante serve --store todi.db                      # then open http://127.0.0.1:7417

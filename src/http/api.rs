@@ -29,13 +29,13 @@ const PERIODS: (usize, usize) = (4000, 1500);
 #[derive(Clone)]
 pub struct Api {
     /// The store.
-    pub shown: Arc<Shown>,
+    shown: Arc<Shown>,
     /// Who may change something.
-    pub access: Access,
+    pub(super) access: Access,
     /// Puts a request into the store.
-    pub ask_writer: Arc<dyn Fn(RodId, Asked) -> Result<String, String> + Send + Sync>,
+    ask_writer: Arc<dyn Fn(RodId, Asked) -> Result<String, String> + Send + Sync>,
     /// Becomes true when the server ends.
-    pub stop: watch::Receiver<bool>,
+    stop: watch::Receiver<bool>,
     listeners: Arc<Semaphore>,
 }
 

@@ -40,11 +40,6 @@ impl Shown {
         })
     }
 
-    /// Where it is.
-    pub fn path(&self) -> &Path {
-        &self.path
-    }
-
     /// Asks the store. It blocks: the runtime's blocking threads are the place for it.
     ///
     /// # Errors

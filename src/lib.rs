@@ -51,6 +51,7 @@
 //! * [`journal`]  what the sockets took, as MCAP parts on disk
 //! * [`alert`]    news of alarms to the sinks, at least once and in order
 //! * [`telemetry`] faults and health, metrics, the log
+//! * [`viewer`]   results as messages for robotics viewers, as a file and live
 //! * [`http`]     the page, its API, `/healthz`, `/readyz`, `/metrics`
 //!
 //! Units are SI throughout; where no documentation travels, the unit is a suffix of the name.
@@ -90,4 +91,5 @@ pub mod study;
 pub mod synthesis;
 pub mod telemetry;
 pub mod track;
+pub mod viewer;
 mod wide;

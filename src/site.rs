@@ -28,6 +28,15 @@ pub struct Taken {
     pub verdict: Verdict,
 }
 
+/// One picture of a record in so many seconds is enough for people \[s\].
+const PICTURE_S: i64 = 600;
+
+/// Whether a record is the first of its stretch of [`PICTURE_S`]: by event time alone, so that a replay keeps the same pictures.
+fn is_pictured(before: Option<Timestamp>, start: Timestamp) -> bool {
+    let stretch = |time: Timestamp| time.as_nanos().div_euclid(PICTURE_S * 1_000_000_000);
+    before.is_none_or(|before| stretch(start) > stretch(before))
+}
+
 /// The configuration a site runs with, as the store keeps it.
 #[derive(Debug, Clone, Copy)]
 pub struct Provenance<'a> {
@@ -176,14 +185,22 @@ impl Site {
         let Some(tracker) = self.trackers.get_mut(rod) else {
             return Ok(None);
         };
+        let before = tracker.state().latest;
         let verdict = tracker.step(&input, &peers);
-        // A picture a period is enough for people, and one from the segment's first records.
-        let is_pictured = !verdict.closed.is_empty() || tracker.state().periods.is_empty();
         let snapshot = match outcome {
-            Outcome::Identified(identification) if is_pictured => {
-                Snapshot::of(tracker.plan().prior(), identification)
+            Outcome::Identified(identification) => {
+                let start = identification
+                    .measurement
+                    .as_ref()
+                    .map(|measurement| measurement.start);
+                let is_first = tracker.state().periods.is_empty();
+                if is_first || start.is_some_and(|start| is_pictured(before, start)) {
+                    Snapshot::of(tracker.plan().prior(), identification)
+                } else {
+                    None
+                }
             }
-            _ => None,
+            Outcome::Rejected(_) => None,
         };
         let line = line::json(outcome, Some(&verdict), &self.config_hash);
         self.store.commit(&Commit {

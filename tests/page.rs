@@ -2,6 +2,7 @@
 //! holds, strangers are refused, and a new record rings. tests/browser.rs looks at the page itself.
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
+mod archive;
 mod server;
 mod site;
 
@@ -10,6 +11,10 @@ use server::{Server, TOKEN};
 use site::{Part, SITE, Site, campaign, lines};
 use std::io::{BufRead, BufReader};
 use std::sync::LazyLock;
+use tirante::api::SiteAnswer;
+use tirante::http::{Shown, Unanswered};
+use tirante::record::RodId;
+use tirante::store::{Commit, Durability, RecordRow, Store};
 
 /// The campaign's store, made once.
 static CAMPAIGN: LazyLock<Site> = LazyLock::new(|| {
@@ -468,4 +473,44 @@ fn a_store_that_is_not_there_or_damaged_is_told() {
     assert_eq!(server.refused("/api/v1/site"), 503);
     let (_, body) = server.ask("GET", "/api/v1/rods/north/history", "");
     assert!(body.contains("not what was written"), "{body}");
+}
+
+#[test]
+fn a_large_store_says_how_far_it_was_read_and_then_answers() {
+    const RECORDS: i64 = 16_500;
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("site.db");
+    let mut store = Store::open(&path, Durability::Replay).unwrap();
+    store
+        .keep_config(archive::CONFIG, "Large", "[site]\nname = \"Large\"\n")
+        .unwrap();
+    let rod = RodId("north".to_owned());
+    store.begin_group().unwrap();
+    for number in 0..RECORDS {
+        let outcome = archive::identified(&rod, number);
+        let record = RecordRow {
+            outcome: &outcome,
+            line: &archive::line(&outcome),
+            emulator: "reduced",
+        };
+        let commit = Commit {
+            record: Some(record),
+            ..Commit::default()
+        };
+        store.commit(&commit).unwrap();
+    }
+    store.end_group().unwrap();
+
+    // A question reads 16 000 records itself.
+    let shown = Shown::new(&path);
+    let ask = || shown.ask(|reader, days| Ok((SiteAnswer::of(reader, days)?, days.counts(&rod))));
+    match ask() {
+        Err(Unanswered::Reading { share }) => assert!((share - 16_000.0 / 16_500.0).abs() < 1e-12),
+        _ => panic!("it was not told that the store is being read"),
+    }
+    let (_, counts) = ask().unwrap();
+    assert_eq!(counts, (RECORDS as u64, 0));
+    // What needs no days is answered at once.
+    let last = Shown::new(&path).read(|reader| reader.last_record()).unwrap();
+    assert_eq!(last, RECORDS);
 }

@@ -1,7 +1,6 @@
 //! The report page: well-formed, self-contained, the same for the same data, whatever is missing.
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
-#[allow(dead_code, reason = "shared with other tests")]
 mod archive;
 #[path = "report/synthetic.rs"]
 mod synthetic;

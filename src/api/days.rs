@@ -10,8 +10,8 @@ use std::collections::BTreeMap;
 /// Length of a day \[ns\].
 pub const DAY_NS: i64 = 86_400_000_000_000;
 
-/// Records read at once.
-const BATCH: usize = 10_000;
+/// Records read at once: some ten milliseconds.
+const BATCH: usize = 2_000;
 
 /// Every rod's days.
 #[derive(Debug, Default)]
@@ -134,6 +134,15 @@ impl Days {
             }
         }
         Ok(points.len() == BATCH)
+    }
+
+    /// The part of a store's records that was taken up.
+    ///
+    /// # Errors
+    /// The store cannot be read.
+    pub fn share(&self, reader: &Reader) -> Result<f64, StoreError> {
+        let last = reader.last_record()?;
+        Ok(self.through.max(0) as f64 / last.max(1) as f64)
     }
 
     /// The days of a rod from one time to before another, ascending: when each begins, and its records.

@@ -107,6 +107,19 @@ pub struct Looks {
     pub record: Option<Box<RawValue>>,
 }
 
+/// SI unit of a rod's samples, as the configuration of the last record says; `None` if it no longer has the rod.
+///
+/// # Errors
+/// The store cannot be read, or a row is damaged.
+pub fn unit(reader: &Reader, rod: &RodId) -> Result<Option<&'static str>, StoreError> {
+    let config = reader.latest_config()?;
+    let config = config.and_then(|[_, _, text]| Config::parse(&text, "the store").ok());
+    Ok(config.and_then(|config| {
+        let rod = config.rod(&rod.0)?;
+        Some(rod.channels.displacement.unit.si())
+    }))
+}
+
 impl Looks {
     /// From what a store kept.
     ///
@@ -115,15 +128,9 @@ impl Looks {
     pub fn of(reader: &Reader, rod: &RodId) -> Result<Self, StoreError> {
         let snapshots = reader.snapshots(rod)?;
         let line = reader.standing(rod)?.and_then(|standing| standing.latest);
-        let config = reader.latest_config()?;
-        let config = config.and_then(|[_, _, text]| Config::parse(&text, "the store").ok());
-        let unit = config.and_then(|config| {
-            let rod = config.rod(&rod.0)?;
-            Some(rod.channels.displacement.unit.si())
-        });
         Ok(Self {
             rod: rod.clone(),
-            unit,
+            unit: unit(reader, rod)?,
             latest: snapshots.latest,
             baseline: snapshots.first,
             record: line

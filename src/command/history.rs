@@ -4,9 +4,11 @@ use super::BadArguments;
 use super::listing::{Aligned, cell, csv, object, seconds};
 use super::render::percent;
 use super::which_store::{Format, WhichStore, check_rod};
+use crate::api;
 use crate::record::Timestamp;
-use crate::sink::ResultsWriter;
+use crate::snapshot::Snapshot;
 use crate::store::{Filter, Listing, Reader};
+use crate::viewer::{Message, ResultsWriter};
 use rusqlite::types::Value;
 use serde_json::Value as Json;
 use std::io::{self, IsTerminal, Write};
@@ -35,11 +37,11 @@ pub struct Args {
     pub rod: Option<String>,
 
     /// From this time on: a day (2026-03-01, from midnight UTC) or a time (2026-03-01T06:00:00Z).
-    #[arg(long, value_name = "TIME", value_parser = time)]
+    #[arg(long, value_name = "TIME", value_parser = Timestamp::as_written)]
     pub from: Option<Timestamp>,
 
     /// Before this time.
-    #[arg(long, value_name = "TIME", value_parser = time)]
+    #[arg(long, value_name = "TIME", value_parser = Timestamp::as_written)]
     pub to: Option<Timestamp>,
 
     /// What is listed.
@@ -93,22 +95,6 @@ impl What {
     }
 }
 
-/// A day, from its midnight in UTC, or a point in time.
-fn time(text: &str) -> Result<Timestamp, String> {
-    let whole = if text.contains('T') || text.contains(' ') {
-        text.to_owned()
-    } else {
-        format!("{text}T00:00:00Z")
-    };
-    let zoned = [whole.clone(), format!("{whole}Z")];
-    zoned
-        .iter()
-        .find_map(|text| serde_json::from_value(Json::String(text.clone())).ok())
-        .ok_or_else(|| {
-            "a day such as 2026-03-01 or a time such as 2026-03-01T06:00:00Z is expected".to_owned()
-        })
-}
-
 /// Runs the command.
 ///
 /// # Errors
@@ -157,11 +143,34 @@ fn write_mcap(reader: &Reader, filter: &Filter, out: &mut impl Write) -> anyhow:
         return Err(BadArguments(why.to_owned()).into());
     }
     let mut results = ResultsWriter::new(out)?;
-    reader.lines(Listing::Records, filter, |line| anyhow::Ok(results.record(line)?))?;
-    for alarm in reader.alarms(filter)? {
-        results.alarm(&alarm)?;
+    reader.lines(Listing::Records, filter, |line| {
+        for message in Message::of_record(line)? {
+            results.write(&message)?;
+        }
+        anyhow::Ok(())
+    })?;
+    for rod in reader.rods()? {
+        if filter.rod.as_ref().is_some_and(|only| *only != rod) {
+            continue;
+        }
+        let unit = api::rod::unit(reader, &rod)?;
+        let kept = reader.snapshots(&rod)?;
+        let is_within = |picture: &Snapshot| {
+            filter.from.is_none_or(|from| picture.start >= from)
+                && filter.to.is_none_or(|to| picture.start < to)
+        };
+        let latest = kept.latest.filter(|latest| kept.first.as_ref() != Some(latest));
+        for picture in kept.first.into_iter().chain(latest).filter(is_within) {
+            for message in Message::of_picture(&rod, &picture, unit) {
+                results.write(&message)?;
+            }
+        }
     }
-    Ok(results.finish()?)
+    for alarm in reader.alarms(filter)? {
+        results.write(&Message::of_alarm(&alarm))?;
+    }
+    results.finish()?;
+    Ok(())
 }
 
 #[cfg(feature = "parquet")]
@@ -469,18 +478,6 @@ mod tests {
                 ("axial_force_n", Some(inner)) => assert!(marginal.get(inner).is_some(), "{pointer}"),
                 (_, Some(inner)) => assert!(interval.get(inner).is_some(), "{pointer}"),
             }
-        }
-    }
-
-    #[test]
-    fn days_and_times_are_understood_and_nothing_else() {
-        let nanos = |text: &str| time(text).map(Timestamp::as_nanos);
-        assert_eq!(nanos("1970-01-02"), Ok(86_400_000_000_000));
-        assert_eq!(nanos("1970-01-01T01:00:00Z"), Ok(3_600_000_000_000));
-        assert_eq!(nanos("1970-01-01 01:00:00"), Ok(3_600_000_000_000));
-        assert_eq!(nanos("1970-01-01T01:00:00+01:00"), Ok(0));
-        for bad in ["", "1970", "1970-02-30", "now", "1970-01-01T25:00:00Z"] {
-            assert!(time(bad).is_err(), "{bad}");
         }
     }
 }

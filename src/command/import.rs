@@ -116,7 +116,7 @@ pub enum MessageEncoding {
 }
 
 fn unit(text: &str) -> Result<Unit, String> {
-    import::unit_of(text).ok_or_else(|| import::plan::unknown_unit(text))
+    Unit::as_written(text).ok_or_else(|| import::plan::unknown_unit(text))
 }
 
 fn positive(text: &str) -> Result<f64, String> {
@@ -354,7 +354,7 @@ fn contents(path: &Path, signals: &[Signal]) -> String {
         };
         let unit = match signal.unit.as_deref() {
             None => "unit not said (--unit)".to_owned(),
-            Some(written) => match import::unit_of(written) {
+            Some(written) => match Unit::as_written(written) {
                 Some(unit) => unit.key().to_owned(),
                 None => format!("unit {written:?}, none of ours (--unit)"),
             },

@@ -2,7 +2,6 @@
 
 use super::{BadArguments, print};
 use crate::config::Config;
-use crate::import::unit_of;
 use crate::record::Unit;
 use crate::source::contents::{Content, contents};
 use anyhow::Context;
@@ -304,7 +303,7 @@ impl Sensor {
         };
         let said = content.and_then(|content| content.unit);
         let unit = match (&args.unit, said) {
-            (Some(text), said) => match (unit_of(text), said) {
+            (Some(text), said) => match (Unit::as_written(text), said) {
                 (None, _) => return Err(BadArguments(crate::import::plan::unknown_unit(text)).into()),
                 (Some(unit), Some(said)) if unit != said => {
                     return Err(BadArguments(format!(
@@ -320,7 +319,7 @@ impl Sensor {
             (None, None) => questions.ask(
                 "unit of the samples (m, mm, um, mm/s, m/s2, g ...)",
                 "--unit",
-                |answer| unit_of(answer).filter(|unit| Unit::MOTION.contains(unit)),
+                |answer| Unit::as_written(answer).filter(|unit| Unit::MOTION.contains(unit)),
             )?,
         };
         Ok(Self {

@@ -8,11 +8,18 @@ use super::setup::{self, Prepared, Setup};
 use super::sketch::{self, When};
 use super::status;
 use super::which_store::Format;
+use crate::config::Config;
+use crate::outcome::Outcome;
 use crate::record::RodId;
+use crate::sink::AtomicFile;
 use crate::site::Taken;
+use crate::snapshot::Snapshot;
+use crate::track::Verdict;
+use crate::viewer::{Message, ResultsWriter};
+use anyhow::Context;
 use std::env;
 use std::io::{self, IsTerminal, Write};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 /// Runs recordings through the whole pipeline: per record the natural frequencies, the axial force and its change
@@ -21,6 +28,7 @@ use std::process::ExitCode;
 #[command(after_help = "Examples:
   tirante replay recordings/todi-pull.mcap
   tirante replay recordings/campaign-2025.mcap --config config/campaign.toml --store site.db --report .
+  tirante replay recordings/todi-pull.mcap --results todi-results.mcap
   tirante replay /data/2026 --config site.toml --json > forces.jsonl
 
 The force (mean ± standard deviation) is what one record says by itself. The change is that of the force since
@@ -48,6 +56,11 @@ pub struct Args {
     /// Write the report into this folder in the end: one page per site, to open without a network.
     #[arg(long, value_name = "DIR")]
     pub report: Option<PathBuf>,
+
+    /// Write what came of every record, its waveform and spectrum too, into this MCAP file, to be opened beside the recordings in
+    /// Foxglove or Lichtblick. Records the store had already are not in it.
+    #[arg(long, value_name = "FILE")]
+    pub results: Option<PathBuf>,
 
     /// How recordings are read.
     #[command(flatten)]
@@ -87,6 +100,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     );
     let known = site.store().all_known().clone();
 
+    let mut results = args.results.as_deref().map(Results::create).transpose()?;
     let mut output = io::stdout().lock();
     let mut header_due = !args.json;
     let on_news = |news: News<'_>, bar: &Progress| {
@@ -104,6 +118,9 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         let Some(Taken { line, verdict }) = site.take(outcome, Some(place))? else {
             return Ok(campaign::Taken::Known);
         };
+        if let Some(results) = &mut results {
+            results.add(config, outcome, &line, &verdict)?;
+        }
         bar.suspend(|| {
             if header_due {
                 header_due = false;
@@ -121,6 +138,9 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let tally = campaign::run(&args.paths, config, plans, &args.reading, &known, on_news)?;
     let has_seen_all = tally.is_some();
     let code = campaign::conclude(tally);
+    if let Some(results) = results {
+        results.finish()?;
+    }
     if has_seen_all {
         let standing = status::text(site.store(), None, Format::Table)?;
         tell!("{}", standing.trim_end());
@@ -135,4 +155,53 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         tell!("report: {}", page.display());
     }
     Ok(code)
+}
+
+/// The MCAP file of results: it appears whole or not at all.
+struct Results<'p> {
+    writer: ResultsWriter<AtomicFile>,
+    path: &'p Path,
+}
+
+impl<'p> Results<'p> {
+    fn create(path: &'p Path) -> anyhow::Result<Self> {
+        let file = AtomicFile::create(path).with_context(|| format!("--results {}", path.display()))?;
+        let writer = ResultsWriter::new(file)?;
+        Ok(Self { writer, path })
+    }
+
+    /// What came of a record: line and picture, and news of alarms at the time they came.
+    fn add(
+        &mut self,
+        config: &Config,
+        outcome: &Outcome,
+        line: &str,
+        verdict: &Verdict,
+    ) -> anyhow::Result<()> {
+        let mut messages = Message::of_record(line)?;
+        if let Outcome::Identified(identification) = outcome
+            && let Some(rod) = config.rod(&identification.rod.0)
+            && let Some(picture) = Snapshot::of(&rod.analysis.prior, identification)
+        {
+            let unit = rod.channels.displacement.unit.si();
+            messages.extend(Message::of_picture(&identification.rod, &picture, Some(unit)));
+        }
+        messages.extend(verdict.events.iter().map(|event| Message {
+            time: event.time,
+            ..Message::of_alarm(&event.alarm)
+        }));
+        for message in &messages {
+            self.writer
+                .write(message)
+                .with_context(|| format!("--results {}", self.path.display()))?;
+        }
+        Ok(())
+    }
+
+    fn finish(self) -> anyhow::Result<()> {
+        let whole = || -> anyhow::Result<()> { Ok(self.writer.finish()?.commit()?) };
+        whole().with_context(|| format!("--results {}", self.path.display()))?;
+        tell!("results: {}", self.path.display());
+        Ok(())
+    }
 }

@@ -16,7 +16,8 @@ use tokio::sync::watch;
 
 /// Shows a store as a web page, beside a running `replay` or `run` or without one.
 ///
-/// Runs until Ctrl-C. The page follows what is committed meanwhile: the store is looked at four times a second.
+/// Runs until Ctrl-C. The page follows what is committed meanwhile: the store is looked at four times a second. Foxglove and
+/// Lichtblick follow it at ws://ADDRESS:PORT/viewer.
 #[derive(Debug, Clone, clap::Args)]
 #[command(after_help = "Examples:
   tirante serve --store todi.db                      # then open http://127.0.0.1:7417
@@ -70,6 +71,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
             .map(CredentialPath::new)
             .or(configured.token_file),
         names: configured.names,
+        viewer_origins: configured.viewer_origins,
     };
     let access = settings.access()?;
     let Some(listener) = http::listen(&settings)? else {

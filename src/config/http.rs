@@ -3,6 +3,7 @@
 use super::range::toml_string;
 use super::reader::{Absent, Table, key};
 use super::sink::{file, list, strings};
+use super::value::Value;
 use crate::http::HttpSettings;
 use std::net::SocketAddr;
 
@@ -79,9 +80,36 @@ pub(super) fn read(table: &mut Table<'_>) -> HttpSettings {
         |value| list(value, |name| name.name_string().map(str::to_owned)),
         |names| strings(names.iter().cloned()),
     );
+    let viewer_origins = table.take(
+        key(
+            "viewer_origins",
+            "origins of web pages that may open the live view at /viewer, like \"https://app.foxglove.dev\"; desktop viewers are \
+             \"file://\", other programs have none and always may",
+        ),
+        "a list of at most 100 origins",
+        Absent::Default(default.viewer_origins),
+        |value| list(value, origin),
+        |origins| strings(origins.iter().cloned()),
+    );
     HttpSettings {
         listen,
         token_file,
         names: names.unwrap_or_default(),
+        viewer_origins: viewer_origins.unwrap_or_default(),
     }
+}
+
+/// A scheme and a host, perhaps with a port, nothing behind.
+fn origin(value: &Value<'_>) -> Option<String> {
+    let text = value.string()?;
+    let is_origin = text
+        .split_once("://")
+        .is_some_and(|(scheme, rest)| !scheme.is_empty() && !rest.contains(['/', '*', ' ']));
+    if !is_origin {
+        value.fault(format!(
+            "{} is no origin, write it like \"https://app.foxglove.dev\", without a path",
+            toml_string(text)
+        ));
+    }
+    is_origin.then(|| text.to_owned())
 }

@@ -1,7 +1,7 @@
 //! Who may ask: hosts the server answers to, and the token of those who may change something.
 
 use axum::http::HeaderMap;
-use axum::http::header::{AUTHORIZATION, HOST};
+use axum::http::header::{AUTHORIZATION, HOST, ORIGIN};
 use sha2::{Digest, Sha256};
 use std::net::IpAddr;
 use subtle::ConstantTimeEq;
@@ -13,14 +13,37 @@ pub struct Access {
     token: Option<[u8; 32]>,
     /// Names the server answers to besides addresses and `localhost`.
     names: Vec<String>,
+    /// Origins of pages that may open the live view, besides our own.
+    viewer_origins: Vec<String>,
 }
 
 impl Access {
     /// Of the settings; `token` is the secret itself.
-    pub fn new(token: Option<&str>, names: &[String]) -> Self {
+    pub fn new(token: Option<&str>, names: &[String], viewer_origins: &[String]) -> Self {
+        let lower = |texts: &[String]| texts.iter().map(|text| text.to_ascii_lowercase()).collect();
         Self {
             token: token.map(|token| Sha256::digest(token).into()),
-            names: names.iter().map(|name| name.to_ascii_lowercase()).collect(),
+            names: lower(names),
+            viewer_origins: lower(viewer_origins),
+        }
+    }
+
+    /// Whether these headers may open the live view; else the origin that may not. Programs say no origin; a browser says its
+    /// page's, and lets any page open a WebSocket.
+    pub fn may_view(&self, headers: &HeaderMap) -> Result<(), String> {
+        let Some(origin) = headers.get(ORIGIN) else {
+            return Ok(());
+        };
+        let origin = String::from_utf8_lossy(origin.as_bytes()).to_ascii_lowercase();
+        let host = headers.get(HOST).and_then(|host| host.to_str().ok());
+        let is_own = host.is_some_and(|host| {
+            let after = origin.split_once("://").map(|(_, after)| after);
+            after.is_some_and(|after| after.eq_ignore_ascii_case(host))
+        });
+        if is_own || self.viewer_origins.contains(&origin) {
+            Ok(())
+        } else {
+            Err(origin)
         }
     }
 
@@ -72,7 +95,7 @@ mod tests {
 
     #[test]
     fn the_token_and_nothing_else_may_write() {
-        let access = Access::new(Some("a long secret"), &[]);
+        let access = Access::new(Some("a long secret"), &[], &[]);
         let may = |value| access.may_write(&headers(AUTHORIZATION, value));
         assert!(may("Bearer a long secret"));
         for wrong in [
@@ -90,7 +113,7 @@ mod tests {
 
     #[test]
     fn foreign_names_are_not_ours() {
-        let access = Access::new(None, &["Tower.example".to_owned()]);
+        let access = Access::new(None, &["Tower.example".to_owned()], &[]);
         for ours in [
             "127.0.0.1:7416",
             "localhost",
@@ -110,5 +133,32 @@ mod tests {
         ] {
             assert!(!access.is_host(&headers(HOST, foreign)), "{foreign}");
         }
+    }
+
+    #[test]
+    fn foreign_pages_may_not_view() {
+        let access = Access::new(None, &[], &["https://viewer.example".to_owned()]);
+        let may = |origin| {
+            let mut said = headers(ORIGIN, origin);
+            said.insert(HOST, HeaderValue::from_static("127.0.0.1:7416"));
+            access.may_view(&said).is_ok()
+        };
+        for ours in [
+            "https://viewer.example",
+            "HTTPS://Viewer.example",
+            "http://127.0.0.1:7416",
+        ] {
+            assert!(may(ours), "{ours}");
+        }
+        for foreign in [
+            "https://evil.example",
+            "null",
+            "file://",
+            "http://127.0.0.1:80",
+            "",
+        ] {
+            assert!(!may(foreign), "{foreign}");
+        }
+        assert!(access.may_view(&HeaderMap::new()).is_ok());
     }
 }

@@ -29,14 +29,15 @@ const PERIODS: (usize, usize) = (4000, 1500);
 #[derive(Clone)]
 pub struct Api {
     /// The store.
-    shown: Arc<Shown>,
+    pub(super) shown: Arc<Shown>,
     /// Who may change something.
     pub(super) access: Access,
     /// Puts a request into the store.
     ask_writer: Arc<dyn Fn(RodId, Asked) -> Result<String, String> + Send + Sync>,
     /// Becomes true when the server ends.
-    stop: watch::Receiver<bool>,
-    listeners: Arc<Semaphore>,
+    pub(super) stop: watch::Receiver<bool>,
+    /// Places of those that stay and listen.
+    pub(super) listeners: Arc<Semaphore>,
 }
 
 impl Api {
@@ -218,12 +219,12 @@ async fn acknowledge(
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
     if !api.access.has_token() {
-        return Err(problem::forbidden(
+        return Err(problem::unauthorized(
             "nothing can be changed here: the configuration names no http.token_file",
         ));
     }
     if !api.access.may_write(&headers) {
-        return Err(problem::forbidden("this needs the token of http.token_file"));
+        return Err(problem::unauthorized("this needs the token of http.token_file"));
     }
     let ask_writer = Arc::clone(&api.ask_writer);
     api.answer(move |reader, _| {
@@ -249,20 +250,11 @@ fn no_rod(rod: &str) -> Problem {
     problem::missing(format!("the store has no rod {rod}"))
 }
 
-/// A time like `2026-03-01T06:00:00Z` or `2026-03-01`.
+/// A day or a time.
 fn time(name: &str, text: Option<&str>) -> Result<Option<Timestamp>, Problem> {
-    let Some(text) = text else { return Ok(None) };
-    let whole = if text.len() == "2026-03-01".len() {
-        format!("{text}T00:00:00Z")
-    } else {
-        text.to_owned()
-    };
-    let parsed = serde_json::from_value(serde_json::Value::String(whole));
-    parsed.map(Some).map_err(|_| {
-        problem::bad(format!(
-            "{name}={text}: a time is written like 2026-03-01T06:00:00Z"
-        ))
-    })
+    text.map(Timestamp::as_written)
+        .transpose()
+        .map_err(|why| problem::bad(format!("{name}: {why}")))
 }
 
 /// A number between 1 and the most there may be.

@@ -5,6 +5,7 @@
 //! * `page`    documents, scripts and style (`src/http/page/`), the plot library
 //! * `api`     `/api/v1`, read-only but for what brings the token
 //! * `live`    `/api/v1/events`
+//! * `viewer`  `/viewer`, for robotics viewers
 //! * `shown`   the store behind both
 //! * `access`  who may ask, who may change something
 //! * `problem` what is answered when there is no answer
@@ -18,10 +19,11 @@ mod routes;
 mod serve;
 pub mod settings;
 mod shown;
+mod viewer;
 
 pub use access::Access;
 pub use api::Api;
 pub use routes::routes;
 pub use serve::{listen, serve};
 pub use settings::HttpSettings;
-pub use shown::Shown;
+pub use shown::{Shown, Unanswered};

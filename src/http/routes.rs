@@ -1,7 +1,7 @@
 //! What the HTTP server answers.
 
 use super::api::{self, Api};
-use super::page;
+use super::{page, viewer};
 use crate::telemetry::{Report, Telemetry};
 use axum::Router;
 use axum::body::HttpBody;
@@ -69,7 +69,11 @@ pub fn routes(telemetry: Option<Telemetry>, api: Option<Api>) -> Router {
                 }
             }
         });
-        let site = page::routes().merge(api::routes()).layer(hosts).with_state(api);
+        let site = page::routes()
+            .merge(api::routes())
+            .route("/viewer", get(viewer::open))
+            .layer(hosts)
+            .with_state(api);
         router = router.merge(site);
     }
     let nothing = "there is nothing here; try /, /api/v1/openapi.json, /healthz, /readyz, /metrics\n";

@@ -108,7 +108,8 @@ async fn answer(stream: TcpStream, routes: Router, mut stop: watch::Receiver<boo
         .header_read_timeout(READ)
         .max_buf_size(HEAD_BYTES)
         .max_headers(HEADERS)
-        .serve_connection(TokioIo::new(stream), TowerToHyperService::new(routes));
+        .serve_connection(TokioIo::new(stream), TowerToHyperService::new(routes))
+        .with_upgrades();
     let mut connection = std::pin::pin!(connection);
     // Errors are the client's: it went away, sent no HTTP, or ran out of time; hyper told it so if it could.
     tokio::select! {

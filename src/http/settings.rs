@@ -16,6 +16,8 @@ pub struct HttpSettings {
     pub token_file: Option<CredentialPath>,
     /// Names browsers reach it under, besides addresses and `localhost`.
     pub names: Vec<String>,
+    /// Origins of web pages that may open the live view.
+    pub viewer_origins: Vec<String>,
 }
 
 impl HttpSettings {
@@ -39,7 +41,7 @@ impl HttpSettings {
             }
             None => None,
         };
-        Ok(Access::new(token.as_deref(), &self.names))
+        Ok(Access::new(token.as_deref(), &self.names, &self.viewer_origins))
     }
 }
 
@@ -49,6 +51,8 @@ impl Default for HttpSettings {
             listen: Some(SocketAddr::from(([127, 0, 0, 1], 7416))),
             token_file: None,
             names: Vec::new(),
+            // Viewers on the desktop are pages of a file.
+            viewer_origins: vec!["file://".to_owned()],
         }
     }
 }

@@ -8,11 +8,32 @@ use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
+use thiserror::Error;
 use tokio::sync::watch;
 use tokio::time;
 
 /// How often the store is looked at.
 const LOOK: Duration = Duration::from_millis(250);
+
+/// Between two batches of a store that is being read, so that requests come in between.
+const BREATH: Duration = Duration::from_millis(1);
+
+/// Batches a question takes up itself before it says that the store is being read: less than a tenth of a second.
+const BATCHES: usize = 8;
+
+/// Why a question has no answer.
+#[derive(Debug, Error)]
+pub enum Unanswered {
+    /// After a start, the records of years are taken up first: some seconds for a million of them.
+    #[error("the store is being read: {:.0} % of its records so far", 100.0 * .share)]
+    Reading {
+        /// The part of its records that was.
+        share: f64,
+    },
+    /// The store cannot be read, or a row is damaged.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+}
 
 /// A store that is shown.
 pub struct Shown {
@@ -43,15 +64,29 @@ impl Shown {
     /// Asks the store. It blocks: the runtime's blocking threads are the place for it.
     ///
     /// # Errors
-    /// There is no store, it cannot be read, or a row is damaged.
+    /// There is no store, it cannot be read, a row is damaged, or too many records are new.
     pub fn ask<T>(
         &self,
         question: impl FnOnce(&Reader, &Days) -> Result<T, StoreError>,
-    ) -> Result<T, StoreError> {
+    ) -> Result<T, Unanswered> {
         let mut place = self.open.lock().unwrap_or_else(PoisonError::into_inner);
         let open = self.opened(&mut place)?;
-        while open.days.take_up(&open.reader)? {}
-        question(&open.reader, &open.days)
+        for _ in 0..BATCHES {
+            if !open.days.take_up(&open.reader)? {
+                return Ok(question(&open.reader, &open.days)?);
+            }
+        }
+        let share = open.days.share(&open.reader)?;
+        Err(Unanswered::Reading { share })
+    }
+
+    /// As [`Shown::ask`], for questions that need no days: nothing is taken up before the answer.
+    ///
+    /// # Errors
+    /// There is no store, it cannot be read, or a row is damaged.
+    pub fn read<T>(&self, question: impl FnOnce(&Reader) -> Result<T, StoreError>) -> Result<T, StoreError> {
+        let mut place = self.open.lock().unwrap_or_else(PoisonError::into_inner);
+        question(&self.opened(&mut place)?.reader)
     }
 
     /// The open store, opened anew if another file took its place.
@@ -89,19 +124,20 @@ impl Shown {
                 let mut place = shown.open.lock().unwrap_or_else(PoisonError::into_inner);
                 let open = shown.opened(&mut place)?;
                 // One batch at a time, so that a request does not wait for a whole new store.
-                open.days.take_up(&open.reader)?;
-                Ok::<_, StoreError>((open.file, open.reader.data_version()?))
+                let is_behind = open.days.take_up(&open.reader)?;
+                Ok::<_, StoreError>((is_behind, (open.file, open.reader.data_version()?)))
             };
-            let seen = match tokio::task::spawn_blocking(look).await {
-                Ok(seen) => seen.ok(),
-                Err(_) => None,
+            let seen = tokio::task::spawn_blocking(look).await;
+            let (is_behind, seen) = match seen {
+                Ok(Ok((is_behind, seen))) => (is_behind, Some(seen)),
+                Ok(Err(_)) | Err(_) => (false, None),
             };
             if seen.is_some() && seen != version {
                 self.commits.send_modify(|commits| *commits += 1);
                 version = seen;
             }
             tokio::select! {
-                () = time::sleep(LOOK) => {}
+                () = time::sleep(if is_behind { BREATH } else { LOOK }) => {}
                 _ = stop.wait_for(|stop| *stop) => return,
             }
         }

@@ -1,9 +1,10 @@
 //! Text tables: any delimiter, decimal comma, heads, dates.
 
+use super::heads::{some, split_head};
 use super::lines::{Lines, shown};
 use super::stamp::{self, DateOrder, TimeUnit, Written};
-use super::units::{some, split_head, unit_of};
 use super::{ImportError, MOST_VALUES, Signal, Stamps, Timing, is_time_name};
+use crate::record::Unit;
 use csv_core::{ReadRecordResult, Reader, ReaderBuilder};
 use std::io::BufRead;
 use std::sync::Arc;
@@ -260,7 +261,7 @@ fn heads(before: &[Vec<String>], width: usize) -> (Vec<String>, Vec<Option<Strin
     let mut names = vec![String::new(); width];
     let mut units = vec![None; width];
     let is_unit = |cell: &String| {
-        some(cell).is_some_and(|unit| unit_of(&unit).is_some() || TimeUnit::of(&unit).is_some())
+        some(cell).is_some_and(|unit| Unit::as_written(&unit).is_some() || TimeUnit::of(&unit).is_some())
     };
     let (row_of_units, row_of_names) = match matching[..] {
         // "t" and "s" alone could be names as well.

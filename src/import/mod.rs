@@ -6,19 +6,18 @@
 
 pub mod csv;
 mod grid;
+mod heads;
 mod lines;
 pub mod mat;
 pub mod plan;
 mod stamp;
 pub mod uff;
-mod units;
 pub mod wav;
 mod write;
 
 pub use self::grid::rounded;
 pub use self::plan::{Asked, Plan, Wanted};
 pub use self::stamp::{DateOrder, TimeUnit, utc_offset};
-pub use self::units::unit_of;
 pub use self::write::write;
 
 use crate::record::Timestamp;

@@ -1,7 +1,6 @@
 //! What is written of a file: topics, units, rates and times settled, and held against a configuration.
 
 use super::grid::{self, Stretch, rounded};
-use super::units::unit_of;
 use super::{ImportError, MOST_VALUES, Signal, Stamps, Timing};
 use crate::config::field_of;
 use crate::record::{Channel, RodChannels, Timestamp, Unit};
@@ -37,7 +36,7 @@ impl Wanted {
             None => (rest, None),
         };
         let unit = unit
-            .map(|unit| unit_of(unit).ok_or_else(|| unknown_unit(unit)))
+            .map(|unit| Unit::as_written(unit).ok_or_else(|| unknown_unit(unit)))
             .transpose()?;
         if source.trim().is_empty() {
             return Err("SOURCE[=TOPIC][,UNIT] is expected".to_owned());
@@ -380,7 +379,7 @@ fn unit(
 ) -> Result<Unit, ImportError> {
     let told = told(signal);
     let written = signal.unit.as_deref();
-    let of_file = written.and_then(unit_of);
+    let of_file = written.and_then(Unit::as_written);
     let is_temperature = |unit: &Unit| Unit::TEMPERATURE.contains(unit);
     // What is said of all channels is not said of the thermometer among them.
     let of_all = asked

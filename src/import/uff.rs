@@ -1,8 +1,8 @@
 //! Universal file format, dataset 58: time histories as text or binary (58b).
 
+use super::heads::some;
 use super::lines::{Lines, shown};
 use super::stamp::TimeUnit;
-use super::units::some;
 use super::{ImportError, MOST_VALUES, Signal, Stamps, Timing};
 use crate::record::Timestamp;
 use std::io::{BufRead, Read};

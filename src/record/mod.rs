@@ -11,14 +11,16 @@ pub mod settings;
 mod temperature;
 pub mod time;
 mod timing;
+mod unit;
 
 pub use assembler::{Assembler, Event};
-pub use channel::{Channel, RodChannels, TimeSource, Unit};
+pub use channel::{Channel, RodChannels, TimeSource};
 pub use envelope::Envelope;
 pub use rejection::{Flag, Rejection};
 pub use settings::{Cut, RecordSettings};
 pub use temperature::Reading;
 pub use time::Timestamp;
+pub use unit::Unit;
 
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};

@@ -31,6 +31,26 @@ impl Timestamp {
     pub fn plus_seconds(self, seconds: f64) -> Self {
         Self(self.0.saturating_add((seconds * 1e9).round() as i64))
     }
+
+    /// What a person writes: a day (`2026-03-01`, from its midnight in UTC) or a time (`2026-03-01T06:00:00Z`; UTC if no zone is said).
+    ///
+    /// # Errors
+    /// It is neither; the text says what is expected.
+    pub fn as_written(text: &str) -> Result<Self, String> {
+        let whole = if text.contains('T') || text.contains(' ') {
+            text.to_owned()
+        } else {
+            format!("{text}T00:00:00Z")
+        };
+        let zoned: Result<jiff::Timestamp, _> = whole.parse().or_else(|_| format!("{whole}Z").parse());
+        zoned
+            .ok()
+            .and_then(|time| i64::try_from(time.as_nanosecond()).ok())
+            .map(Self)
+            .ok_or_else(|| {
+                "a day such as 2026-03-01 or a time such as 2026-03-01T06:00:00Z is expected".to_owned()
+            })
+    }
 }
 
 /// RFC 3339 in UTC, as short as exactness allows: `2026-03-01T06:00:00Z`.
@@ -71,6 +91,32 @@ mod tests {
             Timestamp::from_nanos(1_500_000_000).to_string(),
             "1970-01-01T00:00:01.5Z"
         );
+    }
+
+    #[test]
+    fn people_write_days_and_times() {
+        let six = Timestamp::from_nanos(1_772_344_800_000_000_000);
+        for text in [
+            "2026-03-01T06:00:00Z",
+            "2026-03-01T06:00:00",
+            "2026-03-01 06:00:00Z",
+            "2026-03-01T08:00:00+02:00",
+        ] {
+            assert_eq!(Timestamp::as_written(text), Ok(six), "{text}");
+        }
+        let midnight = Timestamp::as_written("2026-03-01").unwrap();
+        assert_eq!(six.seconds_since(midnight), 6.0 * 3600.0);
+        for text in [
+            "",
+            "1970",
+            "now",
+            "1970-02-30",
+            "1970-01-01T25:00:00Z",
+            "2026-03-01T",
+            "1500-01-01",
+        ] {
+            assert!(Timestamp::as_written(text).is_err(), "{text}");
+        }
     }
 
     #[test]

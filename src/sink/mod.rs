@@ -3,9 +3,7 @@
 mod atomic;
 pub mod mcap;
 pub mod message;
-mod results;
 
 pub use self::atomic::AtomicFile;
 pub use self::mcap::{ChannelId, ChannelSpec, Compression, RecordingWriter, SinkError, WriterOptions};
 pub use self::message::{Encoding, Layout, Precision};
-pub use self::results::ResultsWriter;

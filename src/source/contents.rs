@@ -53,7 +53,7 @@ pub fn contents(path: &Path) -> io::Result<Vec<Content>> {
     loop {
         let step = reader.step(&mut |item| match item {
             Item::Channel(id, channel, schema) => {
-                let unit = channel.metadata("unit").and_then(crate::import::unit_of);
+                let unit = channel.metadata("unit").and_then(Unit::as_written);
                 channels.insert(id, Looked::new(&channel.topic, unit, &channel.encoding, schema));
             }
             Item::Message(message) => {

@@ -153,6 +153,46 @@ impl Reader {
         Ok(lines)
     }
 
+    /// The number of the record that was committed last; 0 before the first.
+    ///
+    /// # Errors
+    /// The store cannot be read.
+    pub fn last_record(&self) -> Result<i64, StoreError> {
+        self.connection
+            .prepare_cached("SELECT coalesce(max(id), 0) FROM record")
+            .and_then(|mut statement| statement.query_row((), |row| row.get(0)))
+            .map_err(|error| self.fault(Trouble::Sql(error)))
+    }
+
+    /// The largest number of a record with a JSON line; 0 before the first.
+    ///
+    /// # Errors
+    /// The store cannot be read.
+    pub fn last_line(&self) -> Result<i64, StoreError> {
+        self.connection
+            .prepare_cached("SELECT coalesce(max(record), 0) FROM line")
+            .and_then(|mut statement| statement.query_row((), |row| row.get(0)))
+            .map_err(|error| self.fault(Trouble::Sql(error)))
+    }
+
+    /// The JSON lines of records with numbers above `after`, ascending, at most `most`.
+    ///
+    /// # Errors
+    /// As [`Reader::points_after`].
+    pub fn lines_after(&self, after: i64, most: usize) -> Result<Vec<String>, StoreError> {
+        let mut lines = Vec::new();
+        self.verified(
+            "line",
+            "record > ? ORDER BY record LIMIT ?",
+            (after, limit(most)),
+            |row| {
+                lines.push(row.get("json")?);
+                Ok(())
+            },
+        )?;
+        Ok(lines)
+    }
+
     /// Alarms, the latest first, at most `most`: those raised before an alarm, of one rod or all, those that stand or all.
     ///
     /// # Errors

@@ -1,6 +1,6 @@
 //! A site of two rods with made-up results: what a store is filled with.
 
-#![allow(clippy::unwrap_used)] // helpers of tests are tests
+#![allow(clippy::unwrap_used, dead_code)] // helpers of tests are tests; not every test uses all of them
 
 use tirante::analysis::{Identification, Measurement};
 use tirante::bayes::{Adjustment, Conflict, Method, Posterior};

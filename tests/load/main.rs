@@ -7,7 +7,6 @@
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
 #[path = "../archive/mod.rs"]
-#[allow(dead_code, reason = "each test binary uses its part")]
 mod archive;
 mod day;
 mod hostile;

@@ -5,7 +5,11 @@ export async function ask(path, options) {
   const text = await response.text();
   let body = null;
   try { body = JSON.parse(text); } catch { /* an answer that is no JSON is shown as it is */ }
-  if (!response.ok) throw new Error(body?.error ?? `${response.status}: ${text.slice(0, 200)}`);
+  if (!response.ok) {
+    const error = new Error(body?.error ?? `${response.status}: ${text.slice(0, 200)}`);
+    error.retryAfterS = Number(response.headers.get("retry-after")) || null;
+    throw error;
+  }
   return body;
 }
 
@@ -79,7 +83,7 @@ export function show(content, ...children) {
 
 export function failed(content, error) {
   content.querySelector(".failed")?.remove();
-  content.prepend(el("p", { class: "note failed", role: "alert" }, `The server did not answer: ${error.message}`));
+  content.prepend(el("p", { class: "note failed", role: "alert" }, error.retryAfterS ? error.message : `The server did not answer: ${error.message}`));
   content.setAttribute("aria-busy", "false");
 }
 
@@ -92,7 +96,10 @@ export function live(draw) {
     isDrawing = true;
     do {
       isAsked = false;
-      try { await draw(); } catch (error) { failed(document.getElementById("content"), error); }
+      try { await draw(); } catch (error) {
+        failed(document.getElementById("content"), error);
+        if (error.retryAfterS) setTimeout(redraw, 1000 * error.retryAfterS);
+      }
     } while (isAsked);
     isDrawing = false;
   };

@@ -5,7 +5,7 @@ use crate::outcome::Outcome;
 use crate::record::{Reading, RodId, Timestamp};
 use crate::snapshot::Snapshot;
 use crate::store::{
-    Asked, Carry, Commit, FileMark, Position, RecordRow, RodRow, SnapshotRow, Store, StoreError,
+    Asked, Carry, Commit, FileMark, Position, RecordRow, RodRow, SnapshotRow, Standing, Store, StoreError,
 };
 use crate::track::{AlarmEvent, Peer, TrackPlan, Tracker, Verdict};
 use std::collections::{BTreeMap, BTreeSet};
@@ -31,10 +31,11 @@ pub struct Taken {
 /// One picture of a record in so many seconds is enough for people \[s\].
 const PICTURE_S: i64 = 600;
 
-/// Whether a record is the first of its stretch of [`PICTURE_S`]: by event time alone, so that a replay keeps the same pictures.
+/// Whether a record is the first of its stretch of [`PICTURE_S`], or the clock went back: by event time alone, so that a replay keeps the same
+/// pictures.
 fn is_pictured(before: Option<Timestamp>, start: Timestamp) -> bool {
     let stretch = |time: Timestamp| time.as_nanos().div_euclid(PICTURE_S * 1_000_000_000);
-    before.is_none_or(|before| stretch(start) > stretch(before))
+    before.is_none_or(|before| stretch(start) != stretch(before))
 }
 
 /// The configuration a site runs with, as the store keeps it.
@@ -139,6 +140,16 @@ impl Site {
             .map(|(rod, tracker)| (rod, tracker.state().latest))
     }
 
+    /// How its rods stand; the store may know others, which are no longer configured.
+    ///
+    /// # Errors
+    /// The store cannot be read.
+    pub fn standings(&self) -> Result<Vec<Standing>, StoreError> {
+        let mut standings = self.store.standings()?;
+        standings.retain(|standing| self.trackers.contains_key(&standing.rod));
+        Ok(standings)
+    }
+
     /// What is remembered.
     pub fn store(&self) -> &Store {
         &self.store
@@ -187,19 +198,15 @@ impl Site {
         };
         let before = tracker.state().latest;
         let verdict = tracker.step(&input, &peers);
+        // Only of the latest record that is believed: the picture of a wrong clock would stand for years.
         let snapshot = match outcome {
-            Outcome::Identified(identification) => {
-                let start = identification
-                    .measurement
-                    .as_ref()
-                    .map(|measurement| measurement.start);
-                let is_first = tracker.state().periods.is_empty();
-                if is_first || start.is_some_and(|start| is_pictured(before, start)) {
-                    Snapshot::of(tracker.plan().prior(), identification)
-                } else {
-                    None
-                }
-            }
+            Outcome::Identified(identification) => identification
+                .measurement
+                .as_ref()
+                .map(|measurement| measurement.start)
+                .filter(|start| tracker.state().latest == Some(*start))
+                .filter(|start| tracker.state().periods.is_empty() || is_pictured(before, *start))
+                .and_then(|_| Snapshot::of(tracker.plan().prior(), identification)),
             Outcome::Rejected(_) => None,
         };
         let line = line::json(outcome, Some(&verdict), &self.config_hash);

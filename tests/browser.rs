@@ -12,7 +12,8 @@ use std::io::{BufRead, BufReader};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::thread;
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+use tirante::store::Reader;
 
 /// How long a page may take on a machine that is busy with other things.
 const PATIENCE: Duration = Duration::from_secs(90);
@@ -292,6 +293,54 @@ fn a_phone_shows_it_without_scrolling_sideways() {
     let dark = browser.run("return matchMedia('(prefers-color-scheme: dark)').matches");
     assert_eq!(dark, json!(true));
     assert_eq!(browser.complaints(), [""; 0]);
+}
+
+/// How long after its commit a record stands on the rod's page \[ms\]: printed, one line a record.
+#[test]
+#[ignore = "a measurement: cargo test --release --test browser -- --ignored --nocapture how_soon"]
+fn how_soon_a_commit_is_shown() {
+    let site = campaign();
+    site.replay(&["archive"], "site.db");
+    let server = Server::of(&site, "site.db");
+    let browser = Browser::start(1280, 900, false).expect("chromedriver");
+    browser.open(&server, "/rod?id=south");
+    browser.wait("the plots", DRAWN);
+    let reader = Reader::open(&site.path("site.db")).unwrap();
+    let mut all = Vec::new();
+    for day in 56..76 {
+        browser.run(
+            "const first = () => document.querySelector('tr[data-start]')?.dataset.start; const was = first();
+             window.shownAt = 0;
+             const look = () => { if (first() && first() !== was) window.shownAt = Date.now(); else setTimeout(look, 5); };
+             look();",
+        );
+        let after = reader.last_record().unwrap();
+        site.simulate(&format!("day-{day}"), &Part::new(day, 1));
+        let committed = thread::scope(|scope| {
+            scope.spawn(|| site.replay(&[&format!("archive/day-{day}.mcap")], "site.db"));
+            let until = Instant::now() + PATIENCE;
+            loop {
+                let points = reader.points_after(after, 10).unwrap();
+                if points.iter().any(|point| point.rod.0 == "south") {
+                    return SystemTime::now().duration_since(UNIX_EPOCH).unwrap();
+                }
+                assert!(Instant::now() < until, "no record comes");
+                thread::sleep(Duration::from_millis(2));
+            }
+        });
+        browser.wait("the record", "return window.shownAt > 0");
+        let shown_ms = browser.run("return window.shownAt").as_f64().unwrap();
+        let took_ms = shown_ms - committed.as_secs_f64() * 1e3;
+        println!("day {day}: shown {took_ms:.0} ms after its commit");
+        all.push(took_ms);
+    }
+    all.sort_by(f64::total_cmp);
+    println!(
+        "median {:.0} ms, largest {:.0} ms",
+        all[all.len() / 2],
+        all[all.len() - 1]
+    );
+    assert!(all[0] > 0.0);
 }
 
 /// Pictures of every page for the README, into the folder `SCREENSHOTS`.

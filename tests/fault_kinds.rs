@@ -331,6 +331,40 @@ fn reload() {
     assert!(daemon.log().contains("lenght_m"), "{}", daemon.log());
 }
 
+/// No fault, but what alarms of an operator hang on: a rod that is no longer configured is no longer waited for.
+#[test]
+fn a_rod_that_is_no_longer_configured_has_no_gauges() {
+    let site = daemon_site();
+    let config = fs::read_to_string(site.path("site.toml")).unwrap();
+    held(&site);
+    let mut daemon = Daemon::ready(&site);
+    let has = |daemon: &Daemon, rod: &str| {
+        let text = daemon.get("/metrics");
+        [
+            "rod_state{",
+            "rod_last_record_timestamp_seconds{",
+            "alarms_standing{",
+        ]
+        .map(|gauge| {
+            text.lines()
+                .any(|line| line.starts_with(&format!("tirante_{gauge}rod=\"{rod}\"")))
+        })
+    };
+    daemon.wait("both rods have gauges", |daemon| {
+        has(daemon, "north") == [true; 3] && has(daemon, "south") == [true; 3]
+    });
+    let first = config.find("[[rod]]").unwrap();
+    let second = config.rfind("[[rod]]").unwrap();
+    fs::write(
+        site.path("site.toml"),
+        [&config[..first], &config[second..]].concat(),
+    )
+    .unwrap();
+    daemon.signal("-HUP");
+    daemon.wait("north is gone", |daemon| has(daemon, "north") == [false; 3]);
+    assert_eq!(has(&daemon, "south"), [true; 3]);
+}
+
 #[test]
 fn folder() {
     let site = daemon_site();

@@ -107,12 +107,12 @@ pub struct Looks {
     pub record: Option<Box<RawValue>>,
 }
 
-/// SI unit of a rod's samples, as the configuration of the last record says; `None` if it no longer has the rod.
+/// SI unit of the samples of a rod's record that began at a time, by the configuration it was taken with.
 ///
 /// # Errors
 /// The store cannot be read, or a row is damaged.
-pub fn unit(reader: &Reader, rod: &RodId) -> Result<Option<&'static str>, StoreError> {
-    let config = reader.latest_config()?;
+pub fn unit(reader: &Reader, rod: &RodId, start: Timestamp) -> Result<Option<&'static str>, StoreError> {
+    let config = reader.config_at(rod, start)?;
     let config = config.and_then(|[_, _, text]| Config::parse(&text, "the store").ok());
     Ok(config.and_then(|config| {
         let rod = config.rod(&rod.0)?;
@@ -130,7 +130,10 @@ impl Looks {
         let line = reader.standing(rod)?.and_then(|standing| standing.latest);
         Ok(Self {
             rod: rod.clone(),
-            unit: unit(reader, rod)?,
+            unit: match &snapshots.latest {
+                Some(latest) => unit(reader, rod, latest.start)?,
+                None => None,
+            },
             latest: snapshots.latest,
             baseline: snapshots.first,
             record: line

@@ -9,6 +9,7 @@ use crate::record::Timestamp;
 use crate::snapshot::Snapshot;
 use crate::store::{Filter, Listing, Reader};
 use crate::viewer::{Message, ResultsWriter};
+use anyhow::Context;
 use rusqlite::types::Value;
 use serde_json::Value as Json;
 use std::io::{self, IsTerminal, Write};
@@ -144,7 +145,7 @@ fn write_mcap(reader: &Reader, filter: &Filter, out: &mut impl Write) -> anyhow:
     }
     let mut results = ResultsWriter::new(out)?;
     reader.lines(Listing::Records, filter, |line| {
-        for message in Message::of_record(line)? {
+        for message in Message::of_record(line).context("a record of the store is no JSON line")? {
             results.write(&message)?;
         }
         anyhow::Ok(())
@@ -153,7 +154,6 @@ fn write_mcap(reader: &Reader, filter: &Filter, out: &mut impl Write) -> anyhow:
         if filter.rod.as_ref().is_some_and(|only| *only != rod) {
             continue;
         }
-        let unit = api::rod::unit(reader, &rod)?;
         let kept = reader.snapshots(&rod)?;
         let is_within = |picture: &Snapshot| {
             filter.from.is_none_or(|from| picture.start >= from)
@@ -161,6 +161,7 @@ fn write_mcap(reader: &Reader, filter: &Filter, out: &mut impl Write) -> anyhow:
         };
         let latest = kept.latest.filter(|latest| kept.first.as_ref() != Some(latest));
         for picture in kept.first.into_iter().chain(latest).filter(is_within) {
+            let unit = api::rod::unit(reader, &rod, picture.start)?;
             for message in Message::of_picture(&rod, &picture, unit) {
                 results.write(&message)?;
             }

@@ -1,5 +1,6 @@
 //! `tirante import`: measurements of other programs to a recording.
 
+use super::progress::Watched;
 use super::{BadArguments, print};
 use crate::config::Config;
 use crate::import::{
@@ -116,7 +117,7 @@ pub enum MessageEncoding {
 }
 
 fn unit(text: &str) -> Result<Unit, String> {
-    Unit::as_written(text).ok_or_else(|| import::plan::unknown_unit(text))
+    Unit::as_written(text).ok_or_else(|| import::unknown_unit(text))
 }
 
 fn positive(text: &str) -> Result<f64, String> {
@@ -235,7 +236,9 @@ fn format(args: &Args) -> Result<Format, BadArguments> {
 
 /// What is in the file, and what was left out.
 fn read(args: &Args, format: Format) -> Result<(Vec<Signal>, Vec<String>), ImportError> {
-    let from = BufReader::with_capacity(1 << 16, open(&args.path).map_err(ImportError::new)?);
+    let file = open(&args.path).map_err(ImportError::new)?;
+    let length = file.metadata().map_or(0, |file| file.len());
+    let from = BufReader::with_capacity(1 << 16, Watched::new(file, length));
     let named: Option<Vec<String>> = args
         .time
         .as_ref()

@@ -304,7 +304,7 @@ impl Sensor {
         let said = content.and_then(|content| content.unit);
         let unit = match (&args.unit, said) {
             (Some(text), said) => match (Unit::as_written(text), said) {
-                (None, _) => return Err(BadArguments(crate::import::plan::unknown_unit(text)).into()),
+                (None, _) => return Err(BadArguments(crate::import::unknown_unit(text)).into()),
                 (Some(unit), Some(said)) if unit != said => {
                     return Err(BadArguments(format!(
                         "--unit {}: the recording says {}",

@@ -1,7 +1,7 @@
 //! Progress on standard error, for people only: nothing where that is no terminal, nothing of short work.
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
-use std::io::{self, IsTerminal};
+use std::io::{self, IsTerminal, Read};
 use std::time::{Duration, Instant};
 
 /// Work that takes less shows no bar.
@@ -68,6 +68,36 @@ impl Progress {
         if self.bar.is_hidden() && self.since.elapsed() > PATIENCE && io::stderr().is_terminal() {
             self.bar.set_draw_target(ProgressDrawTarget::stderr_with_hz(5));
         }
+    }
+}
+
+/// A file whose reading is shown.
+pub struct Watched<R> {
+    from: R,
+    read: u64,
+    all: u64,
+    progress: Progress,
+}
+
+impl<R: Read> Watched<R> {
+    /// Of so many bytes.
+    pub fn new(from: R, all: u64) -> Self {
+        let progress = Progress::new(all, "{wide_bar} {bytes}/{total_bytes} read, {eta} left");
+        Self {
+            from,
+            read: 0,
+            all,
+            progress,
+        }
+    }
+}
+
+impl<R: Read> Read for Watched<R> {
+    fn read(&mut self, into: &mut [u8]) -> io::Result<usize> {
+        let count = self.from.read(into)?;
+        self.read += count as u64;
+        self.progress.set(self.read, self.all.max(self.read));
+        Ok(count)
     }
 }
 

@@ -1,5 +1,6 @@
 //! `tirante replay`: recordings through the whole pipeline.
 
+use super::BadArguments;
 use super::campaign::{self, News, Reading};
 use super::progress::Progress;
 use super::render::Table;
@@ -58,7 +59,7 @@ pub struct Args {
     pub report: Option<PathBuf>,
 
     /// Write what came of every record, its waveform and spectrum too, into this MCAP file, to be opened beside the recordings in
-    /// Foxglove or Lichtblick. Records the store had already are not in it.
+    /// Foxglove or Lichtblick. It must not be there yet; records the store had already are not in it.
     #[arg(long, value_name = "FILE")]
     pub results: Option<PathBuf>,
 
@@ -119,7 +120,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
             return Ok(campaign::Taken::Known);
         };
         if let Some(results) = &mut results {
-            results.add(config, outcome, &line, &verdict)?;
+            results.add(config, outcome, &line, &verdict);
         }
         bar.suspend(|| {
             if header_due {
@@ -161,17 +162,40 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
 struct Results<'p> {
     writer: ResultsWriter<AtomicFile>,
     path: &'p Path,
+    records: usize,
+    /// What went wrong first; nothing is written after it, and the replay goes on.
+    failure: Option<anyhow::Error>,
 }
 
 impl<'p> Results<'p> {
     fn create(path: &'p Path) -> anyhow::Result<Self> {
+        if path.exists() {
+            let why = format!(
+                "--results {}: exists, and holds what another replay wrote; name another file",
+                path.display()
+            );
+            return Err(BadArguments(why).into());
+        }
         let file = AtomicFile::create(path).with_context(|| format!("--results {}", path.display()))?;
-        let writer = ResultsWriter::new(file)?;
-        Ok(Self { writer, path })
+        Ok(Self {
+            writer: ResultsWriter::new(file)?,
+            path,
+            records: 0,
+            failure: None,
+        })
     }
 
     /// What came of a record: line and picture, and news of alarms at the time they came.
-    fn add(
+    fn add(&mut self, config: &Config, outcome: &Outcome, line: &str, verdict: &Verdict) {
+        if self.failure.is_none() {
+            match self.write(config, outcome, line, verdict) {
+                Ok(()) => self.records += 1,
+                Err(error) => self.failure = Some(error),
+            }
+        }
+    }
+
+    fn write(
         &mut self,
         config: &Config,
         outcome: &Outcome,
@@ -186,22 +210,28 @@ impl<'p> Results<'p> {
             let unit = rod.channels.displacement.unit.si();
             messages.extend(Message::of_picture(&identification.rod, &picture, Some(unit)));
         }
-        messages.extend(verdict.events.iter().map(|event| Message {
-            time: event.time,
-            ..Message::of_alarm(&event.alarm)
-        }));
+        messages.extend(verdict.events.iter().map(Message::of_event));
         for message in &messages {
-            self.writer
-                .write(message)
-                .with_context(|| format!("--results {}", self.path.display()))?;
+            self.writer.write(message)?;
         }
         Ok(())
     }
 
     fn finish(self) -> anyhow::Result<()> {
-        let whole = || -> anyhow::Result<()> { Ok(self.writer.finish()?.commit()?) };
-        whole().with_context(|| format!("--results {}", self.path.display()))?;
-        tell!("results: {}", self.path.display());
+        let Self {
+            writer,
+            path,
+            records,
+            failure,
+        } = self;
+        let whole = || -> anyhow::Result<()> {
+            match failure {
+                Some(failure) => Err(failure),
+                None => Ok(writer.finish()?.commit()?),
+            }
+        };
+        whole().with_context(|| format!("--results {}: not written", path.display()))?;
+        tell!("results: {records} records in {}", path.display());
         Ok(())
     }
 }

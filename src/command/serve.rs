@@ -42,6 +42,11 @@ pub struct Args {
     /// A file with the token of those who may acknowledge alarms; over `http.token_file` of the configuration.
     #[arg(long, value_name = "FILE")]
     pub token_file: Option<String>,
+
+    /// An origin of pages that may open the live view; over `http.viewer_origins` of the configuration. May be repeated; viewers on
+    /// the desktop are "file://".
+    #[arg(long, value_name = "ORIGIN")]
+    pub viewer_origin: Vec<String>,
 }
 
 /// Runs the command.
@@ -71,7 +76,11 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
             .map(CredentialPath::new)
             .or(configured.token_file),
         names: configured.names,
-        viewer_origins: configured.viewer_origins,
+        viewer_origins: if args.viewer_origin.is_empty() {
+            configured.viewer_origins
+        } else {
+            args.viewer_origin.clone()
+        },
     };
     let access = settings.access()?;
     let Some(listener) = http::listen(&settings)? else {

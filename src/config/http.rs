@@ -83,8 +83,8 @@ pub(super) fn read(table: &mut Table<'_>) -> HttpSettings {
     let viewer_origins = table.take(
         key(
             "viewer_origins",
-            "origins of web pages that may open the live view at /viewer, like \"https://app.foxglove.dev\"; desktop viewers are \
-             \"file://\", other programs have none and always may",
+            "origins of pages that may open the live view at /viewer, besides programs that are no browser: \"file://\" for viewers on \
+             the desktop (and any page opened from a file), \"https://app.foxglove.dev\"",
         ),
         "a list of at most 100 origins",
         Absent::Default(default.viewer_origins),
@@ -102,9 +102,9 @@ pub(super) fn read(table: &mut Table<'_>) -> HttpSettings {
 /// A scheme and a host, perhaps with a port, nothing behind.
 fn origin(value: &Value<'_>) -> Option<String> {
     let text = value.string()?;
-    let is_origin = text
-        .split_once("://")
-        .is_some_and(|(scheme, rest)| !scheme.is_empty() && !rest.contains(['/', '*', ' ']));
+    let is_origin = text.split_once("://").is_some_and(|(scheme, host)| {
+        !scheme.is_empty() && !host.contains(['/', '*', ' ']) && (scheme == "file") == host.is_empty()
+    });
     if !is_origin {
         value.fault(format!(
             "{} is no origin, write it like \"https://app.foxglove.dev\", without a path",

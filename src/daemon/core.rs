@@ -10,7 +10,7 @@ use crate::record::{RodId, Timestamp};
 use crate::site::{Note, Site, Taken};
 use crate::source::{SourceError, Summary};
 use crate::step::{Analysed, Passed, Place};
-use crate::store::{FileMark, StoreError};
+use crate::store::{FileMark, Standing, StoreError};
 use crate::telemetry::{Fault, Health};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -57,8 +57,8 @@ pub enum Word<'a> {
     },
     /// A file, or a part of the journal, is in the store up to its end.
     File(&'a FileMark),
-    /// Another configuration holds from here on.
-    Reloaded(&'a Arc<Generation>),
+    /// Another configuration holds from here on, and so its rods stand; `None` after a disk was full on the way.
+    Reloaded(&'a Arc<Generation>, Option<&'a [Standing]>),
 }
 
 /// Why the core cannot go on.
@@ -241,10 +241,12 @@ impl Core {
     fn reload(&mut self, generation: Arc<Generation>) -> Result<(), Broken> {
         // If the disk is full on the way, the site is opened with the new configuration when there is room again.
         self.generation = Arc::clone(&generation);
+        let mut standings = None;
         if let Some(site) = self.site.take() {
             match site.reload(generation.track_plans.iter().cloned(), generation.provenance()) {
                 Ok(site) => {
                     warn_of_renewed(&site);
+                    standings = Some(site.standings()?);
                     self.site = Some(site);
                 }
                 Err(error) if error.is_disk_full() => {
@@ -255,7 +257,7 @@ impl Core {
             }
         }
         self.listen();
-        (self.tell)(Word::Reloaded(&generation));
+        (self.tell)(Word::Reloaded(&generation, standings.as_deref()));
         Ok(())
     }
 

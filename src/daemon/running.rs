@@ -64,7 +64,7 @@ impl Running {
         let health = &telemetry.health;
         let live = Live::start(config, &store, bound, runtime, telemetry, tell)?;
         telemetry.metrics.watch_disk("store", store.clone());
-        telemetry.metrics.standings(&site.store().standings()?);
+        telemetry.metrics.standings(&site.standings()?);
 
         let (jobs, receiver) = sync_channel(JOBS);
         let couriers = Couriers::start(
@@ -283,7 +283,10 @@ fn hear(
                 }
                 tracing::info!("{} is read", mark.name);
             }
-            Word::Reloaded(generation) => {
+            Word::Reloaded(generation, standings) => {
+                if let Some(standings) = standings {
+                    metrics.standings(standings);
+                }
                 tracing::info!("configuration {} holds", generation.provenance().hash);
             }
         }

@@ -158,6 +158,10 @@ impl Recurrence {
                 let (mut low, mut high) = (-reach, reach);
                 for _ in 0..80 {
                     let middle = 0.5 * (low + high);
+                    if middle == low || middle == high {
+                        // Neighbouring numbers: nothing lies between.
+                        break;
+                    }
                     if below(middle) > i {
                         high = middle;
                     } else {

@@ -57,21 +57,37 @@ impl Api {
         }
     }
 
-    /// Asks the store on a thread that may wait, and says what it says.
-    async fn answer<T: Serialize>(
+    /// Asks the store for what years are drawn from.
+    async fn answer<T: Serialize + Send + 'static>(
         &self,
         question: impl FnOnce(&Reader, &Days) -> Result<Result<T, Problem>, StoreError> + Send + 'static,
     ) -> Result<Response, Problem> {
         let shown = Arc::clone(&self.shown);
-        let work = move || -> Result<String, Problem> {
-            let answer = shown.ask(question)??;
-            serde_json::to_string(&answer).map_err(|error| problem::unavailable(error.to_string()))
-        };
-        let text = tokio::task::spawn_blocking(work)
-            .await
-            .map_err(|_| problem::unavailable("the program broke while it answered, please report it"))??;
-        Ok(([(header::CONTENT_TYPE, "application/json")], text).into_response())
+        say(move || shown.ask(question)?).await
     }
+
+    /// Asks the store for what it has an answer to from its first moment.
+    async fn answer_at_once<T: Serialize + Send + 'static>(
+        &self,
+        question: impl FnOnce(&Reader) -> Result<Result<T, Problem>, StoreError> + Send + 'static,
+    ) -> Result<Response, Problem> {
+        let shown = Arc::clone(&self.shown);
+        say(move || shown.read(question)?).await
+    }
+}
+
+/// Says what comes of a question, which is asked on a thread that may wait.
+async fn say<T: Serialize>(
+    question: impl FnOnce() -> Result<T, Problem> + Send + 'static,
+) -> Result<Response, Problem> {
+    let work = move || -> Result<String, Problem> {
+        let answer = question()?;
+        serde_json::to_string(&answer).map_err(|error| problem::unavailable(error.to_string()))
+    };
+    let text = tokio::task::spawn_blocking(work)
+        .await
+        .map_err(|_| problem::unavailable("the program broke while it answered, please report it"))??;
+    Ok(([(header::CONTENT_TYPE, "application/json")], text).into_response())
 }
 
 /// The paths below `/api/v1`.
@@ -176,12 +192,12 @@ async fn chart(
     Query(asked): Query<Periods>,
 ) -> Result<Response, Problem> {
     let most = within("periods", asked.periods, PERIODS)?;
-    api.answer(move |reader, _| Ok(Ok(Chart::of(reader, &RodId(rod), most)?)))
+    api.answer_at_once(move |reader| Ok(Ok(Chart::of(reader, &RodId(rod), most)?)))
         .await
 }
 
 async fn latest(State(api): State<Api>, Path(rod): Path<String>) -> Result<Response, Problem> {
-    api.answer(move |reader, _| Ok(Ok(Looks::of(reader, &RodId(rod))?)))
+    api.answer_at_once(move |reader| Ok(Ok(Looks::of(reader, &RodId(rod))?)))
         .await
 }
 
@@ -196,7 +212,7 @@ struct AlarmPage {
 
 async fn alarms(State(api): State<Api>, Query(page): Query<AlarmPage>) -> Result<Response, Problem> {
     let most = within("limit", page.limit, ROWS)?;
-    api.answer(move |reader, _| {
+    api.answer_at_once(move |reader| {
         let rod = page.rod.map(RodId);
         let standing = page.standing.unwrap_or(false);
         let found = Alarms::of(reader, rod.as_ref(), standing, page.before.as_deref(), most)?;
@@ -227,7 +243,7 @@ async fn acknowledge(
         return Err(problem::unauthorized("this needs the token of http.token_file"));
     }
     let ask_writer = Arc::clone(&api.ask_writer);
-    api.answer(move |reader, _| {
+    api.answer_at_once(move |reader| {
         let Some(alarm) = reader.alarm(&id)? else {
             return Ok(Err(problem::missing(format!("there is no alarm {id}"))));
         };

@@ -51,8 +51,7 @@ impl Default for HttpSettings {
             listen: Some(SocketAddr::from(([127, 0, 0, 1], 7416))),
             token_file: None,
             names: Vec::new(),
-            // Viewers on the desktop are pages of a file.
-            viewer_origins: vec!["file://".to_owned()],
+            viewer_origins: Vec::new(),
         }
     }
 }

@@ -2,9 +2,7 @@
 //! something was committed.
 
 use crate::api::Days;
-use crate::store::{Reader, StoreError};
-use std::fs;
-use std::os::unix::fs::MetadataExt;
+use crate::store::{FileId, Reader, StoreError};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
@@ -47,8 +45,8 @@ pub struct Shown {
 struct Open {
     reader: Reader,
     days: Days,
-    /// Device and inode: a store that was damaged is moved aside and a new one begun in its place.
-    file: (u64, u64),
+    /// A store that was damaged is moved aside and a new one begun in its place.
+    file: FileId,
 }
 
 impl Shown {
@@ -73,11 +71,20 @@ impl Shown {
         let open = self.opened(&mut place)?;
         for _ in 0..BATCHES {
             if !open.days.take_up(&open.reader)? {
-                return Ok(question(&open.reader, &open.days)?);
+                break;
             }
         }
-        let share = open.days.share(&open.reader)?;
-        Err(Unanswered::Reading { share })
+        // Days and answer are of one moment.
+        let days = &mut open.days;
+        open.reader.together(|reader| {
+            let is_behind = days.take_up(reader)? && days.share(reader)? < 1.0;
+            if is_behind {
+                return Ok(Err(Unanswered::Reading {
+                    share: days.share(reader)?,
+                }));
+            }
+            question(reader, days).map(Ok)
+        })?
     }
 
     /// As [`Shown::ask`], for questions that need no days: nothing is taken up before the answer.
@@ -86,12 +93,12 @@ impl Shown {
     /// There is no store, it cannot be read, or a row is damaged.
     pub fn read<T>(&self, question: impl FnOnce(&Reader) -> Result<T, StoreError>) -> Result<T, StoreError> {
         let mut place = self.open.lock().unwrap_or_else(PoisonError::into_inner);
-        question(&self.opened(&mut place)?.reader)
+        self.opened(&mut place)?.reader.together(question)
     }
 
     /// The open store, opened anew if another file took its place.
     fn opened<'o>(&self, place: &'o mut Option<Open>) -> Result<&'o mut Open, StoreError> {
-        let file = fs::metadata(&self.path).map_or((0, 0), |file| (file.dev(), file.ino()));
+        let file = FileId::of(&self.path);
         match place {
             Some(open) if open.file == file => {}
             _ => {

@@ -7,8 +7,8 @@ use super::problem::{self, Problem};
 use super::shown::Shown;
 use crate::clock;
 use crate::store::{Reader, StoreError};
-use crate::viewer::protocol::{self, Request};
-use crate::viewer::{Feed, Message, Topic};
+use crate::viewer::protocol::{self, Request, Subscription};
+use crate::viewer::{self, Feed, Message, Topic};
 use axum::extract::State;
 use axum::extract::ws::rejection::WebSocketUpgradeRejection;
 use axum::extract::ws::{Message as Frame, WebSocket, WebSocketUpgrade};
@@ -28,9 +28,6 @@ const WRITE: Duration = Duration::from_secs(8);
 /// How often a silent viewer is asked whether it lives, and how many answers it may owe.
 const ALIVE: Duration = Duration::from_secs(15);
 const OWED: u32 = 3;
-
-/// Most subscriptions of a viewer.
-const SUBSCRIPTIONS: usize = 4096;
 
 /// The live view, for viewers that speak its protocol and, if they are web pages, come from an origin that may.
 pub async fn open(
@@ -62,6 +59,7 @@ pub async fn open(
             shown: api.shown,
             feed: None,
             channels: Vec::new(),
+            numbers: BTreeMap::new(),
             subscriptions: BTreeMap::new(),
             owed: 0,
         };
@@ -82,10 +80,11 @@ struct Viewer {
     socket: WebSocket,
     shown: Arc<Shown>,
     feed: Option<Feed>,
-    /// What was advertised; a channel's number is its place.
+    /// What was advertised, by its channel's number, and the other way round.
     channels: Vec<Topic>,
-    /// The channel's place by the viewer's own number.
-    subscriptions: BTreeMap<u32, usize>,
+    numbers: BTreeMap<Topic, u32>,
+    /// The viewer's own number of its subscription of a topic, at most one a topic.
+    subscriptions: BTreeMap<Topic, u32>,
     /// Pings without an answer.
     owed: u32,
 }
@@ -96,14 +95,16 @@ impl Viewer {
         let mut bell = self.shown.bell();
         let name = concat!("tirante ", env!("CARGO_PKG_VERSION"));
         self.say(protocol::server_info(name)).await?;
-        self.look().await?;
+        // The protocol wants one, were there nothing yet.
+        self.say(protocol::advertise([])).await?;
+        self.look(None).await?;
         let mut alive = time::interval_at(time::Instant::now() + ALIVE, ALIVE);
+        alive.set_missed_tick_behavior(time::MissedTickBehavior::Delay);
         loop {
             tokio::select! {
                 rang = bell.changed() => {
                     rang.map_err(|_| Gone)?;
-                    bell.mark_unchanged();
-                    self.look().await?;
+                    self.look(None).await?;
                 }
                 frame = self.socket.recv() => {
                     self.owed = 0;
@@ -124,36 +125,64 @@ impl Viewer {
         }
     }
 
-    /// Asks the store what is new; advertises rods that are new and tells what was subscribed to.
-    async fn look(&mut self) -> Result<(), Gone> {
-        let wanted: BTreeSet<Topic> = self
-            .subscriptions
-            .values()
-            .filter_map(|place| self.channels.get(*place).cloned())
-            .collect();
-        let question =
-            move |reader: &Reader, feed: &mut Feed| Ok((Feed::topics(reader)?, feed.news(reader, &wanted)?));
-        let Some((topics, news)) = self.ask(question).await? else {
+    /// Asks the store what is new: advertises rods that are, tells what was subscribed to, and then what stands on a topic that is
+    /// subscribed to now. One question for all of it, so that nothing is told twice or passed over in between.
+    async fn look(&mut self, new: Option<(Topic, u32)>) -> Result<(), Gone> {
+        let wanted: BTreeSet<Topic> = self.subscriptions.keys().cloned().collect();
+        let topic = new.as_ref().map(|(topic, _)| topic.clone());
+        let id = new.map(|(topic, id)| {
+            self.subscriptions.insert(topic, id);
+            id
+        });
+        let question = move |reader: &Reader, feed: &mut Feed| {
+            let standing = topic.map(|topic| viewer::standing(reader, &topic)).transpose()?;
+            Ok((Feed::topics(reader)?, feed.news(reader, &wanted)?, standing))
+        };
+        let Some((topics, news, standing)) = self.ask(question).await? else {
             return Ok(());
         };
+        self.advertise(topics).await?;
+        if news.is_other_store {
+            let why = "another store took the place of the one that was followed";
+            self.say(protocol::warning(why)).await?;
+        }
+        if news.left_out > 0 {
+            let why = format!(
+                "{} records or news of alarms came at once and are left out",
+                news.left_out
+            );
+            self.say(protocol::warning(&why)).await?;
+        }
+        for message in news.messages {
+            if let Some(&id) = self.subscriptions.get(&message.topic) {
+                self.tell(id, &message).await?;
+            }
+        }
+        if let Some(id) = id {
+            for message in standing.unwrap_or_default() {
+                self.tell(id, &message).await?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Advertises those of these topics that are new.
+    async fn advertise(&mut self, topics: Vec<Topic>) -> Result<(), Gone> {
         let known = self.channels.len();
         for topic in topics {
-            if !self.channels.contains(&topic) {
+            let Ok(number) = u32::try_from(self.channels.len()) else {
+                break;
+            };
+            if !self.numbers.contains_key(&topic) {
+                self.numbers.insert(topic.clone(), number);
                 self.channels.push(topic);
             }
         }
-        let new = self.channels.iter().enumerate().skip(known);
-        let new: Vec<_> = new
-            .filter_map(|(place, topic)| Some((u32::try_from(place).ok()?, topic)))
-            .collect();
-        if !new.is_empty() {
-            let text = protocol::advertise(new);
-            self.say(text).await?;
+        if self.channels.len() == known {
+            return Ok(());
         }
-        for message in news {
-            self.tell(&message).await?;
-        }
-        Ok(())
+        let text = protocol::advertise((0..).zip(&self.channels).skip(known));
+        self.say(text).await
     }
 
     /// Does what the viewer asks for.
@@ -161,30 +190,12 @@ impl Viewer {
         match serde_json::from_str(text) {
             Ok(Request::Subscribe { subscriptions }) => {
                 for subscription in subscriptions {
-                    let place = usize::try_from(subscription.channel_id).unwrap_or(usize::MAX);
-                    let Some(topic) = self.channels.get(place).cloned() else {
-                        let why = format!("there is no channel {}", subscription.channel_id);
-                        self.say(protocol::warning(&why)).await?;
-                        continue;
-                    };
-                    if self.subscriptions.len() >= SUBSCRIPTIONS {
-                        let why = format!("{SUBSCRIPTIONS} subscriptions at most");
-                        self.say(protocol::warning(&why)).await?;
-                        continue;
-                    }
-                    self.subscriptions.insert(subscription.id, place);
-                    let question = move |reader: &Reader, feed: &mut Feed| feed.standing(reader, &topic);
-                    for message in self.ask(question).await?.unwrap_or_default() {
-                        let frame = protocol::message(subscription.id, clock::now(), &message);
-                        self.send(Frame::Binary(frame.into())).await?;
-                    }
+                    self.subscribe(subscription).await?;
                 }
                 Ok(())
             }
             Ok(Request::Unsubscribe { subscription_ids }) => {
-                for id in subscription_ids {
-                    self.subscriptions.remove(&id);
-                }
+                self.subscriptions.retain(|_, id| !subscription_ids.contains(id));
                 Ok(())
             }
             Ok(Request::Other) => {
@@ -198,27 +209,40 @@ impl Viewer {
         }
     }
 
+    /// One subscription, if the protocol allows it.
+    async fn subscribe(&mut self, Subscription { id, channel_id }: Subscription) -> Result<(), Gone> {
+        let place = usize::try_from(channel_id).unwrap_or(usize::MAX);
+        let why = match self.channels.get(place).cloned() {
+            None => format!("there is no channel {channel_id}"),
+            Some(topic) if self.subscriptions.contains_key(&topic) => {
+                format!("channel {channel_id} is subscribed to already")
+            }
+            Some(_) if self.subscriptions.values().any(|known| *known == id) => {
+                format!("subscription {id} is of another channel")
+            }
+            Some(topic) => return self.look(Some((topic, id))).await,
+        };
+        self.say(protocol::warning(&why)).await
+    }
+
     /// Asks the store on a thread that may wait; `None` if it has no answer now, of which the viewer is told.
     async fn ask<T: Send + 'static>(
         &mut self,
         question: impl FnOnce(&Reader, &mut Feed) -> Result<T, StoreError> + Send + 'static,
     ) -> Result<Option<T>, Gone> {
-        let (shown, feed) = (Arc::clone(&self.shown), self.feed.take());
+        let (shown, mut feed) = (Arc::clone(&self.shown), self.feed.take());
         let work = move || {
-            shown.read(|reader| {
-                let mut feed = match feed {
+            let answer = shown.read(|reader| {
+                let feed = match &mut feed {
                     Some(feed) => feed,
-                    None => Feed::new(reader)?,
+                    none => none.insert(Feed::new(reader)?),
                 };
-                let answer = question(reader, &mut feed);
-                Ok((feed, answer))
-            })
+                question(reader, feed)
+            });
+            (feed, answer)
         };
-        let answer = tokio::task::spawn_blocking(work).await.map_err(|_| Gone)?;
-        let answer = answer.and_then(|(feed, answer)| {
-            self.feed = Some(feed);
-            answer
-        });
+        let (feed, answer) = tokio::task::spawn_blocking(work).await.map_err(|_| Gone)?;
+        self.feed = feed;
         match answer {
             Ok(answer) => Ok(Some(answer)),
             Err(error) => {
@@ -228,19 +252,10 @@ impl Viewer {
         }
     }
 
-    /// A message under each subscription of its topic.
-    async fn tell(&mut self, message: &Message) -> Result<(), Gone> {
-        let told = clock::now();
-        let frames: Vec<Vec<u8>> = self
-            .subscriptions
-            .iter()
-            .filter(|(_, place)| self.channels.get(**place) == Some(&message.topic))
-            .map(|(id, _)| protocol::message(*id, told, message))
-            .collect();
-        for frame in frames {
-            self.send(Frame::Binary(frame.into())).await?;
-        }
-        Ok(())
+    /// A message under a subscription.
+    async fn tell(&mut self, id: u32, message: &Message) -> Result<(), Gone> {
+        let frame = protocol::message(id, clock::now(), message);
+        self.send(Frame::Binary(frame.into())).await
     }
 
     async fn say(&mut self, text: String) -> Result<(), Gone> {

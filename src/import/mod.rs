@@ -4,6 +4,7 @@
 //! csv, uff, wav, mat -> Signal -> plan (topic, unit, rate, stretches) -> write -> MCAP
 //! ```
 
+mod asked;
 pub mod csv;
 mod grid;
 mod heads;
@@ -15,8 +16,9 @@ pub mod uff;
 pub mod wav;
 mod write;
 
+pub use self::asked::{Asked, Wanted, unknown_unit};
 pub use self::grid::rounded;
-pub use self::plan::{Asked, Plan, Wanted};
+pub use self::plan::Plan;
 pub use self::stamp::{DateOrder, TimeUnit, utc_offset};
 pub use self::write::write;
 

@@ -11,6 +11,9 @@ use rusqlite::Params;
 use rusqlite::types::Value;
 use serde::de::DeserializeOwned;
 use std::collections::BTreeMap;
+use std::fs;
+use std::os::unix::fs::MetadataExt;
+use std::path::Path;
 
 /// A record's numbers that are drawn over time.
 #[derive(Debug, Clone, PartialEq)]
@@ -39,6 +42,23 @@ pub struct Point {
     pub temperature_c: Option<f64>,
 }
 
+/// Which file a store is: another one may have taken its name.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct FileId {
+    device: u64,
+    inode: u64,
+}
+
+impl FileId {
+    /// Of what has this name now; the default of none.
+    pub fn of(path: &Path) -> Self {
+        fs::metadata(path).map_or(Self::default(), |file| Self {
+            device: file.dev(),
+            inode: file.ino(),
+        })
+    }
+}
+
 /// Where a page of records ends: time and number of its last.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Mark {
@@ -57,6 +77,25 @@ impl Reader {
         self.connection
             .pragma_query_value(None, "data_version", |row| row.get(0))
             .map_err(|error| self.fault(Trouble::Sql(error)))
+    }
+
+    /// The file that has the store's name now.
+    pub fn file(&self) -> FileId {
+        FileId::of(&self.path)
+    }
+
+    /// Asks several things of the store as it is at one moment, whatever is committed meanwhile.
+    ///
+    /// # Errors
+    /// The store cannot be read, or what is asked fails.
+    pub fn together<T>(&self, ask: impl FnOnce(&Self) -> Result<T, StoreError>) -> Result<T, StoreError> {
+        let view = self
+            .connection
+            .unchecked_transaction()
+            .map_err(|error| self.fault(Trouble::Sql(error)))?;
+        let answer = ask(self);
+        drop(view);
+        answer
     }
 
     /// At most `most` records with numbers above `after`, ascending.
@@ -164,17 +203,6 @@ impl Reader {
             .map_err(|error| self.fault(Trouble::Sql(error)))
     }
 
-    /// The largest number of a record with a JSON line; 0 before the first.
-    ///
-    /// # Errors
-    /// The store cannot be read.
-    pub fn last_line(&self) -> Result<i64, StoreError> {
-        self.connection
-            .prepare_cached("SELECT coalesce(max(record), 0) FROM line")
-            .and_then(|mut statement| statement.query_row((), |row| row.get(0)))
-            .map_err(|error| self.fault(Trouble::Sql(error)))
-    }
-
     /// The JSON lines of records with numbers above `after`, ascending, at most `most`.
     ///
     /// # Errors
@@ -277,16 +305,30 @@ impl Reader {
     /// # Errors
     /// As [`Reader::points_after`].
     pub fn latest_config(&self) -> Result<Option<[String; 3]>, StoreError> {
+        self.config_where("hash = (SELECT config FROM record ORDER BY id DESC LIMIT 1)", ())
+    }
+
+    /// The configuration of a rod's record that began at a time.
+    ///
+    /// # Errors
+    /// As [`Reader::points_after`].
+    pub fn config_at(&self, rod: &RodId, start: Timestamp) -> Result<Option<[String; 3]>, StoreError> {
+        self.config_where(
+            "hash = (SELECT config FROM record WHERE rod = ? AND start_ns = ? ORDER BY id DESC LIMIT 1)",
+            (&rod.0, start.as_nanos()),
+        )
+    }
+
+    fn config_where(
+        &self,
+        condition: &str,
+        parameters: impl Params,
+    ) -> Result<Option<[String; 3]>, StoreError> {
         let mut found = None;
-        self.verified(
-            "config",
-            "hash = (SELECT config FROM record ORDER BY id DESC LIMIT 1)",
-            (),
-            |row| {
-                found = Some([row.get("hash")?, row.get("site")?, row.get("effective")?]);
-                Ok(())
-            },
-        )?;
+        self.verified("config", condition, parameters, |row| {
+            found = Some([row.get("hash")?, row.get("site")?, row.get("effective")?]);
+            Ok(())
+        })?;
         Ok(found)
     }
 

@@ -3,49 +3,56 @@
 use super::{Message, Topic};
 use crate::api;
 use crate::record::{RodId, Timestamp};
-use crate::store::{Reader, StoreError};
-use crate::track::Alarm;
+use crate::store::{FileId, Reader, StoreError};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Most records told at once: a viewer that falls further behind misses the oldest, never the last.
-const RECORDS: usize = 500;
+/// Most records told at once, and most news of alarms: of more the oldest are left out, which is told.
+const MOST: usize = 500;
 
-/// Most alarms looked at, the latest.
-const ALARMS: usize = 100;
+/// Most alarms told of those that stand, the latest.
+const STANDING: usize = 100;
 
-/// Follows a store from a moment on.
+/// Follows a store from a moment on. Every question is to be asked within one view of the store ([`Reader::together`]).
 #[derive(Debug)]
 pub struct Feed {
+    file: FileId,
     /// The number of the last record told.
-    told: i64,
-    /// When the last picture told of each rod began.
+    record: i64,
+    /// The number of the last news of an alarm told.
+    news: i64,
+    /// When the last picture of each rod began, as of the last question.
     pictured: BTreeMap<RodId, Timestamp>,
-    /// The latest alarms as they were told.
-    alarms: BTreeMap<String, Alarm>,
-    /// SI units of the rods' samples, as far as they were asked for.
-    units: BTreeMap<RodId, Option<&'static str>>,
+}
+
+/// What was committed since the last question.
+#[derive(Debug, Default)]
+pub struct News {
+    /// Messages of the topics that are wanted: of records in the order of commits, of pictures, of alarms.
+    pub messages: Vec<Message>,
+    /// Records and news of alarms that were too many.
+    pub left_out: usize,
+    /// Whether another store took the place of the one that was followed.
+    pub is_other_store: bool,
 }
 
 impl Feed {
     /// From now on: what the store has already is not new.
     ///
     /// # Errors
-    /// The store cannot be read, or a row is damaged.
+    /// The store cannot be read.
     pub fn new(reader: &Reader) -> Result<Self, StoreError> {
-        let mut feed = Self {
-            told: reader.last_line()?,
+        Ok(Self {
+            file: reader.file(),
+            record: reader.last_record()?,
+            news: reader.latest_news()?,
             pictured: BTreeMap::new(),
-            alarms: BTreeMap::new(),
-            units: BTreeMap::new(),
-        };
-        feed.new_alarms(reader)?;
-        Ok(feed)
+        })
     }
 
     /// Everything a store can be asked for.
     ///
     /// # Errors
-    /// As [`Feed::new`].
+    /// The store cannot be read.
     pub fn topics(reader: &Reader) -> Result<Vec<Topic>, StoreError> {
         let rods = reader.rods()?;
         Ok([Topic::Alarms]
@@ -54,110 +61,127 @@ impl Feed {
             .collect())
     }
 
-    /// What was committed since the last question, of the topics that are wanted, in the order of commits.
+    /// What was committed since the last question, of the topics that are wanted.
     ///
     /// # Errors
-    /// As [`Feed::new`]; the next question then says what this one did not.
-    pub fn news(&mut self, reader: &Reader, wanted: &BTreeSet<Topic>) -> Result<Vec<Message>, StoreError> {
-        let last = reader.last_line()?;
-        if last < self.told {
-            // Another store took the place of the one that was followed.
+    /// The store cannot be read, or a row is damaged; the next question then says what this one did not.
+    pub fn news(&mut self, reader: &Reader, wanted: &BTreeSet<Topic>) -> Result<News, StoreError> {
+        if reader.file() != self.file {
             *self = Self::new(reader)?;
-            return Ok(Vec::new());
+            return Ok(News {
+                is_other_store: true,
+                ..News::default()
+            });
         }
-        let span = i64::try_from(RECORDS).unwrap_or(i64::MAX);
-        let after = self.told.max(last.saturating_sub(span));
+        let (record, news) = (reader.last_record()?, reader.latest_news()?);
+        let span = i64::try_from(MOST).unwrap_or(i64::MAX);
+        let after = |told: i64, last: i64| told.max(last.saturating_sub(span));
+        let (after_record, after_news) = (after(self.record, record), after(self.news, news));
+        let left_out = (after_record - self.record) + (after_news - self.news);
+
         let mut messages = Vec::new();
-        let mut rods = BTreeSet::new();
-        for line in reader.lines_after(after, RECORDS)? {
-            let of_record = Message::of_record(&line).map_err(|error| StoreError::Unreadable {
-                what: "a record's line".to_owned(),
-                detail: error.to_string(),
-            })?;
-            rods.extend(
-                of_record
-                    .iter()
-                    .filter_map(|message| message.topic.rod().cloned()),
-            );
-            messages.extend(of_record);
+        for line in reader.lines_after(after_record, MOST)? {
+            messages.extend(of_record(&line)?);
         }
+        let mut pictured = self.pictured.clone();
+        let rods: BTreeSet<RodId> = messages
+            .iter()
+            .filter_map(|message| message.topic.rod().cloned())
+            .collect();
         for rod in rods {
             let [_, _, waveform, spectrum] = Topic::of_rod(&rod);
             if !wanted.contains(&waveform) && !wanted.contains(&spectrum) {
                 continue;
             }
-            let picture = self.picture(reader, &rod)?;
+            let picture = picture(reader, &rod)?;
             if let Some(first) = picture.first()
-                && self.pictured.insert(rod, first.time) != Some(first.time)
+                && pictured.insert(rod, first.time) != Some(first.time)
             {
                 messages.extend(picture);
             }
         }
-        messages.extend(self.new_alarms(reader)?);
-        self.told = last;
+        for news in reader.news_after(after_news, MOST)? {
+            messages.push(Message::of_event(&news.event));
+        }
         messages.retain(|message| wanted.contains(&message.topic));
-        Ok(messages)
+        (self.record, self.news, self.pictured) = (record, news, pictured);
+        Ok(News {
+            messages,
+            left_out: usize::try_from(left_out).unwrap_or_default(),
+            is_other_store: false,
+        })
+    }
+}
+
+/// What stands on a topic already: the rod's last record or picture, or the alarms that stand, the oldest first.
+///
+/// # Errors
+/// The store cannot be read, or a row is damaged.
+pub fn standing(reader: &Reader, topic: &Topic) -> Result<Vec<Message>, StoreError> {
+    let mut messages = match topic {
+        Topic::Alarms => {
+            let alarms = reader.alarms_before(None, true, None, STANDING)?;
+            alarms.iter().rev().map(Message::of_alarm).collect()
+        }
+        Topic::Force(rod) | Topic::Modes(rod) => {
+            let line = reader.standing(rod)?.and_then(|standing| standing.latest);
+            line.as_deref().map(of_record).transpose()?.unwrap_or_default()
+        }
+        Topic::Waveform(rod) | Topic::Spectrum(rod) => picture(reader, rod)?,
+    };
+    messages.retain(|message| message.topic == *topic);
+    Ok(messages)
+}
+
+fn of_record(line: &str) -> Result<Vec<Message>, StoreError> {
+    Message::of_record(line).map_err(|error| StoreError::Unreadable {
+        what: "a record's line".to_owned(),
+        detail: error.to_string(),
+    })
+}
+
+/// The rod's last picture.
+fn picture(reader: &Reader, rod: &RodId) -> Result<Vec<Message>, StoreError> {
+    let Some(picture) = reader.snapshots(rod)?.latest else {
+        return Ok(Vec::new());
+    };
+    let unit = api::rod::unit(reader, rod, picture.start)?;
+    Ok(Message::of_picture(rod, &picture, unit))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::store::Store;
+    use crate::track::alarm::What;
+    use crate::track::{Alarm, AlarmEvent, Kind};
+
+    fn all(reader: &Reader) -> BTreeSet<Topic> {
+        Feed::topics(reader).unwrap().into_iter().collect()
     }
 
-    /// What stands on a topic already: the rod's last record or picture, or the alarms that stand.
-    ///
-    /// # Errors
-    /// As [`Feed::new`].
-    pub fn standing(&mut self, reader: &Reader, topic: &Topic) -> Result<Vec<Message>, StoreError> {
-        let mut messages = match topic {
-            Topic::Alarms => {
-                let alarms = reader.alarms_before(None, true, None, ALARMS)?;
-                alarms.iter().rev().map(Message::of_alarm).collect()
-            }
-            Topic::Force(rod) | Topic::Modes(rod) => {
-                let line = reader.standing(rod)?.and_then(|standing| standing.latest);
-                let messages = line.as_deref().map(Message::of_record).transpose();
-                messages
-                    .map_err(|error| StoreError::Unreadable {
-                        what: format!("the latest record of rod {rod}"),
-                        detail: error.to_string(),
-                    })?
-                    .unwrap_or_default()
-            }
-            Topic::Waveform(rod) | Topic::Spectrum(rod) => {
-                let picture = self.picture(reader, rod)?;
-                if let Some(first) = picture.first() {
-                    self.pictured.insert(rod.clone(), first.time);
-                }
-                picture
-            }
+    #[test]
+    fn an_empty_store_has_nothing_to_tell() {
+        let store = Store::in_memory().unwrap();
+        let mut feed = Feed::new(&store).unwrap();
+        assert_eq!(Feed::topics(&store).unwrap(), [Topic::Alarms]);
+        let news = feed.news(&store, &all(&store)).unwrap();
+        assert!(news.messages.is_empty() && news.left_out == 0 && !news.is_other_store);
+        assert!(standing(&store, &Topic::Alarms).unwrap().is_empty());
+    }
+
+    #[test]
+    fn events_are_told_at_their_own_time() {
+        let rod = RodId("north".to_owned());
+        let raised = Timestamp::from_nanos(1_000);
+        let alarm = Alarm::new(&rod, Kind::Drift, 1, raised, "less".to_owned());
+        let event = AlarmEvent {
+            what: What::Raised,
+            time: Timestamp::from_nanos(2_000),
+            alarm,
         };
-        messages.retain(|message| message.topic == *topic);
-        Ok(messages)
-    }
-
-    /// The rod's last picture.
-    fn picture(&mut self, reader: &Reader, rod: &RodId) -> Result<Vec<Message>, StoreError> {
-        let unit = match self.units.get(rod) {
-            Some(unit) => *unit,
-            None => {
-                let unit = api::rod::unit(reader, rod)?;
-                self.units.insert(rod.clone(), unit);
-                unit
-            }
-        };
-        let picture = reader.snapshots(rod)?.latest;
-        Ok(picture.map_or_else(Vec::new, |picture| Message::of_picture(rod, &picture, unit)))
-    }
-
-    /// The latest alarms that are not as they were, the oldest first.
-    fn new_alarms(&mut self, reader: &Reader) -> Result<Vec<Message>, StoreError> {
-        let alarms = reader.alarms_before(None, false, None, ALARMS)?;
-        let changed = alarms
-            .iter()
-            .rev()
-            .filter(|alarm| self.alarms.get(&alarm.id) != Some(alarm))
-            .map(Message::of_alarm)
-            .collect();
-        self.alarms = alarms
-            .into_iter()
-            .map(|alarm| (alarm.id.clone(), alarm))
-            .collect();
-        Ok(changed)
+        let message = Message::of_event(&event);
+        assert_eq!((message.topic, message.time), (Topic::Alarms, event.time));
+        assert_eq!(message.body["timestamp"]["nsec"], 1_000);
     }
 }

@@ -3,7 +3,7 @@
 
 use crate::record::{RodId, Timestamp};
 use crate::snapshot::Snapshot;
-use crate::track::Alarm;
+use crate::track::{Alarm, AlarmEvent};
 use serde::Deserialize;
 use serde_json::{Map, Value as Json, json};
 use std::fmt;
@@ -57,7 +57,7 @@ struct Line {
 pub struct Message {
     /// Where it belongs.
     pub topic: Topic,
-    /// The record's first sample, or when the alarm was raised.
+    /// The record's first sample, when the alarm was raised, or when there was news of it.
     pub time: Timestamp,
     /// What it says.
     pub body: Json,
@@ -186,10 +186,18 @@ impl Message {
         let spectrum = Self {
             topic: Topic::Spectrum(rod.clone()),
             time,
-            body: json!({"timestamp": stamp(time), "unit": unit.map(|unit| format!("dB re 1 {unit}^2/Hz")),
+            body: json!({"timestamp": stamp(time), "unit": unit.map(|unit| format!("dB re 1 ({unit})^2/Hz")),
                 "frequency_hz": frequency_hz, "level_db": curve.level_db, "peaks": picture.peaks}),
         };
         waveform.into_iter().chain([spectrum]).collect()
+    }
+
+    /// Of news of an alarm, at the time it happened.
+    pub fn of_event(event: &AlarmEvent) -> Self {
+        Self {
+            time: event.time,
+            ..Self::of_alarm(&event.alarm)
+        }
     }
 
     /// Of an alarm as it is.

@@ -10,6 +10,6 @@ mod file;
 mod message;
 pub mod protocol;
 
-pub use feed::Feed;
+pub use feed::{Feed, standing};
 pub use file::ResultsWriter;
 pub use message::{Message, Topic};

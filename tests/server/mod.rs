@@ -31,6 +31,8 @@ impl Server {
             "127.0.0.1:0",
             "--token-file",
             "token",
+            "--viewer-origin",
+            "https://viewer.example",
         ];
         let mut child = site.command(&words).stderr(Stdio::piped()).spawn().unwrap();
         let mut line = String::new();

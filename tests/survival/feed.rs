@@ -22,6 +22,7 @@ struct Shared {
     lines_are_done: AtomicBool,
     files_are_sent: AtomicBool,
     acks: AtomicU64,
+    welcomes: AtomicU64,
     sender: Mutex<Option<Child>>,
     broken: Mutex<Vec<String>>,
 }
@@ -103,6 +104,11 @@ impl Feed {
     /// Acknowledgements the client saw.
     pub fn acks(&self) -> u64 {
         self.shared.acks.load(Ordering::Relaxed)
+    }
+
+    /// Welcomes that told the client how much is durable.
+    pub fn welcomes(&self) -> u64 {
+        self.shared.welcomes.load(Ordering::Relaxed)
     }
 }
 
@@ -199,6 +205,8 @@ fn client(shared: &Shared, socket: &Path, lines: &[String]) -> bool {
                         let what = format!("{acked} lines were acknowledged, {from} are there");
                         shared.broken.lock().unwrap().push(what);
                     }
+                    // What a daemon welcomes a sender with it has acknowledged.
+                    shared.welcomes.fetch_add(u64::from(from > 0), Ordering::Relaxed);
                     ACKED.set((from, false));
                     next = Some(usize::try_from(from).unwrap());
                 } else if let Some(acked) = count("ack") {

@@ -15,7 +15,7 @@ fn killed_at_random_moments_it_loses_nothing_doubles_nothing_and_says_the_same()
     material.undisturbed();
     let begun = Instant::now();
     let mut generator = random::stream(seed, 0);
-    let (mut cut_off, mut acks, mut ready) = (0, 0, Vec::new());
+    let (mut cut_off, mut acks, mut welcomes, mut ready) = (0, 0, 0, Vec::new());
     // Many kills are several campaigns: the data of one are in after some hundreds.
     let rounds = usize::div_ceil(kills, 250);
     for round in 0..rounds {
@@ -56,10 +56,11 @@ fn killed_at_random_moments_it_loses_nothing_doubles_nothing_and_says_the_same()
         campaign.finish(&mut feed);
         campaign.check(&format!("seed {seed}, round {round}"), false);
         acks += feed.acks();
+        welcomes += feed.welcomes();
     }
     ready.sort_unstable();
     println!(
-        "{cut_off} of {kills} were cut off, {acks} acknowledgements seen, {:?}; ready after {:?} (median), {:?} (longest)",
+        "{cut_off} of {kills} were cut off, {acks} acknowledgements and {welcomes} welcomes that are some seen, {:?}; ready after {:?} (median), {:?} (longest)",
         begun.elapsed(),
         ready.get(ready.len() / 2),
         ready.last()
@@ -69,7 +70,7 @@ fn killed_at_random_moments_it_loses_nothing_doubles_nothing_and_says_the_same()
         "only {cut_off} of {kills} were cut off"
     );
     assert!(
-        acks > 0,
+        acks > 0 && welcomes > 0,
         "nothing was acknowledged: the test proves nothing about it"
     );
 }

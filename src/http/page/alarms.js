@@ -48,7 +48,7 @@ async function acknowledge(alarm) {
     const answer = await ask(path, { method: "POST", headers: { authorization: `Bearer ${secret}` } });
     said.textContent = `Alarm ${alarm.id} of ${alarm.rod}: acknowledged (${answer.when}).`;
   } catch (error) {
-    sessionStorage.removeItem("token");
+    if (error.status === 401) sessionStorage.removeItem("token");
     said.textContent = `Alarm ${alarm.id} of ${alarm.rod}: ${error.message}`;
   }
 }

@@ -7,6 +7,7 @@ export async function ask(path, options) {
   try { body = JSON.parse(text); } catch { /* an answer that is no JSON is shown as it is */ }
   if (!response.ok) {
     const error = new Error(body?.error ?? `${response.status}: ${text.slice(0, 200)}`);
+    error.status = response.status;
     error.retryAfterS = Number(response.headers.get("retry-after")) || null;
     throw error;
   }

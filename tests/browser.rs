@@ -345,7 +345,7 @@ fn how_soon_a_commit_is_shown() {
 
 /// Pictures of every page for the README, into the folder `SCREENSHOTS`.
 #[test]
-#[ignore = "writes pictures: SCREENSHOTS=docs/images cargo test --test browser -- --ignored"]
+#[ignore = "writes pictures: SCREENSHOTS=docs/images cargo test --test browser -- --ignored screenshots"]
 fn screenshots() {
     let folder = std::env::var_os("SCREENSHOTS").expect("SCREENSHOTS names a folder");
     let folder = Path::new(&folder);

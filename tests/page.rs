@@ -11,9 +11,9 @@ use server::{Server, TOKEN};
 use site::{Part, SITE, Site, campaign, lines, noon};
 use std::io::{BufRead, BufReader};
 use std::sync::LazyLock;
-use tirante::api::SiteAnswer;
+use tirante::api::{Days, Records, SiteAnswer};
 use tirante::http::{Shown, Unanswered};
-use tirante::record::RodId;
+use tirante::record::{RodId, Timestamp};
 use tirante::store::{Commit, Durability, RecordRow, Store};
 
 /// The campaign's store, made once.
@@ -513,6 +513,30 @@ fn a_large_store_says_how_far_it_was_read_and_then_answers() {
     // What needs no days is answered at once.
     let last = Shown::new(&path).read(|reader| reader.last_record()).unwrap();
     assert_eq!(last, RECORDS);
+}
+
+#[test]
+fn a_list_that_ends_where_lines_were_removed_says_so() {
+    let mut store = Store::in_memory().unwrap();
+    archive::fill(&mut store, 0..80);
+    let rod = RodId("south è".to_owned());
+    let listed = |store: &Store, only_rejected: bool, most: usize| {
+        let mut days = Days::default();
+        while days.take_up(store).unwrap() {}
+        let page = Records::of(store, &days, &rod, None, only_rejected, most).unwrap();
+        (page.records.len(), page.next.is_some(), page.older_lines_removed)
+    };
+    assert_eq!(listed(&store, false, 100), (40, false, false));
+    let lines = store
+        .lines_before(&rod, (archive::hour(-1), archive::hour(1000)), None, false, 10)
+        .unwrap();
+    let (tenth, _) = lines.found.last().unwrap();
+    let before = Timestamp::from_nanos(tenth.start_ns);
+    store.forget_lines(&rod, None, before).unwrap();
+    assert_eq!(listed(&store, false, 100), (10, false, true));
+    assert_eq!(listed(&store, false, 5), (5, true, false));
+    // Every fifth record of this rod was rejected, the last among them.
+    assert_eq!(listed(&store, true, 100), (2, false, true));
 }
 
 #[test]

@@ -2,7 +2,7 @@
 
 use super::days::Days;
 use crate::record::{RodId, Timestamp};
-use crate::store::{Mark, Reader, StoreError};
+use crate::store::{Lines, Mark, Reader, StoreError};
 use crate::track::Alarm;
 use serde::Serialize;
 use serde_json::value::RawValue;
@@ -14,6 +14,9 @@ pub struct Records {
     pub records: Vec<Box<RawValue>>,
     /// What to ask for to get the next page; `None` after the last.
     pub next: Option<String>,
+    /// Whether the list ends here because older records have no line any more (`[store] keep_lines_d`); `history --format csv` has their
+    /// numbers.
+    pub older_lines_removed: bool,
 }
 
 impl Records {
@@ -31,7 +34,7 @@ impl Records {
     ) -> Result<Self, StoreError> {
         // One more than asked for says whether there is another page.
         let wanted = most + 1;
-        let mut found: Vec<(Mark, String)> = Vec::new();
+        let mut lines = Lines::default();
         if only_rejected {
             // Day by day, those with a rejection alone: the last hundred may lie years apart.
             let end = before.map_or(Timestamp::MAX, |mark| {
@@ -40,15 +43,21 @@ impl Records {
             let all = days.between(rod, Timestamp::from_nanos(i64::MIN), end);
             for (day, _) in all.rev().filter(|(_, bucket)| bucket.rejected > 0) {
                 let within = (day, day.plus_seconds(86_400.0));
-                found.extend(reader.lines_before(rod, within, before, true, wanted - found.len())?);
-                if found.len() >= wanted {
+                let of_day = reader.lines_before(rod, within, before, true, wanted - lines.found.len())?;
+                lines.found.extend(of_day.found);
+                lines.are_older_removed = of_day.are_older_removed;
+                if lines.found.len() >= wanted || lines.are_older_removed {
                     break;
                 }
             }
         } else {
             let always = (Timestamp::from_nanos(i64::MIN), Timestamp::MAX);
-            found = reader.lines_before(rod, always, before, false, wanted)?;
+            lines = reader.lines_before(rod, always, before, false, wanted)?;
         }
+        let Lines {
+            mut found,
+            are_older_removed,
+        } = lines;
         let is_more = found.len() > most;
         found.truncate(most);
         let next = found
@@ -63,6 +72,7 @@ impl Records {
         });
         Ok(Self {
             records: lines.collect::<Result<_, _>>()?,
+            older_lines_removed: are_older_removed && next.is_none(),
             next,
         })
     }

@@ -29,7 +29,7 @@ pub use error::StoreError;
 pub use kinds::ColumnKind;
 pub use open::Durability;
 pub use operation::{Carry, FileMark, FileState, News};
-pub use page::{FileId, Mark, Point};
+pub use page::{FileId, Lines, Mark, Point};
 pub use read::{Filter, Listing, Reader, Standing};
 pub use request::{Asked, Request};
 pub use settings::StoreSettings;

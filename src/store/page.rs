@@ -68,6 +68,15 @@ pub struct Mark {
     pub id: i64,
 }
 
+/// JSON lines of records, the latest first.
+#[derive(Debug, Default)]
+pub struct Lines {
+    /// Each with its record's mark.
+    pub found: Vec<(Mark, String)>,
+    /// Whether they end because retention removed the lines of older records.
+    pub are_older_removed: bool,
+}
+
 impl Reader {
     /// A number that changes whenever somebody commits to the store.
     ///
@@ -137,7 +146,7 @@ impl Reader {
     }
 
     /// The JSON lines of a rod's records before a mark, the latest first, at most `most`, each with its own mark; of one day
-    /// (from, to) or of all times, rejected ones alone or all.
+    /// (from, to) or of all times, rejected ones alone or all. They end where retention removed lines.
     ///
     /// # Errors
     /// As [`Reader::points_after`].
@@ -148,7 +157,7 @@ impl Reader {
         before: Option<Mark>,
         only_rejected: bool,
         most: usize,
-    ) -> Result<Vec<(Mark, String)>, StoreError> {
+    ) -> Result<Lines, StoreError> {
         let mark = before.unwrap_or(Mark {
             start_ns: i64::MAX,
             id: i64::MAX,
@@ -182,12 +191,18 @@ impl Reader {
             rows.collect()
         };
         let marks = marks().map_err(|error| self.fault(Trouble::Sql(error)))?;
-        let mut lines = Vec::with_capacity(marks.len());
+        let mut lines = Lines::default();
         for mark in marks {
+            let known = lines.found.len();
             self.verified("line", "record = ?", [mark.id], |row| {
-                lines.push((mark, row.get("json")?));
+                lines.found.push((mark, row.get("json")?));
                 Ok(())
             })?;
+            if lines.found.len() == known {
+                // Retention removes the oldest.
+                lines.are_older_removed = true;
+                break;
+            }
         }
         Ok(lines)
     }

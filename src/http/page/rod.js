@@ -117,7 +117,10 @@ async function drawRecords(isOlder = false) {
   older.hidden = !next;
   records.replaceChildren(shown.length
     ? table("The latest first; times are UTC. The force is that of each record alone.", [["start"], ["length [s]", "n"], ["frequencies [Hz]"], ["force [kN]", "n"], ["change [%]", "n"], ["T [\u00b0C]", "n"], ["result"]], shown.map(recordRow))
-    : el("p", {}, rejectedOnly.checked ? "None was rejected." : "There are no records."));
+    : el("p", {}, answer.older_lines_removed ? "" : rejectedOnly.checked ? "None was rejected." : "There are no records."));
+  if (answer.older_lines_removed) {
+    records.append(el("p", { class: "note calm" }, "Older records are no longer listed one by one ([store] keep_lines_d); tirante history --format csv has their numbers."));
+  }
 }
 
 function drawFacts() {

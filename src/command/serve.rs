@@ -45,7 +45,7 @@ pub struct Args {
 
     /// An origin of pages that may open the live view; over `http.viewer_origins` of the configuration. May be repeated; viewers on
     /// the desktop are "file://".
-    #[arg(long, value_name = "ORIGIN")]
+    #[arg(long, value_name = "ORIGIN", value_parser = http::origin)]
     pub viewer_origin: Vec<String>,
 }
 

@@ -4,7 +4,7 @@ use super::range::toml_string;
 use super::reader::{Absent, Table, key};
 use super::sink::{file, list, strings};
 use super::value::Value;
-use crate::http::HttpSettings;
+use crate::http::{self, HttpSettings};
 use std::net::SocketAddr;
 
 /// The section.
@@ -99,17 +99,13 @@ pub(super) fn read(table: &mut Table<'_>) -> HttpSettings {
     }
 }
 
-/// A scheme and a host, perhaps with a port, nothing behind.
 fn origin(value: &Value<'_>) -> Option<String> {
     let text = value.string()?;
-    let is_origin = text.split_once("://").is_some_and(|(scheme, host)| {
-        !scheme.is_empty() && !host.contains(['/', '*', ' ']) && (scheme == "file") == host.is_empty()
-    });
-    if !is_origin {
-        value.fault(format!(
-            "{} is no origin, write it like \"https://app.foxglove.dev\", without a path",
-            toml_string(text)
-        ));
+    match http::origin(text) {
+        Ok(origin) => Some(origin),
+        Err(why) => {
+            value.fault(format!("{} is {why}", toml_string(text)));
+            None
+        }
     }
-    is_origin.then(|| text.to_owned())
 }

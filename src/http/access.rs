@@ -84,6 +84,19 @@ impl Access {
     }
 }
 
+/// An origin as browsers say it: a scheme and a host, perhaps with a port, nothing behind; `file://` has no host.
+///
+/// # Errors
+/// It is none; the text says what is expected.
+pub fn origin(text: &str) -> Result<String, String> {
+    let is_origin = text.split_once("://").is_some_and(|(scheme, host)| {
+        !scheme.is_empty() && !host.contains(['/', '*', ' ']) && (scheme == "file") == host.is_empty()
+    });
+    is_origin.then(|| text.to_owned()).ok_or_else(|| {
+        "no origin, write it like \"https://app.foxglove.dev\", without a path, or \"file://\"".to_owned()
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -132,6 +145,25 @@ mod tests {
             "[evil]",
         ] {
             assert!(!access.is_host(&headers(HOST, foreign)), "{foreign}");
+        }
+    }
+
+    #[test]
+    fn origins_have_a_scheme_and_a_host_and_nothing_else() {
+        for good in ["https://app.foxglove.dev", "http://tower.local:8080", "file://"] {
+            assert_eq!(origin(good).as_deref(), Ok(good));
+        }
+        for bad in [
+            "",
+            "app.foxglove.dev",
+            "https://",
+            "://x",
+            "file://x",
+            "https://x/",
+            "https://*",
+            "null",
+        ] {
+            assert!(origin(bad).is_err(), "{bad}");
         }
     }
 

@@ -21,7 +21,7 @@ pub mod settings;
 mod shown;
 mod viewer;
 
-pub use access::Access;
+pub use access::{Access, origin};
 pub use api::Api;
 pub use routes::routes;
 pub use serve::{listen, serve};

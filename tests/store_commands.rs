@@ -6,6 +6,7 @@ mod archive;
 use archive::*;
 use clap::Parser;
 use serde_json::Value;
+use std::os::unix::fs::MetadataExt;
 use std::path::Path;
 use std::process::ExitCode;
 use tirante::command::history::{self, What};
@@ -245,4 +246,61 @@ fn arguments_that_make_no_sense_name_what_would() {
         "csv",
     ])
     .unwrap();
+}
+
+/// What a daemon does: it writes, and its page reads, in one process; people ask from others meanwhile.
+#[test]
+fn what_is_written_while_others_come_and_go_stays() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("site.db");
+    let mut store = Store::open(&path, Durability::Full).unwrap();
+    fill(&mut store, 0..45);
+    let _page = Reader::open(&path).unwrap();
+    let tirante = |words: &[&str]| {
+        let output = std::process::Command::new(env!("CARGO_BIN_EXE_tirante"))
+            .args(words)
+            .args(["--store", "site.db"])
+            .current_dir(folder.path())
+            .output()
+            .unwrap();
+        assert!(
+            output.status.success(),
+            "{}",
+            String::from_utf8_lossy(&output.stderr)
+        );
+        String::from_utf8(output.stdout).unwrap()
+    };
+    let listed = || tirante(&["history", "--format", "json"]).lines().count();
+    // SQLite's lock on the file, which keeps others from taking the write-ahead log away; any close of the file by this process
+    // would have let go of it.
+    let is_locked = || {
+        let inode = std::fs::metadata(&path).unwrap().ino();
+        let (own, of_file) = (format!(" {} ", std::process::id()), format!(":{inode} "));
+        std::fs::read_to_string("/proc/locks")
+            .unwrap()
+            .lines()
+            .any(|lock| lock.contains("POSIX") && lock.contains(&own) && lock.contains(&of_file))
+    };
+    assert!(is_locked());
+    for last in [50, 55, 60] {
+        // It opens the store, writes its request, and is the last to leave but for this process.
+        tirante(&["rebaseline", "north"]);
+        drop(Reader::open(&path).unwrap());
+        fill(&mut store, last - 5..last);
+        assert_eq!(
+            listed(),
+            usize::try_from(last).unwrap(),
+            "others see what was committed"
+        );
+    }
+    // Killed here, nothing is lost: what is on the disk is everything.
+    for part in ["site.db", "site.db-wal", "site.db-shm"] {
+        std::fs::copy(
+            folder.path().join(part),
+            folder.path().join(part.replace("site", "copy")),
+        )
+        .unwrap();
+    }
+    let copy = Reader::open(&folder.path().join("copy.db")).unwrap();
+    assert_eq!(copy.lines_after(0, 1000).unwrap().len(), 60);
 }

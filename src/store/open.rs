@@ -6,8 +6,10 @@ use crate::record::RodId;
 use rusqlite::{Connection, ErrorCode, OpenFlags};
 use std::collections::{HashMap, HashSet};
 use std::fs::{self, File};
-use std::io::{ErrorKind, Read};
+use std::io::{self, ErrorKind};
+use std::os::unix::fs::{FileExt, MetadataExt};
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
 /// How long one process waits for another's transaction.
@@ -15,6 +17,9 @@ const PATIENCE: Duration = Duration::from_secs(20);
 
 /// Prepared statements kept: all that a commit uses.
 const STATEMENTS: usize = 64;
+
+/// Length of the header of an SQLite file \[bytes\].
+const HEAD: usize = 100;
 
 /// What every SQLite file begins with.
 const MAGIC: &[u8; 16] = b"SQLite format 3\0";
@@ -303,21 +308,53 @@ fn open_whole(path: &Path, durability: Durability, was_store: bool) -> Result<(C
     Ok((connection, known))
 }
 
+/// The first bytes of a file, at most [`HEAD`].
+///
+/// It stays open to the end of the process: who closes a file lets go of every POSIX lock the process has on it, those of SQLite's
+/// connections among them, and the next process that ends its own would take the write-ahead log away from under them
+/// (<https://sqlite.org/howtocorrupt.html>, 2.2).
+fn head_of(path: &Path) -> io::Result<Vec<u8>> {
+    static OPEN: Mutex<Vec<(u64, u64, File)>> = Mutex::new(Vec::new());
+    let mut open = OPEN.lock().unwrap_or_else(PoisonError::into_inner);
+    let wanted = fs::metadata(path)?;
+    let known = open
+        .iter()
+        .position(|(device, inode, _)| (*device, *inode) == (wanted.dev(), wanted.ino()));
+    let place = known.unwrap_or(open.len());
+    if known.is_none() {
+        // Another file may have come to this place by now.
+        let file = File::open(path)?;
+        let found = file.metadata()?;
+        open.push((found.dev(), found.ino(), file));
+    }
+    let mut head = vec![0; HEAD];
+    let mut length = 0;
+    if let Some((_, _, file)) = open.get(place) {
+        while let Some(rest) = head.get_mut(length..).filter(|rest| !rest.is_empty()) {
+            match file.read_at(rest, length as u64) {
+                Ok(0) => break,
+                Ok(read) => length += read,
+                Err(error) if error.kind() == ErrorKind::Interrupted => {}
+                Err(error) => return Err(error),
+            }
+        }
+    }
+    head.truncate(length);
+    Ok(head)
+}
+
 /// Whether the file's first bytes are a store's, or those of one that was damaged.
 fn begins_like_one(path: &Path, was_store: bool) -> Result<(), Finding> {
-    let mut head = Vec::new();
-    File::open(path)
-        .and_then(|file| file.take(100).read_to_end(&mut head))
-        .map_err(|source| {
-            Finding::Refused(StoreError::Io {
-                path: path.to_owned(),
-                source,
-            })
-        })?;
+    let head = head_of(path).map_err(|source| {
+        Finding::Refused(StoreError::Io {
+            path: path.to_owned(),
+            source,
+        })
+    })?;
     let id = head
         .get(68..72)
         .map(|id| i64::from(u32::from_be_bytes([id[0], id[1], id[2], id[3]])));
-    if head.starts_with(MAGIC) && head.len() == 100 {
+    if head.starts_with(MAGIC) && head.len() == HEAD {
         return Ok(());
     }
     if was_store || id == Some(schema::APPLICATION_ID) || head.starts_with(MAGIC) {

@@ -204,7 +204,7 @@ impl Site {
                 .measurement
                 .as_ref()
                 .map(|measurement| measurement.start)
-                .filter(|start| tracker.state().latest == Some(*start))
+                .filter(|start| tracker.state().latest == Some(*start) && before != Some(*start))
                 .filter(|start| tracker.state().periods.is_empty() || is_pictured(before, *start))
                 .and_then(|_| Snapshot::of(tracker.plan().prior(), identification)),
             Outcome::Rejected(_) => None,

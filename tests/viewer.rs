@@ -2,16 +2,20 @@
 //! numbers of `history`.
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
+mod archive;
 mod server;
 mod site;
 
 use serde_json::{Value as Json, json};
 use server::Server;
 use site::{Part, SITE, Site, campaign, lines};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::io::ErrorKind;
 use std::net::TcpStream;
 use std::time::{Duration, Instant};
+use tirante::record::RodId;
+use tirante::store::Store;
+use tirante::viewer::{self, Feed, Topic};
 use tungstenite::client::IntoClientRequest;
 use tungstenite::{Message as Frame, WebSocket};
 
@@ -215,6 +219,42 @@ fn a_viewer_sees_what_stands_and_then_what_comes() {
 }
 
 #[test]
+fn a_picture_that_stands_is_not_told_again_and_a_commit_is_told_once() {
+    let mut store = Store::in_memory().unwrap();
+    archive::fill(&mut store, 0..18);
+    let rod = RodId("south è".to_owned());
+    let wanted: BTreeSet<Topic> = Topic::of_rod(&rod).into_iter().collect();
+    let mut feed = Feed::new(&store).unwrap();
+    for topic in Topic::of_rod(&rod) {
+        let standing = viewer::standing(&store, &topic).unwrap();
+        assert!(standing.iter().all(|message| message.topic == topic));
+        feed.told(&standing);
+    }
+    let mut told = |store: &Store| -> Vec<Topic> {
+        let news = feed.news(store, &wanted).unwrap();
+        assert_eq!((news.left_out, news.is_other_store), (0, false));
+        news.messages.into_iter().map(|message| message.topic).collect()
+    };
+    // The rod's record 19 is rejected: a force message says so, and the picture of record 17 is no news.
+    archive::fill(&mut store, 18..20);
+    assert_eq!(told(&store), [Topic::Force(rod.clone())]);
+    assert_eq!(told(&store), []);
+    archive::fill(&mut store, 20..22);
+    let news = told(&store);
+    assert_eq!(
+        news.iter()
+            .filter(|topic| matches!(topic, Topic::Spectrum(_)))
+            .count(),
+        1
+    );
+    assert_eq!(told(&store), []);
+    // Far more than is told at once.
+    archive::fill(&mut store, 22..700);
+    let news = feed.news(&store, &wanted).unwrap();
+    assert_eq!(news.left_out, 178);
+}
+
+#[test]
 fn rods_and_alarms_that_come_later_are_told() {
     let site = campaign();
     // The first weeks, of a site that has only one rod yet.
@@ -370,7 +410,7 @@ fn a_viewer_that_takes_nothing_holds_up_nobody() {
         assert!(begun.elapsed() < Duration::from_secs(6), "{:?}", begun.elapsed());
     }
     // It reads at last, long after: what the buffers held, and then the end, since it was cut off.
-    std::thread::sleep(Duration::from_secs(25).saturating_sub(asked.elapsed()));
+    std::thread::sleep(Duration::from_secs(40).saturating_sub(asked.elapsed()));
     assert_cut_off(&mut slow);
 }
 

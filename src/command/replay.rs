@@ -139,9 +139,6 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let tally = campaign::run(&args.paths, config, plans, &args.reading, &known, on_news)?;
     let has_seen_all = tally.is_some();
     let code = campaign::conclude(tally);
-    if let Some(results) = results {
-        results.finish()?;
-    }
     if has_seen_all {
         let standing = status::text(site.store(), None, Format::Table)?;
         tell!("{}", standing.trim_end());
@@ -154,6 +151,10 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     if let Some(folder) = &args.report {
         let page = report::write(site.store(), None, folder)?;
         tell!("report: {}", page.display());
+    }
+    // The last, so that a failure costs nothing else; it ends the program with 1.
+    if let Some(results) = results {
+        results.finish()?;
     }
     Ok(code)
 }

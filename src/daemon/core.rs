@@ -57,7 +57,7 @@ pub enum Word<'a> {
     },
     /// A file, or a part of the journal, is in the store up to its end.
     File(&'a FileMark),
-    /// Another configuration holds from here on, and so its rods stand; `None` after a disk was full on the way.
+    /// Another configuration holds from here on, and so its rods stand, if they can be asked.
     Reloaded(&'a Arc<Generation>, Option<&'a [Standing]>),
 }
 
@@ -252,6 +252,7 @@ impl Core {
                 Err(error) if error.is_disk_full() => {
                     self.wait_for_room(&error, 0)?;
                     self.health.over(Fault::DiskFull, &self.about());
+                    standings = self.site.as_ref().map(Site::standings).transpose()?;
                 }
                 Err(error) => return Err(error.into()),
             }

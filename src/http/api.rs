@@ -242,18 +242,19 @@ async fn acknowledge(
     if !api.access.may_write(&headers) {
         return Err(problem::unauthorized("this needs the token of http.token_file"));
     }
-    let ask_writer = Arc::clone(&api.ask_writer);
-    api.answer_at_once(move |reader| {
-        let Some(alarm) = reader.alarm(&id)? else {
-            return Ok(Err(problem::missing(format!("there is no alarm {id}"))));
+    let (shown, ask_writer) = (Arc::clone(&api.shown), Arc::clone(&api.ask_writer));
+    say(move || {
+        let alarm = shown.read(|reader| reader.alarm(&id))?;
+        let Some(alarm) = alarm else {
+            return Err(problem::missing(format!("there is no alarm {id}")));
         };
+        // Outside the question: it may look at the whole store first, and others ask meanwhile.
         let when = match alarm.acknowledged {
-            Some(time) => Ok(format!("it was acknowledged at {time}")),
-            None => ask_writer(alarm.rod, Asked::Acknowledge { alarm: id.clone() }),
+            Some(time) => format!("it was acknowledged at {time}"),
+            None => ask_writer(alarm.rod, Asked::Acknowledge { alarm: id.clone() })
+                .map_err(problem::unavailable)?,
         };
-        Ok(when
-            .map(|when| Acknowledged { alarm: id, when })
-            .map_err(problem::unavailable))
+        Ok(Acknowledged { alarm: id, when })
     })
     .await
 }

@@ -61,6 +61,7 @@ pub async fn open(
             channels: Vec::new(),
             numbers: BTreeMap::new(),
             subscriptions: BTreeMap::new(),
+            awaited: BTreeSet::new(),
             owed: 0,
         };
         // Why a viewer goes is its own affair: it closed, broke, or took nothing any more.
@@ -85,6 +86,8 @@ struct Viewer {
     numbers: BTreeMap<Topic, u32>,
     /// The viewer's own number of its subscription of a topic, at most one a topic.
     subscriptions: BTreeMap<Topic, u32>,
+    /// Topics subscribed to of which was not told yet what stands.
+    awaited: BTreeSet<Topic>,
     /// Pings without an answer.
     owed: u32,
 }
@@ -97,14 +100,14 @@ impl Viewer {
         self.say(protocol::server_info(name)).await?;
         // The protocol wants one, were there nothing yet.
         self.say(protocol::advertise([])).await?;
-        self.look(None).await?;
+        self.look().await?;
         let mut alive = time::interval_at(time::Instant::now() + ALIVE, ALIVE);
         alive.set_missed_tick_behavior(time::MissedTickBehavior::Delay);
         loop {
             tokio::select! {
                 rang = bell.changed() => {
                     rang.map_err(|_| Gone)?;
-                    self.look(None).await?;
+                    self.look().await?;
                 }
                 frame = self.socket.recv() => {
                     self.owed = 0;
@@ -120,27 +123,33 @@ impl Viewer {
                     }
                     self.owed += 1;
                     self.send(Frame::Ping(Vec::new().into())).await?;
+                    // What had no answer when the bell rang may have one now.
+                    self.look().await?;
                 }
             }
         }
     }
 
-    /// Asks the store what is new: advertises rods that are, tells what was subscribed to, and then what stands on a topic that is
-    /// subscribed to now. One question for all of it, so that nothing is told twice or passed over in between.
-    async fn look(&mut self, new: Option<(Topic, u32)>) -> Result<(), Gone> {
-        let wanted: BTreeSet<Topic> = self.subscriptions.keys().cloned().collect();
-        let topic = new.as_ref().map(|(topic, _)| topic.clone());
-        let id = new.map(|(topic, id)| {
-            self.subscriptions.insert(topic, id);
-            id
-        });
+    /// Asks the store what is new: advertises rods that are, tells what was subscribed to, and what stands on topics that are
+    /// subscribed to since, or could not be answered before. One question for all of it, so that nothing is told twice or passed over in between.
+    async fn look(&mut self) -> Result<(), Gone> {
+        let mut wanted: BTreeSet<Topic> = self.subscriptions.keys().cloned().collect();
+        wanted.retain(|topic| !self.awaited.contains(topic));
+        let awaited = self.awaited.clone();
         let question = move |reader: &Reader, feed: &mut Feed| {
-            let standing = topic.map(|topic| viewer::standing(reader, &topic)).transpose()?;
-            Ok((Feed::topics(reader)?, feed.news(reader, &wanted)?, standing))
+            let topics = Feed::topics(reader)?;
+            let mut standing = Vec::new();
+            for topic in &awaited {
+                standing.extend(viewer::standing(reader, topic)?);
+            }
+            let news = feed.news(reader, &wanted)?;
+            feed.told(&standing);
+            Ok((topics, news, standing))
         };
         let Some((topics, news, standing)) = self.ask(question).await? else {
             return Ok(());
         };
+        self.awaited.clear();
         self.advertise(topics).await?;
         if news.is_other_store {
             let why = "another store took the place of the one that was followed";
@@ -153,14 +162,9 @@ impl Viewer {
             );
             self.say(protocol::warning(&why)).await?;
         }
-        for message in news.messages {
+        for message in news.messages.iter().chain(&standing) {
             if let Some(&id) = self.subscriptions.get(&message.topic) {
-                self.tell(id, &message).await?;
-            }
-        }
-        if let Some(id) = id {
-            for message in standing.unwrap_or_default() {
-                self.tell(id, &message).await?;
+                self.tell(id, message).await?;
             }
         }
         Ok(())
@@ -196,6 +200,8 @@ impl Viewer {
             }
             Ok(Request::Unsubscribe { subscription_ids }) => {
                 self.subscriptions.retain(|_, id| !subscription_ids.contains(id));
+                let subscriptions = &self.subscriptions;
+                self.awaited.retain(|topic| subscriptions.contains_key(topic));
                 Ok(())
             }
             Ok(Request::Other) => {
@@ -220,7 +226,11 @@ impl Viewer {
             Some(_) if self.subscriptions.values().any(|known| *known == id) => {
                 format!("subscription {id} is of another channel")
             }
-            Some(topic) => return self.look(Some((topic, id))).await,
+            Some(topic) => {
+                self.subscriptions.insert(topic.clone(), id);
+                self.awaited.insert(topic);
+                return self.look().await;
+            }
         };
         self.say(protocol::warning(&why)).await
     }

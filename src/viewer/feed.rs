@@ -61,17 +61,29 @@ impl Feed {
             .collect())
     }
 
+    /// This stands and was told: the same picture is not told again as news.
+    pub fn told(&mut self, standing: &[Message]) {
+        for message in standing {
+            if let Topic::Waveform(rod) | Topic::Spectrum(rod) = &message.topic {
+                self.pictured.insert(rod.clone(), message.time);
+            }
+        }
+    }
+
     /// What was committed since the last question, of the topics that are wanted.
     ///
     /// # Errors
     /// The store cannot be read, or a row is damaged; the next question then says what this one did not.
     pub fn news(&mut self, reader: &Reader, wanted: &BTreeSet<Topic>) -> Result<News, StoreError> {
-        if reader.file() != self.file {
-            *self = Self::new(reader)?;
-            return Ok(News {
-                is_other_store: true,
-                ..News::default()
-            });
+        let is_other_store = reader.file() != self.file;
+        if is_other_store {
+            // All of it is new.
+            *self = Self {
+                file: reader.file(),
+                record: 0,
+                news: 0,
+                pictured: BTreeMap::new(),
+            };
         }
         let (record, news) = (reader.last_record()?, reader.latest_news()?);
         let span = i64::try_from(MOST).unwrap_or(i64::MAX);
@@ -108,7 +120,7 @@ impl Feed {
         Ok(News {
             messages,
             left_out: usize::try_from(left_out).unwrap_or_default(),
-            is_other_store: false,
+            is_other_store,
         })
     }
 }

@@ -312,7 +312,7 @@ fn open_whole(path: &Path, durability: Durability, was_store: bool) -> Result<(C
 ///
 /// It stays open to the end of the process: who closes a file lets go of every POSIX lock the process has on it, those of SQLite's
 /// connections among them, and the next process that ends its own would take the write-ahead log away from under them
-/// (<https://sqlite.org/howtocorrupt.html>, 2.2).
+/// (<https://sqlite.org/howtocorrupt.html>, 2.2). The room of a store that is removed is free when the process ends.
 fn head_of(path: &Path) -> io::Result<Vec<u8>> {
     static OPEN: Mutex<Vec<(u64, u64, File)>> = Mutex::new(Vec::new());
     let mut open = OPEN.lock().unwrap_or_else(PoisonError::into_inner);

@@ -14,7 +14,7 @@ use std::io::ErrorKind;
 use std::net::TcpStream;
 use std::time::{Duration, Instant};
 use tirante::record::RodId;
-use tirante::store::Store;
+use tirante::store::{Durability, Reader, Store};
 use tirante::viewer::{self, Feed, Topic};
 use tungstenite::client::IntoClientRequest;
 use tungstenite::{Message as Frame, WebSocket};
@@ -252,6 +252,26 @@ fn a_picture_that_stands_is_not_told_again_and_a_commit_is_told_once() {
     archive::fill(&mut store, 22..700);
     let news = feed.news(&store, &wanted).unwrap();
     assert_eq!(news.left_out, 178);
+}
+
+#[test]
+fn another_store_in_its_place_is_told_from_its_beginning() {
+    let folder = tempfile::tempdir().unwrap();
+    let reader = |name: &str, records: i64| {
+        let path = folder.path().join(name);
+        archive::fill(&mut Store::open(&path, Durability::Replay).unwrap(), 0..records);
+        Reader::open(&path).unwrap()
+    };
+    let (first, second) = (reader("first.db", 10), reader("second.db", 45));
+    let wanted: BTreeSet<Topic> = Feed::topics(&first).unwrap().into_iter().collect();
+    let mut feed = Feed::new(&first).unwrap();
+    let news = feed.news(&second, &wanted).unwrap();
+    assert!(news.is_other_store);
+    let count = |is: fn(&Topic) -> bool| news.messages.iter().filter(|message| is(&message.topic)).count();
+    assert_eq!(count(|topic| matches!(topic, Topic::Force(_))), 45);
+    assert_eq!(count(|topic| matches!(topic, Topic::Alarms)), 1);
+    let news = feed.news(&second, &wanted).unwrap();
+    assert!(!news.is_other_store && news.messages.is_empty());
 }
 
 #[test]

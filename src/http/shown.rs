@@ -45,8 +45,6 @@ pub struct Shown {
 struct Open {
     reader: Reader,
     days: Days,
-    /// A store that was damaged is moved aside and a new one begun in its place.
-    file: FileId,
 }
 
 impl Shown {
@@ -77,11 +75,11 @@ impl Shown {
         // Days and answer are of one moment.
         let days = &mut open.days;
         open.reader.together(|reader| {
-            let is_behind = days.take_up(reader)? && days.share(reader)? < 1.0;
-            if is_behind {
-                return Ok(Err(Unanswered::Reading {
-                    share: days.share(reader)?,
-                }));
+            if days.take_up(reader)? {
+                let share = days.share(reader)?;
+                if share < 1.0 {
+                    return Ok(Err(Unanswered::Reading { share }));
+                }
             }
             question(reader, days).map(Ok)
         })?
@@ -98,14 +96,13 @@ impl Shown {
 
     /// The open store, opened anew if another file took its place.
     fn opened<'o>(&self, place: &'o mut Option<Open>) -> Result<&'o mut Open, StoreError> {
-        let file = FileId::of(&self.path);
         match place {
-            Some(open) if open.file == file => {}
+            // A store that was damaged is moved aside and a new one begun in its place.
+            Some(open) if open.reader.file() == FileId::of(&self.path) => {}
             _ => {
                 *place = Some(Open {
                     reader: Reader::open(&self.path)?,
                     days: Days::default(),
-                    file,
                 });
             }
         }
@@ -132,7 +129,7 @@ impl Shown {
                 let open = shown.opened(&mut place)?;
                 // One batch at a time, so that a request does not wait for a whole new store.
                 let is_behind = open.days.take_up(&open.reader)?;
-                Ok::<_, StoreError>((is_behind, (open.file, open.reader.data_version()?)))
+                Ok::<_, StoreError>((is_behind, (open.reader.file(), open.reader.data_version()?)))
             };
             let seen = tokio::task::spawn_blocking(look).await;
             let (is_behind, seen) = match seen {

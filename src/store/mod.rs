@@ -10,6 +10,7 @@ pub(crate) mod columns;
 mod commit;
 mod dump;
 mod error;
+mod file_id;
 mod kinds;
 mod lock;
 mod open;
@@ -26,10 +27,11 @@ mod state;
 
 pub use commit::{Commit, Position, RecordRow, RodRow};
 pub use error::StoreError;
+pub use file_id::FileId;
 pub use kinds::ColumnKind;
 pub use open::Durability;
 pub use operation::{Carry, FileMark, FileState, News};
-pub use page::{FileId, Lines, Mark, Point};
+pub use page::{Lines, Mark, Point};
 pub use read::{Filter, Listing, Reader, Standing};
 pub use request::{Asked, Request};
 pub use settings::StoreSettings;
@@ -72,8 +74,10 @@ impl Store {
     /// Another process writes to it, it is another program's file or a newer format, or the file system refuses.
     pub fn open(path: &Path, durability: Durability) -> Result<Self, StoreError> {
         let opened = open::for_writing(path, durability)?;
+        // Who holds the lock puts nothing else in its place.
+        let file = FileId::of(&opened.path);
         Ok(Self {
-            reader: Reader::over(opened.connection, opened.path),
+            reader: Reader::over(opened.connection, opened.path, file),
             known: opened.known,
             kept: Kept::default(),
             moved_aside: opened.moved_aside,
@@ -93,7 +97,7 @@ impl Store {
             source,
         })?;
         Ok(Self {
-            reader: Reader::over(connection, path),
+            reader: Reader::over(connection, path, FileId::default()),
             known: HashMap::new(),
             kept: Kept::default(),
             moved_aside: None,

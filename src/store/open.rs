@@ -1,13 +1,13 @@
 //! Opening a store: whose it is, which format, whether it is whole; a damaged one is moved aside.
 
 use super::lock::{Lock, beside};
-use super::{StoreError, row, schema};
+use super::{FileId, StoreError, row, schema};
 use crate::record::RodId;
 use rusqlite::{Connection, ErrorCode, OpenFlags};
 use std::collections::{HashMap, HashSet};
 use std::fs::{self, File};
 use std::io::{self, ErrorKind};
-use std::os::unix::fs::{FileExt, MetadataExt};
+use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
@@ -314,22 +314,20 @@ fn open_whole(path: &Path, durability: Durability, was_store: bool) -> Result<(C
 /// connections among them, and the next process that ends its own would take the write-ahead log away from under them
 /// (<https://sqlite.org/howtocorrupt.html>, 2.2). The room of a store that is removed is free when the process ends.
 fn head_of(path: &Path) -> io::Result<Vec<u8>> {
-    static OPEN: Mutex<Vec<(u64, u64, File)>> = Mutex::new(Vec::new());
+    static OPEN: Mutex<Vec<(FileId, File)>> = Mutex::new(Vec::new());
     let mut open = OPEN.lock().unwrap_or_else(PoisonError::into_inner);
-    let wanted = fs::metadata(path)?;
-    let known = open
-        .iter()
-        .position(|(device, inode, _)| (*device, *inode) == (wanted.dev(), wanted.ino()));
+    let wanted = FileId::from(&fs::metadata(path)?);
+    let known = open.iter().position(|(known, _)| *known == wanted);
     let place = known.unwrap_or(open.len());
     if known.is_none() {
         // Another file may have come to this place by now.
         let file = File::open(path)?;
-        let found = file.metadata()?;
-        open.push((found.dev(), found.ino(), file));
+        let found = FileId::from(&file.metadata()?);
+        open.push((found, file));
     }
     let mut head = vec![0; HEAD];
     let mut length = 0;
-    if let Some((_, _, file)) = open.get(place) {
+    if let Some((_, file)) = open.get(place) {
         while let Some(rest) = head.get_mut(length..).filter(|rest| !rest.is_empty()) {
             match file.read_at(rest, length as u64) {
                 Ok(0) => break,

@@ -11,9 +11,6 @@ use rusqlite::Params;
 use rusqlite::types::Value;
 use serde::de::DeserializeOwned;
 use std::collections::BTreeMap;
-use std::fs;
-use std::os::unix::fs::MetadataExt;
-use std::path::Path;
 
 /// A record's numbers that are drawn over time.
 #[derive(Debug, Clone, PartialEq)]
@@ -40,23 +37,6 @@ pub struct Point {
     pub axial_force_n: Option<Interval>,
     /// Temperature \[degC\].
     pub temperature_c: Option<f64>,
-}
-
-/// Which file a store is: another one may have taken its name.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct FileId {
-    device: u64,
-    inode: u64,
-}
-
-impl FileId {
-    /// Of what has this name now; the default of none.
-    pub fn of(path: &Path) -> Self {
-        fs::metadata(path).map_or(Self::default(), |file| Self {
-            device: file.dev(),
-            inode: file.ino(),
-        })
-    }
 }
 
 /// Where a page of records ends: time and number of its last.
@@ -86,11 +66,6 @@ impl Reader {
         self.connection
             .pragma_query_value(None, "data_version", |row| row.get(0))
             .map_err(|error| self.fault(Trouble::Sql(error)))
-    }
-
-    /// The file that has the store's name now.
-    pub fn file(&self) -> FileId {
-        FileId::of(&self.path)
     }
 
     /// Asks several things of the store as it is at one moment, whatever is committed meanwhile.

@@ -2,7 +2,7 @@
 
 use super::request::{self, Request};
 use super::state::{self, Trouble};
-use super::{StoreError, open, row, schema};
+use super::{FileId, StoreError, open, row, schema};
 use crate::record::{RodId, Timestamp};
 use crate::track::{Alarm, AlarmEvent, Period, RodState, Segment, State};
 use rusqlite::types::Value;
@@ -14,6 +14,7 @@ use std::path::{Path, PathBuf};
 pub struct Reader {
     pub(super) connection: Connection,
     pub(super) path: PathBuf,
+    file: FileId,
 }
 
 /// Which rows are wanted.
@@ -68,8 +69,10 @@ impl Reader {
     /// # Errors
     /// There is none, it is another program's, a newer format, or damaged.
     pub fn open(path: &Path) -> Result<Self, StoreError> {
+        // Looked at before it is opened: a file that takes its place in between is found to be another one.
+        let file = FileId::of(path);
         let (connection, path) = open::for_reading(path)?;
-        let reader = Self::over(connection, path);
+        let reader = Self::over(connection, path, file);
         reader.check(&schema::SMALL)?;
         Ok(reader)
     }
@@ -88,8 +91,17 @@ impl Reader {
         Ok(())
     }
 
-    pub(super) fn over(connection: Connection, path: PathBuf) -> Self {
-        Self { connection, path }
+    pub(super) fn over(connection: Connection, path: PathBuf, file: FileId) -> Self {
+        Self {
+            connection,
+            path,
+            file,
+        }
+    }
+
+    /// The file that was opened; another one may have its name by now.
+    pub fn file(&self) -> FileId {
+        self.file
     }
 
     /// Where it is, links followed.

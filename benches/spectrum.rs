@@ -122,9 +122,9 @@ fn refine_free_decay(bencher: Bencher, seconds: f64) {
 fn label_three_peaks(bencher: Bencher, _draws: usize) {
     let plan = plan();
     let resonances = plan
-        .resonances(&record(60.0, Excitation::Ambient), 2.0, 60.0)
+        .evidence(&record(60.0, Excitation::Ambient), 2.0, 60.0)
         .unwrap()
-        .1;
+        .resonances;
     bencher.bench_local(|| {
         label(
             black_box(&resonances),

@@ -32,7 +32,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         samples,
         temperature_c: None,
         readings: Vec::new(),
-        excitation,
+        excitation: Some(excitation),
+        clock_sd: 0.0,
         flags: Vec::new(),
     };
     // The pattern is needed for labels only.
@@ -44,7 +45,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         unused,
         vec![],
     );
-    let (spectrum, resonances) = plan.resonances(&record, low_hz, high_hz)?;
+    let evidence = plan.evidence(&record, low_hz, high_hz)?;
+    let (spectrum, resonances) = (evidence.spectrum, evidence.resonances);
     println!(
         "{:.1} s, {} segments, lines {:.4} Hz apart",
         record.duration_s(),

@@ -6,7 +6,7 @@ use crate::bayes::{
 use crate::beam::exact;
 use crate::emulator::ModelSettings;
 use crate::forward::{ForwardModel, MAX_MODES};
-use crate::modes::{ModalPlan, Mode, ModeSettings, Pattern, Resonance};
+use crate::modes::{Evidence, Labels, ModalPlan, Mode, ModeSettings, Motion, Pattern, Resonance};
 use crate::random;
 use crate::record::{Envelope, Flag, Reading, Record, Rejection, RodId, Timestamp};
 use crate::spectrum::{PeakSettings, Spectrum, WelchSettings};
@@ -51,6 +51,8 @@ pub struct Identification {
     pub measurement: Option<Measurement>,
     /// The measured modes, ascending in order.
     pub modes: Vec<Mode>,
+    /// How sure their orders are; `None` where the orders were given.
+    pub labels: Option<Labels>,
     /// The absolute force, per record: a weighted sample of the rod's parameters.
     pub posterior: Posterior,
     /// How far the observed frequencies lie from everything the model can produce.
@@ -82,6 +84,48 @@ pub struct Measurement {
     pub spectrum: Spectrum,
     /// Every resonance and line found in the spectrum, whether it became a mode or not.
     pub resonances: Vec<Resonance>,
+    /// How the rod was found to move.
+    pub motion: Motion,
+}
+
+/// A record that gives no force, with as much as was found in it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Refusal {
+    /// The reason.
+    pub rejection: Rejection,
+    /// Spectrum and resonances, if the record has any.
+    pub measurement: Option<Box<Measurement>>,
+    /// What its peaks may be, if there are peaks.
+    pub labels: Option<Labels>,
+}
+
+impl From<Rejection> for Refusal {
+    fn from(rejection: Rejection) -> Self {
+        Self {
+            rejection,
+            measurement: None,
+            labels: None,
+        }
+    }
+}
+
+impl Measurement {
+    fn new(record: &Record, identity: [u8; 32], evidence: Evidence) -> Self {
+        Self {
+            identity,
+            start: record.start,
+            duration_s: record.duration_s(),
+            fs_hz: record.fs_hz,
+            temperature_c: record.temperature_c,
+            readings: record.readings.clone(),
+            rms: record.rms(),
+            waveform: Envelope::of(&record.samples, record.fs_hz),
+            flags: record.flags.clone(),
+            spectrum: evidence.spectrum,
+            resonances: evidence.resonances,
+            motion: evidence.motion,
+        }
+    }
 }
 
 /// What is prepared once per rod: its pattern of modes and its simulated table.
@@ -154,28 +198,28 @@ impl Plan {
     /// same record gives the same bits on any number of threads.
     ///
     /// # Errors
-    /// The reason why the record gives no force.
-    pub fn run(&self, record: &Record) -> Result<Identification, Rejection> {
-        let estimate = self.modal.identify(record)?;
+    /// The reason why the record gives no force, with what was found in it.
+    pub fn run(&self, record: &Record) -> Result<Identification, Refusal> {
         let identity = record.identity();
-        let seed = self.seed_of(&identity);
-        let identification = self.infer(estimate.modes, seed)?;
-        Ok(Identification {
-            measurement: Some(Measurement {
-                identity,
-                start: record.start,
-                duration_s: record.duration_s(),
-                fs_hz: record.fs_hz,
-                temperature_c: record.temperature_c,
-                readings: record.readings.clone(),
-                rms: record.rms(),
-                waveform: Envelope::of(&record.samples, record.fs_hz),
-                flags: record.flags.clone(),
-                spectrum: estimate.spectrum,
-                resonances: estimate.resonances,
+        let measured = |evidence| Measurement::new(record, identity, evidence);
+        let estimate = self.modal.identify(record).map_err(|found| Refusal {
+            rejection: found.rejection,
+            measurement: found.evidence.map(|evidence| Box::new(measured(evidence))),
+            labels: found.labels,
+        })?;
+        let measurement = measured(estimate.evidence);
+        match self.infer(estimate.modes, self.seed_of(&identity)) {
+            Ok(identification) => Ok(Identification {
+                measurement: Some(measurement),
+                labels: Some(estimate.labels),
+                ..identification
             }),
-            ..identification
-        })
+            Err(rejection) => Err(Refusal {
+                rejection,
+                measurement: Some(Box::new(measurement)),
+                labels: Some(estimate.labels),
+            }),
+        }
     }
 
     /// Frequencies measured elsewhere to the posterior of the axial force.
@@ -205,6 +249,7 @@ impl Plan {
             rod: self.settings.rod.clone(),
             measurement: None,
             modes,
+            labels: None,
             posterior,
             conflict,
         })

@@ -3,8 +3,11 @@
 use crate::beam::Parameterisation;
 use thiserror::Error;
 
-/// The most mode orders any model is asked for.
+/// Mode orders an emulator serves and a force is inferred from, at most.
 pub const MAX_MODES: usize = 5;
+
+/// Mode orders known to labels and to simulated records.
+pub const MAX_ORDERS: usize = 12;
 
 /// Points fewer than this are not worth a block.
 pub const FEW: usize = 5;

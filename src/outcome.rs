@@ -1,6 +1,7 @@
 //! What came of one record: a force, or a reason why there is none.
 
-use crate::analysis::Identification;
+use crate::analysis::{Identification, Measurement};
+use crate::modes::Labels;
 use crate::record::{Reading, Rejection, RodId, Timestamp};
 use crate::track::{Input, Observation};
 use sha2::{Digest, Sha256};
@@ -31,6 +32,10 @@ pub struct Rejected {
     pub readings: Vec<Reading>,
     /// The reason.
     pub rejection: Rejection,
+    /// Waveform, spectrum and resonances, if the analysis came that far.
+    pub measurement: Option<Box<Measurement>>,
+    /// What its peaks may be, if there are peaks.
+    pub labels: Option<Labels>,
 }
 
 impl Outcome {

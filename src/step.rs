@@ -1,6 +1,6 @@
 //! From an event of a source to what came of it: the same for a replay and for the daemon.
 
-use crate::analysis::Plan;
+use crate::analysis::{Plan, Refusal};
 use crate::outcome::{Outcome, Rejected};
 use crate::pipeline::message_of;
 use crate::record::{Reading, Record, Rejection, RodId};
@@ -66,8 +66,8 @@ impl Passed {
     }
 }
 
-/// What is said of a record that gives no force.
-pub fn refused(record: Record, identity: [u8; 32], rejection: Rejection) -> Outcome {
+/// The outcome of a record that gives no force.
+pub fn refused(record: Record, identity: [u8; 32], refusal: Refusal) -> Outcome {
     Outcome::Rejected(Box::new(Rejected {
         start: Some(record.start),
         duration_s: Some(record.duration_s()),
@@ -75,7 +75,9 @@ pub fn refused(record: Record, identity: [u8; 32], rejection: Rejection) -> Outc
         identity: Some(identity),
         readings: record.readings,
         rod: record.rod,
-        rejection,
+        rejection: refusal.rejection,
+        measurement: refusal.measurement,
+        labels: refusal.labels,
     }))
 }
 
@@ -97,6 +99,8 @@ pub fn analyse(event: Event, plans: &BTreeMap<RodId, Plan>, known: &Known) -> An
                 identity: None,
                 readings: Vec::new(),
                 rejection,
+                measurement: None,
+                labels: None,
             };
             return Analysed::Record(Box::new(Outcome::Rejected(Box::new(rejected))));
         }
@@ -117,10 +121,10 @@ pub fn analyse(event: Event, plans: &BTreeMap<RodId, Plan>, known: &Known) -> An
     // The plan is only borrowed: nothing shared is left half-changed.
     let outcome = match catch_unwind(AssertUnwindSafe(|| plan.run(&record))) {
         Ok(Ok(identification)) => Outcome::Identified(Box::new(identification)),
-        Ok(Err(rejection)) => refused(record, identity, rejection),
+        Ok(Err(refusal)) => refused(record, identity, refusal),
         Err(panic) => {
             let detail = message_of(&*panic);
-            refused(record, identity, Rejection::Broken { detail })
+            refused(record, identity, Rejection::Broken { detail }.into())
         }
     };
     Analysed::Record(Box::new(outcome))

@@ -98,7 +98,7 @@ impl Cell {
             .into_par_iter()
             .map(|seed| {
                 let record = simulate(base + seed, FS, self.seconds, &modes, 1.0, self.excitation);
-                plan.resonances(&record, 2.0, 25.0).unwrap().1
+                plan.evidence(&record, 2.0, 25.0).unwrap().resonances
             })
             .collect();
         TODI.iter()
@@ -221,6 +221,8 @@ fn resonance(frequency_hz: f64) -> Resonance {
         peak_to_noise: 1e3,
         evidence: 500.0,
         line: false,
+        misfit: 0.0,
+        foreign_log_odds: 0.0,
     }
 }
 
@@ -370,6 +372,7 @@ fn lines_are_lines_and_a_mode_between_them_is_found() {
     let orders: Vec<usize> = estimate.modes.iter().map(|m| m.order).collect();
     assert_eq!(orders, [1, 2, 3]);
     let lines: Vec<f64> = estimate
+        .evidence
         .resonances
         .iter()
         .filter(|r| r.line)
@@ -410,13 +413,13 @@ fn two_modes_close_together_are_told_apart() {
         pull: 0.0,
     });
     let found = plan()
-        .resonances(
+        .evidence(
             &simulate(8, FS, 120.0, &modes, 1.0, Excitation::Ambient),
             2.0,
             25.0,
         )
         .unwrap()
-        .1;
+        .resonances;
     assert_eq!(found.len(), 2, "{found:?}");
     for (r, mode) in found.iter().zip(modes) {
         assert!(
@@ -431,11 +434,12 @@ fn damaged_and_hopeless_records_are_refused_by_name() {
     let plan = plan();
     let mut record = simulate(1, FS, 60.0, &[], 1.0, Excitation::Ambient);
     let with = |samples: Vec<f64>, fs_hz: f64| {
-        plan.identify(&Record {
+        let found = plan.identify(&Record {
             samples,
             fs_hz,
             ..record.clone()
-        })
+        });
+        found.map_err(|refused| refused.rejection)
     };
     assert!(matches!(
         with(vec![1.0; 6000], FS),
@@ -453,7 +457,8 @@ fn damaged_and_hopeless_records_are_refused_by_name() {
     let huge: Vec<f64> = record.samples.iter().map(|x| x * 1e300).collect();
     assert!(with(huge, FS).is_err());
     record.samples[17] = f64::NAN;
-    assert!(matches!(plan.identify(&record), Err(Rejection::Missing { .. })));
+    let refused = plan.identify(&record).unwrap_err();
+    assert!(matches!(refused.rejection, Rejection::Missing { .. }));
 }
 
 /// A small version of the campaign below: every cell within three binomial errors of 95 %, and the

@@ -451,6 +451,8 @@ mod tests {
             identity: None,
             readings: Vec::new(),
             rejection: Rejection::NoOnset { duration_s: 1.0 },
+            measurement: None,
+            labels: None,
         }));
         let line: Json = serde_json::from_str(&crate::line::json(&outcome, None, "0")).unwrap();
         let interval = serde_json::to_value(Interval {

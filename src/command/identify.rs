@@ -119,6 +119,8 @@ fn from_frequencies(args: &Args, list: &str) -> anyhow::Result<ExitCode> {
                 identity: None,
                 readings: Vec::new(),
                 rejection,
+                measurement: None,
+                labels: None,
             })),
             ExitCode::from(WITH_LOSSES),
         ),

@@ -6,12 +6,14 @@ use crate::record::{Cut, RecordSettings};
 
 #[derive(Clone, Copy, PartialEq)]
 enum Kind {
+    Auto,
     File,
     Window,
     FreeDecay,
 }
 
-const KINDS: [(&str, Kind); 3] = [
+const KINDS: [(&str, Kind); 4] = [
+    ("auto", Kind::Auto),
     ("file", Kind::File),
     ("window", Kind::Window),
     ("free-decay", Kind::FreeDecay),
@@ -50,6 +52,7 @@ pub(super) fn read(table: &mut Table<'_>) -> RecordSettings {
         60.0,
     );
     let cut = match kind {
+        Kind::Auto => Cut::Auto,
         Kind::File => Cut::File,
         Kind::Window => Cut::Window { length_s: window_s },
         Kind::FreeDecay => Cut::FreeDecay {

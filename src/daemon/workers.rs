@@ -59,7 +59,7 @@ impl Workers {
         let name = step_of(&record, &identity);
         if self.suspects.is_condemned(&name) {
             let deaths = self.suspects.deaths(&name);
-            let refused = step::refused(record, identity, Rejection::Quarantined { deaths });
+            let refused = step::refused(record, identity, Rejection::Quarantined { deaths }.into());
             return Done::Event(Analysed::Record(Box::new(refused)), place);
         }
         let mut slot = self.idle().pop().unwrap_or_else(|| self.suspects.slot());

@@ -2,7 +2,7 @@
 
 use super::label::{Labelling, Pattern, label};
 use super::refine::refine;
-use super::{Mode, ModeSettings, Resonance};
+use super::{Labels, Mode, ModeSettings, Motion, MotionKind, Resonance};
 use crate::record::{Excitation, Record, Rejection};
 use crate::spectrum::{Peak, PeakSettings, Spectrum, Transforms, Welch, WelchSettings, Window, pick_peaks};
 
@@ -12,6 +12,17 @@ const LEAST_PERIODS: f64 = 15.0;
 /// damped mode drowns in the noise of a long one.
 const DECAY_STRETCHES_S: [f64; 4] = [4.0, 12.0, 36.0, 108.0];
 
+/// Spectrum and resonances of a record: what its labels rest on.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Evidence {
+    /// Welch's spectrum, for plots.
+    pub spectrum: Spectrum,
+    /// Every resonance and line found in the search band, ascending in frequency, labelled or not.
+    pub resonances: Vec<Resonance>,
+    /// How the rod was found to move.
+    pub motion: Motion,
+}
+
 /// What a record says about a rod's natural frequencies.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ModalEstimate {
@@ -19,10 +30,31 @@ pub struct ModalEstimate {
     pub modes: Vec<Mode>,
     /// Probability of each mode's peak over all assignments, in the same order.
     pub label_probability: Vec<f64>,
-    /// Every resonance and line found in the search band, labelled or not.
-    pub resonances: Vec<Resonance>,
-    /// Welch's spectrum, for plots.
-    pub spectrum: Spectrum,
+    /// How sure the labels are together.
+    pub labels: Labels,
+    /// What they rest on.
+    pub evidence: Evidence,
+}
+
+/// A record that gives no labelled frequencies, with as much as was found in it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Unidentified {
+    /// The reason.
+    pub rejection: Rejection,
+    /// Spectrum and resonances, if the record has any.
+    pub evidence: Option<Evidence>,
+    /// What the peaks may be, if there are peaks.
+    pub labels: Option<Labels>,
+}
+
+impl From<Rejection> for Unidentified {
+    fn from(rejection: Rejection) -> Self {
+        Self {
+            rejection,
+            evidence: None,
+            labels: None,
+        }
+    }
 }
 
 /// How the records of one rod are searched for its modes; made once per rod.
@@ -62,37 +94,49 @@ impl ModalPlan {
 
     /// The labelled natural frequencies of a record, or why there are none. A pure function of the
     /// plan and the record.
-    pub fn identify(&self, record: &Record) -> Result<ModalEstimate, Rejection> {
+    pub fn identify(&self, record: &Record) -> Result<ModalEstimate, Unidentified> {
         let (low_hz, high_hz) = self.pattern.band_hz();
         let first_hz = self.pattern.first_mode_below_hz();
         if 0.45 * record.fs_hz < first_hz {
             return Err(Rejection::Undersampled {
                 fs_hz: record.fs_hz,
                 needed_hz: first_hz,
-            });
+            }
+            .into());
         }
-        let (spectrum, resonances) = self.resonances(record, low_hz, high_hz)?;
-        if resonances.is_empty() {
-            return Err(Rejection::NoPeak { low_hz, high_hz });
+        let evidence = self.evidence(record, low_hz, high_hz)?;
+        let labelled = if evidence.resonances.is_empty() {
+            Err(Rejection::NoPeak { low_hz, high_hz })
+        } else {
+            label(
+                &evidence.resonances,
+                &self.pattern,
+                &self.modes,
+                &self.discrepancy,
+            )
+        };
+        match labelled {
+            Ok(Labelling {
+                modes, probability, ..
+            }) => Ok(ModalEstimate {
+                modes,
+                labels: Labels {
+                    probability: probability.iter().product(),
+                    candidates: Vec::new(),
+                },
+                label_probability: probability,
+                evidence,
+            }),
+            Err(rejection) => Err(Unidentified {
+                rejection,
+                evidence: Some(evidence),
+                labels: None,
+            }),
         }
-        let Labelling {
-            modes, probability, ..
-        } = label(&resonances, &self.pattern, &self.modes, &self.discrepancy)?;
-        Ok(ModalEstimate {
-            modes,
-            label_probability: probability,
-            resonances,
-            spectrum,
-        })
     }
 
     /// Welch's spectrum of a record and its refined resonances between two frequencies \[Hz\].
-    pub fn resonances(
-        &self,
-        record: &Record,
-        low_hz: f64,
-        high_hz: f64,
-    ) -> Result<(Spectrum, Vec<Resonance>), Rejection> {
+    pub fn evidence(&self, record: &Record, low_hz: f64, high_hz: f64) -> Result<Evidence, Rejection> {
         check(record, LEAST_PERIODS / low_hz)?;
         let high_hz = high_hz.min(0.48 * record.fs_hz);
         let n = record.samples.len();
@@ -112,7 +156,7 @@ impl ModalPlan {
         .map_err(too_short)?;
         let spectrum = welch.run(&record.samples).map_err(too_short)?;
         let mut peaks = pick_peaks(&spectrum, &self.peaks, low_hz, high_hz);
-        if record.excitation == Excitation::FreeDecay {
+        if record.excitation == Some(Excitation::FreeDecay) {
             for stretch_s in DECAY_STRETCHES_S {
                 self.add_decay_peaks(&mut peaks, record, stretch_s, (low_hz, high_hz));
             }
@@ -124,7 +168,18 @@ impl ModalPlan {
                 .any(|m| (m.low_hz..=m.high_hz).contains(&p.frequency_hz))
         });
         let refined = refine(&self.transforms, record, &peaks, masks, spectrum.df_hz);
-        Ok((spectrum, refined.resonances))
+        let kind = match record.excitation {
+            Some(Excitation::FreeDecay) => MotionKind::FreeDecay,
+            Some(Excitation::Ambient) | None => MotionKind::Ambient,
+        };
+        Ok(Evidence {
+            spectrum,
+            resonances: refined.resonances,
+            motion: Motion {
+                kind,
+                onsets_s: Vec::new(),
+            },
+        })
     }
 
     /// Peaks of the first `stretch_s` seconds, untapered, unless a peak stands there already.

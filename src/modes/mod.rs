@@ -9,11 +9,11 @@ pub mod optimum;
 pub mod posterior;
 pub mod refine;
 
-pub use identify::{ModalEstimate, ModalPlan};
+pub use identify::{Evidence, ModalEstimate, ModalPlan, Unidentified};
 pub use label::{Labelling, Pattern, label};
 pub use refine::{Refinement, refine};
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// One resonance found in a record, not yet given a mode order.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -33,6 +33,54 @@ pub struct Resonance {
     /// Whether a pure sine explains it as well: interference, or a record too short or too noisy to
     /// tell a resonance from a line. Never believed to be a mode.
     pub line: bool,
+    /// Goodness of fit, as a standard normal deviate \[-\]: the response fits no stationary mode where it is
+    /// large. 0 where it was not tested.
+    pub misfit: f64,
+    /// Natural logarithm of the odds, from the fit itself, that this is no mode of any rod \[-\]; 0 is neutral.
+    pub foreign_log_odds: f64,
+}
+
+/// How a rod was found to move.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum MotionKind {
+    /// A response to forces that go on: wind, traffic.
+    Ambient,
+    /// One free decay, from the first sample on or from an onset.
+    FreeDecay,
+    /// Several free decays.
+    FreeDecays,
+    /// An ambient response with a blow or a knock in it.
+    Blow,
+}
+
+/// How a rod was found to move, and since when.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Motion {
+    /// The kind.
+    pub kind: MotionKind,
+    /// Onsets of decays and blows, from the record's first sample \[s\].
+    pub onsets_s: Vec<f64>,
+}
+
+/// How sure the mode orders are, and what else the peaks may be.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Labels {
+    /// Probability that all the orders told are right \[-\].
+    pub probability: f64,
+    /// The likeliest assignments of peaks to orders, likeliest first.
+    pub candidates: Vec<Candidate>,
+}
+
+/// One assignment of peaks to mode orders.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Candidate {
+    /// Orders seen, ascending, with their peaks' frequencies \[Hz\].
+    pub modes: Vec<(usize, f64)>,
+    /// Its probability \[-\].
+    pub probability: f64,
+    /// The force it implies \[N\]: 2.5 %, 50 % and 97.5 % points.
+    pub axial_force_n: Option<[f64; 3]>,
 }
 
 /// One natural frequency of a rod, measured in one record.

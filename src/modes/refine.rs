@@ -64,14 +64,15 @@ pub fn refine(
     masks: &[Mask],
     line_hz: f64,
 ) -> Refinement {
-    let samples = match record.excitation {
+    let excitation = record.excitation.unwrap_or(Excitation::Ambient);
+    let samples = match excitation {
         Excitation::Ambient => &record.samples[..],
         Excitation::FreeDecay => &record.samples[largest_deflection(&record.samples)..],
     };
     let coefficients = Coefficients::of(transforms, record.fs_hz, samples);
     let context = Context {
         coefficients: &coefficients,
-        excitation: record.excitation,
+        excitation,
         masks,
         line_hz,
         nyquist_hz: 0.5 * record.fs_hz,
@@ -352,6 +353,8 @@ impl Context<'_> {
                 peak_to_noise: p.log_ratio.exp() + transient,
                 evidence,
                 line: over_sine < LEAST_OVER_SINE || undamped,
+                misfit: 0.0,
+                foreign_log_odds: 0.0,
             },
             parameters: p,
             value,

@@ -398,7 +398,9 @@ impl Assembler {
         let longest = self.settings.max_duration_s;
         let full = self.open.values.len() >= MAX_SAMPLES;
         match self.settings.cut {
-            Cut::File if span >= longest || full => self.cut_at(start, longest.min(span), interval),
+            Cut::Auto | Cut::File if span >= longest || full => {
+                self.cut_at(start, longest.min(span), interval)
+            }
             Cut::Window { length_s } => {
                 let length_s = length_s.min(longest);
                 if span >= length_s + lag {
@@ -416,7 +418,7 @@ impl Assembler {
                 self.open.split_front(until.saturating_sub(quiet), interval);
                 self.seen_until = until;
             }
-            Cut::File | Cut::FreeDecay { .. } => {}
+            Cut::Auto | Cut::File | Cut::FreeDecay { .. } => {}
         }
     }
 
@@ -447,7 +449,7 @@ impl Assembler {
         };
         match self.settings.cut {
             Cut::FreeDecay { ratio, length_s } => self.decays(&even, ratio, length_s, cut_short, until),
-            Cut::File | Cut::Window { .. } => self.pieces(even, cut_short),
+            Cut::Auto | Cut::File | Cut::Window { .. } => self.pieces(even, cut_short),
         }
         self.dropped = 0;
     }
@@ -548,9 +550,11 @@ impl Assembler {
             temperature_c: None,
             readings: Vec::new(),
             excitation: match self.settings.cut {
-                Cut::FreeDecay { .. } => Excitation::FreeDecay,
-                Cut::File | Cut::Window { .. } => Excitation::Ambient,
+                Cut::Auto => None,
+                Cut::FreeDecay { .. } => Some(Excitation::FreeDecay),
+                Cut::File | Cut::Window { .. } => Some(Excitation::Ambient),
             },
+            clock_sd: 0.0,
             flags,
         });
         self.release(false);

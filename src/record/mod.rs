@@ -62,8 +62,10 @@ pub struct Record {
     pub temperature_c: Option<f64>,
     /// Temperature readings since the rod's record before this one, those within it included, ascending in time.
     pub readings: Vec<Reading>,
-    /// How the rod was set in motion.
-    pub excitation: Excitation,
+    /// How the rod was set in motion, as declared by the cut; `None`: to be recognised.
+    pub excitation: Option<Excitation>,
+    /// Relative standard error of the sample rate \[-\]; 0 where it is exact or not known.
+    pub clock_sd: f64,
     /// What the quality checks noticed without rejecting it.
     pub flags: Vec<Flag>,
 }

@@ -14,7 +14,8 @@ pub(super) mod records {
         samples: Vec<f64>,
         temperature_c: Option<f64>,
         readings: Vec<(i64, f64)>,
-        excitation: Excitation,
+        excitation: Option<Excitation>,
+        clock_sd: f64,
         flags: String,
     }
 
@@ -32,6 +33,7 @@ pub(super) mod records {
                     .map(|reading| (reading.time.as_nanos(), reading.celsius))
                     .collect(),
                 excitation: record.excitation,
+                clock_sd: record.clock_sd,
                 flags: serde_json::to_string(&record.flags).map_err(ser::Error::custom)?,
             })
         };
@@ -57,6 +59,7 @@ pub(super) mod records {
                     })
                     .collect(),
                 excitation: saved.excitation,
+                clock_sd: saved.clock_sd,
                 flags,
             })
         };

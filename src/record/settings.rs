@@ -6,7 +6,9 @@ use serde::Serialize;
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case", tag = "cut")]
 pub enum Cut {
-    /// One record per file and rod; a gap still splits it.
+    /// One record per file and rod; a gap still splits it. How the rod was set in motion is recognised.
+    Auto,
+    /// One ambient record per file and rod; a gap still splits it.
     File,
     /// Fixed windows, aligned to the first sample.
     Window {

@@ -6,7 +6,7 @@ use tirante::analysis::{Identification, Measurement};
 use tirante::bayes::{Adjustment, Conflict, Method, Posterior};
 use tirante::bayes::{Prior, RodPrior};
 use tirante::beam::{Parameterisation, Section};
-use tirante::modes::Mode;
+use tirante::modes::{Mode, Motion, MotionKind};
 use tirante::outcome::{Outcome, Rejected};
 use tirante::record::{Envelope, Reading, Rejection, RodId, Timestamp};
 use tirante::snapshot::Snapshot;
@@ -62,8 +62,13 @@ pub fn identified(rod: &RodId, number: i64) -> Outcome {
                 segments: 8,
             },
             resonances: Vec::new(),
+            motion: Motion {
+                kind: MotionKind::Ambient,
+                onsets_s: Vec::new(),
+            },
         }),
         modes: vec![mode(1), mode(2), mode(3)],
+        labels: None,
         posterior: Posterior {
             parameterisation: Parameterisation::new(Section::Direct),
             particles: vec![5.7e5, 4e5, 37.0, 4e5, 4e5, 14.0],
@@ -114,6 +119,8 @@ pub fn rejected(rod: &RodId, number: i64) -> Outcome {
             low_hz: 1.0,
             high_hz: 9.0,
         },
+        measurement: None,
+        labels: None,
     }))
 }
 

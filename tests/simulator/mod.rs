@@ -80,7 +80,8 @@ pub fn record(fs: f64, samples: Vec<f64>, excitation: Excitation) -> Record {
         samples,
         temperature_c: None,
         readings: Vec::new(),
-        excitation,
+        excitation: Some(excitation),
+        clock_sd: 0.0,
         flags: Vec::new(),
     }
 }

@@ -338,7 +338,7 @@ impl Stretch<'_> {
             over_sine,
             p.log_damping,
             log_sd,
-            series.map_or(1.0, |s| s.unevenness()),
+            series.map_or(1.0, |s| s.unevenness(fit.pole())),
         );
         fit.resonance.line = verdict == Tone::Sure;
         fit.resonance.foreign_log_odds = verdict.log_odds();

@@ -216,6 +216,13 @@ pub enum Flag {
         /// Scatter over interval.
         jitter: f64,
     },
+    /// Messages were stamped off their time; their samples stand where they came in.
+    LateStamps {
+        /// How many.
+        messages: usize,
+        /// By how much the worst was late \[s\], negative if early.
+        worst_s: f64,
+    },
 }
 
 impl std::fmt::Display for Flag {
@@ -229,6 +236,10 @@ impl std::fmt::Display for Flag {
             Self::Clipped { share } => write!(f, "{:.2} % clipped", share * 100.0),
             Self::Held { share } => write!(f, "{:.1} % held", share * 100.0),
             Self::Jitter { jitter } => write!(f, "stamps jitter by {:.0} %", jitter * 100.0),
+            Self::LateStamps { messages, worst_s } => {
+                let plural = if *messages == 1 { "" } else { "s" };
+                write!(f, "{messages} message{plural} stamped off their time, at worst by {worst_s:.3e} s")
+            }
         }
     }
 }

@@ -10,7 +10,7 @@ pub mod posterior;
 pub mod refine;
 
 pub use identify::{Evidence, ModalEstimate, ModalPlan, Unidentified};
-pub use label::{Labelling, Pattern, label};
+pub use label::{LabelPlan, Labelling, Unlabelled};
 pub use refine::{Refinement, refine};
 
 use serde::{Deserialize, Serialize};
@@ -105,13 +105,32 @@ pub struct Mask {
     pub high_hz: f64,
 }
 
+/// A range of frequencies in which a person declared one mode: its clearest peak there is that mode, whatever
+/// else fits.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct ModeWindow {
+    /// Mode order, from 1.
+    pub order: usize,
+    /// Lower end \[Hz\].
+    pub low_hz: f64,
+    /// Upper end \[Hz\].
+    pub high_hz: f64,
+}
+
 /// Which natural frequencies are looked for, and where.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ModeSettings {
-    /// Mode orders used, 1 to this number; at most [`crate::forward::MAX_MODES`].
+    /// Mode orders used, 1 to this number; at most [`crate::forward::MAX_MODES`]. With 1 the first mode is
+    /// said to be among the peaks, so that one peak is enough.
     pub count: usize,
     /// Bands in which no peak is believed.
     pub masks: Vec<Mask>,
+    /// Least joint probability of the orders told; below it there is no force.
+    pub least_probability: f64,
+    /// Lowest and highest frequency of any mode \[Hz\]; by default as the prior says.
+    pub band_hz: Option<[f64; 2]>,
+    /// Modes assigned by hand, one window an order, ascending.
+    pub windows: Vec<ModeWindow>,
 }
 
 impl Default for ModeSettings {
@@ -119,6 +138,9 @@ impl Default for ModeSettings {
         Self {
             count: 3,
             masks: Vec::new(),
+            least_probability: 0.95,
+            band_hz: None,
+            windows: Vec::new(),
         }
     }
 }

@@ -1,17 +1,21 @@
 //! From a spectrum to natural frequencies: refinement per peak, standard errors, mode orders.
 
 pub mod band;
+pub mod dispersion;
+pub mod fit;
 pub mod identify;
 pub mod label;
 pub mod likelihood;
 mod logarithm;
+pub mod onsets;
 pub mod optimum;
 pub mod posterior;
 pub mod refine;
+pub mod subband;
 
 pub use identify::{Evidence, ModalEstimate, ModalPlan, Unidentified};
 pub use label::{LabelPlan, Labelling, Unlabelled};
-pub use refine::{Refinement, refine};
+pub use refine::{Refinement, Search, refine};
 
 use serde::{Deserialize, Serialize};
 
@@ -66,8 +70,11 @@ pub struct Motion {
 /// How sure the mode orders are, and what else the peaks may be.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Labels {
-    /// Probability that all the orders told are right \[-\].
+    /// Probability that all the orders told are right \[-\]; 0 if none are told.
     pub probability: f64,
+    /// The orders told with their peaks' frequencies \[Hz\], ascending: also those above the orders that the
+    /// force uses. Certain ones may remain where they were not enough for a force.
+    pub told: Vec<(usize, f64)>,
     /// The likeliest assignments of peaks to orders, likeliest first.
     pub candidates: Vec<Candidate>,
 }

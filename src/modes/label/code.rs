@@ -49,7 +49,9 @@ impl Code {
 
     /// Whether every pair of `other` is one of this assignment.
     pub(super) fn contains(self, other: Self) -> bool {
-        other.pairs().all(|(order, peak)| self.peak_of(order) == Some(peak))
+        other
+            .pairs()
+            .all(|(order, peak)| self.peak_of(order) == Some(peak))
     }
 
     /// Whether some peak of `other` has another order here.
@@ -77,7 +79,10 @@ mod tests {
 
     #[test]
     fn pairs_go_in_and_come_out() {
-        let code = Code::default().with(1, Some(0)).with(3, Some(14)).with(12, Some(2));
+        let code = Code::default()
+            .with(1, Some(0))
+            .with(3, Some(14))
+            .with(12, Some(2));
         assert_eq!(code.pairs().collect::<Vec<_>>(), [(1, 0), (3, 14), (12, 2)]);
         assert_eq!(code.orders(), 0b1000_0000_0101);
         assert!(!code.is_ascending());

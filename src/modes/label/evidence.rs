@@ -50,6 +50,8 @@ pub(super) struct Scene<'a> {
     pub(super) masks: &'a [(f64, f64)],
     /// Pairs that a person declared.
     pub(super) declared: Code,
+    /// Orders with a window in which there is no peak: they are nowhere else.
+    pub(super) absent: Orders,
     /// Whether the first mode is said to be among the peaks.
     pub(super) is_first_seen: bool,
 }
@@ -106,7 +108,9 @@ impl Scene<'_> {
 
     /// The largest discrepancy of an order.
     pub(super) fn spread(&self) -> f64 {
-        (1..=MAX_ORDERS).map(|order| self.discrepancy(order)).fold(0.0, f64::max)
+        (1..=MAX_ORDERS)
+            .map(|order| self.discrepancy(order))
+            .fold(0.0, f64::max)
     }
 
     /// Logarithm of the probability that there is no rod and every peak is foreign.
@@ -145,7 +149,11 @@ impl Scene<'_> {
         let wide = self.climb(code, &narrow.q, WIDE, FROM_NEARBY, None, &mut guesses)?;
         let log_narrow = libm::log(1.0 - WIDE_SHARE) + self.log_integral(code, &narrow, 1.0);
         let log_wide = libm::log(WIDE_SHARE) + self.log_integral(code, &wide, WIDE);
-        let (best, scale) = if log_narrow >= log_wide { (narrow, 1.0) } else { (wide, WIDE) };
+        let (best, scale) = if log_narrow >= log_wide {
+            (narrow, 1.0)
+        } else {
+            (wide, WIDE)
+        };
         let top = log_narrow.max(log_wide);
         let sum = top + libm::log(libm::exp(log_narrow - top) + libm::exp(log_wide - top));
         let (within, hidden) = self.in_sight(code, &best.q, &mut guesses);
@@ -164,6 +172,7 @@ impl Scene<'_> {
     fn is_allowed(&self, code: Code) -> bool {
         code.is_ascending()
             && code.contains(self.declared)
+            && code.orders() & self.absent == 0
             && !(self.is_first_seen && code.peak_of(1).is_none())
     }
 
@@ -200,7 +209,11 @@ impl Scene<'_> {
                 break;
             }
             let longest = step.amax();
-            let step = if longest > 2.0 { step * (2.0 / longest) } else { step };
+            let step = if longest > 2.0 {
+                step * (2.0 / longest)
+            } else {
+                step
+            };
             let next = q + step;
             let (square, next_gradient, next_hessian) = self.squares(code, &next, scale, held, guesses);
             if square < half_square {
@@ -327,11 +340,23 @@ impl Scene<'_> {
     }
 
     /// The integrals over everything but one coordinate that is held at `value`, up to a constant.
-    pub(super) fn log_slice(&self, fit: &Fit, coordinate: usize, from: &Point, value: f64) -> Option<(f64, Point)> {
+    pub(super) fn log_slice(
+        &self,
+        fit: &Fit,
+        coordinate: usize,
+        from: &Point,
+        value: f64,
+    ) -> Option<(f64, Point)> {
         let mut start = *from;
         start[coordinate] = value;
-        let optimum =
-            self.climb(fit.code, &start, fit.scale, FROM_NEARBY, Some(coordinate), &mut NO_GUESSES.clone())?;
+        let optimum = self.climb(
+            fit.code,
+            &start,
+            fit.scale,
+            FROM_NEARBY,
+            Some(coordinate),
+            &mut NO_GUESSES.clone(),
+        )?;
         Some((-optimum.half_square + optimum.log_volume(), optimum.q))
     }
 }

@@ -33,7 +33,10 @@ pub(super) fn axial_force_n(scene: &Scene<'_>, fit: &Fit) -> Option<[f64; 3]> {
             from = at;
         }
     }
-    let top = slices.iter().map(|slice| slice.1).fold(f64::NEG_INFINITY, f64::max);
+    let top = slices
+        .iter()
+        .map(|slice| slice.1)
+        .fold(f64::NEG_INFINITY, f64::max);
     let weights: Vec<f64> = slices.iter().map(|slice| libm::exp(slice.1 - top)).collect();
     let mut below = vec![0.0];
     for pair in weights.windows(2) {
@@ -41,7 +44,9 @@ pub(super) fn axial_force_n(scene: &Scene<'_>, fit: &Fit) -> Option<[f64; 3]> {
     }
     let total = below[below.len() - 1];
     Some(SHARES.map(|share| {
-        let i = below.partition_point(|&sum| sum < share * total).clamp(1, below.len() - 1);
+        let i = below
+            .partition_point(|&sum| sum < share * total)
+            .clamp(1, below.len() - 1);
         let x = (share * total - below[i - 1]) / (below[i] - below[i - 1]).max(f64::MIN_POSITIVE);
         let q = slices[i - 1].0 + x * (slices[i].0 - slices[i - 1].0);
         libm::exp(scene.rod.force.at(q).0)

@@ -1,5 +1,6 @@
 //! The orders told, or why none are.
 
+use super::super::{Candidate, Labels, Mode, ModeSettings, Resonance};
 use super::code::Code;
 use super::evidence::Scene;
 use super::force::axial_force_n;
@@ -7,9 +8,7 @@ use super::peak::{Peak, peaks};
 use super::posterior::Posterior;
 use super::rod::Rod;
 use super::search::Grid;
-use super::super::{Candidate, Labels, Mode, ModeSettings, Resonance};
 use crate::bayes::RodPrior;
-use crate::forward::MAX_ORDERS;
 use crate::record::Rejection;
 
 /// Most probability that a peak told has another order: worse than a foreign peak beside right ones, since
@@ -68,8 +67,8 @@ impl LabelPlan {
         let rod = Rod::new(prior)?;
         let grid = Grid::new(&rod);
         // In the string limit; less with bending.
-        let (low, high) = (rod.force.at(-1.0).0, rod.force.at(1.0).0);
-        let is_known = rod.level.1.hypot(0.25 * (high - low)) < KNOWN_LOG_SD;
+        let force_sd = 0.25 * (rod.force.at(1.0).0 - rod.force.at(-1.0).0);
+        let is_known = (rod.level.1 * rod.level.1 + force_sd * force_sd).sqrt() < KNOWN_LOG_SD;
         Some(Self {
             rod,
             grid,
@@ -77,6 +76,11 @@ impl LabelPlan {
             settings,
             is_known,
         })
+    }
+
+    /// Which modes are looked for, and where.
+    pub fn settings(&self) -> &ModeSettings {
+        &self.settings
     }
 
     /// The band in which the rod's peaks are looked for \[Hz\]: as configured, else all orders of all rods
@@ -103,18 +107,30 @@ impl LabelPlan {
         let (low_hz, high_hz) = self.band_hz();
         let high_hz = high_hz.min(limit_hz).max(1.001 * low_hz);
         let masks = &self.settings.masks;
-        let is_masked = |hz: f64| masks.iter().any(|mask| (mask.low_hz..=mask.high_hz).contains(&hz));
+        let is_masked = |hz: f64| {
+            masks
+                .iter()
+                .any(|mask| (mask.low_hz..=mask.high_hz).contains(&hz))
+        };
         let is_searched = |hz: f64| (low_hz..=high_hz).contains(&hz) && !is_masked(hz);
         let peaks = peaks(resonances, is_searched, libm::log(high_hz / low_hz).max(0.1));
-        let log_masks: Vec<(f64, f64)> =
-            masks.iter().map(|mask| (libm::log(mask.low_hz), libm::log(mask.high_hz))).collect();
+        let log_masks: Vec<(f64, f64)> = masks
+            .iter()
+            .map(|mask| (libm::log(mask.low_hz), libm::log(mask.high_hz)))
+            .collect();
+        let declared = self.declared(&peaks, resonances);
+        let windows = self.settings.windows.iter();
+        let absent = windows
+            .filter(|window| declared.peak_of(window.order).is_none())
+            .fold(0, |orders, window| orders | 1 << (window.order - 1));
         let scene = Scene {
             rod: &self.rod,
             peaks: &peaks,
             discrepancy: &self.discrepancy,
             band: (libm::log(low_hz), libm::log(high_hz)),
             masks: &log_masks,
-            declared: self.declared(&peaks, resonances),
+            declared,
+            absent,
             is_first_seen: self.settings.count == 1,
         };
         let told = Told {
@@ -155,7 +171,8 @@ impl Told<'_> {
         let posterior = &self.posterior;
         let settings = &self.plan.settings;
         let Some(best) = posterior.fits.first() else {
-            let reason = "no order of a rod of this prior fits any of them: correct [rod.priors], or narrow band_hz";
+            let reason =
+                "no order of a rod of this prior fits any of them: correct [rod.priors], or narrow band_hz";
             return Err(self.refused(Code::default(), reason.to_owned()));
         };
         let most_no_rod = match () {
@@ -180,7 +197,11 @@ impl Told<'_> {
             let reason = if certain.is_empty() {
                 format!("{}; {}", self.rivals(), self.deciding(best.code))
             } else {
-                format!("{}, but no mode up to modes.count = {}", certain.join(", "), settings.count)
+                format!(
+                    "{}, but no mode up to modes.count = {}",
+                    certain.join(", "),
+                    settings.count
+                )
             };
             return Err(self.refused(told, reason));
         }
@@ -194,7 +215,11 @@ impl Told<'_> {
                     sd_hz: resonance.frequency_sd_hz,
                     damping: Some(resonance.damping),
                 };
-                (mode, self.posterior.probability(|code| code.peak_of(order) == Some(peak)))
+                (
+                    mode,
+                    self.posterior
+                        .probability(|code| code.peak_of(order) == Some(peak)),
+                )
             })
             .unzip();
         Ok(Labelling {
@@ -223,8 +248,13 @@ impl Told<'_> {
                     return told;
                 }
             }
-            let certainty =
-                |(order, peak)| (order, self.posterior.probability(|code| code.peak_of(order) == Some(peak)));
+            let certainty = |(order, peak)| {
+                (
+                    order,
+                    self.posterior
+                        .probability(|code| code.peak_of(order) == Some(peak)),
+                )
+            };
             let least = told
                 .pairs()
                 .filter(|&(order, _)| declared.peak_of(order).is_none())
@@ -260,7 +290,11 @@ impl Told<'_> {
             .enumerate()
             .filter(|(i, (_, probability))| *i == 0 || **probability >= LEAST_CANDIDATE)
             .map(|(_, (fit, &probability))| Candidate {
-                modes: fit.code.pairs().map(|(order, peak)| (order, self.hz(peak))).collect(),
+                modes: fit
+                    .code
+                    .pairs()
+                    .map(|(order, peak)| (order, self.hz(peak)))
+                    .collect(),
                 probability,
                 axial_force_n: axial_force_n(self.scene, fit),
             })
@@ -272,6 +306,7 @@ impl Told<'_> {
         };
         Labels {
             probability,
+            told: told.pairs().map(|(order, peak)| (order, self.hz(peak))).collect(),
             candidates,
         }
     }
@@ -285,8 +320,9 @@ impl Told<'_> {
                 .pairs()
                 .map(|(order, peak)| format!("{order} at {:.2}", self.hz(peak)))
                 .collect();
-            let force = axial_force_n(self.scene, fit)
-                .map_or(String::new(), |[low, _, high]| format!(", {:.3e} to {:.3e} N", low, high));
+            let force = axial_force_n(self.scene, fit).map_or(String::new(), |[low, _, high]| {
+                format!(", {:.3e} to {:.3e} N", low, high)
+            });
             format!("{} Hz ({:.0} %{force})", modes.join(", "), 100.0 * probability)
         };
         let told: Vec<String> = fits.take(2).map(one).collect();
@@ -306,7 +342,10 @@ impl Told<'_> {
             remedies.push("a narrower prior of axial_force_n".to_owned());
         }
         if !foreign.is_empty() {
-            remedies.push(format!("a mask over what is not the rod's ({})", foreign.join(", ")));
+            remedies.push(format!(
+                "a mask over what is not the rod's ({})",
+                foreign.join(", ")
+            ));
         }
         if self.scene.peaks.len() < 3 {
             remedies.push("a record in which more modes stand out".to_owned());
@@ -315,6 +354,3 @@ impl Told<'_> {
         format!("what would decide: {}", remedies.join(", or "))
     }
 }
-
-/// Orders above those that any rod is asked for do not exist.
-const _: () = assert!(MAX_ORDERS <= 12);

@@ -44,7 +44,12 @@ pub(super) fn peaks(resonances: &[Resonance], is_searched: impl Fn(f64) -> bool,
             r.frequency_hz > 0.0 && r.frequency_sd_hz >= 0.0 && is_searched(r.frequency_hz)
         })
         .collect();
-    chosen.sort_by(|&a, &b| resonances[b].evidence.total_cmp(&resonances[a].evidence).then(a.cmp(&b)));
+    chosen.sort_by(|&a, &b| {
+        resonances[b]
+            .evidence
+            .total_cmp(&resonances[a].evidence)
+            .then(a.cmp(&b))
+    });
     chosen.truncate(MOST_PEAKS);
     chosen.sort_by(|&a, &b| resonances[a].frequency_hz.total_cmp(&resonances[b].frequency_hz));
     let level_db = |i: usize| 10.0 * libm::log10(resonances[i].peak_to_noise.max(1e-3));
@@ -57,13 +62,25 @@ pub(super) fn peaks(resonances: &[Resonance], is_searched: impl Fn(f64) -> bool,
         let r = &resonances[i];
         let log_hz = libm::log(r.frequency_hz);
         let relative_sd = r.frequency_sd_hz / r.frequency_hz;
-        let own = if r.line { r.foreign_log_odds.max(LINE_LOG_ODDS) } else { r.foreign_log_odds };
+        let own = if r.line {
+            r.foreign_log_odds.max(LINE_LOG_ODDS)
+        } else {
+            r.foreign_log_odds
+        };
         let drop_db = (strongest - level_db(i)).max(0.0);
-        let by_level = (STRONG_LOG_ODDS + WEAKER_PER_DB * (drop_db - STRONG_DB)).clamp(STRONG_LOG_ODDS, WEAK_LOG_ODDS);
-        let by_level = if r.line || !strongest.is_finite() { 0.0 } else { by_level };
+        let by_level =
+            (STRONG_LOG_ODDS + WEAKER_PER_DB * (drop_db - STRONG_DB)).clamp(STRONG_LOG_ODDS, WEAK_LOG_ODDS);
+        let by_level = if r.line || !strongest.is_finite() {
+            0.0
+        } else {
+            by_level
+        };
         let mut harmonic = 0.0;
         let mut stronger = 0;
-        for &j in chosen.iter().filter(|&&j| level_db(j) >= level_db(i) + HARMONIC_DROP_DB) {
+        for &j in chosen
+            .iter()
+            .filter(|&&j| level_db(j) >= level_db(i) + HARMONIC_DROP_DB)
+        {
             stronger += 1;
             let other = &resonances[j];
             let sd = relative_sd

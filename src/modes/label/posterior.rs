@@ -37,13 +37,19 @@ impl Posterior {
         exploration.suggest(grid);
         exploration.vary();
         let mut fits = exploration.fits;
-        fits.sort_by(|a, b| b.log_evidence.total_cmp(&a.log_evidence).then(a.code.cmp(&b.code)));
+        fits.sort_by(|a, b| {
+            b.log_evidence
+                .total_cmp(&a.log_evidence)
+                .then(a.code.cmp(&b.code))
+        });
         // A person who declares a mode says that there is a rod.
         let log_no_rod = match scene.declared {
             declared if declared != Code::default() => f64::NEG_INFINITY,
             _ => scene.log_no_rod(),
         };
-        let top = fits.first().map_or(log_no_rod, |best| best.log_evidence.max(log_no_rod));
+        let top = fits
+            .first()
+            .map_or(log_no_rod, |best| best.log_evidence.max(log_no_rod));
         let weights: Vec<f64> = fits.iter().map(|fit| libm::exp(fit.log_evidence - top)).collect();
         let none = libm::exp(log_no_rod - top);
         let total = weights.iter().sum::<f64>() + none;
@@ -70,7 +76,11 @@ struct Exploration<'a> {
 impl Exploration<'_> {
     fn try_code(&mut self, code: Code, start: &Point, is_near: bool) {
         if code != Code::default() && self.seen.insert(code) {
-            self.fits.extend(self.scene.fit(code, start, is_near).filter(|fit| fit.log_evidence.is_finite()));
+            self.fits.extend(
+                self.scene
+                    .fit(code, start, is_near)
+                    .filter(|fit| fit.log_evidence.is_finite()),
+            );
         }
     }
 
@@ -87,9 +97,18 @@ impl Exploration<'_> {
         self.try_code(scene.declared, &[0.0; COORDINATES], false);
         let Some(best) = suggestions.first() else { return };
         let least = best.score - FITTED_WITHIN;
-        for (i, suggestion) in suggestions.iter().enumerate().take(FITTED).take_while(|(_, s)| s.score > least) {
+        for (i, suggestion) in suggestions
+            .iter()
+            .enumerate()
+            .take(FITTED)
+            .take_while(|(_, s)| s.score > least)
+        {
             // Parts of better suggestions are found by leaving orders out.
-            if suggestions.iter().take(i).any(|better| better.code.contains(suggestion.code)) {
+            if suggestions
+                .iter()
+                .take(i)
+                .any(|better| better.code.contains(suggestion.code))
+            {
                 continue;
             }
             self.try_code(impose(suggestion.code, &declared), &suggestion.start, false);
@@ -100,12 +119,20 @@ impl Exploration<'_> {
     fn vary(&mut self) {
         let mut varied = BTreeSet::new();
         while self.fits.len() < MOST {
-            let best = self.fits.iter().map(|fit| fit.log_evidence).fold(f64::NEG_INFINITY, f64::max);
+            let best = self
+                .fits
+                .iter()
+                .map(|fit| fit.log_evidence)
+                .fold(f64::NEG_INFINITY, f64::max);
             let next = self
                 .fits
                 .iter()
                 .filter(|fit| fit.log_evidence > best - VARIED_WITHIN && !varied.contains(&fit.code))
-                .max_by(|a, b| a.log_evidence.total_cmp(&b.log_evidence).then(b.code.cmp(&a.code)));
+                .max_by(|a, b| {
+                    a.log_evidence
+                        .total_cmp(&b.log_evidence)
+                        .then(b.code.cmp(&a.code))
+                });
             let Some(fit) = next.cloned() else { break };
             varied.insert(fit.code);
             for (code, estimate) in self.scene.neighbours(&fit) {

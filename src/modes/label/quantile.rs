@@ -92,6 +92,16 @@ impl Quantile {
         Some(Self::of(solve))
     }
 
+    /// What `ln N` lies between but for one draw in a thousand at either end, without doubt.
+    pub(super) fn log_range(prior: &Prior) -> (f64, f64) {
+        const END: f64 = 3.1;
+        let at = |q: f64| match *prior {
+            Prior::Fixed { value } => libm::log(value) + q * LEAST_FORCE_LOG_SD,
+            _ => libm::log(quantile(prior, q)),
+        };
+        (at(-END), at(END))
+    }
+
     /// A stiffness `k` as its share `k / (k + unit)`.
     pub(super) fn of_stiffness(prior: &Prior, unit: f64) -> Self {
         Self::of(|q| {

@@ -32,8 +32,10 @@ pub(super) struct Rod {
     pub(super) level: (f64, f64),
     /// Mean of `e`, its derivative along the level's coordinate, standard deviation of the rest.
     pub(super) slenderness: (f64, f64, f64),
-    /// ln N.
+    /// ln N, doubted.
     pub(super) force: Quantile,
+    /// What ln N lies between if its prior is right.
+    pub(super) log_force_range: (f64, f64),
     /// `k / (k + 10 EI/L)` of each end, EI/L at its mean.
     pub(super) ends: [Quantile; 2],
 }
@@ -66,13 +68,18 @@ impl Rod {
         let length_m = libm::exp(log_moments(prior.of(Quantity::Length)?).0);
         let unit = SPRING_UNIT * length_m * libm::exp(-slenderness);
         let end = |quantity| prior.of(quantity).map(|k| Quantile::of_stiffness(k, unit));
+        let force = prior.of(Quantity::AxialForce)?;
         let rod = Self {
+            log_force_range: Quantile::log_range(force),
             level: (level, level_sd),
             slenderness: (slenderness, by_level, rest_sd),
-            force: Quantile::of_force(prior.of(Quantity::AxialForce)?)?,
+            force: Quantile::of_force(force)?,
             ends: [end(Quantity::SpringLeft)?, end(Quantity::SpringRight)?],
         };
-        [level, slenderness, rest_sd].iter().all(|x| x.is_finite()).then_some(rod)
+        [level, slenderness, rest_sd]
+            .iter()
+            .all(|x| x.is_finite())
+            .then_some(rod)
     }
 
     /// The rod at a point.
@@ -172,14 +179,32 @@ mod tests {
             (
                 Section::Rectangle,
                 vec![
-                    Prior::LogNormal { median: 2e4, log_sd: 0.3 },
-                    Prior::LogNormal { median: 2e11, log_sd: 0.05 },
-                    Prior::LogNormal { median: 7800.0, log_sd: 0.02 },
-                    Prior::LogNormal { median: 0.06, log_sd: 0.02 },
-                    Prior::LogNormal { median: 0.02, log_sd: 0.02 },
+                    Prior::LogNormal {
+                        median: 2e4,
+                        log_sd: 0.3,
+                    },
+                    Prior::LogNormal {
+                        median: 2e11,
+                        log_sd: 0.05,
+                    },
+                    Prior::LogNormal {
+                        median: 7800.0,
+                        log_sd: 0.02,
+                    },
+                    Prior::LogNormal {
+                        median: 0.06,
+                        log_sd: 0.02,
+                    },
+                    Prior::LogNormal {
+                        median: 0.02,
+                        log_sd: 0.02,
+                    },
                     Prior::Fixed { value: 0.0 },
                     Prior::Uniform { low: 0.0, high: 9e4 },
-                    Prior::LogNormal { median: 4.0, log_sd: 0.01 },
+                    Prior::LogNormal {
+                        median: 4.0,
+                        log_sd: 0.01,
+                    },
                 ],
             ),
         ] {

@@ -26,6 +26,8 @@ const LEVEL_STEP_SD: f64 = 0.5;
 const LEVEL_STEP: f64 = 0.025;
 /// Nodes less likely than this beforehand (nats below the centre) are left out.
 const MOST_PENALTY: f64 = 5.5;
+/// The same for the level alone where the range of the modes is concerned: two standard deviations.
+const RANGE_PENALTY: f64 = 2.0;
 /// Scatter of a mode about its node, beside its own error: grid and model together.
 const SCATTER: f64 = 0.022;
 /// What a hit must gain, and a miss costs.
@@ -41,7 +43,7 @@ pub(super) struct Grid {
     /// ln f in bins at the level's mean.
     spectra: Vec<[i32; MAX_ORDERS]>,
     nodes: Vec<Node>,
-    /// ln f of the lowest and highest bin wanted \[Hz\].
+    /// The lowest and highest ln f that a mode is expected to have.
     range: (f64, f64),
     /// The highest ln f of a first mode.
     first_high: f64,
@@ -77,7 +79,10 @@ impl Grid {
         let (left, right) = (end_values(rod, 0), end_values(rod, 1));
         let is_symmetric = rod.ends[0].at(0.5).0 == rod.ends[1].at(0.5).0
             && rod.ends[0].at(-0.5).0 == rod.ends[1].at(-0.5).0;
-        let level_step = (LEVEL_STEP_SD * level_sd).min(LEVEL_STEP).max(1e-6).max(level_sd / 8.0);
+        let level_step = (LEVEL_STEP_SD * level_sd)
+            .min(LEVEL_STEP)
+            .max(1e-6)
+            .max(level_sd / 8.0);
         let levels = (LEVEL_REACH * level_sd / level_step).ceil() as i32;
         let mut grid = Self {
             spectra: Vec::with_capacity(tensions * left.len() * right.len()),
@@ -117,7 +122,9 @@ impl Grid {
                             at: [q_level as f32, q_force as f32, q_left as f32, q_right as f32],
                             penalty: penalty as f32,
                         });
-                        if penalty < 4.5 {
+                        let (low, high) = rod.log_force_range;
+                        let is_believed = log_force >= low && log_force <= high;
+                        if is_believed && 0.5 * q_level * q_level <= RANGE_PENALTY {
                             grid.range.0 = grid.range.0.min(logs[0] + shift);
                             grid.range.1 = grid.range.1.max(logs[MAX_ORDERS - 1] + shift);
                             grid.first_high = grid.first_high.max(logs[0] + shift);

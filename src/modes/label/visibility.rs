@@ -54,7 +54,9 @@ impl Table {
                     let seen = match place {
                         _ if order > last => SEEN_ABOVE,
                         0 => 0.5,
-                        _ => (MOST_SEEN * square / (square + HALF_SEEN * HALF_SEEN)).clamp(LIMITS.0, LIMITS.1),
+                        _ => {
+                            (MOST_SEEN * square / (square + HALF_SEEN * HALF_SEEN)).clamp(LIMITS.0, LIMITS.1)
+                        }
                     };
                     for i in 0..sets.len() {
                         let before: f64 = sets[i];

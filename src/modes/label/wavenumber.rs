@@ -112,10 +112,7 @@ pub(super) struct Frequency {
 pub(super) fn frequency(order: usize, t: f64, fixities: [f64; 2], guess: Option<f64>) -> Frequency {
     let base = order as f64 * PI;
     let (mut low, mut high) = (0.0, PI);
-    let mut phase = guess.map_or_else(
-        || end_phases(order, base, t, fixities).value,
-        |guess| guess,
-    );
+    let mut phase = guess.map_or_else(|| end_phases(order, base, t, fixities).value, |guess| guess);
     phase = phase.clamp(low, high);
     let mut right = end_phases(order, base + phase, t, fixities);
     // Each step that is not Newton's halves the bracket: 60 steps exhaust double precision.

@@ -133,7 +133,7 @@ fn read(table: &mut Table<'_>, shared: &Shared) -> Option<RodConfig> {
     let (id, section) = (RodId(id?), section?);
     let mut priors = priors?.into_iter().collect::<Option<Vec<Prior>>>()?;
     priors.push(length?);
-    let prior = RodPrior::new(Parameterisation::new(section), priors)?;
+    let prior = RodPrior::new(Parameterisation::new(section), priors)?.with_fixities_in_place();
     let temperature = match temperature {
         Some(channel) => Some(channel?),
         None => None,

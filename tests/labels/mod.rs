@@ -7,7 +7,7 @@ use rand::rngs::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use rayon::prelude::*;
 use std::f64::consts::PI;
-use tirante::bayes::{Prior, RodPrior};
+use tirante::bayes::{Fixity, Prior, RodPrior};
 use tirante::beam::{Parameterisation, Section, exact};
 use tirante::modes::{LabelPlan, ModeSettings, Resonance};
 use tirante::random;
@@ -124,11 +124,16 @@ fn rod(class: Class, knowledge: Knowledge, rng: &mut ChaCha8Rng) -> Rod {
         length,
     ];
     let about = |mean: f64, cv: f64| Prior::TruncatedNormal { mean, sd: cv * mean };
-    let any_spring = Prior::Uniform { low: 0.0, high: 30.0 * bending };
+    let any_spring = Prior::Fixity(Fixity {
+        low: 0.0,
+        high: 0.95,
+        ends: 1.0,
+        unit_n_m: 3.0 * bending,
+    });
     let (of_force, of_springs) = match knowledge {
         Knowledge::FirstContact => {
             let high = 300e6 * area;
-            (Prior::Uniform { low: 0.02 * high, high }, [any_spring; 2])
+            (Prior::LogUniform { low: 0.01 * high, high }, [any_spring; 2])
         }
         Knowledge::Known => (
             about(force * (1.0 + 0.2 * normal(rng)).max(0.3), 0.2),
@@ -207,8 +212,7 @@ pub fn world(class: Class, knowledge: Knowledge, seed: u64) -> World {
             continue;
         }
         orders.sort_unstable();
-        let plan = LabelPlan::new(&rod.prior, &[0.01], ModeSettings::default()).unwrap();
-        let low_hz = plan.band_hz().0;
+        let low_hz = 0.4 * rod.frequencies[0];
         let last_hz = orders.last().map_or(rod.frequencies[5], |&order| rod.frequencies[order - 1]);
         let limit_hz = last_hz * log_between(rng, 1.03, 2.5);
         let scatter = [0.001, 0.003, 0.01][(rng.random::<f64>() * 3.0) as usize];
@@ -226,11 +230,7 @@ pub fn world(class: Class, knowledge: Knowledge, seed: u64) -> World {
             _ => 0,
         };
         for _ in 0..foreign {
-            let low = match class {
-                Class::NoRod => low_hz,
-                _ => low_hz.max(rod.frequencies[0] / 3.0),
-            };
-            let hz = log_between(rng, low, limit_hz.max(1.5 * low));
+            let hz = log_between(rng, low_hz, limit_hz.max(1.5 * low_hz));
             let level = between(rng, 15.0, 45.0);
             found.push((resonance(hz, error(rng), level), None));
         }

@@ -162,6 +162,8 @@ fn quantile(prior: &Prior, q: f64) -> f64 {
     match *prior {
         Prior::Fixed { value } => value,
         Prior::Uniform { low, high } => low + (high - low) * normal.cdf(q),
+        Prior::LogUniform { low, high } => low * libm::exp(libm::log(high / low) * normal.cdf(q)),
+        Prior::Fixity(fixity) => fixity.at_share(normal.cdf(q)),
         Prior::LogNormal { median, log_sd } => median * libm::exp(log_sd * q),
         Prior::TruncatedNormal { mean, sd } => {
             // Of the share above zero, so much is above: the far tail keeps its digits.
@@ -185,6 +187,14 @@ fn shares(prior: &Prior, value: f64) -> (f64, f64) {
         Prior::Fixed { .. } => (1.0, 0.0),
         Prior::Uniform { low, high } => {
             let below = ((value - low) / (high - low)).clamp(0.0, 1.0);
+            (below, 1.0 - below)
+        }
+        Prior::LogUniform { low, high } => {
+            let below = (libm::log(value / low) / libm::log(high / low)).clamp(0.0, 1.0);
+            (below, 1.0 - below)
+        }
+        Prior::Fixity(fixity) => {
+            let below = fixity.share(value).clamp(0.0, 1.0);
             (below, 1.0 - below)
         }
         Prior::LogNormal { median, log_sd } => {
@@ -213,6 +223,7 @@ mod tests {
                 log_sd: 0.5,
             },
             Prior::Uniform { low: 0.0, high: 3.0 },
+            Prior::LogUniform { low: 0.1, high: 3.0 },
         ] {
             let mut generator = crate::random::stream(4, 0);
             let draws: Vec<f64> = (0..20_000).map(|_| prior.sample(&mut generator)).collect();

@@ -10,7 +10,7 @@
 //! and the line extrapolates. A little of that is still far better than no adjustment, much of it is
 //! not (docs/abc.md): see [`REACH`].
 
-use super::{Prior, RodPrior};
+use super::RodPrior;
 use nalgebra::{DMatrix, SymmetricEigen};
 
 /// Directions of the scaled design with less than this share of the largest eigenvalue count as absent.
@@ -52,7 +52,7 @@ pub fn linear(
     let design = DMatrix::from_row_slice(points, modes, differences);
     let response = DMatrix::from_fn(points, uncertain.len(), |point, slot| {
         let quantity = uncertain[slot];
-        forth(&priors[quantity], particles[point * width + quantity])
+        priors[quantity].to_line(particles[point * width + quantity])
     });
     let fit = weighted_least_squares(&design, &response, &kernel);
     if fit.reach > REACH {
@@ -62,7 +62,7 @@ pub fn linear(
     let moved = response - design * fit.slopes;
     for (point, theta) in particles.chunks_exact_mut(width).enumerate() {
         for (slot, &quantity) in uncertain.iter().enumerate() {
-            theta[quantity] = back(&priors[quantity], moved[(point, slot)]);
+            theta[quantity] = priors[quantity].from_line(moved[(point, slot)]);
         }
     }
     true
@@ -139,29 +139,10 @@ fn centred(matrix: &DMatrix<f64>, weights: &[f64]) -> (DMatrix<f64>, Vec<f64>) {
     (result, means)
 }
 
-/// From the support of the prior to the real line.
-pub(super) fn forth(prior: &Prior, value: f64) -> f64 {
-    match *prior {
-        Prior::Uniform { low, high } => {
-            // Tables round to f32, which may reach an end of the support.
-            let share = ((value - low) / (high - low)).clamp(1e-7, 1.0 - 1e-7);
-            libm::log(share / (1.0 - share))
-        }
-        _ => libm::log(value),
-    }
-}
-
-/// From the real line to the support of the prior.
-pub(super) fn back(prior: &Prior, value: f64) -> f64 {
-    match *prior {
-        Prior::Uniform { low, high } => low + (high - low) / (1.0 + libm::exp(-value)),
-        _ => libm::exp(value),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::bayes::Prior;
     use crate::beam::{Parameterisation, Section};
 
     /// Direct section with an uncertain force and rigidity, everything else fixed.

@@ -6,6 +6,7 @@
 //! * [`abc`]         rejection (paper, Algorithms 2 and 3)
 //! * [`adjust`]      local-linear regression adjustment of the accepted
 //! * [`sequential`]  a sequence of populations instead of one table
+//! * [`fixity`]      the prior of a support between hinge and clamp
 //! * [`posterior`]   the weighted sample, its means and quantiles
 //! * [`conflict`]    how far the observation lies from everything the beam can produce
 //! * [`mcmc`]        Metropolis-Hastings with data augmentation (paper, Algorithm 1) on the exact likelihood
@@ -19,6 +20,7 @@ pub mod chains;
 pub mod conflict;
 pub mod diagnostics;
 pub mod distance;
+pub mod fixity;
 pub mod inference;
 pub mod likelihood;
 pub mod mcmc;
@@ -32,6 +34,7 @@ pub mod table;
 
 pub use chains::Chains;
 pub use conflict::{Conflict, Violation};
+pub use fixity::Fixity;
 pub use inference::{Inference, PlanError};
 pub use likelihood::Likelihood;
 pub use mcmc::{McmcError, McmcSettings};

@@ -100,6 +100,8 @@ pub(super) fn quantity(key: &str) -> (&str, &'static str, f64) {
         "mass_per_length_kg_m" => ("mass per length", "kg/m", 1.0),
         "spring_left_n_m" => ("left support stiffness", "kN m/rad", 1e-3),
         "spring_right_n_m" => ("right support stiffness", "kN m/rad", 1e-3),
+        "fixity_left" => ("left fixity", "0 hinge, 1 clamp", 1.0),
+        "fixity_right" => ("right fixity", "0 hinge, 1 clamp", 1.0),
         "length_m" => ("length", "m", 1.0),
         other => (other, "SI", 1.0),
     }

@@ -7,6 +7,8 @@ use super::setup::{self, Setup};
 use super::sketch::{self, When};
 use super::{BadArguments, WITH_LOSSES};
 use crate::analysis::{Identification, Plan};
+use crate::bayes::{Fixity, Posterior, Prior, diagnostics};
+use crate::beam::Quantity;
 use crate::config::Config;
 use crate::daemon::generation::provenance;
 use crate::line;
@@ -212,6 +214,8 @@ fn describe(plan: &Plan, identification: &Identification) -> String {
         let (mean, sd) = before.mean_and_sd();
         if before.is_fixed() {
             line(format!("  {:<24} {mean:>12.5}  fixed", quantity.key()));
+        } else if let Prior::Fixity(fixity) = before {
+            line(fixity_row(*quantity, fixity, &identification.posterior));
         } else if let Some(after) = identification.posterior.marginal(*quantity) {
             line(format!(
                 "  {:<24} {:>12.4e} {:>6.3}   {:>12.4e} {:>6.3}   {:>12.4e} {:>12.4e}",
@@ -231,6 +235,9 @@ fn describe(plan: &Plan, identification: &Identification) -> String {
         "  {} of {} draws accepted, epsilon {:.4}, effective sample size {:.0}",
         posterior.accepted, posterior.draws, posterior.epsilon, posterior.ess
     ));
+    if let Some(reason) = posterior.withheld {
+        line(format!("  ! regression adjustment withheld: {reason}"));
+    }
     let conflict = &identification.conflict;
     line(format!(
         "  conflict {:.1}: standard deviations from the nearest frequencies the model can produce",
@@ -250,7 +257,50 @@ fn describe(plan: &Plan, identification: &Identification) -> String {
         ));
         line("    section, material and the expected force".to_owned());
     }
+    if let Some(shares) = &identification.hangs_on {
+        line(String::new());
+        line(format!(
+            "  {:<24} {:>8}   {:>24}",
+            "what the force hangs on", "share", "less variance if known"
+        ));
+        for part in &shares.sources {
+            line(format!(
+                "  {:<24} {:>6.0} %   {:>22.0} %",
+                part.source.name(),
+                100.0 * part.share,
+                100.0 * part.if_known
+            ));
+        }
+        for sentence in [shares.sentence(), shares.mass_sentence()].into_iter().flatten() {
+            line(format!("  {sentence}"));
+        }
+    }
     text
+}
+
+/// A support given by its fixity: the stiffness has no mean worth showing.
+fn fixity_row(support: Quantity, fixity: &Fixity, posterior: &Posterior) -> String {
+    let (mean, sd) = fixity.fixity_mean_and_sd();
+    let name = match support {
+        Quantity::SpringLeft => "fixity_left",
+        _ => "fixity_right",
+    };
+    let values: Vec<f64> = posterior
+        .values(support)
+        .unwrap_or_default()
+        .into_iter()
+        .map(|stiffness| fixity.of(stiffness))
+        .collect();
+    let weights = &posterior.weights;
+    let after = diagnostics::mean(&values, weights);
+    let quantiles = diagnostics::quantiles(&values, weights, &[0.025, 0.975]);
+    format!(
+        "  {name:<24} {mean:>12.4} {:>6.3}   {after:>12.4} {:>6.3}   {:>12.4} {:>12.4}",
+        sd / mean,
+        diagnostics::sd(&values, weights) / after,
+        quantiles[0],
+        quantiles[1]
+    )
 }
 
 fn parse_modes(frequencies: &str, sd: Option<&str>) -> anyhow::Result<Vec<Mode>> {

@@ -6,6 +6,7 @@ use super::history::{self, Span};
 use super::markup::Markup;
 use super::page::{counted, day, moment, state_class, state_text};
 use super::view::RodReport;
+use crate::bayes::VarianceShares;
 use crate::track::{Alarm, Interval};
 
 /// From this many standard deviations on, people are told that model and data disagree.
@@ -318,6 +319,42 @@ fn last_record(html: &mut Markup, rod: &RodReport, id: &str) {
         html,
         &caption,
         &["Quantity", "Before (prior)", "After (posterior)"],
+        &rows,
+    );
+    if let Some(shares) = &latest.hangs_on {
+        hangs_on(html, shares);
+    }
+}
+
+/// Which source carries how much of the force's variance.
+fn hangs_on(html: &mut Markup, shares: &VarianceShares) {
+    html.leaf("h3", &[], "What the force hangs on");
+    for sentence in [shares.sentence(), shares.mass_sentence()].into_iter().flatten() {
+        let mut letters = sentence.chars();
+        let first = letters.next().map(|letter| letter.to_uppercase().to_string());
+        html.leaf(
+            "p",
+            &[("class", "about")],
+            format!("{}{}.", first.unwrap_or_default(), letters.as_str()),
+        );
+    }
+    let percent = |share: f64| Cell::Line(format!("{:.0} %", 100.0 * share));
+    let rows: Vec<Vec<Cell>> = shares
+        .sources
+        .iter()
+        .map(|part| {
+            vec![
+                Cell::Text(part.source.name().to_owned()),
+                percent(part.share),
+                percent(part.if_known),
+            ]
+        })
+        .collect();
+    table(
+        html,
+        "Shares of the variance of the absolute force; they add up to all of it. Sources that the frequencies tie together overlap in \
+         the last column.",
+        &["Source", "Share", "Less variance if known exactly"],
         &rows,
     );
 }

@@ -125,6 +125,15 @@ pub enum Rejection {
         /// What lies outside.
         detail: String,
     },
+    /// No rod that the prior allows has such frequencies.
+    #[error(
+        "no rod that the prior allows has these frequencies: they lie {distance:.1} times as far out as the farthest of thousands of \
+         its rods; check the free length, the unit and orders of the frequencies, section and material, or widen axial_force_n"
+    )]
+    OutsidePrior {
+        /// Distance over that of the farthest draw.
+        distance: f64,
+    },
     /// Approximate Bayesian computation accepted too few draws.
     #[error("{accepted} of {draws} draws accepted (epsilon {epsilon:.4e}), at least {needed} needed")]
     NothingAccepted {
@@ -171,6 +180,7 @@ impl Rejection {
             Self::NoPeak { .. } => "no-peak",
             Self::NoLabel { .. } => "no-label",
             Self::OutsideEmulator { .. } => "outside-emulator",
+            Self::OutsidePrior { .. } => "outside-prior",
             Self::NothingAccepted { .. } => "nothing-accepted",
             Self::Broken { .. } => "broken",
             Self::Quarantined { .. } => "quarantined",

@@ -117,6 +117,7 @@ mod tests {
             },
             peaks: vec![],
             densities: vec![],
+            hangs_on: None,
         }
     }
 

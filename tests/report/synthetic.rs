@@ -1,5 +1,6 @@
 //! Histories made up for the report's tests: a rod under the seasons that loses force late in the year.
 
+use tirante::bayes::{MassDependence, Source, SourceShare, VarianceShares};
 use tirante::plot::view::{RecordPoint, RejectionCount, RodReport, SegmentReport, SiteReport, ThermalLine};
 use tirante::record::{RodId, Timestamp};
 use tirante::snapshot::{Curve, Density, PeakMark, Snapshot};
@@ -106,6 +107,25 @@ fn snapshot(at: Timestamp, shift: f64) -> Snapshot {
                 line: true,
             },
         ],
+        hangs_on: Some(VarianceShares {
+            sources: vec![
+                SourceShare {
+                    source: Source::Density,
+                    share: 0.67,
+                    if_known: 0.68,
+                },
+                SourceShare {
+                    source: Source::Springs,
+                    share: 0.33,
+                    if_known: 0.31,
+                },
+            ],
+            explained: 0.98,
+            mass: MassDependence {
+                force_per_mass: 1.05,
+                learned: 0.03,
+            },
+        }),
         densities: vec![
             density("axial_force_n", 800e3, 0.2, 560e3, 0.17),
             density("youngs_modulus_pa", 2e11, 0.25, 1.9e11, 0.22),

@@ -3,6 +3,7 @@
 use super::label::{Labelling, Pattern, label};
 use super::refine::refine;
 use super::{Labels, Mode, ModeSettings, Motion, MotionKind, Resonance};
+use crate::record::rejection::UNDERSAMPLED;
 use crate::record::{Excitation, Record, Rejection};
 use crate::spectrum::{Peak, PeakSettings, Spectrum, Transforms, Welch, WelchSettings, Window, pick_peaks};
 
@@ -97,7 +98,7 @@ impl ModalPlan {
     pub fn identify(&self, record: &Record) -> Result<ModalEstimate, Unidentified> {
         let (low_hz, high_hz) = self.pattern.band_hz();
         let first_hz = self.pattern.first_mode_below_hz();
-        if 0.45 * record.fs_hz < first_hz {
+        if UNDERSAMPLED * record.fs_hz < first_hz {
             return Err(Rejection::Undersampled {
                 fs_hz: record.fs_hz,
                 needed_hz: first_hz,

@@ -17,6 +17,7 @@ pub mod check;
 pub mod completions;
 pub mod emulator;
 mod findings;
+mod foreign;
 pub mod frequencies;
 pub mod history;
 pub mod identify;

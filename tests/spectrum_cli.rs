@@ -313,3 +313,52 @@ fn store_report_and_results_keep_the_picture_of_a_refused_record() {
         ]
     );
 }
+
+/// Two decays from the first sample on and noise of a hundredth, as another program writes it; 200 Hz, 40 s.
+fn table() -> String {
+    let mut state = 0x2545_f491_4f6c_dd1d_u64;
+    let mut noise = || {
+        state ^= state << 13;
+        state ^= state >> 7;
+        state ^= state << 17;
+        (state >> 11) as f64 / (1u64 << 53) as f64 - 0.5
+    };
+    let mut text = "t [s];x [mm]\n".to_owned();
+    for i in 0..8000 {
+        let t = f64::from(i) / 200.0;
+        let decay = |f: f64, zeta: f64| {
+            (-std::f64::consts::TAU * f * zeta * t).exp() * (std::f64::consts::TAU * f * t).cos()
+        };
+        let x = 0.4 * decay(4.5, 0.002) + 0.3 * decay(9.7, 0.002) + 0.01 * noise();
+        text += &format!("{t:.3};{x:.6}\n");
+    }
+    text
+}
+
+#[test]
+fn another_programs_file_is_looked_at_as_it_comes() {
+    let cache = tempfile::tempdir().unwrap();
+    let file = path(&cache, "laser.csv");
+    fs::write(&file, table()).unwrap();
+    let output = tirante(&cache, &["spectrum", &file, "--json"]);
+    assert_eq!(output.status.code(), Some(0), "{}", said(&output));
+    let looks = json(&output);
+    assert_eq!(looks.len(), 1, "{looks:?}");
+    let look = &looks[0];
+    assert_eq!(
+        (look["unit"].as_str(), look["fs_hz"].as_f64()),
+        (Some("m"), Some(200.0)),
+        "{look}"
+    );
+    let found = peaks(look);
+    for wanted in [4.5, 9.7] {
+        // A hundredth of a hertz: the noise is 26 dB below, the line 0.025 Hz.
+        let is_there = |(f, nature): &(f64, String)| (f - wanted).abs() < 0.01 && nature == "candidate";
+        assert!(found.iter().any(is_there), "{found:?}");
+    }
+    assert_eq!(look["excitation"]["kind"], "free-decay", "{look}");
+    // A rate that contradicts the stamps is refused, with the file's name.
+    let output = tirante(&cache, &["spectrum", &file, "--rate", "150"]);
+    assert_eq!(output.status.code(), Some(1), "{}", said(&output));
+    assert!(said(&output).contains("laser.csv"), "{}", said(&output));
+}

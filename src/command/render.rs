@@ -144,7 +144,9 @@ impl Table {
             verdict.set_aside.map_or(verdict.state.code(), SetAside::code),
         );
         // Ambient vibration is the rule.
-        let motion = measurement.map(|m| &m.motion).filter(|m| m.kind != MotionKind::Ambient);
+        let motion = measurement
+            .map(|m| &m.motion)
+            .filter(|m| m.kind != MotionKind::Ambient);
         if let Some(motion) = motion {
             let _ = write!(line, "  {}", motion_mark(motion));
         }

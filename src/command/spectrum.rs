@@ -3,15 +3,16 @@
 mod input;
 mod look;
 
+use super::foreign::Foreign;
 use super::progress::Progress;
 use super::sketch::{self, When};
 use super::{BadArguments, WITH_LOSSES, findings};
 use crate::config::Config;
 use crate::findings::motion_said;
+use crate::import;
 use crate::pipeline::{Limits, map_in_order};
 use crate::plot;
 use crate::plot::view::SpectrumReport;
-use crate::record::Unit;
 use crate::sink::AtomicFile;
 use crate::source;
 use anyhow::Context;
@@ -40,6 +41,7 @@ const PAGE_RECORDS: usize = 100;
 #[command(after_help = "Examples:
   tirante spectrum recordings/todi-pull.mcap
   tirante spectrum laser.mcap --topic /nave-3/displacement --band 2..40
+  tirante spectrum laser.csv --unit mm                 any format that import reads
   tirante spectrum laser.mcap --html laser.html        waveform and spectrum of every record
   tirante spectrum /data/2026 --json > peaks.jsonl     one object per record and channel
   tirante spectrum laser.mcap --config site.toml       with the orders of the modes
@@ -55,30 +57,17 @@ What a peak is taken for:
 The level is the height of the fitted peak over the noise floor. Without --band, peaks are looked for from 15 periods
 in the record up to 0.48 of the sample rate.")]
 pub struct Args {
-    /// Recordings (MCAP), or folders of them.
+    /// Recordings (MCAP), measurements in any format that `import` reads, or folders of recordings.
     #[arg(value_name = "FILE", required = true)]
     pub paths: Vec<PathBuf>,
 
-    /// A channel wanted, by its topic; any number of times, all without it.
-    #[arg(
-        long = "channel",
-        visible_alias = "topic",
-        value_name = "NAME",
-        conflicts_with = "config"
-    )]
-    pub channels: Vec<String>,
+    /// A channel of a recording by its topic, any number of times; the same as --channel.
+    #[arg(long, value_name = "NAME", conflicts_with = "config")]
+    pub topic: Vec<String>,
 
-    /// The field of a message that holds the samples, if it is none of the usual ones.
+    /// The field of a message that holds the samples, if it is none of the usual ones; of recordings alone.
     #[arg(long, value_name = "PATH", conflicts_with = "config")]
     pub field: Option<String>,
-
-    /// The unit of channels whose unit the file does not say; without it levels are of the numbers as they stand.
-    #[arg(long, value_parser = unit, conflicts_with = "config")]
-    pub unit: Option<Unit>,
-
-    /// The sample rate in Hz, if the file does not say it; checked if it does.
-    #[arg(long, value_name = "HZ", value_parser = positive, conflicts_with = "config")]
-    pub rate: Option<f64>,
 
     /// Where peaks are looked for in Hz; either end may be left out.
     #[arg(long, value_name = "LOW..HIGH")]
@@ -99,6 +88,10 @@ pub struct Args {
     /// Whether a small plot is drawn under each table.
     #[arg(long, value_name = "WHEN", value_enum, default_value_t)]
     pub plot: When,
+
+    /// What a file does not say itself.
+    #[command(flatten)]
+    pub foreign: Foreign,
 }
 
 /// A band of frequencies, open where an end is left out.
@@ -134,10 +127,6 @@ impl FromStr for Band {
     }
 }
 
-fn unit(text: &str) -> Result<Unit, String> {
-    Unit::as_written(text).ok_or_else(|| crate::import::unknown_unit(text))
-}
-
 fn positive(text: &str) -> Result<f64, String> {
     let number = text.parse().ok();
     number
@@ -163,14 +152,17 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
             high_hz: None,
         }),
     )?;
-    let wanted = match &config {
-        Some(config) => Wanted::Rods(config),
-        None => Wanted::Channels {
-            names: &args.channels,
-            field: args.field.as_deref(),
-            unit: args.unit,
-            rate_hz: args.rate,
-        },
+    let mut foreign = args.foreign.clone();
+    let topics = args.topic.iter().map(|topic| import::Wanted {
+        source: topic.clone(),
+        topic: None,
+        unit: None,
+    });
+    foreign.channels.extend(topics);
+    let wanted = Wanted {
+        config: config.as_ref(),
+        field: args.field.as_deref(),
+        how: foreign.how(),
     };
     let files = source::recordings(&args.paths);
     let total: u64 = files

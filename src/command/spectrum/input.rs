@@ -1,29 +1,26 @@
 //! Records of files, channel by channel, without a configuration or with one.
 
+use crate::command::foreign;
 use crate::config::Config;
+use crate::import::{self, How, Opened, Whose};
 use crate::record::{Channel, Cut, Event, RecordSettings, RodChannels, RodId, TimeSource, Unit};
 use crate::source::contents::{Content, contents};
 use crate::source::{Options, Recording, SourceError, Summary};
 use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Whose records are wanted.
-pub(super) enum Wanted<'a> {
-    /// Those of configured rods.
-    Rods(&'a Config),
-    /// Those of channels, all without names.
-    Channels {
-        /// Their topics.
-        names: &'a [String],
-        /// The field of their samples.
-        field: Option<&'a str>,
-        /// Their unit, where the file does not say it.
-        unit: Option<Unit>,
-        /// Their rate, where the file does not say it \[Hz\].
-        rate_hz: Option<f64>,
-    },
+/// What is wanted of the files.
+pub(super) struct Wanted<'a> {
+    /// The records of its rods alone.
+    pub config: Option<&'a Config>,
+    /// The field of samples in recordings.
+    pub field: Option<&'a str>,
+    /// What the files do not say themselves, and the channels wanted.
+    pub how: How,
 }
 
 /// Where a record comes from.
@@ -37,6 +34,20 @@ pub(super) struct Source {
     pub rod: Option<RodId>,
     /// SI unit of its samples, if it is known.
     pub unit: Option<&'static str>,
+    /// The unit the file writes, if it is none of ours.
+    pub foreign_unit: Option<String>,
+}
+
+impl Source {
+    fn new(path: &Path, topic: &str, unit: Option<Unit>) -> Self {
+        Self {
+            file: Arc::from(path.display().to_string()),
+            channel: topic.to_owned(),
+            rod: None,
+            unit: unit.map(Unit::si),
+            foreign_unit: None,
+        }
+    }
 }
 
 /// One step of reading.
@@ -88,62 +99,109 @@ impl<'a> Inputs<'a> {
         }
     }
 
-    fn open(&mut self, path: &Path) -> Result<Open, String> {
-        let name = path.display().to_string();
-        let file: Arc<str> = Arc::from(name.as_str());
-        let source = |channels: &RodChannels, rod: Option<RodId>, unit: Option<Unit>| Source {
-            file: Arc::clone(&file),
-            channel: channels.displacement.topic.clone(),
-            rod,
-            unit: unit.map(Unit::si),
+    fn open(&mut self, path: &Path) -> Result<Open, SourceError> {
+        match self.wanted.config {
+            Some(config) => self.open_for(config, path),
+            None if is_recording(path) => self.open_recording(path),
+            None => self.open_other(path),
+        }
+    }
+
+    /// The records of configured rods.
+    fn open_for(&self, config: &Config, path: &Path) -> Result<Open, SourceError> {
+        let rods: Vec<RodChannels> = config.rods.iter().map(|rod| rod.channels.clone()).collect();
+        let whose = Whose {
+            rods: &rods,
+            is_meant: true,
+            any_start: true,
         };
-        let (found, settings): (Vec<(RodChannels, Source)>, RecordSettings) = match &self.wanted {
-            Wanted::Rods(config) => {
-                let rods = config.rods.iter().map(|rod| {
-                    let channels = &rod.channels;
-                    let unit = Some(channels.displacement.unit);
-                    (
-                        channels.clone(),
-                        source(channels, Some(channels.rod.clone()), unit),
-                    )
-                });
-                (rods.collect(), config.record)
-            }
-            Wanted::Channels {
-                names,
-                field,
-                unit,
-                rate_hz,
-            } => {
-                let found = contents(path).map_err(|error| format!("{name}: {error}"))?;
-                let chosen = chosen(&found, names).map_err(|why| format!("{name}: {why}"))?;
-                let mut channels = Vec::new();
-                for content in chosen {
-                    match as_rod(content, *field, *unit, *rate_hz, !names.is_empty()) {
-                        Ok((rod, unit)) => {
-                            let source = source(&rod, None, unit);
-                            channels.push((rod, source));
-                        }
-                        Err(why) => self.notes.push(format!("{name}: {why}")),
-                    }
-                }
-                if channels.is_empty() {
-                    let why = std::mem::take(&mut self.notes).join("; ");
-                    return Err(match why.is_empty() {
-                        true => format!("{name}: has no channel with messages"),
-                        false => why,
-                    });
-                }
-                (channels, lenient())
-            }
-        };
-        let (rods, sources): (Vec<RodChannels>, Vec<Source>) = found.into_iter().unzip();
-        let recording = Recording::open(path, &rods, &settings, Options::default());
-        let ids = rods.into_iter().map(|rod| rod.rod);
+        let how = &self.wanted.how;
+        let recording = import::open(
+            path,
+            how,
+            whose,
+            &config.record,
+            Options::default(),
+            &foreign::watch,
+        )?;
+        let sources = rods.iter().map(|channels| {
+            let source = Source {
+                rod: Some(channels.rod.clone()),
+                ..Source::new(
+                    path,
+                    &channels.displacement.topic,
+                    Some(channels.displacement.unit),
+                )
+            };
+            (channels.rod.clone(), source)
+        });
         Ok(Open {
-            recording: Box::new(recording.map_err(|error| error.to_string())?),
-            sources: ids.zip(sources).collect(),
+            recording: Box::new(recording),
+            sources: sources.collect(),
         })
+    }
+
+    /// Every channel of a recording, or those wanted.
+    fn open_recording(&mut self, path: &Path) -> Result<Open, SourceError> {
+        let refused = |what: String| SourceError::Foreign {
+            path: path.display().to_string(),
+            what,
+        };
+        let found = contents(path).map_err(|source| SourceError::Io {
+            path: path.display().to_string(),
+            source,
+        })?;
+        let how = &self.wanted.how;
+        let (mut rods, mut sources, mut notes) = (Vec::new(), BTreeMap::new(), Vec::new());
+        for (content, wanted) in chosen(&found, &how.channels).map_err(refused)? {
+            let unit = wanted.and_then(|wanted| wanted.unit).or(how.unit);
+            match as_rod(content, self.wanted.field, unit, how.rate_hz, wanted.is_some()) {
+                Ok((rod, unit)) => {
+                    sources.insert(rod.rod.clone(), Source::new(path, &content.topic, unit));
+                    rods.push(rod);
+                }
+                Err(why) => notes.push(why),
+            }
+        }
+        if rods.is_empty() {
+            return Err(refused(match notes.is_empty() {
+                true => "it has no channel with messages".to_owned(),
+                false => notes.join("; "),
+            }));
+        }
+        self.note(path, notes);
+        let recording = Recording::open(path, &rods, &lenient(), Options::default())?;
+        Ok(Open {
+            recording: Box::new(recording),
+            sources,
+        })
+    }
+
+    /// Every channel of another program's file, or those wanted.
+    fn open_other(&mut self, path: &Path) -> Result<Open, SourceError> {
+        let Opened {
+            recording,
+            channels,
+            notes,
+        } = import::open_any(path, &self.wanted.how, &lenient(), &foreign::watch)?;
+        self.note(path, notes);
+        let sources = channels.into_iter().map(|seen| {
+            let source = Source {
+                foreign_unit: seen.foreign_unit,
+                ..Source::new(path, &seen.topic, seen.unit)
+            };
+            (RodId(seen.topic), source)
+        });
+        Ok(Open {
+            recording: Box::new(recording),
+            sources: sources.collect(),
+        })
+    }
+
+    fn note(&mut self, path: &Path, notes: Vec<String>) {
+        let name = path.display();
+        self.notes
+            .extend(notes.into_iter().map(|note| format!("{name}: {note}")));
     }
 
     /// One step of the open file; nothing where there is nothing to tell.
@@ -193,7 +251,7 @@ impl Iterator for Inputs<'_> {
             };
             match self.open(&path) {
                 Ok(open) => self.open = Some(open),
-                Err(why) => return Some(Step::Failed(why)),
+                Err(error) => return Some(Step::Failed(error.to_string())),
             }
         }
     }
@@ -208,21 +266,44 @@ fn faults(summary: &Summary) -> Vec<String> {
     summary.faults()
 }
 
+/// Whether a file is a recording, by its first bytes or its name; whatever else is wrong with it is told by who reads it.
+fn is_recording(path: &Path) -> bool {
+    let is_called_so = path
+        .extension()
+        .is_some_and(|ending| ending.eq_ignore_ascii_case("mcap"));
+    let begins_so = || {
+        // Before it is opened: opening a pipe would wait for its writer.
+        let is_file = path.metadata().is_ok_and(|file| file.is_file());
+        let mut head = [0; 5];
+        is_file
+            && File::open(path)
+                .and_then(|mut file| file.read_exact(&mut head))
+                .is_ok()
+            && head == *b"\x89MCAP"
+    };
+    is_called_so || begins_so()
+}
+
 /// The channels that are wanted of those there are.
-fn chosen<'c>(found: &'c [Content], names: &[String]) -> Result<Vec<&'c Content>, String> {
-    if names.is_empty() {
-        return Ok(found.iter().collect());
+fn chosen<'c>(
+    found: &'c [Content],
+    wanted: &'c [import::Wanted],
+) -> Result<Vec<(&'c Content, Option<&'c import::Wanted>)>, String> {
+    if wanted.is_empty() {
+        return Ok(found.iter().map(|content| (content, None)).collect());
     }
     let there: Vec<&str> = found.iter().map(|content| content.topic.as_str()).collect();
-    names
+    wanted
         .iter()
-        .map(|name| {
-            let content = found.iter().find(|content| content.topic == *name);
-            content.ok_or_else(|| match there.is_empty() {
-                true => format!("no channel {name}; it has none with messages"),
-                false => format!("no channel {name}; it has {}", there.join(", ")),
-            })
-        })
+        .map(
+            |one| match found.iter().find(|content| content.topic == one.source) {
+                Some(content) => Ok((content, Some(one))),
+                None if there.is_empty() => {
+                    Err(format!("no channel {}; it has none with messages", one.source))
+                }
+                None => Err(format!("no channel {}; it has {}", one.source, there.join(", "))),
+            },
+        )
         .collect()
 }
 

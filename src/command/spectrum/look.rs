@@ -233,11 +233,16 @@ impl Look {
             channel,
             rod,
             unit,
+            foreign_unit,
         } = &self.source;
         let rod = rod
             .as_ref()
             .map_or_else(String::new, |rod| format!(", rod {rod}"));
-        let unit = unit.map_or_else(|| " (unit not said)".to_owned(), |unit| format!(" [{unit}]"));
+        let unit = match (unit, foreign_unit) {
+            (Some(unit), _) => format!(" [{unit}]"),
+            (None, Some(unit)) => format!(" ({unit}, as it stands)"),
+            (None, None) => " (unit not said)".to_owned(),
+        };
         format!("{file}, {channel}{rod}{unit}")
     }
 
@@ -300,7 +305,11 @@ impl Look {
         SpectrumReport {
             file: self.source.file.to_string(),
             channel: format!("{rod}{}", self.source.channel),
-            unit: self.source.unit.map(str::to_owned),
+            unit: self
+                .source
+                .unit
+                .map(str::to_owned)
+                .or(self.source.foreign_unit.clone()),
             band_hz: self.band_hz,
             flags: self.flags.iter().map(ToString::to_string).collect(),
             force: self.force.clone(),

@@ -174,7 +174,7 @@ pub fn refused(at: Timestamp) -> Snapshot {
             message: "cannot number the modes of 7 peaks: mask 13.4 Hz, or narrow the prior of axial_force_n"
                 .to_owned(),
         }),
-        ..snapshot(at, [4.49, 9.29, 13.25])
+        ..snapshot(at, 0.0)
     }
 }
 

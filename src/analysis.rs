@@ -109,7 +109,8 @@ impl From<Rejection> for Refusal {
 }
 
 impl Measurement {
-    fn new(record: &Record, identity: [u8; 32], evidence: Evidence) -> Self {
+    /// Of a record and what was found in it.
+    pub fn new(record: &Record, identity: [u8; 32], evidence: Evidence) -> Self {
         Self {
             identity,
             start: record.start,

@@ -57,10 +57,7 @@ pub(super) fn even(stamps: &Stamps) -> Result<Grid, ImportError> {
         };
         return Err(ImportError::at(
             stamps.place(worst),
-            format!(
-                "the stamps are uneven: {what}. --resample HZ interpolates between them; --time none with --rate HZ leaves \
-                 them out"
-            ),
+            format!("the stamps are uneven: {what}. --resample HZ interpolates between them"),
         ));
     }
     Ok(grid)
@@ -127,7 +124,7 @@ fn interval_ns(stamps: &Stamps) -> Result<f64, ImportError> {
             return Err(ImportError::at(
                 stamps.place(index + 1),
                 format!(
-                    "the time goes back by {:.3e} s: cut the file there, or leave the stamps out (--time none with --rate HZ)",
+                    "the time goes back by {:.3e} s: cut the file there",
                     difference(pair[0], pair[1]) * 1e-9
                 ),
             ));
@@ -140,8 +137,7 @@ fn interval_ns(stamps: &Stamps) -> Result<f64, ImportError> {
     if let Some(index) = equal {
         return Err(ImportError::at(
             stamps.place(index),
-            "the same stamp as the sample before: doubled lines, or stamps too coarse for the rate; --time none with --rate HZ \
-             leaves them out",
+            "the same stamp as the sample before: doubled lines, or stamps too coarse for the rate",
         ));
     }
     let middle = steps.len() / 2;

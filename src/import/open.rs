@@ -75,7 +75,6 @@ pub fn open(
     let mut asked = how.asked(whose.rods);
     asked.start_else = whose.any_start.then_some(Timestamp::from_nanos(0));
     contents.check_full_scale().map_err(refuse)?;
-    check_rate(&contents.signals, how).map_err(refuse)?;
     let (chosen, mut notes) = for_rods(contents.signals, &asked, whose.is_meant).map_err(refuse)?;
     let plan = Plan::to_read(chosen, &asked).map_err(refuse)?;
     if plan.channels.iter().any(|planned| !planned.says_start) {
@@ -132,7 +131,6 @@ pub fn open_any(
         .iter()
         .map(|what| format!("left out: {what}"))
         .collect();
-    check_rate(&contents.signals, how).map_err(refuse)?;
     let signals = without_ramps(contents.signals, how, &mut notes);
     let plan = Plan::new(signals, &asked, crate::sink::Encoding::Protobuf).map_err(refuse)?;
     let mut seen = Vec::new();
@@ -250,11 +248,6 @@ fn refused(path: &Path, error: &ImportError) -> SourceError {
         path: path.display().to_string(),
         what: error.to_string(),
     }
-}
-
-fn check_rate(signals: &[Signal], how: &How) -> Result<(), ImportError> {
-    how.rate_hz
-        .map_or(Ok(()), |rate_hz| ramp::agree(signals, rate_hz))
 }
 
 /// Leaves out what only counts time or rows, where no channel was asked for by name.

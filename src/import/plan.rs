@@ -2,7 +2,7 @@
 
 use super::asked::{Asked, Wanted, channels_of, choose, told, unit};
 use super::grid::{self, Stretch};
-use super::{ImportError, MOST_VALUES, Signal, Stamps, Timing, ramp};
+use super::{ImportError, MOST_VALUES, Signal, Stamps, Timing};
 use crate::config::field_of;
 use crate::record::{RodChannels, Timestamp, Unit};
 use crate::sink::{Encoding, Layout};
@@ -71,9 +71,6 @@ impl Plan {
     /// # Errors
     /// Something is missing or contradicts: a unit, the rate, the time, a channel; the sentence says what to add.
     pub fn new(signals: Vec<Signal>, asked: &Asked<'_>, encoding: Encoding) -> Result<Self, ImportError> {
-        if let Some(rate_hz) = asked.rate_hz {
-            ramp::agree(&signals, rate_hz)?;
-        }
         let chosen = choose(signals, asked.channels)?;
         let plan = Self::of(chosen, asked, encoding)?;
         plan.check(asked.rods, true)?;

@@ -63,6 +63,23 @@ pub(super) fn even(stamps: &Stamps) -> Result<Grid, ImportError> {
     Ok(grid)
 }
 
+/// The most samples that keep a stamp each.
+const STAMPED: usize = 1 << 21;
+
+/// Uneven samples, each at its own stamp; nothing if they are too many or their stamps do not increase.
+pub(super) fn uneven(stamps: &Stamps) -> Option<Grid> {
+    if stamps.nanos.len() > STAMPED {
+        return None;
+    }
+    let (mut grid, _) = fit(stamps).ok()?;
+    let stamped = stamps.nanos.iter().enumerate().map(|(index, nano)| Stretch {
+        samples: index..index + 1,
+        start_ns: *nano,
+    });
+    grid.stretches = stamped.collect();
+    Some(grid)
+}
+
 /// The best grid, and the stamp that lies farthest from it.
 fn fit(stamps: &Stamps) -> Result<(Grid, usize), ImportError> {
     let nanos = &stamps.nanos;

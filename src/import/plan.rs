@@ -51,6 +51,8 @@ pub struct Planned {
     pub says_unit: bool,
     /// Whether anybody says when it began.
     pub says_start: bool,
+    /// Whether each sample has a stamp of its own, because they are uneven.
+    pub is_stamped: bool,
 }
 
 impl Planned {
@@ -135,7 +137,10 @@ impl Plan {
                     None => match grids.iter().find(|(known, _)| Arc::ptr_eq(known, stamps)) {
                         Some((_, grid)) => grid.clone(),
                         None => {
-                            let grid = grid::even(stamps)?;
+                            let grid = grid::even(stamps).or_else(|error| {
+                                let stamped = asked.keeps_stamps.then(|| grid::uneven(stamps)).flatten();
+                                stamped.ok_or(error)
+                            })?;
                             grids.push((Arc::clone(stamps), grid.clone()));
                             grid
                         }
@@ -180,7 +185,8 @@ impl Plan {
         }
         let says_unit = unit.is_some();
         let unit = unit.unwrap_or(Unit::Metre);
-        let is_batch = !Unit::TEMPERATURE.contains(&unit) && fs_hz > 2.0;
+        let is_stamped = stretches.len() > 1 && stretches.len() == values.len();
+        let is_batch = !Unit::TEMPERATURE.contains(&unit) && fs_hz > 2.0 && !is_stamped;
         Ok(Planned {
             name: signal.name,
             written_unit: signal.unit,
@@ -199,6 +205,7 @@ impl Plan {
             is_resampled: asked.resample_hz.is_some(),
             says_unit,
             says_start,
+            is_stamped,
         })
     }
 

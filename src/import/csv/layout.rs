@@ -255,7 +255,7 @@ mod tests {
 
     #[test]
     fn text_columns_are_told_from_heads() {
-        let rows = rows("t;d;state\n0;1;ok\n1;2;\n2;3;5\n3;4;ok");
+        let rows = rows("t;d;state\n0;1;ok\n1;2;\n2;3;5\n3;4;ok\n4;5;ok");
         let layout = Layout::find(&rows, None, false).unwrap();
         assert_eq!((layout.first, layout.is_text[2]), (1, true));
         assert_eq!(layout.needed(), 2);

@@ -129,6 +129,7 @@ fn from_frequencies(args: &Args, list: &str) -> anyhow::Result<ExitCode> {
                 rejection,
                 measurement: None,
                 labels: None,
+                waveform: None,
             })),
             ExitCode::from(WITH_LOSSES),
         ),

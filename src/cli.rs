@@ -57,7 +57,7 @@ pub enum Command {
     Spectrum(spectrum::Args),
     /// A commented configuration for one rod, from flags, questions and a recording.
     Init(init::Args),
-    /// Measurements of other programs (CSV, UFF58, WAV, MATLAB) to a recording.
+    /// Measurements of other programs (CSV, UFF58, WAV, MATLAB, LabVIEW, NumPy) to a recording.
     Import(import::Args),
     /// Recordings from the beam model, faults included, as MCAP files.
     Simulate(simulate::Args),

@@ -38,10 +38,13 @@ const HIGHEST_HZ: f64 = 1e5;
 #[derive(Debug, Clone, clap::Args)]
 #[command(after_help = "Examples:
   tirante identify recordings/todi-pull.mcap
+  tirante identify laser.csv --config site.toml          (UFF, WAV, MATLAB, .lvm, .tdms alike)
+  tirante identify hammer.tdms --config site.toml --channel 'Acc 3'
+  tirante identify camera.npy --config site.toml --rate 250 --channel '[7,:,1]'
   tirante identify --frequencies 4.492,9.288,13.252
   tirante identify --frequencies 4.492,-,13.252 --sd 0.005,-,0.01    (mode 2 not measured)")]
 pub struct Args {
-    /// A recording; all its records are identified.
+    /// A recording (MCAP), or a file of another program; all its records are identified.
     #[arg(
         value_name = "PATH",
         required_unless_present = "frequencies",

@@ -32,6 +32,7 @@ use std::process::ExitCode;
   tirante replay recordings/campaign-2025.mcap --config config/campaign.toml --store site.db --report .
   tirante replay recordings/todi-pull.mcap --results todi-results.mcap
   tirante replay /data/2026 --config site.toml --json > forces.jsonl
+  tirante replay monday.csv tuesday.tdms --config site.toml --store site.db
 
 The force (mean ± standard deviation) is what one record says by itself. The change is that of the force since
 the rod's baseline, at the reference temperature; '~' marks one that is not compensated for temperature; '-'
@@ -44,7 +45,7 @@ shows what else the peaks may be. --json has everything else.
 Alarms are results, not failures: a replay that raises some still ends with 0 (or 3 with rejected records or
 lost data). Ask `tirante status --format json` whether an alarm stands.")]
 pub struct Args {
-    /// MCAP recordings, or folders of them.
+    /// MCAP recordings, folders of them, or files of other programs (CSV, UFF, WAV, MATLAB, LabVIEW, NumPy).
     #[arg(value_name = "PATH", required = true)]
     pub paths: Vec<PathBuf>,
 

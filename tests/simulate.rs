@@ -587,7 +587,7 @@ const BARE: &str = "[simulation.rod.sensor]\nat = 0.35\nnoise_m = 0\nresolution_
 #[test]
 fn twelve_modes_stand_in_the_spectrum_where_the_beam_has_them() {
     let text = format!(
-        "[simulation]\nrecord_s = 120\nfs_hz = 200\n[[simulation.rod]]\nid = \"a\"\nmodes = 12\ndamping = 0.002\n\
+        "[simulation]\nrecord_s = 120\nfs_hz = 400\n[[simulation.rod]]\nid = \"a\"\nmodes = 12\ndamping = 0.002\n\
          [simulation.rod.sensor]\nat = 0.04\nnoise_m = 0\nresolution_m = 0\n"
     );
     let record = record(&text, 0);
@@ -599,10 +599,10 @@ fn twelve_modes_stand_in_the_spectrum_where_the_beam_has_them() {
     for (order, f) in (1..).zip(exact) {
         assert!((record.truth.frequency_hz[order - 1] / f - 1.0).abs() < 1e-15);
         // A mode of 0.2 % stands 48 dB over its own skirt 10 % away; the line nearest to it may hold a fiftieth by chance.
-        let peak = (-4..=4).map(|i| density(&samples, 200.0, f + f64::from(i) / 240.0));
+        let peak = (-4..=4).map(|i| density(&samples, 400.0, f + f64::from(i) / 240.0));
         let peak = peak.fold(0.0, f64::max);
         for aside in [0.93, 1.07] {
-            let beside = density(&samples, 200.0, aside * f);
+            let beside = density(&samples, 400.0, aside * f);
             assert!(
                 peak > 30.0 * beside,
                 "mode {order} at {f} Hz: {peak:e} {beside:e}"

@@ -9,6 +9,7 @@ one fails.
 
 import argparse
 import json
+import math
 import os
 import subprocess
 import sys
@@ -90,7 +91,7 @@ def main():
     temporary = None if arguments.folder else tempfile.TemporaryDirectory()
     folder = arguments.folder or Path(temporary.name)
     folder.mkdir(parents=True, exist_ok=True)
-    each = max(1, round(arguments.records / len(names)))
+    each = max(1, math.ceil(arguments.records / len(names)))
     settings = f"[abc]\ndraws = {arguments.draws}\n" + arguments.settings.replace("\\n", "\n")
     work = [(name, first, min(BATCH, each - first)) for name in names for first in range(0, each, BATCH)]
     with ThreadPoolExecutor(arguments.jobs) as pool:

@@ -13,6 +13,7 @@ const PURE: [&str; 15] = [
     "bayes",
     "analysis.rs",
     "outcome.rs",
+    "findings.rs",
     "snapshot.rs",
     "study",
     "synthesis",

@@ -453,6 +453,7 @@ mod tests {
             rejection: Rejection::NoOnset { duration_s: 1.0 },
             measurement: None,
             labels: None,
+            waveform: None,
         }));
         let line: Json = serde_json::from_str(&crate::line::json(&outcome, None, "0")).unwrap();
         let interval = serde_json::to_value(Interval {

@@ -1,6 +1,7 @@
 //! `tirante identify`: one recording, or frequencies measured elsewhere, to the posterior.
 
 use super::campaign::{self, News, Reading, Taken};
+use super::foreign::Foreign;
 use super::render::{CONFLICT_SHOWN, PRIOR_TAIL_SHOWN};
 use super::setup::{self, Setup};
 use super::sketch::{self, When};
@@ -71,6 +72,10 @@ pub struct Args {
     /// The configuration.
     #[command(flatten)]
     pub setup: Setup,
+
+    /// What another program's file does not say.
+    #[command(flatten)]
+    pub foreign: Foreign,
 }
 
 /// Runs the command.
@@ -121,6 +126,7 @@ fn from_frequencies(args: &Args, list: &str) -> anyhow::Result<ExitCode> {
                 rejection,
                 measurement: None,
                 labels: None,
+                waveform: None,
             })),
             ExitCode::from(WITH_LOSSES),
         ),
@@ -139,7 +145,8 @@ fn from_recording(args: &Args, path: &PathBuf) -> anyhow::Result<ExitCode> {
     let paths = std::slice::from_ref(path);
     let known = Known::new();
     let reading = Reading::default();
-    let tally = campaign::run(paths, &config, &plans, &reading, &known, |news, bar| {
+    let others = args.foreign.among(&args.setup, true);
+    let tally = campaign::run(paths, &config, &plans, &reading, others, &known, |news, bar| {
         if let News::Outcome(outcome, _) = news {
             bar.suspend(|| show(args, &config, &plans, outcome))?;
         }

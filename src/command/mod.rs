@@ -16,6 +16,7 @@ mod campaign;
 pub mod check;
 pub mod completions;
 pub mod emulator;
+mod foreign;
 pub mod frequencies;
 pub mod history;
 pub mod identify;

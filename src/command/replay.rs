@@ -2,6 +2,7 @@
 
 use super::BadArguments;
 use super::campaign::{self, News, Reading};
+use super::foreign::Foreign;
 use super::progress::Progress;
 use super::render::Table;
 use super::report;
@@ -74,6 +75,10 @@ pub struct Args {
     /// The configuration.
     #[command(flatten)]
     pub setup: Setup,
+
+    /// What another program's file does not say.
+    #[command(flatten)]
+    pub foreign: Foreign,
 }
 
 /// Runs the command.
@@ -136,7 +141,15 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         })?;
         Ok(campaign::Taken::New)
     };
-    let tally = campaign::run(&args.paths, config, plans, &args.reading, &known, on_news)?;
+    let tally = campaign::run(
+        &args.paths,
+        config,
+        plans,
+        &args.reading,
+        args.foreign.among(&args.setup, false),
+        &known,
+        on_news,
+    )?;
     let has_seen_all = tally.is_some();
     let code = campaign::conclude(tally);
     if has_seen_all {

@@ -122,9 +122,6 @@ pub fn read(from: impl BufRead, table: &Table) -> Result<Vec<Signal>, ImportErro
     columns.finish()
 }
 
-/// Numbers from here on count from 1970: 10^9 s, in September 2001.
-pub(super) const SINCE_2001: i64 = 1_000_000_000_000_000_000;
-
 #[cfg(test)]
 mod tests {
     use super::*;

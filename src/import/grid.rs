@@ -1,6 +1,7 @@
 //! An even grid under stamps: the rate, where stretches begin and end, and how far the stamps lie from it.
 
 use super::{ImportError, Stamps};
+use crate::source::contents::rounded;
 use std::ops::Range;
 
 /// Stamps farther from the grid than this share of the interval are uneven, unless they are written that coarsely.
@@ -63,11 +64,6 @@ pub(super) fn even(stamps: &Stamps) -> Result<Grid, ImportError> {
         ));
     }
     Ok(grid)
-}
-
-/// A rate with the seven digits a person reads.
-pub fn rounded(fs_hz: f64) -> f64 {
-    format!("{fs_hz:.6e}").parse().unwrap_or(fs_hz)
 }
 
 /// The best grid, and the stamp that lies farthest from it.

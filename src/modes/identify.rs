@@ -1,8 +1,9 @@
 //! One record to labelled natural frequencies: spectrum, peaks, refinement, labels.
 
 use super::label::{Labelling, Pattern, label};
-use super::refine::refine;
-use super::{Labels, Mode, ModeSettings, Motion, MotionKind, Resonance};
+use super::onsets::{Release, releases};
+use super::refine::{Search, largest_deflection, refine};
+use super::{Labels, Mode, ModeSettings, Motion, Resonance};
 use crate::record::{Excitation, Record, Rejection};
 use crate::spectrum::{Peak, PeakSettings, Spectrum, Transforms, Welch, WelchSettings, Window, pick_peaks};
 
@@ -156,9 +157,19 @@ impl ModalPlan {
         .map_err(too_short)?;
         let spectrum = welch.run(&record.samples).map_err(too_short)?;
         let mut peaks = pick_peaks(&spectrum, &self.peaks, low_hz, high_hz);
-        if record.excitation == Some(Excitation::FreeDecay) {
+        let strongest = peaks.iter().max_by(|a, b| a.height_db.total_cmp(&b.height_db));
+        let releases = match (record.excitation, strongest) {
+            (None, Some(peak)) => releases(&record.samples, record.fs_hz, peak.frequency_hz),
+            _ => Vec::new(),
+        };
+        let decays_from = match record.excitation {
+            Some(Excitation::Ambient) => None,
+            Some(Excitation::FreeDecay) => Some(largest_deflection(&record.samples)),
+            None => decay_in(&record.samples, &releases),
+        };
+        if let Some(onset) = decays_from {
             for stretch_s in DECAY_STRETCHES_S {
-                self.add_decay_peaks(&mut peaks, record, stretch_s, (low_hz, high_hz));
+                self.add_decay_peaks(&mut peaks, record, onset, stretch_s, (low_hz, high_hz));
             }
         }
         let masks = &self.modes.masks;
@@ -167,25 +178,29 @@ impl ModalPlan {
                 .iter()
                 .any(|m| (m.low_hz..=m.high_hz).contains(&p.frequency_hz))
         });
-        let refined = refine(&self.transforms, record, &peaks, masks, spectrum.df_hz);
-        let kind = match record.excitation {
-            Some(Excitation::FreeDecay) => MotionKind::FreeDecay,
-            Some(Excitation::Ambient) | None => MotionKind::Ambient,
+        let search = Search {
+            masks,
+            line_hz: spectrum.df_hz,
+            releases: &releases,
         };
+        let refined = refine(&self.transforms, record, &peaks, &search);
         Ok(Evidence {
             spectrum,
             resonances: refined.resonances,
-            motion: Motion {
-                kind,
-                onsets_s: Vec::new(),
-            },
+            motion: refined.motion,
         })
     }
 
-    /// Peaks of the first `stretch_s` seconds, untapered, unless a peak stands there already.
-    fn add_decay_peaks(&self, peaks: &mut Vec<Peak>, record: &Record, stretch_s: f64, band_hz: (f64, f64)) {
+    /// Peaks of the `stretch_s` seconds from `onset` on, untapered, unless a peak stands there already.
+    fn add_decay_peaks(
+        &self,
+        peaks: &mut Vec<Peak>,
+        record: &Record,
+        onset: usize,
+        stretch_s: f64,
+        band_hz: (f64, f64),
+    ) {
         let n = (stretch_s * record.fs_hz) as usize;
-        let onset = super::refine::largest_deflection(&record.samples);
         let Some(stretch) = record.samples.get(onset..onset + n) else {
             return;
         };
@@ -209,6 +224,23 @@ impl ModalPlan {
         }
         peaks.sort_by(|a, b| a.frequency_hz.total_cmp(&b.frequency_hz));
     }
+}
+
+/// The sample from which a record decays: its strongest release, or its first sample if it begins within a
+/// decay (the first quarter moves twice as much as the last).
+fn decay_in(samples: &[f64], releases: &[Release]) -> Option<usize> {
+    let motion = |part: &[f64]| -> f64 {
+        let sum: f64 = part.windows(2).map(|pair| (pair[1] - pair[0]).powi(2)).sum();
+        sum / part.len().max(1) as f64
+    };
+    let quarter = samples.len() / 4;
+    let strength = |&at: &usize| motion(&samples[at..(at + quarter).min(samples.len())]);
+    let strongest = releases
+        .iter()
+        .map(|release| release.after)
+        .max_by(|a, b| strength(a).total_cmp(&strength(b)));
+    let falls = motion(&samples[..quarter]) > 4.0 * motion(&samples[samples.len() - quarter..]);
+    strongest.or(falls.then_some(0))
 }
 
 /// What no spectrum can be made of.

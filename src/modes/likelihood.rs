@@ -17,14 +17,13 @@
 //! ```
 //!
 //! so that the covariance of the band is a diagonal plus a matrix of rank two: the exact likelihood
-//! costs one pass over the lines. For a free decay `c` is the pull, unknown with a very wide prior,
-//! and `W_k` stands for ambient excitation that goes on meanwhile.
+//! costs one pass over the lines. After a pull or a blow, or from within a decay, `c` is unknown with a very wide
+//! prior ([`Start::Free`]), and `W_k` stands for ambient excitation that goes on meanwhile.
 //! Whatever else varies smoothly across the band (leakage of drift and of other modes, the mode's
 //! own negative-frequency image) is `d_0 + d_1 x_k` with flat priors, integrated out.
 
 use super::band::{Band, Block, LANES};
 use super::logarithm::ln;
-use crate::record::Excitation;
 use crate::wide::{Kernel, vectorised};
 use realfft::num_complex::Complex;
 use std::f64::consts::TAU;
@@ -34,6 +33,15 @@ const SMOOTH: usize = 2;
 
 /// Fewest lines a likelihood is made of.
 const LEAST_LINES: f64 = 8.0;
+
+/// The mode's state as the record begins.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Start {
+    /// Like any other moment's: what the ambient force keeps up.
+    Stationary,
+    /// Anything: the record begins with or within a decay. What goes on beside it is ambient response.
+    Free,
+}
 
 /// The parameters of one resonance: what is optimised, in this order.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -75,8 +83,13 @@ pub struct Value {
     pub log_profile: f64,
     /// Noise floor in the band's middle, two-sided \[unit^2/Hz\].
     pub noise: f64,
+    /// Sum of squares that the noise level is told from.
+    pub quad: f64,
     /// The transient's amplitude in front of [`shape`].
     pub transient: Complex<f64>,
+    /// What varies smoothly across the band at its best, the transient at its: constant, and slope per half
+    /// width.
+    pub smooth: [Complex<f64>; SMOOTH],
 }
 
 /// The mode's response at `f`, 1 at its peak: `zeta f_n / (zeta f_n + i (f - f_d)) 2 f_d / (f + f_d)`,
@@ -100,13 +113,13 @@ const RATIO_LOG_SD: f64 = 6.0;
 const DECAY_RATIO: f64 = 30.0;
 const SLOPE_SD: f64 = 0.5;
 
-fn log_prior(p: &Parameters, excitation: Excitation) -> f64 {
+fn log_prior(p: &Parameters, start: Start) -> f64 {
     let a = (p.log_damping - DAMPING_LOG_MEDIAN) / DAMPING_LOG_SD;
     let b = (p.log_ratio - RATIO_LOG_MEDIAN) / RATIO_LOG_SD;
     let c = p.slope / SLOPE_SD;
-    let ratio = match excitation {
-        Excitation::Ambient => -0.5 * b * b,
-        Excitation::FreeDecay => 0.5 * p.log_ratio - (p.log_ratio.exp() / DECAY_RATIO).ln_1p(),
+    let ratio = match start {
+        Start::Stationary => -0.5 * b * b,
+        Start::Free => 0.5 * p.log_ratio - (p.log_ratio.exp() / DECAY_RATIO).ln_1p(),
     };
     ratio - 0.5 * (a * a + c * c)
 }
@@ -129,7 +142,7 @@ struct Moments {
 
 /// Evaluates the likelihood of a resonance; `None` where it is not defined (too few lines, damping
 /// beyond 50 %, a frequency outside the band, rounding).
-pub fn resonance(band: &Band, excitation: Excitation, p: &Parameters) -> Option<Value> {
+pub fn resonance(band: &Band, start: Start, p: &Parameters) -> Option<Value> {
     let damping = p.log_damping.exp();
     let inside = (p.frequency_hz - band.middle_hz).abs() < band.half_width_hz;
     if !(inside && damping < 0.5 && p.log_ratio < 60.0) {
@@ -146,8 +159,8 @@ pub fn resonance(band: &Band, excitation: Excitation, p: &Parameters) -> Option<
         (-TAU * gamma * band.duration_s).exp(),
         TAU * damped * band.duration_s,
     );
-    let (log_det, quad, dof) = match excitation {
-        Excitation::Ambient => {
+    let (log_det, quad, dof) = match start {
+        Start::Stationary => {
             let u = ratio / (TAU * gamma * band.duration_s);
             let v = u * (1.0 - decay.re);
             let kappa = -u * (1.0 - decay.conj());
@@ -170,7 +183,7 @@ pub fn resonance(band: &Band, excitation: Excitation, p: &Parameters) -> Option<
                 lines - SMOOTH as f64,
             )
         }
-        Excitation::FreeDecay => {
+        Start::Free => {
             let quad = reduced.jj - reduced.hj.norm_sqr() / reduced.hh;
             let dof = lines - SMOOTH as f64 - 1.0;
             // A transient as large as the band's largest ordinate, in units of the noise floor: a prior
@@ -188,10 +201,12 @@ pub fn resonance(band: &Band, excitation: Excitation, p: &Parameters) -> Option<
         return None;
     }
     Some(Value {
-        log_posterior: -log_det - dof * quad.ln() + log_prior(p, excitation),
+        log_posterior: -log_det - dof * quad.ln() + log_prior(p, start),
         log_profile: -moments.log_det - lines * least.ln(),
         noise: quad / dof,
+        quad,
         transient: reduced.hj / reduced.hh,
+        smooth: reduced.smooth(reduced.hj / reduced.hh),
     })
 }
 
@@ -373,6 +388,20 @@ struct Reduced {
     pj: Complex<f64>,
     jj: f64,
     log_det: f64,
+    /// Cholesky factor of the smooth terms' Gram matrix, and shape and data in its coordinates.
+    factor: [f64; 3],
+    h: [Complex<f64>; SMOOTH],
+    j: [Complex<f64>; SMOOTH],
+}
+
+impl Reduced {
+    /// The smooth terms at their best beside a transient.
+    fn smooth(&self, transient: Complex<f64>) -> [Complex<f64>; SMOOTH] {
+        let [l00, l10, l11] = self.factor;
+        let left: [Complex<f64>; SMOOTH] = std::array::from_fn(|i| self.j[i] - self.h[i] * transient);
+        let slope = left[1] / l11;
+        [(left[0] - slope * l10) / l00, slope]
+    }
 }
 
 fn reduce(m: &Moments) -> Option<Reduced> {
@@ -400,6 +429,9 @@ fn reduce(m: &Moments) -> Option<Reduced> {
         pj: m.pj - dot(&p, &j),
         jj: m.jj - dot(&j, &j).re,
         log_det: 2.0 * (l00.ln() + l11.ln()),
+        factor: [l00, l10, l11],
+        h,
+        j,
     })
 }
 

@@ -1,17 +1,21 @@
 //! From a spectrum to natural frequencies: refinement per peak, standard errors, mode orders.
 
 pub mod band;
+pub mod dispersion;
+pub mod fit;
 pub mod identify;
 pub mod label;
 pub mod likelihood;
 mod logarithm;
+pub mod onsets;
 pub mod optimum;
 pub mod posterior;
 pub mod refine;
+pub mod subband;
 
 pub use identify::{Evidence, ModalEstimate, ModalPlan, Unidentified};
 pub use label::{Labelling, Pattern, label};
-pub use refine::{Refinement, refine};
+pub use refine::{Refinement, Search, refine};
 
 use serde::{Deserialize, Serialize};
 

@@ -3,6 +3,7 @@
 use super::{Window, window};
 use realfft::num_complex::Complex;
 use realfft::{RealFftPlanner, RealToComplex};
+use rustfft::FftPlanner;
 use std::fmt;
 use std::sync::{Arc, Mutex, PoisonError};
 use thiserror::Error;
@@ -39,15 +40,38 @@ pub enum WelchError {
 /// The scalar and SSE code paths of the transform use no fused multiply-add, so that a spectrum has
 /// the same bits on every x86-64 machine; the faster AVX path would not.
 #[derive(Default)]
-pub struct Transforms(Mutex<RealFftPlanner<f64>>);
+pub struct Transforms {
+    real: Mutex<RealFftPlanner<f64>>,
+    complex: Mutex<Complexes>,
+}
+
+/// Planner of complex transforms; apart, since the crate's own type has no default.
+struct Complexes(FftPlanner<f64>);
+
+impl Default for Complexes {
+    fn default() -> Self {
+        Self(FftPlanner::new())
+    }
+}
 
 impl Transforms {
     /// The plan for real transforms of length `n`.
     pub fn plan(&self, n: usize) -> Arc<dyn RealToComplex<f64>> {
-        self.0
+        self.real
             .lock()
             .unwrap_or_else(PoisonError::into_inner)
             .plan_fft_forward(n)
+    }
+
+    /// The inverse complex transform of `values`, in place, without a factor.
+    pub(crate) fn back(&self, values: &mut [Complex<f64>]) {
+        let plan = self
+            .complex
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .0
+            .plan_fft_inverse(values.len());
+        plan.process(values);
     }
 }
 

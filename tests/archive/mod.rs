@@ -121,6 +121,7 @@ pub fn rejected(rod: &RodId, number: i64) -> Outcome {
         },
         measurement: None,
         labels: None,
+        waveform: None,
     }))
 }
 

@@ -10,6 +10,8 @@
     reason = "each test file uses its part; helpers of tests are tests"
 )]
 
+pub mod scene;
+
 use rand::Rng;
 use rand_distr::{Distribution, StandardNormal};
 use std::f64::consts::{PI, TAU};
@@ -32,6 +34,11 @@ pub fn normal(rng: &mut impl Rng) -> f64 {
 
 impl SimulatedMode {
     pub fn add(&self, rng: &mut impl Rng, fs: f64, samples: &mut [f64]) {
+        self.add_driven(rng, fs, None, samples);
+    }
+
+    /// Adds the response to a force whose level moves: `force` multiplies it sample by sample.
+    pub fn add_driven(&self, rng: &mut impl Rng, fs: f64, force: Option<&[f64]>, samples: &mut [f64]) {
         let w = TAU * self.frequency_hz;
         let z = self.damping;
         let wd = w * (1.0 - z * z).sqrt();
@@ -55,9 +62,10 @@ impl SimulatedMode {
         let l11 = (q11 - l10 * l10).max(0.0).sqrt();
         let mut x = self.pull + self.ambient * normal(rng);
         let mut v = self.ambient * w * normal(rng);
-        for sample in samples {
+        for (i, sample) in samples.iter_mut().enumerate() {
             *sample += x;
-            let (a, b) = (normal(rng), normal(rng));
+            let level = force.map_or(1.0, |force| force[i]);
+            let (a, b) = (level * normal(rng), level * normal(rng));
             (x, v) = (
                 f[0][0] * x + f[0][1] * v + l00 * a,
                 f[1][0] * x + f[1][1] * v + l10 * a + l11 * b,

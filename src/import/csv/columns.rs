@@ -1,9 +1,9 @@
 //! Rows of cells to signals: which columns, their numbers, their stamps.
 
 use super::cells::{is_missing, number};
-use super::{SINCE_2001, Table, TimeColumn};
+use super::{Table, TimeColumn};
 use crate::import::lines::shown;
-use crate::import::stamp::{self, DateOrder, TimeUnit, Written};
+use crate::import::stamp::{self, DateOrder, SINCE_2001, TimeUnit, Written};
 use crate::import::{ImportError, MOST_VALUES, Signal, Stamps, Timing, is_time_name};
 use std::sync::Arc;
 

@@ -1,0 +1,205 @@
+//! Onsets of free decays and blows within a record.
+//!
+//! A release or a blow that stands out of everything is seen in the samples themselves ([`releases`]): the level
+//! of the smoothed slope, which a slow pull before a release hardly moves, just after an instant over that
+//! before it. A weaker one is seen in the innovations of the fitted modes ([`blows`]), where the
+//! motion that goes on anyway is taken out.
+
+use super::subband::{Pole, Subband};
+
+/// Half width of the smoothed slope, in periods of the strongest peak.
+const HALF: f64 = 0.12;
+/// Stretches compared: after, before at most, before at least; in periods.
+const AFTER: f64 = 2.0;
+const BEFORE: f64 = 10.0;
+const BEFORE_LEAST: f64 = 0.5;
+/// Ratio of the mean squared slopes that makes an onset.
+const RATIO: f64 = 25.0;
+/// Share of it at which motion must go on after the stretch, or it was a spike.
+const PERSISTS: f64 = 0.1;
+/// Share of the mean squared slope that a steady one may have, or it was the beginning of a pull.
+const STEADY: f64 = 0.3;
+
+/// A motion that begins within a record.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Release {
+    /// A sample surely before it.
+    pub before: usize,
+    /// A sample surely after it.
+    pub after: usize,
+}
+
+/// The motions that begin within a record, in time order; `scale_hz` is the frequency of its strongest peak.
+pub fn releases(samples: &[f64], fs_hz: f64, scale_hz: f64) -> Vec<Release> {
+    let count = |periods: f64| (periods * fs_hz / scale_hz).round().max(1.0) as usize;
+    let half = count(HALF);
+    let after = count(AFTER).max(4 * half);
+    let least = count(BEFORE_LEAST).max(2 * half);
+    let total = samples.len();
+    if total < 2 * half + least + 2 * after {
+        return Vec::new();
+    }
+    let slope = slope(samples, half);
+    let mut energy = Vec::with_capacity(total + 1);
+    let mut sum = 0.0;
+    energy.push(0.0);
+    for v in &slope {
+        sum += v * v;
+        energy.push(sum);
+    }
+    let mean = |from: usize, to: usize| (energy[to] - energy[from]) / (to - from) as f64;
+    // Rounding of a signal that stands still.
+    let floor = 1e-12 * sum / total as f64;
+    let mut found = Vec::new();
+    // The instant of the highest ratio in a run of instants above the limit.
+    let mut best: Option<(f64, usize)> = None;
+    let last = total - half - 2 * after;
+    for at in (half + least..last).step_by(half.div_ceil(2)) {
+        let quiet = mean(at.saturating_sub(count(BEFORE)).max(half), at).max(floor);
+        let level = mean(at, at + after);
+        let goes_on = mean(at + after, at + 2 * after);
+        let ratio = level / quiet;
+        let swings = || {
+            let later = &slope[at + after..at + 2 * after];
+            let drift = later.iter().sum::<f64>() / after as f64;
+            drift * drift < STEADY * goes_on
+        };
+        if ratio > RATIO && goes_on > PERSISTS * level && goes_on > 4.0 * quiet && swings() {
+            if best.is_none_or(|(highest, _)| ratio > highest) {
+                best = Some((ratio, at));
+            }
+        } else if let Some((_, at)) = best.take() {
+            found.push(at);
+        }
+    }
+    found.extend(best.map(|(_, at)| at));
+    let place = |at: usize| {
+        let window = at..at + after;
+        let peak = slope[window.clone()]
+            .iter()
+            .fold(0.0f64, |peak, v| peak.max(v.abs()));
+        let first = window
+            .clone()
+            .find(|&i| slope[i].abs() > 0.25 * peak)
+            .unwrap_or(at);
+        // The slope looks `half` samples to either side.
+        Release {
+            before: first.saturating_sub(half + 1),
+            after: first + half,
+        }
+    };
+    found.into_iter().map(place).collect()
+}
+
+/// Mean of the next `half` samples less the mean of the last; zero at the ends.
+fn slope(samples: &[f64], half: usize) -> Vec<f64> {
+    let mut slope = vec![0.0; samples.len()];
+    if samples.len() < 2 * half {
+        return slope;
+    }
+    let mut ahead: f64 = samples[half..2 * half].iter().sum();
+    let mut behind: f64 = samples[..half].iter().sum();
+    for i in half..samples.len() - half {
+        slope[i] = (ahead - behind) / half as f64;
+        behind += samples[i] - samples[i - half];
+        ahead += samples.get(i + half).unwrap_or(&0.0) - samples[i];
+    }
+    slope
+}
+
+/// Innovation power over its neighbours' that makes a blow: exponential deviates reach it once in 1e8.
+const BLOW: f64 = 40.0;
+/// Neighbours compared with, nearest and farthest; a blow off the grid leaks into the nearest.
+const NEAREST: usize = 3;
+const FARTHEST: usize = 8;
+/// Median of an exponential deviate of mean 1.
+const MEDIAN: f64 = 0.693;
+
+/// A blow in the innovations.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Blow {
+    /// Time that is surely before it \[s\].
+    pub before_s: f64,
+    /// Time that is surely after it \[s\].
+    pub after_s: f64,
+    /// Its ratio of powers.
+    pub ratio: f64,
+}
+
+/// Blows in the innovations of all modes, at least `apart_s` from each other.
+pub fn blows(series: &[(Subband, Pole)], apart_s: f64) -> Vec<Blow> {
+    let ratios: Vec<(f64, Vec<f64>)> = series
+        .iter()
+        .map(|(series, pole)| (series.rate_hz, innovation_ratios(series, *pole)))
+        .collect();
+    let Some((finest, instants)) = ratios
+        .iter()
+        .map(|(rate, ratios)| (*rate, ratios.len()))
+        .max_by(|a, b| a.0.total_cmp(&b.0))
+    else {
+        return Vec::new();
+    };
+    let mut found: Vec<Blow> = (1..instants)
+        .filter_map(|m| {
+            let at = m as f64 / finest;
+            let sum: f64 = ratios
+                .iter()
+                .map(|(rate, ratios)| {
+                    let reach = 0.5 / rate + 0.25 / finest;
+                    let first = ((at - reach) * rate).ceil().max(0.0) as usize;
+                    let end = (((at + reach) * rate).floor() as usize + 1).min(ratios.len());
+                    ratios[first.min(end)..end]
+                        .iter()
+                        .fold(0.0, |a: f64, &b| a.max(b))
+                })
+                .sum();
+            let ratio = sum / ratios.len() as f64;
+            (ratio > BLOW).then_some(Blow {
+                before_s: at - 1.25 / finest,
+                after_s: at + 0.5 / finest,
+                ratio,
+            })
+        })
+        .collect();
+    found.sort_by(|a, b| b.ratio.total_cmp(&a.ratio));
+    let mut kept: Vec<Blow> = Vec::new();
+    for blow in found {
+        if kept
+            .iter()
+            .all(|other| (other.after_s - blow.after_s).abs() >= apart_s)
+        {
+            kept.push(blow);
+        }
+    }
+    kept.sort_by(|a, b| a.after_s.total_cmp(&b.after_s));
+    kept
+}
+
+/// Each innovation's power over the median of its neighbours'; 0 for the first two, which hold what is flat
+/// across the band.
+fn innovation_ratios(series: &Subband, pole: Pole) -> Vec<f64> {
+    let factor = series.factor(pole);
+    let mut powers = vec![0.0; series.samples.len()];
+    for (m, pair) in series.samples.windows(2).enumerate() {
+        powers[m + 1] = (pair[1] - factor * pair[0]).norm_sqr();
+    }
+    let mut around = Vec::with_capacity(2 * (FARTHEST - NEAREST + 1));
+    (0..powers.len())
+        .map(|m| {
+            if m < 2 {
+                return 0.0;
+            }
+            around.clear();
+            for l in NEAREST..=FARTHEST {
+                around.extend(m.checked_sub(l).filter(|&i| i >= 2).map(|i| powers[i]));
+                around.extend(powers.get(m + l));
+            }
+            let middle = around.len() / 2;
+            if around.len() < FARTHEST - NEAREST {
+                return 0.0;
+            }
+            let (_, median, _) = around.select_nth_unstable_by(middle, f64::total_cmp);
+            powers[m] * MEDIAN / median.max(f64::MIN_POSITIVE)
+        })
+        .collect()
+}

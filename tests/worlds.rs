@@ -10,7 +10,9 @@ use std::process::Command;
 
 /// Whether Python, numpy and mcap are there; with TIRANTE_REAL_PEERS they must be.
 fn has_python() -> bool {
-    let found = Command::new("python3").args(["-c", "import numpy, mcap"]).output();
+    let found = Command::new("python3")
+        .args(["-c", "import numpy, mcap"])
+        .output();
     let found = found.is_ok_and(|output| output.status.success());
     assert!(
         found || std::env::var_os("TIRANTE_REAL_PEERS").is_none(),
@@ -43,7 +45,10 @@ fn run(script: &str, arguments: &[&str]) -> String {
 fn the_generator_agrees_with_closed_forms() {
     if has_python() {
         let said = run("check.py", &[]);
-        assert!(said.lines().filter(|line| line.ends_with(": ok")).count() >= 10, "{said}");
+        assert!(
+            said.lines().filter(|line| line.ends_with(": ok")).count() >= 10,
+            "{said}"
+        );
     }
 }
 
@@ -55,7 +60,16 @@ fn a_few_records_of_every_class_are_identified_as_required() {
         let program = env!("CARGO_BIN_EXE_tirante");
         let said = run(
             "judge.py",
-            &["--records", "74", "--seed", "1", "--few", "--look", "--program", program],
+            &[
+                "--records",
+                "74",
+                "--seed",
+                "1",
+                "--few",
+                "--look",
+                "--program",
+                program,
+            ],
         );
         assert!(said.contains("| all with a rod | 70 |"), "{said}");
     }

@@ -4,6 +4,7 @@ use super::label::{LabelPlan, Labelling, Unlabelled};
 use super::parts::Parts;
 use super::refine::{Search, refine};
 use super::{Labels, Mode, Motion, Resonance};
+use crate::record::rejection::UNDERSAMPLED;
 use crate::record::{Record, Rejection};
 use crate::spectrum::{
     Peak, PeakSettings, Spectrum, Transforms, Welch, WelchError, WelchSettings, Window, pick_peaks,
@@ -118,7 +119,7 @@ impl ModalPlan {
             Err((rejection, labels)) => {
                 // Where the lowest mode may lie above the band there is nothing to wonder about.
                 let needed_hz = self.labels.first_mode_below_hz();
-                let rejection = if 0.45 * record.fs_hz < needed_hz {
+                let rejection = if UNDERSAMPLED * record.fs_hz < needed_hz {
                     Rejection::Undersampled {
                         fs_hz: record.fs_hz,
                         needed_hz,

@@ -375,7 +375,10 @@ impl Assembler {
         {
             // Otherwise it fills the hole, and the last one was ahead by one.
             if time as f64 - end > 0.5 * self.unit(values.len()) {
-                self.ahead = Some(Ahead { time: last, behind: before });
+                self.ahead = Some(Ahead {
+                    time: last,
+                    behind: before,
+                });
             }
         }
         self.open.insert(back, time, values);
@@ -426,7 +429,13 @@ impl Assembler {
         let (false, Some(interval)) = (self.astray.is_empty(), self.interval) else {
             return;
         };
-        let Some(end) = self.open.times.len().checked_sub(1).and_then(|last| self.end_of(last)) else {
+        let Some(end) = self
+            .open
+            .times
+            .len()
+            .checked_sub(1)
+            .and_then(|last| self.end_of(last))
+        else {
             return;
         };
         let aside: usize = self.astray.iter().map(|(_, values)| values.len()).sum();
@@ -519,8 +528,7 @@ impl Assembler {
         let count = open.times.len();
         let oldest = count.saturating_sub(LATE);
         let same = open.times[oldest..].iter().rposition(|&known| known == time);
-        let at = oldest
-            + same.unwrap_or_else(|| open.times[oldest..].partition_point(|&known| known < time));
+        let at = oldest + same.unwrap_or_else(|| open.times[oldest..].partition_point(|&known| known < time));
         if same.is_some() {
             let younger: usize = open.sizes[at..].iter().map(|&size| size as usize).sum();
             let first = open.values.len() - younger;

@@ -261,7 +261,10 @@ impl std::fmt::Display for Flag {
             Self::Jitter { jitter } => write!(f, "stamps jitter by {:.0} %", jitter * 100.0),
             Self::LateStamps { messages, worst_s } => {
                 let plural = if *messages == 1 { "" } else { "s" };
-                write!(f, "{messages} message{plural} stamped off their time, at worst by {worst_s:.3e} s")
+                write!(
+                    f,
+                    "{messages} message{plural} stamped off their time, at worst by {worst_s:.3e} s"
+                )
             }
         }
     }

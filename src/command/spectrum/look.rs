@@ -4,11 +4,12 @@ use super::Band;
 use super::input::Source;
 use crate::analysis::{Measurement, Plan};
 use crate::bayes::Marginal;
+use crate::bayes::RodPrior;
 use crate::beam::Quantity;
 use crate::command::setup;
 use crate::config::Config;
 use crate::findings::{self, Candidate, Peak};
-use crate::modes::{Labels, ModalPlan, Mode, ModeSettings, Motion, Pattern};
+use crate::modes::{LabelPlan, Labels, ModalPlan, Mode, ModeSettings, Motion};
 use crate::outcome::Rejected;
 use crate::plot::view::SpectrumReport;
 use crate::record::{Envelope, Event, Flag, Record, Rejection, RodId, Timestamp};
@@ -103,10 +104,11 @@ impl Looker {
             max_peaks: peaks.max_peaks.max(MOST_PEAKS),
             ..peaks
         };
-        // Labels are not asked for: the pattern is that of no rod.
-        let unused = Pattern::new(&[1.0; 100], 1).ok_or_else(|| anyhow::anyhow!("no pattern"))?;
+        // Labels are not asked for.
+        let unused = LabelPlan::new(&RodPrior::todi(), &[], ModeSettings::default())
+            .ok_or_else(|| anyhow::anyhow!("no plan for labels"))?;
         Ok(Self {
-            search: ModalPlan::new(welch, peaks, ModeSettings::default(), unused, vec![0.0]),
+            search: ModalPlan::new(welch, peaks, unused),
             plans: config.map(setup::plans).transpose()?.unwrap_or_default(),
             band,
         })

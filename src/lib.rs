@@ -18,6 +18,7 @@
 //! * [`study`]    the paper's own study, beside what it prints
 //! * [`analysis`] a plan once per rod, then one pure `run` per record
 //! * [`outcome`]  what came of one record: a force, or a reason why there is none
+//! * [`findings`] what was found in a record besides its force: peaks, motion, assignments
 //! * [`snapshot`] what one record looked like, for the report
 //! * [`track`]    the relative force over time: baseline, temperature, charts, alarms; one pure fold per rod
 //! * [`synthesis`] displacement histories of a simulated rod, faults included
@@ -68,6 +69,7 @@ pub mod command;
 pub mod config;
 pub mod daemon;
 pub mod emulator;
+pub mod findings;
 pub mod forward;
 pub mod http;
 pub mod import;

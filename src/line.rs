@@ -1,10 +1,11 @@
 //! A record as one JSON line: what programs read and the store keeps.
 
 use crate::analysis::{Identification, VERSION};
-use crate::bayes::{Marginal, Posterior};
+use crate::bayes::{Adjustment, Marginal, Posterior, VarianceShares};
 use crate::beam::Quantity;
-use crate::modes::Mode;
-use crate::outcome::Outcome;
+use crate::findings::{self, CERTAIN, Candidate, Peak};
+use crate::modes::{Mode, Motion};
+use crate::outcome::{Outcome, Rejected};
 use crate::record::{Flag, Rejection, RodId, Timestamp};
 use crate::track::change::Change;
 use crate::track::{Interval, Kind, RodState, SetAside, Verdict, What};
@@ -21,7 +22,12 @@ struct Line<'a> {
     start: Option<Timestamp>,
     duration_s: Option<f64>,
     fs_hz: Option<f64>,
-    modes: &'a [Mode],
+    excitation: Option<&'a Motion>,
+    modes: Vec<LineMode>,
+    label_probability: Option<f64>,
+    candidates: Vec<Candidate>,
+    /// Of a refused record, the peaks it has; of others they are in the picture.
+    peaks: Option<Vec<Peak>>,
     axial_force_n: Option<Marginal>,
     parameters: BTreeMap<&'static str, Parameter>,
     epsilon: Option<f64>,
@@ -30,6 +36,8 @@ struct Line<'a> {
     ess: Option<f64>,
     conflict: Option<f64>,
     prior_tail: Option<f64>,
+    adjustment: Option<String>,
+    hangs_on: Option<HangsOn<'a>>,
     tracked_force_n: Option<Interval>,
     relative_force: Option<Interval>,
     not_axial_p: Option<f64>,
@@ -50,10 +58,37 @@ struct Line<'a> {
     analysis_version: u32,
 }
 
+/// A mode, and how well its peak is one.
+#[derive(Serialize)]
+struct LineMode {
+    #[serde(flatten)]
+    mode: Mode,
+    /// Standard normal score of the fit of its peak; `None` for a frequency measured elsewhere.
+    misfit: Option<f64>,
+}
+
 #[derive(Serialize)]
 struct Parameter {
     mean: f64,
     cv: f64,
+}
+
+/// The sources of the force's variance, in figures and in words.
+#[derive(Serialize)]
+struct HangsOn<'a> {
+    #[serde(flatten)]
+    shares: &'a VarianceShares,
+    sentence: Option<String>,
+    mass_sentence: Option<String>,
+}
+
+/// What was done to the accepted draws: `linear`, `none`, or `withheld` with the reason.
+fn adjustment(posterior: &Posterior) -> String {
+    match (posterior.adjustment, posterior.withheld) {
+        (Adjustment::Linear, _) => "linear".to_owned(),
+        (Adjustment::None, None) => "none".to_owned(),
+        (Adjustment::None, Some(reason)) => format!("withheld: {reason}"),
+    }
 }
 
 #[derive(Serialize)]
@@ -85,6 +120,22 @@ struct Told<'a> {
     kind: Kind,
 }
 
+/// The modes, each with the misfit of its peak.
+fn modes(identification: &Identification) -> Vec<LineMode> {
+    let resonances = identification
+        .measurement
+        .as_ref()
+        .map_or(&[][..], |measurement| &measurement.resonances);
+    identification
+        .modes
+        .iter()
+        .map(|&mode| LineMode {
+            mode,
+            misfit: findings::nearest(resonances, mode.frequency_hz).map(|i| resonances[i].misfit),
+        })
+        .collect()
+}
+
 /// The uncertain quantities besides the axial force.
 fn parameters(posterior: &Posterior) -> BTreeMap<&'static str, Parameter> {
     let quantities = posterior.parameterisation.quantities().iter();
@@ -112,16 +163,7 @@ pub fn json(outcome: &Outcome, verdict: Option<&Verdict>, config_hash: &str) -> 
     let mut line = Line::new(outcome.rod(), config_hash);
     match outcome {
         Outcome::Identified(identification) => line.identified(identification),
-        Outcome::Rejected(rejected) => {
-            line.start = rejected.start;
-            line.duration_s = rejected.duration_s;
-            line.fs_hz = rejected.fs_hz;
-            line.rejection = Some(Reason {
-                code: rejected.rejection.code(),
-                message: rejected.rejection.to_string(),
-                detail: &rejected.rejection,
-            });
-        }
+        Outcome::Rejected(rejected) => line.rejected(rejected),
     }
     if let Some(verdict) = verdict {
         line.tracked(verdict);
@@ -138,7 +180,11 @@ impl<'a> Line<'a> {
             start: None,
             duration_s: None,
             fs_hz: None,
-            modes: &[],
+            excitation: None,
+            modes: Vec::new(),
+            label_probability: None,
+            candidates: Vec::new(),
+            peaks: None,
             axial_force_n: None,
             parameters: BTreeMap::new(),
             epsilon: None,
@@ -147,6 +193,8 @@ impl<'a> Line<'a> {
             ess: None,
             conflict: None,
             prior_tail: None,
+            adjustment: None,
+            hangs_on: None,
             tracked_force_n: None,
             relative_force: None,
             not_axial_p: None,
@@ -176,8 +224,15 @@ impl<'a> Line<'a> {
             self.fs_hz = Some(measurement.fs_hz);
             self.temperature_c = measurement.temperature_c;
             self.flags = &measurement.flags;
+            self.excitation = Some(&measurement.motion);
         }
-        self.modes = &identification.modes;
+        self.modes = modes(identification);
+        if let Some(labels) = &identification.labels {
+            self.label_probability = Some(labels.probability);
+            if labels.probability < CERTAIN {
+                self.candidates = Candidate::all(labels);
+            }
+        }
         self.axial_force_n = posterior.marginal(Quantity::AxialForce);
         self.parameters = parameters(posterior);
         self.epsilon = Some(posterior.epsilon);
@@ -186,7 +241,31 @@ impl<'a> Line<'a> {
         self.ess = Some(posterior.ess);
         self.conflict = Some(identification.conflict.score);
         self.prior_tail = Some(identification.conflict.prior_tail);
+        self.adjustment = Some(adjustment(posterior));
+        self.hangs_on = identification.hangs_on.as_ref().map(|shares| HangsOn {
+            shares,
+            sentence: shares.sentence(),
+            mass_sentence: shares.mass_sentence(),
+        });
         self.seed = Some(posterior.seed);
+    }
+
+    fn rejected(&mut self, rejected: &'a Rejected) {
+        self.start = rejected.start;
+        self.duration_s = rejected.duration_s;
+        self.fs_hz = rejected.fs_hz;
+        self.rejection = Some(Reason {
+            code: rejected.rejection.code(),
+            message: rejected.rejection.to_string(),
+            detail: &rejected.rejection,
+        });
+        self.candidates = rejected.labels.as_ref().map(Candidate::all).unwrap_or_default();
+        if let Some(measurement) = &rejected.measurement {
+            self.temperature_c = measurement.temperature_c;
+            self.flags = &measurement.flags;
+            self.excitation = Some(&measurement.motion);
+            self.peaks = Some(findings::peaks(measurement, &[]));
+        }
     }
 
     fn tracked(&mut self, verdict: &'a Verdict) {

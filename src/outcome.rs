@@ -2,7 +2,7 @@
 
 use crate::analysis::{Identification, Measurement};
 use crate::modes::Labels;
-use crate::record::{Reading, Rejection, RodId, Timestamp};
+use crate::record::{Envelope, Reading, Rejection, RodId, Timestamp};
 use crate::track::{Input, Observation};
 use sha2::{Digest, Sha256};
 
@@ -36,6 +36,8 @@ pub struct Rejected {
     pub measurement: Option<Box<Measurement>>,
     /// What its peaks may be, if there are peaks.
     pub labels: Option<Labels>,
+    /// Its samples as the columns of a drawing, if it was refused before there was a spectrum.
+    pub waveform: Option<Envelope>,
 }
 
 impl Outcome {

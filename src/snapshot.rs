@@ -1,15 +1,19 @@
-//! What one record looked like: its spectrum with the resonances found, and prior against posterior of
-//! each uncertain quantity, small enough to be kept for the report.
+//! Picture of one record: its waveform, its spectrum with the peaks found and, if it gave a force, prior against posterior
+//! of each uncertain quantity; small enough to be kept for the report.
 
-use crate::analysis::Identification;
-use crate::bayes::{Posterior, Prior, RodPrior};
-use crate::record::{Envelope, Timestamp};
+use crate::analysis::{Identification, Measurement};
+use crate::bayes::{Posterior, Prior, RodPrior, VarianceShares};
+use crate::beam::Quantity;
+use crate::findings::{self, CERTAIN, Candidate, Multiple, Nature, Peak};
+use crate::modes::{Labels, Mode, Motion};
+use crate::outcome::{Outcome, Rejected};
+use crate::record::{Envelope, Rejection, Timestamp};
 use crate::spectrum::Spectrum;
 use serde::{Deserialize, Serialize};
 
 /// Most points of a kept spectrum.
 const SPECTRUM_POINTS: usize = 1200;
-/// The kept spectrum ends at this many times the highest labelled mode.
+/// The kept spectrum ends at this many times the highest labelled mode, or the highest peak where none is.
 const BEYOND_HIGHEST: f64 = 1.5;
 /// Points of a kept density.
 const DENSITY_POINTS: usize = 96;
@@ -27,7 +31,7 @@ pub struct Snapshot {
     pub duration_s: f64,
     /// Sample rate \[Hz\].
     pub fs_hz: f64,
-    /// The record's seed, as sixteen hexadecimal digits: JSON readers round larger integers.
+    /// The record's seed, as sixteen hexadecimal digits: JSON readers round larger integers. Empty without a force.
     pub seed: String,
     /// The samples; `None` for records of programs that did not keep them.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -36,8 +40,32 @@ pub struct Snapshot {
     pub curve: Curve,
     /// The resonances found, ascending in frequency.
     pub peaks: Vec<PeakMark>,
-    /// The uncertain quantities, axial force first.
+    /// The uncertain quantities, axial force first; none without a force.
     pub densities: Vec<Density>,
+    /// The sources of the force's variance; `None` for records of older programs, or without a force.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub hangs_on: Option<VarianceShares>,
+    /// The motion that was recognised; `None` for records of older programs.
+    #[serde(default, rename = "excitation", skip_serializing_if = "Option::is_none")]
+    pub motion: Option<Motion>,
+    /// Probability that the orders of the modes are right, if they were found and not given.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub label_probability: Option<f64>,
+    /// Assignments of peaks to modes that were weighed, where none is certain; likeliest first.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub candidates: Vec<Candidate>,
+    /// The reason why there is no force, if there is none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rejection: Option<Reason>,
+}
+
+/// The reason why a record gives no force.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Reason {
+    /// Its short name: `no-label`.
+    pub code: String,
+    /// In words, with the remedy.
+    pub message: String,
 }
 
 /// A power spectral density at evenly spaced frequencies.
@@ -61,6 +89,21 @@ pub struct PeakMark {
     pub order: Option<usize>,
     /// Whether it is a pure sine: interference.
     pub line: bool,
+    /// Standard error of the frequency \[Hz\]; this and what follows is not there in records of older programs.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sd_hz: Option<f64>,
+    /// Damping ratio \[-\].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub damping: Option<f64>,
+    /// Height over the noise floor \[dB\].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub level_db: Option<f64>,
+    /// What it was taken for.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub taken_for: Option<Nature>,
+    /// The peak it is a multiple of.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub multiple_of: Option<Multiple>,
 }
 
 /// Prior and posterior density of one quantity at the same evenly spaced values.
@@ -83,6 +126,14 @@ pub struct Density {
 }
 
 impl Snapshot {
+    /// Of what came of a record; `None` for frequencies measured elsewhere, and where no sample is left of a refused record.
+    pub fn of_outcome(prior: &RodPrior, outcome: &Outcome) -> Option<Self> {
+        match outcome {
+            Outcome::Identified(identification) => Self::of(prior, identification),
+            Outcome::Rejected(rejected) => Self::of_rejected(rejected),
+        }
+    }
+
     /// Of an identified record; `None` for frequencies measured elsewhere, which have no spectrum.
     pub fn of(prior: &RodPrior, identification: &Identification) -> Option<Self> {
         let measurement = identification.measurement.as_ref()?;
@@ -90,30 +141,119 @@ impl Snapshot {
         let highest_hz = modes
             .iter()
             .fold(0.0_f64, |high, mode| high.max(mode.frequency_hz));
-        let peaks = measurement.resonances.iter().map(|resonance| PeakMark {
-            frequency_hz: resonance.frequency_hz,
-            // A labelled mode is one of the resonances; frequency and error are its own, bit for bit or adjusted
-            // by far less than a line.
-            order: modes
-                .iter()
-                .find(|mode| {
-                    (mode.frequency_hz - resonance.frequency_hz).abs() < 0.5 * measurement.spectrum.df_hz
-                })
-                .map(|mode| mode.order),
-            line: resonance.line,
-        });
         Some(Self {
+            seed: format!("{:016x}", identification.posterior.seed),
+            densities: densities(prior, &identification.posterior),
+            hangs_on: identification.hangs_on.clone(),
+            ..Self::of_measurement(
+                measurement,
+                modes,
+                identification.labels.as_ref(),
+                BEYOND_HIGHEST * highest_hz,
+            )
+        })
+    }
+
+    /// Of a refused record; `None` if no sample of it is left, or nobody knows when it was taken.
+    pub fn of_rejected(rejected: &Rejected) -> Option<Self> {
+        let reason = Reason {
+            code: rejected.rejection.code().to_owned(),
+            message: rejected.rejection.to_string(),
+        };
+        let seen = match &rejected.measurement {
+            Some(measurement) => {
+                let peaks = measurement.resonances.iter().map(|peak| peak.frequency_hz);
+                let high_hz = match (peaks.reduce(f64::max), &rejected.rejection) {
+                    (Some(highest_hz), _) => BEYOND_HIGHEST * highest_hz,
+                    (None, Rejection::NoPeak { high_hz, .. }) => *high_hz,
+                    (None, _) => 0.5 * measurement.fs_hz,
+                };
+                Self::of_measurement(measurement, &[], rejected.labels.as_ref(), high_hz)
+            }
+            None => Self {
+                start: rejected.start?,
+                duration_s: rejected.duration_s?,
+                fs_hz: rejected.fs_hz?,
+                seed: String::new(),
+                waveform: Some(rejected.waveform.clone()?),
+                curve: Curve {
+                    first_hz: 0.0,
+                    step_hz: 0.0,
+                    level_db: Vec::new(),
+                },
+                peaks: Vec::new(),
+                densities: Vec::new(),
+                hangs_on: None,
+                motion: None,
+                label_probability: None,
+                candidates: Vec::new(),
+                rejection: None,
+            },
+        };
+        Some(Self {
+            rejection: Some(reason),
+            // A probability belongs to the orders that were told: here none was.
+            label_probability: None,
+            ..seen
+        })
+    }
+
+    /// Of what was measured, up to a frequency \[Hz\], with the modes that were labelled.
+    pub fn of_measurement(
+        measurement: &Measurement,
+        modes: &[Mode],
+        labels: Option<&Labels>,
+        high_hz: f64,
+    ) -> Self {
+        let is_certain = |labels: &&Labels| !modes.is_empty() && labels.probability >= CERTAIN;
+        Self {
             start: measurement.start,
             duration_s: measurement.duration_s,
             fs_hz: measurement.fs_hz,
-            seed: format!("{:016x}", identification.posterior.seed),
+            seed: String::new(),
             waveform: Some(measurement.waveform.clone()),
-            curve: Curve::of(&measurement.spectrum, BEYOND_HIGHEST * highest_hz),
-            peaks: peaks
-                .filter(|peak| peak.frequency_hz <= BEYOND_HIGHEST * highest_hz)
+            curve: Curve::of(&measurement.spectrum, high_hz),
+            peaks: findings::peaks(measurement, modes)
+                .iter()
+                .zip(&measurement.resonances)
+                .map(|(peak, resonance)| PeakMark::of(peak, resonance.line))
+                .filter(|peak| peak.frequency_hz <= high_hz)
                 .collect(),
-            densities: densities(prior, &identification.posterior),
-        })
+            densities: Vec::new(),
+            hangs_on: None,
+            motion: Some(measurement.motion.clone()),
+            label_probability: labels.map(|labels| labels.probability),
+            candidates: labels
+                .filter(|labels| !is_certain(labels))
+                .map(Candidate::all)
+                .unwrap_or_default(),
+            rejection: None,
+        }
+    }
+}
+
+impl PeakMark {
+    fn of(peak: &Peak, line: bool) -> Self {
+        Self {
+            frequency_hz: peak.frequency_hz,
+            order: peak.order,
+            line,
+            sd_hz: Some(peak.sd_hz),
+            damping: Some(peak.damping),
+            level_db: Some(peak.level_db),
+            taken_for: Some(peak.taken_for),
+            multiple_of: peak.multiple_of,
+        }
+    }
+
+    /// What it was taken for, in words.
+    pub fn said(&self) -> String {
+        match (self.taken_for, self.order) {
+            (Some(nature), order) => findings::said(nature, order, self.multiple_of),
+            (None, Some(order)) => format!("mode {order}"),
+            (None, None) if self.line => "tone".to_owned(),
+            (None, None) => "not of the rod".to_owned(),
+        }
     }
 }
 
@@ -157,22 +297,83 @@ fn densities(prior: &RodPrior, posterior: &Posterior) -> Vec<Density> {
         .filter(|(_, (_, prior))| !prior.is_fixed())
         .map(|(column, (quantity, prior))| {
             let values = posterior.particles.iter().skip(column).step_by(width).copied();
-            density(quantity.key(), prior, values, &posterior.weights)
+            let weights = &posterior.weights;
+            match prior {
+                // The stiffness itself has no scale that shows both hinge and clamp.
+                Prior::Fixity(fixity) => {
+                    let before = Before {
+                        mean_sd: fixity.fixity_mean_and_sd(),
+                        span: (0.0, 1.0),
+                        density: &|value| fixity.density_of_fixity(value),
+                    };
+                    density(
+                        fixity_key(*quantity),
+                        &before,
+                        values.map(|k| fixity.of(k)),
+                        weights,
+                    )
+                }
+                _ => of_quantity(quantity.key(), prior, values, weights),
+            }
         })
         .collect()
+}
+
+/// The key under which the fixity of a support is shown.
+fn fixity_key(support: Quantity) -> &'static str {
+    match support {
+        Quantity::SpringLeft => "fixity_left",
+        _ => "fixity_right",
+    }
+}
+
+/// What was known of a quantity before, as it is drawn.
+struct Before<'a> {
+    mean_sd: (f64, f64),
+    /// The first and last value shown.
+    span: (f64, f64),
+    density: &'a dyn Fn(f64) -> f64,
+}
+
+fn of_quantity(
+    quantity: &str,
+    prior: &Prior,
+    values: impl Iterator<Item = f64> + Clone,
+    weights: &[f64],
+) -> Density {
+    let (mean, sd) = prior.mean_and_sd();
+    let span = match *prior {
+        // Some decades: what is left of them is shown, with as much again around it.
+        Prior::LogUniform { low, high } => {
+            let (least, most) = values.clone().fold((high, low), |(least, most), value| {
+                (least.min(value), most.max(value))
+            });
+            let room = 0.5 * (most - least).max(1e-6 * high);
+            ((least - room).max(low), (most + room).min(high))
+        }
+        _ => (
+            (mean - DENSITY_SPAN_SD * sd).max(0.0),
+            mean + DENSITY_SPAN_SD * sd,
+        ),
+    };
+    let before = Before {
+        mean_sd: (mean, sd),
+        span,
+        density: &|value| libm::exp(prior.log_density(value)),
+    };
+    density(quantity, &before, values, weights)
 }
 
 /// Prior by its closed form; posterior by a Gaussian kernel of Silverman's width
 /// 0.9 sd ess^(-1/5) on linearly binned particles. Both are scaled to one over the span shown.
 fn density(
     quantity: &str,
-    prior: &Prior,
+    before: &Before<'_>,
     values: impl Iterator<Item = f64> + Clone,
     weights: &[f64],
 ) -> Density {
-    let (prior_mean, prior_sd) = prior.mean_and_sd();
-    let low = (prior_mean - DENSITY_SPAN_SD * prior_sd).max(0.0);
-    let high = prior_mean + DENSITY_SPAN_SD * prior_sd;
+    let (prior_mean, prior_sd) = before.mean_sd;
+    let (low, high) = before.span;
     let step = (high - low) / (DENSITY_POINTS - 1) as f64;
 
     let mut mass = vec![0.0; DENSITY_POINTS];
@@ -204,7 +405,7 @@ fn density(
         quantity: quantity.to_owned(),
         low,
         high,
-        prior: scaled((0..DENSITY_POINTS).map(|i| libm::exp(prior.log_density(low + i as f64 * step)))),
+        prior: scaled((0..DENSITY_POINTS).map(|i| (before.density)(low + i as f64 * step))),
         posterior: scaled((0..DENSITY_POINTS).map(smooth)),
         prior_mean_sd: (prior_mean, prior_sd),
         posterior_mean_sd: (prior_mean + sum, sd),
@@ -238,7 +439,7 @@ mod tests {
         let mut generator = random::stream(3, 0);
         let values: Vec<f64> = (0..10_000).map(|_| normal.sample(&mut generator)).collect();
         let weights = vec![1e-4; values.len()];
-        let shown = density("axial_force_n", &prior, values.iter().copied(), &weights);
+        let shown = of_quantity("axial_force_n", &prior, values.iter().copied(), &weights);
         let moments = |density: &[f64]| {
             let step = (shown.high - shown.low) / (density.len() - 1) as f64;
             let total: f64 = density.iter().sum();

@@ -3,7 +3,7 @@
 use crate::analysis::{Plan, Refusal};
 use crate::outcome::{Outcome, Rejected};
 use crate::pipeline::message_of;
-use crate::record::{Reading, Record, Rejection, RodId};
+use crate::record::{Envelope, Reading, Record, Rejection, RodId};
 use crate::source::Event;
 use crate::store::Position;
 use std::collections::{BTreeMap, HashMap, HashSet};
@@ -68,7 +68,12 @@ impl Passed {
 
 /// The outcome of a record that gives no force.
 pub fn refused(record: Record, identity: [u8; 32], refusal: Refusal) -> Outcome {
+    let waveform = match refusal.measurement {
+        Some(_) => None,
+        None => Some(Envelope::of(&record.samples, record.fs_hz)),
+    };
     Outcome::Rejected(Box::new(Rejected {
+        waveform,
         start: Some(record.start),
         duration_s: Some(record.duration_s()),
         fs_hz: Some(record.fs_hz),
@@ -89,18 +94,21 @@ pub fn analyse(event: Event, plans: &BTreeMap<RodId, Plan>, known: &Known) -> An
             rod,
             start,
             duration_s,
+            fs_hz,
+            waveform,
             rejection,
         } => {
             let rejected = Rejected {
                 rod,
                 start,
                 duration_s: Some(duration_s),
-                fs_hz: None,
+                fs_hz,
                 identity: None,
                 readings: Vec::new(),
                 rejection,
                 measurement: None,
                 labels: None,
+                waveform,
             };
             return Analysed::Record(Box::new(Outcome::Rejected(Box::new(rejected))));
         }

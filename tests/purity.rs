@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-const PURE: [&str; 15] = [
+const PURE: [&str; 16] = [
     "record",
     "spectrum",
     "modes",
@@ -13,6 +13,7 @@ const PURE: [&str; 15] = [
     "bayes",
     "analysis.rs",
     "outcome.rs",
+    "findings.rs",
     "snapshot.rs",
     "study",
     "synthesis",

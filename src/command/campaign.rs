@@ -1,17 +1,21 @@
 //! Recorded campaigns through the plans: every record's outcome in order, losses named, all counted.
 
-use super::WITH_LOSSES;
+use super::foreign;
 use super::progress::Progress;
+use super::{BadArguments, WITH_LOSSES};
 use crate::analysis::Plan;
 use crate::config::Config;
+use crate::import::{self, How, Whose};
 use crate::outcome::Outcome;
 use crate::pipeline::{Limits, map_in_order};
-use crate::record::{Reading as Temperature, Rejection, RodChannels, RodId};
-use crate::source::{self, Event, Recordings, SourceError, Step, Summary};
+use crate::record::{Reading as Temperature, RecordSettings, Rejection, RodChannels, RodId};
+use crate::source::folder::first_time;
+use crate::source::{self, Event, Opener, Recordings, SourceError, Step, Summary};
 use crate::step::{Analysed, Known, Passed, Place, analyse};
 use crate::store::Position;
 use std::collections::{BTreeMap, HashSet};
 use std::fmt::{self, Display};
+use std::fs::File;
 use std::io;
 use std::ops::ControlFlow;
 use std::path::PathBuf;
@@ -106,6 +110,17 @@ impl Display for Tally {
     }
 }
 
+/// Another program's files among the recordings.
+#[derive(Debug)]
+pub struct Others {
+    /// What is said of them.
+    pub how: How,
+    /// Whether the configuration was named for them.
+    pub is_meant: bool,
+    /// Whether one that does not say when it began is taken all the same.
+    pub any_start: bool,
+}
+
 /// Runs every record of `paths` (files, or folders of them) through its rod's plan and hands what came
 /// of them to `on_news` in the order of the recordings. What was lost is said on stderr. `None` if
 /// the reader of stdout has seen enough (`| head`). A record with the same data as one before (a copied or
@@ -118,10 +133,15 @@ pub fn run(
     config: &Config,
     plans: &BTreeMap<RodId, Plan>,
     reading: &Reading,
+    others: Others,
     known: &Known,
     mut on_news: impl FnMut(News<'_>, &Progress) -> anyhow::Result<Taken>,
 ) -> anyhow::Result<Option<Tally>> {
-    let files = source::recordings(paths);
+    let files = in_order(source::recordings(paths), &others.how);
+    if others.how.start.is_some() && files.len() > 1 {
+        let why = "--start says when one file began, and several are given: replay them one by one";
+        return Err(BadArguments(why.to_owned()).into());
+    }
     let total: u64 = files
         .iter()
         .flatten()
@@ -134,7 +154,9 @@ pub fn run(
     );
     let done = Arc::new(AtomicU64::new(0));
     let channels: Vec<RodChannels> = config.rods.iter().map(|rod| rod.channels.clone()).collect();
-    let input = Recordings::new(files, channels, config.record, reading.follow, Arc::clone(&done));
+    let open = opener(others, channels.clone(), config.record);
+    let input =
+        Recordings::new(files, channels, config.record, reading.follow, Arc::clone(&done)).opened_by(open);
     let workers = reading.threads.map_or_else(
         || thread::available_parallelism().map_or(1, usize::from),
         usize::from,
@@ -227,6 +249,45 @@ pub fn run(
     }
 }
 
+/// Puts other programs' files among the recordings by the time of their first sample; those that do not say it stay last.
+fn in_order(files: Vec<Result<PathBuf, SourceError>>, how: &How) -> Vec<Result<PathBuf, SourceError>> {
+    if files.len() < 2 {
+        return files;
+    }
+    let first = |path: &PathBuf| {
+        let recorded = File::open(path).ok().and_then(|file| first_time(&file));
+        let time = || Some(import::begins(path, how)?.as_nanos());
+        recorded
+            .or_else(|| u64::try_from(time()?).ok())
+            .unwrap_or(u64::MAX)
+    };
+    let mut timed: Vec<_> = files
+        .into_iter()
+        .map(|file| (file.as_ref().map_or(0, first), file))
+        .collect();
+    timed.sort_by_key(|(time, _)| *time);
+    timed.into_iter().map(|(_, file)| file).collect()
+}
+
+/// Opens recordings and other programs' files.
+fn opener(others: Others, rods: Vec<RodChannels>, settings: RecordSettings) -> Opener {
+    Box::new(move |path, options| {
+        let whose = Whose {
+            rods: &rods,
+            is_meant: others.is_meant,
+            any_start: others.any_start,
+        };
+        import::open(
+            path,
+            &others.how,
+            whose,
+            &settings,
+            options.clone(),
+            &foreign::watch,
+        )
+    })
+}
+
 impl Tally {
     fn file(&mut self, result: &Result<Summary, SourceError>, bar: &Progress) {
         self.files += 1;
@@ -237,6 +298,9 @@ impl Tally {
                 return bar.say(&format!("error: {error}"));
             }
         };
+        for note in &summary.notes {
+            bar.say(note);
+        }
         for fault in summary.faults() {
             bar.say(&format!("warning: {fault}"));
         }

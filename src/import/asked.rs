@@ -66,6 +66,12 @@ pub struct Asked<'a> {
     pub resample_hz: Option<f64>,
     /// The rods of a configuration the result is for; empty: any.
     pub rods: &'a [RodChannels],
+    /// What stands in for a start that nobody says; none: it is refused.
+    pub start_else: Option<Timestamp>,
+    /// Whether a unit that nobody says is no fault: the samples are looked at as they are.
+    pub any_unit: bool,
+    /// Whether uneven stamps are handed on as they are, to be judged where records are made; else they are refused.
+    pub keeps_stamps: bool,
 }
 
 pub(super) fn channels_of(rods: &[RodChannels]) -> impl Iterator<Item = (&str, &Channel)> {
@@ -127,7 +133,7 @@ pub(super) fn unit(
     wanted: Option<&Wanted>,
     asked: &Asked<'_>,
     topic: &str,
-) -> Result<Unit, ImportError> {
+) -> Result<Option<Unit>, ImportError> {
     let told = told(signal);
     let written = signal.unit.as_deref();
     let of_file = written.and_then(Unit::as_written);
@@ -159,10 +165,13 @@ pub(super) fn unit(
             Some(_) => {}
             // A unit that is written but none of ours: what the configuration says may be another one.
             None if written.is_some() => {}
-            None => return Ok(channel.unit),
+            None => return Ok(Some(channel.unit)),
         }
     }
-    settled.ok_or_else(|| {
+    if settled.is_some() || asked.any_unit {
+        return Ok(settled);
+    }
+    Err({
         let what = match written {
             Some(written) => format!("the unit {written:?} of {told} is none of ours"),
             None => format!("the file does not say the unit of {told}"),

@@ -3,8 +3,8 @@
 //! <https://www.mathworks.com/help/pdf_doc/matlab/matfile_format.pdf>. Ours, because of the crates there are one prints to the
 //! terminal and leaves out variables in silence, another refuses files of `scipy.io.savemat`.
 
-use super::csv::SINCE_2001;
-use super::stamp::TimeUnit;
+use super::numbers::Kind;
+use super::stamp::{self, TimeUnit};
 use super::{ImportError, MOST_VALUES, Signal, Stamps, Timing, is_time_name};
 use flate2::read::ZlibDecoder;
 use std::io::Read;
@@ -66,7 +66,10 @@ pub fn read(
         None => find_time && is_time_name(&array.name) && array.values.len() > 1,
     };
     let stamps = match arrays.iter().position(is_time) {
-        Some(at) => Some(Arc::new(stamps(arrays.remove(at), unit)?)),
+        Some(at) => {
+            let array = arrays.remove(at);
+            Some(Arc::new(stamp::from_numbers(&array.name, &array.values, unit)?))
+        }
         None => match time {
             Some(name) => return Err(missing(name, &arrays, &found.skipped)),
             None => None,
@@ -302,74 +305,26 @@ impl<'a> Cursor<'a> {
 
 /// Numbers of any stored kind as doubles; whole numbers that a double cannot hold are refused.
 fn numbers(kind: u32, bytes: &[u8], is_little: bool) -> Result<Vec<f64>, String> {
-    macro_rules! read {
-        ($number:ty) => {{
-            const SIZE: usize = size_of::<$number>();
-            if !bytes.len().is_multiple_of(SIZE) {
-                return Err("its bytes are no whole number of numbers: damaged".to_owned());
-            }
-            bytes
-                .chunks_exact(SIZE)
-                .filter_map(|chunk| <[u8; SIZE]>::try_from(chunk).ok())
-                .map(|chunk| {
-                    if is_little {
-                        <$number>::from_le_bytes(chunk)
-                    } else {
-                        <$number>::from_be_bytes(chunk)
-                    }
-                })
-        }};
-    }
-    let inexact = || "holds whole numbers beyond 2^53, which a double cannot hold".to_owned();
-    Ok(match kind {
-        1 => read!(i8).map(f64::from).collect(),
-        2 => read!(u8).map(f64::from).collect(),
-        3 => read!(i16).map(f64::from).collect(),
-        4 => read!(u16).map(f64::from).collect(),
-        5 => read!(i32).map(f64::from).collect(),
-        6 => read!(u32).map(f64::from).collect(),
-        7 => read!(f32).map(f64::from).collect(),
-        9 => read!(f64).collect(),
-        12 => read!(i64)
-            .map(|number| {
-                (number.unsigned_abs() <= 1 << 53)
-                    .then_some(number as f64)
-                    .ok_or_else(inexact)
-            })
-            .collect::<Result<_, _>>()?,
-        13 => read!(u64)
-            .map(|number| (number <= 1 << 53).then_some(number as f64).ok_or_else(inexact))
-            .collect::<Result<_, _>>()?,
+    let kind = match kind {
+        1 => Kind::I8,
+        2 => Kind::U8,
+        3 => Kind::I16,
+        4 => Kind::U16,
+        5 => Kind::I32,
+        6 => Kind::U32,
+        7 => Kind::F32,
+        9 => Kind::F64,
+        12 => Kind::I64,
+        13 => Kind::U64,
         other => return Err(format!("holds numbers of an unknown kind ({other}): damaged")),
-    })
-}
-
-fn stamps(array: Array, unit: TimeUnit) -> Result<Stamps, ImportError> {
-    let nanos: Option<Vec<i64>> = array
-        .values
-        .iter()
-        .map(|value| {
-            let nanos = (value * unit.nanos()).round();
-            (nanos.abs() < 9.2e18).then_some(nanos as i64)
-        })
-        .collect();
-    let refused = || {
-        ImportError::at(
-            &array.name,
-            "holds a time that is not finite, or beyond 292 years",
-        )
     };
-    let nanos = nanos.ok_or_else(refused)?;
-    // Doubles near 1.8e9 s are a quarter of a microsecond apart.
-    let largest = nanos
-        .iter()
-        .fold(0, |largest: u64, nano| largest.max(nano.unsigned_abs()));
-    Ok(Stamps {
-        absolute: nanos.first().is_some_and(|first| *first >= SINCE_2001),
-        resolution_ns: (largest >> 52).max(1) as i64,
-        nanos,
-        lines: Vec::new(),
-    })
+    if !bytes.len().is_multiple_of(kind.size()) {
+        return Err("its bytes are no whole number of numbers: damaged".to_owned());
+    }
+    let mut values = Vec::with_capacity(bytes.len() / kind.size());
+    kind.each(bytes, is_little, |value| values.push(value))
+        .map_err(|inexact| inexact.to_string())?;
+    Ok(values)
 }
 
 /// Puts the channels of a variable to the others.

@@ -1,23 +1,36 @@
 //! Measurements of other programs in: one pure reader a format, one grid of time, one writer to MCAP.
 //!
 //! ```text
-//! csv, uff, wav, mat -> Signal -> plan (topic, unit, rate, stretches) -> write -> MCAP
+//! csv, uff, wav, mat, lvm, tdms, npy -> Signal -> plan (topic, unit, rate, stretches) -> write -> MCAP
+//!                                                                                    -> open  -> records
 //! ```
 
 mod asked;
+mod choose;
+mod contents;
 pub mod csv;
+mod format;
 mod grid;
 mod heads;
 mod lines;
+pub mod lvm;
 pub mod mat;
+pub mod npy;
+mod numbers;
+mod open;
+mod order;
 pub mod plan;
+mod ramp;
 mod stamp;
+pub mod tdms;
 pub mod uff;
 pub mod wav;
 mod write;
 
 pub use self::asked::{Asked, Wanted, unknown_unit};
-pub use self::grid::rounded;
+pub use self::contents::{Contents, How, describe, read};
+pub use self::format::Format;
+pub use self::open::{Opened, Seen, Whose, begins, open, open_any, topics};
 pub use self::plan::Plan;
 pub use self::stamp::{DateOrder, TimeUnit, utc_offset};
 pub use self::write::write;
@@ -35,6 +48,7 @@ pub const MOST_VALUES: usize = 1 << 25;
 pub struct ImportError {
     place: String,
     what: String,
+    is_unknown_format: bool,
 }
 
 impl ImportError {
@@ -43,14 +57,20 @@ impl ImportError {
         Self {
             place: String::new(),
             what: what.into(),
+            is_unknown_format: false,
         }
+    }
+
+    /// Whether nobody knows the format, which an argument may say.
+    pub fn is_unknown_format(&self) -> bool {
+        self.is_unknown_format
     }
 
     /// At a place within it.
     pub fn at(place: impl std::fmt::Display, what: impl Into<String>) -> Self {
         Self {
             place: format!("{place}: "),
-            what: what.into(),
+            ..Self::new(what)
         }
     }
 
@@ -118,6 +138,15 @@ impl Stamps {
             Some(line) => format!("line {line}"),
             None => format!("sample {}", index + 1),
         }
+    }
+}
+
+/// Whether the file says when a channel began.
+fn has_start(signal: &Signal) -> bool {
+    match &signal.timing {
+        Timing::Unknown => false,
+        Timing::Rate { start, .. } => start.is_some(),
+        Timing::Stamps(stamps) => stamps.absolute,
     }
 }
 

@@ -1,11 +1,12 @@
 //! What is written of a file: topics, units, rates and times settled, and held against a configuration.
 
 use super::asked::{Asked, Wanted, channels_of, choose, told, unit};
-use super::grid::{self, Stretch, rounded};
+use super::grid::{self, Stretch};
 use super::{ImportError, MOST_VALUES, Signal, Stamps, Timing};
 use crate::config::field_of;
 use crate::record::{RodChannels, Timestamp, Unit};
 use crate::sink::{Encoding, Layout};
+use crate::source::contents::rounded;
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -46,6 +47,12 @@ pub struct Planned {
     pub deviation_s: Option<f64>,
     /// Whether the samples are interpolated.
     pub is_resampled: bool,
+    /// Whether anybody says the unit; else the metre stands for it.
+    pub says_unit: bool,
+    /// Whether anybody says when it began.
+    pub says_start: bool,
+    /// Whether each sample has a stamp of its own, because they are uneven.
+    pub is_stamped: bool,
 }
 
 impl Planned {
@@ -66,16 +73,41 @@ impl Plan {
     /// # Errors
     /// Something is missing or contradicts: a unit, the rate, the time, a channel; the sentence says what to add.
     pub fn new(signals: Vec<Signal>, asked: &Asked<'_>, encoding: Encoding) -> Result<Self, ImportError> {
+        let chosen = choose(signals, asked.channels)?;
+        let plan = Self::of(chosen, asked, encoding)?;
+        plan.check(asked.rods, true)?;
+        Ok(plan)
+    }
+
+    /// The same of channels that are for rods already, to be read without being written.
+    pub(super) fn to_read(signals: Vec<(Signal, Wanted)>, asked: &Asked<'_>) -> Result<Self, ImportError> {
+        let chosen = signals
+            .iter()
+            .map(|(_, wanted)| wanted.clone())
+            .collect::<Vec<_>>();
+        let signals = signals.into_iter().map(|(signal, _)| signal);
+        let pairs = signals
+            .zip(&chosen)
+            .map(|(signal, wanted)| (signal, Some(wanted)));
+        let plan = Self::of(pairs.collect(), asked, Encoding::Protobuf)?;
+        plan.check(asked.rods, false)?;
+        Ok(plan)
+    }
+
+    fn of(
+        chosen: Vec<(Signal, Option<&Wanted>)>,
+        asked: &Asked<'_>,
+        encoding: Encoding,
+    ) -> Result<Self, ImportError> {
         let mut grids = Vec::new();
         let mut plan = Self {
             encoding,
             channels: Vec::new(),
         };
-        for (signal, wanted) in choose(signals, asked.channels)? {
+        for (signal, wanted) in chosen {
             let planned = plan.settle(signal, wanted, asked, &mut grids)?;
             plan.channels.push(planned);
         }
-        plan.check(asked.rods)?;
         Ok(plan)
     }
 
@@ -89,10 +121,11 @@ impl Plan {
         let topic = self.topic(&signal, wanted)?;
         let unit = unit(&signal, wanted, asked, &topic)?;
         let told = told(&signal);
+        let says_start = asked.start.is_some() || super::has_start(&signal);
         let mut values = signal.values;
         let (fs_hz, stretches, deviation_s) = match &signal.timing {
             Timing::Stamps(stamps) => {
-                let base_ns = base(stamps, asked.start, &told)?;
+                let base_ns = base(stamps, asked, &told)?;
                 let grid = match asked.resample_hz {
                     Some(fs_hz) => {
                         let most =
@@ -104,7 +137,10 @@ impl Plan {
                     None => match grids.iter().find(|(known, _)| Arc::ptr_eq(known, stamps)) {
                         Some((_, grid)) => grid.clone(),
                         None => {
-                            let grid = grid::even(stamps)?;
+                            let grid = grid::even(stamps).or_else(|error| {
+                                let stamped = asked.keeps_stamps.then(|| grid::uneven(stamps)).flatten();
+                                stamped.ok_or(error)
+                            })?;
                             grids.push((Arc::clone(stamps), grid.clone()));
                             grid
                         }
@@ -129,12 +165,16 @@ impl Plan {
                         "{told} has no stamps to resample from: leave --resample out"
                     )));
                 }
-                let fs_hz = rate(timing, asked.rate_hz, &told)?;
+                let of_config = channels_of(asked.rods)
+                    .find(|(_, channel)| channel.topic == topic)
+                    .and_then(|(_, channel)| channel.fs_hz);
+                let fs_hz = rate(timing, asked.rate_hz, of_config, &told)?;
                 let of_file = match timing {
                     Timing::Rate { start, .. } => *start,
                     _ => None,
                 };
-                let start = asked.start.or(of_file).ok_or_else(|| no_start(&told))?;
+                let start = asked.start.or(of_file).or(asked.start_else);
+                let start = start.ok_or_else(|| no_start(&told))?;
                 (fs_hz, vec![(start, 0..values.len())], None)
             }
         };
@@ -143,7 +183,10 @@ impl Plan {
                 "{told}: a rate of {fs_hz} Hz lies outside 0.0001 Hz to 1 MHz"
             )));
         }
-        let is_batch = !Unit::TEMPERATURE.contains(&unit) && fs_hz > 2.0;
+        let says_unit = unit.is_some();
+        let unit = unit.unwrap_or(Unit::Metre);
+        let is_stamped = stretches.len() > 1 && stretches.len() == values.len();
+        let is_batch = !Unit::TEMPERATURE.contains(&unit) && fs_hz > 2.0 && !is_stamped;
         Ok(Planned {
             name: signal.name,
             written_unit: signal.unit,
@@ -160,6 +203,9 @@ impl Plan {
             stretches,
             deviation_s,
             is_resampled: asked.resample_hz.is_some(),
+            says_unit,
+            says_start,
+            is_stamped,
         })
     }
 
@@ -197,7 +243,7 @@ impl Plan {
     }
 
     /// Holds the channels against those a configuration reads.
-    fn check(&self, rods: &[RodChannels]) -> Result<(), ImportError> {
+    fn check(&self, rods: &[RodChannels], is_written: bool) -> Result<(), ImportError> {
         if rods.is_empty() {
             return Ok(());
         }
@@ -218,7 +264,7 @@ impl Plan {
                     )))
                 };
                 let field = planned.field(self.encoding);
-                if channel.field != field {
+                if is_written && channel.field != field {
                     return refuse(format!(
                         "the samples are written into the field {field:?}, the configuration reads {:?}",
                         channel.field
@@ -232,7 +278,7 @@ impl Plan {
                         rounded(planned.fs_hz)
                     ));
                 }
-                if channel.fs_hz.is_none() && matches!(planned.layout, Layout::Batch(_)) {
+                if is_written && channel.fs_hz.is_none() && matches!(planned.layout, Layout::Batch(_)) {
                     return refuse(format!(
                         "the configuration needs fs_hz = {:?} for it",
                         planned.fs_hz
@@ -263,12 +309,13 @@ fn no_start(told: &str) -> ImportError {
 }
 
 /// What to add to stamps so that they count from 1970 \[ns\].
-fn base(stamps: &Stamps, start: Option<Timestamp>, told: &str) -> Result<i64, ImportError> {
+fn base(stamps: &Stamps, asked: &Asked<'_>, told: &str) -> Result<i64, ImportError> {
     let first = stamps.nanos.first().copied().unwrap_or_default();
+    let start = asked.start.or(asked.start_else.filter(|_| !stamps.absolute));
     match (stamps.absolute, start) {
         (true, None) => Ok(0),
         (true, Some(start)) => Err(ImportError::new(format!(
-            "{told} begins at {} by its stamps, at {start} by --start: leave one out (--time none leaves the stamps out)",
+            "{told} begins at {} by its stamps, at {start} by --start: leave --start out",
             Timestamp::from_nanos(first)
         ))),
         (false, Some(start)) => Ok(start.as_nanos().saturating_sub(first)),
@@ -283,31 +330,45 @@ fn is_same_rate(a: f64, b: f64) -> bool {
 /// Refuses a rate that somebody says and the file contradicts.
 fn agree(fs_hz: f64, said: Option<f64>, told: &str) -> Result<(), ImportError> {
     match said {
-        Some(said) if !is_same_rate(said, fs_hz) => Err(ImportError::new(format!(
-            "{told} has {} Hz by the file, {said} Hz by --rate",
-            rounded(fs_hz)
-        ))),
+        Some(said) if !is_same_rate(said, fs_hz) => Err(contradicted(fs_hz, said, told)),
         _ => Ok(()),
     }
 }
 
+fn contradicted(fs_hz: f64, said: f64, told: &str) -> ImportError {
+    ImportError::new(format!(
+        "{told} has {} Hz by the file, {said} Hz by --rate",
+        rounded(fs_hz)
+    ))
+}
+
 /// The rate of samples without stamps \[Hz\].
-fn rate(timing: &Timing, said: Option<f64>, told: &str) -> Result<f64, ImportError> {
-    match (timing, said) {
-        (Timing::Rate { fs_hz, rounding, .. }, said) => {
-            agree(*fs_hz, said, told)?;
-            // A header of six digits makes 1024 Hz 1024.0004 Hz.
-            let interval_ns = 1e9 / fs_hz;
-            Ok(match said {
-                Some(said) if *rounding > 0.0 => said,
-                _ if *rounding > 0.0 => 1e9 / grid::simplest(interval_ns, interval_ns * rounding),
-                _ => *fs_hz,
-            })
-        }
-        (_, Some(said)) => Ok(said),
-        (_, None) => Err(ImportError::new(format!(
-            "the file does not say the sample rate of {told}: --rate HZ says it, --time COLUMN where the stamps are"
+fn rate(timing: &Timing, said: Option<f64>, of_config: Option<f64>, told: &str) -> Result<f64, ImportError> {
+    let Timing::Rate { fs_hz, rounding, .. } = timing else {
+        return said.or(of_config).ok_or_else(|| {
+            ImportError::new(format!(
+                "the file does not say the sample rate of {told}: --rate HZ says it, --time COLUMN where the stamps are"
+            ))
+        });
+    };
+    let allowed = RATE_ERROR.max(*rounding);
+    let is_near = |said: &f64| (said / fs_hz - 1.0).abs() <= allowed;
+    match (said, of_config.filter(is_near)) {
+        (Some(said), _) if !is_near(&said) => Err(contradicted(*fs_hz, said, told)),
+        // A header of few digits is as good as who says the rate.
+        (Some(said), _) if *rounding > 0.0 => Ok(said),
+        (None, Some(of_config)) if *rounding > RATE_ERROR => Ok(of_config),
+        (None, None) if *rounding > RATE_ERROR => Err(ImportError::new(format!(
+            "the file writes the rate of {told} with so few digits ({} Hz give or take {:.1} %) that it is none: --rate HZ says it",
+            rounded(*fs_hz),
+            100.0 * rounding
         ))),
+        // A header of six digits makes 1024 Hz 1024.0004 Hz.
+        _ if *rounding > 0.0 => {
+            let interval_ns = 1e9 / fs_hz;
+            Ok(1e9 / grid::simplest(interval_ns, interval_ns * rounding))
+        }
+        _ => Ok(*fs_hz),
     }
 }
 

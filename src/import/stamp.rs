@@ -1,5 +1,6 @@
 //! Stamps as text: decimal numbers and dates, exact to the nanosecond.
 
+use super::{ImportError, Stamps};
 use jiff::civil::DateTime;
 use jiff::tz::Offset;
 
@@ -103,6 +104,48 @@ pub(super) fn number(text: &str, unit: TimeUnit) -> Option<Written> {
             .and_then(|step| i64::try_from(step).ok())
             .unwrap_or(1),
         is_date: false,
+    })
+}
+
+/// A time of day or a duration: `06:00:00.005`, `5:07`, `125:00:00,5`. Nanoseconds since 0:00; none if it is none.
+pub(super) fn clock(text: &str) -> Option<Written> {
+    let (hours, rest) = text.split_once(':')?;
+    let (minutes, seconds) = rest.split_once(':').unwrap_or((rest, "0"));
+    let whole = |text: &str, below: i64| {
+        let value = text.parse::<i64>().ok()?;
+        let is_plain = text.len() <= 5 && text.bytes().all(|byte| byte.is_ascii_digit());
+        (is_plain && value < below).then_some(value)
+    };
+    let (hours, minutes) = (whole(hours, 100_000)?, whole(minutes, 60)?);
+    let written = number(&seconds.replace(',', "."), TimeUnit::S)?;
+    let is_second = seconds.starts_with(|c: char| c.is_ascii_digit()) && written.nanos < 60_000_000_000;
+    is_second.then(|| Written {
+        nanos: (hours * 3600 + minutes * 60) * 1_000_000_000 + written.nanos,
+        ..written
+    })
+}
+
+/// Numbers from here on count from 1970: 10^9 s, in September 2001.
+pub(super) const SINCE_2001: i64 = 1_000_000_000_000_000_000;
+
+/// The stamps in a variable or channel called `name`.
+pub(super) fn from_numbers(name: &str, values: &[f64], unit: TimeUnit) -> Result<Stamps, ImportError> {
+    let in_nanos = |value: &f64| {
+        let nanos = (value * unit.nanos()).round();
+        (nanos.abs() < 9.2e18).then_some(nanos as i64)
+    };
+    let nanos: Option<Vec<i64>> = values.iter().map(in_nanos).collect();
+    let nanos =
+        nanos.ok_or_else(|| ImportError::at(name, "holds a time that is not finite, or beyond 292 years"))?;
+    // Doubles near 1.8e9 s are a quarter of a microsecond apart.
+    let largest = nanos
+        .iter()
+        .fold(0, |largest: u64, nano| largest.max(nano.unsigned_abs()));
+    Ok(Stamps {
+        absolute: nanos.first().is_some_and(|first| *first >= SINCE_2001),
+        resolution_ns: (largest >> 52).max(1) as i64,
+        nanos,
+        lines: Vec::new(),
     })
 }
 
@@ -243,6 +286,26 @@ mod tests {
             "99999999999999999999",
         ] {
             assert_eq!(nanos(bad, TimeUnit::S), None, "{bad}");
+        }
+    }
+
+    #[test]
+    fn times_of_day_count_from_midnight() {
+        let nanos = |text: &str| clock(text).map(|written| (written.nanos, written.resolution_ns));
+        assert_eq!(nanos("00:00:00,005"), Some((5_000_000, 1_000_000)));
+        assert_eq!(nanos("1:02:03"), Some((3_723_000_000_000, 1_000_000_000)));
+        assert_eq!(nanos("30:01").map(|found| found.0), Some(108_060_000_000_000));
+        for bad in [
+            "",
+            "1",
+            "1:60",
+            "1:00:60",
+            "a:b:c",
+            "1:00:00:00",
+            "1:2:-3",
+            "-1:00",
+        ] {
+            assert_eq!(clock(bad), None, "{bad}");
         }
     }
 

@@ -1,69 +1,83 @@
-//! WAV files: whole numbers or 32-bit floats, full scale given by who knows the recorder.
+//! WAV files: whole numbers of 8 to 32 bits, floats of 32 and 64 bits, full scale given by who knows the recorder.
 
+use super::numbers::Kind;
 use super::{ImportError, MOST_VALUES, Signal, Timing};
-use hound::{SampleFormat, WavReader};
-use std::io::{Cursor, Read};
+use std::io::Read;
+
+/// Bytes taken at once; whole numbers of every size fit.
+const BLOCK: usize = 3 << 14;
+/// The longest format chunk read \[bytes\]; the longest there is has 40.
+const LONGEST: u32 = 1 << 12;
+/// The most channels.
+const CHANNELS: usize = 1024;
 
 /// Reads every channel; the value of a sample is its share of full scale times `full_scale`.
 ///
 /// # Errors
 /// It is no WAV file, of a kind that is not read, or cut short.
 pub fn read(mut from: impl Read, full_scale: f64) -> Result<Vec<Signal>, ImportError> {
-    let mut head = Vec::new();
-    from.by_ref()
-        .take(HEAD)
-        .read_to_end(&mut head)
-        .map_err(|error| ImportError::unreadable(&error))?;
-    let frame_bytes = frame_bytes(&head);
-    let reader = WavReader::new(Cursor::new(head).chain(from)).map_err(|error| fault(&error))?;
-    let spec = reader.spec();
-    // Programs differ in which end of a wider container holds the sample, and a file does not say.
-    let tight = u32::from(spec.channels) * u32::from(spec.bits_per_sample).div_ceil(8);
-    if frame_bytes != Some(tight) {
-        return Err(ImportError::new(format!(
-            "samples of {} bits in wider containers, or with their format far from the beginning, are not read: convert it",
-            spec.bits_per_sample
-        )));
+    let lead = take(&mut from, 12)?;
+    if !lead.starts_with(b"RIFF") || lead.get(8..) != Some(b"WAVE") {
+        return Err(ImportError::new("is no WAV file"));
     }
-    let channels = usize::from(spec.channels);
-    if channels == 0 || spec.sample_rate == 0 {
-        return Err(ImportError::new("has no channels or no sample rate"));
+    let mut format = None;
+    let (format, bytes) = loop {
+        let head = take(&mut from, 8)?;
+        let (name, size) = match head[..] {
+            [a, b, c, d, e, f, g, h] => ([a, b, c, d], u32::from_le_bytes([e, f, g, h])),
+            _ => return Err(cut_short()),
+        };
+        match (&name, format) {
+            (b"data", Some(format)) => break (format, size),
+            (b"data", None) => return Err(ImportError::new("has samples before their format: damaged")),
+            (b"fmt ", _) if size <= LONGEST => {
+                format = Some(Format::parse(&take(&mut from, size as usize)?)?)
+            }
+            (b"fmt ", _) => return Err(ImportError::new("has a format of too many bytes: damaged")),
+            _ => pass(&mut from, u64::from(size))?,
+        }
+        // Chunks are padded to an even length.
+        pass(&mut from, u64::from(size % 2))?;
+    };
+    // What a program writes that does not know the length yet.
+    if bytes == u32::MAX {
+        return Err(cut_short());
     }
-    let frames = reader.duration() as usize;
-    if frames.saturating_mul(channels) > MOST_VALUES {
+    let frame = format.channels * format.kind.size();
+    let frames = bytes as usize / frame;
+    if frames.saturating_mul(format.channels) > MOST_VALUES {
         return Err(ImportError::too_long());
     }
-    let mut values: Vec<Vec<f64>> = vec![Vec::new(); channels];
-    let mut place = 0;
-    let mut take = |value: f64| {
-        if let Some(channel) = values.get_mut(place % channels) {
-            channel.push(value);
+    let mut values: Vec<Vec<f64>> = vec![Vec::new(); format.channels];
+    let (mut place, mut left) = (0, frames * frame);
+    let mut block = Vec::new();
+    while left > 0 {
+        block.clear();
+        from.by_ref()
+            .take(left.min(BLOCK) as u64)
+            .read_to_end(&mut block)
+            .map_err(|error| ImportError::unreadable(&error))?;
+        if block.len() < left.min(BLOCK) {
+            return Err(cut_short());
         }
-        place += 1;
-    };
-    match spec.sample_format {
-        SampleFormat::Int => {
-            // Full scale of n bits is 2^(n-1); the quotient is exact.
-            let most = 2_f64.powi(i32::from(spec.bits_per_sample) - 1);
-            for sample in reader.into_samples::<i32>() {
-                take(f64::from(sample.map_err(|error| fault(&error))?) / most * full_scale);
+        left -= block.len();
+        let push = |value: f64| {
+            if let Some(channel) = values.get_mut(place % format.channels) {
+                channel.push((value - format.middle) / format.most * full_scale);
             }
-        }
-        SampleFormat::Float => {
-            for sample in reader.into_samples::<f32>() {
-                take(f64::from(sample.map_err(|error| fault(&error))?) * full_scale);
-            }
-        }
-    }
-    if values.iter().any(|channel| channel.len() != frames) {
-        return Err(ImportError::new("ends within its samples: it is cut short"));
+            place += 1;
+        };
+        format
+            .kind
+            .each(&block, true, push)
+            .map_err(|error| ImportError::new(error.to_string()))?;
     }
     let signal = |(index, values)| Signal {
         name: format!("channel-{}", index + 1),
         number: index + 1,
         unit: None,
         timing: Timing::Rate {
-            fs_hz: f64::from(spec.sample_rate),
+            fs_hz: f64::from(format.rate_hz),
             rounding: 0.0,
             start: None,
         },
@@ -72,34 +86,96 @@ pub fn read(mut from: impl Read, full_scale: f64) -> Result<Vec<Signal>, ImportE
     Ok(values.into_iter().enumerate().map(signal).collect())
 }
 
-/// Bytes in which the format must stand.
-const HEAD: u64 = 4096;
+fn cut_short() -> ImportError {
+    ImportError::new("ends within its header or samples: it is cut short, or was never finished")
+}
 
-/// The bytes of one sample of all channels, as the format chunk says.
-fn frame_bytes(head: &[u8]) -> Option<u32> {
-    let mut rest = head.get(12..)?;
-    loop {
-        let (name, size) = (rest.get(..4)?, rest.get(4..8)?);
-        let size = u32::from_le_bytes(size.try_into().ok()?) as usize;
-        if name == b"fmt " {
-            let align = rest.get(20..22)?;
-            return Some(u32::from(u16::from_le_bytes(align.try_into().ok()?)));
-        }
-        // Chunks are padded to an even length.
-        rest = rest.get(8 + size + size % 2..)?;
+fn take(from: &mut impl Read, count: usize) -> Result<Vec<u8>, ImportError> {
+    let mut bytes = Vec::new();
+    from.take(count as u64)
+        .read_to_end(&mut bytes)
+        .map_err(|error| ImportError::unreadable(&error))?;
+    match bytes.len() == count {
+        true => Ok(bytes),
+        false => Err(cut_short()),
     }
 }
 
-fn fault(error: &hound::Error) -> ImportError {
-    ImportError::new(match error {
-        hound::Error::IoError(error) => {
-            format!("ends within its header or samples: it is cut short, or was never finished ({error})")
+fn pass(from: &mut impl Read, count: u64) -> Result<(), ImportError> {
+    let passed = std::io::copy(&mut from.take(count), &mut std::io::sink());
+    match passed.map_err(|error| ImportError::unreadable(&error))? == count {
+        true => Ok(()),
+        false => Err(cut_short()),
+    }
+}
+
+/// What the format chunk says.
+#[derive(Debug, Clone, Copy)]
+struct Format {
+    channels: usize,
+    rate_hz: u32,
+    kind: Kind,
+    /// The number that stands for zero; bytes are counted from below.
+    middle: f64,
+    /// The number that stands for full scale.
+    most: f64,
+}
+
+impl Format {
+    fn parse(bytes: &[u8]) -> Result<Self, ImportError> {
+        let word = |at: usize| match bytes.get(at..at + 2) {
+            Some(&[a, b]) => Ok(u16::from_le_bytes([a, b])),
+            _ => Err(ImportError::new("has a format of too few bytes: damaged")),
+        };
+        let (tag, channels, rate_hz) = (word(0)?, usize::from(word(2)?), [word(4)?, word(6)?]);
+        let (frame, bits) = (usize::from(word(12)?), word(14)?);
+        let rate_hz = u32::from(rate_hz[0]) | u32::from(rate_hz[1]) << 16;
+        if channels == 0 || rate_hz == 0 {
+            return Err(ImportError::new("has no channels or no sample rate"));
         }
-        hound::Error::Unsupported => {
-            "is a kind of WAV that is not read: whole numbers of 8 to 32 bits and 32-bit floats \
-             are; convert it"
-                .to_owned()
+        if channels > CHANNELS {
+            return Err(ImportError::new(format!(
+                "has {channels} channels: at most {CHANNELS} are read"
+            )));
         }
-        other => format!("is no WAV file: {other}"),
-    })
+        // The extensible format says its kind further behind, and how many bits of a number count.
+        let (tag, valid) = match tag {
+            0xfffe => (word(24)?, word(18)?),
+            tag => (tag, bits),
+        };
+        let size = usize::from(bits).div_ceil(8);
+        let kind = match (tag, bits) {
+            (1, 8) => Kind::U8,
+            (1, 16) => Kind::I16,
+            (1, 24) => Kind::I24,
+            (1, 32) => Kind::I32,
+            (3, 32) => Kind::F32,
+            (3, 64) => Kind::F64,
+            _ => {
+                return Err(ImportError::new(format!(
+                    "is a kind of WAV that is not read (format {tag}, {bits} bits): whole numbers of 8, 16, 24 and 32 bits and \
+                     floats of 32 and 64 are; convert it"
+                )));
+            }
+        };
+        // Programs differ in which end of a wider container holds the sample, and a file does not say.
+        if frame != channels * size || valid > bits {
+            return Err(ImportError::new(format!(
+                "samples of {bits} bits in wider containers are not read: convert it"
+            )));
+        }
+        // Samples of fewer bits than their container stand in its upper end: full scale is the container's.
+        let (middle, most) = match kind {
+            Kind::F32 | Kind::F64 => (0.0, 1.0),
+            Kind::U8 => (128.0, 128.0),
+            kind => (0.0, 2_f64.powi(8 * kind.size() as i32 - 1)),
+        };
+        Ok(Self {
+            channels,
+            rate_hz,
+            kind,
+            middle,
+            most,
+        })
+    }
 }

@@ -4,6 +4,7 @@ use super::band::{Band, Coefficients};
 use super::dispersion::{Dispersion, dispersion};
 use super::likelihood::{self, Parameters, Start, Value};
 use super::optimum::{Optimum, golden, maximise};
+use super::pair::{Member, Pair, pair};
 use super::parts::Beginning;
 use super::posterior::moments;
 use super::subband::{Pole, Subband};
@@ -40,6 +41,11 @@ const UNDECIDED_LOG_ODDS: f64 = 0.7;
 /// Unevenness of the amplitude below which a peak may be a tone: noise 20 dB below one makes 1.02.
 const TONE_UNEVENNESS: f64 = 1.25;
 
+/// Distance of two fits that are judged together, over the sum of their half-power half-widths.
+const TOUCHING: f64 = 5.0;
+/// Where one mode or two remains open, the farther of the two lies so many added standard errors off.
+const OPEN_SHARE: f64 = 1.5;
+
 /// Where a resonance is, before its errors.
 pub struct Place {
     /// The fit with the errors its curvature promises.
@@ -66,6 +72,8 @@ pub struct Fit {
     pub start: Start,
     value: Value,
     half_width_hz: f64,
+    /// What gusts make a log-likelihood gain larger by.
+    spread: f64,
     /// Middle and half width of the band fitted \[Hz\].
     band_hz: (f64, f64),
 }
@@ -166,6 +174,19 @@ impl Stretch<'_> {
     /// The series of a resonance, less the transients of the others and what is smooth across its band; `half_hz` to either side as far as its
     /// neighbours and masks allow.
     pub fn subband(&self, fit: &Fit, half_hz: f64, others: &[Fit]) -> Option<Subband> {
+        let (middle, half) = fit.band_hz;
+        let [level, slope] = fit.value.smooth;
+        self.band_series(fit, half_hz, others, |f| level + slope * ((f - middle) / half))
+    }
+
+    /// The series of a band about a resonance, less the transients of `others` and `smooth`.
+    fn band_series(
+        &self,
+        fit: &Fit,
+        half_hz: f64,
+        others: &[Fit],
+        smooth: impl Fn(f64) -> Complex<f64>,
+    ) -> Option<Subband> {
         let f = fit.resonance.frequency_hz;
         let limits = self.limits(f, others);
         let half = half_hz.max(LEAST_LINES / self.coefficients.duration_s);
@@ -178,14 +199,60 @@ impl Stretch<'_> {
             &self.coefficients,
             (low, high),
             fit.pole(),
-            |f| {
-                let (middle, half) = fit.band_hz;
-                let [level, slope] = fit.value.smooth;
-                others.iter().map(|other| pull(other, f)).sum::<Complex<f64>>()
-                    + level
-                    + slope * ((f - middle) / half)
-            },
+            |f| others.iter().map(|other| pull(other, f)).sum::<Complex<f64>>() + smooth(f),
         )
+    }
+
+    /// The resonances, with those taken apart that are two, and wider errors where that remains open. `fits` ascend
+    /// in frequency.
+    pub fn apart(&self, fits: &[Fit]) -> Vec<Resonance> {
+        let mut found: Vec<Resonance> = Vec::new();
+        let mut n = 0;
+        while n < fits.len() {
+            let fit = &fits[n];
+            let next = fits.get(n + 1).filter(|next| touch(fit, next));
+            let taken = 1 + usize::from(next.is_some());
+            let others: Vec<Fit> = fits[..n].iter().chain(&fits[n + taken..]).copied().collect();
+            match self.pair(fit, next, &others) {
+                Pair::Two(members) => {
+                    found.extend(members.map(|member| member_of(fit, member)));
+                }
+                verdict => {
+                    let mut one = fit.resonance;
+                    if let Pair::Open(far_hz) = verdict {
+                        one.frequency_sd_hz = one.frequency_sd_hz.hypot(far_hz / OPEN_SHARE);
+                    }
+                    found.push(one);
+                    found.extend(next.map(|next| next.resonance));
+                }
+            }
+            n += taken;
+        }
+        found.sort_by(|a, b| a.frequency_hz.total_cmp(&b.frequency_hz));
+        found
+    }
+
+    /// Whether a fit, alone or with the next one, is two modes.
+    fn pair(&self, fit: &Fit, next: Option<&Fit>, others: &[Fit]) -> Pair {
+        if fit.start == Start::Free || fit.resonance.line {
+            return Pair::One;
+        }
+        let width = |fit: &Fit| fit.resonance.damping * fit.resonance.frequency_hz;
+        let (f, gamma) = (fit.resonance.frequency_hz, width(fit));
+        let (reach, guess) = match next {
+            None => (HALF_WIDTHS * gamma, None),
+            Some(next) => {
+                let apart = next.resonance.frequency_hz - f;
+                let reach = apart + HALF_WIDTHS * gamma.max(width(next));
+                (reach, Some([fit.pole(), next.pole()]))
+            }
+        };
+        let Some(series) = self.band_series(fit, reach, others, |_| Complex::default()) else {
+            return Pair::One;
+        };
+        let noise =
+            (std::f64::consts::TAU * gamma / series.rate_hz).powi(-2) / fit.parameters.log_ratio.exp();
+        pair(&series, fit.pole(), noise, guess, fit.spread)
     }
 
     /// The maximum with the start that the stretch itself calls for.
@@ -333,6 +400,7 @@ impl Stretch<'_> {
             .unwrap_or(Dispersion::UNKNOWN);
         fit.resonance.frequency_sd_hz *= scatter.factor;
         fit.resonance.misfit = scatter.misfit;
+        fit.spread = scatter.factor * scatter.factor;
         let over_sine = self.over_sine(&found.band, &fit)?;
         let verdict = tone(
             over_sine,
@@ -452,6 +520,7 @@ impl Stretch<'_> {
             parameters: p,
             start: found.start,
             value,
+            spread: 1.0,
             half_width_hz: found.half_width_hz.max(2.0 * damping * p.frequency_hz),
             band_hz: (band.middle_hz, band.half_width_hz),
         })
@@ -480,6 +549,25 @@ impl Stretch<'_> {
                 let pulled: f64 = others.iter().map(|other| pull(other, f).norm_sqr()).sum();
                 lifted + pulled > 0.2 * fit.value.noise
             })
+    }
+}
+
+/// Whether two fits are so close that each is part of the other's band.
+fn touch(a: &Fit, b: &Fit) -> bool {
+    let width = |fit: &Fit| fit.resonance.damping * fit.resonance.frequency_hz;
+    let steady = |fit: &Fit| fit.start == Start::Stationary && !fit.resonance.line;
+    let apart = (a.resonance.frequency_hz - b.resonance.frequency_hz).abs();
+    steady(a) && steady(b) && apart < TOUCHING * (width(a) + width(b))
+}
+
+/// The resonance of one of two modes that `fit` was made to.
+fn member_of(fit: &Fit, member: Member) -> Resonance {
+    Resonance {
+        frequency_hz: member.pole.frequency_hz,
+        frequency_sd_hz: member.frequency_sd_hz * fit.spread.sqrt(),
+        damping: member.pole.damping,
+        damping_log_sd: member.damping_log_sd,
+        ..fit.resonance
     }
 }
 

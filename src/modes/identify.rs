@@ -1,9 +1,10 @@
 //! One record to labelled natural frequencies: spectrum, peaks, refinement, labels.
 
-use super::label::{Labelling, Pattern, label};
+use super::label::{LabelPlan, Labelling, Unlabelled};
 use super::parts::Parts;
 use super::refine::{Search, refine};
-use super::{Labels, Mode, ModeSettings, Motion, Resonance};
+use super::{Labels, Mode, Motion, Resonance};
+use crate::record::rejection::UNDERSAMPLED;
 use crate::record::{Record, Rejection};
 use crate::spectrum::{
     Peak, PeakSettings, Spectrum, Transforms, Welch, WelchError, WelchSettings, Window, pick_peaks,
@@ -11,6 +12,8 @@ use crate::spectrum::{
 
 /// Fewest periods of the lowest expected frequency in a record.
 const LEAST_PERIODS: f64 = 15.0;
+/// Highest frequency searched, as a share of the sample rate.
+const HIGHEST: f64 = 0.48;
 /// Stretches from the onset in which the peaks of a free decay are looked for \[s\]: a quickly
 /// damped mode drowns in the noise of a long one.
 const DECAY_STRETCHES_S: [f64; 4] = [4.0, 12.0, 36.0, 108.0];
@@ -29,7 +32,7 @@ pub struct Evidence {
 /// What a record says about a rod's natural frequencies.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ModalEstimate {
-    /// The labelled modes, ascending in order.
+    /// The labelled modes that the force uses, ascending in order.
     pub modes: Vec<Mode>,
     /// Probability of each mode's peak over all assignments, in the same order.
     pub label_probability: Vec<f64>,
@@ -65,83 +68,78 @@ impl From<Rejection> for Unidentified {
 pub struct ModalPlan {
     welch: WelchSettings,
     peaks: PeakSettings,
-    modes: ModeSettings,
-    pattern: Pattern,
-    discrepancy: Vec<f64>,
+    labels: LabelPlan,
     transforms: Transforms,
 }
 
 impl ModalPlan {
-    /// From the settings, the rod's prior predictive pattern and its model discrepancy per order.
-    pub fn new(
-        welch: WelchSettings,
-        peaks: PeakSettings,
-        modes: ModeSettings,
-        pattern: Pattern,
-        discrepancy: Vec<f64>,
-    ) -> Self {
+    /// From the settings and what the rod's labels are inferred from.
+    pub fn new(welch: WelchSettings, peaks: PeakSettings, labels: LabelPlan) -> Self {
         Self {
             welch,
             peaks,
-            modes,
-            pattern,
-            discrepancy,
+            labels,
             transforms: Transforms::default(),
         }
     }
 
-    /// The pattern that labels are matched against.
-    pub fn pattern(&self) -> &Pattern {
-        &self.pattern
+    /// What labels are inferred from.
+    pub fn labels(&self) -> &LabelPlan {
+        &self.labels
     }
 
     /// The labelled natural frequencies of a record, or why there are none. A pure function of the
     /// plan and the record.
     pub fn identify(&self, record: &Record) -> Result<ModalEstimate, Unidentified> {
-        let (low_hz, high_hz) = self.pattern.band_hz();
-        let first_hz = self.pattern.first_mode_below_hz();
-        if 0.45 * record.fs_hz < first_hz {
-            return Err(Rejection::Undersampled {
-                fs_hz: record.fs_hz,
-                needed_hz: first_hz,
-            }
-            .into());
-        }
+        let (low_hz, high_hz) = self.labels.band_hz();
         let evidence = self.evidence(record, low_hz, high_hz)?;
         let labelled = if evidence.resonances.is_empty() {
-            Err(Rejection::NoPeak { low_hz, high_hz })
+            Err((Rejection::NoPeak { low_hz, high_hz }, None))
         } else {
-            label(
-                &evidence.resonances,
-                &self.pattern,
-                &self.modes,
-                &self.discrepancy,
-            )
+            self.labels
+                .label(&evidence.resonances, HIGHEST * record.fs_hz)
+                .map_err(|Unlabelled { rejection, labels }| (rejection, Some(labels)))
         };
         match labelled {
             Ok(Labelling {
-                modes, probability, ..
-            }) => Ok(ModalEstimate {
-                modes,
-                labels: Labels {
-                    probability: probability.iter().product(),
-                    candidates: Vec::new(),
-                },
-                label_probability: probability,
-                evidence,
-            }),
-            Err(rejection) => Err(Unidentified {
-                rejection,
-                evidence: Some(evidence),
-                labels: None,
-            }),
+                mut modes,
+                mut probability,
+                labels,
+            }) => {
+                let used = modes.partition_point(|mode| mode.order <= self.labels.settings().count);
+                modes.truncate(used);
+                probability.truncate(used);
+                Ok(ModalEstimate {
+                    modes,
+                    label_probability: probability,
+                    labels,
+                    evidence,
+                })
+            }
+            Err((rejection, labels)) => {
+                // Where the lowest mode may lie above the band there is nothing to wonder about.
+                let needed_hz = self.labels.first_mode_below_hz();
+                let rejection = if UNDERSAMPLED * record.fs_hz < needed_hz {
+                    Rejection::Undersampled {
+                        fs_hz: record.fs_hz,
+                        needed_hz,
+                    }
+                } else {
+                    rejection
+                };
+                Err(Unidentified {
+                    rejection,
+                    evidence: Some(evidence),
+                    labels,
+                })
+            }
         }
     }
 
     /// Welch's spectrum of a record and its refined resonances between two frequencies \[Hz\].
     pub fn evidence(&self, record: &Record, low_hz: f64, high_hz: f64) -> Result<Evidence, Rejection> {
         check(record, LEAST_PERIODS / low_hz)?;
-        let high_hz = high_hz.min(0.48 * record.fs_hz);
+        let high_hz = high_hz.min(HIGHEST * record.fs_hz);
         let n = record.samples.len();
         let too_short = |_| Rejection::TooShort {
             duration_s: record.duration_s(),
@@ -167,7 +165,7 @@ impl ModalPlan {
                 self.add_decay_peaks(&mut peaks, record.fs_hz, decay, stretch_s, (low_hz, high_hz));
             }
         }
-        let masks = &self.modes.masks;
+        let masks = &self.labels.settings().masks;
         peaks.retain(|p| {
             !masks
                 .iter()

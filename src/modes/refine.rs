@@ -95,10 +95,19 @@ pub fn refine(transforms: &Transforms, record: &Record, peaks: &[Peak], search: 
             }
         }
     }
-    let mut resonances: Vec<Resonance> = whole
-        .iter()
-        .zip(&fits)
-        .filter_map(|(whole, parts)| Some(combined(&(*whole)?, parts)))
+    let found: Vec<Resonance> = if fits.iter().all(Vec::is_empty) {
+        let mut whole: Vec<Fit> = whole.into_iter().flatten().collect();
+        whole.sort_by(|a, b| a.resonance.frequency_hz.total_cmp(&b.resonance.frequency_hz));
+        stretch.apart(&whole)
+    } else {
+        whole
+            .iter()
+            .zip(&fits)
+            .filter_map(|(whole, parts)| Some(combined(&(*whole)?, parts)))
+            .collect()
+    };
+    let mut resonances: Vec<Resonance> = found
+        .into_iter()
         .map(|r| Resonance {
             frequency_sd_hz: r
                 .frequency_sd_hz

@@ -141,7 +141,9 @@ impl Subband {
         let inner = &self.samples[1..self.samples.len() - 1];
         let count = inner.len() as f64;
         let power = inner.iter().map(Complex::norm_sqr).sum::<f64>() / count;
-        let innovation = inner.windows(2).map(|pair| (pair[1] - factor * pair[0]).norm_sqr());
+        let innovation = inner
+            .windows(2)
+            .map(|pair| (pair[1] - factor * pair[0]).norm_sqr());
         let noise = innovation.sum::<f64>() / (count - 1.0) / (1.0 + factor.norm_sqr());
         let steady = power - noise;
         if steady < 0.5 * power {

@@ -17,18 +17,26 @@ pub struct Envelope {
 }
 
 impl Envelope {
-    /// Of evenly spaced samples; no stretch holds less than one.
+    /// Of evenly spaced samples; no stretch holds less than one. Samples that are not finite are left out, and a stretch
+    /// of nothing else lies at the mean.
     pub fn of(samples: &[f64], fs_hz: f64) -> Self {
-        let mean = samples.iter().sum::<f64>() / samples.len().max(1) as f64;
-        let largest = samples
-            .iter()
-            .fold(0.0_f64, |largest, x| largest.max((x - mean).abs()));
+        let finite = || samples.iter().copied().filter(|x| x.is_finite());
+        let mean = finite().sum::<f64>() / finite().count().max(1) as f64;
+        let largest = finite().fold(0.0_f64, |largest, x| largest.max((x - mean).abs()));
         let rounded = digits_of(largest);
         let stretch = samples.len().div_ceil(COLUMNS).max(1);
         let extreme = |of: fn(f64, f64) -> f64| {
             samples
                 .chunks(stretch)
-                .map(|chunk| chunk.iter().copied().reduce(of).unwrap_or(mean) - mean)
+                .map(|chunk| {
+                    chunk
+                        .iter()
+                        .copied()
+                        .filter(|x| x.is_finite())
+                        .reduce(of)
+                        .unwrap_or(mean)
+                        - mean
+                })
                 .map(&rounded)
                 .collect()
         };
@@ -91,5 +99,7 @@ mod tests {
         let silent = Envelope::of(&[5.0; 3], 100.0);
         assert_eq!((silent.low, silent.high), (vec![0.0; 3], vec![0.0; 3]));
         assert_eq!(Envelope::of(&[1.0, -1.0], 50.0).high, [1.0, -1.0]);
+        let holed = Envelope::of(&[1.0, f64::NAN, -1.0, f64::INFINITY], 50.0);
+        assert_eq!(holed.high, [1.0, 0.0, -1.0, 0.0]);
     }
 }

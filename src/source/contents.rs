@@ -14,6 +14,11 @@ const MOST: u64 = 200_000;
 /// Fields that hold samples in recordings of ours and in the usual message types.
 const FIELDS: [&str; 4] = ["value", "values", "data", "displacement"];
 
+/// A rate with the seven digits a person reads.
+pub fn rounded(fs_hz: f64) -> f64 {
+    format!("{fs_hz:.6e}").parse().unwrap_or(fs_hz)
+}
+
 /// A channel of a recording.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Content {
@@ -139,7 +144,7 @@ impl Looked {
         let (first, last) = (*self.stamps.first()?, *self.stamps.last()?);
         let before_last: usize = self.samples.iter().rev().skip(1).sum();
         let span_s = last.checked_sub(first).filter(|span| *span > 0)? as f64 * 1e-9;
-        (before_last > 0).then(|| crate::import::rounded(before_last as f64 / span_s))
+        (before_last > 0).then(|| rounded(before_last as f64 / span_s))
     }
 
     fn found(self) -> Content {

@@ -22,8 +22,8 @@ mod wire;
 pub use self::decode::{DecodeError, Decoder, SchemaRef};
 pub use self::folder::recordings;
 pub use self::path::FieldPath;
-pub use self::recording::{Follow, Options, Poll, Position, Recording};
-pub use self::recordings::{Recordings, Step};
+pub use self::recording::{Block, Follow, Options, Poll, Position, Recording};
+pub use self::recordings::{Opener, Recordings, Step};
 pub use self::series::{PartEnd, Parts, Series, SeriesPoll};
 pub use self::summary::{Summary, TopicSummary};
 pub use self::verify::Trust;
@@ -48,6 +48,14 @@ pub enum SourceError {
     NotAFile {
         /// The path.
         path: String,
+    },
+    /// Another program's file that cannot be read, or not for these rods.
+    #[error("{path}: {what}")]
+    Foreign {
+        /// The file.
+        path: String,
+        /// What is missing or wrong.
+        what: String,
     },
     /// A folder without recordings.
     #[error("{path}: no recordings (*.mcap) in this folder")]

@@ -6,7 +6,7 @@ use super::path::FieldPath;
 use super::route::Router;
 use super::summary::Summary;
 use super::verify::{Check, Trust};
-use crate::record::{Event, RecordSettings, RodChannels, TimeSource};
+use crate::record::{Event, RecordSettings, RodChannels, TimeSource, Timestamp};
 use std::collections::VecDeque;
 use std::fs::{self, File};
 use std::io::{Read, Seek, SeekFrom};
@@ -43,12 +43,27 @@ pub struct Position {
 trait Input: Read + Seek + Send {}
 impl<T: Read + Seek + Send> Input for T {}
 
+/// Samples of one channel that need no decoding: those of another program's file.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Block {
+    /// The topic.
+    pub topic: Arc<str>,
+    /// The time of the first sample.
+    pub time: Timestamp,
+    /// Samples a second \[Hz\].
+    pub fs_hz: f64,
+    /// The samples, in the unit of the topic's channel.
+    pub samples: Vec<f64>,
+}
+
 /// What a recording does next.
 enum Stage {
     /// Its checksum is taken, before anything in it is believed.
     Checking(Box<dyn Input>, Check),
     /// It is read.
     Reading(Box<Reader<Box<dyn Input>>>),
+    /// Its samples are handed over as they are.
+    Given(Box<dyn Iterator<Item = Block> + Send>),
     /// There is nothing more in it.
     Ended,
 }
@@ -186,6 +201,37 @@ impl Recording {
         })
     }
 
+    /// Reads samples that are there already; `total`: the bytes of the file they come from.
+    pub fn given(
+        name: &str,
+        blocks: impl Iterator<Item = Block> + Send + 'static,
+        total: u64,
+        rods: &[RodChannels],
+        settings: &RecordSettings,
+    ) -> Self {
+        Self {
+            stage: Stage::Given(Box::new(blocks)),
+            router: Router::new(rods, settings),
+            queue: VecDeque::new(),
+            follow: None,
+            total,
+            // The file was read before.
+            read: total,
+            offset: total,
+            summary: Summary {
+                file: name.to_owned(),
+                ..Default::default()
+            },
+            is_live: false,
+            doubt: None,
+        }
+    }
+
+    /// Puts a sentence into the summary: something a person should know that is no fault.
+    pub fn note(&mut self, sentence: String) {
+        self.summary.notes.push(sentence);
+    }
+
     /// One step: at most one record or chunk of the file is read.
     pub fn poll(&mut self) -> Poll {
         if let Some(event) = self.queue.pop_front() {
@@ -214,6 +260,13 @@ impl Recording {
                 self.offset = reader.offset();
                 outcome
             }
+            Stage::Given(blocks) => match blocks.next() {
+                Some(block) => {
+                    self.router.block(block);
+                    Ok(Progress::More)
+                }
+                None => Ok(Progress::Complete),
+            },
         };
         match outcome {
             Ok(Progress::More) => self.router.events(&mut self.queue),
@@ -277,6 +330,7 @@ impl Recording {
         let (whole, messages) = match std::mem::replace(&mut self.stage, Stage::Ended) {
             Stage::Reading(reader) => (reader.data_ended(), reader.messages()),
             Stage::Checking(..) => (false, 0),
+            Stage::Given(_) => (true, self.router.messages()),
             Stage::Ended => return,
         };
         let mut lost = None;

@@ -21,6 +21,9 @@ pub enum Step {
     File(Result<Summary, SourceError>),
 }
 
+/// Opens a file that stands by itself, whatever its format.
+pub type Opener = Box<dyn Fn(&Path, &Options) -> Result<Recording, SourceError> + Send>;
+
 /// What is read as one.
 enum Unit {
     File(PathBuf),
@@ -45,6 +48,7 @@ pub struct Recordings {
     done: Arc<AtomicU64>,
     bytes_of_closed: u64,
     open: Option<Open>,
+    opener: Option<Opener>,
 }
 
 impl Recordings {
@@ -69,6 +73,15 @@ impl Recordings {
             done,
             bytes_of_closed: 0,
             open: None,
+            opener: None,
+        }
+    }
+
+    /// The same, with files opened by `opener`; without it all are MCAP.
+    pub fn opened_by(self, opener: Opener) -> Self {
+        Self {
+            opener: Some(opener),
+            ..self
         }
     }
 }
@@ -159,8 +172,10 @@ impl Iterator for Recordings {
             let opened = self.units.next()?.and_then(|unit| match unit {
                 Unit::File(path) => {
                     let file = Arc::from(path.display().to_string());
-                    let recording =
-                        Recording::open(&path, &self.channels, &self.settings, self.options.clone())?;
+                    let recording = match &self.opener {
+                        Some(open) => open(&path, &self.options)?,
+                        None => Recording::open(&path, &self.channels, &self.settings, self.options.clone())?,
+                    };
                     Ok(Open::File(Box::new(recording), file, 0))
                 }
                 Unit::Journal(folder, parts) => {

@@ -2,6 +2,7 @@
 
 use super::decode::{DecodeError, Decoded, Decoder, SchemaRef, Time};
 use super::mcap::{ChannelInfo, Item, Message};
+use super::recording::Block;
 use super::summary::{Summary, TopicSummary};
 use crate::journal::note::{self, Note, State};
 use crate::record::{
@@ -176,6 +177,42 @@ impl Router {
         }
     }
 
+    /// Takes samples that need no decoding.
+    pub fn block(&mut self, block: Block) {
+        let known = self.topics.iter().position(|(topic, _)| **topic == *block.topic);
+        let topic = known.unwrap_or_else(|| {
+            self.topics
+                .push((block.topic.to_string(), TopicSummary::default()));
+            self.topics.len() - 1
+        });
+        if let Some((_, summary)) = self.topics.get_mut(topic) {
+            summary.messages += 1;
+        }
+        let Self { rods, scratch, .. } = self;
+        for rod in rods {
+            let channel = &rod.config.displacement;
+            if *channel.topic == *block.topic {
+                rod.messages += 1;
+                scratch.clear();
+                scratch.extend(block.samples.iter().map(|raw| channel.unit.convert(*raw)));
+                rod.assembler.push(block.time, scratch);
+            }
+            if let Some(channel) = &rod.config.temperature
+                && *channel.topic == *block.topic
+            {
+                for (index, raw) in block.samples.iter().enumerate() {
+                    let time = block.time.plus_seconds(index as f64 / block.fs_hz);
+                    rod.assembler.push_temperature(time, channel.unit.convert(*raw));
+                }
+            }
+        }
+    }
+
+    /// Messages of all topics.
+    pub fn messages(&self) -> u64 {
+        self.topics.iter().map(|(_, topic)| topic.messages).sum()
+    }
+
     /// What a journal says of itself: another journal ends everything, a stream that ended ends its rods' records.
     fn note(&mut self, data: &[u8]) {
         // Notes of a newer version, or none at all: the data speak for themselves.
@@ -323,6 +360,8 @@ impl Rod {
             rod: self.config.rod.clone(),
             start: None,
             duration_s: 0.0,
+            fs_hz: None,
+            waveform: None,
             rejection,
         }]);
     }

@@ -20,6 +20,8 @@ pub struct Summary {
     pub unverified: bool,
     /// Every topic of the file.
     pub topics: BTreeMap<String, TopicSummary>,
+    /// What a person should know that is no fault: what was left out of another program's file, which column was taken.
+    pub notes: Vec<String>,
     /// Configured topics the file does not have.
     pub missing: Vec<(RodId, String)>,
 }

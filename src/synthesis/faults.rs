@@ -59,6 +59,7 @@ pub(super) fn spoil_samples<R: Rng>(
             }
             FaultKind::Dropout { .. }
             | FaultKind::ClockStep { .. }
+            | FaultKind::Late { .. }
             | FaultKind::Jitter { .. }
             | FaultKind::Duplicates { .. }
             | FaultKind::OutOfOrder { .. }
@@ -87,6 +88,17 @@ pub(super) fn spoil_messages<R: Rng>(
                     if message.stamp.seconds_since(start) >= at_s {
                         message.stamp = message.stamp.plus_seconds(step_s);
                     }
+                }
+            }
+            FaultKind::Late { at_s, late_s } => {
+                // Half a nanosecond is the rounding of a stamp.
+                let holds = |message: &&mut Message| {
+                    let begin = message.stamp.seconds_since(start);
+                    let end = begin + message.samples.len() as f64 / fs_hz;
+                    begin <= at_s + 1e-9 && at_s + 1e-9 < end
+                };
+                if let Some(message) = messages.iter_mut().find(holds) {
+                    message.stamp = message.stamp.plus_seconds(late_s);
                 }
             }
             FaultKind::Jitter { sd_s } => {

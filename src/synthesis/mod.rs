@@ -6,6 +6,7 @@
 mod climate;
 mod faults;
 mod history;
+mod load;
 mod noise;
 mod oscillator;
 mod proof;
@@ -22,8 +23,8 @@ pub use oscillator::{Oscillator, Sampled};
 pub use proof::{Outcome, Trial};
 pub use rod::{State, SynthesisError};
 pub use settings::{
-    AddedMass, Change, Climate, Fault, FaultKind, Line, Pull, PullKind, Sensor, SimulatedRod, Simulation,
-    Thermal, Truth,
+    AddedMass, Change, Climate, Fault, FaultKind, Gusts, Knocks, Line, Neighbour, Pull, PullKind, Resonance,
+    Sensor, SimulatedRod, Simulation, Thermal, Truth,
 };
 pub use shape::Shape;
 

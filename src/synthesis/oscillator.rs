@@ -80,8 +80,13 @@ impl Sampled {
     }
 
     /// The state one sample later.
-    pub fn step<R: Rng>(&self, (q, v): (f64, f64), generator: &mut R) -> (f64, f64) {
-        let (x, y) = (normal(generator), normal(generator));
+    pub fn step<R: Rng>(&self, state: (f64, f64), generator: &mut R) -> (f64, f64) {
+        self.driven(state, 1.0, generator)
+    }
+
+    /// The state one sample later under a load of `amplitude` times the intensity's during that sample.
+    pub fn driven<R: Rng>(&self, (q, v): (f64, f64), amplitude: f64, generator: &mut R) -> (f64, f64) {
+        let (x, y) = (amplitude * normal(generator), amplitude * normal(generator));
         let [[a11, a12], [a21, a22]] = self.transition;
         let [l11, l12, l22] = self.noise;
         (a11 * q + a12 * v + l11 * x + l12 * y, a21 * q + a22 * v + l22 * y)

@@ -147,7 +147,11 @@ impl Trial {
             },
             damping: vec![0.002; self.discrepancy.len()],
             ambient_m: 0.0,
+            gusts: None,
             pull: None,
+            knocks: None,
+            neighbour: None,
+            resonances: Vec::new(),
             sensor: Sensor {
                 at: 0.4,
                 noise_m: 0.0,

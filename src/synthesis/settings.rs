@@ -66,8 +66,16 @@ pub struct SimulatedRod {
     /// Standard deviation of the first mode's ambient response at its antinode \[m\]; the other modes
     /// follow from the same white load.
     pub ambient_m: f64,
+    /// Gusts of the ambient load, if it is not stationary.
+    pub gusts: Option<Gusts>,
     /// Pulls or blows, if any.
     pub pull: Option<Pull>,
+    /// Knocks at random times, if any.
+    pub knocks: Option<Knocks>,
+    /// A like rod beside it, if any.
+    pub neighbour: Option<Neighbour>,
+    /// Resonances of other things that the sensor sees.
+    pub resonances: Vec<Resonance>,
     /// The sensor.
     pub sensor: Sensor,
     /// Sinusoids that are no modes: mains hum, a motor.
@@ -105,12 +113,54 @@ pub struct Pull {
     pub at: f64,
     /// Deflection there at release \[m\]; for a blow the first mode's amplitude at its antinode.
     pub deflection_m: f64,
-    /// Time of the first release from the start of each record \[s\].
+    /// Time of the first release from the start of each record; before 0 the record begins inside the decay \[s\].
     pub first_s: f64,
     /// From one release to the next \[s\].
     pub every_s: f64,
     /// How long the pull takes, for a release \[s\].
     pub ramp_s: f64,
+}
+
+/// Gusts: the ambient load's amplitude is exp(x) with x a stationary Ornstein-Uhlenbeck process, its mean square one.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Gusts {
+    /// Standard deviation of ln amplitude; 0.6 is some 5 dB \[-\].
+    pub log_sd: f64,
+    /// Correlation time of ln amplitude \[s\].
+    pub correlation_s: f64,
+}
+
+/// Blows at random times, of random size and sign.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Knocks {
+    /// Mean time from one to the next; the gaps are exponential \[s\].
+    pub every_s: f64,
+    /// Where, as a share of the length, 0 to 1.
+    pub at: f64,
+    /// Median of the first mode's amplitude at its antinode \[m\].
+    pub deflection_m: f64,
+    /// Standard deviation of ln deflection \[-\].
+    pub log_sd: f64,
+}
+
+/// A rod of the same make beside it, whose vibration reaches the sensor through the wall.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Neighbour {
+    /// Its frequencies over the rod's, less one \[-\].
+    pub detuning: f64,
+    /// The share of its vibration that the sensor sees \[-\].
+    pub share: f64,
+}
+
+/// A resonance that is no mode of the rod, under the same gusts.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Resonance {
+    /// Its natural frequency \[Hz\].
+    pub frequency_hz: f64,
+    /// Its damping ratio \[-\].
+    pub damping: f64,
+    /// Standard deviation of what the sensor sees of it \[m\].
+    pub ambient_m: f64,
 }
 
 /// How a rod is set into free vibration.
@@ -247,6 +297,13 @@ pub enum FaultKind {
         /// By how much, negative is backwards \[s\].
         step_s: f64,
     },
+    /// The message that holds the sample at `at_s` is stamped late, every other one right.
+    Late {
+        /// When \[s\].
+        at_s: f64,
+        /// By how much \[s\].
+        late_s: f64,
+    },
     /// The stamps scatter.
     Jitter {
         /// Standard deviation \[s\].
@@ -281,6 +338,7 @@ impl FaultKind {
             Self::Step { .. } => "step",
             Self::Scaled { .. } => "scaled",
             Self::ClockStep { .. } => "clock-step",
+            Self::Late { .. } => "late",
             Self::Jitter { .. } => "jitter",
             Self::Duplicates { .. } => "duplicates",
             Self::OutOfOrder { .. } => "out-of-order",

@@ -15,13 +15,14 @@ enum Kind {
     Step,
     Scaled,
     ClockStep,
+    Late,
     Jitter,
     Duplicates,
     OutOfOrder,
     Lost,
 }
 
-const KINDS: [(&str, Kind); 12] = [
+const KINDS: [(&str, Kind); 13] = [
     ("nan", Kind::Nan),
     ("dropout", Kind::Dropout),
     ("held", Kind::Held),
@@ -30,6 +31,7 @@ const KINDS: [(&str, Kind); 12] = [
     ("step", Kind::Step),
     ("scaled", Kind::Scaled),
     ("clock-step", Kind::ClockStep),
+    ("late", Kind::Late),
     ("jitter", Kind::Jitter),
     ("duplicates", Kind::Duplicates),
     ("out-of-order", Kind::OutOfOrder),
@@ -82,7 +84,8 @@ pub(super) fn read(table: &mut Table<'_>, records: usize) -> Option<Fault> {
         kind
     } else {
         table.ignore(&[
-            "at_s", "length_s", "per_hour", "height_m", "level_m", "factor", "step_s", "sd_s", "share",
+            "at_s", "length_s", "per_hour", "height_m", "level_m", "factor", "step_s", "late_s", "sd_s",
+            "share",
         ]);
         return None;
     };
@@ -92,8 +95,15 @@ pub(super) fn read(table: &mut Table<'_>, records: usize) -> Option<Fault> {
     let time = Range::within(0.0, 86_400.0);
     let at_s = needed(
         key("at_s", "begin, from the start of the record [s]"),
-        &[Kind::Nan, Kind::Dropout, Kind::Held, Kind::Step, Kind::ClockStep],
-        "kind = \"nan\", \"dropout\", \"held\", \"step\" or \"clock-step\"",
+        &[
+            Kind::Nan,
+            Kind::Dropout,
+            Kind::Held,
+            Kind::Step,
+            Kind::ClockStep,
+            Kind::Late,
+        ],
+        "kind = \"nan\", \"dropout\", \"held\", \"step\", \"clock-step\" or \"late\"",
         time,
     );
     let length_s = needed(
@@ -131,6 +141,12 @@ pub(super) fn read(table: &mut Table<'_>, records: usize) -> Option<Fault> {
         &[Kind::ClockStep],
         "kind = \"clock-step\"",
         Range::within(-1e9, 1e9),
+    );
+    let late_s = needed(
+        key("late_s", "how late the message that holds at_s is stamped [s]"),
+        &[Kind::Late],
+        "kind = \"late\"",
+        Range::within(0.0, 3600.0),
     );
     let sd_s = needed(
         key("sd_s", "standard deviation of the stamps [s]"),
@@ -170,6 +186,10 @@ pub(super) fn read(table: &mut Table<'_>, records: usize) -> Option<Fault> {
         Kind::ClockStep => FaultKind::ClockStep {
             at_s: at_s?,
             step_s: step_s?,
+        },
+        Kind::Late => FaultKind::Late {
+            at_s: at_s?,
+            late_s: late_s?,
         },
         Kind::Jitter => FaultKind::Jitter { sd_s: sd_s? },
         Kind::Duplicates => FaultKind::Duplicates { share: share? },

@@ -1,6 +1,7 @@
 //! `[simulation]`: what `tirante simulate` writes.
 
 mod fault;
+mod load;
 mod rod;
 
 use super::RodConfig;

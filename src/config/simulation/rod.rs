@@ -5,15 +5,13 @@ use super::super::prior::{quantity_key, sane};
 use super::super::range::{Range, toml_float, toml_string};
 use super::super::reader::{Absent, Table, key};
 use super::super::value::toml_floats;
-use super::fault;
+use super::{fault, load};
 use crate::beam::Section;
-use crate::forward::MAX_MODES;
-use crate::synthesis::{AddedMass, Change, Line, Pull, PullKind, Sensor, SimulatedRod, Thermal, Truth};
+use crate::forward::{MAX_MODES, MAX_ORDERS};
+use crate::synthesis::{AddedMass, Change, Line, Sensor, SimulatedRod, Thermal, Truth};
 
 /// Damping ratio of a rod that states none: iron between masonry walls.
 const DAMPING: f64 = 0.002;
-
-const PULLS: [(&str, PullKind); 2] = [("release", PullKind::Release), ("blow", PullKind::Blow)];
 
 /// One rod; none if it has a fault that leaves nothing to build.
 pub(super) fn read(
@@ -50,10 +48,10 @@ pub(super) fn read(
             "frequencies_hz",
             "natural frequencies given directly, without a beam behind them [Hz]",
         ),
-        "a list of 1 to 5 ascending numbers, 0.01 to 10000",
+        "a list of 1 to 12 ascending numbers, 0.01 to 10000",
         Absent::Nothing("those of the truth's beam"),
         |value| {
-            let list = value.numbers(Range::within(0.01, 1e4), 1, MAX_MODES)?;
+            let list = value.numbers(Range::within(0.01, 1e4), 1, MAX_ORDERS)?;
             if list.windows(2).any(|pair| pair[0] >= pair[1]) {
                 value.fault("is not in ascending order");
             }
@@ -65,7 +63,7 @@ pub(super) fn read(
     let modes = table.integer(
         key("modes", "mode orders simulated, from the first").only(is_beam, "no frequencies_hz"),
         1,
-        MAX_MODES as u64,
+        MAX_ORDERS as u64,
         MAX_MODES as u64,
     ) as usize;
     let modes = frequencies_hz.as_ref().map_or(modes, Vec::len);
@@ -79,7 +77,7 @@ pub(super) fn read(
                 if !value.is_array() {
                     return value.number(range).map(|one| vec![one]);
                 }
-                let list = value.numbers(range, 1, MAX_MODES)?;
+                let list = value.numbers(range, 1, MAX_ORDERS)?;
                 if list.len() != modes {
                     value.fault(format!("has {} entries, modes = {modes}", list.len()));
                 }
@@ -131,7 +129,19 @@ pub(super) fn read(
     let pull = table.optional_section(
         "pull",
         "Pulls or blows on a schedule, beside the ambient load.",
-        pull,
+        load::pull,
+    );
+    let gusts = table.optional_section("gusts", "Gusts: an ambient load that is not steady.", load::gusts);
+    let knocks = table.optional_section("knocks", "Blows at random times.", load::knocks);
+    let neighbour = table.optional_section(
+        "neighbour",
+        "A rod of the same make beside it, whose vibration reaches the sensor.",
+        load::neighbour,
+    );
+    let resonances = table.list(
+        "resonance",
+        "A resonance of something else that the sensor sees.",
+        load::resonance,
     );
     let thermal_of = |table: &mut Table<'_>| thermal(table, section);
     let thermal = table.optional_section("thermal", "How temperature acts on the axial force.", thermal_of);
@@ -186,7 +196,11 @@ pub(super) fn read(
         truth,
         damping: damping?,
         ambient_m,
+        gusts,
         pull,
+        knocks,
+        neighbour,
+        resonances: resonances.into_iter().collect::<Option<Vec<_>>>()?,
         sensor,
         interference,
         thermal: thermal.unwrap_or(FREE),
@@ -218,7 +232,11 @@ pub(super) fn by_default(config: &RodConfig) -> SimulatedRod {
         },
         damping: vec![DAMPING; MAX_MODES],
         ambient_m: 20e-6,
+        gusts: None,
         pull: None,
+        knocks: None,
+        neighbour: None,
+        resonances: Vec::new(),
         sensor: Sensor {
             at: 0.4,
             noise_m: 1e-6,
@@ -246,7 +264,7 @@ fn truth(table: &mut Table<'_>, config: &RodConfig) -> Vec<f64> {
         .collect()
 }
 
-fn share_of_length() -> Range {
+pub(super) fn share_of_length() -> Range {
     Range::within(0.01, 0.99)
 }
 
@@ -274,47 +292,6 @@ fn sensor(table: &mut Table<'_>) -> Sensor {
             key("resolution_m", "smallest step of its output, 0 for none [m]"),
             Range::within(0.0, 0.01),
             1e-8,
-        ),
-    }
-}
-
-fn pull(table: &mut Table<'_>) -> Pull {
-    let kind = table.choice(
-        key("kind", "a slow pull and sudden release, or a blow"),
-        &PULLS,
-        PullKind::Release,
-    );
-    let time = Range::within(0.0, 86_400.0);
-    Pull {
-        kind,
-        at: table.number(
-            key("at", "where, as a share of the length [-]"),
-            share_of_length(),
-            0.3,
-        ),
-        deflection_m: table.number(
-            key(
-                "deflection_m",
-                "deflection there at release; for a blow the first mode's amplitude [m]",
-            ),
-            Range::above(0.0, 0.5),
-            1e-3,
-        ),
-        first_s: table.number(
-            key("first_s", "first release, from the start of each record [s]"),
-            time,
-            5.0,
-        ),
-        every_s: table.number(
-            key("every_s", "from one release to the next [s]"),
-            Range::within(1.0, 86_400.0),
-            86_400.0,
-        ),
-        ramp_s: table.number(
-            key("ramp_s", "how long the pull takes [s]")
-                .only(kind == PullKind::Release, "kind = \"release\""),
-            Range::within(0.0, 600.0),
-            2.0,
         ),
     }
 }

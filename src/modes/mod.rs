@@ -40,8 +40,7 @@ pub struct Resonance {
     pub peak_to_noise: f64,
     /// Twice the gain in log likelihood over noise alone.
     pub evidence: f64,
-    /// Whether a pure sine explains it as well: interference, or a record too short or too noisy to
-    /// tell a resonance from a line. Never believed to be a mode.
+    /// Whether it is a pure tone: no damping to speak of, and a steady amplitude. Its odds of being foreign say so too.
     pub line: bool,
     /// Goodness of fit, as a standard normal deviate \[-\]: the response fits no stationary mode where it is
     /// large. 0 where it was not tested.

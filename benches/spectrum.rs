@@ -7,7 +7,7 @@ use divan::{Bencher, black_box};
 use tirante::bayes::RodPrior;
 use tirante::beam::exact::Exact;
 use tirante::forward::ForwardModel;
-use tirante::modes::{LabelPlan, ModalPlan, ModeSettings, MotionKind, Search, refine};
+use tirante::modes::{LabelPlan, ModalPlan, ModeSettings, MotionKind, Parts, Search, refine};
 use tirante::random;
 use tirante::record::{Excitation, Record};
 use tirante::spectrum::{PeakSettings, Spectrum, Transforms, Welch, WelchSettings, Window, pick_peaks};
@@ -65,14 +65,6 @@ fn spectrum(transforms: &Transforms, record: &Record) -> Spectrum {
     welch.run(&record.samples).unwrap()
 }
 
-fn search(line_hz: f64) -> Search<'static> {
-    Search {
-        masks: &[],
-        line_hz,
-        releases: &[],
-    }
-}
-
 #[divan::bench(args = [36_000, 360_000, 3_600_000])]
 fn welch_16384(bencher: Bencher, samples: usize) {
     let x: Vec<f64> = (0..samples).map(|i| ((i * i) as f64).sin()).collect();
@@ -96,7 +88,13 @@ fn refine_ambient(bencher: Bencher, seconds: f64) {
     let transforms = Transforms::default();
     let spectrum = spectrum(&transforms, &record);
     let peaks = pick_peaks(&spectrum, &PeakSettings::default(), 2.0, 60.0);
-    bencher.bench_local(|| refine(&transforms, black_box(&record), &peaks, &search(spectrum.df_hz)));
+    let parts = Parts::of(&record, None);
+    let search = Search {
+        masks: &[],
+        line_hz: spectrum.df_hz,
+        parts: &parts,
+    };
+    bencher.bench_local(|| refine(&transforms, black_box(&record), &peaks, &search));
 }
 
 #[divan::bench(args = [20.0, 60.0, 600.0])]
@@ -105,7 +103,13 @@ fn refine_free_decay(bencher: Bencher, seconds: f64) {
     let transforms = Transforms::default();
     let spectrum = spectrum(&transforms, &record);
     let peaks = pick_peaks(&spectrum, &PeakSettings::default(), 2.0, 60.0);
-    bencher.bench_local(|| refine(&transforms, black_box(&record), &peaks, &search(spectrum.df_hz)));
+    let parts = Parts::of(&record, None);
+    let search = Search {
+        masks: &[],
+        line_hz: spectrum.df_hz,
+        parts: &parts,
+    };
+    bencher.bench_local(|| refine(&transforms, black_box(&record), &peaks, &search));
 }
 
 #[divan::bench]

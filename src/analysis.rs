@@ -2,6 +2,7 @@
 
 use crate::bayes::{
     AbcSettings, Conflict, Inference, Observation, PlanError, Posterior, RodPrior, Table, Tables,
+    VarianceShares,
 };
 use crate::emulator::ModelSettings;
 use crate::forward::ForwardModel;
@@ -53,6 +54,8 @@ pub struct Identification {
     pub posterior: Posterior,
     /// How far the observed frequencies lie from everything the model can produce.
     pub conflict: Conflict,
+    /// The sources of the force's variance; `None` where the posterior is too small a sample to tell.
+    pub hangs_on: Option<VarianceShares>,
 }
 
 /// The record behind an identification.
@@ -106,7 +109,8 @@ impl From<Rejection> for Refusal {
 }
 
 impl Measurement {
-    fn new(record: &Record, identity: [u8; 32], evidence: Evidence) -> Self {
+    /// Of a record and what was found in it.
+    pub fn new(record: &Record, identity: [u8; 32], evidence: Evidence) -> Self {
         Self {
             identity,
             start: record.start,
@@ -233,13 +237,19 @@ impl Plan {
             frequency_hz: modes.iter().map(|mode| mode.frequency_hz).collect(),
             sd_hz: modes.iter().map(|mode| mode.sd_hz).collect(),
         };
-        let posterior = self.inference.run(&observation, seed)?;
         let conflict = self.inference.conflict(&observation)?;
+        if conflict.prior_distance >= Conflict::OUTSIDE {
+            return Err(Rejection::OutsidePrior {
+                distance: conflict.prior_distance,
+            });
+        }
+        let posterior = self.inference.run(&observation, seed)?;
         Ok(Identification {
             rod: self.settings.rod.clone(),
             measurement: None,
             modes,
             labels: None,
+            hangs_on: self.inference.variance_shares(&observation, &posterior),
             posterior,
             conflict,
         })

@@ -2,7 +2,7 @@
 //! of each uncertain quantity; small enough to be kept for the report.
 
 use crate::analysis::{Identification, Measurement};
-use crate::bayes::{Posterior, Prior, RodPrior};
+use crate::bayes::{Posterior, Prior, RodPrior, VarianceShares};
 use crate::beam::Quantity;
 use crate::findings::{self, CERTAIN, Candidate, Multiple, Nature, Peak};
 use crate::modes::{Labels, Mode, Motion};
@@ -42,6 +42,9 @@ pub struct Snapshot {
     pub peaks: Vec<PeakMark>,
     /// The uncertain quantities, axial force first; none without a force.
     pub densities: Vec<Density>,
+    /// The sources of the force's variance; `None` for records of older programs, or without a force.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub hangs_on: Option<VarianceShares>,
     /// The motion that was recognised; `None` for records of older programs.
     #[serde(default, rename = "excitation", skip_serializing_if = "Option::is_none")]
     pub motion: Option<Motion>,
@@ -141,6 +144,7 @@ impl Snapshot {
         Some(Self {
             seed: format!("{:016x}", identification.posterior.seed),
             densities: densities(prior, &identification.posterior),
+            hangs_on: identification.hangs_on.clone(),
             ..Self::of_measurement(
                 measurement,
                 modes,
@@ -179,6 +183,7 @@ impl Snapshot {
                 },
                 peaks: Vec::new(),
                 densities: Vec::new(),
+                hangs_on: None,
                 motion: None,
                 label_probability: None,
                 candidates: Vec::new(),
@@ -215,6 +220,7 @@ impl Snapshot {
                 .filter(|peak| peak.frequency_hz <= high_hz)
                 .collect(),
             densities: Vec::new(),
+            hangs_on: None,
             motion: Some(measurement.motion.clone()),
             label_probability: labels.map(|labels| labels.probability),
             candidates: labels

@@ -12,6 +12,7 @@
 
 use super::RodPrior;
 use nalgebra::{DMatrix, SymmetricEigen};
+use thiserror::Error;
 
 /// Directions of the scaled design with less than this share of the largest eigenvalue count as absent.
 const RANK_TOLERANCE: f64 = 1e-10;
@@ -21,11 +22,34 @@ const RANK_TOLERANCE: f64 = 1e-10;
 /// low for the model 4.4, the paper's rod 8.6, where the adjusted force still depends on the tolerance.
 pub const REACH: f64 = 5.0;
 
+/// Why accepted draws were not adjusted although they were to be.
+#[derive(Debug, Clone, Copy, PartialEq, Error)]
+pub enum Withheld {
+    /// Too few points carry weight.
+    #[error("{points} draws for {modes} modes are too few to fit a line")]
+    TooFew {
+        /// Points with weight.
+        points: usize,
+        /// Modes observed.
+        modes: usize,
+    },
+    /// The observation lies too far from the accepted draws.
+    #[error(
+        "the frequencies lie {reach:.1} standard deviations from the nearest draws of the prior, more than {REACH} \
+         (the force then depends on the tolerance; narrow the prior, or [abc] method = \"sequential\")"
+    )]
+    OutOfReach {
+        /// Mahalanobis distance from the mean of the accepted draws.
+        reach: f64,
+    },
+}
+
 /// Moves `particles` (row-major, points x quantities) and multiplies `weights`, which sum to one before
 /// and after, by the kernel. `differences` are y_i - y_0, row-major (points x modes).
 ///
-/// Returns false and changes nothing if fewer points carry weight than twice the coefficients sought,
-/// or if the observation is out of their [`REACH`].
+/// # Errors
+/// Changes nothing if fewer points carry weight than twice the coefficients sought, or if the observation is out of their
+/// [`REACH`].
 pub fn linear(
     prior: &RodPrior,
     particles: &mut [f64],
@@ -33,7 +57,7 @@ pub fn linear(
     distances: &[f64],
     epsilon: f64,
     weights: &mut [f64],
-) -> bool {
+) -> Result<(), Withheld> {
     let points = weights.len();
     let modes = differences.len().checked_div(points).unwrap_or(0);
     let kernel: Vec<f64> = weights
@@ -41,8 +65,12 @@ pub fn linear(
         .zip(distances)
         .map(|(&weight, &distance)| weight * epanechnikov(distance, epsilon))
         .collect();
-    if modes == 0 || kernel.iter().filter(|&&w| w > 0.0).count() < 2 * (modes + 1) {
-        return false;
+    let weighty = kernel.iter().filter(|&&w| w > 0.0).count();
+    if modes == 0 || weighty < 2 * (modes + 1) {
+        return Err(Withheld::TooFew {
+            points: weighty,
+            modes,
+        });
     }
     let total: f64 = kernel.iter().sum();
     let kernel: Vec<f64> = kernel.iter().map(|w| w / total).collect();
@@ -56,7 +84,7 @@ pub fn linear(
     });
     let fit = weighted_least_squares(&design, &response, &kernel);
     if fit.reach > REACH {
-        return false;
+        return Err(Withheld::OutOfReach { reach: fit.reach });
     }
     weights.copy_from_slice(&kernel);
     let moved = response - design * fit.slopes;
@@ -65,7 +93,7 @@ pub fn linear(
             theta[quantity] = priors[quantity].from_line(moved[(point, slot)]);
         }
     }
-    true
+    Ok(())
 }
 
 /// 1 - (d / epsilon)^2 inside the tolerance; one for all when every distance is zero.
@@ -174,14 +202,17 @@ mod tests {
             particles.extend([(1.0 + 2.0 * x[0] - x[1]).exp(), 3.0, 1.0, 0.0, 0.0, 1.0]);
         }
         let mut weights = vec![1.0 / points as f64; points];
-        assert!(linear(
-            &prior,
-            &mut particles,
-            &differences,
-            &distances,
-            2.0,
-            &mut weights
-        ));
+        assert_eq!(
+            linear(
+                &prior,
+                &mut particles,
+                &differences,
+                &distances,
+                2.0,
+                &mut weights
+            ),
+            Ok(())
+        );
         for theta in particles.chunks_exact(6) {
             assert!((theta[0] - 1f64.exp()).abs() < 1e-12);
             assert!((theta[1] - 3.0).abs() < 1e-12);
@@ -202,14 +233,17 @@ mod tests {
             particles.extend([(0.5 * x).exp(), 1.0, 1.0, 0.0, 0.0, 1.0]);
         }
         let mut weights = vec![1.0 / points as f64; points];
-        assert!(linear(
-            &prior,
-            &mut particles,
-            &differences,
-            &distances,
-            1.1,
-            &mut weights
-        ));
+        assert_eq!(
+            linear(
+                &prior,
+                &mut particles,
+                &differences,
+                &distances,
+                1.1,
+                &mut weights
+            ),
+            Ok(())
+        );
         for theta in particles.chunks_exact(6) {
             assert!((theta[0] - 1.0).abs() < 1e-9, "{}", theta[0]);
         }
@@ -229,14 +263,17 @@ mod tests {
             particles.extend([2.0 + 3.0 * share, 1.0, 1.0, 0.0, 0.0, 1.0]);
         }
         let mut weights = vec![1.0 / points as f64; points];
-        assert!(linear(
-            &prior,
-            &mut particles,
-            &differences,
-            &distances,
-            1.5,
-            &mut weights
-        ));
+        assert_eq!(
+            linear(
+                &prior,
+                &mut particles,
+                &differences,
+                &distances,
+                1.5,
+                &mut weights
+            ),
+            Ok(())
+        );
         for theta in particles.chunks_exact(6) {
             assert!((2.0..=5.0).contains(&theta[0]));
         }
@@ -265,7 +302,7 @@ mod tests {
                 5.3,
                 &mut weights,
             );
-            assert_eq!(done, expected);
+            assert_eq!(done.is_ok(), expected, "{done:?}");
             assert_eq!(particles == before, !expected);
             assert_eq!(weights == vec![1.0 / points as f64; points], !expected);
         }
@@ -276,14 +313,17 @@ mod tests {
         let prior = prior(LOG_NORMAL, LOG_NORMAL);
         let mut particles = vec![1.0; 3 * 6];
         let mut weights = vec![1.0 / 3.0; 3];
-        assert!(!linear(
-            &prior,
-            &mut particles,
-            &[0.1, 0.2, 0.3],
-            &[0.1, 0.2, 0.3],
-            0.3,
-            &mut weights
-        ));
+        assert!(
+            linear(
+                &prior,
+                &mut particles,
+                &[0.1, 0.2, 0.3],
+                &[0.1, 0.2, 0.3],
+                0.3,
+                &mut weights
+            )
+            .is_err()
+        );
         assert_eq!(weights, [1.0 / 3.0; 3]);
     }
 }

@@ -9,6 +9,7 @@
 //! * [`fixity`]      the prior of a support between hinge and clamp
 //! * [`posterior`]   the weighted sample, its means and quantiles
 //! * [`conflict`]    how far the observation lies from everything the beam can produce
+//! * [`variance_shares`] which source carries how much of the variance of N
 //! * [`mcmc`]        Metropolis-Hastings with data augmentation (paper, Algorithm 1) on the exact likelihood
 //! * [`chains`]      what chains have drawn, and whether it can be trusted
 //! * [`likelihood`]  the density of the observed frequencies
@@ -27,11 +28,13 @@ pub mod mcmc;
 pub mod observation;
 pub mod posterior;
 pub mod prior;
-mod prior_tail;
+mod prior_place;
 pub mod sequential;
 pub mod settings;
 pub mod table;
+pub mod variance_shares;
 
+pub use adjust::Withheld;
 pub use chains::Chains;
 pub use conflict::{Conflict, Violation};
 pub use fixity::Fixity;
@@ -43,3 +46,4 @@ pub use posterior::{Marginal, Posterior, Stop};
 pub use prior::{Prior, RodPrior};
 pub use settings::{AbcSettings, Accept, Adjustment, Distance, Method, Noise};
 pub use table::{LaterTable, Table, Tables};
+pub use variance_shares::{MassDependence, Source, SourceShare, VarianceShares};

@@ -188,6 +188,30 @@ impl Prior {
         }
     }
 
+    /// The coordinate in which a random walk moves: the value, but the real line for families that span decades.
+    pub fn to_walk(&self, value: f64) -> f64 {
+        match self {
+            Self::LogUniform { .. } | Self::Fixity(_) => self.to_line(value),
+            _ => value,
+        }
+    }
+
+    /// The value of a place of a random walk.
+    pub fn from_walk(&self, place: f64) -> f64 {
+        match self {
+            Self::LogUniform { .. } | Self::Fixity(_) => self.from_line(place),
+            _ => place,
+        }
+    }
+
+    /// Natural logarithm of the density in the coordinate of a random walk, up to a constant.
+    pub fn log_density_of_walk(&self, value: f64) -> f64 {
+        match self {
+            Self::LogUniform { .. } | Self::Fixity(_) => self.log_density_on_line(value, self.to_line(value)),
+            _ => self.log_density(value),
+        }
+    }
+
     /// Natural logarithm of the density on the real line up to a constant, where `value` lies at `place`.
     pub fn log_density_on_line(&self, value: f64, place: f64) -> f64 {
         match *self {
@@ -264,6 +288,15 @@ impl RodPrior {
             .iter()
             .zip(theta)
             .map(|(prior, &value)| prior.log_density(value))
+            .sum()
+    }
+
+    /// The sum of the log densities of all entries of `theta` in the coordinates of a random walk.
+    pub fn log_density_of_walk(&self, theta: &[f64]) -> f64 {
+        self.priors
+            .iter()
+            .zip(theta)
+            .map(|(prior, &value)| prior.log_density_of_walk(value))
             .sum()
     }
 

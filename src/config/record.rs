@@ -26,9 +26,12 @@ const DAY: f64 = 86_400.0;
 pub(super) fn read(table: &mut Table<'_>) -> RecordSettings {
     let default = RecordSettings::default();
     let kind = table.choice(
-        key("cut", "where a record begins and ends: per file and gap, in fixed windows, or at each onset of a free decay"),
+        key(
+            "cut",
+            "where a record begins and ends, and so how the rod is excited: per file and gap (auto: recognised; file: ambient), in fixed windows (ambient), or at each onset of a free decay; live streams are cut every 600 s by auto",
+        ),
         &KINDS,
-        Kind::File,
+        Kind::Auto,
     );
     let length = Range::within(1.0, DAY);
     let window_s = table.number(

@@ -9,12 +9,14 @@ pub mod likelihood;
 mod logarithm;
 pub mod onsets;
 pub mod optimum;
+pub mod parts;
 pub mod posterior;
 pub mod refine;
 pub mod subband;
 
 pub use identify::{Evidence, ModalEstimate, ModalPlan, Unidentified};
 pub use label::{LabelPlan, Labelling, Unlabelled};
+pub use parts::Parts;
 pub use refine::{Refinement, Search, refine};
 
 use serde::{Deserialize, Serialize};

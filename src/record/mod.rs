@@ -2,7 +2,9 @@
 
 pub mod assembler;
 pub mod channel;
+mod clock;
 mod envelope;
+mod holes;
 mod onset;
 pub mod quality;
 pub mod rejection;

@@ -4,7 +4,7 @@
 //! is judged. Every threshold is relative to the signal itself or to its smallest step, so that coarse
 //! sensors, quiet tails of free decays and any unit are treated alike.
 
-use super::timing::median;
+use super::clock::median;
 use super::{Flag, RecordSettings, Rejection};
 use std::ops::Range;
 

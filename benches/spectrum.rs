@@ -7,7 +7,7 @@ use divan::{Bencher, black_box};
 use tirante::bayes::RodPrior;
 use tirante::beam::exact::Exact;
 use tirante::forward::ForwardModel;
-use tirante::modes::{LabelPlan, ModalPlan, ModeSettings, Parts, Search, refine};
+use tirante::modes::{LabelPlan, ModalPlan, ModeSettings, MotionKind, Parts, Search, refine};
 use tirante::random;
 use tirante::record::{Excitation, Record};
 use tirante::spectrum::{PeakSettings, Spectrum, Transforms, Welch, WelchSettings, Window, pick_peaks};
@@ -119,7 +119,10 @@ fn label_three_peaks(bencher: Bencher) {
         .evidence(&record(60.0, Excitation::Ambient), 2.0, 60.0)
         .unwrap()
         .resonances;
-    bencher.bench_local(|| plan.labels().label(black_box(&resonances), 96.0));
+    bencher.bench_local(|| {
+        plan.labels()
+            .label(black_box(&resonances), 96.0, MotionKind::Ambient)
+    });
 }
 
 #[divan::bench]

@@ -97,7 +97,7 @@ impl ModalPlan {
             Err((Rejection::NoPeak { low_hz, high_hz }, None))
         } else {
             self.labels
-                .label(&evidence.resonances, HIGHEST * record.fs_hz)
+                .label(&evidence.resonances, HIGHEST * record.fs_hz, evidence.motion.kind)
                 .map_err(|Unlabelled { rejection, labels }| (rejection, Some(labels)))
         };
         match labelled {

@@ -1,5 +1,6 @@
 //! From a spectrum to natural frequencies: refinement per peak, standard errors, mode orders.
 
+mod apart;
 pub mod band;
 pub mod dispersion;
 pub mod fit;
@@ -7,12 +8,15 @@ pub mod identify;
 pub mod label;
 pub mod likelihood;
 mod logarithm;
+mod maximum;
 pub mod onsets;
 pub mod optimum;
+pub mod pair;
 pub mod parts;
 pub mod posterior;
 pub mod refine;
 pub mod subband;
+mod tone;
 
 pub use identify::{Evidence, ModalEstimate, ModalPlan, Unidentified};
 pub use label::{LabelPlan, Labelling, Unlabelled};

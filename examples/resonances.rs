@@ -1,7 +1,8 @@
 //! Resonances of one column of numbers on stdin: `resonances FS_HZ LOW_HZ HIGH_HZ [decay] < samples.txt`.
 
 use std::io::Read;
-use tirante::modes::{ModalPlan, ModeSettings, Pattern};
+use tirante::bayes::RodPrior;
+use tirante::modes::{LabelPlan, ModalPlan, ModeSettings};
 use tirante::record::{Excitation, Record, RodId, Timestamp};
 use tirante::spectrum::{PeakSettings, WelchSettings};
 
@@ -36,15 +37,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         clock_sd: 0.0,
         flags: Vec::new(),
     };
-    // The pattern is needed for labels only.
-    let unused = Pattern::new(&[low_hz; 100], 1).ok_or("LOW_HZ must be positive")?;
-    let plan = ModalPlan::new(
-        WelchSettings::default(),
-        PeakSettings::default(),
-        ModeSettings::default(),
-        unused,
-        vec![],
-    );
+    // A rod is needed for labels only.
+    let unused = LabelPlan::new(&RodPrior::todi(), &[], ModeSettings::default()).ok_or("no rod")?;
+    let plan = ModalPlan::new(WelchSettings::default(), PeakSettings::default(), unused);
     let evidence = plan.evidence(&record, low_hz, high_hz)?;
     let (spectrum, resonances) = (evidence.spectrum, evidence.resonances);
     println!(

@@ -10,10 +10,8 @@ use rayon::prelude::*;
 use simulator::{SimulatedMode, ambient_sd, normal, simulate};
 use std::f64::consts::PI;
 use tirante::bayes::{Prior, RodPrior};
-use tirante::beam::exact::Exact;
 use tirante::beam::{Parameterisation, Section};
-use tirante::forward::ForwardModel;
-use tirante::modes::{ModalPlan, ModeSettings, Pattern, Resonance, label};
+use tirante::modes::{LabelPlan, ModalPlan, ModeSettings, ModeWindow, Resonance};
 use tirante::random;
 use tirante::record::{Excitation, Record, Rejection};
 use tirante::spectrum::{PeakSettings, WelchSettings};
@@ -21,35 +19,13 @@ use tirante::spectrum::{PeakSettings, WelchSettings};
 const TODI: [f64; 3] = [4.492, 9.288, 13.252];
 const FS: f64 = 100.0;
 
-/// The paper's rod: draws from its prior through the exact solver.
-fn pattern(modes: usize) -> Pattern {
-    pattern_of(&RodPrior::todi(), modes)
-}
-
-/// Draws from a rod's prior through the exact solver.
-fn pattern_of(prior: &RodPrior, modes: usize) -> Pattern {
-    let exact = Exact::new(*prior.parameterisation());
-    let mut rng = random::stream(5, 0);
-    let mut theta = vec![0.0; prior.parameterisation().len()];
-    let mut rows = Vec::new();
-    for _ in 0..4000 {
-        prior.sample(&mut rng, &mut theta);
-        let mut row = vec![0.0; modes];
-        if exact.frequencies(&theta, &mut row).is_ok() {
-            rows.extend(row);
-        }
-    }
-    Pattern::new(&rows, modes).unwrap()
+/// What the labels of the paper's rod are inferred from.
+fn todi() -> LabelPlan {
+    LabelPlan::new(&RodPrior::todi(), &[0.0; 3], ModeSettings::default()).unwrap()
 }
 
 fn plan() -> ModalPlan {
-    ModalPlan::new(
-        WelchSettings::default(),
-        PeakSettings::default(),
-        ModeSettings::default(),
-        pattern(5),
-        vec![0.0; 3],
-    )
+    ModalPlan::new(WelchSettings::default(), PeakSettings::default(), todi())
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -228,7 +204,7 @@ fn resonance(frequency_hz: f64) -> Resonance {
 
 fn labels(frequencies: &[f64]) -> Result<Vec<(usize, f64)>, Rejection> {
     let resonances: Vec<Resonance> = frequencies.iter().map(|&f| resonance(f)).collect();
-    let labelling = label(&resonances, &pattern(5), &ModeSettings::default(), &[0.0; 3])?;
+    let labelling = todi().label(&resonances, 50.0).map_err(|found| found.rejection)?;
     Ok(labelling
         .modes
         .iter()
@@ -271,9 +247,9 @@ fn a_rod_far_from_its_guessed_force_keeps_its_orders() {
         Prior::Fixed { value: 6.7157 },
     ];
     let prior = RodPrior::new(Parameterisation::new(Section::Round), priors).unwrap();
-    let pattern = pattern_of(&prior, 5);
+    let plan = LabelPlan::new(&prior, &[0.01; 3], ModeSettings::default()).unwrap();
     let peaks: Vec<Resonance> = [8.3085, 19.0571, 34.0965, 53.9982].map(resonance).to_vec();
-    let found = label(&peaks, &pattern, &ModeSettings::default(), &[0.01; 3]).unwrap();
+    let found = plan.label(&peaks, 60.0).unwrap();
     let orders: Vec<usize> = found.modes.iter().map(|mode| mode.order).collect();
     assert_eq!(orders, [1, 2, 3]);
     assert!((found.modes[2].frequency_hz - 34.0965).abs() < 1e-9);
@@ -295,7 +271,7 @@ fn one_peak_or_a_wrong_proportion_is_refused() {
             ..resonance(f)
         })
         .collect();
-    assert!(label(&lines, &pattern(5), &ModeSettings::default(), &[0.0; 3]).is_err());
+    assert!(todi().label(&lines, 50.0).is_err());
 }
 
 #[test]
@@ -304,7 +280,7 @@ fn foreign_resonances_alone_are_mostly_refused() {
     // number: binomial error 2 %. Measured 0, 8, 17, 20 and 15 %: a pair in the right proportion and range does
     // turn up among many.
     let mut rng = random::stream(11, 0);
-    let pattern = pattern(5);
+    let todi = todi();
     for count in [1usize, 2, 3, 5, 8] {
         let mut labelled = 0;
         for _ in 0..400 {
@@ -313,8 +289,7 @@ fn foreign_resonances_alone_are_mostly_refused() {
                 .collect();
             f.sort_by(f64::total_cmp);
             let resonances: Vec<Resonance> = f.iter().map(|&f| resonance(f)).collect();
-            labelled +=
-                usize::from(label(&resonances, &pattern, &ModeSettings::default(), &[0.0; 3]).is_ok());
+            labelled += usize::from(todi.label(&resonances, 50.0).is_ok());
         }
         println!("{count} foreign: {labelled} of 400 labelled");
         assert!(

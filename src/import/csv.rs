@@ -2,15 +2,18 @@
 //!
 //! * `cells`   lines to cells, and what a cell may be
 //! * `columns` rows of cells to signals
+//! * `layout`  where data begin, and what the lines above call them
 
 mod cells;
 mod columns;
+mod layout;
 
 use super::lines::Lines;
 use super::stamp::{DateOrder, TimeUnit};
 use super::{ImportError, Signal};
-use cells::{Splitter, check_head, guess, heads, is_data, named};
+use cells::{Splitter, check_head, guess, named};
 use columns::Columns;
+use layout::{Layout, heads};
 use std::io::BufRead;
 
 /// Lines looked at to find delimiter and heads.
@@ -51,11 +54,22 @@ pub enum TimeColumn {
     Named(Vec<String>),
 }
 
+/// What a table holds.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Tabled {
+    /// Its columns of numbers.
+    pub signals: Vec<Signal>,
+    /// Columns that are not wanted but may say the rate: those that could be the time.
+    pub witnesses: Vec<Signal>,
+    /// What was left out, a sentence each.
+    pub skipped: Vec<String>,
+}
+
 /// Reads a table.
 ///
 /// # Errors
 /// The first thing that is wrong, with line and column.
-pub fn read(from: impl BufRead, table: &Table) -> Result<Vec<Signal>, ImportError> {
+pub fn read(from: impl BufRead, table: &Table) -> Result<Tabled, ImportError> {
     let mut lines = Lines::new(from);
     let mut head = Vec::new();
     while head.len() < HEAD
@@ -63,48 +77,19 @@ pub fn read(from: impl BufRead, table: &Table) -> Result<Vec<Signal>, ImportErro
     {
         head.push(line.into_owned());
     }
-    let delimiter = table
-        .delimiter
-        .unwrap_or_else(|| guess(&head, table.decimal_comma));
-    if table.decimal_comma && delimiter == b',' {
-        return Err(ImportError::new(
-            "the comma cannot be delimiter and decimal sign: say --delimiter",
-        ));
+    let Beginning {
+        delimiter,
+        decimal_comma,
+        rows,
+        layout,
+    } = Beginning::find(&head, table)?;
+    if table.head_lines.is_none() {
+        check_head(&head[..layout.first], delimiter)?;
     }
     let mut splitter = Splitter::new(delimiter);
-    let mut rows = Vec::with_capacity(head.len());
-    for (index, line) in head.iter().enumerate() {
-        rows.push(splitter.split(line, index as u32 + 1)?);
-    }
-    let first = match table.head_lines {
-        Some(lines) => lines,
-        None => rows.iter().position(|row| is_data(row, table.decimal_comma)).ok_or_else(|| {
-            ImportError::new(format!(
-                "no row of numbers in the first {} lines: is '{}' the delimiter (--delimiter), a comma the decimal \
-                 sign (--decimal-comma)?",
-                rows.len(),
-                named(delimiter)
-            ))
-        })?,
-    };
-    if table.head_lines.is_none() {
-        check_head(&head[..first], delimiter)?;
-    }
-    let Some(row) = rows.get(first) else {
-        return Err(ImportError::new(format!(
-            "has no line {} to begin with",
-            first + 1
-        )));
-    };
-    let width = row.len();
-    if width > COLUMNS {
-        return Err(ImportError::at(
-            format_args!("line {}", first + 1),
-            format!("{width} columns: at most {COLUMNS} are read"),
-        ));
-    }
-    let (names, units) = heads(&rows[..first], width);
-    let mut columns = Columns::choose(table, names, units)?;
+    let (names, units) = heads(&rows[..layout.first], &layout, delimiter);
+    let mut columns = Columns::choose(table, decimal_comma, layout, names, units, &rows)?;
+    let first = columns.first_row();
     for (index, row) in rows.iter().enumerate().skip(first) {
         columns.push(row, index as u32 + 1)?;
     }
@@ -122,13 +107,95 @@ pub fn read(from: impl BufRead, table: &Table) -> Result<Vec<Signal>, ImportErro
     columns.finish()
 }
 
+/// What the first lines of a table show.
+struct Beginning {
+    delimiter: u8,
+    decimal_comma: bool,
+    rows: Vec<Vec<String>>,
+    layout: Layout,
+}
+
+impl Beginning {
+    /// As somebody says, else with decimal points, else with decimal commas.
+    fn find(head: &[String], table: &Table) -> Result<Self, ImportError> {
+        let found = Self::with(head, table, table.decimal_comma)?;
+        let found = match found {
+            None if !table.decimal_comma => Self::with(head, table, true)?.filter(Self::is_surely_decimal),
+            found => found,
+        };
+        if let Some(found) = found {
+            return Ok(found);
+        }
+        if let Some(lines) = table.head_lines.filter(|lines| *lines >= head.len()) {
+            return Err(ImportError::new(format!(
+                "has no line {} to begin with",
+                lines + 1
+            )));
+        }
+        let delimiter = table
+            .delimiter
+            .unwrap_or_else(|| guess(head, table.decimal_comma));
+        Err(ImportError::new(format!(
+            "no row of numbers in the first {} lines: is '{}' the delimiter (--delimiter), a comma the decimal sign \
+             (--decimal-comma)?",
+            head.len(),
+            named(delimiter)
+        )))
+    }
+
+    fn with(head: &[String], table: &Table, decimal_comma: bool) -> Result<Option<Self>, ImportError> {
+        let delimiter = table.delimiter.unwrap_or_else(|| guess(head, decimal_comma));
+        if decimal_comma && delimiter == b',' {
+            return match table.decimal_comma {
+                true => Err(ImportError::new(
+                    "the comma cannot be delimiter and decimal sign: say --delimiter",
+                )),
+                false => Ok(None),
+            };
+        }
+        let mut splitter = Splitter::new(delimiter);
+        let mut rows = Vec::with_capacity(head.len());
+        for (index, line) in head.iter().enumerate() {
+            rows.push(splitter.split(line, index as u32 + 1)?);
+        }
+        let Some(layout) = Layout::find(&rows, table.head_lines, decimal_comma) else {
+            return Ok(None);
+        };
+        if layout.width > COLUMNS {
+            return Err(ImportError::at(
+                format_args!("line {}", layout.first + 1),
+                format!("{} columns: at most {COLUMNS} are read", layout.width),
+            ));
+        }
+        Ok(Some(Self {
+            delimiter,
+            decimal_comma,
+            rows,
+            layout,
+        }))
+    }
+
+    /// Whether commas are no separators of thousands: some number begins with `0,` or has other than three digits behind.
+    fn is_surely_decimal(&self) -> bool {
+        let cells = self.rows.iter().skip(self.layout.first).flatten();
+        cells
+            .filter_map(|cell| cell.split_once(','))
+            .any(|(whole, behind)| {
+                let digits = behind.bytes().take_while(u8::is_ascii_digit).count();
+                matches!(whole.trim_start_matches(['-', '+']), "0" | "") || digits != 3
+            })
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::import::Timing;
 
     fn signals(text: &str, table: &Table) -> Result<Vec<Signal>, String> {
-        read(text.as_bytes(), table).map_err(|error| error.to_string())
+        read(text.as_bytes(), table)
+            .map(|found| found.signals)
+            .map_err(|error| error.to_string())
     }
 
     fn nanos(signal: &Signal) -> &[i64] {
@@ -237,7 +304,7 @@ mod tests {
     #[test]
     fn latin_1_is_read() {
         let found = read(&b"d [\xb5m]\n0.5\n0.25\n"[..], &Table::default()).unwrap();
-        assert_eq!(found[0].unit.as_deref(), Some("µm"));
+        assert_eq!(found.signals[0].unit.as_deref(), Some("µm"));
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use super::asked::{Asked, Wanted, channels_of, choose, told, unit};
 use super::grid::{self, Stretch};
-use super::{ImportError, MOST_VALUES, Signal, Stamps, Timing, ramp};
+use super::{ImportError, MOST_VALUES, Signal, Stamps, Timing};
 use crate::config::field_of;
 use crate::record::{RodChannels, Timestamp, Unit};
 use crate::sink::{Encoding, Layout};
@@ -51,6 +51,8 @@ pub struct Planned {
     pub says_unit: bool,
     /// Whether anybody says when it began.
     pub says_start: bool,
+    /// Whether each sample has a stamp of its own, because they are uneven.
+    pub is_stamped: bool,
 }
 
 impl Planned {
@@ -71,9 +73,6 @@ impl Plan {
     /// # Errors
     /// Something is missing or contradicts: a unit, the rate, the time, a channel; the sentence says what to add.
     pub fn new(signals: Vec<Signal>, asked: &Asked<'_>, encoding: Encoding) -> Result<Self, ImportError> {
-        if let Some(rate_hz) = asked.rate_hz {
-            ramp::agree(&signals, rate_hz)?;
-        }
         let chosen = choose(signals, asked.channels)?;
         let plan = Self::of(chosen, asked, encoding)?;
         plan.check(asked.rods, true)?;
@@ -138,7 +137,10 @@ impl Plan {
                     None => match grids.iter().find(|(known, _)| Arc::ptr_eq(known, stamps)) {
                         Some((_, grid)) => grid.clone(),
                         None => {
-                            let grid = grid::even(stamps)?;
+                            let grid = grid::even(stamps).or_else(|error| {
+                                let stamped = asked.keeps_stamps.then(|| grid::uneven(stamps)).flatten();
+                                stamped.ok_or(error)
+                            })?;
                             grids.push((Arc::clone(stamps), grid.clone()));
                             grid
                         }
@@ -183,7 +185,8 @@ impl Plan {
         }
         let says_unit = unit.is_some();
         let unit = unit.unwrap_or(Unit::Metre);
-        let is_batch = !Unit::TEMPERATURE.contains(&unit) && fs_hz > 2.0;
+        let is_stamped = stretches.len() > 1 && stretches.len() == values.len();
+        let is_batch = !Unit::TEMPERATURE.contains(&unit) && fs_hz > 2.0 && !is_stamped;
         Ok(Planned {
             name: signal.name,
             written_unit: signal.unit,
@@ -202,6 +205,7 @@ impl Plan {
             is_resampled: asked.resample_hz.is_some(),
             says_unit,
             says_start,
+            is_stamped,
         })
     }
 

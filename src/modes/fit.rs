@@ -4,6 +4,7 @@ use super::band::{Band, Coefficients};
 use super::dispersion::{Dispersion, dispersion};
 use super::likelihood::{self, Parameters, Start, Value};
 use super::optimum::{Optimum, golden, maximise};
+use super::parts::Beginning;
 use super::posterior::moments;
 use super::subband::{Pole, Subband};
 use super::{Mask, Resonance};
@@ -86,15 +87,6 @@ pub struct Aim {
     pub peak_hz: f64,
     /// What a fit to another stretch of the record found.
     pub before: Option<Parameters>,
-}
-
-/// How a stretch of a record is taken to begin.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Beginning {
-    /// As known.
-    Known(Start),
-    /// As the stretch itself says, mode by mode.
-    Tested,
 }
 
 /// One stretch of a record, its Fourier coefficients, and what is known before any fit.

@@ -9,7 +9,7 @@ use super::onset::{self, UnderWay};
 use super::quality;
 use super::temperature::Temperature;
 use super::timing::{self, Even, Stray, Stretch};
-use super::{Cut, Excitation, Flag, Reading, Record, RecordSettings, Rejection, RodId, Timestamp};
+use super::{Cut, Envelope, Excitation, Flag, Reading, Record, RecordSettings, Rejection, RodId, Timestamp};
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 
@@ -26,6 +26,10 @@ pub enum Event {
         start: Option<Timestamp>,
         /// Its length \[s\].
         duration_s: f64,
+        /// Its sample rate \[Hz\], if that could be told.
+        fs_hz: Option<f64>,
+        /// Its samples as the columns of a drawing, if it has any at even times.
+        waveform: Option<Envelope>,
         /// Why it is no record.
         rejection: Rejection,
     },
@@ -371,7 +375,10 @@ impl Assembler {
         {
             // Otherwise it fills the hole, and the last one was ahead by one.
             if time as f64 - end > 0.5 * self.unit(values.len()) {
-                self.ahead = Some(Ahead { time: last, behind: before });
+                self.ahead = Some(Ahead {
+                    time: last,
+                    behind: before,
+                });
             }
         }
         self.open.insert(back, time, values);
@@ -422,7 +429,13 @@ impl Assembler {
         let (false, Some(interval)) = (self.astray.is_empty(), self.interval) else {
             return;
         };
-        let Some(end) = self.open.times.len().checked_sub(1).and_then(|last| self.end_of(last)) else {
+        let Some(end) = self
+            .open
+            .times
+            .len()
+            .checked_sub(1)
+            .and_then(|last| self.end_of(last))
+        else {
             return;
         };
         let aside: usize = self.astray.iter().map(|(_, values)| values.len()).sum();
@@ -515,8 +528,7 @@ impl Assembler {
         let count = open.times.len();
         let oldest = count.saturating_sub(LATE);
         let same = open.times[oldest..].iter().rposition(|&known| known == time);
-        let at = oldest
-            + same.unwrap_or_else(|| open.times[oldest..].partition_point(|&known| known < time));
+        let at = oldest + same.unwrap_or_else(|| open.times[oldest..].partition_point(|&known| known < time));
         if same.is_some() {
             let younger: usize = open.sizes[at..].iter().map(|&size| size as usize).sum();
             let first = open.values.len() - younger;
@@ -726,9 +738,21 @@ impl Assembler {
         if duration_s < self.settings.min_duration_s * (1.0 - 1e-9) {
             return self.too_short(start, duration_s);
         }
+        // The checks repair what they can: what they refuse is shown as it came.
+        let waveform = Envelope::of(&samples, fs_hz);
         let checked = match quality::check(samples, fs_hz, &self.settings) {
             Ok(checked) => checked,
-            Err(rejection) => return self.reject(Some(start), duration_s, rejection),
+            Err(rejection) => {
+                self.tell_short();
+                return self.events.push(Event::Rejected {
+                    rod: self.rod.clone(),
+                    start: Some(start),
+                    duration_s,
+                    fs_hz: Some(fs_hz),
+                    waveform: Some(waveform),
+                    rejection,
+                });
+            }
         };
         let mut flags = checked.flags;
         if self.dropped > 0 {
@@ -798,6 +822,8 @@ impl Assembler {
             rod: self.rod.clone(),
             start,
             duration_s,
+            fs_hz: None,
+            waveform: None,
             rejection,
         });
     }
@@ -819,6 +845,8 @@ impl Assembler {
                 rod: self.rod.clone(),
                 start: Some(short.start),
                 duration_s: short.total_s,
+                fs_hz: None,
+                waveform: None,
                 rejection: timing::too_short(short.longest_s, &self.settings),
             });
         }

@@ -119,9 +119,8 @@ impl Offsets {
         let mut begin = 0;
         let mut i = LEAST;
         while i + LEAST <= count {
-            let rise = |i: usize| {
-                mean(i, (i + CONFIRM).min(count)) - mean(i.saturating_sub(CONFIRM).max(begin), i)
-            };
+            let rise =
+                |i: usize| mean(i, (i + CONFIRM).min(count)) - mean(i.saturating_sub(CONFIRM).max(begin), i);
             if rise(i) < 0.4 * quantum {
                 i += 1;
                 continue;
@@ -174,7 +173,11 @@ mod tests {
         let mut number = 0u64;
         let times: Vec<i64> = (0..count)
             .map(|i| {
-                number += lost.iter().filter(|(at, _)| *at == i).map(|(_, n)| n).sum::<u64>();
+                number += lost
+                    .iter()
+                    .filter(|(at, _)| *at == i)
+                    .map(|(_, n)| n)
+                    .sum::<u64>();
                 let time = number as f64 * 0.01 + off(i);
                 number += u64::from(size);
                 (time * 1e9).round() as i64

@@ -3,6 +3,9 @@
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
+/// The highest mode that a sample rate serves, as a share of it.
+pub const UNDERSAMPLED: f64 = 0.45;
+
 /// Why a record gives no frequencies or no force. Stored, counted and shown; never an error.
 #[derive(Debug, Clone, PartialEq, Error, Serialize)]
 #[serde(rename_all = "kebab-case", tag = "reason")]
@@ -76,7 +79,11 @@ pub enum Rejection {
         measured_hz: f64,
     },
     /// The sample rate is too low for the band of the modes.
-    #[error("sampled at {fs_hz:.2} Hz, the lowest mode is expected up to {needed_hz:.2} Hz")]
+    #[error(
+        "sampled at {fs_hz:.2} Hz, the lowest mode is expected up to {needed_hz:.2} Hz: sample at {:.0} Hz or more, or narrow \
+         the prior of axial_force_n from above",
+        needed_hz / UNDERSAMPLED + 0.5
+    )]
     Undersampled {
         /// Sample rate \[Hz\].
         fs_hz: f64,
@@ -104,7 +111,10 @@ pub enum Rejection {
         detail: String,
     },
     /// No peak stands above the noise.
-    #[error("no spectral peak stands above the noise between {low_hz:.2} and {high_hz:.2} Hz")]
+    #[error(
+        "no spectral peak stands above the noise between {low_hz:.2} and {high_hz:.2} Hz, where the prior expects the modes: look \
+         for peaks elsewhere with `tirante spectrum`, record longer or nearer mid-span, or pull the rod and let it go"
+    )]
     NoPeak {
         /// Lower end of the searched band \[Hz\].
         low_hz: f64,
@@ -112,7 +122,7 @@ pub enum Rejection {
         high_hz: f64,
     },
     /// Peaks there are, but no assignment to mode orders is credible.
-    #[error("{peaks} peaks, but no credible assignment to mode orders ({detail})")]
+    #[error("cannot number the modes of {peaks} peaks: {detail}")]
     NoLabel {
         /// How many peaks.
         peaks: usize,
@@ -125,8 +135,20 @@ pub enum Rejection {
         /// What lies outside.
         detail: String,
     },
+    /// No rod that the prior allows has such frequencies.
+    #[error(
+        "no rod that the prior allows has these frequencies: they lie {distance:.1} times as far out as the farthest of thousands of \
+         its rods; check the free length, the unit and orders of the frequencies, section and material, or widen axial_force_n"
+    )]
+    OutsidePrior {
+        /// Distance over that of the farthest draw.
+        distance: f64,
+    },
     /// Approximate Bayesian computation accepted too few draws.
-    #[error("{accepted} of {draws} draws accepted (epsilon {epsilon:.4e}), at least {needed} needed")]
+    #[error(
+        "{accepted} of {draws} draws accepted (epsilon {epsilon:.4e}), at least {needed} needed: raise abc.draws, or accept a \
+         larger share or distance with abc.accept"
+    )]
     NothingAccepted {
         /// Accepted draws.
         accepted: usize,
@@ -193,6 +215,7 @@ impl Rejection {
             Self::NoPeak { .. } => "no-peak",
             Self::NoLabel { .. } => "no-label",
             Self::OutsideEmulator { .. } => "outside-emulator",
+            Self::OutsidePrior { .. } => "outside-prior",
             Self::NothingAccepted { .. } => "nothing-accepted",
             Self::Broken { .. } => "broken",
             Self::Quarantined { .. } => "quarantined",
@@ -260,7 +283,10 @@ impl std::fmt::Display for Flag {
             Self::Jitter { jitter } => write!(f, "stamps jitter by {:.0} %", jitter * 100.0),
             Self::LateStamps { messages, worst_s } => {
                 let plural = if *messages == 1 { "" } else { "s" };
-                write!(f, "{messages} message{plural} stamped off their time, at worst by {worst_s:.3e} s")
+                write!(
+                    f,
+                    "{messages} message{plural} stamped off their time, at worst by {worst_s:.3e} s"
+                )
             }
         }
     }

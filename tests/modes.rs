@@ -77,7 +77,7 @@ impl Cell {
             .into_par_iter()
             .map(|seed| {
                 let record = simulate(base + seed, FS, self.seconds, &modes, 1.0, self.excitation);
-                plan.evidence(&record, 2.0, 25.0).unwrap().resonances
+                plan.search().evidence(&record, 2.0, 25.0).unwrap().resonances
             })
             .collect();
         TODI.iter()
@@ -209,7 +209,7 @@ fn resonance(frequency_hz: f64) -> Resonance {
 fn labels(frequencies: &[f64], kind: MotionKind) -> Result<Vec<(usize, f64)>, Rejection> {
     let resonances: Vec<Resonance> = frequencies.iter().map(|&f| resonance(f)).collect();
     let labelling = todi()
-        .label(&resonances, 50.0, kind)
+        .label(&resonances, (0.0, 50.0), kind)
         .map_err(|found| found.rejection)?;
     let used = labelling.modes.iter().filter(|m| m.order <= 3);
     Ok(used.map(|m| (m.order, m.frequency_hz)).collect())
@@ -256,7 +256,7 @@ fn a_rod_far_from_its_guessed_force_keeps_its_orders() {
     let prior = RodPrior::new(Parameterisation::new(Section::Round), priors).unwrap();
     let plan = LabelPlan::new(&prior, &[0.01; 3], ModeSettings::default()).unwrap();
     let peaks: Vec<Resonance> = [8.3085, 19.0571, 34.0965, 53.9982].map(resonance).to_vec();
-    let found = plan.label(&peaks, 60.0, MotionKind::Ambient).unwrap();
+    let found = plan.label(&peaks, (0.0, 60.0), MotionKind::Ambient).unwrap();
     let orders: Vec<usize> = found.modes.iter().map(|mode| mode.order).collect();
     assert_eq!(orders, [1, 2, 3, 4]);
     assert!((found.modes[2].frequency_hz - 34.0965).abs() < 1e-9);
@@ -281,7 +281,7 @@ fn one_peak_or_a_wrong_proportion_is_refused() {
             ..resonance(f)
         })
         .collect();
-    assert!(todi().label(&lines, 50.0, MotionKind::Ambient).is_err());
+    assert!(todi().label(&lines, (0.0, 50.0), MotionKind::Ambient).is_err());
 }
 
 #[test]
@@ -299,7 +299,7 @@ fn foreign_resonances_alone_are_mostly_refused() {
                 .collect();
             f.sort_by(f64::total_cmp);
             let resonances: Vec<Resonance> = f.iter().map(|&f| resonance(f)).collect();
-            labelled += usize::from(todi.label(&resonances, 50.0, MotionKind::Ambient).is_ok());
+            labelled += usize::from(todi.label(&resonances, (0.0, 50.0), MotionKind::Ambient).is_ok());
         }
         println!("{count} foreign: {labelled} of 400 labelled");
         assert!(
@@ -412,6 +412,7 @@ fn two_modes_close_together_are_told_apart() {
         pull: 0.0,
     });
     let found = plan()
+        .search()
         .evidence(
             &simulate(8, FS, 120.0, &modes, 1.0, Excitation::Ambient),
             2.0,
@@ -593,7 +594,7 @@ fn a_peak_in_a_window_is_that_mode_whatever_else_fits() {
     };
     let told = |windows: Vec<ModeWindow>, frequencies: &[f64]| {
         let resonances: Vec<Resonance> = frequencies.iter().map(|&f| resonance(f)).collect();
-        let found = plan(windows).label(&resonances, 50.0, MotionKind::Ambient);
+        let found = plan(windows).label(&resonances, (0.0, 50.0), MotionKind::Ambient);
         found
             .map(|found| found.labels.told)
             .map_err(|found| found.rejection)
@@ -612,7 +613,7 @@ fn a_peak_in_a_window_is_that_mode_whatever_else_fits() {
     let mut two = [resonance(4.4), resonance(4.6)];
     two[1].evidence *= 2.0;
     let found = plan(vec![window(1, 4.0, 5.0)])
-        .label(&two, 50.0, MotionKind::Ambient)
+        .label(&two, (0.0, 50.0), MotionKind::Ambient)
         .unwrap();
     assert_eq!(found.labels.told, [(1, 4.6)]);
 }
@@ -625,7 +626,7 @@ fn one_clear_mode_is_enough_where_one_is_asked_for() {
     };
     let plan = LabelPlan::new(&RodPrior::todi(), &[0.01], settings).unwrap();
     let told = |resonances: &[Resonance]| {
-        plan.label(resonances, 50.0, MotionKind::Ambient)
+        plan.label(resonances, (0.0, 50.0), MotionKind::Ambient)
             .map(|found| found.labels.told)
     };
     assert_eq!(told(&[resonance(4.6)]).unwrap(), [(1, 4.6)]);
@@ -654,14 +655,14 @@ fn a_band_and_masks_keep_peaks_out() {
     };
     let plan = LabelPlan::new(&RodPrior::todi(), &[0.01], settings).unwrap();
     assert_eq!(plan.band_hz(), (2.0, 30.0));
-    let found = plan.label(&resonances, 50.0, MotionKind::Ambient).unwrap();
+    let found = plan.label(&resonances, (0.0, 50.0), MotionKind::Ambient).unwrap();
     assert_eq!(found.labels.told, [(1, 5.0), (2, 10.3), (3, 16.2)]);
 }
 
 #[test]
 fn what_is_refused_shows_candidates_with_their_forces_and_the_remedy() {
     let resonances: Vec<Resonance> = [5.0, 13.0].map(resonance).to_vec();
-    let Err(found) = todi().label(&resonances, 50.0, MotionKind::Ambient) else {
+    let Err(found) = todi().label(&resonances, (0.0, 50.0), MotionKind::Ambient) else {
         panic!("two peaks in no proportion of any rod");
     };
     assert!(!found.labels.candidates.is_empty() && found.labels.told.is_empty());
@@ -684,7 +685,7 @@ fn the_same_peaks_have_the_same_labels_to_the_bit() {
     let world = labels::world(Class::Foreign(2), Knowledge::FirstContact, 3);
     let once = || {
         let plan = LabelPlan::new(&world.prior, &[0.01], ModeSettings::default()).unwrap();
-        plan.label(&world.peaks, world.limit_hz, MotionKind::Ambient)
+        plan.label(&world.peaks, (0.0, world.limit_hz), MotionKind::Ambient)
     };
     let first = once();
     (0..4).into_par_iter().for_each(|_| assert_eq!(once(), first));
@@ -803,7 +804,8 @@ fn tally(class: &Case, repeats: u64, seed: u64) -> (usize, usize, usize) {
     let all: Vec<Evidence> = (0..repeats)
         .into_par_iter()
         .map(|n| {
-            plan.evidence(&class.scene.record(seed * 100_000 + n), 2.0, 25.0)
+            plan.search()
+                .evidence(&class.scene.record(seed * 100_000 + n), 2.0, 25.0)
                 .unwrap()
         })
         .collect();
@@ -938,6 +940,7 @@ fn a_tone_is_told_from_a_decay() {
         let (mut lines, mut doubted) = (0, 0);
         for seed in 0..20 {
             let found = plan()
+                .search()
                 .evidence(&scene.record(seed), 2.0, 25.0)
                 .unwrap()
                 .resonances;

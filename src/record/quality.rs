@@ -260,7 +260,10 @@ fn clipped(samples: &[f64], range: &Extent, fs_hz: f64) -> Rails {
         }
         // Few samples prove nothing either way.
         if at as f64 <= 1.5 * near as f64 + 4.0 {
-            return Rails { samples: 0, is_sure: false };
+            return Rails {
+                samples: 0,
+                is_sure: false,
+            };
         }
         let is_sure = visits >= VISITS;
         let is_still = at as f64 > STAY_S * fs_hz * visits as f64;

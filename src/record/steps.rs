@@ -161,7 +161,8 @@ fn swing(samples: &[f64]) -> f64 {
     if off.is_empty() {
         return 0.0;
     }
-    *off.select_nth_unstable_by(most.min(samples.len() - 1), f64::total_cmp).1
+    *off.select_nth_unstable_by(most.min(samples.len() - 1), f64::total_cmp)
+        .1
 }
 
 /// Whether the signal leaves the level it steps to by a release, back to where it came from.

@@ -18,7 +18,7 @@ pub mod refine;
 pub mod subband;
 mod tone;
 
-pub use identify::{Evidence, ModalEstimate, ModalPlan, Unidentified};
+pub use identify::{Evidence, ModalEstimate, ModalPlan, PeakSearch, Unidentified, searchable_hz};
 pub use label::{LabelPlan, Labelling, Unlabelled};
 pub use parts::Parts;
 pub use refine::{Refinement, Search, refine};

@@ -907,7 +907,8 @@ fn a_clean_decay_is_no_line() {
         for onset in [-1e-4, 0.303] {
             let mut scene = scene(damping, 60.0, 40.0);
             let strength = 100.0;
-            for mode in &mut scene.modes {
+            for (mode, frequency_hz) in scene.modes.iter_mut().zip([5.0, 10.3, 16.2]) {
+                mode.frequency_hz = frequency_hz;
                 mode.ambient = 1e-3;
             }
             scene.pulls = vec![pull(onset, 1e3 * strength, f64::from(onset < 0.0))];

@@ -446,6 +446,10 @@ fn a_file_that_cannot_be_told_says_what_it_holds_and_what_to_add() {
             vec!["--config says which rod", "2 \"d\" (40 samples, m"],
         ),
         (
+            vec!["identify", "good.csv", "--channel", "d"],
+            vec!["--config says which rod"],
+        ),
+        (
             vec!["identify", "none.csv", "--config", config, "--rate", "100"],
             vec!["column", "50 Hz", "100 Hz"],
         ),

@@ -1,7 +1,7 @@
 //! A record as one JSON line: what programs read and the store keeps.
 
 use crate::analysis::{Identification, VERSION};
-use crate::bayes::{Marginal, Posterior};
+use crate::bayes::{Adjustment, Marginal, Posterior, VarianceShares};
 use crate::beam::Quantity;
 use crate::findings::{self, CERTAIN, Candidate, Peak};
 use crate::modes::{Mode, Motion};
@@ -36,6 +36,8 @@ struct Line<'a> {
     ess: Option<f64>,
     conflict: Option<f64>,
     prior_tail: Option<f64>,
+    adjustment: Option<String>,
+    hangs_on: Option<HangsOn<'a>>,
     tracked_force_n: Option<Interval>,
     relative_force: Option<Interval>,
     not_axial_p: Option<f64>,
@@ -69,6 +71,24 @@ struct LineMode {
 struct Parameter {
     mean: f64,
     cv: f64,
+}
+
+/// The sources of the force's variance, in figures and in words.
+#[derive(Serialize)]
+struct HangsOn<'a> {
+    #[serde(flatten)]
+    shares: &'a VarianceShares,
+    sentence: Option<String>,
+    mass_sentence: Option<String>,
+}
+
+/// What was done to the accepted draws: `linear`, `none`, or `withheld` with the reason.
+fn adjustment(posterior: &Posterior) -> String {
+    match (posterior.adjustment, posterior.withheld) {
+        (Adjustment::Linear, _) => "linear".to_owned(),
+        (Adjustment::None, None) => "none".to_owned(),
+        (Adjustment::None, Some(reason)) => format!("withheld: {reason}"),
+    }
 }
 
 #[derive(Serialize)]
@@ -173,6 +193,8 @@ impl<'a> Line<'a> {
             ess: None,
             conflict: None,
             prior_tail: None,
+            adjustment: None,
+            hangs_on: None,
             tracked_force_n: None,
             relative_force: None,
             not_axial_p: None,
@@ -219,6 +241,12 @@ impl<'a> Line<'a> {
         self.ess = Some(posterior.ess);
         self.conflict = Some(identification.conflict.score);
         self.prior_tail = Some(identification.conflict.prior_tail);
+        self.adjustment = Some(adjustment(posterior));
+        self.hangs_on = identification.hangs_on.as_ref().map(|shares| HangsOn {
+            shares,
+            sentence: shares.sentence(),
+            mass_sentence: shares.mass_sentence(),
+        });
         self.seed = Some(posterior.seed);
     }
 

@@ -2,7 +2,8 @@
 //! of each uncertain quantity; small enough to be kept for the report.
 
 use crate::analysis::{Identification, Measurement};
-use crate::bayes::{Posterior, Prior, RodPrior};
+use crate::bayes::{Posterior, Prior, RodPrior, VarianceShares};
+use crate::beam::Quantity;
 use crate::findings::{self, CERTAIN, Candidate, Multiple, Nature, Peak};
 use crate::modes::{Labels, Mode, Motion};
 use crate::outcome::{Outcome, Rejected};
@@ -41,6 +42,9 @@ pub struct Snapshot {
     pub peaks: Vec<PeakMark>,
     /// The uncertain quantities, axial force first; none without a force.
     pub densities: Vec<Density>,
+    /// The sources of the force's variance; `None` for records of older programs, or without a force.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub hangs_on: Option<VarianceShares>,
     /// The motion that was recognised; `None` for records of older programs.
     #[serde(default, rename = "excitation", skip_serializing_if = "Option::is_none")]
     pub motion: Option<Motion>,
@@ -140,6 +144,7 @@ impl Snapshot {
         Some(Self {
             seed: format!("{:016x}", identification.posterior.seed),
             densities: densities(prior, &identification.posterior),
+            hangs_on: identification.hangs_on.clone(),
             ..Self::of_measurement(
                 measurement,
                 modes,
@@ -178,6 +183,7 @@ impl Snapshot {
                 },
                 peaks: Vec::new(),
                 densities: Vec::new(),
+                hangs_on: None,
                 motion: None,
                 label_probability: None,
                 candidates: Vec::new(),
@@ -214,6 +220,7 @@ impl Snapshot {
                 .filter(|peak| peak.frequency_hz <= high_hz)
                 .collect(),
             densities: Vec::new(),
+            hangs_on: None,
             motion: Some(measurement.motion.clone()),
             label_probability: labels.map(|labels| labels.probability),
             candidates: labels
@@ -290,22 +297,83 @@ fn densities(prior: &RodPrior, posterior: &Posterior) -> Vec<Density> {
         .filter(|(_, (_, prior))| !prior.is_fixed())
         .map(|(column, (quantity, prior))| {
             let values = posterior.particles.iter().skip(column).step_by(width).copied();
-            density(quantity.key(), prior, values, &posterior.weights)
+            let weights = &posterior.weights;
+            match prior {
+                // The stiffness itself has no scale that shows both hinge and clamp.
+                Prior::Fixity(fixity) => {
+                    let before = Before {
+                        mean_sd: fixity.fixity_mean_and_sd(),
+                        span: (0.0, 1.0),
+                        density: &|value| fixity.density_of_fixity(value),
+                    };
+                    density(
+                        fixity_key(*quantity),
+                        &before,
+                        values.map(|k| fixity.of(k)),
+                        weights,
+                    )
+                }
+                _ => of_quantity(quantity.key(), prior, values, weights),
+            }
         })
         .collect()
+}
+
+/// The key under which the fixity of a support is shown.
+fn fixity_key(support: Quantity) -> &'static str {
+    match support {
+        Quantity::SpringLeft => "fixity_left",
+        _ => "fixity_right",
+    }
+}
+
+/// What was known of a quantity before, as it is drawn.
+struct Before<'a> {
+    mean_sd: (f64, f64),
+    /// The first and last value shown.
+    span: (f64, f64),
+    density: &'a dyn Fn(f64) -> f64,
+}
+
+fn of_quantity(
+    quantity: &str,
+    prior: &Prior,
+    values: impl Iterator<Item = f64> + Clone,
+    weights: &[f64],
+) -> Density {
+    let (mean, sd) = prior.mean_and_sd();
+    let span = match *prior {
+        // Some decades: what is left of them is shown, with as much again around it.
+        Prior::LogUniform { low, high } => {
+            let (least, most) = values.clone().fold((high, low), |(least, most), value| {
+                (least.min(value), most.max(value))
+            });
+            let room = 0.5 * (most - least).max(1e-6 * high);
+            ((least - room).max(low), (most + room).min(high))
+        }
+        _ => (
+            (mean - DENSITY_SPAN_SD * sd).max(0.0),
+            mean + DENSITY_SPAN_SD * sd,
+        ),
+    };
+    let before = Before {
+        mean_sd: (mean, sd),
+        span,
+        density: &|value| libm::exp(prior.log_density(value)),
+    };
+    density(quantity, &before, values, weights)
 }
 
 /// Prior by its closed form; posterior by a Gaussian kernel of Silverman's width
 /// 0.9 sd ess^(-1/5) on linearly binned particles. Both are scaled to one over the span shown.
 fn density(
     quantity: &str,
-    prior: &Prior,
+    before: &Before<'_>,
     values: impl Iterator<Item = f64> + Clone,
     weights: &[f64],
 ) -> Density {
-    let (prior_mean, prior_sd) = prior.mean_and_sd();
-    let low = (prior_mean - DENSITY_SPAN_SD * prior_sd).max(0.0);
-    let high = prior_mean + DENSITY_SPAN_SD * prior_sd;
+    let (prior_mean, prior_sd) = before.mean_sd;
+    let (low, high) = before.span;
     let step = (high - low) / (DENSITY_POINTS - 1) as f64;
 
     let mut mass = vec![0.0; DENSITY_POINTS];
@@ -337,7 +405,7 @@ fn density(
         quantity: quantity.to_owned(),
         low,
         high,
-        prior: scaled((0..DENSITY_POINTS).map(|i| libm::exp(prior.log_density(low + i as f64 * step)))),
+        prior: scaled((0..DENSITY_POINTS).map(|i| (before.density)(low + i as f64 * step))),
         posterior: scaled((0..DENSITY_POINTS).map(smooth)),
         prior_mean_sd: (prior_mean, prior_sd),
         posterior_mean_sd: (prior_mean + sum, sd),
@@ -371,7 +439,7 @@ mod tests {
         let mut generator = random::stream(3, 0);
         let values: Vec<f64> = (0..10_000).map(|_| normal.sample(&mut generator)).collect();
         let weights = vec![1e-4; values.len()];
-        let shown = density("axial_force_n", &prior, values.iter().copied(), &weights);
+        let shown = of_quantity("axial_force_n", &prior, values.iter().copied(), &weights);
         let moments = |density: &[f64]| {
             let step = (shown.high - shown.low) / (density.len() - 1) as f64;
             let total: f64 = density.iter().sum();

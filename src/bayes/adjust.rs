@@ -10,8 +10,9 @@
 //! and the line extrapolates. A little of that is still far better than no adjustment, much of it is
 //! not (docs/abc.md): see [`REACH`].
 
-use super::{Prior, RodPrior};
+use super::RodPrior;
 use nalgebra::{DMatrix, SymmetricEigen};
+use thiserror::Error;
 
 /// Directions of the scaled design with less than this share of the largest eigenvalue count as absent.
 const RANK_TOLERANCE: f64 = 1e-10;
@@ -21,11 +22,34 @@ const RANK_TOLERANCE: f64 = 1e-10;
 /// low for the model 4.4, the paper's rod 8.6, where the adjusted force still depends on the tolerance.
 pub const REACH: f64 = 5.0;
 
+/// Why accepted draws were not adjusted although they were to be.
+#[derive(Debug, Clone, Copy, PartialEq, Error)]
+pub enum Withheld {
+    /// Too few points carry weight.
+    #[error("{points} draws for {modes} modes are too few to fit a line")]
+    TooFew {
+        /// Points with weight.
+        points: usize,
+        /// Modes observed.
+        modes: usize,
+    },
+    /// The observation lies too far from the accepted draws.
+    #[error(
+        "the frequencies lie {reach:.1} standard deviations from the nearest draws of the prior, more than {REACH} \
+         (the force then depends on the tolerance; narrow the prior, or [abc] method = \"sequential\")"
+    )]
+    OutOfReach {
+        /// Mahalanobis distance from the mean of the accepted draws.
+        reach: f64,
+    },
+}
+
 /// Moves `particles` (row-major, points x quantities) and multiplies `weights`, which sum to one before
 /// and after, by the kernel. `differences` are y_i - y_0, row-major (points x modes).
 ///
-/// Returns false and changes nothing if fewer points carry weight than twice the coefficients sought,
-/// or if the observation is out of their [`REACH`].
+/// # Errors
+/// Changes nothing if fewer points carry weight than twice the coefficients sought, or if the observation is out of their
+/// [`REACH`].
 pub fn linear(
     prior: &RodPrior,
     particles: &mut [f64],
@@ -33,7 +57,7 @@ pub fn linear(
     distances: &[f64],
     epsilon: f64,
     weights: &mut [f64],
-) -> bool {
+) -> Result<(), Withheld> {
     let points = weights.len();
     let modes = differences.len().checked_div(points).unwrap_or(0);
     let kernel: Vec<f64> = weights
@@ -41,8 +65,12 @@ pub fn linear(
         .zip(distances)
         .map(|(&weight, &distance)| weight * epanechnikov(distance, epsilon))
         .collect();
-    if modes == 0 || kernel.iter().filter(|&&w| w > 0.0).count() < 2 * (modes + 1) {
-        return false;
+    let weighty = kernel.iter().filter(|&&w| w > 0.0).count();
+    if modes == 0 || weighty < 2 * (modes + 1) {
+        return Err(Withheld::TooFew {
+            points: weighty,
+            modes,
+        });
     }
     let total: f64 = kernel.iter().sum();
     let kernel: Vec<f64> = kernel.iter().map(|w| w / total).collect();
@@ -52,20 +80,20 @@ pub fn linear(
     let design = DMatrix::from_row_slice(points, modes, differences);
     let response = DMatrix::from_fn(points, uncertain.len(), |point, slot| {
         let quantity = uncertain[slot];
-        forth(&priors[quantity], particles[point * width + quantity])
+        priors[quantity].to_line(particles[point * width + quantity])
     });
     let fit = weighted_least_squares(&design, &response, &kernel);
     if fit.reach > REACH {
-        return false;
+        return Err(Withheld::OutOfReach { reach: fit.reach });
     }
     weights.copy_from_slice(&kernel);
     let moved = response - design * fit.slopes;
     for (point, theta) in particles.chunks_exact_mut(width).enumerate() {
         for (slot, &quantity) in uncertain.iter().enumerate() {
-            theta[quantity] = back(&priors[quantity], moved[(point, slot)]);
+            theta[quantity] = priors[quantity].from_line(moved[(point, slot)]);
         }
     }
-    true
+    Ok(())
 }
 
 /// 1 - (d / epsilon)^2 inside the tolerance; one for all when every distance is zero.
@@ -139,29 +167,10 @@ fn centred(matrix: &DMatrix<f64>, weights: &[f64]) -> (DMatrix<f64>, Vec<f64>) {
     (result, means)
 }
 
-/// From the support of the prior to the real line.
-pub(super) fn forth(prior: &Prior, value: f64) -> f64 {
-    match *prior {
-        Prior::Uniform { low, high } => {
-            // Tables round to f32, which may reach an end of the support.
-            let share = ((value - low) / (high - low)).clamp(1e-7, 1.0 - 1e-7);
-            libm::log(share / (1.0 - share))
-        }
-        _ => libm::log(value),
-    }
-}
-
-/// From the real line to the support of the prior.
-pub(super) fn back(prior: &Prior, value: f64) -> f64 {
-    match *prior {
-        Prior::Uniform { low, high } => low + (high - low) / (1.0 + libm::exp(-value)),
-        _ => libm::exp(value),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::bayes::Prior;
     use crate::beam::{Parameterisation, Section};
 
     /// Direct section with an uncertain force and rigidity, everything else fixed.
@@ -193,14 +202,17 @@ mod tests {
             particles.extend([(1.0 + 2.0 * x[0] - x[1]).exp(), 3.0, 1.0, 0.0, 0.0, 1.0]);
         }
         let mut weights = vec![1.0 / points as f64; points];
-        assert!(linear(
-            &prior,
-            &mut particles,
-            &differences,
-            &distances,
-            2.0,
-            &mut weights
-        ));
+        assert_eq!(
+            linear(
+                &prior,
+                &mut particles,
+                &differences,
+                &distances,
+                2.0,
+                &mut weights
+            ),
+            Ok(())
+        );
         for theta in particles.chunks_exact(6) {
             assert!((theta[0] - 1f64.exp()).abs() < 1e-12);
             assert!((theta[1] - 3.0).abs() < 1e-12);
@@ -221,14 +233,17 @@ mod tests {
             particles.extend([(0.5 * x).exp(), 1.0, 1.0, 0.0, 0.0, 1.0]);
         }
         let mut weights = vec![1.0 / points as f64; points];
-        assert!(linear(
-            &prior,
-            &mut particles,
-            &differences,
-            &distances,
-            1.1,
-            &mut weights
-        ));
+        assert_eq!(
+            linear(
+                &prior,
+                &mut particles,
+                &differences,
+                &distances,
+                1.1,
+                &mut weights
+            ),
+            Ok(())
+        );
         for theta in particles.chunks_exact(6) {
             assert!((theta[0] - 1.0).abs() < 1e-9, "{}", theta[0]);
         }
@@ -248,14 +263,17 @@ mod tests {
             particles.extend([2.0 + 3.0 * share, 1.0, 1.0, 0.0, 0.0, 1.0]);
         }
         let mut weights = vec![1.0 / points as f64; points];
-        assert!(linear(
-            &prior,
-            &mut particles,
-            &differences,
-            &distances,
-            1.5,
-            &mut weights
-        ));
+        assert_eq!(
+            linear(
+                &prior,
+                &mut particles,
+                &differences,
+                &distances,
+                1.5,
+                &mut weights
+            ),
+            Ok(())
+        );
         for theta in particles.chunks_exact(6) {
             assert!((2.0..=5.0).contains(&theta[0]));
         }
@@ -284,7 +302,7 @@ mod tests {
                 5.3,
                 &mut weights,
             );
-            assert_eq!(done, expected);
+            assert_eq!(done.is_ok(), expected, "{done:?}");
             assert_eq!(particles == before, !expected);
             assert_eq!(weights == vec![1.0 / points as f64; points], !expected);
         }
@@ -295,14 +313,17 @@ mod tests {
         let prior = prior(LOG_NORMAL, LOG_NORMAL);
         let mut particles = vec![1.0; 3 * 6];
         let mut weights = vec![1.0 / 3.0; 3];
-        assert!(!linear(
-            &prior,
-            &mut particles,
-            &[0.1, 0.2, 0.3],
-            &[0.1, 0.2, 0.3],
-            0.3,
-            &mut weights
-        ));
+        assert!(
+            linear(
+                &prior,
+                &mut particles,
+                &[0.1, 0.2, 0.3],
+                &[0.1, 0.2, 0.3],
+                0.3,
+                &mut weights
+            )
+            .is_err()
+        );
         assert_eq!(weights, [1.0 / 3.0; 3]);
     }
 }

@@ -46,9 +46,16 @@ pub struct Conflict {
     /// Share of the *prior's* simulated records that lie as far out as this one or further, from 1 (in
     /// their middle) to 1 / (draws looked at). Small with a small score: the beam is fine, the prior is not.
     pub prior_tail: f64,
+    /// Distance of the observation from the mean of the prior's records, as a multiple of the farthest of 4096 of them; from
+    /// [`Conflict::OUTSIDE`] on no rod of the prior has such frequencies.
+    pub prior_distance: f64,
 }
 
 impl Conflict {
+    /// Multiple of the farthest draw's distance from which on an observation counts as outside the prior: of normal
+    /// records fewer than one in a million lie there, of bounded ones none.
+    pub const OUTSIDE: f64 = 1.5;
+
     /// Solves the grid that every score starts from, once a process; else the first score does.
     pub fn prepare() {
         LazyLock::force(&LINES);

@@ -4,9 +4,10 @@ use super::abc::{self, Accepted};
 use super::conflict::{self, Conflict};
 use super::distance::{self, Target};
 use super::posterior::Posterior;
-use super::prior_tail::prior_tail;
+use super::prior_place::prior_place;
 use super::sequential::{self, SequentialSettings};
 use super::table::{LaterTable, NoiseTable, Table, Tables};
+use super::variance_shares::{VarianceShares, variance_shares};
 use super::{AbcSettings, Accept, Adjustment, Distance, Method, Noise, Observation, RodPrior};
 use super::{adjust, diagnostics};
 use crate::forward::{ForwardModel, MAX_MODES};
@@ -149,7 +150,8 @@ impl Inference {
         if invalid as f64 > MAX_INVALID_SHARE * table.draws() as f64 {
             return Err(Rejection::OutsideEmulator {
                 detail: format!(
-                    "{invalid} of {} draws of the prior lie outside the range of the model {}, at most {} % may",
+                    "{invalid} of {} draws of the prior lie outside the range of the model {}, at most {} % may: narrow the priors, or \
+                     set emulator.model = \"exact\"",
                     table.draws(),
                     self.model.name(),
                     MAX_INVALID_SHARE * 100.0
@@ -180,6 +182,7 @@ impl Inference {
             .zip(orders.iter().zip(frequency_hz))
             .map(|(sd, (&order, frequency))| sd.hypot(self.discrepancy[order - 1] * frequency))
             .collect();
+        let place = prior_place(&target, self.table(), &self.noise);
         let conflict::Nearest {
             score,
             nearest_hz,
@@ -190,8 +193,34 @@ impl Inference {
             nearest_hz,
             residuals,
             violation: conflict::violation(orders, frequency_hz, &sd_hz),
-            prior_tail: prior_tail(&target, self.table(), &self.noise),
+            prior_tail: place.tail,
+            prior_distance: place.distance,
         })
+    }
+
+    /// Which source carries how much of the posterior's variance; `None` where the sample is too small to tell.
+    pub fn variance_shares(
+        &self,
+        observation: &Observation,
+        posterior: &Posterior,
+    ) -> Option<VarianceShares> {
+        let measured: Vec<f64> = distance::error_sds(observation, self.settings.noise).collect();
+        let modelled: Vec<f64> = observation
+            .orders
+            .iter()
+            .zip(&observation.frequency_hz)
+            .map(|(&order, frequency)| self.discrepancy.get(order - 1).copied().unwrap_or(0.0) * frequency)
+            .collect();
+        let larger = measured.iter().zip(&modelled).filter(|(e, b)| b > e).count();
+        let sds: Vec<f64> = measured.iter().zip(&modelled).map(|(e, b)| e.hypot(*b)).collect();
+        variance_shares(
+            &self.prior,
+            self.model.as_ref(),
+            posterior,
+            observation,
+            &sds,
+            2 * larger > sds.len(),
+        )
     }
 
     /// The table of simulated draws, drawn now if it is not yet.
@@ -276,7 +305,7 @@ impl Inference {
                 needed: MIN_ACCEPTED,
             });
         }
-        let adjusted = self.settings.adjustment == Adjustment::Linear && {
+        let adjusted = (self.settings.adjustment == Adjustment::Linear).then(|| {
             for row in simulated.chunks_exact_mut(target.terms().len()) {
                 for (y, term) in row.iter_mut().zip(target.terms()) {
                     *y -= f64::from(term.observed);
@@ -290,7 +319,7 @@ impl Inference {
                 epsilon,
                 &mut weights,
             )
-        };
+        });
         Ok(Posterior {
             parameterisation: *self.prior.parameterisation(),
             accepted: distances.len(),
@@ -302,11 +331,11 @@ impl Inference {
             invalid,
             seed,
             method: self.settings.method,
-            adjustment: if adjusted {
-                Adjustment::Linear
-            } else {
-                Adjustment::None
+            adjustment: match adjusted {
+                Some(Ok(())) => Adjustment::Linear,
+                _ => Adjustment::None,
             },
+            withheld: adjusted.and_then(Result::err),
             stop: None,
         })
     }
@@ -325,7 +354,7 @@ fn check_observation(observation: &Observation, modes: usize) -> Result<(), Reje
         .map_err(|error| no_label(observation, &error.to_string()))?;
     match observation.orders.iter().find(|&&order| order > modes) {
         Some(order) => Err(Rejection::OutsideEmulator {
-            detail: format!("mode order {order} was observed, the plan holds {modes}"),
+            detail: format!("mode order {order} was observed, the plan holds {modes}: raise modes.count"),
         }),
         None => Ok(()),
     }

@@ -10,7 +10,6 @@
 
 mod proposal;
 
-use super::adjust::{back, forth};
 use super::chains::Chains;
 use super::likelihood::{Likelihood, NoLikelihood};
 use super::{InvalidObservation, Observation, Prior, RodPrior};
@@ -203,7 +202,7 @@ impl<'a> Walk<'a> {
             for (chain, generator) in walk.generators.iter_mut().enumerate() {
                 for (slot, &quantity) in walk.uncertain.iter().enumerate() {
                     let value = priors[quantity].sample(generator);
-                    walk.proposed[slot][chain] = forth(&priors[quantity], value);
+                    walk.proposed[slot][chain] = priors[quantity].to_line(value);
                 }
             }
             let density = walk.log_density();
@@ -228,13 +227,10 @@ impl<'a> Walk<'a> {
         for (&quantity, lanes) in self.uncertain.iter().zip(&self.proposed) {
             let prior = &self.prior.priors()[quantity];
             for chain in 0..count {
-                let value = back(prior, lanes[chain]);
+                let value = prior.from_line(lanes[chain]);
                 self.thetas[chain * width + quantity] = value;
                 // The change of variable multiplies the density by the derivative of the value.
-                density[chain] += match *prior {
-                    Prior::Uniform { low, high } => libm::log((value - low) * (high - value)),
-                    _ => prior.log_density(value) + lanes[chain],
-                };
+                density[chain] += prior.log_density_on_line(value, lanes[chain]);
             }
         }
         let modes = self.likelihood.modes();
@@ -321,7 +317,7 @@ impl<'a> Walk<'a> {
             if step % thin == 0 {
                 for (chain, kept) in kept.iter_mut().enumerate() {
                     for (&quantity, place) in self.uncertain.iter().zip(&self.places) {
-                        theta[quantity] = back(&self.prior.priors()[quantity], place[chain]);
+                        theta[quantity] = self.prior.priors()[quantity].from_line(place[chain]);
                     }
                     kept.extend_from_slice(&theta);
                 }

@@ -1,7 +1,7 @@
 //! A posterior as a weighted sample of parameter vectors, with what is needed to judge and repeat it.
 
 use super::diagnostics;
-use super::{Adjustment, Method};
+use super::{Adjustment, Method, Withheld};
 use crate::beam::{Parameterisation, Quantity};
 use serde::Serialize;
 
@@ -44,8 +44,10 @@ pub struct Posterior {
     pub seed: u64,
     /// How draws were proposed.
     pub method: Method,
-    /// What was done to the accepted draws; `None` too when a wanted adjustment was impossible.
+    /// What was done to the accepted draws.
     pub adjustment: Adjustment,
+    /// Why a wanted adjustment was not made.
+    pub withheld: Option<Withheld>,
     /// Why a sequence of populations ended; rejection has no such reason.
     pub stop: Option<Stop>,
 }

@@ -1,5 +1,6 @@
 //! Prior distributions of a rod's parameters (paper, Table 1) and the prior of a whole rod.
 
+use super::Fixity;
 use crate::beam::{Parameterisation, Quantity};
 use rand::Rng;
 use rand::RngExt;
@@ -37,6 +38,15 @@ pub enum Prior {
         /// Upper end, SI.
         high: f64,
     },
+    /// A distribution uniform in the logarithm: every doubling is as likely.
+    LogUniform {
+        /// Lower end, SI.
+        low: f64,
+        /// Upper end, SI.
+        high: f64,
+    },
+    /// The stiffness of a support of which the fixity is given.
+    Fixity(Fixity),
 }
 
 impl Prior {
@@ -57,6 +67,10 @@ impl Prior {
                 median * libm::exp(log_sd * z)
             }
             Self::Uniform { low, high } => low + (high - low) * generator.random::<f64>(),
+            Self::LogUniform { low, high } => {
+                low * libm::exp(libm::log(high / low) * generator.random::<f64>())
+            }
+            Self::Fixity(fixity) => fixity.sample(generator),
         }
     }
 
@@ -70,18 +84,22 @@ impl Prior {
                 -libm::log(value) - 0.5 * (libm::log(value / median) / log_sd).powi(2)
             }
             Self::Uniform { low, high } if (low..=high).contains(&value) => 0.0,
+            Self::LogUniform { low, high } if (low..=high).contains(&value) => -libm::log(value),
+            Self::Fixity(fixity) => fixity.log_density(value),
             _ => f64::NEG_INFINITY,
         }
     }
 
     /// The value that stands for the distribution when one is needed: the mean before truncation,
-    /// the median of a log-normal, the middle of a uniform.
+    /// the median of a log-normal, a log-uniform and a fixity, the middle of a uniform.
     pub fn centre(&self) -> f64 {
         match *self {
             Self::Fixed { value } => value,
             Self::TruncatedNormal { mean, .. } => mean,
             Self::LogNormal { median, .. } => median,
             Self::Uniform { low, high } => 0.5 * (low + high),
+            Self::LogUniform { low, high } => (low * high).sqrt(),
+            Self::Fixity(fixity) => fixity.at_share(0.5),
         }
     }
 
@@ -107,6 +125,10 @@ impl Prior {
             Self::Uniform { low, high } if !(finite(&[low, high]) && low >= 0.0 && high > low) => {
                 Some("a uniform needs 0 <= low < high")
             }
+            Self::LogUniform { low, high } if !(finite(&[low, high]) && low > 0.0 && high > low) => {
+                Some("a log-uniform needs 0 < low < high")
+            }
+            Self::Fixity(fixity) => fixity.fault(),
             _ => None,
         }
     }
@@ -121,6 +143,84 @@ impl Prior {
                 (mean, mean * (log_sd * log_sd).exp_m1().sqrt())
             }
             Self::Uniform { low, high } => (0.5 * (low + high), (high - low) / 12f64.sqrt()),
+            Self::LogUniform { low, high } => {
+                let logarithm = libm::log(high / low);
+                let mean = (high - low) / logarithm;
+                let square = (high - low) * (high + low) / (2.0 * logarithm);
+                (mean, (square - mean * mean).max(0.0).sqrt())
+            }
+            Self::Fixity(fixity) => fixity.mean_and_sd(),
+        }
+    }
+
+    /// Share of the distribution below a value, for the families that end on both sides; `None` for the others.
+    fn share(&self, value: f64) -> Option<f64> {
+        match *self {
+            Self::Uniform { low, high } => Some((value - low) / (high - low)),
+            Self::LogUniform { low, high } => Some(libm::log(value / low) / libm::log(high / low)),
+            Self::Fixity(fixity) => Some(fixity.share(value)),
+            _ => None,
+        }
+    }
+
+    /// The value on the real line: the logarithm, or the logit of the share between the ends of the support.
+    pub fn to_line(&self, value: f64) -> f64 {
+        match self.share(value) {
+            Some(share) => {
+                // Tables round to f32, which may reach an end of the support.
+                let share = share.clamp(1e-7, 1.0 - 1e-7);
+                libm::log(share / (1.0 - share))
+            }
+            None => libm::log(value),
+        }
+    }
+
+    /// The value of a place on the real line; inside the support for every number.
+    pub fn from_line(&self, place: f64) -> f64 {
+        let share = || 1.0 / (1.0 + libm::exp(-place));
+        match *self {
+            Self::Uniform { low, high } => low + (high - low) / (1.0 + libm::exp(-place)),
+            Self::LogUniform { low, high } => {
+                (low * libm::exp(libm::log(high / low) * share())).clamp(low, high)
+            }
+            Self::Fixity(fixity) => fixity.at_share(share()),
+            _ => libm::exp(place),
+        }
+    }
+
+    /// The coordinate in which a random walk moves: the value, but the real line for families that span decades.
+    pub fn to_walk(&self, value: f64) -> f64 {
+        match self {
+            Self::LogUniform { .. } | Self::Fixity(_) => self.to_line(value),
+            _ => value,
+        }
+    }
+
+    /// The value of a place of a random walk.
+    pub fn from_walk(&self, place: f64) -> f64 {
+        match self {
+            Self::LogUniform { .. } | Self::Fixity(_) => self.from_line(place),
+            _ => place,
+        }
+    }
+
+    /// Natural logarithm of the density in the coordinate of a random walk, up to a constant.
+    pub fn log_density_of_walk(&self, value: f64) -> f64 {
+        match self {
+            Self::LogUniform { .. } | Self::Fixity(_) => self.log_density_on_line(value, self.to_line(value)),
+            _ => self.log_density(value),
+        }
+    }
+
+    /// Natural logarithm of the density on the real line up to a constant, where `value` lies at `place`.
+    pub fn log_density_on_line(&self, value: f64, place: f64) -> f64 {
+        match *self {
+            Self::Uniform { low, high } => libm::log((value - low) * (high - value)),
+            // The share is uniform: the logistic density.
+            Self::LogUniform { .. } | Self::Fixity(_) => {
+                -place.abs() - 2.0 * libm::log1p(libm::exp(-place.abs()))
+            }
+            _ => self.log_density(value) + place,
         }
     }
 
@@ -144,6 +244,20 @@ impl RodPrior {
             parameterisation,
             priors,
         })
+    }
+
+    /// The same with the stiffness of fixity one half, 3 EI / l, taken at the centre of the other priors wherever a support is given
+    /// by its fixity.
+    #[must_use]
+    pub fn with_fixities_in_place(mut self) -> Self {
+        let beam = self.parameterisation.beam(&self.centre());
+        let unit = 3.0 * beam.flexural_rigidity_n_m2 / beam.length_m;
+        for prior in &mut self.priors {
+            if let Prior::Fixity(fixity) = prior {
+                fixity.unit_n_m = unit;
+            }
+        }
+        self
     }
 
     /// What the entries mean.
@@ -174,6 +288,15 @@ impl RodPrior {
             .iter()
             .zip(theta)
             .map(|(prior, &value)| prior.log_density(value))
+            .sum()
+    }
+
+    /// The sum of the log densities of all entries of `theta` in the coordinates of a random walk.
+    pub fn log_density_of_walk(&self, theta: &[f64]) -> f64 {
+        self.priors
+            .iter()
+            .zip(theta)
+            .map(|(prior, &value)| prior.log_density_of_walk(value))
             .sum()
     }
 
@@ -211,6 +334,14 @@ mod tests {
         let normal = |mean, sd| Prior::TruncatedNormal { mean, sd };
         let uniform = |low, high| Prior::Uniform { low, high };
         let log_normal = |median, log_sd| Prior::LogNormal { median, log_sd };
+        let fixity = |low, high, ends, unit_n_m| {
+            Prior::Fixity(Fixity {
+                low,
+                high,
+                ends,
+                unit_n_m,
+            })
+        };
         for bad in [
             Prior::Fixed { value: -1.0 },
             Prior::Fixed { value: f64::NAN },
@@ -223,6 +354,12 @@ mod tests {
             uniform(2.0, 2.0),
             uniform(-1.0, 2.0),
             uniform(0.0, f64::INFINITY),
+            Prior::LogUniform { low: 0.0, high: 1.0 },
+            Prior::LogUniform { low: 2.0, high: 2.0 },
+            fixity(0.0, 1.0, 1.0, 1.0),
+            fixity(0.5, 0.4, 1.0, 1.0),
+            fixity(0.0, 0.9, 0.0, 1.0),
+            fixity(0.0, 0.9, 1.0, f64::NAN),
         ] {
             assert!(bad.fault().is_some(), "{bad:?}");
         }
@@ -241,6 +378,13 @@ mod tests {
                 log_sd: 0.4,
             },
             Prior::Uniform { low: 1.0, high: 4.0 },
+            Prior::LogUniform { low: 0.5, high: 4.0 },
+            Prior::Fixity(Fixity {
+                low: 0.1,
+                high: 0.8,
+                ends: 1.0,
+                unit_n_m: 1.0,
+            }),
         ];
         for prior in priors {
             let (mut mass, mut moment) = (0.0, 0.0);
@@ -253,10 +397,48 @@ mod tests {
             let mut generator = crate::random::stream(9, 0);
             let count = 200_000;
             let mean = (0..count).map(|_| prior.sample(&mut generator)).sum::<f64>() / f64::from(count);
-            // Standard deviations below 0.9: four standard errors of the mean.
+            let claimed = prior.mean_and_sd().0;
+            if !matches!(prior, Prior::TruncatedNormal { .. }) {
+                assert!((claimed - moment / mass).abs() < 1e-3 * claimed, "{prior:?}");
+            }
+            // Standard deviations below 0.95: four standard errors of the mean.
             assert!(
-                (mean - moment / mass).abs() < 4.0 * 0.9 / f64::from(count).sqrt(),
+                (mean - moment / mass).abs() < 4.0 * 0.95 / f64::from(count).sqrt(),
                 "{prior:?}"
+            );
+        }
+    }
+
+    /// Every family goes to the real line and back, and its density there integrates to a constant times its own.
+    #[test]
+    fn the_real_line_and_back() {
+        let priors = [
+            Prior::TruncatedNormal { mean: 2.0, sd: 0.5 },
+            Prior::LogNormal {
+                median: 2.0,
+                log_sd: 0.4,
+            },
+            Prior::Uniform { low: 1.0, high: 4.0 },
+            Prior::LogUniform { low: 0.5, high: 4.0 },
+            Prior::Fixity(Fixity {
+                low: 0.0,
+                high: 0.99,
+                ends: 3.0,
+                unit_n_m: 2.0,
+            }),
+        ];
+        for prior in priors {
+            let mut constants = Vec::new();
+            for value in [1.2, 2.0, 3.1] {
+                let place = prior.to_line(value);
+                assert!((prior.from_line(place) - value).abs() < 1e-9, "{prior:?}");
+                let slope = (prior.from_line(place + 1e-5) - prior.from_line(place - 1e-5)) / 2e-5;
+                constants
+                    .push(prior.log_density_on_line(value, place) - prior.log_density(value) - slope.ln());
+            }
+            assert!(
+                constants.iter().all(|c| (c - constants[0]).abs() < 1e-6),
+                "{prior:?} {constants:?}"
             );
         }
     }

@@ -224,7 +224,7 @@ impl Draws {
 enum Source {
     Prior,
     Population {
-        /// Uncertain quantities of the ancestors, row-major.
+        /// Uncertain quantities of the ancestors in the coordinates of the walk, row-major.
         ancestors: Vec<f64>,
         weights: Vec<f64>,
         /// Cumulated weights.
@@ -326,9 +326,10 @@ impl<'a> Proposer<'a> {
             let z = DVector::from_fn(free, |_, _| StandardNormal.sample(generator));
             let step = kernel * z;
             for (slot, &quantity) in self.uncertain.iter().enumerate() {
-                theta[quantity] = ancestors[ancestor * free + slot] + step[slot];
+                let place = ancestors[ancestor * free + slot] + step[slot];
+                theta[quantity] = self.prior.priors()[quantity].from_walk(place);
             }
-            if self.prior.log_density(theta) > f64::NEG_INFINITY {
+            if self.prior.log_density_of_walk(theta) > f64::NEG_INFINITY {
                 return;
             }
         }
@@ -381,7 +382,7 @@ impl Source {
                         weight * libm::exp(-0.5 * squared)
                     })
                     .sum();
-                proposer.prior.log_density(theta) - libm::log(density)
+                proposer.prior.log_density_of_walk(theta) - libm::log(density)
             })
             .collect();
         let highest = logarithms.iter().copied().fold(f64::NEG_INFINITY, f64::max);
@@ -398,7 +399,12 @@ impl Proposer<'_> {
     fn free_columns(&self, thetas: &[f64]) -> Vec<f64> {
         thetas
             .chunks_exact(self.width)
-            .flat_map(|theta| self.uncertain.iter().map(|&quantity| theta[quantity]))
+            .flat_map(|theta| {
+                let priors = self.prior.priors();
+                self.uncertain
+                    .iter()
+                    .map(|&quantity| priors[quantity].to_walk(theta[quantity]))
+            })
             .collect()
     }
 }

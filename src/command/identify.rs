@@ -1,18 +1,23 @@
 //! `tirante identify`: one recording, or frequencies measured elsewhere, to the posterior.
 
 use super::campaign::{self, News, Reading, Taken};
+use super::findings;
 use super::foreign::Foreign;
 use super::render::{CONFLICT_SHOWN, PRIOR_TAIL_SHOWN};
 use super::setup::{self, Setup};
 use super::sketch::{self, When};
 use super::{BadArguments, WITH_LOSSES};
-use crate::analysis::{Identification, Plan};
+use crate::analysis::{Identification, Measurement, Plan};
+use crate::bayes::{Fixity, Posterior, Prior, diagnostics};
+use crate::beam::Quantity;
 use crate::config::Config;
 use crate::daemon::generation::provenance;
+use crate::findings::{CERTAIN, Candidate, motion_said};
 use crate::line;
 use crate::modes::Mode;
 use crate::outcome::{Outcome, Rejected};
 use crate::record::RodId;
+use crate::snapshot::Snapshot;
 use crate::step::Known;
 use anyhow::anyhow;
 use std::collections::BTreeMap;
@@ -28,7 +33,8 @@ const HIGHEST_HZ: f64 = 1e5;
 
 /// Identifies the axial force from one recording, or from natural frequencies measured elsewhere.
 ///
-/// Prints prior and posterior of every uncertain parameter, or one JSON object with --json.
+/// Prints prior and posterior of every uncertain parameter, or one JSON object with --json. Of a record that gives no force
+/// it prints the reason, every peak, and what the peaks may be, each assignment with its probability and its force.
 #[derive(Debug, Clone, clap::Args)]
 #[command(after_help = "Examples:
   tirante identify recordings/todi-pull.mcap
@@ -163,18 +169,60 @@ fn show(args: &Args, config: &Config, plans: &BTreeMap<RodId, Plan>, outcome: &O
         _ if args.json => line::json(outcome, None, &provenance(config)) + "\n",
         Outcome::Identified(identification) => match plans.get(&identification.rod) {
             Some(plan) => {
-                let width = args.plot.width();
-                let plot = width.map(|width| sketch::spectrum(&plan.settings().prior, identification, width));
-                describe(plan, identification) + &plot.map_or_else(String::new, |plot| format!("\n{plot}"))
+                describe(plan, identification)
+                    + &plot(args, || Snapshot::of(&plan.settings().prior, identification))
             }
             None => String::new(),
         },
         Outcome::Rejected(rejected) => {
-            let rejection = &rejected.rejection;
-            format!("{}: rejected ({}): {rejection}\n", rejected.rod, rejection.code())
+            describe_refused(rejected) + &plot(args, || Snapshot::of_rejected(rejected))
         }
     };
     io::stdout().lock().write_all(text.as_bytes())
+}
+
+/// The small plot of a record's spectrum, if one is wanted and there is a spectrum.
+fn plot(args: &Args, picture: impl FnOnce() -> Option<Snapshot>) -> String {
+    let width = args.plot.width();
+    let drawn = width.and_then(|width| Some(sketch::spectrum(&picture()?, width)));
+    match drawn {
+        Some(plot) if !plot.is_empty() => format!("\n{plot}"),
+        _ => String::new(),
+    }
+}
+
+/// Record, motion and what was noticed, a line each.
+fn opening(measurement: &Measurement) -> Vec<String> {
+    let mut lines = vec![
+        format!(
+            "  record of {:.1} s at {:.2} Hz, from {}",
+            measurement.duration_s, measurement.fs_hz, measurement.start
+        ),
+        format!("  {}", motion_said(&measurement.motion)),
+    ];
+    lines.extend(measurement.flags.iter().map(|flag| format!("  noticed: {flag}")));
+    lines
+}
+
+/// Why a record gives no force, with what was found in it.
+fn describe_refused(rejected: &Rejected) -> String {
+    let rejection = &rejected.rejection;
+    let mut text = format!("{}: rejected ({}): {rejection}\n", rejected.rod, rejection.code());
+    let Some(measurement) = &rejected.measurement else {
+        return text;
+    };
+    for line in opening(measurement) {
+        text += &(line + "\n");
+    }
+    if let Some(picture) = Snapshot::of_rejected(rejected) {
+        if !picture.peaks.is_empty() {
+            text += &format!("\n{}", findings::peaks(&picture.peaks));
+        }
+        if !picture.candidates.is_empty() {
+            text += &format!("\n{}", findings::candidates(&picture.candidates));
+        }
+    }
+    text
 }
 
 /// Prior and posterior of every uncertain parameter, and how much to believe them.
@@ -186,13 +234,13 @@ fn describe(plan: &Plan, identification: &Identification) -> String {
     };
     line(identification.rod.to_string());
     if let Some(measurement) = &identification.measurement {
+        opening(measurement).into_iter().for_each(&mut line);
+    }
+    if let Some(labels) = &identification.labels {
         line(format!(
-            "  record of {:.1} s at {:.2} Hz, from {}",
-            measurement.duration_s, measurement.fs_hz, measurement.start
+            "  orders of the modes right with a probability of {}",
+            findings::probability(labels.probability)
         ));
-        for flag in &measurement.flags {
-            line(format!("  noticed: {flag}"));
-        }
     }
     line(String::new());
     line("  mode   frequency [Hz]   standard error [Hz]   damping [%]".to_owned());
@@ -205,6 +253,16 @@ fn describe(plan: &Plan, identification: &Identification) -> String {
             mode.order, mode.frequency_hz, mode.sd_hz
         ));
     }
+    let uncertain = identification
+        .labels
+        .as_ref()
+        .filter(|labels| labels.probability < CERTAIN && !labels.candidates.is_empty());
+    if let Some(labels) = uncertain {
+        line(String::new());
+        findings::candidates(&Candidate::all(labels))
+            .lines()
+            .for_each(|candidate| line(candidate.to_owned()));
+    }
     line(String::new());
     line(format!(
         "  {:<24} {:>12} {:>6}   {:>12} {:>6}   {:>12} {:>12}",
@@ -215,6 +273,8 @@ fn describe(plan: &Plan, identification: &Identification) -> String {
         let (mean, sd) = before.mean_and_sd();
         if before.is_fixed() {
             line(format!("  {:<24} {mean:>12.5}  fixed", quantity.key()));
+        } else if let Prior::Fixity(fixity) = before {
+            line(fixity_row(*quantity, fixity, &identification.posterior));
         } else if let Some(after) = identification.posterior.marginal(*quantity) {
             line(format!(
                 "  {:<24} {:>12.4e} {:>6.3}   {:>12.4e} {:>6.3}   {:>12.4e} {:>12.4e}",
@@ -234,6 +294,9 @@ fn describe(plan: &Plan, identification: &Identification) -> String {
         "  {} of {} draws accepted, epsilon {:.4}, effective sample size {:.0}",
         posterior.accepted, posterior.draws, posterior.epsilon, posterior.ess
     ));
+    if let Some(reason) = posterior.withheld {
+        line(format!("  ! regression adjustment withheld: {reason}"));
+    }
     let conflict = &identification.conflict;
     line(format!(
         "  conflict {:.1}: standard deviations from the nearest frequencies the model can produce",
@@ -253,7 +316,50 @@ fn describe(plan: &Plan, identification: &Identification) -> String {
         ));
         line("    section, material and the expected force".to_owned());
     }
+    if let Some(shares) = &identification.hangs_on {
+        line(String::new());
+        line(format!(
+            "  {:<24} {:>8}   {:>24}",
+            "what the force hangs on", "share", "less variance if known"
+        ));
+        for part in &shares.sources {
+            line(format!(
+                "  {:<24} {:>6.0} %   {:>22.0} %",
+                part.source.name(),
+                100.0 * part.share,
+                100.0 * part.if_known
+            ));
+        }
+        for sentence in [shares.sentence(), shares.mass_sentence()].into_iter().flatten() {
+            line(format!("  {sentence}"));
+        }
+    }
     text
+}
+
+/// A support given by its fixity: the stiffness has no mean worth showing.
+fn fixity_row(support: Quantity, fixity: &Fixity, posterior: &Posterior) -> String {
+    let (mean, sd) = fixity.fixity_mean_and_sd();
+    let name = match support {
+        Quantity::SpringLeft => "fixity_left",
+        _ => "fixity_right",
+    };
+    let values: Vec<f64> = posterior
+        .values(support)
+        .unwrap_or_default()
+        .into_iter()
+        .map(|stiffness| fixity.of(stiffness))
+        .collect();
+    let weights = &posterior.weights;
+    let after = diagnostics::mean(&values, weights);
+    let quantiles = diagnostics::quantiles(&values, weights, &[0.025, 0.975]);
+    format!(
+        "  {name:<24} {mean:>12.4} {:>6.3}   {after:>12.4} {:>6.3}   {:>12.4} {:>12.4}",
+        sd / mean,
+        diagnostics::sd(&values, weights) / after,
+        quantiles[0],
+        quantiles[1]
+    )
 }
 
 fn parse_modes(frequencies: &str, sd: Option<&str>) -> anyhow::Result<Vec<Mode>> {

@@ -51,7 +51,7 @@ pub struct Args {
     /// What the rod is made of.
     #[arg(long, value_enum)]
     pub material: Option<Material>,
-    /// The axial force expected in newtons, give or take 30 %; without it everything up to a stress of 300 MPa is as likely.
+    /// The axial force expected in newtons, give or take 30 %; without it every doubling from slack to yield is as likely.
     #[arg(long, value_name = "N", value_parser = positive_flag)]
     pub force_n: Option<f64>,
     /// The topic of its displacement, velocity or acceleration.
@@ -85,10 +85,23 @@ impl Material {
             Self::Steel => [(206e9, 0.04), (7850.0, 0.01)],
         }
     }
+
+    /// The largest stress thought possible where nobody expects a force \[Pa\]: the yield strength, of thin wire that of drawn steel.
+    fn yield_pa(self, area_m2: f64) -> f64 {
+        match self {
+            Self::Iron => 300e6,
+            Self::Steel if area_m2 < WIRE_M2 => 2000e6,
+            Self::Steel => 500e6,
+        }
+    }
 }
 
-/// The largest stress thought possible where nobody expects a force \[Pa\].
-const STRESS_PA: f64 = 300e6;
+/// Sections below this are wire \[m^2\]: 8 mm in diameter.
+const WIRE_M2: f64 = 5e-5;
+/// The lowest stress thought possible where nobody expects a force \[Pa\]: a rod slacker than this hangs like a chain.
+const SLACK_PA: f64 = 1e6;
+/// The lowest force thought possible of a rod of any section \[N\].
+const SLACK_N: f64 = 1e3;
 
 /// Runs the command.
 ///
@@ -349,15 +362,15 @@ fn written(args: &Args, rod: &Rod, sensor: &Sensor, thermometer: Option<&Content
             format!("{{ mean = {force_n:?}, cv = 0.3 }}   # as expected; at best from an earlier measurement")
         }
         None => {
-            let high = STRESS_PA * rod.area_m2;
+            let high_pa = rod.material.yield_pa(rod.area_m2);
             format!(
-                "{{ low = {:.3e}, high = {high:.3e} }}   # nothing is known: a stress of up to 300 MPa",
-                0.02 * high
+                "{{ low = {:.3e}, high = {:.3e}, even_in = \"logarithm\" }}   # nothing is known: from slack to {:.0} MPa",
+                SLACK_N.min(SLACK_PA * rod.area_m2),
+                high_pa * rod.area_m2,
+                high_pa * 1e-6
             )
         }
     };
-    // Beyond some twenty EI/L a support is as good as clamped.
-    let spring = 30.0 * modulus * rod.inertia_m4 / rod.length_m;
     let mut text = format!(
         "# Written by `tirante init`. `tirante check FILE` prints what holds besides; docs/configuration.md has every key.\n\n\
          [site]\nname = {}\n\n\
@@ -382,8 +395,8 @@ fn written(args: &Args, rod: &Rod, sensor: &Sensor, thermometer: Option<&Content
     }
     let _ = write!(
         text,
-        "spring_left_n_m = {{ low = 0, high = {spring:.3e} }}    # supports, from hinged to as good as clamped (30 EI/L)\n\
-         spring_right_n_m = {{ low = 0, high = {spring:.3e} }}\n\n\
+        "spring_left_n_m = {{ fixity_low = 0, fixity_high = 0.99, ends = 2 }}    # supports, from hinged to as good as clamped\n\
+         spring_right_n_m = {{ fixity_low = 0, fixity_high = 0.99, ends = 2 }}\n\n\
          [rod.channel]                  # where its samples stand in the recordings\n\
          topic = {}\nfield = {}\nunit = \"{}\"\n",
         quoted(&sensor.topic),
@@ -410,6 +423,7 @@ fn written(args: &Args, rod: &Rod, sensor: &Sensor, thermometer: Option<&Content
             "\n# [rod.temperature]            # without it a warm day looks like a loss\n# topic = \"/air\"\n# unit = \"degC\"\n",
         ),
     }
+    text.push_str("\n[record]\ncut = \"auto\"                   # the motion is recognised: ambient, pulls, blows; \"free-decay\" cuts a record at each release\n");
     text.push_str("\n# [store]                      # where `replay` and `run` keep their results\n# path = \"site.db\"\n");
     text
 }

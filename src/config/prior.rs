@@ -3,7 +3,7 @@
 use super::range::{Range, toml_float};
 use super::reader::{Absent, Key, Table, key};
 use super::value::Value;
-use crate::bayes::Prior;
+use crate::bayes::{Fixity, Prior};
 use crate::beam::Quantity;
 
 /// What the quantity is, with its unit.
@@ -24,17 +24,18 @@ pub(super) fn meaning(quantity: Quantity) -> &'static str {
     }
 }
 
-/// Values a tie-rod may conceivably have: generous, but they catch t/m^3, MPa, kN and mm.
+/// Values that a tensioned rod, cable, wire or string may have, from a thread on a bench to a bridge's cable. Where one can be told
+/// from a slip of the unit, the limit catches it: t/m^3, MPa, GPa, and dimensions in mm.
 pub(super) fn sane(quantity: Quantity) -> Range {
     match quantity {
-        Quantity::AxialForce => Range::within(50.0, 5e7),
-        Quantity::YoungsModulus => Range::within(1e9, 1e12),
-        Quantity::Density => Range::within(300.0, 25_000.0),
-        Quantity::Side | Quantity::Diameter | Quantity::Width | Quantity::Height => Range::within(1e-3, 1.0),
-        Quantity::FlexuralRigidity => Range::within(0.01, 1e10),
-        Quantity::MassPerLength => Range::within(0.01, 1e4),
+        Quantity::AxialForce => Range::within(1e-4, 1e9),
+        Quantity::YoungsModulus => Range::within(1e6, 1e13),
+        Quantity::Density => Range::within(10.0, 30_000.0),
+        Quantity::Side | Quantity::Diameter | Quantity::Width | Quantity::Height => Range::within(1e-6, 2.0),
+        Quantity::FlexuralRigidity => Range::within(1e-12, 1e12),
+        Quantity::MassPerLength => Range::within(1e-7, 1e5),
         Quantity::SpringLeft | Quantity::SpringRight => Range::within(0.0, 1e12),
-        Quantity::Length => Range::within(0.2, 200.0),
+        Quantity::Length => Range::within(0.01, 2000.0),
     }
 }
 
@@ -58,7 +59,17 @@ pub(super) fn take(table: &mut Table<'_>, quantity: Quantity) -> Option<Prior> {
     )
 }
 
-/// A fixed number, `{ mean, cv }`, `{ mean, sd }`, `{ median, log_sd }` or `{ low, high }`.
+/// In which scale a range is even.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Scale {
+    Value,
+    Logarithm,
+}
+
+/// The forms of a distribution, for whoever wrote none of them.
+const FORMS: &str = "wants { mean, cv }, { mean, sd }, { median, log_sd }, { low, high } or, of a support, { fixity_low, fixity_high }";
+
+/// A fixed number, `{ mean, cv }`, `{ mean, sd }`, `{ median, log_sd }`, `{ low, high }` or `{ fixity_low, fixity_high }`.
 fn read(value: &Value<'_>, quantity: Quantity) -> Option<Prior> {
     let range = sane(quantity);
     if !value.is_table() {
@@ -70,9 +81,22 @@ fn read(value: &Value<'_>, quantity: Quantity) -> Option<Prior> {
             table.fault("has both cv and sd, one of them is wanted");
             return None;
         }
-        let form = ["cv", "sd", "mean", "log_sd", "median", "low", "high"]
-            .into_iter()
-            .find(|name| table.has(name));
+        let form = [
+            "cv",
+            "sd",
+            "mean",
+            "log_sd",
+            "median",
+            "low",
+            "high",
+            "fixity_low",
+            "fixity_high",
+        ]
+        .into_iter()
+        .find(|name| table.has(name));
+        if let Some("fixity_low" | "fixity_high") = form {
+            return fixity(table, quantity);
+        }
         let mut required =
             |name, meaning, range| table.maybe_number(key(name, meaning), range, Absent::Required);
         match form {
@@ -120,19 +144,82 @@ fn read(value: &Value<'_>, quantity: Quantity) -> Option<Prior> {
                 let low = required("low", "lower end", range);
                 let high = required("high", "upper end", range);
                 let (low, high) = (low?, high?);
+                let scale = table.choice(
+                    key("even_in", "scale in which the range is even"),
+                    &[("value", Scale::Value), ("logarithm", Scale::Logarithm)],
+                    Scale::Value,
+                );
                 if low >= high {
                     table.fault(format!("low = {low} is not below high = {high}"));
                     return None;
                 }
-                Some(Prior::Uniform { low, high })
+                match scale {
+                    Scale::Value => Some(Prior::Uniform { low, high }),
+                    Scale::Logarithm if low > 0.0 => Some(Prior::LogUniform { low, high }),
+                    Scale::Logarithm => {
+                        table.fault("even_in = \"logarithm\" wants low above 0");
+                        None
+                    }
+                }
             }
             None => {
-                table.ignore(&["mean", "cv", "sd", "median", "log_sd", "low", "high"]);
-                table.fault("wants { mean, cv }, { mean, sd }, { median, log_sd } or { low, high }");
+                table.ignore(&[
+                    "mean",
+                    "cv",
+                    "sd",
+                    "median",
+                    "log_sd",
+                    "low",
+                    "high",
+                    "even_in",
+                    "fixity_low",
+                    "fixity_high",
+                    "ends",
+                ]);
+                table.fault(FORMS);
                 None
             }
         }
     })
+}
+
+/// A support by its fixity; the stiffness it stands for is set once the other priors are known.
+fn fixity(table: &mut Table<'_>, quantity: Quantity) -> Option<Prior> {
+    if !matches!(quantity, Quantity::SpringLeft | Quantity::SpringRight) {
+        table.ignore(&["fixity_low", "fixity_high", "ends"]);
+        table.fault("a fixity is a prior of a support alone");
+        return None;
+    }
+    let range = Range::within(0.0, Fixity::MOST);
+    let low = table.maybe_number(
+        key("fixity_low", "lowest fixity, 0 is a hinge [-]"),
+        range,
+        Absent::Required,
+    );
+    let high = table.maybe_number(
+        key("fixity_high", "highest fixity, 1 would be a clamp [-]"),
+        range,
+        Absent::Required,
+    );
+    let ends = table.number(
+        key(
+            "ends",
+            "weight of hinge and clamp against the middle; 1 is even [-]",
+        ),
+        Range::within(0.1, 10.0),
+        1.0,
+    );
+    let (low, high) = (low?, high?);
+    if low >= high {
+        table.fault(format!("fixity_low = {low} is not below fixity_high = {high}"));
+        return None;
+    }
+    Some(Prior::Fixity(Fixity {
+        low,
+        high,
+        ends,
+        unit_n_m: 1.0,
+    }))
 }
 
 /// The prior as TOML that reads back as the same bits.
@@ -152,5 +239,16 @@ pub(super) fn show(prior: &Prior) -> String {
             format!("{{ median = {}, log_sd = {} }}", number(median), number(log_sd))
         }
         Prior::Uniform { low, high } => format!("{{ low = {}, high = {} }}", number(low), number(high)),
+        Prior::LogUniform { low, high } => format!(
+            "{{ low = {}, high = {}, even_in = \"logarithm\" }}",
+            number(low),
+            number(high)
+        ),
+        Prior::Fixity(fixity) => format!(
+            "{{ fixity_low = {}, fixity_high = {}, ends = {} }}",
+            number(fixity.low),
+            number(fixity.high),
+            number(fixity.ends)
+        ),
     }
 }

@@ -7,7 +7,7 @@ use statrs::distribution::{Continuous, ContinuousCDF, Normal};
 /// One uncertain quantity of a rod and its map to a standard normal variable z.
 ///
 /// Truncated normal: `z = (v - mean) / sd`, linear as in the paper, so that z is normal truncated where v
-/// reaches zero. Log-normal: `z = ln(v / median) / log_sd`. Uniform: `z = Phi^-1(F(v))`.
+/// reaches zero. Log-normal: `z = ln(v / median) / log_sd`. All that end on both sides: `z = Phi^-1(F(v))`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Germ {
     /// Where the quantity stands in `theta`.
@@ -38,14 +38,9 @@ impl Germ {
             Prior::Fixed { .. } => 0.0,
             Prior::TruncatedNormal { mean, sd } => (value - mean) / sd,
             Prior::LogNormal { median, log_sd } => libm::log(value / median) / log_sd,
-            Prior::Uniform { low, high } => {
-                let share = (value - low) / (high - low);
-                if (0.0..=1.0).contains(&share) {
-                    Normal::standard().inverse_cdf(share)
-                } else {
-                    f64::NAN
-                }
-            }
+            Prior::Uniform { low, high } => of_share((value - low) / (high - low)),
+            Prior::LogUniform { low, high } => of_share(libm::log(value / low) / libm::log(high / low)),
+            Prior::Fixity(fixity) => of_share(fixity.share(value)),
         }
     }
 
@@ -56,6 +51,10 @@ impl Germ {
             Prior::TruncatedNormal { mean, sd } => mean + sd * z,
             Prior::LogNormal { median, log_sd } => median * libm::exp(log_sd * z),
             Prior::Uniform { low, high } => low + (high - low) * Normal::standard().cdf(z),
+            Prior::LogUniform { low, high } => {
+                low * libm::exp(libm::log(high / low) * Normal::standard().cdf(z))
+            }
+            Prior::Fixity(fixity) => fixity.at_share(Normal::standard().cdf(z)),
         }
     }
 
@@ -66,6 +65,8 @@ impl Germ {
             Prior::TruncatedNormal { sd, .. } => value / sd,
             Prior::LogNormal { log_sd, .. } => 1.0 / log_sd,
             Prior::Uniform { low, high } => value / (high - low) / Normal::standard().pdf(z),
+            Prior::LogUniform { low, high } => 1.0 / libm::log(high / low) / Normal::standard().pdf(z),
+            Prior::Fixity(fixity) => fixity.share_by_log(value) / Normal::standard().pdf(z),
         }
     }
 
@@ -75,6 +76,15 @@ impl Germ {
             Prior::TruncatedNormal { mean, sd } => -mean / sd,
             _ => f64::NEG_INFINITY,
         }
+    }
+}
+
+/// The germ of a share of the distribution; not a number outside 0 to 1.
+fn of_share(share: f64) -> f64 {
+    if (0.0..=1.0).contains(&share) {
+        Normal::standard().inverse_cdf(share)
+    } else {
+        f64::NAN
     }
 }
 
@@ -91,6 +101,13 @@ mod tests {
                 log_sd: 0.2,
             },
             Prior::Uniform { low: 2.0, high: 5.0 },
+            Prior::LogUniform { low: 2.0, high: 50.0 },
+            Prior::Fixity(crate::bayes::Fixity {
+                low: 0.1,
+                high: 0.99,
+                ends: 3.0,
+                unit_n_m: 4.0,
+            }),
         ];
         for prior in priors {
             let germ = Germ {

@@ -22,6 +22,10 @@ impl Grid {
     /// The grid of a prior.
     pub fn of(prior: &Prior) -> Self {
         let (mean, sd) = prior.mean_and_sd();
+        if let Prior::LogUniform { low, high } = *prior {
+            let step = (high - low) / (POINTS - 1) as f64;
+            return Self { low, step };
+        }
         let low = (mean - SPAN_SD * sd).max(0.0);
         Self {
             low,

@@ -81,6 +81,7 @@ pub fn identified(rod: &RodId, number: i64) -> Outcome {
             seed: u64::MAX,
             method: Method::Rejection,
             adjustment: Adjustment::None,
+            withheld: None,
             stop: None,
         },
         conflict: Conflict {
@@ -89,7 +90,9 @@ pub fn identified(rod: &RodId, number: i64) -> Outcome {
             residuals: vec![0.1, 0.2, -0.3],
             violation: None,
             prior_tail: 0.5,
+            prior_distance: 0.3,
         },
+        hangs_on: None,
     }))
 }
 

@@ -1,0 +1,86 @@
+//! How far out an observation lies among the records the prior simulates.
+
+use super::distance::Target;
+use super::table::{NoiseTable, Table};
+use crate::forward::MAX_MODES;
+use nalgebra::{SMatrix, SVector};
+
+/// Draws the observation is compared with.
+const DRAWS: usize = 4096;
+
+type Row = SVector<f64, MAX_MODES>;
+
+/// Where an observation lies among the prior's records.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Place {
+    /// Share of the draws whose Mahalanobis distance from their mean is at least the observation's, which counts as one of them.
+    pub(super) tail: f64,
+    /// Its distance as a multiple of the farthest draw's: of the Mahalanobis distances, or of the distances in one of the whitened
+    /// frequencies, whichever is the larger multiple.
+    pub(super) distance: f64,
+}
+
+/// The observation among the table's first [`DRAWS`] draws, error and discrepancy included, all by the logarithms of the
+/// frequencies: a prior of the force over decades has no other scale. In the middle if the draws have no spread to measure by.
+pub(super) fn prior_place(target: &Target, table: &Table, noise: &NoiseTable) -> Place {
+    let entries = |value: &dyn Fn(usize) -> f64| {
+        Row::from_fn(|i, _| {
+            if i < target.terms().len() {
+                libm::log(value(i))
+            } else {
+                0.0
+            }
+        })
+    };
+    let rows: Vec<Row> = (0..table.draws().min(DRAWS))
+        .map(|draw| {
+            entries(&|i| {
+                let term = &target.terms()[i];
+                let frequency = table.frequency(draw, term.mode);
+                f64::from(Target::simulated(term, frequency, noise.at(draw, term.mode, 0)))
+            })
+        })
+        // No answer, or an error larger than the frequency.
+        .filter(|row| row.iter().all(|value| value.is_finite()))
+        .collect();
+    let observed = entries(&|i| f64::from(target.terms()[i].observed));
+    let count = rows.len().max(1) as f64;
+    let mean = rows.iter().fold(Row::zeros(), |sum, row| sum + row) / count;
+    let mut covariance = rows
+        .iter()
+        .map(|row| (row - mean) * (row - mean).transpose())
+        .fold(SMatrix::<f64, MAX_MODES, MAX_MODES>::zeros(), |sum, square| {
+            sum + square
+        })
+        / count;
+    for unused in target.terms().len()..MAX_MODES {
+        covariance[(unused, unused)] = 1.0;
+    }
+    let Some(root) = covariance.cholesky().map(|cholesky| cholesky.l()) else {
+        return Place {
+            tail: 1.0,
+            distance: 0.0,
+        };
+    };
+    let whitened = |row: &Row| {
+        root.solve_lower_triangular(&(row - mean))
+            .unwrap_or_else(|| Row::repeat(f64::INFINITY))
+    };
+    let place = whitened(&observed);
+    let limit = place.norm_squared();
+    let (mut further, mut farthest, mut widest) = (0, 0.0f64, Row::zeros());
+    for row in &rows {
+        let row = whitened(row);
+        let square = row.norm_squared();
+        further += usize::from(square >= limit);
+        farthest = farthest.max(square);
+        widest = widest.sup(&row.abs());
+    }
+    let distance = (0..target.terms().len())
+        .map(|i| place[i].abs() / widest[i])
+        .fold((limit / farthest).sqrt(), f64::max);
+    Place {
+        tail: (further + 1) as f64 / (rows.len() + 1) as f64,
+        distance,
+    }
+}

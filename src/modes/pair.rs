@@ -10,8 +10,8 @@ use realfft::num_complex::Complex;
 
 /// Parameters: frequency and ln damping of each, ln of the second force's power and of the noise over the first's.
 const PARAMETERS: usize = 6;
-/// Twice the log-likelihood gain of a rough guess at which two modes are tried in earnest.
-const WORTH_TRYING: f64 = 6.0;
+/// Twice the log-likelihood gain of the best of some guesses at which two modes are tried in earnest.
+const WORTH_TRYING: f64 = 7.0;
 /// Twice the gain that makes two modes certain. Chi-square with three degrees of freedom exceeds it once in
 /// six thousand.
 const CERTAIN: f64 = 20.0;
@@ -19,6 +19,8 @@ const CERTAIN: f64 = 20.0;
 const OPEN: f64 = 9.0;
 /// The weaker one's peak is at least this much of the stronger one's, in power.
 const LEAST_SHARE: f64 = 0.01;
+/// Squared change of the filter's gains at which they are at rest: 1e-6 of them.
+const SETTLED: f64 = 1e-12;
 const ITERATIONS: usize = 25;
 
 /// One of two modes.
@@ -91,6 +93,9 @@ pub fn pair(series: &Subband, single: Pole, noise: f64, guess: Option<[Pole; 2]>
         }
     }
     let Some((value, x)) = start else { return Pair::One };
+    let widths = [x[0] * x[1].exp(), x[2] * x[3].exp()];
+    let step = [0.4 * widths[0], 0.35, 0.4 * widths[1], 0.35, 0.8, 0.5];
+    let (value, x) = approach(&objective, value, x, step);
     if guess.is_none() && gain_over(value, one) < WORTH_TRYING {
         return Pair::One;
     }
@@ -160,7 +165,9 @@ fn filter(series: &Subband, poles: [Pole; 2], forces: [f64; 2], noise: f64) -> O
     let mut pxy: Complex<f64> = Complex::default();
     let (mut log_det, mut quad) = (0.0, 0.0);
     // The first sample holds what is flat across the band.
-    for value in &series.samples[1..] {
+    let mut left = series.samples[1..].iter();
+    let mut before = (Complex::default(), Complex::default());
+    while let Some(value) = left.next() {
         x *= a;
         y *= b;
         pxx = aa * pxx + forces[0];
@@ -172,18 +179,34 @@ fn filter(series: &Subband, poles: [Pole; 2], forces: [f64; 2], noise: f64) -> O
         let e = value - x - y;
         log_det += s.ln();
         quad += e.norm_sqr() / s;
-        let (kx, ky) = (gx / s, gy / s);
-        x += kx * e;
-        y += ky * e;
+        let gains = (gx / s, gy / s);
+        x += gains.0 * e;
+        y += gains.1 * e;
         pxx -= gx.norm_sqr() / s;
         pyy -= gy.norm_sqr() / s;
         pxy -= gx * gy.conj() / s;
+        let moved = (gains.0 - before.0).norm_sqr() + (gains.1 - before.1).norm_sqr();
+        before = gains;
+        if moved < SETTLED {
+            // The gains do not depend on the data and have come to rest.
+            log_det += left.len() as f64 * s.ln();
+            let mut rest = 0.0;
+            for value in left.by_ref() {
+                x *= a;
+                y *= b;
+                let e = value - x - y;
+                rest += e.norm_sqr();
+                x += gains.0 * e;
+                y += gains.1 * e;
+            }
+            quad += rest / s;
+        }
     }
     let value = -log_det - (series.samples.len() - 1) as f64 * quad.ln();
     value.is_finite().then_some(value)
 }
 
-/// The best value for one mode near `pole`: in turn, along each of its three parameters.
+/// The best value for one mode near `pole`.
 fn best_single(series: &Subband, pole: Pole, noise: f64) -> f64 {
     let value = |x: &[f64; 3]| {
         let pole = Pole {
@@ -193,24 +216,32 @@ fn best_single(series: &Subband, pole: Pole, noise: f64) -> f64 {
         let prior = -0.5 * ((x[1] + 5.116) / 1.7f64).powi(2);
         filter(series, [pole, pole], [1.0, 0.0], x[2].exp()).map_or(f64::NEG_INFINITY, |v| v + prior)
     };
-    let mut x = [pole.frequency_hz, pole.damping.ln(), noise];
-    let mut best = value(&x);
-    let mut step = [0.2 * pole.damping * pole.frequency_hz, 0.2, 0.4];
+    let x = [pole.frequency_hz, pole.damping.ln(), noise];
+    let step = [0.2 * pole.damping * pole.frequency_hz, 0.2, 0.4];
+    approach(&|x| Some(value(x)), value(&x), x, step).0
+}
+
+/// A better point near `x`, whose value is `best`: a few trials to either side along each parameter in turn.
+fn approach<const N: usize>(
+    objective: &impl Fn(&[f64; N]) -> Option<f64>,
+    mut best: f64,
+    mut x: [f64; N],
+    mut step: [f64; N],
+) -> (f64, [f64; N]) {
     for _ in 0..3 {
-        for i in 0..3 {
+        for i in 0..N {
             for side in [1.0, -1.0] {
                 let mut trial = x;
                 trial[i] += side * step[i];
-                let v = value(&trial);
-                if v > best {
-                    (best, x) = (v, trial);
+                if let Some(value) = objective(&trial).filter(|v| *v > best) {
+                    (best, x) = (value, trial);
                     break;
                 }
             }
         }
-        step = step.map(|s| 0.6 * s);
+        step = step.map(|s| 0.5 * s);
     }
-    best
+    (best, x)
 }
 
 /// Newton's method with second differences: the maximum near `at`, its value and the inverse curvature.

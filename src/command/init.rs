@@ -423,6 +423,7 @@ fn written(args: &Args, rod: &Rod, sensor: &Sensor, thermometer: Option<&Content
             "\n# [rod.temperature]            # without it a warm day looks like a loss\n# topic = \"/air\"\n# unit = \"degC\"\n",
         ),
     }
+    text.push_str("\n[record]\ncut = \"auto\"                   # the motion is recognised: ambient, pulls, blows; \"free-decay\" cuts a record at each release\n");
     text.push_str("\n# [store]                      # where `replay` and `run` keep their results\n# path = \"site.db\"\n");
     text
 }

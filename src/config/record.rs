@@ -19,7 +19,8 @@ const KINDS: [(&str, Kind); 4] = [
     ("free-decay", Kind::FreeDecay),
 ];
 
-/// The longest record anyone may ask for \[s\].
+/// The shortest and the longest record anyone may ask for \[s\].
+const SHORTEST: f64 = 1e-3;
 const DAY: f64 = 86_400.0;
 
 /// The section.
@@ -33,7 +34,7 @@ pub(super) fn read(table: &mut Table<'_>) -> RecordSettings {
         &KINDS,
         Kind::Auto,
     );
-    let length = Range::within(1.0, DAY);
+    let length = Range::within(SHORTEST, DAY);
     let window_s = table.number(
         key("window_s", "length of a window [s]").only(kind == Kind::Window, "cut = \"window\""),
         length,
@@ -46,7 +47,7 @@ pub(super) fn read(table: &mut Table<'_>) -> RecordSettings {
             "an onset is where the short-term level exceeds the long-term level this many times",
         )
         .only(is_decay, "cut = \"free-decay\""),
-        Range::within(1.5, 1000.0),
+        Range::within(1.5, 1e6),
         5.0,
     );
     let decay_s = table.number(

@@ -13,6 +13,9 @@ use super::{Mask, Motion, MotionKind, Resonance};
 use crate::record::{Excitation, Record};
 use crate::spectrum::{Peak, Transforms};
 
+/// Relative error of the model itself (sums for integrals, the negative-frequency pole): what is left of the
+/// errors of a decay 140 dB above its noise.
+const MODEL_SD: f64 = 2e-6;
 /// Largest error of ln damping, and least damping, of a stretch's fit that counts.
 const MOST_LOG_SD: f64 = 2.0;
 /// Bandwidth in which blows are looked for, as a share of the frequency.
@@ -92,12 +95,23 @@ pub fn refine(transforms: &Transforms, record: &Record, peaks: &[Peak], search: 
             }
         }
     }
-    let mut resonances: Vec<Resonance> = whole
-        .iter()
-        .zip(&fits)
-        .filter_map(|(whole, parts)| Some(combined(&(*whole)?, parts)))
+    let found: Vec<Resonance> = if fits.iter().all(Vec::is_empty) {
+        let mut whole: Vec<Fit> = whole.into_iter().flatten().collect();
+        whole.sort_by(|a, b| a.resonance.frequency_hz.total_cmp(&b.resonance.frequency_hz));
+        stretch.apart(&whole)
+    } else {
+        whole
+            .iter()
+            .zip(&fits)
+            .filter_map(|(whole, parts)| Some(combined(&(*whole)?, parts)))
+            .collect()
+    };
+    let mut resonances: Vec<Resonance> = found
+        .into_iter()
         .map(|r| Resonance {
-            frequency_sd_hz: r.frequency_sd_hz.hypot(r.frequency_hz * record.clock_sd),
+            frequency_sd_hz: r
+                .frequency_sd_hz
+                .hypot(r.frequency_hz * record.clock_sd.hypot(MODEL_SD)),
             ..r
         })
         .collect();

@@ -206,3 +206,112 @@ pub(super) fn median(numbers: &mut [f64]) -> f64 {
     let middle = numbers.len() / 2;
     *numbers.select_nth_unstable_by(middle, f64::total_cmp).1
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A generator of its own: xorshift, and the sum of twelve uniforms for a Gaussian.
+    struct Noise(u64);
+
+    impl Noise {
+        fn uniform(&mut self) -> f64 {
+            self.0 ^= self.0 << 13;
+            self.0 ^= self.0 >> 7;
+            self.0 ^= self.0 << 17;
+            (self.0 >> 11) as f64 / (1u64 << 53) as f64
+        }
+
+        fn gaussian(&mut self) -> f64 {
+            (0..12).map(|_| self.uniform()).sum::<f64>() - 6.0
+        }
+    }
+
+    /// Blocks of `size` samples at 100 Hz, 60 s of them, their stamps off by `off` \[s\].
+    fn blocks(size: usize, mut off: impl FnMut(usize) -> f64) -> Vec<(f64, f64)> {
+        (0..6000 / size)
+            .map(|i| {
+                let number = (i * size) as f64;
+                (number, ((number * 0.01 + off(i)) * 1e9).round())
+            })
+            .collect()
+    }
+
+    fn rate_error(points: &[(f64, f64)]) -> (f64, f64) {
+        let line = fit(|| points.iter().copied());
+        (line.slope / 1e7 - 1.0, line.slope_sd)
+    }
+
+    #[test]
+    fn the_stated_error_of_the_rate_covers() {
+        // The study's record: 60 s at 100 Hz in blocks of 32, stamps off by 2 ms. The standard error of a slope over n even points
+        // is sigma sqrt(12) / (T sqrt(n)): 8.5 ppm.
+        let mut noise = Noise(7);
+        let (mut inside, mut squares, mut stated) = (0, 0.0, 0.0);
+        let trials = 2000;
+        for _ in 0..trials {
+            let (error, sd) = rate_error(&blocks(32, |_| 2e-3 * noise.gaussian()));
+            inside += usize::from(error.abs() < 1.96 * sd);
+            squares += error * error;
+            stated += sd;
+        }
+        let (actual, stated) = ((squares / trials as f64).sqrt(), stated / trials as f64);
+        println!("rate: actual {actual:.2e}, stated {stated:.2e}, {inside} of {trials} inside");
+        assert!((actual / 8.5e-6 - 1.0).abs() < 0.06, "{actual:e}");
+        // Binomial: 95 % give or take three times 0.5 %; the widening for few degrees of freedom is an approximation.
+        assert!(
+            (0.93..0.966).contains(&(inside as f64 / trials as f64)),
+            "{inside}"
+        );
+        assert!((stated / actual - 1.0).abs() < 0.08, "{stated:e} {actual:e}");
+    }
+
+    #[test]
+    fn a_stamp_much_too_late_hardly_moves_the_rate() {
+        let mut noise = Noise(11);
+        let jitter: Vec<f64> = (0..400).map(|_| 2e-3 * noise.gaussian()).collect();
+        let clean = rate_error(&blocks(32, |i| jitter[i])).0;
+        let late = |i: usize| jitter[i] + if i == 150 { 0.4 } else { 0.0 };
+        let (spoilt, sd) = rate_error(&blocks(32, late));
+        // By the study 1.5 ppm; least squares makes it 172 at the end of the record.
+        assert!((spoilt - clean).abs() < 3e-6, "{clean:e} {spoilt:e}");
+        assert!(sd < 1.3e-5, "{sd:e}");
+        // Exact stamps but one: the rate is exact.
+        let (error, sd) = rate_error(&blocks(32, |i| if i == 20 { 3e-3 } else { 0.0 }));
+        assert!(error.abs() < 2e-8 && sd < 2e-8, "{error:e} {sd:e}");
+    }
+
+    #[test]
+    fn scatter_that_hangs_together_widens_the_error() {
+        // Delays that wander: a first-order process over some twenty messages, 2 ms in all.
+        let mut noise = Noise(3);
+        let (mut inside, trials) = (0, 300);
+        for _ in 0..trials {
+            let mut state = 2e-3 * noise.gaussian();
+            let (error, sd) = rate_error(&blocks(4, |_| {
+                state = 0.95 * state + 2e-3 * (1.0f64 - 0.95 * 0.95).sqrt() * noise.gaussian();
+                state
+            }));
+            inside += usize::from(error.abs() < 1.96 * sd);
+        }
+        // Taken as without memory, 25 % would be inside: the variance is 39 times as large.
+        assert!(inside as f64 > 0.82 * f64::from(trials), "{inside} of {trials}");
+    }
+
+    #[test]
+    fn a_declared_rate_counts_by_its_precision() {
+        assert_eq!(weigh(100.0, 1e-5, 100.0, 100).0, 100.0);
+        // Sure stamps win, and so do stamps that contradict.
+        assert_eq!(weigh(100.01, 1e-9, 100.0, 100), (100.01, 1e-9));
+        assert_eq!(weigh(100.05, 1e-5, 100.0, 100), (100.05, 1e-5));
+        // Poor stamps give way to the quartz.
+        let (rate, sd) = weigh(100.03, 3e-4, 100.0, 20);
+        assert!(
+            (rate - 100.0).abs() < 0.001 && (4.5e-5..5e-5).contains(&sd),
+            "{rate} {sd}"
+        );
+        // Two stamps tell no scatter.
+        assert_eq!(weigh(100.02, 0.0, 100.0, 2).0, 100.02);
+        assert!((weigh(100.02, 0.0, 100.0, 2).1 - 2e-4).abs() < 1e-6);
+    }
+}

@@ -10,6 +10,7 @@ pub mod quality;
 pub mod rejection;
 mod saved;
 pub mod settings;
+mod steps;
 mod temperature;
 pub mod time;
 mod timing;

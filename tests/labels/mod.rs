@@ -332,7 +332,7 @@ pub fn score(class: Class, knowledge: Knowledge, records: u64, settings: &ModeSe
     let one = |seed: u64| {
         let world = world(class, knowledge, seed);
         let plan = LabelPlan::new(&world.prior, &[0.01], settings.clone()).unwrap();
-        let labelled = plan.label(&world.peaks, world.limit_hz, MotionKind::Ambient);
+        let labelled = plan.label(&world.peaks, (0.0, world.limit_hz), MotionKind::Ambient);
         labelled.ok().map(|labelling| {
             let told: Vec<Option<bool>> = labelling
                 .modes

@@ -59,6 +59,8 @@ def doubtful(verdict):
 
 def describe(verdict):
     parts = [f"{verdict.rod}: {verdict.clear} clear, {'claimed' if verdict.claimed else verdict.code}"]
+    if verdict.motion:
+        parts.append(verdict.motion)
     if verdict.probability is not None:
         parts.append(f"p {verdict.probability:.3f}")
     if verdict.wrong:

@@ -97,19 +97,20 @@ impl LabelPlan {
         libm::exp(self.grid.range().1)
     }
 
-    /// The orders of resonances (ascending in frequency) of a record in which peaks up to `limit_hz` can be
-    /// seen and the rod moved as `kind` says.
+    /// The orders of resonances (ascending in frequency) of a record in which peaks can be seen between the
+    /// frequencies `seen_hz`, and the rod moved as `kind` says.
     ///
     /// # Errors
     /// No assignment is probable enough.
     pub fn label(
         &self,
         resonances: &[Resonance],
-        limit_hz: f64,
+        seen_hz: (f64, f64),
         kind: MotionKind,
     ) -> Result<Labelling, Unlabelled> {
         let (low_hz, high_hz) = self.band_hz();
-        let high_hz = high_hz.min(limit_hz).max(1.001 * low_hz);
+        let low_hz = low_hz.max(seen_hz.0);
+        let high_hz = high_hz.min(seen_hz.1).max(1.001 * low_hz);
         let masks = &self.settings.masks;
         let is_masked = |hz: f64| {
             masks

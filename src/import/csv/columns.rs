@@ -197,7 +197,7 @@ impl Columns {
                         value
                     }
                     // Notes that begin further down.
-                    None if column.is_blank && !column.is_named => {
+                    None if column.is_blank && !column.is_named && number(cell, true).is_none() => {
                         column.is_text = true;
                         turned_text = true;
                         f64::NAN

@@ -257,8 +257,9 @@ fn a_rod_far_from_its_guessed_force_keeps_its_orders() {
     let plan = LabelPlan::new(&prior, &[0.01; 3], ModeSettings::default()).unwrap();
     let peaks: Vec<Resonance> = [8.3085, 19.0571, 34.0965, 53.9982].map(resonance).to_vec();
     let found = plan.label(&peaks, (0.0, 60.0), MotionKind::Ambient).unwrap();
+    // The fourth is not used, and told only if it is surer still.
     let orders: Vec<usize> = found.modes.iter().map(|mode| mode.order).collect();
-    assert_eq!(orders, [1, 2, 3, 4]);
+    assert!(orders.starts_with(&[1, 2, 3]), "{orders:?}");
     assert!((found.modes[2].frequency_hz - 34.0965).abs() < 1e-9);
 }
 
@@ -398,9 +399,9 @@ fn a_sensor_at_mid_span_sees_modes_one_and_three() {
         .identify(&simulate(5, FS, 60.0, &modes, 1.0, Excitation::Ambient))
         .unwrap();
     assert_eq!(estimate.modes.iter().map(|m| m.order).collect::<Vec<_>>(), [1, 3]);
-    // The fifth is told too, although the force does not use it.
-    let told: Vec<usize> = estimate.labels.told.iter().map(|told| told.0).collect();
-    assert_eq!(told, [1, 3, 5]);
+    // The fifth is not used, but it is part of the likeliest assignment.
+    let likeliest = &estimate.labels.candidates[0].modes;
+    assert_eq!(likeliest.iter().map(|mode| mode.0).collect::<Vec<_>>(), [1, 3, 5]);
 }
 
 #[test]
@@ -511,16 +512,16 @@ fn labels_of_every_class_are_right_as_often_as_they_say() {
         let (mut records, mut wrong, mut intruders, mut told) = (0, 0, 0, 0);
         let mut short = 0.0;
         for class in CLASSES.into_iter().filter(|class| !WITHOUT_ROD.contains(class)) {
-            let score = labels::score(class, knowledge, 100, &settings);
+            let score = labels::score(class, knowledge, 60, &settings);
             let least = match class {
-                Class::Visible(3, _) => 89,
-                Class::Visible(5.., _) => 95,
+                Class::Visible(3, _) => 52,
+                Class::Visible(5.., _) => 56,
                 _ => 0,
             };
-            // 95 and 98 % less two binomial errors of a hundred records.
+            // 95 and 98 % less three binomial errors of sixty records.
             assert!(
                 score.identified >= least,
-                "{class:?} {knowledge:?}: {} of 100",
+                "{class:?} {knowledge:?}: {} of 60",
                 score.identified
             );
             records += score.records;
@@ -532,10 +533,10 @@ fn labels_of_every_class_are_right_as_often_as_they_say() {
         println!(
             "{knowledge:?}: {told} of {records} told, {wrong} wrong orders, {intruders} foreign peaks beside right ones, {short:.1} expected"
         );
-        // One in a thousand, with what chance may add to 1.7 (4 in 5 % of campaigns); most are from orders 2, 6, 8 alone.
+        // One in a thousand, with what chance may add to 1 (more than 4 in 0.4 % of campaigns).
         assert!(wrong <= 4, "{knowledge:?}: {wrong} of {records}");
         // 30 in a thousand and two binomial errors.
-        assert!(intruders <= 65, "{knowledge:?}: {intruders} of {records}");
+        assert!(intruders <= 42, "{knowledge:?}: {intruders} of {records}");
         // The stated probabilities promise so many faults: within three Poisson errors.
         let faults = (wrong + intruders) as f64;
         assert!(
@@ -549,11 +550,11 @@ fn labels_of_every_class_are_right_as_often_as_they_say() {
 fn a_record_without_the_rod_is_hardly_ever_claimed() {
     // One in a hundred at first contact, one in a thousand once known; chance adds three binomial errors.
     let settings = ModeSettings::default();
-    for (knowledge, most) in [(Knowledge::FirstContact, 14), (Knowledge::Known, 4)] {
-        let score = labels::score(Class::NoRod, knowledge, 600, &settings);
+    for (knowledge, most) in [(Knowledge::FirstContact, 8), (Knowledge::Known, 3)] {
+        let score = labels::score(Class::NoRod, knowledge, 300, &settings);
         assert!(
             score.identified <= most,
-            "{knowledge:?}: {} of 600",
+            "{knowledge:?}: {} of 300",
             score.identified
         );
     }

@@ -18,7 +18,7 @@ const MOST_WRONG_ORDER: f64 = 0.04;
 const SURE: f64 = 0.995;
 /// Most probability that no rod is seen: where the force is hardly known beforehand, and where it is.
 const MOST_NO_ROD: f64 = 0.008;
-const MOST_NO_ROD_KNOWN: f64 = 0.003;
+const MOST_NO_ROD_KNOWN: f64 = 0.001;
 /// A rod whose first mode is known beforehand to this standard deviation of ln f counts as known.
 const KNOWN_LOG_SD: f64 = 0.2;
 /// The same where a person says that the first mode is among the peaks.

@@ -5,10 +5,7 @@
 
 use divan::{Bencher, black_box};
 use tirante::bayes::RodPrior;
-use tirante::beam::exact::Exact;
-use tirante::forward::ForwardModel;
-use tirante::modes::{ModalPlan, ModeSettings, Pattern, Search, label, refine};
-use tirante::random;
+use tirante::modes::{LabelPlan, ModalPlan, ModeSettings, MotionKind, Parts, Search, refine};
 use tirante::record::{Excitation, Record};
 use tirante::spectrum::{PeakSettings, Spectrum, Transforms, Welch, WelchSettings, Window, pick_peaks};
 
@@ -43,30 +40,12 @@ fn record(seconds: f64, excitation: Excitation) -> Record {
     simulate(7, FS, seconds, &modes, 1.0, excitation)
 }
 
-fn pattern() -> Pattern {
-    let prior = RodPrior::todi();
-    let exact = Exact::new(*prior.parameterisation());
-    let mut rng = random::stream(5, 0);
-    let mut theta = vec![0.0; prior.parameterisation().len()];
-    let mut rows = Vec::new();
-    for _ in 0..2000 {
-        prior.sample(&mut rng, &mut theta);
-        let mut row = [0.0; 5];
-        if exact.frequencies(&theta, &mut row).is_ok() {
-            rows.extend(row);
-        }
-    }
-    Pattern::new(&rows, 5).unwrap()
+fn labels() -> LabelPlan {
+    LabelPlan::new(&RodPrior::todi(), &[0.02; 3], ModeSettings::default()).unwrap()
 }
 
 fn plan() -> ModalPlan {
-    ModalPlan::new(
-        WelchSettings::default(),
-        PeakSettings::default(),
-        ModeSettings::default(),
-        pattern(),
-        vec![0.02; 3],
-    )
+    ModalPlan::new(WelchSettings::default(), PeakSettings::default(), labels())
 }
 
 fn spectrum(transforms: &Transforms, record: &Record) -> Spectrum {
@@ -81,14 +60,6 @@ fn spectrum(transforms: &Transforms, record: &Record) -> Spectrum {
     )
     .unwrap();
     welch.run(&record.samples).unwrap()
-}
-
-fn search(line_hz: f64) -> Search<'static> {
-    Search {
-        masks: &[],
-        line_hz,
-        releases: &[],
-    }
 }
 
 #[divan::bench(args = [36_000, 360_000, 3_600_000])]
@@ -114,7 +85,13 @@ fn refine_ambient(bencher: Bencher, seconds: f64) {
     let transforms = Transforms::default();
     let spectrum = spectrum(&transforms, &record);
     let peaks = pick_peaks(&spectrum, &PeakSettings::default(), 2.0, 60.0);
-    bencher.bench_local(|| refine(&transforms, black_box(&record), &peaks, &search(spectrum.df_hz)));
+    let parts = Parts::of(&record, None);
+    let search = Search {
+        masks: &[],
+        line_hz: spectrum.df_hz,
+        parts: &parts,
+    };
+    bencher.bench_local(|| refine(&transforms, black_box(&record), &peaks, &search));
 }
 
 #[divan::bench(args = [20.0, 60.0, 600.0])]
@@ -123,24 +100,32 @@ fn refine_free_decay(bencher: Bencher, seconds: f64) {
     let transforms = Transforms::default();
     let spectrum = spectrum(&transforms, &record);
     let peaks = pick_peaks(&spectrum, &PeakSettings::default(), 2.0, 60.0);
-    bencher.bench_local(|| refine(&transforms, black_box(&record), &peaks, &search(spectrum.df_hz)));
+    let parts = Parts::of(&record, None);
+    let search = Search {
+        masks: &[],
+        line_hz: spectrum.df_hz,
+        parts: &parts,
+    };
+    bencher.bench_local(|| refine(&transforms, black_box(&record), &peaks, &search));
 }
 
-#[divan::bench(args = [2000])]
-fn label_three_peaks(bencher: Bencher, _draws: usize) {
+#[divan::bench]
+fn label_three_peaks(bencher: Bencher) {
     let plan = plan();
     let resonances = plan
+        .search()
         .evidence(&record(60.0, Excitation::Ambient), 2.0, 60.0)
         .unwrap()
         .resonances;
     bencher.bench_local(|| {
-        label(
-            black_box(&resonances),
-            plan.pattern(),
-            &ModeSettings::default(),
-            &[0.02; 3],
-        )
+        plan.labels()
+            .label(black_box(&resonances), (0.0, 96.0), MotionKind::Ambient)
     });
+}
+
+#[divan::bench]
+fn prepare_labels(bencher: Bencher) {
+    bencher.bench_local(labels);
 }
 
 #[divan::bench(args = [60.0, 600.0])]

@@ -4,10 +4,9 @@ use crate::bayes::{
     AbcSettings, Conflict, Inference, Observation, PlanError, Posterior, RodPrior, Table, Tables,
     VarianceShares,
 };
-use crate::beam::exact;
 use crate::emulator::ModelSettings;
-use crate::forward::{ForwardModel, MAX_MODES};
-use crate::modes::{Evidence, Labels, ModalPlan, Mode, ModeSettings, Motion, Pattern, Resonance};
+use crate::forward::ForwardModel;
+use crate::modes::{Evidence, LabelPlan, Labels, ModalPlan, Mode, ModeSettings, Motion, Resonance};
 use crate::random;
 use crate::record::{Envelope, Flag, Reading, Record, Rejection, RodId, Timestamp};
 use crate::spectrum::{PeakSettings, Spectrum, WelchSettings};
@@ -15,9 +14,6 @@ use std::sync::Arc;
 
 /// Raised whenever the same record and configuration may give other numbers than before.
 pub const VERSION: u32 = 1;
-
-/// Draws from the prior that make up the pattern by which peaks are given their mode orders.
-const PATTERN_DRAWS: usize = 2048;
 
 /// Everything the analysis of one rod depends on.
 #[derive(Debug, Clone, PartialEq)]
@@ -113,7 +109,8 @@ impl From<Rejection> for Refusal {
 }
 
 impl Measurement {
-    fn new(record: &Record, identity: [u8; 32], evidence: Evidence) -> Self {
+    /// Of a record and what was found in it.
+    pub fn new(record: &Record, identity: [u8; 32], evidence: Evidence) -> Self {
         Self {
             identity,
             start: record.start,
@@ -148,7 +145,7 @@ impl Plan {
         model: Arc<dyn ForwardModel>,
         tables: &Tables,
     ) -> Result<Self, PlanError> {
-        let (inference, (predicted, ())) = rayon::join(
+        let (inference, (labels, ())) = rayon::join(
             || {
                 Inference::plan(
                     settings.prior.clone(),
@@ -161,20 +158,14 @@ impl Plan {
             },
             || {
                 rayon::join(
-                    || predicted_frequencies(&settings.prior, settings.seed),
+                    || LabelPlan::new(&settings.prior, &settings.discrepancy, settings.modes.clone()),
                     Conflict::prepare,
                 )
             },
         );
         let inference = inference?;
-        let pattern = Pattern::new(&predicted, MAX_MODES).ok_or(PlanError::Unpredictable)?;
-        let modal = ModalPlan::new(
-            settings.welch,
-            settings.peaks,
-            settings.modes.clone(),
-            pattern,
-            settings.discrepancy.clone(),
-        );
+        let labels = labels.ok_or(PlanError::Unpredictable)?;
+        let modal = ModalPlan::new(settings.welch, settings.peaks, labels);
         Ok(Self {
             settings,
             modal,
@@ -271,20 +262,4 @@ impl Plan {
             identity,
         ])
     }
-}
-
-/// Frequencies of draws from the prior by the exact solver, row-major (draws x [`MAX_MODES`]): what the
-/// peaks of a record are compared with to find their orders. Draws the solver refuses are left out.
-fn predicted_frequencies(prior: &RodPrior, seed: u64) -> Vec<f64> {
-    let mut generator = random::stream(random::seed(&[b"pattern", &seed.to_le_bytes()]), 0);
-    let mut theta = vec![0.0; prior.parameterisation().len()];
-    let mut rows = Vec::with_capacity(PATTERN_DRAWS * MAX_MODES);
-    let mut row = [0.0; MAX_MODES];
-    for _ in 0..PATTERN_DRAWS {
-        prior.sample(&mut generator, &mut theta);
-        if exact::frequencies(&prior.parameterisation().beam(&theta), &mut row).is_ok() {
-            rows.extend_from_slice(&row);
-        }
-    }
-    rows
 }

@@ -2,7 +2,7 @@
 
 use crate::command::{
     ack, alarm, backup, check, completions, emulator, frequencies, history, identify, import, init, manual,
-    rebaseline, replay, report, run, send, serve, simulate, status, study,
+    rebaseline, replay, report, run, send, serve, simulate, spectrum, status, study,
 };
 use crate::telemetry::log;
 use clap::{ArgAction, Parser, Subcommand};
@@ -53,9 +53,11 @@ pub enum Command {
     Alarm(alarm::Args),
     /// One recording, or frequencies measured elsewhere, to the posterior of the axial force.
     Identify(identify::Args),
+    /// Every peak of a measurement, without a rod: look at it first.
+    Spectrum(spectrum::Args),
     /// A commented configuration for one rod, from flags, questions and a recording.
     Init(init::Args),
-    /// Measurements of other programs (CSV, UFF58, WAV, MATLAB) to a recording.
+    /// Measurements of other programs (CSV, UFF58, WAV, MATLAB, LabVIEW, NumPy) to a recording.
     Import(import::Args),
     /// Recordings from the beam model, faults included, as MCAP files.
     Simulate(simulate::Args),

@@ -97,12 +97,12 @@ pub struct Quantiles {
     pub q975: f64,
 }
 
-/// A motion in five characters at most, for a column of a table.
+/// A motion in a word, for tables.
 pub fn motion_mark(motion: &Motion) -> &'static str {
     match motion.kind {
-        MotionKind::Ambient => "amb",
+        MotionKind::Ambient => "ambient",
         MotionKind::FreeDecay => "decay",
-        MotionKind::FreeDecays => "decs",
+        MotionKind::FreeDecays => "decays",
         MotionKind::Blow => "blow",
     }
 }
@@ -284,6 +284,16 @@ pub fn hertz(frequency_hz: f64) -> String {
         size if size >= 1000.0 => format!("{frequency_hz:.1}"),
         size if size >= 100.0 => format!("{frequency_hz:.2}"),
         _ => format!("{frequency_hz:.3}"),
+    }
+}
+
+/// About three digits, for people.
+pub fn three_digits(value: f64) -> String {
+    match value.abs() {
+        size if size >= 100.0 => format!("{value:.0}"),
+        size if size >= 10.0 => format!("{value:.1}"),
+        size if size >= 1.0 => format!("{value:.2}"),
+        _ => format!("{value:.3}"),
     }
 }
 

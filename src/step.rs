@@ -94,19 +94,21 @@ pub fn analyse(event: Event, plans: &BTreeMap<RodId, Plan>, known: &Known) -> An
             rod,
             start,
             duration_s,
+            fs_hz,
+            waveform,
             rejection,
         } => {
             let rejected = Rejected {
                 rod,
                 start,
                 duration_s: Some(duration_s),
-                fs_hz: None,
+                fs_hz,
                 identity: None,
                 readings: Vec::new(),
                 rejection,
                 measurement: None,
                 labels: None,
-                waveform: None,
+                waveform,
             };
             return Analysed::Record(Box::new(Outcome::Rejected(Box::new(rejected))));
         }

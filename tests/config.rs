@@ -74,7 +74,13 @@ fn what_is_written_is_what_is_read() {
     assert_eq!(rod.analysis.abc.accept, Accept::Epsilon(0.5));
     assert_eq!(rod.analysis.abc.noise, Noise::Fixed(0.0316));
     assert_eq!(rod.analysis.model, ModelSettings::Pce { order: 4 });
-    assert_eq!(rod.analysis.modes.masks[0].high_hz, 51.0);
+    let modes = &rod.analysis.modes;
+    assert_eq!((modes.masks[0].high_hz, modes.least_probability), (51.0, 0.97));
+    assert_eq!(modes.band_hz, Some([1.0, 24.0]));
+    let windows: Vec<(usize, f64)> = modes.windows.iter().map(|w| (w.order, w.high_hz)).collect();
+    assert_eq!(windows, [(1, 5.0), (3, 14.5)]);
+    // Those of another rod are its own.
+    assert!(config.rods[1].analysis.modes.windows.is_empty());
     let prior = |quantity| *rod.analysis.prior.of(quantity).unwrap();
     assert_eq!(
         prior(Quantity::AxialForce),
@@ -145,7 +151,7 @@ colour = 1
     let expected = [
         "2:1: site.nmae: unknown key, did you mean name?",
         "3:8: site.seed: -1 is out of range, allowed: 0 <= seed <= 9223372036854775807",
-        "5:7: record.cut: \"windows\" is not known, allowed: \"file\", \"window\" or \"free-decay\"",
+        "5:7: record.cut: \"windows\" is not known, allowed: \"auto\", \"file\", \"window\" or \"free-decay\"",
         "6:12: record.window_s: has no effect here, only with cut = \"window\"; remove it",
         "7:15: record.max_missing: nan is not a number, allowed: 0 <= max_missing <= 0.5",
         "9:6: rod[0].id: \"a b\" is no id: 1 to 64 letters, digits, '-', '_' and '.', not starting with '.'",
@@ -153,8 +159,8 @@ colour = 1
         "12:1: rod[0].priors.spring_right_n_m: is missing: rotational stiffness of the right support, 0 is a hinge \
          [N m/rad], allowed: 0 <= spring_right_n_m <= 1e12; a number or a distribution",
         "13:37: rod[0].priors.axial_force_n.cv: 3.0 is out of range, allowed: 0 < cv <= 1",
-        "14:17: rod[0].priors.density_kg_m3: 7.5 is out of range, allowed: 300 <= density_kg_m3 <= 25000",
-        "15:10: rod[0].priors.side_m: 70 is out of range, allowed: 0.001 <= side_m <= 1",
+        "14:17: rod[0].priors.density_kg_m3: 7.5 is out of range, allowed: 10 <= density_kg_m3 <= 30000",
+        "15:10: rod[0].priors.side_m: 70 is out of range, allowed: 1e-6 <= side_m <= 2",
         "16:21: rod[0].priors.youngs_modulus_pa.cv: is missing: coefficient of variation, allowed: 0 < cv <= 1",
         "17:19: rod[0].priors.spring_left_n_m: low = 5 is not below high = 1",
         "19:9: rod[0].channel.topic: is empty",

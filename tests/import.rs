@@ -12,7 +12,8 @@ use std::io::Cursor;
 use std::path::PathBuf;
 use tirante::import::csv::Table;
 use tirante::import::{
-    Asked, ImportError, MOST_VALUES, Plan, Signal, TimeUnit, Timing, csv, mat, uff, wav, write,
+    Asked, ImportError, MOST_VALUES, Plan, Signal, TimeUnit, Timing, csv, lvm, mat, npy, tdms, uff, wav,
+    write,
 };
 use tirante::record::{Event, TimeSource, Timestamp, Unit};
 use tirante::sink::{Encoding, Layout, RecordingWriter, WriterOptions};
@@ -194,7 +195,7 @@ fn a_matlab_file_that_unpacks_without_end_is_refused() {
 
 #[test]
 fn sound_files_read_as_scipy_reads_them() {
-    for name in ["whole.wav", "float.wav"] {
+    for name in ["whole.wav", "float.wav", "double.wav", "long.wav"] {
         let found = wav::read(fixture(name).as_slice(), 1.0).unwrap();
         as_the_oracle(name, &found);
         let scaled = wav::read(fixture(name).as_slice(), 2.5).unwrap();
@@ -228,6 +229,19 @@ fn sound_of_24_bits_and_two_channels() {
 }
 
 #[test]
+fn sound_of_the_extensible_format() {
+    // 24 bits of which 20 count, as sound cards write them: in the upper end of their container.
+    let mut bytes = b"RIFF\0\0\0\0WAVEfmt \x28\0\0\0\xfe\xff\x01\0".to_vec();
+    bytes.extend(1000_u32.to_le_bytes());
+    bytes.extend(3000_u32.to_le_bytes());
+    bytes.extend([3, 0, 24, 0, 22, 0, 20, 0, 4, 0, 0, 0]);
+    bytes.extend(b"\x01\0\0\0\0\0\x10\0\x80\0\0\xaa\0\x38\x9b\x71");
+    bytes.extend(b"data\x06\0\0\0\0\0\x40\0\0\x80");
+    let found = wav::read(bytes.as_slice(), 2.0).unwrap();
+    assert_eq!(found[0].values, [1.0, -2.0]);
+}
+
+#[test]
 fn sound_in_wider_containers_is_refused() {
     let mut bytes = fixture("float.wav");
     let at = bytes.windows(4).position(|name| name == b"fmt ").unwrap() + 8;
@@ -239,6 +253,116 @@ fn sound_in_wider_containers_is_refused() {
         refused.contains("wider containers") || refused.contains("kind of WAV"),
         "{refused}"
     );
+}
+
+#[test]
+fn arrays_read_as_numpy_reads_them() {
+    for name in [
+        "row.npy",
+        "swapped.npy",
+        "half.npy",
+        "table.npy",
+        "columns.npy",
+        "cube.npy",
+    ] {
+        let found = npy::read(fixture(name).as_slice()).unwrap();
+        as_the_oracle(name, &found);
+        assert!(found.iter().all(|signal| signal.timing == Timing::Unknown));
+    }
+}
+
+#[test]
+fn binary_labview_files_read_as_nptdms_reads_them() {
+    for (name, fs_hz, left_out) in [
+        ("plain.tdms", 1024.0, "run/notes (no real numbers)"),
+        ("odd.tdms", 512.0, ""),
+        ("unfinished.tdms", 512.0, "9 bytes at the end"),
+    ] {
+        let found = tdms::read(fixture(name).as_slice(), None, true, TimeUnit::S).unwrap();
+        as_the_oracle(name, &found.signals);
+        assert!(found.skipped.join("; ").contains(left_out), "{:?}", found.skipped);
+        assert_eq!(
+            found.skipped.is_empty(),
+            left_out.is_empty(),
+            "{:?}",
+            found.skipped
+        );
+        let laser = &found.signals[0];
+        let plan = Plan::new(vec![laser.clone()], &asked_from(name), Encoding::Protobuf).unwrap();
+        assert_eq!(plan.channels[0].fs_hz, fs_hz);
+        let written = laser.unit.as_deref();
+        assert_eq!(written, Some(if name == "plain.tdms" { "mm" } else { "um" }));
+        if name == "plain.tdms" {
+            assert_eq!(
+                plan.channels[0].stretches[0].0.to_string(),
+                "2026-08-16T14:03:12.25Z"
+            );
+        }
+    }
+}
+
+fn asked_from(name: &str) -> Asked<'static> {
+    Asked {
+        start: Some(START).filter(|_| name != "plain.tdms"),
+        ..Asked::default()
+    }
+}
+
+#[test]
+fn binary_labview_files_that_are_not_read_are_refused_by_name() {
+    let refused = |bytes: &[u8]| {
+        tdms::read(bytes, None, true, TimeUnit::S)
+            .unwrap_err()
+            .to_string()
+    };
+    let whole = fixture("odd.tdms");
+    // The table of contents says raw data of DAQmx; so does the index of an object.
+    let mut of_daqmx = whole.clone();
+    of_daqmx[4] |= 0x80;
+    assert!(refused(&of_daqmx).contains("DAQmx"), "{}", refused(&of_daqmx));
+    let plain = fixture("plain.tdms");
+    let at = plain.windows(4).position(|word| word == [0x14, 0, 0, 0]).unwrap();
+    let mut of_daqmx = plain.clone();
+    of_daqmx[at..at + 4].copy_from_slice(&0x1269_u32.to_le_bytes());
+    assert!(refused(&of_daqmx).contains("DAQmx"), "{}", refused(&of_daqmx));
+    let mut index = whole.clone();
+    index[..4].copy_from_slice(b"TDSh");
+    assert!(refused(&index).contains("index of a TDMS file"));
+    let mut version = whole.clone();
+    version[8..12].copy_from_slice(&9_u32.to_be_bytes());
+    assert!(refused(&version).contains("version 9"), "{}", refused(&version));
+    assert!(refused(&whole[..whole.len() - 1]).contains("cut short"));
+    assert!(refused(b"TDSm").contains("damaged"));
+    let named = tdms::read(plain.as_slice(), Some("nobody"), true, TimeUnit::S);
+    assert!(named.unwrap_err().to_string().contains("there is: run/laser's"));
+}
+
+#[test]
+fn labview_texts_read_as_lvm_read_reads_them() {
+    for (name, stretches) in [("commas.lvm", 1), ("segments.lvm", 2), ("multi.lvm", 1)] {
+        let found = lvm::read(fixture(name).as_slice(), 7200).unwrap();
+        as_the_oracle(name, &found.signals);
+        let units: Vec<_> = found
+            .signals
+            .iter()
+            .map(|signal| signal.unit.as_deref())
+            .collect();
+        assert_eq!(units, [Some("mm"), Some("m/s^2")]);
+        let plan = Plan::new(found.signals, &Asked::default(), Encoding::Protobuf).unwrap();
+        let channel = &plan.channels[1];
+        // Stamps have a microsecond of 16 samples, whose rate is as good.
+        assert!(
+            (channel.fs_hz / 1024.0 - 1.0).abs() < 1e-4,
+            "{name}: {}",
+            channel.fs_hz
+        );
+        assert_eq!(channel.unit, Unit::MetrePerSecondSquared);
+        assert_eq!(channel.stretches.len(), stretches);
+        assert_eq!(channel.stretches[0].0.to_string(), "2026-08-16T12:03:12.25Z");
+        if stretches == 2 {
+            assert_eq!(channel.stretches[1].0.to_string(), "2026-08-16T12:05:00.25Z");
+        }
+    }
 }
 
 const START: Timestamp = Timestamp::from_nanos(1_772_344_800_000_000_000);
@@ -317,7 +441,7 @@ proptest! {
             text += &format!("{};{};{}\n", comma(index as f64 / 200.0), comma(*a), comma(*b));
         }
         let table = Table { decimal_comma, ..Table::default() };
-        let signals = csv::read(text.as_bytes(), &table).unwrap();
+        let signals = csv::read(text.as_bytes(), &table).unwrap().signals;
         let encoding = [Encoding::Json, Encoding::Protobuf, Encoding::Ros2][which];
         let plan = Plan::new(signals, &asked(), encoding).unwrap();
         prop_assert_eq!(plan.channels[0].fs_hz, 200.0);
@@ -344,7 +468,7 @@ fn gaps_keep_their_times_and_missing_cells_stay_missing() {
         };
         text += &format!("2026-03-01 06:00:{second:06.3},{value}\n");
     }
-    let signals = csv::read(text.as_bytes(), &Table::default()).unwrap();
+    let signals = csv::read(text.as_bytes(), &Table::default()).unwrap().signals;
     let plan = Plan::new(signals, &Asked::default(), Encoding::Json).unwrap();
     assert_eq!(plan.channels[0].missing(), 1);
     assert_eq!(plan.channels[0].stretches.len(), 2);
@@ -365,7 +489,7 @@ fn what_is_imported_is_read_as_a_record() {
     for (index, value) in motion.iter().enumerate() {
         text += &format!("{},{value:?}\n", index as f64 / 200.0);
     }
-    let signals = csv::read(text.as_bytes(), &Table::default()).unwrap();
+    let signals = csv::read(text.as_bytes(), &Table::default()).unwrap().signals;
     let mut channels = rod("nave", "laser", "values");
     for encoding in [Encoding::Json, Encoding::Protobuf, Encoding::Ros2] {
         let rods = [channels.clone()];
@@ -491,11 +615,13 @@ fn damaged_tables_never_panic() {
         ..Table::default()
     };
     assert!(csv::read(text.as_bytes(), &table).is_ok());
-    sweep(text.into_bytes(), |bytes| survive(csv::read(bytes, &table)));
+    sweep(text.into_bytes(), |bytes| {
+        survive(csv::read(bytes, &table).map(|found| found.signals))
+    });
     let plain = "t,d\n0,1.5\n0.005,2\n0.01,-3e-4\n0.015,\"4\"\n".to_owned();
     assert!(csv::read(plain.as_bytes(), &Table::default()).is_ok());
     sweep(plain.into_bytes(), |bytes| {
-        survive(csv::read(bytes, &Table::default()))
+        survive(csv::read(bytes, &Table::default()).map(|found| found.signals))
     });
 }
 
@@ -510,9 +636,67 @@ fn damaged_universal_files_never_panic() {
 
 #[test]
 fn damaged_sound_files_never_panic() {
-    for name in ["whole.wav", "float.wav"] {
+    for name in ["whole.wav", "float.wav", "double.wav"] {
         sweep(fixture(name), |bytes| survive(wav::read(bytes, 2.5)));
     }
+}
+
+#[test]
+fn damaged_arrays_never_panic() {
+    for name in ["half.npy", "columns.npy", "cube.npy"] {
+        sweep(fixture(name), |bytes| survive(npy::read(bytes)));
+    }
+}
+
+#[test]
+fn damaged_labview_files_never_panic() {
+    for name in ["plain.tdms", "odd.tdms", "unfinished.tdms"] {
+        sweep(fixture(name), |bytes| {
+            survive(tdms::read(bytes, None, true, TimeUnit::S).map(|found| found.signals))
+        });
+    }
+    for name in ["commas.lvm", "segments.lvm", "multi.lvm"] {
+        sweep(fixture(name), |bytes| {
+            survive(lvm::read(bytes, 0).map(|found| found.signals))
+        });
+    }
+}
+
+/// A bit turned at every place of every fixture: never a panic, and never more than a file may hold.
+#[test]
+fn every_bit_turned_never_panics() {
+    for name in ["odd.tdms", "unfinished.tdms", "half.npy", "double.wav"] {
+        let whole = fixture(name);
+        for bit in 0..8 * whole.len() {
+            let mut bytes = whole.clone();
+            bytes[bit / 8] ^= 1 << (bit % 8);
+            survive(match name {
+                "half.npy" => npy::read(bytes.as_slice()),
+                "double.wav" => wav::read(bytes.as_slice(), 1.0),
+                _ => tdms::read(bytes.as_slice(), None, true, TimeUnit::S).map(|found| found.signals),
+            });
+        }
+    }
+}
+
+#[test]
+fn a_header_that_promises_more_than_there_is_costs_nothing() {
+    // Each says it holds about 2^60 bytes; what is held stays as small as what is there.
+    let mut lead = fixture("odd.tdms")[..28].to_vec();
+    lead[12..20].copy_from_slice(&(1_u64 << 60).to_be_bytes());
+    lead[20..28].copy_from_slice(&(1_u64 << 59).to_be_bytes());
+    let error = tdms::read(lead.as_slice(), None, true, TimeUnit::S).unwrap_err();
+    assert!(error.to_string().contains("metadata: damaged"), "{error}");
+    let shape = "{'descr': '<f8', 'fortran_order': False, 'shape': (1152921504606846976,), }";
+    let mut array = b"\x93NUMPY\x01\0".to_vec();
+    array.extend((shape.len() as u16).to_le_bytes());
+    array.extend(shape.as_bytes());
+    assert!(
+        npy::read(array.as_slice())
+            .unwrap_err()
+            .to_string()
+            .contains("more than")
+    );
 }
 
 #[test]

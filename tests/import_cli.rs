@@ -175,7 +175,8 @@ fn what_is_there_is_not_overwritten_and_what_is_no_file_not_read() {
         .unwrap();
     assert_eq!(folder.status.code(), Some(1));
     assert!(text(&folder.stderr).contains("not a regular file"));
-    let unknown = tirante(at).args(["import", "a.tdms"]).output().unwrap();
+    fs::write(at.join("a.bin"), b"\0\x01").unwrap();
+    let unknown = tirante(at).args(["import", "a.bin"]).output().unwrap();
     assert_eq!(unknown.status.code(), Some(2));
     assert!(text(&unknown.stderr).contains("--format"));
 }
@@ -215,4 +216,369 @@ fn without_out_it_shows_what_is_there_and_what_is_missing() {
         shown.contains("32 samples, unit not said (--unit), 2000 Hz, start not said (--start)"),
         "{shown}"
     );
+}
+
+/// The samples of the shipped recording \[m\], at 100 Hz, and the time of the first one \[ns\].
+fn shipped() -> (Vec<f64>, u64) {
+    let bytes = fs::read(root("recordings/todi-pull.mcap")).unwrap();
+    let messages: Vec<mcap::Message<'_>> = mcap::MessageStream::new(&bytes)
+        .unwrap()
+        .map(Result::unwrap)
+        .collect();
+    let values = messages.iter().map(|message| {
+        let body: Value = serde_json::from_slice(&message.data).unwrap();
+        body["value"].as_f64().unwrap()
+    });
+    (values.collect(), messages[0].log_time)
+}
+
+fn as_lvm(values: &[f64]) -> Vec<u8> {
+    let mut text = "LabVIEW Measurement\t\r\nSeparator\tTab\r\nDecimal_Separator\t,\r\nX_Columns\tNo\r\n***End_of_Header***\t\r\n\t\r\nChannels\t2\t\t\r\nY_Unit_Label\tm\tVolts\t\r\nX_Dimension\tTime\tTime\t\r\nX0\t0,0\t0,0\t\r\nDelta_X\t0,010000\t0,010000\t\r\n***End_of_Header***\t\t\t\r\nX_Value\tlaser\tbridge\tComment\r\n".to_owned();
+    for value in values {
+        write!(text, "\t{}\t1,5\r\n", format!("{value:?}").replace('.', ",")).unwrap();
+    }
+    text.into_bytes()
+}
+
+fn as_tdms(values: &[f64], first_ns: u64) -> Vec<u8> {
+    let text = |text: &str| [&(text.len() as u32).to_le_bytes()[..], text.as_bytes()].concat();
+    let word = |word: u32| word.to_le_bytes().to_vec();
+    let fraction = ((u128::from(first_ns % 1_000_000_000) << 64) / 1_000_000_000) as u64 + 1;
+    let since_1904 = first_ns / 1_000_000_000 + 2_082_844_800;
+    let meta: Vec<u8> = [
+        word(1),
+        text("/'run'/'laser'"),
+        word(20),
+        word(10),
+        word(1),
+        (values.len() as u64).to_le_bytes().to_vec(),
+        word(3),
+        text("wf_increment"),
+        word(10),
+        0.01_f64.to_le_bytes().to_vec(),
+        text("wf_start_time"),
+        word(0x44),
+        fraction.to_le_bytes().to_vec(),
+        since_1904.to_le_bytes().to_vec(),
+        text("unit_string"),
+        word(0x20),
+        text("m"),
+    ]
+    .concat();
+    let raw: Vec<u8> = values.iter().flat_map(|value| value.to_le_bytes()).collect();
+    let sizes = [(meta.len() + raw.len()) as u64, meta.len() as u64];
+    [
+        b"TDSm\x0e\0\0\0\x69\x12\0\0".to_vec(),
+        sizes.iter().flat_map(|size| size.to_le_bytes()).collect(),
+        meta,
+        raw,
+    ]
+    .concat()
+}
+
+fn as_array(values: &[f64]) -> Vec<u8> {
+    let header = format!(
+        "{{'descr': '>f8', 'fortran_order': True, 'shape': ({}, 2), }}",
+        values.len()
+    );
+    let mut bytes = b"\x93NUMPY\x01\0".to_vec();
+    bytes.extend((header.len() as u16).to_le_bytes());
+    bytes.extend(header.as_bytes());
+    bytes.extend(values.iter().flat_map(|_| 0.25_f64.to_be_bytes()));
+    bytes.extend(values.iter().flat_map(|value| value.to_be_bytes()));
+    bytes
+}
+
+fn as_sound(values: &[f64]) -> Vec<u8> {
+    let mut bytes =
+        b"RIFF\0\0\0\0WAVEfmt \x10\0\0\0\x03\0\x01\0\x64\0\0\0\x20\x03\0\0\x08\0\x40\0data".to_vec();
+    bytes.extend((8 * values.len() as u32).to_le_bytes());
+    bytes.extend(values.iter().flat_map(|value| value.to_le_bytes()));
+    bytes
+}
+
+fn as_semicolons(values: &[f64]) -> Vec<u8> {
+    let mut text = "# Messung 7\r\nZeit;Weg;Zustand;\r\nms;m;;\r\nLaser;Laser;;\r\n\r\n".to_owned();
+    for (index, value) in values.iter().enumerate() {
+        let value = format!("{value:?}").replace('.', ",");
+        write!(text, "{};{value};ok;\r\n", 10 * index).unwrap();
+    }
+    text.into_bytes()
+}
+
+#[test]
+fn every_format_gives_the_force_of_the_recording_as_it_is() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let (values, first_ns) = shipped();
+    let config = root("config/todi.toml");
+    let recording = root("recordings/todi-pull.mcap");
+    let identify = |file: &str, flags: &[&str]| {
+        let output = tirante(at)
+            .args(["identify", "--json", file, "--config", config.to_str().unwrap()])
+            .args(flags)
+            .output()
+            .unwrap();
+        assert!(output.status.success(), "{file}: {}", text(&output.stderr));
+        let line: Value = serde_json::from_slice(&output.stdout).unwrap();
+        (line, text(&output.stderr))
+    };
+    let (expected, _) = identify(recording.to_str().unwrap(), &[]);
+    // The record begins later, at the onset of its decay.
+    let start = tirante::record::Timestamp::from_nanos(first_ns as i64).to_string();
+    assert!(expected["axial_force_n"]["mean"].as_f64().unwrap() > 0.0);
+    for (name, bytes, flags) in [
+        ("pull.lvm", as_lvm(&values), vec!["--start", &start]),
+        ("pull.tdms", as_tdms(&values, first_ns), vec![]),
+        // What its ending says is not what it is.
+        ("pull.dat", as_tdms(&values, first_ns), vec![]),
+        (
+            "pull.npy",
+            as_array(&values),
+            vec!["--start", &start, "--rate", "100", "--channel", "[:,1]"],
+        ),
+        (
+            "pull.wav",
+            as_sound(&values),
+            vec!["--start", &start, "--full-scale", "1"],
+        ),
+        ("pull.csv", as_semicolons(&values), vec!["--start", &start]),
+    ] {
+        fs::write(at.join(name), bytes).unwrap();
+        let (found, said) = identify(name, &flags);
+        for field in [
+            "rod",
+            "start",
+            "duration_s",
+            "fs_hz",
+            "modes",
+            "axial_force_n",
+            "seed",
+            "accepted",
+        ] {
+            assert_eq!(found[field], expected[field], "{name}: {field}");
+        }
+        assert!(said.contains("/todi/displacement of rod"), "{name}: {said}");
+        fs::remove_file(at.join(name)).unwrap();
+        let left: Vec<_> = fs::read_dir(at)
+            .unwrap()
+            .flatten()
+            .map(|entry| entry.file_name())
+            .collect();
+        assert!(
+            left.iter().all(|name| !name.to_string_lossy().contains("pull")),
+            "{left:?}"
+        );
+    }
+}
+
+#[test]
+fn a_file_that_cannot_be_told_says_what_it_holds_and_what_to_add() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let config = root("config/todi.toml");
+    let config = config.to_str().unwrap();
+    let rows = |row: &dyn Fn(usize) -> String| (0..40).map(row).collect::<String>();
+    let sine = |index: usize| (index as f64 * 0.7).sin();
+    let files = [
+        (
+            "mm.csv",
+            format!(
+                "t [s],d [mm]\n{}",
+                rows(&|i| format!("{:.2},{}\n", i as f64 / 100.0, sine(i)))
+            ),
+        ),
+        (
+            "two.csv",
+            format!(
+                "t [s],a [m],b [m]\n{}",
+                rows(&|i| format!("{:.2},{},{}\n", i as f64 / 100.0, sine(i), -sine(i)))
+            ),
+        ),
+        (
+            "none.csv",
+            format!(
+                "x,d\n{}",
+                rows(&|i| format!("{:.2},{}\n", i as f64 / 50.0, sine(i)))
+            ),
+        ),
+        (
+            "uneven.csv",
+            format!(
+                "t,d [m]\n{}",
+                rows(&|i| format!("{:.4},{}\n", i as f64 / 100.0 + 0.004 * (i % 2) as f64, sine(i)))
+            ),
+        ),
+        (
+            "good.csv",
+            format!(
+                "t,d [m]\n{}",
+                rows(&|i| format!("{:.2},{}\n", i as f64 / 100.0, sine(i)))
+            ),
+        ),
+        ("image.bin", "\u{0}\u{1}\u{2}".to_owned()),
+    ];
+    for (name, text) in &files {
+        fs::write(at.join(name), text).unwrap();
+    }
+    let said = |arguments: &[&str]| {
+        let output = tirante(at).args(arguments).output().unwrap();
+        let code = if arguments[0] == "import" { 2 } else { 1 };
+        assert_eq!(
+            output.status.code(),
+            Some(code),
+            "{arguments:?}: {}",
+            text(&output.stderr)
+        );
+        assert!(output.stdout.is_empty());
+        text(&output.stderr)
+    };
+    for (arguments, parts) in [
+        (
+            vec!["identify", "mm.csv", "--config", config],
+            vec!["is in mm", "in m:"],
+        ),
+        (
+            vec!["identify", "two.csv", "--config", config],
+            vec!["2 \"a\" (40 samples, m", "3 \"b\"", "--channel"],
+        ),
+        (
+            vec!["identify", "good.csv"],
+            vec!["--config says which rod", "2 \"d\" (40 samples, m"],
+        ),
+        (
+            vec!["identify", "good.csv", "--channel", "d"],
+            vec!["--config says which rod"],
+        ),
+        (
+            vec!["identify", "none.csv", "--config", config, "--rate", "100"],
+            vec!["column", "50 Hz", "100 Hz"],
+        ),
+        (
+            vec![
+                "identify",
+                "none.csv",
+                "--config",
+                config,
+                "--rate",
+                "100",
+                "--channel",
+                "d",
+            ],
+            vec!["50 Hz", "100 Hz"],
+        ),
+        (
+            vec!["identify", "good.csv", "--config", config, "--rate", "50"],
+            vec!["100 Hz by the file, 50 Hz by --rate"],
+        ),
+        (
+            vec![
+                "import",
+                "uneven.csv",
+                "--start",
+                "2026-03-01T06:00:00Z",
+                "--out",
+                "x.mcap",
+            ],
+            vec!["uneven", "--resample"],
+        ),
+        (vec!["replay", "good.csv", "--config", config], vec!["--start"]),
+        (
+            vec!["identify", "image.bin", "--config", config],
+            vec!["no format that is read", "TDMS"],
+        ),
+    ] {
+        let said = said(&arguments);
+        for part in parts {
+            assert!(said.contains(part), "{arguments:?}: {said}");
+        }
+        assert!(
+            !said.contains("copy the file again") && !said.contains("--time none"),
+            "{said}"
+        );
+    }
+    let recording = root("recordings/todi-pull.mcap");
+    let flags = said(&["identify", recording.to_str().unwrap(), "--rate", "100"]);
+    assert!(
+        flags.contains("is a recording, which says all of itself"),
+        "{flags}"
+    );
+}
+
+#[test]
+fn replay_takes_files_of_other_programs_in_the_order_of_their_times() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let (values, first_ns) = shipped();
+    // The later one is named first, and sorts first by its name.
+    fs::write(at.join("a.tdms"), as_tdms(&values, first_ns + 3_600_000_000_000)).unwrap();
+    fs::write(at.join("b.tdms"), as_tdms(&values, first_ns)).unwrap();
+    let config = root("config/todi.toml");
+    let replay = |more: &[&str]| {
+        let output = tirante(at)
+            .args([
+                "replay",
+                "--json",
+                "a.tdms",
+                "b.tdms",
+                "--config",
+                config.to_str().unwrap(),
+            ])
+            .args(more)
+            .output()
+            .unwrap();
+        (output.status.code(), text(&output.stdout), text(&output.stderr))
+    };
+    let (code, lines, said) = replay(&[]);
+    assert_eq!(code, Some(0), "{said}");
+    let starts: Vec<String> = lines
+        .lines()
+        .map(|line| {
+            serde_json::from_str::<Value>(line).unwrap()["start"]
+                .as_str()
+                .unwrap()
+                .to_owned()
+        })
+        .collect();
+    assert_eq!(starts.len(), 2);
+    assert!(starts[0] < starts[1], "{starts:?}");
+    let (code, _, said) = replay(&["--start", "2026-03-01T06:00:00Z"]);
+    assert_eq!(code, Some(2));
+    assert!(said.contains("one by one"), "{said}");
+}
+
+#[test]
+fn a_configuration_is_written_from_a_table() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let mut table = "t,laser [um]\n".to_owned();
+    for index in 0..50 {
+        writeln!(
+            table,
+            "{:.3},{}",
+            f64::from(index) / 200.0,
+            (f64::from(index) * 0.7).sin()
+        )
+        .unwrap();
+    }
+    fs::write(at.join("laser.csv"), table).unwrap();
+    let output = tirante(at)
+        .args([
+            "init",
+            "laser.csv",
+            "--out",
+            "site.toml",
+            "--length-m",
+            "9.5",
+            "--diameter-m",
+            "0.045",
+        ])
+        .args(["--material", "steel"])
+        .output()
+        .unwrap();
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    let config = fs::read_to_string(at.join("site.toml")).unwrap();
+    for part in ["\"laser\"", "\"um\"", "200.0"] {
+        assert!(config.contains(part), "{part}: {config}");
+    }
 }

@@ -11,10 +11,13 @@ use server::{Server, TOKEN};
 use site::{Part, SITE, Site, campaign, lines, noon};
 use std::io::{BufRead, BufReader};
 use std::sync::LazyLock;
-use tirante::api::{Days, Records, SiteAnswer};
+use tirante::api::{Days, Looks, Records, SiteAnswer};
+use tirante::findings::{Assigned, Candidate, Multiple, Nature, Quantiles};
 use tirante::http::{Shown, Unanswered};
+use tirante::modes::{Motion, MotionKind};
 use tirante::record::{RodId, Timestamp};
-use tirante::store::{Commit, Durability, RecordRow, Store};
+use tirante::snapshot::{PeakMark, Reason, Snapshot};
+use tirante::store::{Commit, Durability, RecordRow, SnapshotRow, Store};
 
 /// The campaign's store, made once.
 static CAMPAIGN: LazyLock<Site> = LazyLock::new(|| {
@@ -316,6 +319,82 @@ fn the_description_holds() {
         )
         .is_err()
     );
+}
+
+#[test]
+fn a_refused_record_is_answered_as_described() {
+    let description: Json = serde_json::from_str(include_str!("../docs/openapi.json")).unwrap();
+    let rod = RodId("north".to_owned());
+    let good = archive::snapshot(&archive::identified(&rod, 1)).unwrap();
+    let peak = |taken_for, multiple_of| PeakMark {
+        frequency_hz: 9.0,
+        order: None,
+        line: false,
+        sd_hz: Some(0.01),
+        damping: Some(0.002),
+        level_db: Some(20.0),
+        taken_for: Some(taken_for),
+        multiple_of,
+    };
+    let multiple = Multiple {
+        times: 2,
+        frequency_hz: 4.5,
+    };
+    let candidate = |axial_force_n| Candidate {
+        modes: vec![Assigned {
+            order: 1,
+            frequency_hz: 9.0,
+        }],
+        probability: 0.5,
+        axial_force_n,
+    };
+    let force = Quantiles {
+        q025: 1.0,
+        q50: 2.0,
+        q975: 3.0,
+    };
+    let refused = Snapshot {
+        seed: String::new(),
+        peaks: vec![
+            peak(Nature::Candidate, Some(multiple)),
+            peak(Nature::Doubtful, None),
+            peak(Nature::Tone, None),
+            peak(Nature::Harmonic, None),
+            peak(Nature::Broad, None),
+            peak(Nature::Drift, None),
+        ],
+        densities: vec![],
+        motion: Some(Motion {
+            kind: MotionKind::FreeDecays,
+            onsets_s: vec![1.5, 20.0],
+        }),
+        candidates: vec![candidate(Some(force)), candidate(None)],
+        rejection: Some(Reason {
+            code: "no-label".to_owned(),
+            message: "cannot number the modes".to_owned(),
+        }),
+        ..good.clone()
+    };
+    let mut store = Store::in_memory().unwrap();
+    for picture in [&good, &refused] {
+        let commit = Commit {
+            snapshot: Some(SnapshotRow {
+                rod: &rod,
+                segment: 1,
+                snapshot: picture,
+            }),
+            ..Commit::default()
+        };
+        store.commit(&commit).unwrap();
+    }
+    let answer = serde_json::to_value(Looks::of(&store, &rod).unwrap()).unwrap();
+    assert_eq!(answer["refused"]["rejection"]["code"], "no-label", "{answer}");
+    assert!(answer["latest"]["rejection"].is_null(), "{answer}");
+    let schema = json!({"$ref": "#/components/schemas/Latest"});
+    check(&answer, &schema, &description, "").unwrap();
+    let mut wrong = answer.clone();
+    wrong["refused"]["peaks"][0]["taken_for"] = json!("ghost");
+    assert!(check(&wrong, &schema, &description, "").is_err());
 }
 
 #[test]

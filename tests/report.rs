@@ -6,7 +6,7 @@ mod archive;
 mod synthetic;
 
 use std::fs;
-use synthetic::{HOUR, rod, site, time};
+use synthetic::{HOUR, refused, rod, site, time};
 use tirante::command::report;
 use tirante::plot::page;
 use tirante::plot::view::{RejectionCount, RodReport, SiteReport};
@@ -168,6 +168,40 @@ fn whatever_is_missing_the_page_is_whole() {
 }
 
 #[test]
+fn the_latest_refused_record_is_shown_with_its_evidence() {
+    // Beside a history, and where no record was ever used.
+    for mut shown in [rod("north", 60, 24 * HOUR, 3), RodReport::new("north")] {
+        shown.refused = Some(refused(time(0)));
+        let html = checked(&one(shown.clone()));
+        for wanted in [
+            "The latest refused record",
+            "cannot number the modes of 7 peaks: mask 13.4 Hz, or narrow the prior of axial_force_n (no-label)",
+            "Vibration spectrum of the latest refused record of rod north",
+            "Waveform of the latest refused record of rod north",
+            "ambient vibration with blows at 12.50, 40.00 s",
+            "1 at 4.490, 3 at 13.200 Hz",
+            "61 %",
+            "harmonic, 2\u{a0}\u{d7}\u{a0}8.335",
+            ">13.200</text>",
+        ] {
+            assert!(html.contains(wanted), "{wanted}");
+        }
+        // Refused before there was a spectrum: the waveform alone.
+        let mut early = refused(time(0));
+        early.curve.level_db.clear();
+        early.peaks.clear();
+        early.candidates.clear();
+        early.motion = None;
+        shown.refused = Some(early);
+        let html = checked(&one(shown));
+        assert!(
+            html.contains("Waveform of the latest refused record")
+                && !html.contains("spectrum of the latest refused")
+        );
+    }
+}
+
+#[test]
 fn what_comes_from_outside_stays_text() {
     let hostile = "</title></svg><script>alert(1)</script>\"' onload=x &amp; https://example.org";
     let mut report = site();
@@ -185,6 +219,15 @@ fn what_comes_from_outside_stays_text() {
     for rejection in &mut rod.rejections {
         rejection.code = hostile.to_owned();
         rejection.message = hostile.to_owned();
+    }
+    rod.refused = Some(refused(time(0)));
+    if let Some(reason) = rod
+        .refused
+        .as_mut()
+        .and_then(|refused| refused.rejection.as_mut())
+    {
+        reason.code = hostile.to_owned();
+        reason.message = hostile.to_owned();
     }
     for segment in &mut rod.segments {
         segment.fault = Some(hostile.to_owned());

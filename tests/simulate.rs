@@ -559,7 +559,7 @@ fn the_shipped_recordings_are_read_with_their_configurations() {
             assert_eq!(record.flags, [], "{}", record.start);
             assert_eq!(record.fs_hz, simulation.fs_hz);
             let late_s = record.start.seconds_since(simulated.start);
-            if config.record.cut == Cut::File {
+            if matches!(config.record.cut, Cut::Auto | Cut::File) {
                 assert_eq!(late_s, 0.0);
                 assert_eq!(record.samples.len(), simulation.samples());
             } else {
@@ -579,5 +579,204 @@ fn the_shipped_recordings_are_read_with_their_configurations() {
             found += 1;
         }
         assert_eq!(found, simulation.records);
+    }
+}
+
+const BARE: &str = "[simulation.rod.sensor]\nat = 0.35\nnoise_m = 0\nresolution_m = 0\n";
+
+#[test]
+fn twelve_modes_stand_in_the_spectrum_where_the_beam_has_them() {
+    let text = format!(
+        "[simulation]\nrecord_s = 120\nfs_hz = 400\n[[simulation.rod]]\nid = \"a\"\nmodes = 12\ndamping = 0.002\n\
+         [simulation.rod.sensor]\nat = 0.04\nnoise_m = 0\nresolution_m = 0\n"
+    );
+    let record = record(&text, 0);
+    let beam = Parameterisation::new(Section::Square).beam(&THETA);
+    let mut exact = [0.0; 12];
+    exact::frequencies(&beam, &mut exact).unwrap();
+    assert_eq!(record.truth.frequency_hz.len(), 12);
+    let samples = samples(&record);
+    for (order, f) in (1..).zip(exact) {
+        assert!((record.truth.frequency_hz[order - 1] / f - 1.0).abs() < 1e-15);
+        // A mode of 0.2 % stands 48 dB over its own skirt 10 % away; the line nearest to it may hold a fiftieth by chance.
+        let peak = (-4..=4).map(|i| density(&samples, 400.0, f + f64::from(i) / 240.0));
+        let peak = peak.fold(0.0, f64::max);
+        for aside in [0.93, 1.07] {
+            let beside = density(&samples, 400.0, aside * f);
+            assert!(
+                peak > 30.0 * beside,
+                "mode {order} at {f} Hz: {peak:e} {beside:e}"
+            );
+        }
+    }
+}
+
+#[test]
+fn more_modes_do_not_change_the_ones_before() {
+    let text = |frequencies: &str| {
+        format!(
+            "[simulation]\nrecord_s = 5\nfs_hz = 50\n[[simulation.rod]]\nid = \"a\"\nfrequencies_hz = {frequencies}\n{BARE}"
+        )
+    };
+    // Those above half the sample rate are left out.
+    let few = samples(&record(&text("[4.0, 8.0]"), 0));
+    let many = samples(&record(
+        &text("[4.0, 8.0, 26.0, 27.0, 28.0, 29.0, 30.0, 31.0, 32.0, 33.0, 34.0, 35.0]"),
+        0,
+    ));
+    assert_eq!(few, many);
+}
+
+/// Mean squares of pieces of `length` samples.
+fn levels(samples: &[f64], length: usize) -> Vec<f64> {
+    samples
+        .chunks_exact(length)
+        .map(|piece| piece.iter().map(|x| x * x).sum::<f64>() / length as f64)
+        .collect()
+}
+
+#[test]
+fn gusts_change_the_level_and_keep_its_mean() {
+    let text = |gusts: &str| {
+        format!(
+            "[simulation]\nrecord_s = 20000\nfs_hz = 25\n[[simulation.rod]]\nid = \"a\"\nfrequencies_hz = [4.0]\n\
+             damping = 0.05\n{gusts}{BARE}"
+        )
+    };
+    let spread = |gusts: &str| {
+        let levels = levels(&samples(&record(&text(gusts), 0)), 100);
+        let mean = levels.iter().sum::<f64>() / levels.len() as f64;
+        let variance = levels.iter().map(|x| (x / mean - 1.0).powi(2)).sum::<f64>() / levels.len() as f64;
+        (mean, variance)
+    };
+    let (steady, calm) = spread("");
+    let (gusty, wild) = spread("[simulation.rod.gusts]\nlog_sd = 0.6\ncorrelation_s = 50\n");
+    // 20 000 s hold 400 independent gusts, each a^2 with variance exp(4 0.36) - 1 = 3.2: sd of the mean 9 %.
+    assert!((gusty / steady - 1.0).abs() < 0.3, "{gusty} {steady}");
+    // Steady: the response forgets in 0.8 s, so that pieces of 4 s vary by some 0.4 squared. Gusts add 3.2 (1 + that), less what
+    // 400 draws of so skewed a number do not reach.
+    assert!(calm < 0.4 && (1.5..7.0).contains(&(wild - calm)), "{calm} {wild}");
+}
+
+#[test]
+fn knocks_come_at_random_times_and_decay() {
+    let text = format!(
+        "[simulation]\nrecord_s = 600\nfs_hz = 100\n[[simulation.rod]]\nid = \"a\"\nfrequencies_hz = [4.0]\n\
+         damping = 0.02\nambient_m = 0\n[simulation.rod.knocks]\nevery_s = 20\ndeflection_m = 1e-3\nlog_sd = 0.2\n{BARE}"
+    );
+    let samples = samples(&record(&text, 0));
+    // Without an ambient load every period of the decay is lower than the one before, but where a knock falls.
+    let levels = levels(&samples, 25);
+    let onsets: Vec<usize> = (1..levels.len())
+        .filter(|&i| levels[i] > 1.5 * levels[i - 1] + 1e-10)
+        .collect();
+    let knocks = onsets.iter().filter(|i| !onsets.contains(&(*i - 1))).count();
+    // Poisson with mean 30; of those nearer than a few decay times some hide.
+    assert!((15..=42).contains(&knocks), "{knocks}");
+    let gaps: Vec<f64> = onsets
+        .windows(2)
+        .map(|pair| 0.25 * (pair[1] - pair[0]) as f64)
+        .collect();
+    let mean = gaps.iter().sum::<f64>() / gaps.len() as f64;
+    let sd = (gaps.iter().map(|gap| (gap - mean).powi(2)).sum::<f64>() / gaps.len() as f64).sqrt();
+    assert!(sd > 0.4 * mean, "they are not on a schedule: {mean} +- {sd}");
+    // sin(0.35 pi) of a millimetre in the median.
+    let largest = levels.iter().copied().fold(0.0, f64::max).sqrt();
+    assert!((0.4e-3..3e-3).contains(&largest), "{largest:e}");
+}
+
+#[test]
+fn a_record_begins_at_a_blow_or_inside_a_decay() {
+    let text = |pull: &str| {
+        format!(
+            "[simulation]\nrecord_s = 10\nfs_hz = 1000\n[[simulation.rod]]\nid = \"a\"\nfrequencies_hz = [4.0]\n\
+             damping = 0.01\nambient_m = 0\n[simulation.rod.pull]\nat = 0.5\ndeflection_m = 1e-3\n{pull}\n\
+             [simulation.rod.sensor]\nat = 0.5\nnoise_m = 0\nresolution_m = 0\n"
+        )
+    };
+    let struck = samples(&record(&text("kind = \"blow\"\nfirst_s = 0"), 0));
+    assert_eq!(struck[0], 0.0, "a blow gives a velocity");
+    // After a quarter of a period of 0.25 s.
+    assert!((struck[62] / (1e-3 * (-0.01 * PI / 2.0_f64).exp()) - 1.0).abs() < 1e-2);
+    // A second before the record: the same decay, a second later.
+    let before = samples(&record(&text("kind = \"release\"\nfirst_s = -1"), 0));
+    let after = samples(&record(&text("kind = \"release\"\nfirst_s = 0"), 0));
+    assert!((after[0] - 1e-3).abs() < 1e-12);
+    for (early, late) in before.iter().zip(&after[1000..]) {
+        assert!((early - late).abs() < 1e-15, "{early} {late}");
+    }
+}
+
+#[test]
+fn a_neighbour_and_a_foreign_resonance_stand_where_and_as_high_as_asked() {
+    let text = |more: &str| {
+        format!(
+            "[simulation]\nrecord_s = 2000\nfs_hz = 40\n[[simulation.rod]]\nid = \"a\"\nfrequencies_hz = [4.0, 8.0]\n\
+             damping = 0.005\n{more}{BARE}"
+        )
+    };
+    let plain = samples(&record(&text(""), 0));
+    let neighbour = samples(&record(
+        &text("[simulation.rod.neighbour]\ndetuning = 0.1\nshare = 0.5\n"),
+        0,
+    ));
+    // What is added is the neighbour alone: the rod's own random numbers stay.
+    let other: Vec<f64> = neighbour.iter().zip(&plain).map(|(a, b)| a - b).collect();
+    let band = |samples: &[f64], f: f64| {
+        let lines = (-40..=40).map(|i| density(samples, 40.0, f + f64::from(i) * 0.0005 * f / 4.0 * 10.0));
+        lines.sum::<f64>()
+    };
+    for order in [1.0, 2.0] {
+        let own = 4.0 * order;
+        let ratio = band(&other, 1.1 * own) / band(&plain, own);
+        // Power 0.25, times (1 / 1.1)^3 for the same load on a stiffer rod, over a band of lines in proportion; some 60 independent
+        // values a side.
+        assert!(
+            (ratio / (0.25 / 1.1f64.powi(4))).ln().abs() < 0.7,
+            "mode {order}: {ratio}"
+        );
+        assert!(band(&other, own) < 0.1 * band(&plain, own));
+    }
+    let foreign = samples(&record(
+        &text("[[simulation.rod.resonance]]\nfrequency_hz = 5.5\ndamping = 0.01\nambient_m = 3e-5\n"),
+        0,
+    ));
+    let other: Vec<f64> = foreign.iter().zip(&plain).map(|(a, b)| a - b).collect();
+    let sd = (other.iter().map(|x| x * x).sum::<f64>() / other.len() as f64).sqrt();
+    // Correlation time 1 / (zeta omega) = 2.9 s: 700 independent values, sd of the sd 2 %.
+    assert!((sd / 3e-5 - 1.0).abs() < 0.1, "{sd:e}");
+    assert!(density(&other, 40.0, 5.5) > 100.0 * density(&other, 40.0, 6.5));
+}
+
+#[test]
+fn a_coarse_sensor_gives_whole_steps() {
+    let text = format!(
+        "[simulation]\nrecord_s = 20\n[[simulation.rod]]\nid = \"a\"\n\
+         [simulation.rod.sensor]\nat = 0.4\nnoise_m = 0\nresolution_m = 1e-5\n"
+    );
+    let samples = samples(&record(&text, 0));
+    let mut seen: Vec<i64> = Vec::new();
+    for x in samples {
+        let step = (x / 1e-5).round();
+        assert!((x - step * 1e-5).abs() < 1e-18);
+        seen.push(step as i64);
+    }
+    seen.sort_unstable();
+    seen.dedup();
+    // A response of 20 um takes some ten steps of 10 um.
+    assert!((4..20).contains(&seen.len()), "{seen:?}");
+}
+
+#[test]
+fn one_message_is_stamped_late() {
+    let stamps = |record: &SimulatedRecord| -> Vec<f64> {
+        let messages = record.displacement.iter();
+        messages.map(|m| m.stamp.seconds_since(record.start)).collect()
+    };
+    let (late, clean) = spoiled("kind = \"late\"\nat_s = 5\nlate_s = 0.003");
+    assert_eq!(samples(&late), samples(&clean));
+    for (k, (said, right)) in stamps(&late).iter().zip(stamps(&clean)).enumerate() {
+        let wanted = if k == 500 { 0.003 } else { 0.0 };
+        assert!((said - right - wanted).abs() < 2e-9, "{k}: {said} {right}");
     }
 }

@@ -103,6 +103,8 @@ pub struct Looks {
     pub latest: Option<Snapshot>,
     /// The first record of the present baseline.
     pub baseline: Option<Snapshot>,
+    /// The latest refused record, with the reason.
+    pub refused: Option<Snapshot>,
     /// The latest record's line, as `history --format json` prints it.
     pub record: Option<Box<RawValue>>,
 }
@@ -130,12 +132,13 @@ impl Looks {
         let line = reader.standing(rod)?.and_then(|standing| standing.latest);
         Ok(Self {
             rod: rod.clone(),
-            unit: match &snapshots.latest {
+            unit: match snapshots.latest.as_ref().or(snapshots.refused.as_ref()) {
                 Some(latest) => unit(reader, rod, latest.start)?,
                 None => None,
             },
             latest: snapshots.latest,
             baseline: snapshots.first,
+            refused: snapshots.refused,
             record: line
                 .map(RawValue::from_string)
                 .transpose()

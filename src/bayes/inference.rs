@@ -150,7 +150,8 @@ impl Inference {
         if invalid as f64 > MAX_INVALID_SHARE * table.draws() as f64 {
             return Err(Rejection::OutsideEmulator {
                 detail: format!(
-                    "{invalid} of {} draws of the prior lie outside the range of the model {}, at most {} % may",
+                    "{invalid} of {} draws of the prior lie outside the range of the model {}, at most {} % may: narrow the priors, or \
+                     set emulator.model = \"exact\"",
                     table.draws(),
                     self.model.name(),
                     MAX_INVALID_SHARE * 100.0
@@ -353,7 +354,7 @@ fn check_observation(observation: &Observation, modes: usize) -> Result<(), Reje
         .map_err(|error| no_label(observation, &error.to_string()))?;
     match observation.orders.iter().find(|&&order| order > modes) {
         Some(order) => Err(Rejection::OutsideEmulator {
-            detail: format!("mode order {order} was observed, the plan holds {modes}"),
+            detail: format!("mode order {order} was observed, the plan holds {modes}: raise modes.count"),
         }),
         None => Ok(()),
     }

@@ -1,19 +1,21 @@
 //! Recorded campaigns through the plans: every record's outcome in order, losses named, all counted.
 
-use super::WITH_LOSSES;
 use super::foreign;
 use super::progress::Progress;
+use super::{BadArguments, WITH_LOSSES};
 use crate::analysis::Plan;
 use crate::config::Config;
 use crate::import::{self, How, Whose};
 use crate::outcome::Outcome;
 use crate::pipeline::{Limits, map_in_order};
 use crate::record::{Reading as Temperature, RecordSettings, Rejection, RodChannels, RodId};
+use crate::source::folder::first_time;
 use crate::source::{self, Event, Opener, Recordings, SourceError, Step, Summary};
 use crate::step::{Analysed, Known, Passed, Place, analyse};
 use crate::store::Position;
 use std::collections::{BTreeMap, HashSet};
 use std::fmt::{self, Display};
+use std::fs::File;
 use std::io;
 use std::ops::ControlFlow;
 use std::path::PathBuf;
@@ -135,7 +137,11 @@ pub fn run(
     known: &Known,
     mut on_news: impl FnMut(News<'_>, &Progress) -> anyhow::Result<Taken>,
 ) -> anyhow::Result<Option<Tally>> {
-    let files = source::recordings(paths);
+    let files = in_order(source::recordings(paths), &others.how);
+    if others.how.start.is_some() && files.len() > 1 {
+        let why = "--start says when one file began, and several are given: replay them one by one";
+        return Err(BadArguments(why.to_owned()).into());
+    }
     let total: u64 = files
         .iter()
         .flatten()
@@ -241,6 +247,26 @@ pub fn run(
         Some(error) => Err(error),
         None => Ok(Some(tally)),
     }
+}
+
+/// Puts other programs' files among the recordings by the time of their first sample; those that do not say it stay last.
+fn in_order(files: Vec<Result<PathBuf, SourceError>>, how: &How) -> Vec<Result<PathBuf, SourceError>> {
+    if files.len() < 2 {
+        return files;
+    }
+    let first = |path: &PathBuf| {
+        let recorded = File::open(path).ok().and_then(|file| first_time(&file));
+        let time = || Some(import::begins(path, how)?.as_nanos());
+        recorded
+            .or_else(|| u64::try_from(time()?).ok())
+            .unwrap_or(u64::MAX)
+    };
+    let mut timed: Vec<_> = files
+        .into_iter()
+        .map(|file| (file.as_ref().map_or(0, first), file))
+        .collect();
+    timed.sort_by_key(|(time, _)| *time);
+    timed.into_iter().map(|(_, file)| file).collect()
 }
 
 /// Opens recordings and other programs' files.

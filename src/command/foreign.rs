@@ -13,31 +13,31 @@ const HEADING: &str = "Files of other programs";
 /// What is said of another program's file.
 #[derive(Debug, Clone, Default, clap::Args)]
 pub struct Foreign {
-    /// The format, if the file's ending does not say it.
-    #[arg(long, value_enum)]
+    /// The format, if neither the file's content nor its ending says it.
+    #[arg(long, value_enum, help_heading = HEADING)]
     pub format: Option<Format>,
-    /// A channel wanted, by name or number; any number of times, all without it.
-    #[arg(long = "channel", value_name = "SOURCE[=TOPIC][,UNIT]", value_parser = Wanted::parse)]
+    /// A column or channel wanted, by name or number, with the topic it stands for; any number of times.
+    #[arg(long = "channel", visible_alias = "column", value_name = "SOURCE[=TOPIC][,UNIT]", value_parser = Wanted::parse)]
     pub channels: Vec<Wanted>,
     /// The unit of channels whose unit the file does not say.
-    #[arg(long, value_parser = unit)]
+    #[arg(long, value_parser = unit, help_heading = HEADING)]
     pub unit: Option<Unit>,
     /// The sample rate in Hz, if the file does not say it; checked if it does.
-    #[arg(long, value_name = "HZ", value_parser = positive)]
+    #[arg(long, value_name = "HZ", value_parser = positive, help_heading = HEADING)]
     pub rate: Option<f64>,
     /// The time of the first sample, if the file does not say it.
-    #[arg(long, value_name = "TIME", value_parser = time)]
+    #[arg(long, value_name = "TIME", value_parser = time, help_heading = HEADING)]
     pub start: Option<Timestamp>,
     /// How far times without an offset of their own are ahead of UTC.
-    #[arg(long, value_name = "+HH:MM", value_parser = import::utc_offset, default_value = "+00:00", allow_hyphen_values = true)]
+    #[arg(long, value_name = "+HH:MM", value_parser = import::utc_offset, default_value = "+00:00", allow_hyphen_values = true, help_heading = HEADING)]
     pub utc_offset: i32,
     /// Interpolates uneven stamps to this rate in Hz; without it they are refused.
-    #[arg(long, value_name = "HZ", value_parser = positive, conflicts_with = "rate")]
+    #[arg(long, value_name = "HZ", value_parser = positive, conflicts_with = "rate", help_heading = HEADING)]
     pub resample: Option<f64>,
-    /// CSV, MATLAB: where the stamps are (a column, two for day and time of day, a variable), or none.
+    /// CSV, MATLAB, TDMS: where the stamps are (a column, two for day and time of day, a variable), or none.
     #[arg(long, value_name = "NAME[,NAME]|none", help_heading = HEADING)]
     pub time: Option<String>,
-    /// CSV, MATLAB: what numbers in the stamps count.
+    /// CSV, MATLAB, TDMS: what numbers in the stamps count.
     #[arg(long, value_enum, help_heading = HEADING)]
     pub time_unit: Option<TimeUnit>,
     /// CSV: what stands between columns: one character, tab or space (any number of blanks).

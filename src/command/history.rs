@@ -160,7 +160,8 @@ fn write_mcap(reader: &Reader, filter: &Filter, out: &mut impl Write) -> anyhow:
                 && filter.to.is_none_or(|to| picture.start < to)
         };
         let latest = kept.latest.filter(|latest| kept.first.as_ref() != Some(latest));
-        for picture in kept.first.into_iter().chain(latest).filter(is_within) {
+        let pictures = kept.first.into_iter().chain(latest).chain(kept.refused);
+        for picture in pictures.filter(is_within) {
             let unit = api::rod::unit(reader, &rod, picture.start)?;
             for message in Message::of_picture(&rod, &picture, unit) {
                 results.write(&message)?;

@@ -1,20 +1,23 @@
 //! `tirante identify`: one recording, or frequencies measured elsewhere, to the posterior.
 
 use super::campaign::{self, News, Reading, Taken};
+use super::findings;
 use super::foreign::Foreign;
 use super::render::{CONFLICT_SHOWN, PRIOR_TAIL_SHOWN};
 use super::setup::{self, Setup};
 use super::sketch::{self, When};
 use super::{BadArguments, WITH_LOSSES};
-use crate::analysis::{Identification, Plan};
+use crate::analysis::{Identification, Measurement, Plan};
 use crate::bayes::{Fixity, Posterior, Prior, diagnostics};
 use crate::beam::Quantity;
 use crate::config::Config;
 use crate::daemon::generation::provenance;
+use crate::findings::{CERTAIN, Candidate, motion_said};
 use crate::line;
 use crate::modes::Mode;
 use crate::outcome::{Outcome, Rejected};
 use crate::record::RodId;
+use crate::snapshot::Snapshot;
 use crate::step::Known;
 use anyhow::anyhow;
 use std::collections::BTreeMap;
@@ -30,14 +33,18 @@ const HIGHEST_HZ: f64 = 1e5;
 
 /// Identifies the axial force from one recording, or from natural frequencies measured elsewhere.
 ///
-/// Prints prior and posterior of every uncertain parameter, or one JSON object with --json.
+/// Prints prior and posterior of every uncertain parameter, or one JSON object with --json. Of a record that gives no force
+/// it prints the reason, every peak, and what the peaks may be, each assignment with its probability and its force.
 #[derive(Debug, Clone, clap::Args)]
 #[command(after_help = "Examples:
   tirante identify recordings/todi-pull.mcap
+  tirante identify laser.csv --config site.toml          (UFF, WAV, MATLAB, .lvm, .tdms alike)
+  tirante identify hammer.tdms --config site.toml --channel 'Acc 3'
+  tirante identify camera.npy --config site.toml --rate 250 --channel '[7,:,1]'
   tirante identify --frequencies 4.492,9.288,13.252
   tirante identify --frequencies 4.492,-,13.252 --sd 0.005,-,0.01    (mode 2 not measured)")]
 pub struct Args {
-    /// A recording; all its records are identified.
+    /// A recording (MCAP), or a file of another program; all its records are identified.
     #[arg(
         value_name = "PATH",
         required_unless_present = "frequencies",
@@ -162,18 +169,60 @@ fn show(args: &Args, config: &Config, plans: &BTreeMap<RodId, Plan>, outcome: &O
         _ if args.json => line::json(outcome, None, &provenance(config)) + "\n",
         Outcome::Identified(identification) => match plans.get(&identification.rod) {
             Some(plan) => {
-                let width = args.plot.width();
-                let plot = width.map(|width| sketch::spectrum(&plan.settings().prior, identification, width));
-                describe(plan, identification) + &plot.map_or_else(String::new, |plot| format!("\n{plot}"))
+                describe(plan, identification)
+                    + &plot(args, || Snapshot::of(&plan.settings().prior, identification))
             }
             None => String::new(),
         },
         Outcome::Rejected(rejected) => {
-            let rejection = &rejected.rejection;
-            format!("{}: rejected ({}): {rejection}\n", rejected.rod, rejection.code())
+            describe_refused(rejected) + &plot(args, || Snapshot::of_rejected(rejected))
         }
     };
     io::stdout().lock().write_all(text.as_bytes())
+}
+
+/// The small plot of a record's spectrum, if one is wanted and there is a spectrum.
+fn plot(args: &Args, picture: impl FnOnce() -> Option<Snapshot>) -> String {
+    let width = args.plot.width();
+    let drawn = width.and_then(|width| Some(sketch::spectrum(&picture()?, width)));
+    match drawn {
+        Some(plot) if !plot.is_empty() => format!("\n{plot}"),
+        _ => String::new(),
+    }
+}
+
+/// Record, motion and what was noticed, a line each.
+fn opening(measurement: &Measurement) -> Vec<String> {
+    let mut lines = vec![
+        format!(
+            "  record of {:.1} s at {:.2} Hz, from {}",
+            measurement.duration_s, measurement.fs_hz, measurement.start
+        ),
+        format!("  {}", motion_said(&measurement.motion)),
+    ];
+    lines.extend(measurement.flags.iter().map(|flag| format!("  noticed: {flag}")));
+    lines
+}
+
+/// Why a record gives no force, with what was found in it.
+fn describe_refused(rejected: &Rejected) -> String {
+    let rejection = &rejected.rejection;
+    let mut text = format!("{}: rejected ({}): {rejection}\n", rejected.rod, rejection.code());
+    let Some(measurement) = &rejected.measurement else {
+        return text;
+    };
+    for line in opening(measurement) {
+        text += &(line + "\n");
+    }
+    if let Some(picture) = Snapshot::of_rejected(rejected) {
+        if !picture.peaks.is_empty() {
+            text += &format!("\n{}", findings::peaks(&picture.peaks));
+        }
+        if !picture.candidates.is_empty() {
+            text += &format!("\n{}", findings::candidates(&picture.candidates));
+        }
+    }
+    text
 }
 
 /// Prior and posterior of every uncertain parameter, and how much to believe them.
@@ -185,13 +234,13 @@ fn describe(plan: &Plan, identification: &Identification) -> String {
     };
     line(identification.rod.to_string());
     if let Some(measurement) = &identification.measurement {
+        opening(measurement).into_iter().for_each(&mut line);
+    }
+    if let Some(labels) = &identification.labels {
         line(format!(
-            "  record of {:.1} s at {:.2} Hz, from {}",
-            measurement.duration_s, measurement.fs_hz, measurement.start
+            "  orders of the modes right with a probability of {}",
+            findings::probability(labels.probability)
         ));
-        for flag in &measurement.flags {
-            line(format!("  noticed: {flag}"));
-        }
     }
     line(String::new());
     line("  mode   frequency [Hz]   standard error [Hz]   damping [%]".to_owned());
@@ -203,6 +252,16 @@ fn describe(plan: &Plan, identification: &Identification) -> String {
             "  {:>4}   {:>14.4}   {:>19.4}   {damping:>11}",
             mode.order, mode.frequency_hz, mode.sd_hz
         ));
+    }
+    let uncertain = identification
+        .labels
+        .as_ref()
+        .filter(|labels| labels.probability < CERTAIN && !labels.candidates.is_empty());
+    if let Some(labels) = uncertain {
+        line(String::new());
+        findings::candidates(&Candidate::all(labels))
+            .lines()
+            .for_each(|candidate| line(candidate.to_owned()));
     }
     line(String::new());
     line(format!(

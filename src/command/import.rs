@@ -15,7 +15,7 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-/// Makes a recording (MCAP) of a measurement in CSV, UFF58, WAV or MATLAB format. Every sample is kept to the bit; what the
+/// Makes a recording (MCAP) of a measurement in CSV, UFF58, WAV, MATLAB, LabVIEW (.lvm, .tdms) or NumPy format. Every sample is kept to the bit; what the
 /// file does not say (unit, rate, start) must be said, nothing is guessed. Without `--out` it shows what is in the file.
 ///
 /// On stdout it prints what it wrote, as the lines a configuration needs to read it.
@@ -26,7 +26,11 @@ use std::process::ExitCode;
   tirante import laser.uff --config site.toml --channel 1=/nave-3/displacement --out laser.mcap
   tirante import laser.wav --full-scale 2.5 --unit mm --start 2026-03-01T06:00:00Z --out laser.mcap
   tirante import laser.mat --rate 200 --unit um --start 2026-03-01T06:00:00Z --out laser.mcap
+  tirante import hammer.tdms --channel 'Acc 3=/nave-3/acceleration' --out hammer.mcap
+  tirante import camera.npy --rate 250 --channel '[7,:,1]=/nave-3/displacement,mm' --start 2026-03-01T06:00:00Z --out camera.mcap
   tirante import laser.csv                 what is in it
+
+`identify` and `replay` read these files as they are, with the same flags.
 
 The whole story is in docs/imports.md.")]
 pub struct Args {
@@ -111,7 +115,11 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
 
 /// A fault of the file or of what is asked of it, with its name.
 fn refuse(path: &Path, error: ImportError) -> anyhow::Error {
-    anyhow::anyhow!("{}: {error}", path.display())
+    let what = format!("{}: {error}", path.display());
+    match error.is_unknown_format() {
+        true => BadArguments(what).into(),
+        false => anyhow::anyhow!(what),
+    }
 }
 
 /// A regular file, opened, and its bytes; anything else could wait for ever.

@@ -1,9 +1,10 @@
 //! `tirante init`: a commented configuration for one rod, from flags, questions and a recording.
 
-use super::{BadArguments, print};
+use super::{BadArguments, foreign, print};
 use crate::config::Config;
+use crate::import::{self, How};
 use crate::record::Unit;
-use crate::source::contents::{Content, contents};
+use crate::source::contents::Content;
 use anyhow::Context;
 use std::fmt::Write as _;
 use std::io::{self, BufRead, IsTerminal, Read, Write};
@@ -20,7 +21,7 @@ use std::process::ExitCode;
 
 Then: tirante check site.toml; tirante identify laser.mcap --config site.toml")]
 pub struct Args {
-    /// A recording of the rod (MCAP).
+    /// A recording of the rod (MCAP), or another program's file that says its rate (CSV, UFF, WAV, MATLAB, LabVIEW).
     #[arg(value_name = "RECORDING")]
     pub recording: Option<PathBuf>,
     /// The configuration to write; one that exists is never overwritten.
@@ -115,7 +116,13 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         .into());
     }
     let found = match &args.recording {
-        Some(path) => contents(path).with_context(|| path.display().to_string())?,
+        Some(path) => {
+            let how = How {
+                rate_hz: args.fs_hz,
+                ..How::default()
+            };
+            import::topics(path, &how, &foreign::watch)?
+        }
         None => Vec::new(),
     };
     let is_terminal = io::stdin().is_terminal() && io::stderr().is_terminal();
@@ -411,6 +418,7 @@ fn written(args: &Args, rod: &Rod, sensor: &Sensor, thermometer: Option<&Content
             "\n# [rod.temperature]            # without it a warm day looks like a loss\n# topic = \"/air\"\n# unit = \"degC\"\n",
         ),
     }
+    text.push_str("\n[record]\ncut = \"auto\"                   # the motion is recognised: ambient, pulls, blows; \"free-decay\" cuts a record at each release\n");
     text.push_str("\n# [store]                      # where `replay` and `run` keep their results\n# path = \"site.db\"\n");
     text
 }

@@ -16,6 +16,7 @@ mod campaign;
 pub mod check;
 pub mod completions;
 pub mod emulator;
+mod findings;
 mod foreign;
 pub mod frequencies;
 pub mod history;
@@ -37,6 +38,7 @@ pub mod serve;
 mod setup;
 pub mod simulate;
 pub mod sketch;
+pub mod spectrum;
 pub mod status;
 pub mod study;
 pub mod which_store;
@@ -61,6 +63,7 @@ pub fn run(command: &Command) -> anyhow::Result<ExitCode> {
         Command::Emulator(args) => emulator::run(args),
         Command::Check(args) => check::run(args),
         Command::Import(args) => import::run(args),
+        Command::Spectrum(args) => spectrum::run(args),
         Command::Init(args) => init::run(args),
         Command::Simulate(args) => simulate::run(args),
         Command::Alarm(args) => alarm::run(args),

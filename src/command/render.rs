@@ -1,7 +1,10 @@
 //! A record as one row of a table for people, and the alarms it raised under it.
 
+use super::findings::probability;
 use crate::analysis::Identification;
 use crate::beam::Quantity;
+use crate::findings::{CERTAIN, motion_mark};
+use crate::modes::MotionKind;
 use crate::outcome::Outcome;
 use crate::record::{RodId, Timestamp};
 use crate::track::{Alarm, SetAside, Verdict, What};
@@ -140,6 +143,17 @@ impl Table {
             change(verdict),
             verdict.set_aside.map_or(verdict.state.code(), SetAside::code),
         );
+        // Ambient vibration is the rule.
+        let motion = measurement
+            .map(|m| &m.motion)
+            .filter(|m| m.kind != MotionKind::Ambient);
+        if let Some(motion) = motion {
+            let _ = write!(line, "  {}", motion_mark(motion));
+        }
+        let uncertain = identification.labels.as_ref().map(|labels| labels.probability);
+        if let Some(p) = uncertain.filter(|probability| *probability < CERTAIN) {
+            let _ = write!(line, "  ? orders {}", probability(p));
+        }
         let conflict = &identification.conflict;
         if conflict.score >= CONFLICT_SHOWN {
             let _ = write!(line, "  ! conflict {:.1}", conflict.score);

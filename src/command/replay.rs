@@ -32,17 +32,20 @@ use std::process::ExitCode;
   tirante replay recordings/campaign-2025.mcap --config config/campaign.toml --store site.db --report .
   tirante replay recordings/todi-pull.mcap --results todi-results.mcap
   tirante replay /data/2026 --config site.toml --json > forces.jsonl
+  tirante replay monday.csv tuesday.tdms --config site.toml --store site.db
 
 The force (mean ± standard deviation) is what one record says by itself. The change is that of the force since
 the rod's baseline, at the reference temperature; '~' marks one that is not compensated for temperature; '-'
 stands while the baseline is learned. `! conflict` says by how many standard deviations the frequencies lie
 outside everything the model can produce: the force may be wrong by more than it says. `? hardly in the prior`:
-check length, section, material and expected force. --json has everything else.
+check length, section, material and expected force. Behind the state, `decay`, `decays` and `blow` say what motion was
+recognised (nothing: ambient vibration), `? orders 0.93` that the orders of the modes are not certain: `tirante identify`
+shows what else the peaks may be. --json has everything else.
 
 Alarms are results, not failures: a replay that raises some still ends with 0 (or 3 with rejected records or
 lost data). Ask `tirante status --format json` whether an alarm stands.")]
 pub struct Args {
-    /// MCAP recordings, or folders of them.
+    /// MCAP recordings, folders of them, or files of other programs (CSV, UFF, WAV, MATLAB, LabVIEW, NumPy).
     #[arg(value_name = "PATH", required = true)]
     pub paths: Vec<PathBuf>,
 
@@ -217,12 +220,11 @@ impl<'p> Results<'p> {
         verdict: &Verdict,
     ) -> anyhow::Result<()> {
         let mut messages = Message::of_record(line)?;
-        if let Outcome::Identified(identification) = outcome
-            && let Some(rod) = config.rod(&identification.rod.0)
-            && let Some(picture) = Snapshot::of(&rod.analysis.prior, identification)
+        if let Some(rod) = config.rod(&outcome.rod().0)
+            && let Some(picture) = Snapshot::of_outcome(&rod.analysis.prior, outcome)
         {
             let unit = rod.channels.displacement.unit.si();
-            messages.extend(Message::of_picture(&identification.rod, &picture, Some(unit)));
+            messages.extend(Message::of_picture(outcome.rod(), &picture, Some(unit)));
         }
         messages.extend(verdict.events.iter().map(Message::of_event));
         for message in &messages {

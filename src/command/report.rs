@@ -271,6 +271,7 @@ fn load_rod(reader: &Reader, standing: &Standing, meaning: &mut Meaning) -> anyh
     let snapshots = reader.snapshots(rod)?;
     report.baseline = snapshots.first;
     report.latest = snapshots.latest;
+    report.refused = snapshots.refused;
     Ok(report)
 }
 

@@ -1,7 +1,6 @@
 //! The small plots that `identify` and `replay` end with when a person looks at them.
 
-use crate::analysis::Identification;
-use crate::bayes::RodPrior;
+use crate::findings::hertz;
 use crate::plot::terminal::Sketch;
 use crate::record::{RodId, Timestamp};
 use crate::snapshot::Snapshot;
@@ -37,12 +36,10 @@ impl When {
     }
 }
 
-/// The spectrum of an identified record with its modes; nothing for frequencies measured elsewhere.
-pub fn spectrum(prior: &RodPrior, identification: &Identification, width: usize) -> String {
-    let Some(snapshot) = Snapshot::of(prior, identification) else {
-        return String::new();
-    };
+/// The spectrum of a record with its modes, or with its peaks where none is known; nothing without a spectrum.
+pub fn spectrum(snapshot: &Snapshot, width: usize) -> String {
     let curve = &snapshot.curve;
+    let has_modes = snapshot.peaks.iter().any(|peak| peak.order.is_some());
     let points: Vec<(f64, f64)> = (0..)
         .zip(&curve.level_db)
         .map(|(i, level)| (curve.frequency_hz(i), *level))
@@ -50,11 +47,13 @@ pub fn spectrum(prior: &RodPrior, identification: &Identification, width: usize)
     let labels: Vec<(f64, String)> = snapshot
         .peaks
         .iter()
-        .filter_map(|peak| {
-            Some((
-                peak.frequency_hz,
-                format!("{}: {:.3}", peak.order?, peak.frequency_hz),
-            ))
+        .filter(|peak| peak.order.is_some() || !has_modes)
+        .map(|peak| {
+            let text = match peak.order {
+                Some(order) => format!("{order}: {:.3}", peak.frequency_hz),
+                None => hertz(peak.frequency_hz),
+            };
+            (peak.frequency_hz, text)
         })
         .collect();
     let sketch = Sketch {

@@ -46,7 +46,7 @@ pub(super) fn read(table: &mut Table<'_>, field: &str, units: &[Unit], unit: Uni
             "fs_hz",
             "declared sample rate, checked against the stamps; arrays need it [Hz]",
         ),
-        Range::within(1e-4, 1e6),
+        Range::within(1e-4, 1e8),
         Absent::Nothing("measured from the stamps"),
     );
     Some(Channel {

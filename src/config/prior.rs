@@ -24,17 +24,18 @@ pub(super) fn meaning(quantity: Quantity) -> &'static str {
     }
 }
 
-/// Values a tie-rod may conceivably have: generous, but they catch t/m^3, MPa, kN and mm.
+/// Values that a tensioned rod, cable, wire or string may have, from a thread on a bench to a bridge's cable. Where one can be told
+/// from a slip of the unit, the limit catches it: t/m^3, MPa, GPa, and dimensions in mm.
 pub(super) fn sane(quantity: Quantity) -> Range {
     match quantity {
-        Quantity::AxialForce => Range::within(50.0, 5e7),
-        Quantity::YoungsModulus => Range::within(1e9, 1e12),
-        Quantity::Density => Range::within(300.0, 25_000.0),
-        Quantity::Side | Quantity::Diameter | Quantity::Width | Quantity::Height => Range::within(1e-3, 1.0),
-        Quantity::FlexuralRigidity => Range::within(0.01, 1e10),
-        Quantity::MassPerLength => Range::within(0.01, 1e4),
+        Quantity::AxialForce => Range::within(1e-4, 1e9),
+        Quantity::YoungsModulus => Range::within(1e6, 1e13),
+        Quantity::Density => Range::within(10.0, 30_000.0),
+        Quantity::Side | Quantity::Diameter | Quantity::Width | Quantity::Height => Range::within(1e-6, 2.0),
+        Quantity::FlexuralRigidity => Range::within(1e-12, 1e12),
+        Quantity::MassPerLength => Range::within(1e-7, 1e5),
         Quantity::SpringLeft | Quantity::SpringRight => Range::within(0.0, 1e12),
-        Quantity::Length => Range::within(0.2, 200.0),
+        Quantity::Length => Range::within(0.01, 2000.0),
     }
 }
 

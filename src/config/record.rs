@@ -19,18 +19,22 @@ const KINDS: [(&str, Kind); 4] = [
     ("free-decay", Kind::FreeDecay),
 ];
 
-/// The longest record anyone may ask for \[s\].
+/// The shortest and the longest record anyone may ask for \[s\].
+const SHORTEST: f64 = 1e-3;
 const DAY: f64 = 86_400.0;
 
 /// The section.
 pub(super) fn read(table: &mut Table<'_>) -> RecordSettings {
     let default = RecordSettings::default();
     let kind = table.choice(
-        key("cut", "where a record begins and ends: per file and gap, in fixed windows, or at each onset of a free decay"),
+        key(
+            "cut",
+            "where a record begins and ends, and so how the rod is excited: per file and gap (auto: recognised; file: ambient), in fixed windows (ambient), or at each onset of a free decay; live streams are cut every 600 s by auto",
+        ),
         &KINDS,
-        Kind::File,
+        Kind::Auto,
     );
-    let length = Range::within(1.0, DAY);
+    let length = Range::within(SHORTEST, DAY);
     let window_s = table.number(
         key("window_s", "length of a window [s]").only(kind == Kind::Window, "cut = \"window\""),
         length,
@@ -43,7 +47,7 @@ pub(super) fn read(table: &mut Table<'_>) -> RecordSettings {
             "an onset is where the short-term level exceeds the long-term level this many times",
         )
         .only(is_decay, "cut = \"free-decay\""),
-        Range::within(1.5, 1000.0),
+        Range::within(1.5, 1e6),
         5.0,
     );
     let decay_s = table.number(

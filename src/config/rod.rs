@@ -4,7 +4,7 @@ use super::RodConfig;
 use super::range::{Range, toml_float, toml_string};
 use super::reader::{Absent, Table, key};
 use super::value::{Value, toml_floats};
-use super::{channel, prior};
+use super::{channel, modes, prior};
 use crate::analysis::AnalysisSettings;
 use crate::bayes::{AbcSettings, Prior, RodPrior};
 use crate::beam::{Parameterisation, Quantity, Section};
@@ -116,6 +116,11 @@ fn read(table: &mut Table<'_>, shared: &Shared) -> Option<RodConfig> {
     if priors.is_none() {
         table.ignore(&["priors"]);
     }
+    let modes = table.section(
+        "modes",
+        "Its modes, where more is known of them than of the site's others.",
+        |table| modes::of_rod(table, &shared.modes),
+    );
     let displacement = table.section(
         "channel",
         "Its displacement, velocity or acceleration.",
@@ -140,7 +145,7 @@ fn read(table: &mut Table<'_>, shared: &Shared) -> Option<RodConfig> {
             discrepancy: discrepancy?,
             welch: shared.welch,
             peaks: shared.peaks,
-            modes: shared.modes.clone(),
+            modes,
             abc: shared.abc,
             model: shared.model,
             seed: shared.seed,

@@ -70,6 +70,8 @@ pub struct Asked<'a> {
     pub start_else: Option<Timestamp>,
     /// Whether a unit that nobody says is no fault: the samples are looked at as they are.
     pub any_unit: bool,
+    /// Whether uneven stamps are handed on as they are, to be judged where records are made; else they are refused.
+    pub keeps_stamps: bool,
 }
 
 pub(super) fn channels_of(rods: &[RodChannels]) -> impl Iterator<Item = (&str, &Channel)> {

@@ -2,7 +2,7 @@
 
 use super::asked::{Asked, Wanted};
 use super::format::{Format, Kind, LOOKED_AT, kind};
-use super::{ImportError, Signal, TimeUnit, Timing, csv, lvm, mat, npy, tdms, uff, wav};
+use super::{ImportError, Signal, TimeUnit, Timing, csv, lvm, mat, npy, ramp, tdms, uff, wav};
 use crate::record::{RodChannels, Timestamp, Unit};
 use crate::source::contents::rounded;
 use std::io::{BufReader, Cursor, Read};
@@ -100,8 +100,13 @@ pub fn read(mut from: impl Read, path: &Path, how: &How) -> Result<Option<Conten
         (None, Err(error)) => return Err(error),
     };
     let from = BufReader::with_capacity(1 << 16, Cursor::new(head).chain(from));
+    let mut witnesses = Vec::new();
     let (signals, left_out) = match format {
-        Format::Csv => (csv::read(from, &how.table)?, Vec::new()),
+        Format::Csv => {
+            let found = csv::read(from, &how.table)?;
+            witnesses = found.witnesses;
+            (found.signals, found.skipped)
+        }
         Format::Uff => {
             let found = uff::read(from, how.table.utc_offset_s)?;
             (found.signals, found.skipped)
@@ -125,6 +130,9 @@ pub fn read(mut from: impl Read, path: &Path, how: &How) -> Result<Option<Conten
         }
         Format::Npy => (npy::read(from)?, Vec::new()),
     };
+    if let Some(rate_hz) = how.rate_hz {
+        ramp::agree(signals.iter().chain(&witnesses), rate_hz)?;
+    }
     Ok(Some(Contents {
         format,
         signals,

@@ -1,22 +1,26 @@
 //! Text tables: any delimiter, decimal comma, heads, dates.
 //!
+//! * `beginning` the first lines: delimiter, decimal sign, layout
 //! * `cells`   lines to cells, and what a cell may be
 //! * `columns` rows of cells to signals
+//! * `layout`  where data begin, and what the lines above call them
 
+mod beginning;
 mod cells;
 mod columns;
+mod layout;
 
 use super::lines::Lines;
 use super::stamp::{DateOrder, TimeUnit};
 use super::{ImportError, Signal};
-use cells::{Splitter, check_head, guess, heads, is_data, named};
+use beginning::Beginning;
+use cells::{Splitter, check_head};
 use columns::Columns;
+use layout::heads;
 use std::io::BufRead;
 
 /// Lines looked at to find delimiter and heads.
 const HEAD: usize = 200;
-/// The most columns.
-const COLUMNS: usize = 1024;
 
 /// How a text table is read.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
@@ -51,11 +55,22 @@ pub enum TimeColumn {
     Named(Vec<String>),
 }
 
+/// What a table holds.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Tabled {
+    /// Its columns of numbers.
+    pub signals: Vec<Signal>,
+    /// Columns that are not wanted but may say the rate: those that could be the time.
+    pub witnesses: Vec<Signal>,
+    /// What was left out, a sentence each.
+    pub skipped: Vec<String>,
+}
+
 /// Reads a table.
 ///
 /// # Errors
 /// The first thing that is wrong, with line and column.
-pub fn read(from: impl BufRead, table: &Table) -> Result<Vec<Signal>, ImportError> {
+pub fn read(from: impl BufRead, table: &Table) -> Result<Tabled, ImportError> {
     let mut lines = Lines::new(from);
     let mut head = Vec::new();
     while head.len() < HEAD
@@ -63,48 +78,19 @@ pub fn read(from: impl BufRead, table: &Table) -> Result<Vec<Signal>, ImportErro
     {
         head.push(line.into_owned());
     }
-    let delimiter = table
-        .delimiter
-        .unwrap_or_else(|| guess(&head, table.decimal_comma));
-    if table.decimal_comma && delimiter == b',' {
-        return Err(ImportError::new(
-            "the comma cannot be delimiter and decimal sign: say --delimiter",
-        ));
+    let Beginning {
+        delimiter,
+        decimal_comma,
+        rows,
+        layout,
+    } = Beginning::find(&head, table)?;
+    if table.head_lines.is_none() {
+        check_head(&head[..layout.first], delimiter)?;
     }
     let mut splitter = Splitter::new(delimiter);
-    let mut rows = Vec::with_capacity(head.len());
-    for (index, line) in head.iter().enumerate() {
-        rows.push(splitter.split(line, index as u32 + 1)?);
-    }
-    let first = match table.head_lines {
-        Some(lines) => lines,
-        None => rows.iter().position(|row| is_data(row, table.decimal_comma)).ok_or_else(|| {
-            ImportError::new(format!(
-                "no row of numbers in the first {} lines: is '{}' the delimiter (--delimiter), a comma the decimal \
-                 sign (--decimal-comma)?",
-                rows.len(),
-                named(delimiter)
-            ))
-        })?,
-    };
-    if table.head_lines.is_none() {
-        check_head(&head[..first], delimiter)?;
-    }
-    let Some(row) = rows.get(first) else {
-        return Err(ImportError::new(format!(
-            "has no line {} to begin with",
-            first + 1
-        )));
-    };
-    let width = row.len();
-    if width > COLUMNS {
-        return Err(ImportError::at(
-            format_args!("line {}", first + 1),
-            format!("{width} columns: at most {COLUMNS} are read"),
-        ));
-    }
-    let (names, units) = heads(&rows[..first], width);
-    let mut columns = Columns::choose(table, names, units)?;
+    let (names, units) = heads(&rows[..layout.first], &layout, delimiter);
+    let mut columns = Columns::choose(table, decimal_comma, layout, names, units, &rows)?;
+    let first = columns.first_row();
     for (index, row) in rows.iter().enumerate().skip(first) {
         columns.push(row, index as u32 + 1)?;
     }
@@ -128,7 +114,9 @@ mod tests {
     use crate::import::Timing;
 
     fn signals(text: &str, table: &Table) -> Result<Vec<Signal>, String> {
-        read(text.as_bytes(), table).map_err(|error| error.to_string())
+        read(text.as_bytes(), table)
+            .map(|found| found.signals)
+            .map_err(|error| error.to_string())
     }
 
     fn nanos(signal: &Signal) -> &[i64] {
@@ -200,6 +188,58 @@ mod tests {
     }
 
     #[test]
+    fn decimal_commas_are_found_where_they_can_be_nothing_else() {
+        for text in [
+            "Zeit [ms];Weg\n0;1,25\n5;-0,5\n",
+            "Zeit;Weg\n0,000;1,25\n0,005;-0,5\n",
+            "Zeit\tWeg\n0,000\t1,250\n0,005\t-0,500\n",
+        ] {
+            let found = signals(text, &Table::default()).unwrap();
+            assert_eq!(found[0].values, [1.25, -0.5], "{text:?}");
+            assert_eq!(nanos(&found[0]), [0, 5_000_000], "{text:?}");
+        }
+        let thousands = signals("n;v\n1;1,250\n2;2,500\n", &Table::default()).unwrap_err();
+        assert!(
+            thousands.contains("thousands") && thousands.contains("--decimal-comma"),
+            "{thousands}"
+        );
+    }
+
+    #[test]
+    fn text_columns_are_left_out_by_name() {
+        let text = "t;d [mm];state;note\n0;1.5;ok;\n1;2.5;OVERLOAD;\n2;;ok;late\n3;4.5;7;\n4;5;ok\n";
+        let found = read(text.as_bytes(), &Table::default()).unwrap();
+        assert_eq!(found.signals.len(), 1);
+        assert_eq!(found.signals[0].values.len(), 5);
+        assert_eq!(
+            found.skipped,
+            ["column 3 (state) holds text", "column 4 (note) holds text"]
+        );
+        let named = Table {
+            columns: vec!["state".into()],
+            ..Table::default()
+        };
+        assert!(signals(text, &named).unwrap_err().contains("\"ok\" is no number"));
+    }
+
+    #[test]
+    fn days_and_times_of_day_are_found_and_blank_ends_left() {
+        let text = "Datum;Uhrzeit;Weg\n01.03.2026;06:00:00,000;1.5\n\n01.03.2026;06:00:00,005;2.5\n;;\n";
+        let found = signals(text, &Table::default()).unwrap();
+        assert_eq!(
+            nanos(&found[0]),
+            [1_772_344_800_000_000_000, 1_772_344_800_005_000_000]
+        );
+        assert_eq!(found[0].values, [1.5, 2.5]);
+        let found = signals("time,d\n06:00:00.000,1.5\n06:00:00.005,2.5\n", &Table::default()).unwrap();
+        let Timing::Stamps(stamps) = &found[0].timing else {
+            panic!()
+        };
+        assert!(!stamps.absolute);
+        assert_eq!(stamps.nanos[1] - stamps.nanos[0], 5_000_000);
+    }
+
+    #[test]
     fn a_time_in_an_unknown_unit_is_refused() {
         let text = "Time [min],d\n0,1.5\n1,2.5\n";
         let error = signals(text, &Table::default()).unwrap_err();
@@ -237,7 +277,7 @@ mod tests {
     #[test]
     fn latin_1_is_read() {
         let found = read(&b"d [\xb5m]\n0.5\n0.25\n"[..], &Table::default()).unwrap();
-        assert_eq!(found[0].unit.as_deref(), Some("µm"));
+        assert_eq!(found.signals[0].unit.as_deref(), Some("µm"));
     }
 
     #[test]

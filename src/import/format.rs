@@ -86,9 +86,12 @@ pub fn kind(head: &[u8], path: &Path) -> Result<Kind, ImportError> {
         Some(format) => Ok(Kind::Foreign(format)),
         None if head.is_empty() => Err(ImportError::new("is empty")),
         None if is_text => Ok(Kind::Foreign(Format::Csv)),
-        None => Err(ImportError::new(format!(
-            "is of no format that is read ({FORMATS}); --format says which one it is"
-        ))),
+        None => Err(ImportError {
+            is_unknown_format: true,
+            ..ImportError::new(format!(
+                "is of no format that is read ({FORMATS}); --format says which one it is"
+            ))
+        }),
     }
 }
 

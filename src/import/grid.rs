@@ -57,13 +57,27 @@ pub(super) fn even(stamps: &Stamps) -> Result<Grid, ImportError> {
         };
         return Err(ImportError::at(
             stamps.place(worst),
-            format!(
-                "the stamps are uneven: {what}. --resample HZ interpolates between them; --time none with --rate HZ leaves \
-                 them out"
-            ),
+            format!("the stamps are uneven: {what}. --resample HZ interpolates between them"),
         ));
     }
     Ok(grid)
+}
+
+/// The most samples that keep a stamp each.
+const STAMPED: usize = 1 << 21;
+
+/// Uneven samples, each at its own stamp; nothing if they are too many or their stamps do not increase.
+pub(super) fn uneven(stamps: &Stamps) -> Option<Grid> {
+    if stamps.nanos.len() > STAMPED {
+        return None;
+    }
+    let (mut grid, _) = fit(stamps).ok()?;
+    let stamped = stamps.nanos.iter().enumerate().map(|(index, nano)| Stretch {
+        samples: index..index + 1,
+        start_ns: *nano,
+    });
+    grid.stretches = stamped.collect();
+    Some(grid)
 }
 
 /// The best grid, and the stamp that lies farthest from it.
@@ -127,7 +141,7 @@ fn interval_ns(stamps: &Stamps) -> Result<f64, ImportError> {
             return Err(ImportError::at(
                 stamps.place(index + 1),
                 format!(
-                    "the time goes back by {:.3e} s: cut the file there, or leave the stamps out (--time none with --rate HZ)",
+                    "the time goes back by {:.3e} s: cut the file there",
                     difference(pair[0], pair[1]) * 1e-9
                 ),
             ));
@@ -140,8 +154,7 @@ fn interval_ns(stamps: &Stamps) -> Result<f64, ImportError> {
     if let Some(index) = equal {
         return Err(ImportError::at(
             stamps.place(index),
-            "the same stamp as the sample before: doubled lines, or stamps too coarse for the rate; --time none with --rate HZ \
-             leaves them out",
+            "the same stamp as the sample before: doubled lines, or stamps too coarse for the rate",
         ));
     }
     let middle = steps.len() / 2;

@@ -293,9 +293,10 @@ mod tests {
 
     #[test]
     fn several_segments_are_stretches_with_their_own_times() {
-        let later = SEGMENT.replace("06:00:01,5", "06:00:09,25");
-        let found = signals(&format!("{HEAD}{SEGMENT}\n{later}")).unwrap();
-        assert_eq!(found[0].values.len(), 6);
+        let first = format!("{SEGMENT}{}", "\t0,25\t0,5\t\n".repeat(20));
+        let later = first.replace("06:00:01,5", "06:00:09,25");
+        let found = signals(&format!("{HEAD}{first}\n{later}")).unwrap();
+        assert_eq!(found[0].values.len(), 46);
         let asked = Asked {
             unit: Some(Unit::Millimetre),
             ..Asked::default()

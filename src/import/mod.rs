@@ -5,6 +5,7 @@
 //!                                                                                    -> open  -> records
 //! ```
 
+mod agree;
 mod asked;
 mod choose;
 mod contents;
@@ -30,7 +31,7 @@ mod write;
 pub use self::asked::{Asked, Wanted, unknown_unit};
 pub use self::contents::{Contents, How, describe, read};
 pub use self::format::Format;
-pub use self::open::{Opened, Seen, Whose, open, open_any};
+pub use self::open::{Opened, Seen, Whose, begins, open, open_any, topics};
 pub use self::plan::Plan;
 pub use self::stamp::{DateOrder, TimeUnit, utc_offset};
 pub use self::write::write;
@@ -48,6 +49,7 @@ pub const MOST_VALUES: usize = 1 << 25;
 pub struct ImportError {
     place: String,
     what: String,
+    is_unknown_format: bool,
 }
 
 impl ImportError {
@@ -56,14 +58,20 @@ impl ImportError {
         Self {
             place: String::new(),
             what: what.into(),
+            is_unknown_format: false,
         }
+    }
+
+    /// Whether nobody knows the format, which an argument may say.
+    pub fn is_unknown_format(&self) -> bool {
+        self.is_unknown_format
     }
 
     /// At a place within it.
     pub fn at(place: impl std::fmt::Display, what: impl Into<String>) -> Self {
         Self {
             place: format!("{place}: "),
-            what: what.into(),
+            ..Self::new(what)
         }
     }
 

@@ -3,10 +3,11 @@
 use super::choose::for_rods;
 use super::contents::{How, read};
 use super::order::Blocks;
-use super::plan::Plan;
+use super::plan::{Plan, Planned};
 use super::{ImportError, Signal, ramp};
 use crate::record::{Channel, RecordSettings, RodChannels, RodId, TimeSource, Timestamp, Unit};
-use crate::source::contents::contents;
+use crate::sink::{Encoding, Layout};
+use crate::source::contents::{Content, contents};
 use crate::source::{Options, Recording, SourceError};
 use std::fs::File;
 use std::io::Read;
@@ -72,10 +73,15 @@ pub fn open(
         return Recording::open(path, whose.rods, settings, options);
     };
     let refuse = |error: ImportError| refused(path, &error);
+    if options.follow.is_some() {
+        return Err(refuse(ImportError::new(
+            "cannot be followed while it is written, only a recording (MCAP) can: leave --follow out",
+        )));
+    }
     let mut asked = how.asked(whose.rods);
     asked.start_else = whose.any_start.then_some(Timestamp::from_nanos(0));
+    asked.keeps_stamps = true;
     contents.check_full_scale().map_err(refuse)?;
-    check_rate(&contents.signals, how).map_err(refuse)?;
     let (chosen, mut notes) = for_rods(contents.signals, &asked, whose.is_meant).map_err(refuse)?;
     let plan = Plan::to_read(chosen, &asked).map_err(refuse)?;
     if plan.channels.iter().any(|planned| !planned.says_start) {
@@ -92,7 +98,10 @@ pub fn open(
                 .find(|planned| planned.topic == channel.topic)
             {
                 channel.unit = planned.unit;
-                channel.fs_hz.get_or_insert(planned.fs_hz);
+                // Uneven stamps are the record's to measure.
+                channel.fs_hz = channel
+                    .fs_hz
+                    .or(Some(planned.fs_hz).filter(|_| !planned.is_stamped));
             }
         }
     }
@@ -120,21 +129,9 @@ pub fn open_any(
     settings: &RecordSettings,
     watch: &dyn Fn(File, u64) -> Box<dyn Read>,
 ) -> Result<Opened, SourceError> {
-    let Some((contents, bytes)) = foreign(path, how, watch)? else {
+    let Some((plan, mut notes, bytes)) = of_anybody(path, how, watch)? else {
         return recorded(path, how, settings);
     };
-    let refuse = |error: ImportError| refused(path, &error);
-    let mut asked = how.asked(&[]);
-    asked.start_else = Some(Timestamp::from_nanos(0));
-    asked.any_unit = true;
-    let mut notes: Vec<String> = contents
-        .left_out
-        .iter()
-        .map(|what| format!("left out: {what}"))
-        .collect();
-    check_rate(&contents.signals, how).map_err(refuse)?;
-    let signals = without_ramps(contents.signals, how, &mut notes);
-    let plan = Plan::new(signals, &asked, crate::sink::Encoding::Protobuf).map_err(refuse)?;
     let mut seen = Vec::new();
     let mut rods = Vec::new();
     for planned in &plan.channels {
@@ -149,7 +146,8 @@ pub fn open_any(
             foreign_unit: planned.written_unit.clone().filter(|_| unit.is_none()),
             has_start: planned.says_start,
         });
-        rods.push(rod(&planned.topic, "", planned.unit, Some(planned.fs_hz)));
+        let fs_hz = Some(planned.fs_hz).filter(|_| !planned.is_stamped);
+        rods.push(rod(&planned.topic, "", planned.unit, fs_hz));
     }
     let name = path.display().to_string();
     Ok(Opened {
@@ -157,6 +155,62 @@ pub fn open_any(
         channels: seen,
         notes,
     })
+}
+
+/// The channels of a file of any format and how they would be read, for who writes a configuration.
+///
+/// # Errors
+/// As of [`open_any`].
+pub fn topics(
+    path: &Path,
+    how: &How,
+    watch: &dyn Fn(File, u64) -> Box<dyn Read>,
+) -> Result<Vec<Content>, SourceError> {
+    let Some((plan, ..)) = of_anybody(path, how, watch)? else {
+        return contents(path).map_err(|source| SourceError::Io {
+            path: path.display().to_string(),
+            source,
+        });
+    };
+    let content = |planned: &Planned| Content {
+        topic: planned.topic.clone(),
+        field: Ok(planned.field(plan.encoding).to_owned()),
+        unit: Some(planned.unit).filter(|_| planned.says_unit),
+        array_fs_hz: Some(planned.fs_hz).filter(|_| matches!(planned.layout, Layout::Batch(_))),
+    };
+    Ok(plan.channels.iter().map(content).collect())
+}
+
+/// When the first sample of another program's file was taken, if the file says it; nothing of a recording.
+pub fn begins(path: &Path, how: &How) -> Option<Timestamp> {
+    let (plan, ..) = of_anybody(path, how, &|file, _| Box::new(file)).ok()??;
+    let known = plan.channels.iter().filter(|planned| planned.says_start);
+    known
+        .filter_map(|planned| Some(planned.stretches.first()?.0))
+        .min()
+}
+
+/// Every channel of another program's file, what was left out, and its bytes; nothing if it is a recording.
+fn of_anybody(
+    path: &Path,
+    how: &How,
+    watch: &dyn Fn(File, u64) -> Box<dyn Read>,
+) -> Result<Option<(Plan, Vec<String>, u64)>, SourceError> {
+    let Some((contents, bytes)) = foreign(path, how, watch)? else {
+        return Ok(None);
+    };
+    let mut asked = how.asked(&[]);
+    asked.start_else = Some(Timestamp::from_nanos(0));
+    asked.any_unit = true;
+    asked.keeps_stamps = true;
+    let mut notes: Vec<String> = contents
+        .left_out
+        .iter()
+        .map(|what| format!("left out: {what}"))
+        .collect();
+    let signals = without_ramps(contents.signals, how, &mut notes);
+    let plan = Plan::new(signals, &asked, Encoding::Protobuf).map_err(|error| refused(path, &error))?;
+    Ok(Some((plan, notes, bytes)))
 }
 
 /// A recording with every channel as a rod.
@@ -250,11 +304,6 @@ fn refused(path: &Path, error: &ImportError) -> SourceError {
         path: path.display().to_string(),
         what: error.to_string(),
     }
-}
-
-fn check_rate(signals: &[Signal], how: &How) -> Result<(), ImportError> {
-    how.rate_hz
-        .map_or(Ok(()), |rate_hz| ramp::agree(signals, rate_hz))
 }
 
 /// Leaves out what only counts time or rows, where no channel was asked for by name.

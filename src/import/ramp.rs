@@ -40,8 +40,14 @@ pub(super) fn is_ramp(signal: &Signal) -> bool {
 }
 
 /// Refuses a rate that a column of the file contradicts. A count of the rows contradicts nothing.
-pub(super) fn agree(signals: &[Signal], rate_hz: f64) -> Result<(), ImportError> {
-    for signal in signals.iter().filter(|signal| signal.timing == Timing::Unknown) {
+pub(super) fn agree<'s>(
+    signals: impl IntoIterator<Item = &'s Signal>,
+    rate_hz: f64,
+) -> Result<(), ImportError> {
+    for signal in signals
+        .into_iter()
+        .filter(|signal| signal.timing == Timing::Unknown)
+    {
         let Some(Ramp { step, tolerance }) = ramp(&signal.values) else {
             continue;
         };

@@ -107,6 +107,24 @@ pub(super) fn number(text: &str, unit: TimeUnit) -> Option<Written> {
     })
 }
 
+/// A time of day or a duration: `06:00:00.005`, `5:07`, `125:00:00,5`. Nanoseconds since 0:00; none if it is none.
+pub(super) fn clock(text: &str) -> Option<Written> {
+    let (hours, rest) = text.split_once(':')?;
+    let (minutes, seconds) = rest.split_once(':').unwrap_or((rest, "0"));
+    let whole = |text: &str, below: i64| {
+        let value = text.parse::<i64>().ok()?;
+        let is_plain = text.len() <= 5 && text.bytes().all(|byte| byte.is_ascii_digit());
+        (is_plain && value < below).then_some(value)
+    };
+    let (hours, minutes) = (whole(hours, 100_000)?, whole(minutes, 60)?);
+    let written = number(&seconds.replace(',', "."), TimeUnit::S)?;
+    let is_second = seconds.starts_with(|c: char| c.is_ascii_digit()) && written.nanos < 60_000_000_000;
+    is_second.then(|| Written {
+        nanos: (hours * 3600 + minutes * 60) * 1_000_000_000 + written.nanos,
+        ..written
+    })
+}
+
 /// Numbers from here on count from 1970: 10^9 s, in September 2001.
 pub(super) const SINCE_2001: i64 = 1_000_000_000_000_000_000;
 
@@ -268,6 +286,26 @@ mod tests {
             "99999999999999999999",
         ] {
             assert_eq!(nanos(bad, TimeUnit::S), None, "{bad}");
+        }
+    }
+
+    #[test]
+    fn times_of_day_count_from_midnight() {
+        let nanos = |text: &str| clock(text).map(|written| (written.nanos, written.resolution_ns));
+        assert_eq!(nanos("00:00:00,005"), Some((5_000_000, 1_000_000)));
+        assert_eq!(nanos("1:02:03"), Some((3_723_000_000_000, 1_000_000_000)));
+        assert_eq!(nanos("30:01").map(|found| found.0), Some(108_060_000_000_000));
+        for bad in [
+            "",
+            "1",
+            "1:60",
+            "1:00:60",
+            "a:b:c",
+            "1:00:00:00",
+            "1:2:-3",
+            "-1:00",
+        ] {
+            assert_eq!(clock(bad), None, "{bad}");
         }
     }
 

@@ -1,14 +1,19 @@
 //! One record to labelled natural frequencies: spectrum, peaks, refinement, labels.
 
-use super::label::{Labelling, Pattern, label};
-use super::onsets::{Release, releases};
-use super::refine::{Search, largest_deflection, refine};
-use super::{Labels, Mode, ModeSettings, Motion, Resonance};
-use crate::record::{Excitation, Record, Rejection};
-use crate::spectrum::{Peak, PeakSettings, Spectrum, Transforms, Welch, WelchSettings, Window, pick_peaks};
+use super::label::{LabelPlan, Labelling, Unlabelled};
+use super::parts::Parts;
+use super::refine::{Search, refine};
+use super::{Labels, Mask, Mode, Motion, Resonance};
+use crate::record::rejection::UNDERSAMPLED;
+use crate::record::{Record, Rejection};
+use crate::spectrum::{
+    Peak, PeakSettings, Spectrum, Transforms, Welch, WelchError, WelchSettings, Window, pick_peaks,
+};
 
-/// Fewest periods of the lowest expected frequency in a record.
+/// Fewest periods of a frequency in a record for it to be searched.
 const LEAST_PERIODS: f64 = 15.0;
+/// Highest frequency searched, as a share of the sample rate.
+const HIGHEST: f64 = 0.48;
 /// Stretches from the onset in which the peaks of a free decay are looked for \[s\]: a quickly
 /// damped mode drowns in the noise of a long one.
 const DECAY_STRETCHES_S: [f64; 4] = [4.0, 12.0, 36.0, 108.0];
@@ -27,7 +32,7 @@ pub struct Evidence {
 /// What a record says about a rod's natural frequencies.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ModalEstimate {
-    /// The labelled modes, ascending in order.
+    /// The labelled modes that the force uses, ascending in order.
     pub modes: Vec<Mode>,
     /// Probability of each mode's peak over all assignments, in the same order.
     pub label_probability: Vec<f64>,
@@ -61,127 +66,145 @@ impl From<Rejection> for Unidentified {
 /// How the records of one rod are searched for its modes; made once per rod.
 #[derive(Debug)]
 pub struct ModalPlan {
+    search: PeakSearch,
+    labels: LabelPlan,
+}
+
+/// How records are searched for resonances, of whatever rod.
+#[derive(Debug)]
+pub struct PeakSearch {
     welch: WelchSettings,
     peaks: PeakSettings,
-    modes: ModeSettings,
-    pattern: Pattern,
-    discrepancy: Vec<f64>,
+    masks: Vec<Mask>,
     transforms: Transforms,
 }
 
 impl ModalPlan {
-    /// From the settings, the rod's prior predictive pattern and its model discrepancy per order.
-    pub fn new(
-        welch: WelchSettings,
-        peaks: PeakSettings,
-        modes: ModeSettings,
-        pattern: Pattern,
-        discrepancy: Vec<f64>,
-    ) -> Self {
+    /// From the settings and what the rod's labels are inferred from.
+    pub fn new(welch: WelchSettings, peaks: PeakSettings, labels: LabelPlan) -> Self {
+        let masks = labels.settings().masks.clone();
         Self {
-            welch,
-            peaks,
-            modes,
-            pattern,
-            discrepancy,
-            transforms: Transforms::default(),
+            search: PeakSearch::new(welch, peaks, masks),
+            labels,
         }
     }
 
-    /// The pattern that labels are matched against.
-    pub fn pattern(&self) -> &Pattern {
-        &self.pattern
+    /// How records are searched for resonances.
+    pub fn search(&self) -> &PeakSearch {
+        &self.search
+    }
+
+    /// What labels are inferred from.
+    pub fn labels(&self) -> &LabelPlan {
+        &self.labels
     }
 
     /// The labelled natural frequencies of a record, or why there are none. A pure function of the
     /// plan and the record.
     pub fn identify(&self, record: &Record) -> Result<ModalEstimate, Unidentified> {
-        let (low_hz, high_hz) = self.pattern.band_hz();
-        let first_hz = self.pattern.first_mode_below_hz();
-        if 0.45 * record.fs_hz < first_hz {
-            return Err(Rejection::Undersampled {
-                fs_hz: record.fs_hz,
-                needed_hz: first_hz,
-            }
-            .into());
-        }
-        let evidence = self.evidence(record, low_hz, high_hz)?;
+        let (low_hz, high_hz) = self.labels.band_hz();
+        let evidence = self.search.evidence(record, low_hz, high_hz)?;
         let labelled = if evidence.resonances.is_empty() {
-            Err(Rejection::NoPeak { low_hz, high_hz })
+            Err((Rejection::NoPeak { low_hz, high_hz }, None))
         } else {
-            label(
-                &evidence.resonances,
-                &self.pattern,
-                &self.modes,
-                &self.discrepancy,
-            )
+            self.labels
+                .label(&evidence.resonances, searchable_hz(record), evidence.motion.kind)
+                .map_err(|Unlabelled { rejection, labels }| (rejection, Some(labels)))
         };
         match labelled {
             Ok(Labelling {
-                modes, probability, ..
-            }) => Ok(ModalEstimate {
-                modes,
-                labels: Labels {
-                    probability: probability.iter().product(),
-                    candidates: Vec::new(),
-                },
-                label_probability: probability,
-                evidence,
-            }),
-            Err(rejection) => Err(Unidentified {
-                rejection,
-                evidence: Some(evidence),
-                labels: None,
-            }),
+                mut modes,
+                mut probability,
+                labels,
+            }) => {
+                let used = modes.partition_point(|mode| mode.order <= self.labels.settings().count);
+                modes.truncate(used);
+                probability.truncate(used);
+                Ok(ModalEstimate {
+                    modes,
+                    label_probability: probability,
+                    labels,
+                    evidence,
+                })
+            }
+            Err((rejection, labels)) => {
+                // Where the lowest mode may lie above the band there is nothing to wonder about.
+                let needed_hz = self.labels.first_mode_below_hz();
+                let rejection = if searchable_hz(record).0 > needed_hz {
+                    Rejection::TooShort {
+                        duration_s: record.duration_s(),
+                        needed_s: LEAST_PERIODS / low_hz,
+                    }
+                } else if UNDERSAMPLED * record.fs_hz < needed_hz {
+                    Rejection::Undersampled {
+                        fs_hz: record.fs_hz,
+                        needed_hz,
+                    }
+                } else {
+                    rejection
+                };
+                Err(Unidentified {
+                    rejection,
+                    evidence: Some(evidence),
+                    labels,
+                })
+            }
+        }
+    }
+}
+
+impl PeakSearch {
+    /// From the settings and the bands in which no peak is believed.
+    pub fn new(welch: WelchSettings, peaks: PeakSettings, masks: Vec<Mask>) -> Self {
+        Self {
+            welch,
+            peaks,
+            masks,
+            transforms: Transforms::default(),
         }
     }
 
-    /// Welch's spectrum of a record and its refined resonances between two frequencies \[Hz\].
+    /// Welch's spectrum of a record and its refined resonances between two frequencies \[Hz\], as far as they are
+    /// [searchable](searchable_hz).
     pub fn evidence(&self, record: &Record, low_hz: f64, high_hz: f64) -> Result<Evidence, Rejection> {
-        check(record, LEAST_PERIODS / low_hz)?;
-        let high_hz = high_hz.min(0.48 * record.fs_hz);
+        check(record, LEAST_PERIODS / high_hz.min(HIGHEST * record.fs_hz))?;
+        let (lowest_hz, highest_hz) = searchable_hz(record);
+        let (low_hz, high_hz) = (low_hz.max(lowest_hz), high_hz.min(highest_hz));
         let n = record.samples.len();
         let too_short = |_| Rejection::TooShort {
             duration_s: record.duration_s(),
-            needed_s: LEAST_PERIODS / low_hz,
+            needed_s: LEAST_PERIODS / high_hz,
         };
         let nperseg = self.welch.nperseg(record.fs_hz, n);
-        let noverlap = self.welch.noverlap(nperseg);
-        let welch = Welch::plan_with(
-            &self.transforms,
-            record.fs_hz,
-            nperseg,
-            noverlap,
-            self.welch.window,
-        )
-        .map_err(too_short)?;
+        let welch = self.welch(record.fs_hz, nperseg).map_err(too_short)?;
         let spectrum = welch.run(&record.samples).map_err(too_short)?;
         let mut peaks = pick_peaks(&spectrum, &self.peaks, low_hz, high_hz);
         let strongest = peaks.iter().max_by(|a, b| a.height_db.total_cmp(&b.height_db));
-        let releases = match (record.excitation, strongest) {
-            (None, Some(peak)) => releases(&record.samples, record.fs_hz, peak.frequency_hz),
-            _ => Vec::new(),
-        };
-        let decays_from = match record.excitation {
-            Some(Excitation::Ambient) => None,
-            Some(Excitation::FreeDecay) => Some(largest_deflection(&record.samples)),
-            None => decay_in(&record.samples, &releases),
-        };
-        if let Some(onset) = decays_from {
+        let parts = Parts::of(record, strongest.map(|peak| peak.frequency_hz));
+        if !parts.releases.is_empty() {
+            // A segment across an onset has skirts, and peaks on them, that no mode made.
+            let part = &record.samples[parts.main.from..parts.main.to];
+            let nperseg = self.welch.nperseg(record.fs_hz, part.len());
+            let clean = self
+                .welch(record.fs_hz, nperseg)
+                .and_then(|welch| welch.run(part));
+            peaks = pick_peaks(&clean.map_err(too_short)?, &self.peaks, low_hz, high_hz);
+        }
+        if let Some(decay) = parts.decay(&record.samples) {
             for stretch_s in DECAY_STRETCHES_S {
-                self.add_decay_peaks(&mut peaks, record, onset, stretch_s, (low_hz, high_hz));
+                self.add_decay_peaks(&mut peaks, record.fs_hz, decay, stretch_s, (low_hz, high_hz));
             }
         }
-        let masks = &self.modes.masks;
         peaks.retain(|p| {
-            !masks
+            !self
+                .masks
                 .iter()
                 .any(|m| (m.low_hz..=m.high_hz).contains(&p.frequency_hz))
         });
         let search = Search {
-            masks,
+            masks: &self.masks,
             line_hz: spectrum.df_hz,
-            releases: &releases,
+            parts: &parts,
         };
         let refined = refine(&self.transforms, record, &peaks, &search);
         Ok(Evidence {
@@ -191,20 +214,26 @@ impl ModalPlan {
         })
     }
 
-    /// Peaks of the `stretch_s` seconds from `onset` on, untapered, unless a peak stands there already.
+    /// Welch's method with the plan's window and overlap.
+    fn welch(&self, fs_hz: f64, nperseg: usize) -> Result<Welch, WelchError> {
+        let noverlap = self.welch.noverlap(nperseg);
+        Welch::plan_with(&self.transforms, fs_hz, nperseg, noverlap, self.welch.window)
+    }
+
+    /// Peaks of the first `stretch_s` seconds of a decay, untapered, unless a peak stands there already.
     fn add_decay_peaks(
         &self,
         peaks: &mut Vec<Peak>,
-        record: &Record,
-        onset: usize,
+        fs_hz: f64,
+        decay: &[f64],
         stretch_s: f64,
         band_hz: (f64, f64),
     ) {
-        let n = (stretch_s * record.fs_hz) as usize;
-        let Some(stretch) = record.samples.get(onset..onset + n) else {
+        let n = (stretch_s * fs_hz) as usize;
+        let Some(stretch) = decay.get(..n) else {
             return;
         };
-        let spectrum = Welch::plan_with(&self.transforms, record.fs_hz, n, 0, Window::Rectangular)
+        let spectrum = Welch::plan_with(&self.transforms, fs_hz, n, 0, Window::Rectangular)
             .and_then(|welch| welch.run(stretch));
         let Ok(spectrum) = spectrum else { return };
         let near = 2.0 * spectrum.df_hz;
@@ -226,21 +255,9 @@ impl ModalPlan {
     }
 }
 
-/// The sample from which a record decays: its strongest release, or its first sample if it begins within a
-/// decay (the first quarter moves twice as much as the last).
-fn decay_in(samples: &[f64], releases: &[Release]) -> Option<usize> {
-    let motion = |part: &[f64]| -> f64 {
-        let sum: f64 = part.windows(2).map(|pair| (pair[1] - pair[0]).powi(2)).sum();
-        sum / part.len().max(1) as f64
-    };
-    let quarter = samples.len() / 4;
-    let strength = |&at: &usize| motion(&samples[at..(at + quarter).min(samples.len())]);
-    let strongest = releases
-        .iter()
-        .map(|release| release.after)
-        .max_by(|a, b| strength(a).total_cmp(&strength(b)));
-    let falls = motion(&samples[..quarter]) > 4.0 * motion(&samples[samples.len() - quarter..]);
-    strongest.or(falls.then_some(0))
+/// The frequencies of which a record holds enough periods, and enough samples a period \[Hz\].
+pub fn searchable_hz(record: &Record) -> (f64, f64) {
+    (LEAST_PERIODS / record.duration_s(), HIGHEST * record.fs_hz)
 }
 
 /// What no spectrum can be made of.

@@ -1,5 +1,6 @@
 //! From a spectrum to natural frequencies: refinement per peak, standard errors, mode orders.
 
+mod apart;
 pub mod band;
 pub mod dispersion;
 pub mod fit;
@@ -7,14 +8,19 @@ pub mod identify;
 pub mod label;
 pub mod likelihood;
 mod logarithm;
+mod maximum;
 pub mod onsets;
 pub mod optimum;
+pub mod pair;
+pub mod parts;
 pub mod posterior;
 pub mod refine;
 pub mod subband;
+mod tone;
 
-pub use identify::{Evidence, ModalEstimate, ModalPlan, Unidentified};
-pub use label::{Labelling, Pattern, label};
+pub use identify::{Evidence, ModalEstimate, ModalPlan, PeakSearch, Unidentified, searchable_hz};
+pub use label::{LabelPlan, Labelling, Unlabelled};
+pub use parts::Parts;
 pub use refine::{Refinement, Search, refine};
 
 use serde::{Deserialize, Serialize};
@@ -34,8 +40,7 @@ pub struct Resonance {
     pub peak_to_noise: f64,
     /// Twice the gain in log likelihood over noise alone.
     pub evidence: f64,
-    /// Whether a pure sine explains it as well: interference, or a record too short or too noisy to
-    /// tell a resonance from a line. Never believed to be a mode.
+    /// Whether it is a pure tone: no damping to speak of, and a steady amplitude. Its odds of being foreign say so too.
     pub line: bool,
     /// Goodness of fit, as a standard normal deviate \[-\]: the response fits no stationary mode where it is
     /// large. 0 where it was not tested.
@@ -70,8 +75,11 @@ pub struct Motion {
 /// How sure the mode orders are, and what else the peaks may be.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Labels {
-    /// Probability that all the orders told are right \[-\].
+    /// Probability that all the orders told are right \[-\]; 0 if none are told.
     pub probability: f64,
+    /// The orders told with their peaks' frequencies \[Hz\], ascending: also those above the orders that the
+    /// force uses. Certain ones may remain where they were not enough for a force.
+    pub told: Vec<(usize, f64)>,
     /// The likeliest assignments of peaks to orders, likeliest first.
     pub candidates: Vec<Candidate>,
 }
@@ -109,13 +117,32 @@ pub struct Mask {
     pub high_hz: f64,
 }
 
+/// A range of frequencies in which a person declared one mode: its clearest peak there is that mode, whatever
+/// else fits.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct ModeWindow {
+    /// Mode order, from 1.
+    pub order: usize,
+    /// Lower end \[Hz\].
+    pub low_hz: f64,
+    /// Upper end \[Hz\].
+    pub high_hz: f64,
+}
+
 /// Which natural frequencies are looked for, and where.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ModeSettings {
-    /// Mode orders used, 1 to this number; at most [`crate::forward::MAX_MODES`].
+    /// Mode orders used, 1 to this number; at most [`crate::forward::MAX_MODES`]. With 1 the first mode is
+    /// said to be among the peaks, so that one peak is enough.
     pub count: usize,
     /// Bands in which no peak is believed.
     pub masks: Vec<Mask>,
+    /// Least joint probability of the orders told; below it there is no force.
+    pub least_probability: f64,
+    /// Lowest and highest frequency of any mode \[Hz\]; by default as the prior says.
+    pub band_hz: Option<[f64; 2]>,
+    /// Modes assigned by hand, one window an order, ascending.
+    pub windows: Vec<ModeWindow>,
 }
 
 impl Default for ModeSettings {
@@ -123,6 +150,9 @@ impl Default for ModeSettings {
         Self {
             count: 3,
             masks: Vec::new(),
+            least_probability: 0.95,
+            band_hz: None,
+            windows: Vec::new(),
         }
     }
 }

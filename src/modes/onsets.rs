@@ -73,6 +73,7 @@ pub fn releases(samples: &[f64], fs_hz: f64, scale_hz: f64) -> Vec<Release> {
         }
     }
     found.extend(best.map(|(_, at)| at));
+    let period = count(1.0);
     let place = |at: usize| {
         let window = at..at + after;
         let peak = slope[window.clone()]
@@ -83,12 +84,39 @@ pub fn releases(samples: &[f64], fs_hz: f64, scale_hz: f64) -> Vec<Release> {
             .find(|&i| slope[i].abs() > 0.25 * peak)
             .unwrap_or(at);
         // The slope looks `half` samples to either side.
+        let (before, after) = (first.saturating_sub(half + 1), first + half);
         Release {
-            before: first.saturating_sub(half + 1),
-            after: first + half,
+            before: pull_began(samples, before, after, period),
+            after,
         }
     };
     found.into_iter().map(place).collect()
+}
+
+/// The sample at which the rod begins to be pulled before a release, or `before` if it is not held.
+///
+/// The mean over a period is the static part. It is compared with the one about which the rod swings after the
+/// release, and followed back until it is a two-hundredth of what is let go.
+fn pull_began(samples: &[f64], before: usize, after: usize, period: usize) -> usize {
+    let mean = |from: usize, to: usize| samples[from..to].iter().sum::<f64>() / (to - from).max(1) as f64;
+    let later = |n: usize| (after + n * period).min(samples.len());
+    if before < period || later(16) < later(6) + period {
+        return before;
+    }
+    let rest = mean(later(6), later(16));
+    let (mut ripple, mut windows) = (0.0, 0.0);
+    for from in (later(6)..later(16) - period).step_by(period.div_ceil(4)) {
+        ripple += (mean(from, from + period) - rest).powi(2);
+        windows += 1.0;
+    }
+    let ripple = (ripple / f64::max(windows, 1.0)).sqrt();
+    let held = |to: usize| (mean(to - period, to) - rest).abs();
+    let least = (0.005 * held(before)).max(3.0 * ripple);
+    let mut at = before;
+    while at >= period && held(at) > least {
+        at = at.saturating_sub(period.div_ceil(4));
+    }
+    at
 }
 
 /// Mean of the next `half` samples less the mean of the last; zero at the ends.
@@ -112,6 +140,8 @@ const BLOW: f64 = 40.0;
 /// Neighbours compared with, nearest and farthest; a blow off the grid leaks into the nearest.
 const NEAREST: usize = 3;
 const FARTHEST: usize = 8;
+/// Innovations not looked at, at either end: the record's ends meet there.
+const ENDS: usize = 3;
 /// Median of an exponential deviate of mean 1.
 const MEDIAN: f64 = 0.693;
 
@@ -175,8 +205,8 @@ pub fn blows(series: &[(Subband, Pole)], apart_s: f64) -> Vec<Blow> {
     kept
 }
 
-/// Each innovation's power over the median of its neighbours'; 0 for the first two, which hold what is flat
-/// across the band.
+/// Each innovation's power over the median of its neighbours'; 0 at both ends, which hold what is smooth across
+/// the band.
 fn innovation_ratios(series: &Subband, pole: Pole) -> Vec<f64> {
     let factor = series.factor(pole);
     let mut powers = vec![0.0; series.samples.len()];
@@ -186,13 +216,13 @@ fn innovation_ratios(series: &Subband, pole: Pole) -> Vec<f64> {
     let mut around = Vec::with_capacity(2 * (FARTHEST - NEAREST + 1));
     (0..powers.len())
         .map(|m| {
-            if m < 2 {
+            if m < ENDS || m + ENDS > powers.len() {
                 return 0.0;
             }
             around.clear();
             for l in NEAREST..=FARTHEST {
-                around.extend(m.checked_sub(l).filter(|&i| i >= 2).map(|i| powers[i]));
-                around.extend(powers.get(m + l));
+                around.extend(m.checked_sub(l).filter(|&i| i >= ENDS).map(|i| powers[i]));
+                around.extend(powers.get(m + l).filter(|_| m + l + ENDS <= powers.len()));
             }
             let middle = around.len() / 2;
             if around.len() < FARTHEST - NEAREST {

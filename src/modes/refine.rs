@@ -5,15 +5,17 @@
 //! counts for what it is worth instead of being averaged with the quiet before it.
 
 use super::band::Coefficients;
-use super::fit::{Aim, Beginning, Fit, Stretch};
+use super::fit::{Aim, Fit, Stretch};
 use super::likelihood::Start;
-use super::onsets::{Blow, Release, blows};
+use super::onsets::{Blow, blows};
+use super::parts::{Beginning, Part, Parts};
 use super::{Mask, Motion, MotionKind, Resonance};
 use crate::record::{Excitation, Record};
 use crate::spectrum::{Peak, Transforms};
 
-/// Shortest stretch that is fitted, in periods of the strongest peak: its band then holds two dozen lines.
-const LEAST_PERIODS: f64 = 36.0;
+/// Relative error of the model itself (sums for integrals, the negative-frequency pole): what is left of the
+/// errors of a decay 140 dB above its noise.
+const MODEL_SD: f64 = 2e-6;
 /// Largest error of ln damping, and least damping, of a stretch's fit that counts.
 const MOST_LOG_SD: f64 = 2.0;
 /// Bandwidth in which blows are looked for, as a share of the frequency.
@@ -28,8 +30,8 @@ pub struct Search<'a> {
     pub masks: &'a [Mask],
     /// Line distance of the spectrum the peaks were picked from \[Hz\].
     pub line_hz: f64,
-    /// Motions that begin within the record, in time order ([`super::onsets::releases`]).
-    pub releases: &'a [Release],
+    /// The parts of the record.
+    pub parts: &'a Parts,
 }
 
 /// What the refinement of a record's peaks gives.
@@ -41,14 +43,6 @@ pub struct Refinement {
     pub motion: Motion,
 }
 
-/// A part of a record, in samples.
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct Part {
-    from: usize,
-    to: usize,
-    beginning: Beginning,
-}
-
 /// Fits a resonance to the raw Fourier coefficients around each peak; peaks that turn out to be
 /// noise, or part of a resonance already fitted, are left out.
 ///
@@ -57,15 +51,12 @@ struct Part {
 pub fn refine(transforms: &Transforms, record: &Record, peaks: &[Peak], search: &Search<'_>) -> Refinement {
     let mut by_height: Vec<&Peak> = peaks.iter().collect();
     by_height.sort_by(|a, b| b.height_db.total_cmp(&a.height_db));
-    let scale_hz = by_height.first().map_or(1.0, |peak| peak.frequency_hz);
-    let least = (LEAST_PERIODS * record.fs_hz / scale_hz).ceil() as usize;
     let work = Work {
         transforms,
         record,
         search,
-        least,
     };
-    let main = work.main_part();
+    let main = search.parts.main;
     let stretch = work.stretch(main);
     let aims: Vec<Aim> = by_height
         .iter()
@@ -81,7 +72,7 @@ pub fn refine(transforms: &Transforms, record: &Record, peaks: &[Peak], search: 
         Some(_) => Vec::new(),
     };
     let whole = stretch.with_errors(&places);
-    let parts = work.parts(main, &weak);
+    let parts = work.parts(&weak);
     let mut fits: Vec<Vec<Fit>> = vec![Vec::new(); aims.len()];
     if record.excitation.is_none() && (parts.len() > 1 || parts.first() != Some(&main)) {
         // Where the modes are is known by now, and their order of height.
@@ -104,12 +95,23 @@ pub fn refine(transforms: &Transforms, record: &Record, peaks: &[Peak], search: 
             }
         }
     }
-    let mut resonances: Vec<Resonance> = whole
-        .iter()
-        .zip(&fits)
-        .filter_map(|(whole, parts)| Some(combined(&(*whole)?, parts)))
+    let found: Vec<Resonance> = if fits.iter().all(Vec::is_empty) {
+        let mut whole: Vec<Fit> = whole.into_iter().flatten().collect();
+        whole.sort_by(|a, b| a.resonance.frequency_hz.total_cmp(&b.resonance.frequency_hz));
+        stretch.apart(&whole)
+    } else {
+        whole
+            .iter()
+            .zip(&fits)
+            .filter_map(|(whole, parts)| Some(combined(&(*whole)?, parts)))
+            .collect()
+    };
+    let mut resonances: Vec<Resonance> = found
+        .into_iter()
         .map(|r| Resonance {
-            frequency_sd_hz: r.frequency_sd_hz.hypot(r.frequency_hz * record.clock_sd),
+            frequency_sd_hz: r
+                .frequency_sd_hz
+                .hypot(r.frequency_hz * record.clock_sd.hypot(MODEL_SD)),
             ..r
         })
         .collect();
@@ -120,91 +122,22 @@ pub fn refine(transforms: &Transforms, record: &Record, peaks: &[Peak], search: 
     }
 }
 
-/// Where the first half of the samples deviates most from the mean of all.
-pub(super) fn largest_deflection(samples: &[f64]) -> usize {
-    let mean = samples.iter().sum::<f64>() / samples.len().max(1) as f64;
-    let (mut at, mut largest) = (0, 0.0);
-    for (i, x) in samples[..samples.len() / 2].iter().enumerate() {
-        if (x - mean).abs() > largest {
-            (at, largest) = (i, (x - mean).abs());
-        }
-    }
-    at
-}
-
 struct Work<'a> {
     transforms: &'a Transforms,
     record: &'a Record,
     search: &'a Search<'a>,
-    /// Shortest part worth a fit, in samples.
-    least: usize,
 }
 
 impl<'a> Work<'a> {
-    /// The part in which the peaks are fitted first: the one with the most motion.
-    fn main_part(&self) -> Part {
-        let samples = &self.record.samples;
-        let whole = |beginning| Part {
-            from: 0,
-            to: samples.len(),
-            beginning,
-        };
-        match self.record.excitation {
-            Some(Excitation::Ambient) => whole(Beginning::Known(Start::Stationary)),
-            Some(Excitation::FreeDecay) => Part {
-                from: largest_deflection(samples),
-                ..whole(Beginning::Known(Start::Free))
-            },
-            None => {
-                let motion = |part: &Part| -> f64 {
-                    let part = &samples[part.from..part.to];
-                    part.windows(2).map(|pair| (pair[1] - pair[0]).powi(2)).sum()
-                };
-                self.between(&[])
-                    .into_iter()
-                    .max_by(|a, b| motion(a).total_cmp(&motion(b)))
-                    .unwrap_or(whole(Beginning::Tested))
-            }
-        }
-    }
-
-    /// The parts between releases and blows that are long enough.
-    fn between(&self, weak: &[Blow]) -> Vec<Part> {
-        let fs = self.record.fs_hz;
-        let total = self.record.samples.len();
-        // Ends of what lies before each onset, and beginnings of what lies after.
-        let mut cuts: Vec<(usize, usize)> = self
-            .search
-            .releases
-            .iter()
-            .map(|at| (at.before, at.after))
-            .collect();
-        cuts.extend(weak.iter().map(|blow| {
-            let sample = |t: f64| ((t * fs).round().max(0.0) as usize).min(total);
-            (sample(blow.before_s), sample(blow.after_s))
-        }));
-        cuts.sort_unstable();
-        let mut parts = Vec::new();
-        let (mut from, mut beginning) = (0, Beginning::Tested);
-        for (before, after) in cuts.into_iter().chain([(total, total)]) {
-            if before >= from + self.least {
-                parts.push(Part {
-                    from,
-                    to: before,
-                    beginning,
-                });
-            }
-            (from, beginning) = (after.max(from), Beginning::Known(Start::Free));
-        }
-        parts
-    }
-
     /// All parts to fit, given the blows found in the main one.
-    fn parts(&self, main: Part, weak: &[Blow]) -> Vec<Part> {
-        if self.record.excitation.is_some() {
-            return vec![main];
-        }
-        self.between(weak)
+    fn parts(&self, weak: &[Blow]) -> Vec<Part> {
+        let sample =
+            |t: f64| ((t * self.record.fs_hz).round().max(0.0) as usize).min(self.record.samples.len());
+        let strong = self.search.parts.releases.iter().map(|at| (at.before, at.after));
+        let weak = weak
+            .iter()
+            .map(|blow| (sample(blow.before_s), sample(blow.after_s)));
+        self.search.parts.between(&strong.chain(weak).collect::<Vec<_>>())
     }
 
     fn stretch(&self, part: Part) -> Stretch<'a> {
@@ -221,7 +154,6 @@ impl<'a> Work<'a> {
 
     /// Blows in the stretch that begins where the main part does, by its fits.
     fn blows(&self, stretch: &Stretch<'_>, fits: &[Fit]) -> Vec<Blow> {
-        let part = self.main_part();
         let series: Vec<_> = fits
             .iter()
             .enumerate()
@@ -237,15 +169,18 @@ impl<'a> Work<'a> {
                 Some((stretch.subband(fit, half_hz, &others)?, fit.pole()))
             })
             .collect();
-        let offset_s = part.from as f64 / self.record.fs_hz;
-        blows(&series, self.least as f64 / self.record.fs_hz * 0.5)
-            .into_iter()
-            .map(|blow| Blow {
-                before_s: blow.before_s + offset_s,
-                after_s: blow.after_s + offset_s,
-                ..blow
-            })
-            .collect()
+        let offset_s = self.search.parts.main.from as f64 / self.record.fs_hz;
+        blows(
+            &series,
+            0.5 * self.search.parts.least() as f64 / self.record.fs_hz,
+        )
+        .into_iter()
+        .map(|blow| Blow {
+            before_s: blow.before_s + offset_s,
+            after_s: blow.after_s + offset_s,
+            ..blow
+        })
+        .collect()
     }
 
     /// The modes already known, in another part of the record.
@@ -274,7 +209,13 @@ impl<'a> Work<'a> {
                 .iter()
                 .max_by(|a, b| a.resonance.peak_to_noise.total_cmp(&b.resonance.peak_to_noise))
                 .is_some_and(|fit| fit.start == Start::Free);
-        let mut onsets_s: Vec<f64> = self.search.releases.iter().map(|at| seconds(at.after)).collect();
+        let mut onsets_s: Vec<f64> = self
+            .search
+            .parts
+            .releases
+            .iter()
+            .map(|at| seconds(at.after))
+            .collect();
         if decays_at_once {
             onsets_s.push(0.0);
         }

@@ -107,9 +107,14 @@ pub fn powers((low_db, high_db): (f64, f64), count: usize) -> Vec<Tick> {
         .filter(|power| power.rem_euclid(step as i64) == 0)
         .map(|power| Tick {
             at: 10.0 * power as f64,
-            label: format!("10{}", superscript(power)),
+            label: ten_to(power),
         })
         .collect()
+}
+
+/// A power of ten: `10⁻⁶`.
+pub fn ten_to(power: i64) -> String {
+    format!("10{}", superscript(power))
 }
 
 fn superscript(power: i64) -> String {

@@ -1,90 +1,13 @@
-//! Figures not over time: spectrum, prior against posterior, force against temperature.
+//! Figures not over time: prior against posterior, force against temperature.
 
 use super::axis::{self, minus};
 use super::figure::Figure;
 use super::markup::Markup;
 use super::view::RodReport;
-use crate::snapshot::{Curve, Density, Snapshot};
+use crate::snapshot::Density;
 
 /// Most points of the temperature figure: beyond, every n-th period is drawn.
 const SCATTER_POINTS: usize = 2000;
-
-/// The latest spectrum with its resonances, the baseline's first behind it.
-pub(super) fn spectrum(rod: &RodReport, id: &str) -> Option<Markup> {
-    let latest = rod.latest.as_ref().or(rod.baseline.as_ref())?;
-    let earlier = rod
-        .baseline
-        .as_ref()
-        .filter(|baseline| baseline.start != latest.start);
-    let highest = |snapshot: &Snapshot| snapshot.curve.frequency_hz(snapshot.curve.level_db.len());
-    if latest.curve.level_db.is_empty() {
-        return None;
-    }
-    let x = (0.0, highest(latest).max(earlier.map_or(0.0, highest)));
-    let curves = [Some(latest), earlier];
-    let levels = curves
-        .iter()
-        .flatten()
-        .flat_map(|snapshot| snapshot.curve.level_db.iter().copied());
-    let (low, high) = axis::span(levels, 0.0)?;
-    // Room for the labels above the peaks; a line of silence must not flatten the rest.
-    let y = (
-        low.max(high - 120.0) - 2.0,
-        high + 0.12 * (high - low).min(120.0) + 1.0,
-    );
-    let mut figure = Figure::new(x, y, 220.0);
-    figure.x_axis(&axis::numbers(x, 8), "frequency [Hz]");
-    let unit = rod.motion_unit.as_deref().unwrap_or("unit");
-    figure.y_axis(
-        &axis::powers(y, 6),
-        &format!("power density [{}\u{b2}/Hz]", bracketed(unit)),
-    );
-    let points = |curve: &Curve| -> Vec<(f64, f64)> {
-        let level = curve.level_db.iter().enumerate();
-        level.map(|(i, level)| (curve.frequency_hz(i), *level)).collect()
-    };
-    if let Some(earlier) = earlier {
-        figure.line("c7", points(&earlier.curve).into_iter());
-    }
-    figure.line("c1", points(&latest.curve).into_iter());
-    let level_at = |hz: f64| -> f64 {
-        let at = ((hz - latest.curve.first_hz) / latest.curve.step_hz)
-            .round()
-            .max(0.0) as usize;
-        let near = latest.curve.level_db.iter().skip(at.saturating_sub(1)).take(3);
-        near.copied().fold(low, f64::max)
-    };
-    for peak in &latest.peaks {
-        let at = (peak.frequency_hz, level_at(peak.frequency_hz));
-        match peak.order {
-            Some(order) => {
-                figure.dots("c2 large", std::iter::once(at));
-                figure.label("strong", at, &format!("mode {order}"));
-            }
-            None if peak.line => figure.label("soft", at, "line"),
-            None => figure.dots("c7 large", std::iter::once(at)),
-        }
-    }
-    figure.key("c1", &format!("latest record, {}", day(latest)));
-    if let Some(earlier) = earlier {
-        figure.key("c7", &format!("first of the baseline, {}", day(earlier)));
-    }
-    let title = format!("Vibration spectrum of rod {}", rod.rod);
-    Some(figure.finish(id, &title, "Power spectral density on a logarithmic scale against frequency, with the resonances found and the mode orders they were given."))
-}
-
-/// A unit that can be squared.
-fn bracketed(unit: &str) -> String {
-    if unit.contains('/') {
-        format!("({unit})")
-    } else {
-        unit.to_owned()
-    }
-}
-
-fn day(snapshot: &Snapshot) -> String {
-    snapshot.start.to_string().chars().take(10).collect()
-}
 
 /// How a quantity is shown: its name, the unit with its symbol, and units per SI unit.
 pub(super) fn quantity(key: &str) -> (&str, &'static str, f64) {

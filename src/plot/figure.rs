@@ -34,6 +34,8 @@ pub(super) struct Figure {
     key: Markup,
     key_at: f64,
     rows: [f64; LABEL_ROWS],
+    /// Left, right, top and bottom of the labels that must not be covered.
+    labels: Vec<[f64; 4]>,
 }
 
 impl Figure {
@@ -59,6 +61,7 @@ impl Figure {
             key: Markup::new(),
             key_at: left,
             rows: [f64::NEG_INFINITY; LABEL_ROWS],
+            labels: Vec::new(),
         }
     }
 
@@ -258,16 +261,31 @@ impl Figure {
         }
     }
 
-    /// A label at a point, above it.
-    pub fn label(&mut self, class: &str, at: (f64, f64), label: &str) {
-        if let Some((x, y)) = self.place(at.0, at.1) {
-            let y = (y - 7.0).max(TOP + 11.0);
+    /// A label at a point, above it or one line higher; left out if it would cover another of its kind.
+    pub fn label_beside_others(&mut self, class: &str, at: (f64, f64), label: &str) {
+        let Some((x, y)) = self.place(at.0, at.1) else {
+            return;
+        };
+        if label.is_empty() {
+            return;
+        }
+        let half = 0.5 * CHARACTER * label.chars().count() as f64 + 2.0;
+        let x = x.clamp(self.left + half, self.width - RIGHT - half);
+        let free = [7.0, 21.0]
+            .into_iter()
+            .map(|up| (y - up).max(TOP + 11.0))
+            .find(|y| {
+                let covers = |other: &[f64; 4]| {
+                    x - half < other[1] && other[0] < x + half && y - 11.0 < other[3] && other[2] < y + 3.0
+                };
+                !self.labels.iter().any(covers)
+            });
+        if let Some(y) = free {
+            self.labels.push([x - half, x + half, y - 11.0, y + 3.0]);
             let place = [("x", &*format!("{x:.1}")), ("y", &format!("{y:.1}"))];
-            self.marks.leaf(
-                "text",
-                &[place[0], place[1], ("class", &format!("mid {class}"))],
-                label,
-            );
+            let class = format!("mid {class}");
+            self.marks
+                .leaf("text", &[place[0], place[1], ("class", class.trim_end())], label);
         }
     }
 

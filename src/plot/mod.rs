@@ -6,7 +6,9 @@
 //! * [`study`](fn@study) the paper's study as a page
 //! * `rod`         one rod's part of it
 //! * `history`     figures over time: forces, temperature, frequencies, charts
-//! * `distribution` spectrum, densities, regression: figures not over time
+//! * `record`      one record: waveform, spectrum, peaks, candidates
+//! * [`spectra`](fn@spectra) records without a rod as a page
+//! * `distribution` densities, regression: figures not over time
 //! * `figure`      one drawing: frame, axes, lines, bands, marks
 //! * `axis`        scales and ticks, of numbers and of dates
 //! * `decimate`    long series to one value per pixel column
@@ -22,11 +24,24 @@ mod figure;
 mod history;
 mod markup;
 pub mod page;
+mod record;
 mod rod;
+mod spectra;
 mod study;
 pub mod terminal;
 pub mod view;
 
 pub use page::page;
+pub use spectra::spectra;
 pub use study::study;
 pub use view::SiteReport;
+
+/// A probability in percent: never a whole that is not one.
+fn percent_said(probability: f64) -> String {
+    match 100.0 * probability {
+        percent if percent > 99.9 && probability < 1.0 => "over 99.9 %".to_owned(),
+        percent if percent < 0.1 && probability > 0.0 => "under 0.1 %".to_owned(),
+        percent if !(1.0..=99.0).contains(&percent) => format!("{percent:.1} %"),
+        percent => format!("{percent:.0} %"),
+    }
+}

@@ -5,8 +5,11 @@ use super::distribution::{self, significant};
 use super::history::{self, Span};
 use super::markup::Markup;
 use super::page::{counted, day, moment, state_class, state_text};
+use super::record::{self, Drawn};
 use super::view::RodReport;
 use crate::bayes::VarianceShares;
+use crate::findings::motion_said;
+use crate::snapshot::Snapshot;
 use crate::track::{Alarm, Interval};
 
 /// From this many standard deviations on, people are told that model and data disagree.
@@ -141,7 +144,7 @@ pub(super) fn section(html: &mut Markup, rod: &RodReport, id: &str) {
     }
     over_time(html, rod, id);
     last_record(html, rod, id);
-    tables(html, rod);
+    tables(html, rod, id);
 }
 
 /// What a reader must know before believing the figures.
@@ -182,7 +185,7 @@ fn remarks(html: &mut Markup, rod: &RodReport) {
 }
 
 /// A drawing with its caption, if there is one.
-fn figure(html: &mut Markup, drawing: Option<Markup>, caption: &str) {
+pub(super) fn figure(html: &mut Markup, drawing: Option<Markup>, caption: &str) {
     let Some(drawing) = drawing else { return };
     html.element("figure", &[], |figure| {
         // Narrow screens scroll the drawing, not the page; the keyboard can too.
@@ -262,16 +265,7 @@ fn over_time(html: &mut Markup, rod: &RodReport, id: &str) {
 }
 
 fn last_record(html: &mut Markup, rod: &RodReport, id: &str) {
-    let spectrum = distribution::spectrum(rod, &format!("{id}-spec"));
-    if spectrum.is_some() {
-        html.leaf("h3", &[], "Spectrum");
-        figure(
-            html,
-            spectrum,
-            "How strongly the rod vibrates at each frequency. The marked peaks are its natural modes; grey dots are peaks that belong \
-             to something else.",
-        );
-    }
+    latest_spectrum(html, rod, id);
     let Some(latest) = rod.latest.as_ref().or(rod.baseline.as_ref()) else {
         return;
     };
@@ -353,7 +347,92 @@ fn hangs_on(html: &mut Markup, shares: &VarianceShares) {
     );
 }
 
-fn tables(html: &mut Markup, rod: &RodReport) {
+/// The latest spectrum with its resonances, the baseline's first behind it.
+fn latest_spectrum(html: &mut Markup, rod: &RodReport, id: &str) {
+    let Some(latest) = rod.latest.as_ref().or(rod.baseline.as_ref()) else {
+        return;
+    };
+    let earlier = rod
+        .baseline
+        .as_ref()
+        .filter(|baseline| baseline.start != latest.start);
+    let of = format!("rod {}", rod.rod);
+    let drawn = Drawn {
+        record: latest,
+        key: format!("latest record, {}", day(latest.start)),
+        earlier: earlier.map(|first| (first, format!("first of the baseline, {}", day(first.start)))),
+        unit: rod.motion_unit.as_deref(),
+        of: &of,
+    };
+    let Some(spectrum) = drawn.spectrum(&format!("{id}-spec")) else {
+        return;
+    };
+    html.leaf("h3", &[], "Spectrum");
+    figure(
+        html,
+        Some(spectrum),
+        "How strongly the rod vibrates at each frequency. The marked peaks are its natural modes; grey dots are peaks that belong \
+         to something else.",
+    );
+    if let Some(words) = motion_and_labels(latest) {
+        html.leaf("p", &[("class", "about")], words);
+    }
+    record::candidates(html, &latest.candidates);
+}
+
+/// How the rod was found to move, and how sure the orders of its modes are.
+fn motion_and_labels(record: &Snapshot) -> Option<String> {
+    let motion = record.motion.as_ref().map(motion_said)?;
+    let probability = record.label_probability.map_or_else(String::new, |probability| {
+        format!(
+            " The orders of its modes are right with a probability of {}.",
+            super::percent_said(probability)
+        )
+    });
+    Some(format!("The record shows {motion}.{probability}"))
+}
+
+/// The latest refused record: why it was, and what can be seen of it.
+fn latest_refused(html: &mut Markup, rod: &RodReport, id: &str) {
+    let Some(record) = &rod.refused else { return };
+    html.leaf("h3", &[], "The latest refused record");
+    if let Some(reason) = &record.rejection {
+        html.element("p", &[], |p| {
+            p.leaf(
+                "span",
+                &[("class", "nowrap")],
+                format!("{}: ", moment(record.start)),
+            );
+            p.text(format!(
+                "{} ({}).",
+                reason.message.trim_end_matches('.'),
+                reason.code
+            ));
+        });
+    }
+    let of = format!("the latest refused record of rod {}", rod.rod);
+    let drawn = Drawn {
+        record,
+        key: format!("refused record, {}", day(record.start)),
+        earlier: None,
+        unit: rod.motion_unit.as_deref(),
+        of: &of,
+    };
+    record::candidates(html, &record.candidates);
+    figure(
+        html,
+        drawn.spectrum(&format!("{id}-refspec")),
+        "Its spectrum with every peak that was found; none of them was believed to be a mode of the rod.",
+    );
+    let words = record.motion.as_ref().map_or_else(
+        || "Its waveform.".to_owned(),
+        |motion| format!("Its waveform: {}.", motion_said(motion)),
+    );
+    figure(html, drawn.waveform(&format!("{id}-refwave")), &words);
+    record::peaks(html, record);
+}
+
+fn tables(html: &mut Markup, rod: &RodReport, id: &str) {
     html.leaf("h3", &[], "Alarms");
     if rod.alarms.is_empty() {
         html.leaf("p", &[], "None so far.");
@@ -447,6 +526,7 @@ fn tables(html: &mut Markup, rod: &RodReport) {
             &rows,
         );
     }
+    latest_refused(html, rod, id);
 }
 
 fn alarm_row(alarm: &Alarm) -> Vec<Cell> {

@@ -44,6 +44,8 @@ pub struct RodReport {
     pub baseline: Option<Snapshot>,
     /// The latest identified record.
     pub latest: Option<Snapshot>,
+    /// The latest refused record that has samples left.
+    pub refused: Option<Snapshot>,
 }
 
 impl RodReport {
@@ -63,6 +65,7 @@ impl RodReport {
             alarms: Vec::new(),
             baseline: None,
             latest: None,
+            refused: None,
         }
     }
 
@@ -75,6 +78,27 @@ impl RodReport {
     pub fn segment(&self) -> Option<&SegmentReport> {
         self.segments.last()
     }
+}
+
+/// One record without a rod.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SpectrumReport {
+    /// The file it came from.
+    pub file: String,
+    /// Its channel, or its rod.
+    pub channel: String,
+    /// Unit of its samples as written, if known.
+    pub unit: Option<String>,
+    /// The band that was searched for peaks \[Hz\].
+    pub band_hz: Option<(f64, f64)>,
+    /// What the quality checks noticed.
+    pub flags: Vec<String>,
+    /// The force it gives, in words, if a rod is known.
+    pub force: Option<String>,
+    /// Its picture, if it has samples.
+    pub record: Option<Snapshot>,
+    /// Why it was refused, if it was.
+    pub fault: Option<String>,
 }
 
 /// One identified record.

@@ -4,11 +4,12 @@
 //! stretch joins it; a few messages that do not are put aside, and when they go on not fitting they
 //! start a new stretch. A finished stretch is put on an even axis, cut as configured and checked.
 
-use super::onset;
+use super::clock;
+use super::onset::{self, UnderWay};
 use super::quality;
 use super::temperature::Temperature;
-use super::timing::{self, Even, Stretch};
-use super::{Cut, Excitation, Flag, Reading, Record, RecordSettings, Rejection, RodId, Timestamp};
+use super::timing::{self, Even, Stray, Stretch};
+use super::{Cut, Envelope, Excitation, Flag, Reading, Record, RecordSettings, Rejection, RodId, Timestamp};
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 
@@ -25,6 +26,10 @@ pub enum Event {
         start: Option<Timestamp>,
         /// Its length \[s\].
         duration_s: f64,
+        /// Its sample rate \[Hz\], if that could be told.
+        fs_hz: Option<f64>,
+        /// Its samples as the columns of a drawing, if it has any at even times.
+        waveform: Option<Envelope>,
         /// Why it is no record.
         rejection: Rejection,
     },
@@ -55,6 +60,10 @@ const WAITING: usize = 4;
 const FEW: usize = 64;
 /// Jitter worth a flag.
 const NOTABLE_JITTER: f64 = 0.05;
+/// A message stamped further ahead than this many messages may have overtaken others; one less far is stamped late.
+const AHEAD: f64 = 1.75;
+/// Scatter of the stamps from which on messages stay in the order they came in, over the message interval.
+const WOBBLY: f64 = 0.1;
 
 type Message = (i64, Vec<f64>);
 
@@ -74,8 +83,14 @@ pub struct Assembler {
     /// The running stretch and its sample interval \[ns\].
     open: Stretch,
     interval: Option<f64>,
+    /// Scatter of a stamp, from the first messages of the stretch \[ns\].
+    wobble: f64,
     astray: Vec<Message>,
+    /// The last message of the stretch, where it has overtaken others or was stamped late.
+    ahead: Option<Ahead>,
     dropped: usize,
+    /// Messages of the stretch whose stamps were set right already.
+    stray: Stray,
     /// Onsets before this time were seen already \[ns\].
     seen_until: i64,
     onsets: usize,
@@ -92,6 +107,26 @@ pub struct Assembler {
     events: Vec<Event>,
 }
 
+/// What the stamps of a stretch said of its samples, and the cut of their motion.
+#[derive(Clone, Copy)]
+struct Clock {
+    fs_hz: f64,
+    /// Relative standard error of the rate.
+    sd: f64,
+    jitter: f64,
+    stray: Stray,
+    excitation: Option<Excitation>,
+}
+
+/// A message that others were put before, because of their stamps.
+#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
+struct Ahead {
+    /// Its stamp \[ns\].
+    time: i64,
+    /// The stamp of the message it came behind \[ns\].
+    behind: i64,
+}
+
 #[derive(Debug, Serialize, Deserialize)]
 struct Short {
     start: Timestamp,
@@ -103,6 +138,8 @@ struct Short {
 enum Place {
     Next,
     Late(usize),
+    /// Next, and the message before it was stamped late.
+    Corrects,
     Duplicate,
     Astray,
 }
@@ -119,8 +156,11 @@ impl Assembler {
             warm: Vec::new(),
             open: Stretch::default(),
             interval: None,
+            wobble: 0.0,
             astray: Vec::new(),
+            ahead: None,
             dropped: 0,
+            stray: Stray::default(),
             seen_until: i64::MIN,
             onsets: 0,
             searched_s: 0.0,
@@ -189,7 +229,8 @@ impl Assembler {
         }
         self.samples += values.len() as u64;
         let time = time.as_nanos();
-        if self.astray.is_empty() && matches!(self.place(time, values), Some(Place::Next)) {
+        let is_simple = self.astray.is_empty() && self.ahead.is_none();
+        if is_simple && matches!(self.place(time, values), Some(Place::Next)) {
             self.append(time, values);
             return;
         }
@@ -289,9 +330,15 @@ impl Assembler {
             }
             return;
         }
+        self.untangle(time, values.len());
+        self.adopt(time, values.len());
         match self.place(time, &values) {
             Some(Place::Next) => self.append(time, &values),
-            Some(Place::Late(back)) => self.open.insert(back, time, &values),
+            Some(Place::Late(back)) => self.put_before(back, time, &values),
+            Some(Place::Corrects) => {
+                self.set_last_right();
+                self.append(time, &values);
+            }
             Some(Place::Duplicate) => {
                 self.dropped += values.len();
                 return;
@@ -313,10 +360,117 @@ impl Assembler {
         for (time, values) in std::mem::take(&mut self.astray) {
             match self.place(time, &values) {
                 Some(Place::Next) => self.append(time, &values),
-                Some(Place::Late(back)) => self.open.insert(back, time, &values),
+                Some(Place::Late(back)) => self.put_before(back, time, &values),
                 _ => self.dropped += values.len(),
             }
         }
+    }
+
+    /// Puts a late message in its place, and notes if the one it comes before may be stamped late.
+    fn put_before(&mut self, back: usize, time: i64, values: &[f64]) {
+        if let [.., before, last] = self.open.times[..]
+            && back == 1
+            && self.ahead.is_none()
+            && let Some(end) = self.end_of(self.open.times.len() - 2)
+        {
+            // Otherwise it fills the hole, and the last one was ahead by one.
+            if time as f64 - end > 0.5 * self.unit(values.len()) {
+                self.ahead = Some(Ahead {
+                    time: last,
+                    behind: before,
+                });
+            }
+        }
+        self.open.insert(back, time, values);
+    }
+
+    /// A message that came where the last one of the stretch stands by its stamp, and the hole that one left is still there:
+    /// the last one was stamped late and goes back to where it came.
+    fn untangle(&mut self, time: i64, samples: usize) {
+        let (Some(ahead), Some(interval)) = (self.ahead, self.interval) else {
+            return;
+        };
+        let last = self.open.times.len() - 1;
+        let (true, Some(due)) = (
+            self.open.times[last] == ahead.time,
+            last.checked_sub(1).and_then(|at| self.end_of(at)),
+        ) else {
+            self.ahead = None;
+            return;
+        };
+        let unit = self.unit(samples);
+        let fits_before = time as f64 + unit <= ahead.time as f64 + 0.25 * unit;
+        if fits_before {
+            return;
+        }
+        self.ahead = None;
+        let is_in_its_way = (time as f64 - due).abs() < 0.5 * unit;
+        let known = &self.open.times[..last];
+        let origin = known
+            .iter()
+            .rposition(|&time| time <= ahead.behind)
+            .filter(|&at| known[at] == ahead.behind);
+        let (true, Some(origin)) = (is_in_its_way, origin) else {
+            return;
+        };
+        let (size, end) = (self.open.sizes[last], self.end_of(origin));
+        let length = interval * f64::from(size);
+        if let (Some(end), Some(&next)) = (end, known.get(origin + 1))
+            && next as f64 - end > 0.5 * length
+        {
+            let values = self.open.pop();
+            self.stray.count(ahead.time as f64 - end);
+            self.open.insert(last - origin - 1, end.round() as i64, &values);
+        }
+    }
+
+    /// Messages put aside, if this one comes where it would if they were in their place: they had wrong stamps.
+    fn adopt(&mut self, time: i64, samples: usize) {
+        let (false, Some(interval)) = (self.astray.is_empty(), self.interval) else {
+            return;
+        };
+        let Some(end) = self
+            .open
+            .times
+            .len()
+            .checked_sub(1)
+            .and_then(|last| self.end_of(last))
+        else {
+            return;
+        };
+        let aside: usize = self.astray.iter().map(|(_, values)| values.len()).sum();
+        let due = end + interval * aside as f64;
+        if (time as f64 - due).abs() > 0.25 * self.unit(samples) + 3.0 * self.wobble {
+            return;
+        }
+        let mut right = end;
+        for (stamp, values) in std::mem::take(&mut self.astray) {
+            self.stray.count(stamp as f64 - right);
+            self.append(right.round() as i64, &values);
+            right += self.unit(values.len());
+        }
+    }
+
+    /// Puts the last message's stamp where the one before it ends.
+    fn set_last_right(&mut self) {
+        let last = self.open.times.len().checked_sub(1);
+        if let Some(last) = last
+            && let Some(end) = last.checked_sub(1).and_then(|at| self.end_of(at))
+        {
+            self.stray.count(self.open.times[last] as f64 - end);
+            self.open.times[last] = end.round() as i64;
+        }
+    }
+
+    /// Where message `at` of the stretch ends \[ns\].
+    fn end_of(&self, at: usize) -> Option<f64> {
+        let (&time, &size) = (self.open.times.get(at)?, self.open.sizes.get(at)?);
+        Some(time as f64 + self.unit(size as usize))
+    }
+
+    /// Length of so many samples \[ns\].
+    fn unit(&self, samples: usize) -> f64 {
+        self.interval.unwrap_or(0.0) * samples as f64
     }
 
     /// Enough messages to know the sample interval: hands them over as a new stretch.
@@ -332,6 +486,18 @@ impl Assembler {
         // Stamps that do not advance leave one nanosecond; the stretch is refused when it is closed.
         let interval = timing::interval(&times, &sizes).or(declared).unwrap_or(1.0);
         self.interval = Some(interval);
+        let mut off: Vec<f64> = warm
+            .windows(2)
+            .map(|pair| {
+                let length = interval * pair[0].1.len() as f64;
+                (pair[1].0.saturating_sub(pair[0].0) as f64 - length).abs()
+            })
+            .collect();
+        self.wobble = if off.len() < WARM / 2 {
+            0.0
+        } else {
+            clock::GAUSSIAN * clock::median(&mut off) / std::f64::consts::SQRT_2
+        };
         for message in warm.into_iter().rev() {
             queue.push_front(message);
         }
@@ -355,13 +521,15 @@ impl Assembler {
         Some(self.place_late(time, values, interval))
     }
 
-    /// A message from the past: late if there is a hole for it, known if it is there already.
+    /// A message from the past: late if there is a hole for it, known if it is there already, next if the stamps jump about or the
+    /// last one was late.
     fn place_late(&self, time: i64, values: &[f64], interval: f64) -> Place {
         let open = &self.open;
         let count = open.times.len();
         let oldest = count.saturating_sub(LATE);
-        let at = oldest + open.times[oldest..].partition_point(|&known| known < time);
-        if open.times.get(at) == Some(&time) {
+        let same = open.times[oldest..].iter().rposition(|&known| known == time);
+        let at = oldest + same.unwrap_or_else(|| open.times[oldest..].partition_point(|&known| known < time));
+        if same.is_some() {
             let younger: usize = open.sizes[at..].iter().map(|&size| size as usize).sum();
             let first = open.values.len() - younger;
             let known = open.values.get(first..first + open.sizes[at] as usize);
@@ -369,12 +537,32 @@ impl Assembler {
                 known.len() == values.len()
                     && known.iter().zip(values).all(|(a, b)| a.to_bits() == b.to_bits())
             });
-            return if same { Place::Duplicate } else { Place::Astray };
+            // What waited for the line is stamped at once.
+            let waited = at + 1 == count && open.sizes[at] == 1 && values.len() == 1;
+            return match (same, waited) {
+                (true, _) => Place::Duplicate,
+                (false, true) => Place::Next,
+                (false, false) => Place::Astray,
+            };
+        }
+        let unit = interval * values.len() as f64;
+        let last = (count - 1, open.times[count - 1] as f64);
+        let last_length = interval * f64::from(open.sizes[last.0]);
+        // By as much as two stamps may differ.
+        let early = last.1 + last_length - time as f64;
+        if self.wobble > WOBBLY * last_length && early < 0.5 * last_length + 8.0 * self.wobble {
+            return Place::Next;
+        }
+        if let Some(end) = last.0.checked_sub(1).and_then(|before| self.end_of(before)) {
+            let due = end + last_length;
+            let is_due = (time as f64 - due).abs() < 0.25 * unit + 3.0 * self.wobble;
+            if is_due && last.1 > end && last.1 - end < AHEAD * last_length {
+                return Place::Corrects;
+            }
         }
         if at == oldest || at == count {
             return Place::Astray;
         }
-        let unit = interval * values.len() as f64;
         let end_before = open.times[at - 1] as f64 + interval * f64::from(open.sizes[at - 1]);
         let fits = time as f64 >= end_before - 0.25 * unit
             && time as f64 + unit <= open.times[at] as f64 + 0.25 * unit;
@@ -449,9 +637,11 @@ impl Assembler {
         };
         match self.settings.cut {
             Cut::FreeDecay { ratio, length_s } => self.decays(&even, ratio, length_s, cut_short, until),
-            Cut::Auto | Cut::File | Cut::Window { .. } => self.pieces(even, cut_short),
+            Cut::Auto => self.pieces(even, None, cut_short),
+            Cut::File | Cut::Window { .. } => self.pieces(even, Some(Excitation::Ambient), cut_short),
         }
         self.dropped = 0;
+        self.stray = Stray::default();
     }
 
     /// One piece an onset.
@@ -459,12 +649,27 @@ impl Assembler {
         let total = even.samples.len();
         let mut filled = even.samples.clone();
         quality::fill(&mut filled);
-        let mut onsets = onset::onsets(&filled, even.fs_hz, ratio);
-        onsets.push(total);
+        let mut onsets: Vec<(usize, bool)> = onset::onsets(&filled, even.fs_hz, ratio)
+            .into_iter()
+            .map(|onset| (onset, true))
+            .collect();
+        // A decay that was under way when the stretch began; where the search goes on, the stretch began earlier.
+        if self.seen_until == i64::MIN {
+            let end = onsets.first().map_or(total, |&(onset, _)| onset);
+            let end = end.min((length_s * even.fs_hz).round() as usize);
+            match onset::under_way(&filled[..end], even.fs_hz, ratio) {
+                UnderWay::Decays => onsets.insert(0, (0, true)),
+                UnderWay::Perhaps => onsets.insert(0, (0, false)),
+                UnderWay::No => {}
+            }
+        }
+        onsets.push((total, false));
         self.searched_s += total as f64 / even.fs_hz;
         self.searched_from.get_or_insert(even.start);
         for pair in onsets.windows(2) {
-            let [onset, next] = *pair else { continue };
+            let [(onset, is_sure), (next, _)] = *pair else {
+                continue;
+            };
             let start = even.start.plus_seconds(onset as f64 / even.fs_hz);
             let waits = until.is_some_and(|until| start.as_nanos() >= until);
             if start.as_nanos() < self.seen_until || waits {
@@ -477,18 +682,28 @@ impl Assembler {
                 samples: even.samples[onset..end].to_vec(),
                 ..*even
             };
-            self.pieces(decay, cut_short && end == total);
+            let excitation = is_sure.then_some(Excitation::FreeDecay);
+            self.pieces(decay, excitation, cut_short && end == total);
         }
     }
 
     /// Splits at long holes and checks what is left.
-    fn pieces(&mut self, even: Even, cut_short: bool) {
+    fn pieces(&mut self, even: Even, excitation: Option<Excitation>, cut_short: bool) {
         let Even {
             start,
             fs_hz,
             samples,
+            clock_sd,
             jitter,
+            stray,
         } = even;
+        let clock = Clock {
+            fs_hz,
+            sd: clock_sd,
+            jitter,
+            stray: stray.and(self.stray),
+            excitation,
+        };
         let total = samples.len();
         let hole = (self.settings.max_gap_s * fs_hz).floor().max(0.0) as usize;
         let least = self.settings.min_duration_s * fs_hz;
@@ -507,24 +722,37 @@ impl Assembler {
             && span.len() == total
         {
             // The common case: nothing to cut off, nothing to copy.
-            return self.piece(start, fs_hz, samples, jitter, cut_short);
+            return self.piece(start, clock, samples, cut_short);
         }
         for span in spans.drain(..) {
             let start = start.plus_seconds(span.start as f64 / fs_hz);
             let last = span.end == total;
-            self.piece(start, fs_hz, samples[span].to_vec(), jitter, cut_short && last);
+            self.piece(start, clock, samples[span].to_vec(), cut_short && last);
         }
     }
 
-    fn piece(&mut self, start: Timestamp, fs_hz: f64, samples: Vec<f64>, jitter: f64, cut_short: bool) {
+    fn piece(&mut self, start: Timestamp, clock: Clock, samples: Vec<f64>, cut_short: bool) {
+        let fs_hz = clock.fs_hz;
         let duration_s = samples.len() as f64 / fs_hz;
         // A hair less than asked for is a matter of rounding.
         if duration_s < self.settings.min_duration_s * (1.0 - 1e-9) {
             return self.too_short(start, duration_s);
         }
+        // The checks repair what they can: what they refuse is shown as it came.
+        let waveform = Envelope::of(&samples, fs_hz);
         let checked = match quality::check(samples, fs_hz, &self.settings) {
             Ok(checked) => checked,
-            Err(rejection) => return self.reject(Some(start), duration_s, rejection),
+            Err(rejection) => {
+                self.tell_short();
+                return self.events.push(Event::Rejected {
+                    rod: self.rod.clone(),
+                    start: Some(start),
+                    duration_s,
+                    fs_hz: Some(fs_hz),
+                    waveform: Some(waveform),
+                    rejection,
+                });
+            }
         };
         let mut flags = checked.flags;
         if self.dropped > 0 {
@@ -532,8 +760,14 @@ impl Assembler {
                 samples: self.dropped,
             });
         }
-        if jitter > NOTABLE_JITTER {
-            flags.push(Flag::Jitter { jitter });
+        if clock.jitter > NOTABLE_JITTER {
+            flags.push(Flag::Jitter { jitter: clock.jitter });
+        }
+        if clock.stray.messages > 0 {
+            flags.push(Flag::LateStamps {
+                messages: clock.stray.messages,
+                worst_s: clock.stray.worst_s,
+            });
         }
         if self.unverified {
             flags.push(Flag::Unverified);
@@ -549,12 +783,8 @@ impl Assembler {
             samples: checked.samples,
             temperature_c: None,
             readings: Vec::new(),
-            excitation: match self.settings.cut {
-                Cut::Auto => None,
-                Cut::FreeDecay { .. } => Some(Excitation::FreeDecay),
-                Cut::File | Cut::Window { .. } => Some(Excitation::Ambient),
-            },
-            clock_sd: 0.0,
+            excitation: clock.excitation,
+            clock_sd: clock.sd,
             flags,
         });
         self.release(false);
@@ -592,6 +822,8 @@ impl Assembler {
             rod: self.rod.clone(),
             start,
             duration_s,
+            fs_hz: None,
+            waveform: None,
             rejection,
         });
     }
@@ -613,6 +845,8 @@ impl Assembler {
                 rod: self.rod.clone(),
                 start: Some(short.start),
                 duration_s: short.total_s,
+                fs_hz: None,
+                waveform: None,
                 rejection: timing::too_short(short.longest_s, &self.settings),
             });
         }

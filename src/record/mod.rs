@@ -2,12 +2,15 @@
 
 pub mod assembler;
 pub mod channel;
+mod clock;
 mod envelope;
+mod holes;
 mod onset;
 pub mod quality;
 pub mod rejection;
 mod saved;
 pub mod settings;
+mod steps;
 mod temperature;
 pub mod time;
 mod timing;

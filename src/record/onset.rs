@@ -74,13 +74,75 @@ pub(super) fn onsets(samples: &[f64], fs_hz: f64, ratio: f64) -> Vec<usize> {
     found
 }
 
+/// Motion at the first sample.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum UnderWay {
+    /// A free decay: far above what is left of it later.
+    Decays,
+    /// It falls all the way, as a slow decay does, and an ambient response now and then.
+    Perhaps,
+    /// It does not fall.
+    No,
+}
+
+/// Tells a decay that began before the first sample: a recorder that is triggered by the blow, or starts late.
+///
+/// A decay is sure where the first half second exceeds the quietest `LONG_S` (or third) that follows by `ratio` and no later part is
+/// louder. One too slow for that falls from each quarter to the next, by a fifth in all at least.
+pub(super) fn under_way(samples: &[f64], fs_hz: f64, ratio: f64) -> UnderWay {
+    let count = |seconds: f64| ((seconds * fs_hz).round() as usize).max(1);
+    let half = count(HALF_S);
+    let total = samples.len();
+    let first = count(PERSIST_S).min(total / 8);
+    if first < 4 * half {
+        return UnderWay::No;
+    }
+    let slope = derivative(samples, half);
+    let inner = half..total - half;
+    let level = |range: std::ops::Range<usize>| {
+        let sum: f64 = slope[range.clone()].iter().map(|v| v * v).sum();
+        (sum / range.len().max(1) as f64).sqrt()
+    };
+    let start = level(half..half + first);
+    let quiet = count(LONG_S).min(total / 3);
+    let quietest = inner
+        .clone()
+        .step_by(quiet)
+        .map(|at| level(at.min(total - half - quiet)..at.min(total - half - quiet) + quiet))
+        .fold(f64::INFINITY, f64::min);
+    let loudest = inner
+        .step_by(first)
+        .map(|at| level(at.min(total - half - first)..at.min(total - half - first) + first))
+        .fold(0.0, f64::max);
+    // Beats between modes raise a later level by a few percent.
+    if start > ratio * quietest && start > 0.8 * loudest {
+        return UnderWay::Decays;
+    }
+    let quarter = (total - 2 * half) / 4;
+    let quarters: Vec<f64> = (0..4)
+        .map(|i| level(half + i * quarter..half + (i + 1) * quarter))
+        .collect();
+    let falls = quarters.windows(2).all(|pair| pair[1] < pair[0]);
+    if falls && quarters[3] < 0.8 * quarters[0] {
+        UnderWay::Perhaps
+    } else {
+        UnderWay::No
+    }
+}
+
 /// Mean of the next `half` samples less the mean of the last; zero at the ends.
 fn derivative(samples: &[f64], half: usize) -> Vec<f64> {
     let mut slope = vec![0.0; samples.len()];
+    let mean = samples.iter().sum::<f64>() / samples.len().max(1) as f64;
+    let mut sums = Vec::with_capacity(samples.len() + 1);
+    let mut sum = 0.0;
+    sums.push(sum);
+    for x in samples {
+        sum += x - mean;
+        sums.push(sum);
+    }
     for i in half..samples.len().saturating_sub(half) {
-        let ahead: f64 = samples[i..i + half].iter().sum();
-        let behind: f64 = samples[i - half..i].iter().sum();
-        slope[i] = (ahead - behind) / half as f64;
+        slope[i] = (sums[i + half] - 2.0 * sums[i] + sums[i - half]) / half as f64;
     }
     slope
 }

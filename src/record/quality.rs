@@ -4,7 +4,8 @@
 //! is judged. Every threshold is relative to the signal itself or to its smallest step, so that coarse
 //! sensors, quiet tails of free decays and any unit are treated alike.
 
-use super::timing::median;
+use super::clock::median;
+use super::steps::{level_change, step};
 use super::{Flag, RecordSettings, Rejection};
 use std::ops::Range;
 
@@ -23,10 +24,14 @@ const HELD_STEPS: f64 = 3.0;
 const NATURAL: f64 = 0.05;
 /// Spikes stand out by this many robust standard deviations of the local roughness.
 const SPIKE: f64 = 12.0;
-/// A step is this many times the vibration around it.
-const STEP: f64 = 6.0;
-/// A change of level that no vibration makes.
-const LEVEL: f64 = 30.0;
+/// A value counts as held only if the signal came to it by more than this many smallest steps: at rest it comes by one.
+const CAME_STEPS: f64 = 1.5;
+/// Visits that make a rail; one or two are a pull held still, or a sensor overloaded once.
+const VISITS: usize = 3;
+/// A stay at an extreme longer than this is no vibration's \[s\].
+const STAY_S: f64 = 0.25;
+/// A blow leaves the rod moving this many times as much as before.
+const BLOW: f64 = 3.0;
 
 /// Runs without a hole of more than `hole` samples, ends trimmed to finite samples.
 pub(super) fn spans(samples: &[f64], hole: usize) -> Vec<Range<usize>> {
@@ -105,7 +110,12 @@ pub fn check(mut samples: Vec<f64>, fs_hz: f64, settings: &RecordSettings) -> Re
             value: samples.first().copied().unwrap_or(0.0),
         });
     };
-    let held = held(&samples, &range) as f64 / total;
+    let mut repeats = held(&samples, &range, range.step);
+    if repeats as f64 > NATURAL * total {
+        // The smallest step of a signal whose last digits vary (a text of four digits) is not its resolution.
+        repeats = repeats.min(held(&samples, &range, common_step(&samples)));
+    }
+    let held = repeats as f64 / total;
     if held > settings.max_held {
         return Err(Rejection::Held {
             share: held,
@@ -115,8 +125,9 @@ pub fn check(mut samples: Vec<f64>, fs_hz: f64, settings: &RecordSettings) -> Re
     if held > NATURAL {
         flags.push(Flag::Held { share: held });
     }
-    let clipped = clipped(&samples, &range) as f64 / total;
-    if clipped > settings.max_clipped {
+    let rails = clipped(&samples, &range, fs_hz);
+    let clipped = rails.samples as f64 / total;
+    if rails.is_sure && clipped > settings.max_clipped {
         return Err(Rejection::Clipped {
             share: clipped,
             allowed: settings.max_clipped,
@@ -179,58 +190,93 @@ impl Extent {
     }
 }
 
-/// Samples that repeat the one before although the signal moves on by more than its resolution; those at
-/// the extremes are the rails' matter.
-fn held(samples: &[f64], range: &Extent) -> usize {
+/// The least of the changes between neighbours but for one in a hundred.
+fn common_step(samples: &[f64]) -> f64 {
+    let mut changes: Vec<f64> = samples
+        .windows(2)
+        .map(|pair| (pair[1] - pair[0]).abs())
+        .filter(|change| *change > 0.0)
+        .collect();
+    if changes.is_empty() {
+        return 0.0;
+    }
+    let at = changes.len() / 100;
+    *changes.select_nth_unstable_by(at, f64::total_cmp).1
+}
+
+/// Samples that repeat the one before although the signal comes and moves on by more than its resolution; those at
+/// the extremes are the rails' matter, and what repeats from the start on may be at rest.
+fn held(samples: &[f64], range: &Extent, step: f64) -> usize {
     let mut held = 0;
     let mut run = 0;
+    let mut came = 0.0;
     for pair in samples.windows(2) {
         if pair[1] == pair[0] {
             run += 1;
         } else {
+            let change = (pair[1] - pair[0]).abs();
             // A little slack for steps that are sums of rounded numbers.
-            let moves = (pair[1] - pair[0]).abs() > (HELD_STEPS + 0.01) * range.step;
+            let moves = change > (HELD_STEPS + 0.01) * step && came > CAME_STEPS * step;
             if run > 0 && moves && pair[0] > range.low && pair[0] < range.high {
                 held += run;
             }
             run = 0;
+            came = change;
         }
     }
     held
+}
+
+/// Samples at the rails.
+struct Rails {
+    samples: usize,
+    /// Whether the signal came to them often enough to refuse it.
+    is_sure: bool,
 }
 
 /// Samples at a rail: at an extreme that holds far more than the band just inside it.
 ///
 /// Just inside its peak a sine spends no more than half the time it spends in the next eight steps, and
 /// a random signal less; a rail piles up what would have gone beyond it. Signals of fewer than some ten
-/// steps cannot be told apart.
-fn clipped(samples: &[f64], range: &Extent) -> usize {
+/// steps cannot be told apart. Nor can a rod that is held still by a rope: it stays once, and long.
+fn clipped(samples: &[f64], range: &Extent, fs_hz: f64) -> Rails {
     let reach = 0.5 * (range.high - range.low);
     let band = (0.05 * reach).max(8.0 * range.step);
     let hair = 1e-9 * reach;
-    let (mut at_high, mut near_high, mut at_low, mut near_low) = (0usize, 0usize, 0usize, 0usize);
-    for &sample in samples {
-        let (down, up) = (range.high - sample, sample - range.low);
-        if down <= hair {
-            at_high += 1;
-        } else if down <= band {
-            near_high += 1;
+    let rail = |down: &dyn Fn(f64) -> f64| {
+        let (mut at, mut near, mut visits) = (0usize, 0usize, 0usize);
+        let mut is_there = false;
+        for &sample in samples {
+            let down = down(sample);
+            if down <= hair {
+                at += 1;
+                visits += usize::from(!is_there);
+                is_there = true;
+            } else if down <= band {
+                near += 1;
+            } else {
+                is_there = false;
+            }
         }
-        if up <= hair {
-            at_low += 1;
-        } else if up <= band {
-            near_low += 1;
+        // Few samples prove nothing either way.
+        if at as f64 <= 1.5 * near as f64 + 4.0 {
+            return Rails {
+                samples: 0,
+                is_sure: false,
+            };
         }
-    }
-    // Few samples prove nothing either way.
-    let rail = |at: usize, near: usize| {
-        if at as f64 > 1.5 * near as f64 + 4.0 {
-            at
-        } else {
-            0
+        let is_sure = visits >= VISITS;
+        let is_still = at as f64 > STAY_S * fs_hz * visits as f64;
+        Rails {
+            samples: if is_sure || !is_still { at } else { 0 },
+            is_sure,
         }
     };
-    rail(at_high, near_high) + rail(at_low, near_low)
+    let (high, low) = (rail(&|x| range.high - x), rail(&|x| x - range.low));
+    Rails {
+        samples: high.samples + low.samples,
+        is_sure: high.is_sure || low.is_sure,
+    }
 }
 
 struct Spikes {
@@ -287,6 +333,9 @@ fn despike(samples: &mut [f64], fs_hz: f64, step: f64) -> Spikes {
         }
     }
     for run in runs.into_iter().filter(|run| run.len() <= 3) {
+        if is_blow(samples, fs_hz, &run) {
+            continue;
+        }
         let original = samples[run.clone()].to_vec();
         samples[run.clone()].fill(f64::NAN);
         let around = run.start.saturating_sub(1)..(run.end + 1).min(total);
@@ -300,6 +349,24 @@ fn despike(samples: &mut [f64], fs_hz: f64, step: f64) -> Spikes {
             .sum::<f64>();
     }
     spikes
+}
+
+/// Whether the rod goes on moving behind an outlier, much more than before it: a hammer's blow, not an electric spike.
+fn is_blow(samples: &[f64], fs_hz: f64, run: &Range<usize>) -> bool {
+    let window = ((0.1 * fs_hz).round() as usize).max(32);
+    // Medians, so that other spikes do not count.
+    let level = |range: Range<usize>| {
+        let mut near = samples[range].to_vec();
+        let middle = median(&mut near);
+        for x in &mut near {
+            *x = (*x - middle).abs();
+        }
+        median(&mut near)
+    };
+    let margin = 4;
+    let after = (run.end + margin).min(samples.len())..(run.end + margin + window).min(samples.len());
+    let before = run.start.saturating_sub(window + margin)..run.start.saturating_sub(margin);
+    before.len() >= 16 && after.len() >= 16 && level(after) > BLOW * level(before)
 }
 
 /// Whether a sample is far from the middle of its nine neighbours, and most of those are not.
@@ -326,131 +393,4 @@ fn variance(samples: &[f64]) -> f64 {
     let count = samples.len().max(1) as f64;
     let mean = samples.iter().sum::<f64>() / count;
     samples.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / count
-}
-
-/// Sums of a signal and its square, in blocks.
-struct Blocks {
-    /// Running sums at the block boundaries.
-    sums: Vec<(f64, f64)>,
-    size: usize,
-}
-
-impl Blocks {
-    fn of(samples: &[f64], size: usize, mean: f64) -> Self {
-        let mut sums = Vec::with_capacity(samples.len() / size + 1);
-        let (mut first, mut second) = (0.0, 0.0);
-        sums.push((first, second));
-        for block in samples.chunks_exact(size) {
-            let (mut a, mut b) = (0.0, 0.0);
-            for x in block {
-                let x = x - mean;
-                a += x;
-                b += x * x;
-            }
-            first += a;
-            second += b;
-            sums.push((first, second));
-        }
-        Self { sums, size }
-    }
-
-    /// Number of whole blocks.
-    fn len(&self) -> usize {
-        self.sums.len() - 1
-    }
-
-    /// Mean (less the signal's) and variance over a range of blocks.
-    fn stats(&self, range: Range<usize>) -> (f64, f64) {
-        let count = (range.len() * self.size) as f64;
-        let (from, to) = (self.sums[range.start], self.sums[range.end]);
-        let mean = (to.0 - from.0) / count;
-        (mean, ((to.1 - from.1) / count - mean * mean).max(0.0))
-    }
-}
-
-fn mean(samples: &[f64]) -> f64 {
-    samples.iter().sum::<f64>() / samples.len().max(1) as f64
-}
-
-/// The largest abrupt change of the mean, if it is larger than the vibration around it: height and place.
-///
-/// Means over a second on either side are compared with the scatter about them; a straight ramp reaches
-/// 3.5 of these, a slow oscillation 4.2, so that drift and sway are no steps.
-fn step(samples: &[f64], fs_hz: f64, resolution: f64) -> Option<(f64, usize)> {
-    // Blocks to a window. A step inside a block adds less than 0.03 of its square to the scatter, so that
-    // none larger than asked for falls below the coarse limit; what passes that is looked at closely.
-    const WINDOW: usize = 16;
-    const COARSE: f64 = 15.0;
-    let size = ((fs_hz / WINDOW as f64).round() as usize).max(1);
-    let window = WINDOW * size;
-    let middle = mean(samples);
-    let blocks = Blocks::of(samples, size, middle);
-    if blocks.len() < 3 * WINDOW {
-        return None;
-    }
-    let whole = (0..blocks.len() / WINDOW).map(|i| blocks.stats(i * WINDOW..(i + 1) * WINDOW).1);
-    let inside = whole.sum::<f64>() / (blocks.len() / WINDOW) as f64;
-    let floor = resolution.powi(2).max(0.04 * inside);
-    let score = |sums: &Blocks, at: usize, window: usize| {
-        let (before, scatter_before) = sums.stats(at - window..at);
-        let (after, scatter_after) = sums.stats(at..at + window);
-        let height = after - before;
-        let scatter = (0.5 * (scatter_before + scatter_after)).max(floor);
-        (height * height / scatter, height)
-    };
-    let mut worst: Option<(f64, f64, usize)> = None;
-    for at in WINDOW..=blocks.len() - WINDOW {
-        if score(&blocks, at, WINDOW).0 < COARSE {
-            continue;
-        }
-        let from = (at * size).saturating_sub(window + size);
-        let to = (at * size + window + size).min(samples.len());
-        let near = Blocks::of(&samples[from..to], 1, middle);
-        for close in window..=near.len() - window {
-            let (score, height) = score(&near, close, window);
-            if score > STEP * STEP && worst.is_none_or(|(most, ..)| score > most) {
-                worst = Some((score, height, from + close));
-            }
-        }
-    }
-    worst.map(|(_, height, at)| (height, at))
-}
-
-/// A jump of the vibration level that stays: ratio and place.
-///
-/// A free decay rises at once and falls slowly; a level that falls at once, or rises at once and then does
-/// not fall, is no vibration.
-fn level_change(samples: &[f64], fs_hz: f64, resolution: f64) -> Option<(f64, usize)> {
-    let window = (fs_hz.round() as usize).max(16);
-    let sums = Blocks::of(samples, window, mean(samples));
-    let blocks = sums.len();
-    if blocks < 8 {
-        return None;
-    }
-    let level: Vec<f64> = (0..blocks)
-        .map(|i| sums.stats(i..i + 1).1.sqrt().max(resolution))
-        .collect();
-    let running = |levels: &mut dyn Iterator<Item = &f64>| -> Vec<(f64, f64)> {
-        levels
-            .scan((f64::INFINITY, 0.0f64), |(least, most), &level| {
-                (*least, *most) = (least.min(level), most.max(level));
-                Some((*least, *most))
-            })
-            .collect()
-    };
-    let before = running(&mut level.iter());
-    let after = running(&mut level.iter().rev());
-    // The block with the change in it belongs to neither side.
-    for i in 2..blocks - 4 {
-        let ((least_before, most_before), (least_after, most_after)) = (before[i - 1], after[blocks - i - 2]);
-        let up = least_after / most_before;
-        let down = least_before / most_after;
-        let third = (blocks - i - 1).div_ceil(3);
-        let stays = || mean(&level[blocks - third..]) >= 0.95 * mean(&level[i + 1..i + 1 + third]);
-        let ratio = if up > LEVEL && stays() { up } else { down };
-        if ratio > LEVEL {
-            return Some((ratio, i * window));
-        }
-    }
-    None
 }

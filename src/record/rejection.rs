@@ -3,12 +3,17 @@
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
+/// The highest mode that a sample rate serves, as a share of it.
+pub const UNDERSAMPLED: f64 = 0.45;
+
 /// Why a record gives no frequencies or no force. Stored, counted and shown; never an error.
 #[derive(Debug, Clone, PartialEq, Error, Serialize)]
 #[serde(rename_all = "kebab-case", tag = "reason")]
 pub enum Rejection {
     /// Too short to resolve the modes.
-    #[error("{duration_s:.2} s long, at least {needed_s:.2} s needed")]
+    #[error(
+        "{duration_s:.2} s long, at least {needed_s:.2} s needed: record longer, or lower min_duration_s"
+    )]
     TooShort {
         /// Length \[s\].
         duration_s: f64,
@@ -16,7 +21,7 @@ pub enum Rejection {
         needed_s: f64,
     },
     /// Too many samples missing or not finite.
-    #[error("{:.1} % of the samples are missing or not finite, at most {:.1} % allowed", share * 100.0, allowed * 100.0)]
+    #[error("{}", missing(*share, *allowed))]
     Missing {
         /// Share of the samples.
         share: f64,
@@ -24,13 +29,15 @@ pub enum Rejection {
         allowed: f64,
     },
     /// The signal does not move.
-    #[error("constant signal: every sample is {value:e}")]
+    #[error(
+        "constant signal: every sample is {value:e}; check that the sensor measures, and that `field` names what moves"
+    )]
     Constant {
         /// The value, SI.
         value: f64,
     },
     /// The sensor repeated its last value too often.
-    #[error("{:.1} % of the samples repeat the one before, at most {:.1} % allowed", share * 100.0, allowed * 100.0)]
+    #[error("{:.1} % of the samples repeat the one before while the signal moves, at most {:.1} % allowed: log at the rate at which the sensor measures, or raise max_held", share * 100.0, allowed * 100.0)]
     Held {
         /// Share of the samples.
         share: f64,
@@ -38,7 +45,7 @@ pub enum Rejection {
         allowed: f64,
     },
     /// The sensor was at its rails.
-    #[error("{:.2} % of the samples are clipped, at most {:.2} % allowed", share * 100.0, allowed * 100.0)]
+    #[error("{:.2} % of the samples are clipped, at most {:.2} % allowed: widen the sensor's range, excite the rod less, or raise max_clipped", share * 100.0, allowed * 100.0)]
     Clipped {
         /// Share of the samples.
         share: f64,
@@ -46,29 +53,35 @@ pub enum Rejection {
         allowed: f64,
     },
     /// Isolated spikes carry too much of the signal.
-    #[error("{count} spikes carry most of the signal's energy")]
+    #[error(
+        "{count} spikes that no motion follows carry most of the signal's energy: check the sensor's cable and target"
+    )]
     Spikes {
         /// How many.
         count: usize,
     },
     /// A step in the signal, larger than the vibration.
-    #[error("a step of {height:e} at {time_s:.2} s, larger than the vibration around it")]
+    #[error(
+        "a step of {height:e} at {time_s:.2} s, larger than the vibration around it, and no release of the rod: the sensor or its target moved, so split the recording there"
+    )]
     Step {
         /// Height, SI.
         height: f64,
         /// Where, from the record's start \[s\].
         time_s: f64,
     },
-    /// The stamps are not evenly spaced.
-    #[error("irregular sampling: stamps scatter by {:.0} % of the sample interval, at most {:.0} % allowed", jitter * 100.0, allowed * 100.0)]
+    /// The stamps are not evenly spaced, or do not advance.
+    #[error("{}", irregular(*jitter, *allowed))]
     Irregular {
-        /// Scatter over interval.
+        /// Scatter over the interval of messages; infinite if the stamps do not advance.
         jitter: f64,
         /// Largest allowed.
         allowed: f64,
     },
     /// The declared rate is not the measured one.
-    #[error("declared {declared_hz} Hz, the stamps say {measured_hz:.4} Hz")]
+    #[error(
+        "declared {declared_hz} Hz, the stamps say {measured_hz:.4} Hz: correct fs_hz, or let `time` name better stamps"
+    )]
     Rate {
         /// Declared sample rate \[Hz\].
         declared_hz: f64,
@@ -76,7 +89,11 @@ pub enum Rejection {
         measured_hz: f64,
     },
     /// The sample rate is too low for the band of the modes.
-    #[error("sampled at {fs_hz:.2} Hz, the lowest mode is expected up to {needed_hz:.2} Hz")]
+    #[error(
+        "sampled at {fs_hz:.2} Hz, the lowest mode is expected up to {needed_hz:.2} Hz: sample at {:.0} Hz or more, or narrow \
+         the prior of axial_force_n from above",
+        needed_hz / UNDERSAMPLED + 0.5
+    )]
     Undersampled {
         /// Sample rate \[Hz\].
         fs_hz: f64,
@@ -84,13 +101,17 @@ pub enum Rejection {
         needed_hz: f64,
     },
     /// No free decay begins in the whole stretch.
-    #[error("no onset of a free decay in {duration_s:.1} s")]
+    #[error(
+        "no onset of a free decay in {duration_s:.1} s, and none under way at its start: lower onset_ratio, or let cut = \"auto\" recognise the motion"
+    )]
     NoOnset {
         /// Length searched \[s\].
         duration_s: f64,
     },
     /// The vibration level jumps and stays: a changed unit, range or sensor.
-    #[error("the level changes {ratio:.0}-fold at {time_s:.2} s and stays (unit, range or sensor changed?)")]
+    #[error(
+        "the level and the noise with it change {ratio:.0}-fold at {time_s:.2} s and stay: unit, range or sensor changed, so split the recording there"
+    )]
     Level {
         /// Larger over smaller level.
         ratio: f64,
@@ -98,13 +119,18 @@ pub enum Rejection {
         time_s: f64,
     },
     /// Part of the record was damaged in the file.
-    #[error("damaged in the file: {detail}")]
+    #[error(
+        "damaged in the file, not read from there on: {detail}; copy it again from where it was recorded"
+    )]
     Damaged {
         /// What the reader said.
         detail: String,
     },
     /// No peak stands above the noise.
-    #[error("no spectral peak stands above the noise between {low_hz:.2} and {high_hz:.2} Hz")]
+    #[error(
+        "no spectral peak stands above the noise between {low_hz:.2} and {high_hz:.2} Hz, where the prior expects the modes: look \
+         for peaks elsewhere with `tirante spectrum`, record longer or nearer mid-span, or pull the rod and let it go"
+    )]
     NoPeak {
         /// Lower end of the searched band \[Hz\].
         low_hz: f64,
@@ -112,7 +138,7 @@ pub enum Rejection {
         high_hz: f64,
     },
     /// Peaks there are, but no assignment to mode orders is credible.
-    #[error("{peaks} peaks, but no credible assignment to mode orders ({detail})")]
+    #[error("cannot number the modes of {peaks} peak{}: {detail}", if *peaks == 1 { "" } else { "s" })]
     NoLabel {
         /// How many peaks.
         peaks: usize,
@@ -135,7 +161,10 @@ pub enum Rejection {
         distance: f64,
     },
     /// Approximate Bayesian computation accepted too few draws.
-    #[error("{accepted} of {draws} draws accepted (epsilon {epsilon:.4e}), at least {needed} needed")]
+    #[error(
+        "{accepted} of {draws} draws accepted (epsilon {epsilon:.4e}), at least {needed} needed: raise abc.draws, or accept a \
+         larger share or distance with abc.accept"
+    )]
     NothingAccepted {
         /// Accepted draws.
         accepted: usize,
@@ -158,6 +187,29 @@ pub enum Rejection {
         /// How often.
         deaths: u32,
     },
+}
+
+fn missing(share: f64, allowed: f64) -> String {
+    if share >= 1.0 {
+        return "no message gave a finite sample: check that `field` names a number of the message, and `unit`".to_owned();
+    }
+    format!(
+        "{:.1} % of the samples are missing or not finite, at most {:.1} % allowed: mend what loses them, or raise max_missing",
+        share * 100.0,
+        allowed * 100.0
+    )
+}
+
+fn irregular(jitter: f64, allowed: f64) -> String {
+    if !jitter.is_finite() {
+        return "irregular sampling: the stamps do not advance; let `time` name those of the sensor"
+            .to_owned();
+    }
+    format!(
+        "irregular sampling: stamps scatter by {:.0} % of the interval between messages, at most {:.0} % allowed: let `time` name the sensor's own stamps, send arrays of samples, or raise max_jitter",
+        jitter * 100.0,
+        allowed * 100.0
+    )
 }
 
 impl Rejection {
@@ -226,6 +278,13 @@ pub enum Flag {
         /// Scatter over interval.
         jitter: f64,
     },
+    /// Messages were stamped off their time; their samples stand where they came in.
+    LateStamps {
+        /// How many.
+        messages: usize,
+        /// By how much the worst was late \[s\], negative if early.
+        worst_s: f64,
+    },
 }
 
 impl std::fmt::Display for Flag {
@@ -239,6 +298,13 @@ impl std::fmt::Display for Flag {
             Self::Clipped { share } => write!(f, "{:.2} % clipped", share * 100.0),
             Self::Held { share } => write!(f, "{:.1} % held", share * 100.0),
             Self::Jitter { jitter } => write!(f, "stamps jitter by {:.0} %", jitter * 100.0),
+            Self::LateStamps { messages, worst_s } => {
+                let plural = if *messages == 1 { "" } else { "s" };
+                write!(
+                    f,
+                    "{messages} message{plural} stamped off their time, at worst by {worst_s:.3e} s"
+                )
+            }
         }
     }
 }

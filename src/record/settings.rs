@@ -48,10 +48,27 @@ pub struct RecordSettings {
     pub max_rate_error: f64,
 }
 
+/// Longest record of a stream that never ends, with [`Cut::Auto`] \[s\].
+pub const STREAM_S: f64 = 600.0;
+
+impl RecordSettings {
+    /// As they hold for a stream that never ends, live or from its journal: with [`Cut::Auto`] a record is [`STREAM_S`] long at
+    /// most, so that a result is never an hour old.
+    pub fn of_stream(self) -> Self {
+        match self.cut {
+            Cut::Auto => Self {
+                max_duration_s: self.max_duration_s.min(STREAM_S.max(self.min_duration_s)),
+                ..self
+            },
+            _ => self,
+        }
+    }
+}
+
 impl Default for RecordSettings {
     fn default() -> Self {
         Self {
-            cut: Cut::File,
+            cut: Cut::Auto,
             min_duration_s: 10.0,
             max_duration_s: 3600.0,
             max_gap_s: 0.1,

@@ -1,5 +1,7 @@
-//! Stamps to an even time axis: sample rate by regression, missing samples by their holes.
+//! Stamps to an even time axis: sample rate by a line through them, missing samples by their holes.
 
+use super::clock::{self, Line, median};
+use super::holes::{Holes, Offsets};
 use super::{RecordSettings, Rejection, Timestamp};
 use serde::{Deserialize, Serialize};
 
@@ -20,14 +22,45 @@ pub(super) struct Even {
     pub start: Timestamp,
     pub fs_hz: f64,
     pub samples: Vec<f64>,
-    /// Standard deviation of the stamps about a straight line over the message interval.
+    /// Relative standard error of the rate; 0 where stamps do not tell it.
+    pub clock_sd: f64,
+    /// Standard deviation of the stamps about a straight line over the message interval, those that stray left out.
     pub jitter: f64,
+    /// Messages whose stamps stray from the line.
+    pub stray: Stray,
 }
 
-/// Scatter below which a single stamp tells a lost sample from a late one.
-const CLEAR: f64 = 0.1;
-/// Messages on either side that are averaged over where a single stamp does not tell.
-const NEIGHBOURS: usize = 32;
+/// Messages that are stamped off their time; their samples stand where their number says.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub(super) struct Stray {
+    pub messages: usize,
+    /// By how much the worst is late \[s\], negative if it is early.
+    pub worst_s: f64,
+}
+
+impl Stray {
+    /// Counts one that is so much late \[ns\].
+    pub fn count(&mut self, late: f64) {
+        self.messages += 1;
+        if (late * 1e-9).abs() > self.worst_s.abs() {
+            self.worst_s = late * 1e-9;
+        }
+    }
+
+    pub fn and(self, other: Self) -> Self {
+        let worse = self.worst_s.abs() >= other.worst_s.abs();
+        Self {
+            messages: self.messages + other.messages,
+            worst_s: if worse { self.worst_s } else { other.worst_s },
+        }
+    }
+}
+
+/// A stamp strays if it is off by this many standard deviations of the others, and this share of a sample.
+const STRAY: f64 = 6.0;
+const STRAY_SHARE: f64 = 0.1;
+/// A declared rate this near the measured one counts the samples between two stamps.
+const NEAR: f64 = 0.01;
 
 impl Stretch {
     pub fn push(&mut self, time: i64, values: &[f64]) {
@@ -44,6 +77,13 @@ impl Stretch {
         self.times.insert(at, time);
         self.sizes.insert(at, values.len() as u32);
         self.values.splice(first..first, values.iter().copied());
+    }
+
+    /// Takes the last message out: its samples.
+    pub fn pop(&mut self) -> Vec<f64> {
+        self.times.pop();
+        let size = self.sizes.pop().unwrap_or(0) as usize;
+        self.values.split_off(self.values.len().saturating_sub(size))
     }
 
     /// Cuts off what comes before `boundary` \[ns\], samples inside a message included.
@@ -80,15 +120,6 @@ impl Stretch {
     }
 }
 
-/// The middle of some numbers.
-pub(super) fn median(numbers: &mut [f64]) -> f64 {
-    if numbers.is_empty() {
-        return f64::NAN;
-    }
-    let middle = numbers.len() / 2;
-    *numbers.select_nth_unstable_by(middle, f64::total_cmp).1
-}
-
 /// The sample interval the stamps suggest \[ns\]: the median over messages.
 pub(super) fn interval(times: &[i64], sizes: &[u32]) -> Option<f64> {
     let mut intervals: Vec<f64> = times
@@ -118,7 +149,9 @@ pub(super) fn even(
             start: Timestamp::from_nanos(origin),
             fs_hz,
             samples: values,
+            clock_sd: 0.0,
             jitter: 0.0,
+            stray: Stray::default(),
         });
     }
     let irregular = |jitter| Rejection::Irregular {
@@ -126,40 +159,49 @@ pub(super) fn even(
         allowed: settings.max_jitter,
     };
     let Some(dt) = interval(&times, &sizes) else {
-        return Err(irregular(1.0));
+        return Err(irregular(f64::INFINITY));
     };
-    let lost = lost_samples(&times, &sizes, dt);
-    let all = lost
-        .iter()
-        .fold(values.len() as u64, |all, &(_, lost)| all.saturating_add(lost));
+    let size = median_size(&sizes);
+    let mut holes = Offsets::of(&times, &sizes, rough_slope(&times, &sizes, dt, declared_hz), size).holes();
     // More holes than samples is no record, and no memory for it.
-    if all > 2 * values.len() as u64 + 1000 {
-        return Err(Rejection::Missing {
+    let too_many = |holes: &Holes| {
+        let all = holes
+            .iter()
+            .fold(values.len() as u64, |all, &(_, lost)| all.saturating_add(lost));
+        (all > 2 * values.len() as u64 + 1000).then(|| Rejection::Missing {
             share: 1.0 - values.len() as f64 / all as f64,
             allowed: settings.max_missing,
-        });
+        })
+    };
+    if let Some(rejection) = too_many(&holes) {
+        return Err(rejection);
     }
-    let line = regress(&times, &sizes, &lost);
-    let unit = dt * median_size(&sizes);
-    let jitter = line.scatter / unit;
-    if jitter > settings.max_jitter {
+    let mut line = regress(&times, &sizes, &holes);
+    if !holes.is_empty() {
+        // With the rate known well, once more.
+        holes = Offsets::of(&times, &sizes, line.slope, size).holes();
+        if let Some(rejection) = too_many(&holes) {
+            return Err(rejection);
+        }
+        line = regress(&times, &sizes, &holes);
+    }
+    let jitter = line.scatter / (dt * size);
+    // A line that does not rise is no clock.
+    if jitter.is_nan() || jitter > settings.max_jitter || line.slope <= 0.0 {
         return Err(irregular(jitter));
     }
     let mut fs_hz = nine_digits(1e9 / line.slope);
+    let mut clock_sd = if count > 2 { line.slope_sd } else { 0.0 };
     if let Some(declared_hz) = declared_hz {
         let error = (fs_hz / declared_hz - 1.0).abs();
-        // Standard error of a slope over evenly spaced points.
-        let sd = jitter * 12f64.sqrt() / (count as f64).powf(1.5);
         // However few the stamps, twenty percent off is another rate.
-        if error > settings.max_rate_error.max((4.0 * sd).min(0.2)) {
+        if error > settings.max_rate_error.max((4.0 * clock_sd).min(0.2)) {
             return Err(Rejection::Rate {
                 declared_hz,
                 measured_hz: fs_hz,
             });
         }
-        if error < 1e-9 {
-            fs_hz = declared_hz;
-        }
+        (fs_hz, clock_sd) = clock::weigh(fs_hz, clock_sd, declared_hz, count);
     }
     // The first stamp itself where the line agrees with it, so that exact stamps stay exact.
     let start = if line.start.abs() < 0.01 * dt {
@@ -167,12 +209,59 @@ pub(super) fn even(
     } else {
         line.start
     };
+    let mut stray = Stray::default();
+    let bound = (STRAY * line.scatter).max(STRAY_SHARE * dt);
+    for point in points(&times, &sizes, &holes) {
+        let late = line.late(point);
+        if late.abs() > bound {
+            stray.count(late);
+        }
+    }
     Ok(Even {
         start: Timestamp::from_nanos(origin.saturating_add(start.round() as i64)),
         fs_hz,
-        samples: fill(values, &sizes, &lost),
+        samples: fill(values, &sizes, &holes),
+        clock_sd,
         jitter,
+        stray,
     })
+}
+
+/// Nanoseconds a sample, before holes are known: the declared rate where the stamps agree, else the mean of the intervals
+/// without a hole, else (stamps that jump about) the median over many messages.
+fn rough_slope(times: &[i64], sizes: &[u32], dt: f64, declared_hz: Option<f64>) -> f64 {
+    let gap = |i: usize| times[i + 1].saturating_sub(times[i]) as f64;
+    let (mut time, mut samples) = (0.0, 0.0);
+    for (i, &size) in sizes[..sizes.len() - 1].iter().enumerate() {
+        let due = dt * f64::from(size);
+        if (0.5 * due..1.5 * due).contains(&gap(i)) {
+            time += gap(i);
+            samples += f64::from(size);
+        }
+    }
+    let mut off: Vec<f64> = (0..times.len() - 1)
+        .map(|i| (gap(i) / (dt * f64::from(sizes[i])) - 1.0).abs())
+        .collect();
+    let slope = if samples > 0.0 && median(&mut off) < 0.15 {
+        time / samples
+    } else {
+        let lag = 32.min(times.len() / 4).max(1);
+        let mut numbers = Vec::with_capacity(times.len());
+        let mut number = 0.0;
+        for &size in sizes {
+            numbers.push(number);
+            number += f64::from(size);
+        }
+        let mut slopes: Vec<f64> = (0..times.len() - lag)
+            .map(|i| times[i + lag].saturating_sub(times[i]) as f64 / (numbers[i + lag] - numbers[i]))
+            .collect();
+        let slope = median(&mut slopes);
+        if slope > 0.0 { slope } else { dt }
+    };
+    declared_hz
+        .map(|fs_hz| 1e9 / fs_hz)
+        .filter(|declared| (declared / slope - 1.0).abs() < NEAR)
+        .unwrap_or(slope)
 }
 
 pub(super) fn too_short(duration_s: f64, settings: &RecordSettings) -> Rejection {
@@ -197,120 +286,30 @@ fn median_size(sizes: &[u32]) -> f64 {
     median(&mut sizes).max(1.0)
 }
 
-/// Samples lost before which message: (message, how many), in order.
-///
-/// With little scatter each stamp is compared with a slowly corrected prediction. With more, a hole
-/// counts if the stamps stay late: late ones alone come back. Where a batch's stamp scatters by more than
-/// a sample interval, only whole batches can be seen missing.
-fn lost_samples(times: &[i64], sizes: &[u32], dt: f64) -> Vec<(usize, u64)> {
-    let mut late: Vec<f64> = times
-        .windows(2)
+/// Sample number, holes counted, and time since the first stamp \[ns\] of each message.
+fn points(times: &[i64], sizes: &[u32], holes: &Holes) -> impl Iterator<Item = (f64, f64)> {
+    let mut holes = holes.iter().peekable();
+    let mut number = 0.0;
+    times
+        .iter()
         .zip(sizes)
-        .map(|(pair, &size)| pair[1].saturating_sub(pair[0]) as f64 / dt - f64::from(size))
-        .collect();
-    let mut spread: Vec<f64> = late.iter().map(|late| late.abs()).collect();
-    let scatter = 1.4826 * median(&mut spread) / std::f64::consts::SQRT_2;
-    let quantum = if scatter < CLEAR { 1.0 } else { median_size(sizes) };
-    if scatter / quantum < CLEAR {
-        predicted(&mut late, quantum)
-    } else {
-        persistent(times, sizes, dt, &late, quantum)
-    }
+        .enumerate()
+        .map(move |(i, (&time, &size))| {
+            if let Some((_, count)) = holes.next_if(|(at, _)| *at == i) {
+                number += *count as f64;
+            }
+            let point = (number, time.saturating_sub(times[0]) as f64);
+            number += f64::from(size);
+            point
+        })
 }
 
-fn predicted(late: &mut [f64], quantum: f64) -> Vec<(usize, u64)> {
-    const GAIN: f64 = 0.2;
-    let mut lost = Vec::new();
-    let mut phase = 0.0;
-    for (i, late) in late.iter().enumerate() {
-        let error = (phase + late) / quantum;
-        let whole = error.round();
-        if whole >= 1.0 {
-            lost.push((i + 1, (whole * quantum) as u64));
-        }
-        // A stamp too early by more than half is a new truth, not an error.
-        let error = if whole >= 0.0 { error - whole } else { 0.0 };
-        phase = (1.0 - GAIN) * error * quantum;
-    }
-    lost
-}
-
-fn persistent(times: &[i64], sizes: &[u32], dt: f64, late: &[f64], quantum: f64) -> Vec<(usize, u64)> {
-    let origin = times[0];
-    let mut firsts = Vec::with_capacity(times.len());
-    let mut first = 0.0;
-    for &size in sizes {
-        firsts.push(first);
-        first += f64::from(size);
-    }
-    let offset = |i: usize| times[i].saturating_sub(origin) as f64 / dt - firsts[i];
-    let mut lost: Vec<(usize, u64)> = Vec::new();
-    let mut last = 0;
-    for (i, &late) in late.iter().enumerate() {
-        if late < 0.5 * quantum {
-            continue;
-        }
-        let at = i + 1;
-        let mut before: Vec<f64> = (at.saturating_sub(NEIGHBOURS).max(last)..at)
-            .map(offset)
-            .collect();
-        let mut after: Vec<f64> = (at..(at + NEIGHBOURS).min(times.len())).map(offset).collect();
-        let whole = ((median(&mut after) - median(&mut before)) / quantum).round();
-        if whole >= 1.0 {
-            lost.push((at, (whole * quantum) as u64));
-            last = at;
-        }
-    }
-    lost
-}
-
-struct Line {
-    /// Nanoseconds a sample.
-    slope: f64,
-    /// The line at sample 0, from the first stamp \[ns\].
-    start: f64,
-    /// Standard deviation about the line \[ns\].
-    scatter: f64,
-}
-
-/// Least squares of the stamps on the sample numbers.
-fn regress(times: &[i64], sizes: &[u32], lost: &[(usize, u64)]) -> Line {
-    let points = || {
-        let mut lost = lost.iter().peekable();
-        let mut number = 0.0;
-        times
-            .iter()
-            .zip(sizes)
-            .enumerate()
-            .map(move |(i, (&time, &size))| {
-                if let Some((_, count)) = lost.next_if(|(at, _)| *at == i) {
-                    number += *count as f64;
-                }
-                let point = (number, time.saturating_sub(times[0]) as f64);
-                number += f64::from(size);
-                point
-            })
-    };
-    let count = times.len() as f64;
-    let (sum_k, sum_t) = points().fold((0.0, 0.0), |(k, t), point| (k + point.0, t + point.1));
-    let (mean_k, mean_t) = (sum_k / count, sum_t / count);
-    let (mut kk, mut kt) = (0.0, 0.0);
-    for (k, t) in points() {
-        kk += (k - mean_k) * (k - mean_k);
-        kt += (k - mean_k) * (t - mean_t);
-    }
-    let slope = kt / kk;
-    let start = mean_t - slope * mean_k;
-    let squares: f64 = points().map(|(k, t)| (t - start - slope * k).powi(2)).sum();
-    Line {
-        slope,
-        start,
-        scatter: (squares / (count - 2.0).max(1.0)).sqrt(),
-    }
+fn regress(times: &[i64], sizes: &[u32], holes: &Holes) -> Line {
+    clock::fit(|| points(times, sizes, holes))
 }
 
 /// Samples with NaN where one is lost.
-fn fill(values: Vec<f64>, sizes: &[u32], lost: &[(usize, u64)]) -> Vec<f64> {
+fn fill(values: Vec<f64>, sizes: &[u32], lost: &Holes) -> Vec<f64> {
     if lost.is_empty() {
         return values;
     }

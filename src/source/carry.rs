@@ -5,7 +5,7 @@ use crate::record::{Assembler, RecordSettings, RodChannels, RodId};
 use serde::{Deserialize, Serialize};
 
 /// Raised whenever what an assembler holds changes its meaning.
-const VERSION: u32 = 2;
+const VERSION: u32 = 3;
 
 #[derive(Serialize, Deserialize)]
 struct Saved {

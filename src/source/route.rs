@@ -360,6 +360,8 @@ impl Rod {
             rod: self.config.rod.clone(),
             start: None,
             duration_s: 0.0,
+            fs_hz: None,
+            waveform: None,
             rejection,
         }]);
     }

@@ -109,9 +109,9 @@ impl Series {
         Self {
             folder: folder.to_owned(),
             channels: channels.to_vec(),
-            settings: *settings,
+            settings: settings.of_stream(),
             live,
-            router: Router::new(channels, settings),
+            router: Router::new(channels, &settings.of_stream()),
             queue: VecDeque::new(),
             listed,
             open: None,
@@ -142,8 +142,8 @@ impl Series {
         self.router.finish(true, None, &mut self.queue);
         let journal = self.router.journal.take();
         channels.clone_into(&mut self.channels);
-        self.settings = *settings;
-        self.router = Router::new(channels, settings);
+        self.settings = settings.of_stream();
+        self.router = Router::new(channels, &self.settings);
         self.router.journal = journal;
         self.queue.drain(..).collect()
     }

@@ -1,14 +1,17 @@
-//! What single records looked like, kept for the report: the first of each segment and the latest of each rod.
+//! What single records looked like, kept for the report: the first of each segment, the latest of each rod, and the latest
+//! refused one.
 
 use super::row::Row;
 use super::state::{self, Trouble};
 use super::{Reader, StoreError};
-use crate::record::RodId;
+use crate::record::{RodId, Timestamp};
 use crate::snapshot::Snapshot;
 use rusqlite::{Connection, OptionalExtension};
 
 /// The latest record's row stands under this number; segments count from 1.
 const LATEST: i64 = 0;
+/// The latest refused record's row stands under this one.
+const REFUSED: i64 = -1;
 
 /// What a record looked like.
 #[derive(Clone, Copy)]
@@ -28,10 +31,13 @@ pub struct Snapshots {
     pub first: Option<Snapshot>,
     /// The latest record.
     pub latest: Option<Snapshot>,
+    /// The latest refused record that has samples left.
+    pub refused: Option<Snapshot>,
 }
 
 impl SnapshotRow<'_> {
-    /// Keeps it as the first of its segment if there is none, and as the latest.
+    /// Keeps it as the first of its segment if there is none, and as the latest; that of a refused record as the latest
+    /// refused one alone.
     pub(super) fn write(&self, connection: &Connection) -> Result<(), Trouble> {
         let json = serde_json::to_string(self.snapshot).map_err(|error| StoreError::Unkeepable {
             what: format!("the snapshot of a record of rod {}", self.rod),
@@ -44,6 +50,9 @@ impl SnapshotRow<'_> {
                 .with("start_ns", self.snapshot.start.as_nanos())
                 .with("json", json.clone())
         };
+        if self.snapshot.rejection.is_some() {
+            return Ok(row(REFUSED).upsert(connection, &["rod", "number"])?);
+        }
         let segment = i64::from(self.segment);
         let has_first = connection
             .prepare_cached("SELECT 1 FROM snapshot WHERE rod = ? AND number = ?")?
@@ -56,7 +65,7 @@ impl SnapshotRow<'_> {
 }
 
 impl Reader {
-    /// What the first record of the present segment and the latest record of a rod looked like.
+    /// What the first record of the present segment, the latest record and the latest refused one of a rod looked like.
     ///
     /// # Errors
     /// It cannot be read.
@@ -75,9 +84,25 @@ impl Reader {
                     "SELECT json FROM snapshot WHERE rod = ? AND number > 0 ORDER BY number DESC LIMIT 1",
                 )?,
                 latest: one("SELECT json FROM snapshot WHERE rod = ? AND number = 0")?,
+                refused: one("SELECT json FROM snapshot WHERE rod = ? AND number = -1")?,
             })
         };
         read().map_err(|trouble| self.fault(trouble))
+    }
+
+    /// When the latest refused record of a rod began of which a picture is kept.
+    ///
+    /// # Errors
+    /// It cannot be read.
+    pub fn refused_picture(&self, rod: &RodId) -> Result<Option<Timestamp>, StoreError> {
+        let ask = || {
+            self.connection
+                .prepare_cached("SELECT start_ns FROM snapshot WHERE rod = ? AND number = ?")?
+                .query_row((&rod.0, REFUSED), |row| row.get(0))
+                .optional()
+        };
+        let start_ns = ask().map_err(|error| self.fault(Trouble::Sql(error)))?;
+        Ok(start_ns.map(Timestamp::from_nanos))
     }
 
     /// Every configuration records were made under: hash, site, and the text with every default filled in.
@@ -99,8 +124,7 @@ impl Reader {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::record::Timestamp;
-    use crate::snapshot::Curve;
+    use crate::snapshot::{Curve, Reason};
     use crate::store::{Commit, Store};
 
     fn snapshot(second: i64) -> Snapshot {
@@ -118,6 +142,10 @@ mod tests {
             peaks: vec![],
             densities: vec![],
             hangs_on: None,
+            motion: None,
+            label_probability: None,
+            candidates: vec![],
+            rejection: None,
         }
     }
 
@@ -141,5 +169,38 @@ mod tests {
         let kept = store.snapshots(&rod).unwrap();
         assert_eq!(kept.first, Some(snapshot(400)));
         assert_eq!(kept.latest, Some(snapshot(300)));
+        assert_eq!(kept.refused, None);
+    }
+
+    #[test]
+    fn a_refused_record_is_kept_beside_them_and_only_the_latest() {
+        let mut store = Store::in_memory().unwrap();
+        let rod = RodId("north".to_owned());
+        let refused = |second| Snapshot {
+            rejection: Some(Reason {
+                code: "no-label".to_owned(),
+                message: "nothing is certain".to_owned(),
+            }),
+            ..snapshot(second)
+        };
+        for picture in [refused(50), snapshot(100), refused(200)] {
+            let commit = Commit {
+                snapshot: Some(SnapshotRow {
+                    rod: &rod,
+                    segment: 1,
+                    snapshot: &picture,
+                }),
+                ..Commit::default()
+            };
+            store.commit(&commit).unwrap();
+        }
+        let kept = store.snapshots(&rod).unwrap();
+        assert_eq!(
+            (kept.first, kept.latest),
+            (Some(snapshot(100)), Some(snapshot(100)))
+        );
+        assert_eq!(kept.refused, Some(refused(200)));
+        let start = store.refused_picture(&rod).unwrap();
+        assert_eq!(start, Some(Timestamp::from_nanos(200_000_000_000)));
     }
 }

@@ -3,6 +3,7 @@
 use super::{Message, Topic};
 use crate::api;
 use crate::record::{RodId, Timestamp};
+use crate::snapshot::Snapshot;
 use crate::store::{FileId, Reader, StoreError};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -20,8 +21,8 @@ pub struct Feed {
     record: i64,
     /// The number of the last news of an alarm told.
     news: i64,
-    /// When the last picture of each rod began, as of the last question.
-    pictured: BTreeMap<RodId, Timestamp>,
+    /// When the last picture of each rod began, as of the last question, of a refused record and of others.
+    pictured: BTreeMap<(RodId, bool), Timestamp>,
 }
 
 /// What was committed since the last question.
@@ -65,7 +66,7 @@ impl Feed {
     pub fn told(&mut self, standing: &[Message]) {
         for message in standing {
             if let Topic::Waveform(rod) | Topic::Spectrum(rod) = &message.topic {
-                self.pictured.insert(rod.clone(), message.time);
+                self.pictured.insert((rod.clone(), false), message.time);
             }
         }
     }
@@ -105,11 +106,21 @@ impl Feed {
             if !wanted.contains(&waveform) && !wanted.contains(&spectrum) {
                 continue;
             }
-            let picture = picture(reader, &rod)?;
-            if let Some(first) = picture.first()
-                && pictured.insert(rod, first.time) != Some(first.time)
-            {
-                messages.extend(picture);
+            let kept = reader.snapshots(&rod)?;
+            // A refused record's picture is news with its record alone: it stands beside the latest for years.
+            let is_told = |picture: &Snapshot| {
+                let mut of_rod = messages
+                    .iter()
+                    .filter(|message| message.topic.rod() == Some(&rod));
+                of_rod.any(|message| message.time == picture.start)
+            };
+            let refused = kept.refused.filter(is_told);
+            for (picture, is_refused) in [(refused, true), (kept.latest, false)] {
+                let Some(picture) = picture else { continue };
+                let key = (rod.clone(), is_refused);
+                if pictured.insert(key, picture.start) != Some(picture.start) {
+                    messages.extend(of_picture(reader, &rod, &picture)?);
+                }
             }
         }
         for news in reader.news_after(after_news, MOST)? {
@@ -152,13 +163,18 @@ fn of_record(line: &str) -> Result<Vec<Message>, StoreError> {
     })
 }
 
-/// The rod's last picture.
+/// The rod's last picture: of its last record that counts, or of a refused one if there is no other.
 fn picture(reader: &Reader, rod: &RodId) -> Result<Vec<Message>, StoreError> {
-    let Some(picture) = reader.snapshots(rod)?.latest else {
-        return Ok(Vec::new());
-    };
+    let kept = reader.snapshots(rod)?;
+    match kept.latest.or(kept.refused) {
+        Some(picture) => of_picture(reader, rod, &picture),
+        None => Ok(Vec::new()),
+    }
+}
+
+fn of_picture(reader: &Reader, rod: &RodId, picture: &Snapshot) -> Result<Vec<Message>, StoreError> {
     let unit = api::rod::unit(reader, rod, picture.start)?;
-    Ok(Message::of_picture(rod, &picture, unit))
+    Ok(Message::of_picture(rod, picture, unit))
 }
 
 #[cfg(test)]

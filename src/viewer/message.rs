@@ -14,7 +14,7 @@ const WARNING: u8 = 3;
 const INFO: u8 = 2;
 
 /// What a force message takes over from a record's line, as it stands there.
-const FORCES: [&str; 9] = [
+const FORCES: [&str; 12] = [
     "axial_force_n",
     "tracked_force_n",
     "force_at_reference_n",
@@ -24,6 +24,9 @@ const FORCES: [&str; 9] = [
     "state",
     "set_aside",
     "rejection",
+    "excitation",
+    "label_probability",
+    "candidates",
 ];
 
 /// A stream of messages of one schema.
@@ -102,21 +105,23 @@ impl Topic {
             }
             Self::Modes(_) => {
                 json!({"timestamp": time, "modes": {"type": "array", "items": {"type": "object", "properties": {
-                "order": {"type": "integer"}, "frequency_hz": number, "sd_hz": number, "damping": number}}}})
+                "order": {"type": "integer"}, "frequency_hz": number, "sd_hz": number, "damping": number, "misfit": number}}}})
             }
             Self::Waveform(_) => {
-                json!({"timestamp": time, "duration_s": number, "fs_hz": number, "unit": text,
+                json!({"timestamp": time, "duration_s": number, "fs_hz": number, "unit": text, "rejection": text,
                 "time_s": numbers, "low": numbers, "high": numbers})
             }
             Self::Spectrum(_) => {
-                json!({"timestamp": time, "unit": text, "frequency_hz": numbers, "level_db": numbers,
+                json!({"timestamp": time, "unit": text, "rejection": text, "frequency_hz": numbers, "level_db": numbers,
                 "peaks": {"type": "array", "items": {"type": "object", "properties": {
-                "frequency_hz": number, "order": {"type": ["integer", "null"]}, "line": {"type": "boolean"}}}}})
+                "frequency_hz": number, "order": {"type": ["integer", "null"]}, "line": {"type": "boolean"},
+                "sd_hz": number, "damping": number, "level_db": number, "taken_for": text}}}})
             }
             Self::Force(_) => {
                 json!({"timestamp": time, "axial_force_n": interval, "tracked_force_n": interval, "force_at_reference_n": interval,
                 "relative_force": interval, "relative_force_at_reference": interval, "temperature_c": number, "state": text,
-                "set_aside": text, "rejection": {"type": ["object", "null"]}})
+                "set_aside": text, "rejection": {"type": ["object", "null"]}, "excitation": {"type": ["object", "null"]},
+                "label_probability": number, "candidates": {"type": ["array", "null"]}})
             }
         };
         json!({"title": self.schema_name(), "type": "object", "properties": properties}).to_string()
@@ -168,9 +173,11 @@ impl Message {
         Ok(messages)
     }
 
-    /// Of a record's picture: its spectrum, and its waveform if that was kept. `unit` is the SI unit of the samples, if it is known.
+    /// Of a record's picture: its spectrum if it has one, and its waveform if that was kept, with the reason if it was refused. `unit`
+    /// is the SI unit of the samples, if it is known.
     pub fn of_picture(rod: &RodId, picture: &Snapshot, unit: Option<&str>) -> Vec<Self> {
         let time = picture.start;
+        let rejection = picture.rejection.as_ref().map(|reason| &reason.message);
         let waveform = picture.waveform.as_ref().map(|waveform| {
             let middle = |i| (i as f64 + 0.5) * waveform.step_s;
             let time_s: Vec<f64> = (0..waveform.low.len()).map(middle).collect();
@@ -178,7 +185,7 @@ impl Message {
                 topic: Topic::Waveform(rod.clone()),
                 time,
                 body: json!({"timestamp": stamp(time), "duration_s": picture.duration_s, "fs_hz": picture.fs_hz, "unit": unit,
-                    "time_s": time_s, "low": waveform.low, "high": waveform.high}),
+                    "rejection": rejection, "time_s": time_s, "low": waveform.low, "high": waveform.high}),
             }
         });
         let curve = &picture.curve;
@@ -187,9 +194,11 @@ impl Message {
             topic: Topic::Spectrum(rod.clone()),
             time,
             body: json!({"timestamp": stamp(time), "unit": unit.map(|unit| format!("dB re 1 ({unit})^2/Hz")),
-                "frequency_hz": frequency_hz, "level_db": curve.level_db, "peaks": picture.peaks}),
+                "rejection": rejection, "frequency_hz": frequency_hz, "level_db": curve.level_db, "peaks": picture.peaks}),
         };
-        waveform.into_iter().chain([spectrum]).collect()
+        // Refused before there was a spectrum.
+        let spectrum = Some(spectrum).filter(|_| !curve.level_db.is_empty());
+        waveform.into_iter().chain(spectrum).collect()
     }
 
     /// Of news of an alarm, at the time it happened.

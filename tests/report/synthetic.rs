@@ -1,9 +1,11 @@
 //! Histories made up for the report's tests: a rod under the seasons that loses force late in the year.
 
 use tirante::bayes::{MassDependence, Source, SourceShare, VarianceShares};
+use tirante::findings::{Assigned, Candidate, Multiple, Nature, Quantiles};
+use tirante::modes::{Motion, MotionKind};
 use tirante::plot::view::{RecordPoint, RejectionCount, RodReport, SegmentReport, SiteReport, ThermalLine};
-use tirante::record::{RodId, Timestamp};
-use tirante::snapshot::{Curve, Density, PeakMark, Snapshot};
+use tirante::record::{Envelope, RodId, Timestamp};
+use tirante::snapshot::{Curve, Density, PeakMark, Reason, Snapshot};
 use tirante::track::change::Change;
 use tirante::track::period::Charted;
 use tirante::track::{Alarm, Interval, Kind, Period, RodState};
@@ -69,6 +71,17 @@ fn snapshot(at: Timestamp, shift: f64) -> Snapshot {
             posterior_mean_sd: (posterior, posterior_cv * posterior),
         }
     };
+    // As programs before kept it.
+    let peak = |frequency_hz, order, line| PeakMark {
+        frequency_hz,
+        order,
+        line,
+        sd_hz: None,
+        damping: None,
+        level_db: None,
+        taken_for: None,
+        multiple_of: None,
+    };
     Snapshot {
         start: at,
         duration_s: 60.0,
@@ -81,31 +94,11 @@ fn snapshot(at: Timestamp, shift: f64) -> Snapshot {
             level_db: (0..440).map(level).collect(),
         },
         peaks: vec![
-            PeakMark {
-                frequency_hz: modes[0],
-                order: Some(1),
-                line: false,
-            },
-            PeakMark {
-                frequency_hz: 6.3,
-                order: None,
-                line: false,
-            },
-            PeakMark {
-                frequency_hz: modes[1],
-                order: Some(2),
-                line: false,
-            },
-            PeakMark {
-                frequency_hz: modes[2],
-                order: Some(3),
-                line: false,
-            },
-            PeakMark {
-                frequency_hz: 16.67,
-                order: None,
-                line: true,
-            },
+            peak(modes[0], Some(1), false),
+            peak(6.3, None, false),
+            peak(modes[1], Some(2), false),
+            peak(modes[2], Some(3), false),
+            peak(16.67, None, true),
         ],
         hangs_on: Some(VarianceShares {
             sources: vec![
@@ -135,6 +128,74 @@ fn snapshot(at: Timestamp, shift: f64) -> Snapshot {
             density("spring_left_n_m", 400e3, 0.28, 390e3, 0.28),
             density("spring_right_n_m", 400e3, 0.28, 395e3, 0.28),
         ],
+        motion: None,
+        label_probability: None,
+        candidates: vec![],
+        rejection: None,
+    }
+}
+
+/// A refused record with peaks of every kind, and two assignments that were weighed.
+pub fn refused(at: Timestamp) -> Snapshot {
+    let peak = |frequency_hz: f64, taken_for: Nature| PeakMark {
+        frequency_hz,
+        order: None,
+        line: matches!(taken_for, Nature::Tone | Nature::Harmonic),
+        sd_hz: Some(0.004),
+        damping: Some(0.0021),
+        level_db: Some(31.4),
+        taken_for: Some(taken_for),
+        multiple_of: (taken_for == Nature::Harmonic).then_some(Multiple {
+            times: 2,
+            frequency_hz: 8.335,
+        }),
+    };
+    let candidate = |orders: [usize; 2], probability: f64, middle: f64| Candidate {
+        modes: orders
+            .iter()
+            .zip([4.49, 13.2])
+            .map(|(&order, frequency_hz)| Assigned { order, frequency_hz })
+            .collect(),
+        probability,
+        axial_force_n: Some(Quantiles {
+            q025: 0.8 * middle,
+            q50: middle,
+            q975: 1.2 * middle,
+        }),
+    };
+    let (low, high) = (0..600)
+        .map(|i| (-1e-6 * f64::from(i % 7), 1e-6 * f64::from(i % 5)))
+        .unzip();
+    Snapshot {
+        start: at,
+        seed: String::new(),
+        waveform: Some(Envelope {
+            step_s: 0.1,
+            low,
+            high,
+        }),
+        peaks: vec![
+            peak(0.3, Nature::Drift),
+            peak(4.49, Nature::Candidate),
+            peak(8.335, Nature::Tone),
+            peak(13.2, Nature::Candidate),
+            peak(13.4, Nature::Doubtful),
+            peak(16.67, Nature::Harmonic),
+            peak(19.0, Nature::Broad),
+        ],
+        densities: vec![],
+        motion: Some(Motion {
+            kind: MotionKind::Blow,
+            onsets_s: vec![12.5, 40.0],
+        }),
+        label_probability: None,
+        candidates: vec![candidate([1, 3], 0.61, 560e3), candidate([2, 5], 0.38, 120e3)],
+        rejection: Some(Reason {
+            code: "no-label".to_owned(),
+            message: "cannot number the modes of 7 peaks: mask 13.4 Hz, or narrow the prior of axial_force_n"
+                .to_owned(),
+        }),
+        ..snapshot(at, 0.0)
     }
 }
 

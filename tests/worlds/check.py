@@ -62,7 +62,7 @@ def test_terms():
 
 
 def test_recursion():
-    rng = np.random.default_rng(1)
+    rng = np.random.RandomState(1)
     steps = rng.standard_normal(1000) + 1j * rng.standard_normal(1000)
     rho, value = 0.99 * np.exp(0.3j), 0.7 - 0.2j
     fast = response.recursion(rho, steps, value)
@@ -74,7 +74,7 @@ def test_recursion():
 def test_ambient_spectrum():
     # One-sided density of q under white force of two-sided intensity one: 2 / ((w0^2 - w^2)^2 + (2 zeta w0 w)^2).
     oscillator, fs_hz, count = response.Oscillator(4.0, 0.03), 50.0, 1_000_000
-    rng = np.random.default_rng(2)
+    rng = np.random.RandomState(2)
     q = 2 * response.ambient(oscillator, np.ones(count), fs_hz, rng).real
     close(float(np.var(q)), 1 / (4 * 0.03 * oscillator.omega**3), 0.03, "variance")
     import spectra
@@ -114,12 +114,12 @@ def test_strokes():
 
 
 def test_gusts():
-    amplitude = response.gusts(400_000, 20.0, 0.6, 5.0, np.random.default_rng(3))
+    amplitude = response.gusts(400_000, 20.0, 0.6, 5.0, np.random.RandomState(3))
     assert abs(np.std(np.log(amplitude)) - 0.6) < 0.03 and abs(np.mean(amplitude**2) - 1) < 0.1
 
 
 def test_rods():
-    rng = np.random.default_rng(4)
+    rng = np.random.RandomState(4)
     for _ in range(20):
         rod = rods.draw(rng)
         hz = [mode.frequency_hz for mode in rod.modes]

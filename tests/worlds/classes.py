@@ -24,7 +24,7 @@ def rate_for(rod, bands):
 def base(rng, bands=None, rod=None, **drawn):
     """A white ambient record of a rod as found in buildings, through one of three kinds of sensors."""
     rod = rod or rods.draw(rng, **drawn)
-    bands = bands or int(rng.integers(3, 9))
+    bands = bands or int(rng.randint(3, 9))
     return Scene(
         rod=rod,
         damping=damping(rng),
@@ -84,7 +84,7 @@ def struck(rng, onset_s, kind=None, ambient=True):
 
 def decay_at_0(rng):
     """Let go, or struck, at or just before the first sample."""
-    return struck(rng, -between(rng, 0.0, 0.2), ambient=rng.random() < 0.5)
+    return struck(rng, -between(rng, 0.0, 0.2), ambient=rng.random_sample() < 0.5)
 
 
 def clean_decay_at_0(rng):
@@ -120,12 +120,12 @@ def blow_in_ambient(rng):
 
 def triggered(rng):
     """A recorder with a pre-trigger."""
-    return struck(rng, between(rng, 0.05, 0.6), "blow", ambient=rng.random() < 0.5)
+    return struck(rng, between(rng, 0.05, 0.6), "blow", ambient=rng.random_sample() < 0.5)
 
 
 def many_modes(rng):
     """Seven to twelve modes in the band."""
-    scene = base(rng, bands=int(rng.integers(7, 13)), slenderness=(120, 350))
+    scene = base(rng, bands=int(rng.randint(7, 13)), slenderness=(120, 350))
     scene.quantity = str(rng.choice(["velocity", "acceleration"]))
     scene.clearance_db = between(rng, 45, 65)
     return scene
@@ -144,21 +144,21 @@ def strings(rng):
     """Plucked strings and wires of a laboratory: a millimetre thick, under a metre to three."""
     scene = struck(rng, -between(rng, 0.0, 0.02), "release", ambient=False)
     scene.rod = rods.draw(rng, length_m=(0.6, 3.0), side=even_in_log(rng, 0.0012, 0.005), stress_pa=(50e6, 250e6))
-    scene.fs_hz = rate_for(scene.rod, int(rng.integers(4, 10)))
+    scene.fs_hz = rate_for(scene.rod, int(rng.randint(4, 10)))
     scene.damping = damping(rng, 0.0005, 0.003)
     scene.duration_s = between(rng, 10.0, 20.0)
     return scene
 
 
 def midspan(rng):
-    scene = base(rng, bands=int(rng.integers(5, 10)))
+    scene = base(rng, bands=int(rng.randint(5, 10)))
     scene.sensor_at = 0.5
     return scene
 
 
 def first_missing(rng):
     """The first mode drowns: a velocity sensor under its corner frequency."""
-    scene = base(rng, bands=int(rng.integers(4, 8)))
+    scene = base(rng, bands=int(rng.randint(4, 8)))
     scene.quantity, scene.pink = "acceleration", 30 * scene.rod.modes[0].frequency_hz
     scene.clearance_db = between(rng, 35, 45)
     return scene
@@ -170,7 +170,7 @@ def foreign(rng, count):
     low = 0.6 * scene.rod.modes[0].frequency_hz
     for _ in range(count):
         hz = even_in_log(rng, low, top)
-        scene.foreign.append(Foreign(hz, even_in_log(rng, 0.002, 0.02), between(rng, -12, 6), int(rng.integers(0, 3))))
+        scene.foreign.append(Foreign(hz, even_in_log(rng, 0.002, 0.02), between(rng, -12, 6), int(rng.randint(0, 3))))
     return scene
 
 
@@ -185,7 +185,7 @@ def foreign_3(rng):
 def foreign_near(rng):
     """A foreign resonance 3 to 12 % from a mode."""
     scene = base(rng)
-    beside = int(rng.integers(0, 3))
+    beside = int(rng.randint(0, 3))
     off = float(rng.choice([-1, 1])) * between(rng, 0.03, 0.12)
     hz = scene.rod.modes[beside].frequency_hz * (1 + off)
     scene.foreign.append(Foreign(hz, even_in_log(rng, 0.002, 0.01), between(rng, -12, 3), beside))
@@ -217,7 +217,7 @@ def tones(rng):
 
 def coarse(rng):
     """A coarse converter: steps of a tenth to the whole of the standard deviation, ambient or decaying."""
-    scene = base(rng) if rng.random() < 0.5 else decay_at_0(rng)
+    scene = base(rng) if rng.random_sample() < 0.5 else decay_at_0(rng)
     scene.clearance_db = between(rng, 50, 80)
     scene.step = even_in_log(rng, 0.1, 1.0)
     return scene
@@ -231,7 +231,7 @@ def drift(rng):
 
 
 def late_block(rng):
-    scene = base(rng) if rng.random() < 0.5 else decay_at_0(rng)
+    scene = base(rng) if rng.random_sample() < 0.5 else decay_at_0(rng)
     late = even_in_log(rng, 0.003, 0.05)
     scene.clock = Clock(int(scene.fs_hz * between(rng, 0.3, 1.5)), late_s=late, late_at=between(rng, 0.1, 0.9))
     return scene
@@ -239,7 +239,7 @@ def late_block(rng):
 
 def jitter(rng):
     """Samples stamped one by one by a computer that is busy."""
-    scene = base(rng, bands=3) if rng.random() < 0.5 else struck(rng, -0.01)
+    scene = base(rng, bands=3) if rng.random_sample() < 0.5 else struck(rng, -0.01)
     scene.fs_hz = min(scene.fs_hz, 256.0)
     scene.duration_s = min(scene.duration_s, 60.0)
     scene.clock = Clock(1, jitter_s=even_in_log(rng, 0.0002, 0.002))
@@ -300,19 +300,20 @@ def two_modes(rng):
 
 
 def one_mode(rng):
+    """A slow camera at mid-span: mode 2 has a node there, mode 3 lies above half of the rate."""
     scene = base(rng, bands=1)
-    # Mode 2 lies above half of the rate, as it does where a camera is slow.
-    scene.fs_hz = round(2.4 * float(scene.rod.modes[0].frequency_hz), 1)
+    scene.sensor_at = 0.5
+    scene.fs_hz = round(5 * float(scene.rod.modes[0].frequency_hz), 1)
     return scene
 
 
 def no_rod(rng):
     """Noise, resonances of other things, and tones."""
-    scene = foreign(rng, int(rng.integers(0, 7)))
+    scene = foreign(rng, int(rng.randint(0, 7)))
     scene.has_rod = False
     for other in scene.foreign:
         other.level_db = between(rng, -15, 5)
-    if rng.random() < 0.3:
+    if rng.random_sample() < 0.3:
         scene.tones = [Tone(even_in_log(rng, 1.0, 0.4 * scene.fs_hz), between(rng, -10, 0))]
     return scene
 
@@ -326,7 +327,7 @@ def other_rod(rng):
         stiff = [math.sqrt(r.beam.flexural_rigidity_n_m2 / r.beam.mass_per_length_kg_m) / r.beam.length_m**2 for r in (scene.rod, other)]
         if abs(math.log(stiff[1] / stiff[0])) > 0.4:
             scene.configured, scene.rod = scene.rod, other
-            scene.fs_hz = rate_for(other, int(rng.integers(3, 9)))
+            scene.fs_hz = rate_for(other, int(rng.randint(3, 9)))
             return scene
 
 

@@ -28,7 +28,7 @@ def messages(record, factor, start_ns, rng):
         stamps[int(clock.late_at * (len(stamps) - 1))] += clock.late_s
     kept = np.ones(len(begins), dtype=bool)
     if clock.lost > 0:
-        kept = rng.random(len(begins)) >= clock.lost
+        kept = rng.random_sample(len(begins)) >= clock.lost
     found = []
     for begin, stamp in zip(begins[kept], stamps[kept]):
         piece = [float(f"{value:.7g}") for value in values[begin : begin + size]]
@@ -40,7 +40,7 @@ def messages(record, factor, start_ns, rng):
 
 def write(path, named, seed):
     """Writes records, each on its own topic, one after the other. `named` holds (name, record, factor to its unit)."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.RandomState(seed)
     with open(path, "wb") as stream:
         writer = Writer(stream)
         writer.start()

@@ -10,6 +10,7 @@ The same seed gives the same records. Every record is another rod.
 import argparse
 import json
 import sys
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -25,18 +26,18 @@ FORCE_CV = 0.3
 
 
 def generator(seed, name, index):
-    """Random numbers of one record, the same whatever else is drawn."""
-    return np.random.default_rng([seed, sum(ord(c) * 131**i for i, c in enumerate(name)) % 2**32, index])
+    """Random numbers of one record, the same whatever else is drawn and by every version of numpy, which has frozen these."""
+    return np.random.RandomState([seed, zlib.crc32(name.encode()), index])
 
 
 def one(seed, name, index):
     """A record, the factor to its unit, and the truth about it."""
     rng = generator(seed, name, index)
     scene = CLASSES[name](rng)
-    unit, factor = recording.UNITS[scene.quantity][int(rng.integers(0, len(recording.UNITS[scene.quantity])))]
+    unit, factor = recording.UNITS[scene.quantity][int(rng.randint(0, len(recording.UNITS[scene.quantity])))]
     configured = scene.configured or scene.rod
     expected = None
-    if rng.random() < KNOWN:
+    if rng.random_sample() < KNOWN:
         expected = configured.axial_force_n * max(0.2, 1 + FORCE_CV * float(rng.standard_normal()))
     record = scenes.render(scene, rng)
     rod_id = f"{name}-{index:04d}"

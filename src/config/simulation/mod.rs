@@ -44,7 +44,7 @@ const START: Timestamp = Timestamp::from_nanos(1_767_225_600_000_000_000);
 
 /// The section; `rods` are the rods of the configuration, none in the place of one with a fault.
 pub(super) fn read(table: &mut Table<'_>, rods: &[Option<RodConfig>]) -> Option<SimulationConfig> {
-    let fs_hz = table.number(key("fs_hz", "sample rate [Hz]"), Range::within(0.1, 1e5), 100.0);
+    let fs_hz = table.number(key("fs_hz", "sample rate [Hz]"), Range::within(0.01, 1e8), 100.0);
     let start = table.take(
         key("start", "time of the first sample"),
         "a time with an offset, from 1970 on: 2026-03-01T06:00:00Z",
@@ -60,7 +60,7 @@ pub(super) fn read(table: &mut Table<'_>, rods: &[Option<RodConfig>]) -> Option<
     );
     let record_s = table.number(
         key("record_s", "length of a record [s]"),
-        Range::within(1.0, 86_400.0),
+        Range::within(1e-3, 86_400.0),
         60.0,
     );
     let records = table.integer(key("records", "number of records"), 1, 1_000_000, 1) as usize;

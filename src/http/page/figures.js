@@ -144,7 +144,8 @@ export function spectrum(plot, snapshot) {
   });
   const traces = [{ x, y: level, mode: "lines", name: "power spectral density", line: { color: colour("c1"), width: 1.2 } }];
   if (labels.length) traces.push(points(labels, "modes", "triangle-down", "c3", (peak) => `${peak.order}: ${peak.frequency_hz.toFixed(3)} Hz`));
-  if (others.length) traces.push(points(others, "not of the rod", "x", "soft", (peak) => (peak.line ? "line" : "")));
+  const named = (peak) => (peak.line ? "tone" : labels.length ? "" : `${peak.frequency_hz.toFixed(3)} Hz`);
+  if (others.length) traces.push(points(others, labels.length ? "not of the rod" : "peaks", "x", "soft", named));
   const levels = level.filter((value) => value > -390);
   const top = Math.max(...levels), low = Math.min(...levels);
   return react(plot, traces, layout("level [dB]", { hovermode: "closest", xaxis: { title: { text: "frequency [Hz]" } }, yaxis: { range: [low - 3, top + 0.15 * (top - low) + 3] } }));

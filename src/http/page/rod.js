@@ -20,6 +20,12 @@ const hangsOn = el("div", { id: "hangs-on", hidden: "" });
 const density = figures.figure("density", "What the latest record says of one quantity: posterior against prior.");
 const choice = el("select", { id: "quantity", onchange: () => drawLatest() });
 const latestTitle = el("h2", { id: "latest-title" }, "Latest record");
+const latestWords = el("p", { id: "latest-words" });
+const refusedTitle = el("h2", { id: "refused-title" }, "Latest rejected record");
+const refusedWords = el("div", { id: "refused-words" });
+const refusedWaveform = figures.figure("refused-waveform", "The latest rejected record about its mean.", true);
+const refusedSpectrum = figures.figure("refused-spectrum", "Power spectral density of the latest rejected record, with its peaks.");
+const refusedPeaks = el("div", { id: "refused-peaks" });
 const records = el("div", {}), older = el("button", { type: "button", hidden: true, onclick: () => drawRecords(true) }, "older ones");
 const rejectedOnly = el("input", { type: "checkbox", id: "rejected", onchange: () => drawRecords() });
 
@@ -75,10 +81,12 @@ async function drawLatest(isNew = false) {
     choice.replaceChildren(...quantities.map((key) => el("option", { value: key }, figures.quantity(key)[0])));
     if (quantities.includes(kept)) choice.value = kept;
   }
+  await drawRefused();
   const look = latest?.latest;
   const here = [waveform, spectrum, density];
   for (const { element } of here) element.hidden = !look;
   latestTitle.textContent = look ? `Latest record: ${time(look.start)} UTC, ${fixed(look.duration_s, 0)} s at ${fixed(look.fs_hz, 0)} Hz` : "No record identified yet";
+  latestWords.textContent = look ? motionAndLabels(look) : "";
   if (!look) return;
   waveform.element.hidden = !look.waveform;
   if (look.waveform) await figures.waveform(waveform.plot, look.waveform, latest.unit);
@@ -108,8 +116,81 @@ function drawSources(sources) {
     ...sources.said.map((sentence) => el("p", {}, `${sentence}.`)));
 }
 
+const MOTION = { ambient: "ambient vibration", "free-decay": "a free decay", "free-decays": "several free decays", blow: "ambient vibration with blows" };
+
+// `a free decay from 2.31 s`
+function motionSaid(motion) {
+  const onsets = motion.onsets_s.slice(0, 4).map((s) => s.toFixed(2)).join(", ");
+  const more = motion.onsets_s.length > 4 ? ` and ${motion.onsets_s.length - 4} more` : "";
+  return `${MOTION[motion.kind] ?? motion.kind}${onsets ? ` ${motion.kind === "blow" ? "at" : "from"} ${onsets} s${more}` : ""}`;
+}
+
+// A probability in percent, never rounded to certainty.
+function share(probability) {
+  const percent = 100 * probability;
+  if (percent > 99.9 && probability < 1) return "over 99.9 %";
+  if (percent < 0.1 && probability > 0) return "under 0.1 %";
+  return `${fixed(percent, percent >= 1 && percent <= 99 ? 0 : 1)} %`;
+}
+
+function motionAndLabels(look) {
+  const motion = look.excitation ? `The record shows ${motionSaid(look.excitation)}. ` : "";
+  const labels = look.label_probability === undefined ? "" : `The orders of its modes are right with a probability of ${share(look.label_probability)}.`;
+  return motion + labels;
+}
+
+// Assignments of peaks to modes that were weighed, each with the force it would give.
+function candidateTable(candidates) {
+  const cell = (name, kind, ...children) => el("td", { "data-name": name, class: kind }, ...children);
+  const rows = candidates.slice(0, 6).map((candidate) => {
+    const force = candidate.axial_force_n;
+    return el("tr", {},
+      cell("modes", "", candidate.modes.map((mode) => `${mode.order} at ${mode.frequency_hz.toFixed(3)} Hz`).join(", ") || "no peak is a mode of the rod"),
+      cell("probability", "n", share(candidate.probability)),
+      cell("force [kN]", "n", ...(force ? [kilonewtons(force.q50), el("small", {}, `${kilonewtons(force.q025)} to ${kilonewtons(force.q975)}`)] : ["-"])));
+  });
+  return table("What the peaks may be, the likeliest first, each with the force it would give.", [["modes"], ["probability", "n"], ["force [kN]", "n"]], rows);
+}
+
+function peakTable(peaks) {
+  const cell = (name, kind, ...children) => el("td", { "data-name": name, class: kind }, ...children);
+  const known = peaks.filter((peak) => peak.sd_hz !== undefined);
+  const row = (peak) => {
+    const digits = Math.min(Math.max(1 - Math.floor(Math.log10(peak.sd_hz || 1e-3)), 1), 6);
+    const multiple = peak.multiple_of ? `, ${peak.multiple_of.times} \u00d7 ${peak.multiple_of.frequency_hz.toFixed(3)}` : "";
+    return el("tr", {},
+      cell("frequency [Hz]", "n", peak.frequency_hz.toFixed(digits), el("small", {}, `\u00b1 ${peak.sd_hz.toFixed(digits)}`)),
+      cell("damping [%]", "n", fixed(100 * peak.damping, 3)),
+      cell("level [dB]", "n", fixed(peak.level_db, 1)),
+      cell("taken for", "", `${peak.taken_for}${multiple}`));
+  };
+  return known.length ? table("Every peak found; the level is its height over the noise floor.", [["frequency [Hz]", "n"], ["damping [%]", "n"], ["level [dB]", "n"], ["taken for"]], known.map(row)) : "";
+}
+
+// The latest rejected record: why it was, and what can be seen of it.
+async function drawRefused() {
+  const look = latest?.refused;
+  for (const element of [refusedTitle, refusedWords, refusedPeaks]) element.hidden = !look;
+  const hasSpectrum = Boolean(look?.curve.level_db.length);
+  refusedSpectrum.element.hidden = !hasSpectrum;
+  refusedWaveform.element.hidden = !look?.waveform;
+  if (!look) return;
+  refusedTitle.textContent = `Latest rejected record: ${time(look.start)} UTC, ${fixed(look.duration_s, 0)} s at ${fixed(look.fs_hz, 0)} Hz`;
+  refusedWords.replaceChildren(el("p", { class: "note" }, el("strong", {}, `${look.rejection.code}: `), look.rejection.message),
+    el("p", {}, look.excitation ? `The record shows ${motionSaid(look.excitation)}.` : ""), ...(look.candidates ? [candidateTable(look.candidates)] : []));
+  if (look.waveform) await figures.waveform(refusedWaveform.plot, look.waveform, latest.unit);
+  if (hasSpectrum) {
+    await figures.spectrum(refusedSpectrum.plot, look);
+    const peaks = look.peaks.map((peak) => `${peak.frequency_hz.toFixed(3)}${peak.taken_for ? ` (${peak.taken_for})` : ""}`);
+    refusedSpectrum.words.textContent = `Power spectral density of the latest rejected record. Peaks [Hz]: ${peaks.join(", ") || "none"}.`;
+  }
+  refusedPeaks.replaceChildren(peakTable(look.peaks));
+}
+
 function recordRow(record) {
   const cell = (name, kind, ...children) => el("td", { "data-name": name, class: kind }, ...children);
+  const motion = record.excitation ? ` (${record.excitation.kind.replace("-", " ")})` : "";
+  const doubt = record.label_probability != null && record.label_probability < 0.99 ? `; orders right with ${share(record.label_probability)}` : "";
   const said = record.rejection ? `rejected: ${record.rejection.message}` : record.set_aside ? `set aside: ${record.set_aside}` : record.state;
   return el("tr", { "data-start": record.start },
     cell("start", "nowrap", time(record.start)),
@@ -118,7 +199,7 @@ function recordRow(record) {
     cell("force [kN]", "n", ...interval(record.axial_force_n, kilonewtons)),
     cell("change [%]", "n", ...interval(record.relative_force_at_reference ?? record.relative_force, (r) => percent(r))),
     cell("temperature [\u00b0C]", "n", record.temperature_c === null || record.temperature_c === undefined ? "-" : fixed(record.temperature_c, 1)),
-    cell("result", "", said));
+    cell("result", "", `${said}${motion}${doubt}`));
 }
 
 async function drawRecords(isOlder = false) {
@@ -169,6 +250,9 @@ show(content, notes, facts,
   el("h2", {}, "Absolute force"), absolute.element, temperature.element,
   latestTitle, el("div", { class: "pair" }, waveform.element, spectrum.element),
   el("div", { class: "tools" }, el("label", { for: "quantity" }, "Quantity "), choice), density.element, hangsOn,
+  latestTitle, latestWords, el("div", { class: "pair" }, waveform.element, spectrum.element),
+  el("div", { class: "tools" }, el("label", { for: "quantity" }, "Quantity "), choice), density.element,
+  refusedTitle, refusedWords, el("div", { class: "pair" }, refusedWaveform.element, refusedSpectrum.element), refusedPeaks,
   el("h2", {}, "Records"), el("div", { class: "tools" }, rejectedOnly, el("label", { for: "rejected" }, "rejected ones only")), records, older);
 live(draw);
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => draw());

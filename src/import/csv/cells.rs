@@ -1,8 +1,6 @@
-//! Lines of a text table to cells: the delimiter, quotes, heads, and what a cell may be.
+//! Lines of a text table to cells: the delimiter, quotes, and what a cell may be.
 
-use crate::import::heads::{some, split_head};
-use crate::import::{ImportError, TimeUnit, lines};
-use crate::record::Unit;
+use crate::import::{ImportError, lines};
 use csv_core::{ReadRecordResult, Reader, ReaderBuilder};
 
 /// What stands between the columns of most lines.
@@ -32,7 +30,21 @@ pub(super) fn check_head(head: &[String], delimiter: u8) -> Result<(), ImportErr
                 .chars()
                 .all(|c| c.is_ascii_digit() || "+-.,;:/eE \t|".contains(c))
     };
-    match head.iter().position(|line| is_like_data(line)) {
+    // `1;2;3` counts channels.
+    let is_count = |line: &str| {
+        let cells = line
+            .split(char::from(delimiter))
+            .map(str::trim)
+            .filter(|cell| !cell.is_empty());
+        let numbers: Option<Vec<u32>> = cells.map(|cell| cell.parse().ok()).collect();
+        numbers.is_some_and(|numbers| {
+            numbers.len() > 1
+                && numbers
+                    .windows(2)
+                    .all(|pair| pair[1].checked_sub(pair[0]) == Some(1))
+        })
+    };
+    match head.iter().position(|line| is_like_data(line) && !is_count(line)) {
         None => Ok(()),
         Some(index) => Err(ImportError::at(
             format_args!("line {}", index + 1),
@@ -102,21 +114,16 @@ impl Splitter {
     }
 }
 
-/// Whether every cell could be a number, a date or nothing, and at least one is.
-pub(super) fn is_data(row: &[String], decimal_comma: bool) -> bool {
-    let is_number = |cell: &str| number(cell, decimal_comma).is_some();
-    let is_date = |cell: &str| {
-        cell.starts_with(|c: char| c.is_ascii_digit())
-            && cell
-                .chars()
-                .all(|c| c.is_ascii_digit() || "-/.:,TZ+ ".contains(c))
-    };
-    let some = row
-        .iter()
-        .any(|cell| !is_missing(cell) && (is_number(cell) || is_date(cell)));
-    some && row
-        .iter()
-        .all(|cell| is_missing(cell) || is_number(cell) || is_date(cell))
+/// Whether a cell could be a number or a date.
+pub(super) fn is_value(cell: &str, decimal_comma: bool) -> bool {
+    // `1,25` is none.
+    let has_parts = cell.contains(':') || cell.chars().filter(|c| "-/.".contains(*c)).count() > 1;
+    let is_date = has_parts
+        && cell.starts_with(|c: char| c.is_ascii_digit())
+        && cell
+            .chars()
+            .all(|c| c.is_ascii_digit() || "-/.:,TZ+ ".contains(c));
+    number(cell, decimal_comma).is_some() || is_date
 }
 
 pub(super) fn is_missing(cell: &str) -> bool {
@@ -135,38 +142,4 @@ pub(super) fn number(cell: &str, decimal_comma: bool) -> Option<f64> {
         return None;
     }
     cell.replace(',', ".").parse().ok()
-}
-
-/// Names and units from the lines with as many cells just before the data: the last of them gives units if it holds any, and the
-/// one above then names, else it names.
-pub(super) fn heads(before: &[Vec<String>], width: usize) -> (Vec<String>, Vec<Option<String>>) {
-    let matching = before
-        .iter()
-        .rev()
-        .take_while(|row| row.len() == width || row.is_empty());
-    let matching: Vec<&Vec<String>> = matching.filter(|row| !row.is_empty()).collect();
-    let mut names = vec![String::new(); width];
-    let mut units = vec![None; width];
-    let is_unit = |cell: &String| {
-        some(cell).is_some_and(|unit| Unit::as_written(&unit).is_some() || TimeUnit::of(&unit).is_some())
-    };
-    let (row_of_units, row_of_names) = match matching[..] {
-        // "t" and "s" alone could be names as well.
-        [last, above, ..] if last.iter().any(is_unit) => (Some(last), Some(above)),
-        [last, ..] => (None, Some(last)),
-        [] => (None, None),
-    };
-    for ((name, unit), head) in names
-        .iter_mut()
-        .zip(&mut units)
-        .zip(row_of_names.into_iter().flatten())
-    {
-        (*name, *unit) = split_head(head);
-    }
-    for (unit, cell) in units.iter_mut().zip(row_of_units.into_iter().flatten()) {
-        if unit.is_none() {
-            *unit = some(cell);
-        }
-    }
-    (names, units)
 }

@@ -1,0 +1,156 @@
+//! What was found in a record, as text of at most 80 columns: its peaks, and what they may be.
+
+use crate::findings::{Candidate, three_digits};
+use crate::snapshot::PeakMark;
+use std::fmt::Write;
+
+/// Most characters of a line.
+const WIDTH: usize = 80;
+/// Candidates listed.
+const CANDIDATES: usize = 5;
+
+/// Every peak with its standard error, damping, level over the noise floor, and what it was taken for.
+pub fn peaks(peaks: &[PeakMark]) -> String {
+    let mut text = format!(
+        "  {:>14}  {:>10}  {:>11}  {:>10}  taken for\n",
+        "frequency [Hz]", "error [Hz]", "damping [%]", "level [dB]"
+    );
+    for peak in peaks {
+        // Two digits of the error, as far as a person reads them.
+        let sd_hz = peak.sd_hz.unwrap_or(0.0);
+        let decimals = match sd_hz > 0.0 {
+            true => (1.0 - sd_hz.log10().floor()).clamp(1.0, 6.0) as usize,
+            false => 3,
+        };
+        let number = |value: Option<f64>, decimals: usize| {
+            value.map_or_else(|| "-".to_owned(), |value| format!("{value:.decimals$}"))
+        };
+        // Writing to a string cannot fail.
+        let _ = writeln!(
+            text,
+            "  {:>14}  {:>10}  {:>11}  {:>10}  {}",
+            format!("{:.decimals$}", peak.frequency_hz),
+            number(peak.sd_hz, decimals),
+            number(peak.damping.map(|damping| 100.0 * damping), 3),
+            number(peak.level_db, 1),
+            peak.said(),
+        );
+    }
+    text
+}
+
+/// The assignments of peaks to mode orders that were weighed, likeliest first, each with the force it would give.
+pub fn candidates(candidates: &[Candidate]) -> String {
+    let mut text = format!("  {:>11}  {:<24}  modes\n", "probability", "force [kN]");
+    for candidate in candidates.iter().take(CANDIDATES) {
+        let force = candidate.axial_force_n.map_or_else(
+            || "-".to_owned(),
+            |force| {
+                let [low, middle, high] =
+                    [force.q025, force.q50, force.q975].map(|newtons| three_digits(1e-3 * newtons));
+                format!("{middle} ({low} to {high})")
+            },
+        );
+        let opening = format!("  {:>11}  {force:<24}  ", probability(candidate.probability));
+        text += &wrapped(&opening, &candidate.said());
+    }
+    match candidates.len().saturating_sub(CANDIDATES) {
+        0 => {}
+        more => {
+            let _ = writeln!(text, "  and {more} more");
+        }
+    }
+    text
+}
+
+/// A probability that never says 1 or 0 of what is not certain.
+pub fn probability(probability: f64) -> String {
+    match probability {
+        p if p > 0.9999 && p < 1.0 => "> 0.9999".to_owned(),
+        p if p < 0.0001 && p > 0.0 => "< 0.0001".to_owned(),
+        p if !(0.01..=0.99).contains(&p) => format!("{p:.4}"),
+        p => format!("{p:.2}"),
+    }
+}
+
+/// Text behind an opening, broken between words, further lines as far to the right.
+pub fn wrapped(opening: &str, text: &str) -> String {
+    let indent = opening.chars().count();
+    let mut out = String::from(opening);
+    let mut column = indent;
+    for word in text.split_whitespace() {
+        let length = word.chars().count();
+        if column > indent && column + 1 + length > WIDTH {
+            let _ = write!(out, "\n{:indent$}", "");
+            column = indent;
+        }
+        if column > indent {
+            out.push(' ');
+            column += 1;
+        }
+        out.push_str(word);
+        column += length;
+    }
+    let trimmed = out.trim_end().len();
+    out.truncate(trimmed);
+    out.push('\n');
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::findings::{Assigned, Multiple, Nature, Quantiles};
+
+    #[test]
+    fn tables_hold_within_eighty_columns() {
+        let mark = PeakMark {
+            frequency_hz: 12_345.678_9,
+            order: None,
+            line: true,
+            sd_hz: Some(1.2e-4),
+            damping: Some(0.3),
+            level_db: Some(-3.25),
+            taken_for: Some(Nature::Harmonic),
+            multiple_of: Some(Multiple {
+                times: 12,
+                frequency_hz: 1028.8,
+            }),
+        };
+        let candidate = Candidate {
+            modes: (1..=12)
+                .map(|order| Assigned {
+                    order,
+                    frequency_hz: 104.492 * order as f64,
+                })
+                .collect(),
+            probability: 0.99999,
+            axial_force_n: Some(Quantiles {
+                q025: 1.0e6,
+                q50: 1.1e6,
+                q975: 1.2e6,
+            }),
+        };
+        let text = peaks(&[mark]) + &candidates(&[candidate]);
+        assert!(text.lines().all(|line| line.chars().count() <= WIDTH), "{text}");
+        assert!(
+            text.contains("12345.67890     0.00012       30.000        -3.2  harmonic, 12 x 1028.8"),
+            "{text}"
+        );
+        assert!(
+            text.contains("> 0.9999  1100 (1000 to 1200)       1 at 104.49,"),
+            "{text}"
+        );
+    }
+
+    #[test]
+    fn a_probability_is_never_rounded_to_certainty() {
+        let said = [1.0, 0.99996, 0.996, 0.5, 0.004, 1e-6, 0.0].map(probability);
+        assert_eq!(
+            said,
+            [
+                "1.0000", "> 0.9999", "0.9960", "0.50", "0.0040", "< 0.0001", "0.0000"
+            ]
+        );
+    }
+}

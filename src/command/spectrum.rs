@@ -1,0 +1,408 @@
+//! `tirante spectrum`: every peak of a measurement, without a rod.
+
+mod input;
+mod look;
+
+use super::foreign::Foreign;
+use super::progress::Progress;
+use super::sketch::{self, When};
+use super::{BadArguments, WITH_LOSSES, findings};
+use crate::config::Config;
+use crate::findings::motion_said;
+use crate::import;
+use crate::pipeline::{Limits, map_in_order};
+use crate::plot;
+use crate::plot::view::SpectrumReport;
+use crate::sink::AtomicFile;
+use crate::source;
+use anyhow::Context;
+use input::{Inputs, Step, Wanted};
+use look::{Look, Looker};
+use std::io::{self, Write};
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::str::FromStr;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::thread;
+
+/// Samples of records in memory between reading and analysis (8 bytes each).
+const SAMPLES_IN_FLIGHT: usize = 4 << 20;
+/// Most records of a page.
+const PAGE_RECORDS: usize = 100;
+
+/// Shows every peak of a measurement: frequency with standard error, damping, level, and what it was taken for. No rod and no
+/// configuration is needed; every channel of motion in the files is looked at.
+///
+/// With --config the records are those of the configured rods: the peaks then bear the orders of their modes, and what the record
+/// says of the force stands above them.
+#[derive(Debug, Clone, clap::Args)]
+#[command(after_help = "Examples:
+  tirante spectrum recordings/todi-pull.mcap
+  tirante spectrum laser.mcap --topic /nave-3/displacement --band 2..40
+  tirante spectrum laser.csv --unit mm                 any format that import reads
+  tirante spectrum laser.mcap --html laser.html        waveform and spectrum of every record
+  tirante spectrum /data/2026 --json > peaks.jsonl     one object per record and channel
+  tirante spectrum laser.mcap --config site.toml       with the orders of the modes
+
+What a peak is taken for:
+  mode 2      with --config alone: the rod's second mode
+  candidate   a resonance, which may be a mode; '2 x 4.492' if it is a multiple of another peak, as the
+              modes of a taut rod nearly are
+  doubtful    a resonance whose shape or level speaks against a mode
+  tone        a pure sine: mains, a motor, a pump; harmonic: a multiple of a tone
+  broad       wider than any rod vibrates (damping above 10 %); drift: the same at the low end
+
+The level is the height of the fitted peak over the noise floor. Without --band, peaks are looked for from 15 periods
+in the record up to 0.48 of the sample rate.")]
+pub struct Args {
+    /// Recordings (MCAP), measurements in any format that `import` reads, or folders of recordings.
+    #[arg(value_name = "FILE", required = true)]
+    pub paths: Vec<PathBuf>,
+
+    /// A channel of a recording by its topic, any number of times; the same as --channel.
+    #[arg(long, value_name = "NAME", conflicts_with = "config")]
+    pub topic: Vec<String>,
+
+    /// The field of a message that holds the samples, if it is none of the usual ones; of recordings alone.
+    #[arg(long, value_name = "PATH", conflicts_with = "config")]
+    pub field: Option<String>,
+
+    /// Where peaks are looked for in Hz; either end may be left out.
+    #[arg(long, value_name = "LOW..HIGH")]
+    pub band: Option<Band>,
+
+    /// A configuration: the records of its rods, with the orders of their modes.
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+
+    /// One JSON object per record and channel instead of tables.
+    #[arg(long)]
+    pub json: bool,
+
+    /// Write a page with waveform, spectrum and peaks of every record, to open without a network.
+    #[arg(long, value_name = "FILE")]
+    pub html: Option<PathBuf>,
+
+    /// Whether a small plot is drawn under each table.
+    #[arg(long, value_name = "WHEN", value_enum, default_value_t)]
+    pub plot: When,
+
+    /// What a file does not say itself.
+    #[command(flatten)]
+    pub foreign: Foreign,
+}
+
+/// A band of frequencies, open where an end is left out.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Band {
+    /// Lower end \[Hz\].
+    pub low_hz: Option<f64>,
+    /// Upper end \[Hz\].
+    pub high_hz: Option<f64>,
+}
+
+impl FromStr for Band {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let expected =
+            || format!("'{text}' is no band: LOW..HIGH in Hz is expected, such as 2..40, 2.. or ..40");
+        let (low, high) = text.split_once("..").ok_or_else(expected)?;
+        let end = |text: &str| match text.trim() {
+            "" => Ok(None),
+            number => positive(number).map(Some).map_err(|_| expected()),
+        };
+        let band = Self {
+            low_hz: end(low)?,
+            high_hz: end(high)?,
+        };
+        match (band.low_hz, band.high_hz) {
+            (Some(low), Some(high)) if low >= high => {
+                Err(format!("{low}..{high}: the lower end comes first"))
+            }
+            _ => Ok(band),
+        }
+    }
+}
+
+fn positive(text: &str) -> Result<f64, String> {
+    let number = text.parse().ok();
+    number
+        .filter(|number: &f64| number.is_finite() && *number > 0.0)
+        .ok_or_else(|| "a positive number is expected".to_owned())
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// Bad arguments or configuration, or a page that cannot be written.
+pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
+    if let Some(page) = &args.html
+        && args.paths.iter().any(|path| path == page)
+    {
+        return Err(BadArguments(format!("--html {}: is the file to be looked at", page.display())).into());
+    }
+    let config = args.config.as_deref().map(Config::load).transpose()?;
+    let looker = Looker::new(
+        config.as_ref(),
+        args.band.unwrap_or(Band {
+            low_hz: None,
+            high_hz: None,
+        }),
+    )?;
+    let mut foreign = args.foreign.clone();
+    let topics = args.topic.iter().map(|topic| import::Wanted {
+        source: topic.clone(),
+        topic: None,
+        unit: None,
+    });
+    foreign.channels.extend(topics);
+    let wanted = Wanted {
+        config: config.as_ref(),
+        field: args.field.as_deref(),
+        how: foreign.how(),
+    };
+    let files = source::recordings(&args.paths);
+    let total: u64 = files
+        .iter()
+        .flatten()
+        .filter_map(|file| file.metadata().ok())
+        .map(|data| data.len())
+        .sum();
+    let bar = Progress::new(
+        total,
+        "{bar:40} {percent:>3} %  {bytes} of {total_bytes}, {eta} left",
+    );
+    let done = Arc::new(AtomicU64::new(0));
+    let mut shown = Shown::new(args);
+    let mut failure = None;
+    map_in_order(
+        Inputs::new(files, wanted, Arc::clone(&done)),
+        Limits {
+            workers: thread::available_parallelism().map_or(1, usize::from),
+            weight: SAMPLES_IN_FLIGHT,
+        },
+        |step| match step {
+            Step::Event(_, event) => input::samples(event),
+            _ => 1,
+        },
+        |step| match step {
+            Step::Event(channel, event) => Done::Look(looker.look(&channel, event)),
+            Step::Note(note) => Done::Note(note),
+            Step::Ended(faults) => Done::Ended(faults),
+            Step::Failed(why) => Done::Failed(why),
+        },
+        |results| {
+            bar.set(done.load(Ordering::Relaxed), total);
+            for result in results {
+                if let Err(error) = shown.take(result, &bar) {
+                    failure = Some(error);
+                    return ControlFlow::Break(());
+                }
+            }
+            ControlFlow::Continue(())
+        },
+    );
+    drop(bar);
+    match failure {
+        // Whoever reads stdout has seen enough (`| head`); the page is wanted all the same.
+        Some(error) if error.kind() != io::ErrorKind::BrokenPipe => return Err(error.into()),
+        _ => {}
+    }
+    if let Some(page) = &args.html {
+        shown.write_page(page)?;
+    }
+    Ok(shown.exit_code())
+}
+
+/// What becomes of a step.
+enum Done {
+    Look(Option<Box<Look>>),
+    Note(String),
+    Ended(Vec<String>),
+    Failed(String),
+}
+
+/// Results on their way out, and how many of each there were.
+struct Shown<'a> {
+    args: &'a Args,
+    page: Vec<SpectrumReport>,
+    left_out: usize,
+    looks: usize,
+    refused: usize,
+    faults: usize,
+    failed: usize,
+    broken: usize,
+}
+
+impl<'a> Shown<'a> {
+    fn new(args: &'a Args) -> Self {
+        Self {
+            args,
+            page: Vec::new(),
+            left_out: 0,
+            looks: 0,
+            refused: 0,
+            faults: 0,
+            failed: 0,
+            broken: 0,
+        }
+    }
+
+    fn take(&mut self, result: Result<Done, String>, bar: &Progress) -> io::Result<()> {
+        match result {
+            Ok(Done::Look(None)) => {}
+            Ok(Done::Look(Some(look))) => {
+                bar.suspend(|| self.show(&look))?;
+                self.looks += 1;
+                self.refused += usize::from(look.rejection.is_some());
+                if self.args.html.is_some() {
+                    match self.page.len() < PAGE_RECORDS {
+                        true => self.page.push(look.report()),
+                        false => self.left_out += 1,
+                    }
+                }
+            }
+            Ok(Done::Note(note)) => bar.say(&note),
+            Ok(Done::Ended(faults)) => {
+                self.faults += faults.len();
+                for fault in faults {
+                    bar.say(&format!("warning: {fault}"));
+                }
+            }
+            Ok(Done::Failed(why)) => {
+                self.failed += 1;
+                bar.say(&format!("error: {why}"));
+            }
+            Err(panic) => {
+                self.broken += 1;
+                bar.say(&format!(
+                    "error: the program broke on one record, please report it ({panic})"
+                ));
+            }
+        }
+        Ok(())
+    }
+
+    fn show(&self, look: &Look) -> io::Result<()> {
+        let text = match self.args.json {
+            true => look.json() + "\n",
+            false => self.table(look),
+        };
+        let mut out = io::stdout().lock();
+        out.write_all(text.as_bytes())?;
+        out.flush()
+    }
+
+    fn table(&self, look: &Look) -> String {
+        let mut text = if self.looks > 0 {
+            "\n".to_owned()
+        } else {
+            String::new()
+        };
+        let mut line = |opening: &str, content: &str| text += &findings::wrapped(opening, content);
+        line("", &look.heading());
+        if let (Some(start), Some(fs_hz)) = (look.start, look.fs_hz) {
+            line(
+                "  ",
+                &format!(
+                    "record of {:.1} s at {fs_hz:.2} Hz, from {start}",
+                    look.duration_s
+                ),
+            );
+        }
+        if let Some(motion) = look.motion() {
+            line("  ", &motion_said(motion));
+        }
+        for flag in &look.flags {
+            line("  noticed: ", &flag.to_string());
+        }
+        if let Some(reason) = &look.rejection {
+            line("  ", &format!("refused ({}): {reason}", reason.code()));
+        }
+        if let Some(force) = &look.force {
+            line("  ", &format!("axial force {force}"));
+        }
+        if let Some(probability) = look.label_probability() {
+            line(
+                "  ",
+                &format!(
+                    "orders of the modes right with a probability of {}",
+                    findings::probability(probability)
+                ),
+            );
+        }
+        let Some(picture) = &look.picture else { return text };
+        if let Some((low, high)) = look.band_hz {
+            let count = match picture.peaks.len() {
+                0 => "no peak stands above the noise".to_owned(),
+                1 => "1 peak".to_owned(),
+                count => format!("{count} peaks"),
+            };
+            line("  ", &format!("{count} between {low:.2} and {high:.2} Hz"));
+        }
+        if !picture.peaks.is_empty() {
+            text += &format!("\n{}", findings::peaks(&picture.peaks));
+        }
+        if !picture.candidates.is_empty() {
+            text += &format!("\n{}", findings::candidates(&picture.candidates));
+        }
+        if let Some(width) = self.args.plot.width() {
+            let plot = sketch::spectrum(picture, width);
+            if !plot.is_empty() {
+                text += &format!("\n{plot}");
+            }
+        }
+        text
+    }
+
+    fn write_page(&self, page: &Path) -> anyhow::Result<()> {
+        let at = || format!("--html {}", page.display());
+        let title = match &self.args.paths[..] {
+            [only] => only
+                .file_name()
+                .unwrap_or(only.as_os_str())
+                .to_string_lossy()
+                .into_owned(),
+            several => format!("{} files", several.len()),
+        };
+        let mut file = AtomicFile::create(page).with_context(at)?;
+        let text = plot::spectra(&title, &self.page, self.left_out);
+        file.write_all(text.as_bytes()).with_context(at)?;
+        file.commit().with_context(at)?;
+        tell!("page: {}", page.display());
+        Ok(())
+    }
+
+    /// 0 good, 1 nothing could be looked at or something broke, 3 refused records, unreadable files or lost data.
+    fn exit_code(&self) -> ExitCode {
+        if self.broken > 0 || self.looks == 0 {
+            if self.looks == 0 && self.failed == 0 && self.broken == 0 {
+                tell!("error: no samples in the channels that were looked at");
+            }
+            ExitCode::FAILURE
+        } else if self.refused + self.failed + self.faults > 0 {
+            ExitCode::from(WITH_LOSSES)
+        } else {
+            ExitCode::SUCCESS
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_band_may_be_open() {
+        let band = |low_hz, high_hz| Ok(Band { low_hz, high_hz });
+        assert_eq!("2..40".parse(), band(Some(2.0), Some(40.0)));
+        assert_eq!("..40".parse(), band(None, Some(40.0)));
+        assert_eq!("0.5..".parse(), band(Some(0.5), None));
+        for wrong in ["2", "2-40", "40..2", "2..2", "a..b", "-1..3", "0..3", "1..inf"] {
+            assert!(wrong.parse::<Band>().is_err(), "{wrong}");
+        }
+    }
+}

@@ -1,0 +1,360 @@
+//! Records of files, channel by channel, without a configuration or with one.
+
+use crate::command::foreign;
+use crate::config::Config;
+use crate::import::{self, How, Opened, Whose};
+use crate::record::{Channel, Cut, Event, RecordSettings, RodChannels, RodId, TimeSource, Unit};
+use crate::source::contents::{Content, contents};
+use crate::source::{Options, Recording, SourceError, Summary};
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+/// What is wanted of the files.
+pub(super) struct Wanted<'a> {
+    /// The records of its rods alone.
+    pub config: Option<&'a Config>,
+    /// The field of samples in recordings.
+    pub field: Option<&'a str>,
+    /// What the files do not say themselves, and the channels wanted.
+    pub how: How,
+}
+
+/// Where a record comes from.
+#[derive(Debug, Clone)]
+pub(super) struct Source {
+    /// The file.
+    pub file: Arc<str>,
+    /// Its topic.
+    pub channel: String,
+    /// Its rod, if one is configured.
+    pub rod: Option<RodId>,
+    /// SI unit of its samples, if it is known.
+    pub unit: Option<&'static str>,
+    /// The unit the file writes, if it is none of ours.
+    pub foreign_unit: Option<String>,
+}
+
+impl Source {
+    fn new(path: &Path, topic: &str, unit: Option<Unit>) -> Self {
+        Self {
+            file: Arc::from(path.display().to_string()),
+            channel: topic.to_owned(),
+            rod: None,
+            unit: unit.map(Unit::si),
+            foreign_unit: None,
+        }
+    }
+}
+
+/// One step of reading.
+pub(super) enum Step {
+    /// A record, or a stretch that is none.
+    Event(Source, Event),
+    /// A sentence that is no fault.
+    Note(String),
+    /// The end of a file, with what was wrong in it.
+    Ended(Vec<String>),
+    /// A file that cannot be looked at.
+    Failed(String),
+}
+
+/// Samples an event holds in memory.
+pub(super) fn samples(event: &Event) -> usize {
+    match event {
+        Event::Record(record) => record.samples.len(),
+        _ => 1,
+    }
+}
+
+/// A file that is open.
+struct Open {
+    recording: Box<Recording>,
+    sources: BTreeMap<RodId, Source>,
+}
+
+/// The records of many files, one file after another.
+pub(super) struct Inputs<'a> {
+    files: std::vec::IntoIter<Result<PathBuf, SourceError>>,
+    wanted: Wanted<'a>,
+    done: Arc<AtomicU64>,
+    bytes_of_closed: u64,
+    open: Option<Open>,
+    notes: Vec<String>,
+}
+
+impl<'a> Inputs<'a> {
+    /// Reads `files` in their order; `done` counts the bytes.
+    pub fn new(files: Vec<Result<PathBuf, SourceError>>, wanted: Wanted<'a>, done: Arc<AtomicU64>) -> Self {
+        Self {
+            files: files.into_iter(),
+            wanted,
+            done,
+            bytes_of_closed: 0,
+            open: None,
+            notes: Vec::new(),
+        }
+    }
+
+    fn open(&mut self, path: &Path) -> Result<Open, SourceError> {
+        match self.wanted.config {
+            Some(config) => self.open_for(config, path),
+            None if is_recording(path) => self.open_recording(path),
+            None => self.open_other(path),
+        }
+    }
+
+    /// The records of configured rods.
+    fn open_for(&self, config: &Config, path: &Path) -> Result<Open, SourceError> {
+        let rods: Vec<RodChannels> = config.rods.iter().map(|rod| rod.channels.clone()).collect();
+        let whose = Whose {
+            rods: &rods,
+            is_meant: true,
+            any_start: true,
+        };
+        let how = &self.wanted.how;
+        let recording = import::open(
+            path,
+            how,
+            whose,
+            &config.record,
+            Options::default(),
+            &foreign::watch,
+        )?;
+        let sources = rods.iter().map(|channels| {
+            let source = Source {
+                rod: Some(channels.rod.clone()),
+                ..Source::new(
+                    path,
+                    &channels.displacement.topic,
+                    Some(channels.displacement.unit),
+                )
+            };
+            (channels.rod.clone(), source)
+        });
+        Ok(Open {
+            recording: Box::new(recording),
+            sources: sources.collect(),
+        })
+    }
+
+    /// Every channel of a recording, or those wanted.
+    fn open_recording(&mut self, path: &Path) -> Result<Open, SourceError> {
+        let refused = |what: String| SourceError::Foreign {
+            path: path.display().to_string(),
+            what,
+        };
+        let found = contents(path).map_err(|source| SourceError::Io {
+            path: path.display().to_string(),
+            source,
+        })?;
+        let how = &self.wanted.how;
+        let (mut rods, mut sources, mut notes) = (Vec::new(), BTreeMap::new(), Vec::new());
+        for (content, wanted) in chosen(&found, &how.channels).map_err(refused)? {
+            let unit = wanted.and_then(|wanted| wanted.unit).or(how.unit);
+            match as_rod(content, self.wanted.field, unit, how.rate_hz, wanted.is_some()) {
+                Ok((rod, unit)) => {
+                    sources.insert(rod.rod.clone(), Source::new(path, &content.topic, unit));
+                    rods.push(rod);
+                }
+                Err(why) => notes.push(why),
+            }
+        }
+        if rods.is_empty() {
+            return Err(refused(match notes.is_empty() {
+                true => "it has no channel with messages".to_owned(),
+                false => notes.join("; "),
+            }));
+        }
+        self.note(path, notes);
+        let recording = Recording::open(path, &rods, &lenient(), Options::default())?;
+        Ok(Open {
+            recording: Box::new(recording),
+            sources,
+        })
+    }
+
+    /// Every channel of another program's file, or those wanted.
+    fn open_other(&mut self, path: &Path) -> Result<Open, SourceError> {
+        let Opened {
+            recording,
+            channels,
+            notes,
+        } = import::open_any(path, &self.wanted.how, &lenient(), &foreign::watch)?;
+        self.note(path, notes);
+        let sources = channels.into_iter().map(|seen| {
+            let source = Source {
+                foreign_unit: seen.foreign_unit,
+                ..Source::new(path, &seen.topic, seen.unit)
+            };
+            (RodId(seen.topic), source)
+        });
+        Ok(Open {
+            recording: Box::new(recording),
+            sources: sources.collect(),
+        })
+    }
+
+    fn note(&mut self, path: &Path, notes: Vec<String>) {
+        let name = path.display();
+        self.notes
+            .extend(notes.into_iter().map(|note| format!("{name}: {note}")));
+    }
+
+    /// One step of the open file; nothing where there is nothing to tell.
+    fn step(&mut self, mut open: Open) -> Option<Step> {
+        let event = open.recording.next();
+        let bytes = Recording::position(&open.recording).read;
+        self.done.store(self.bytes_of_closed + bytes, Ordering::Relaxed);
+        let Some(event) = event else {
+            self.bytes_of_closed += bytes;
+            let summary = open.recording.summary();
+            return Some(match summary.has_nothing() {
+                true => Step::Failed(summary.absences().join("; ")),
+                false => Step::Ended(faults(summary)),
+            });
+        };
+        let rod = match &event {
+            Event::Record(record) => &record.rod,
+            Event::Rejected { rod, .. } | Event::Readings { rod, .. } => rod,
+        };
+        let step = open
+            .sources
+            .get(rod)
+            .cloned()
+            .map(|source| Step::Event(source, event));
+        self.open = Some(open);
+        step
+    }
+}
+
+impl Iterator for Inputs<'_> {
+    type Item = Step;
+
+    fn next(&mut self) -> Option<Step> {
+        loop {
+            if let Some(note) = self.notes.pop() {
+                return Some(Step::Note(note));
+            }
+            if let Some(open) = self.open.take() {
+                if let Some(step) = self.step(open) {
+                    return Some(step);
+                }
+                continue;
+            }
+            let path = match self.files.next()? {
+                Ok(path) => path,
+                Err(error) => return Some(Step::Failed(error.to_string())),
+            };
+            match self.open(&path) {
+                Ok(open) => self.open = Some(open),
+                Err(error) => return Some(Step::Failed(error.to_string())),
+            }
+        }
+    }
+}
+
+/// What was wrong with a file. That nothing could be checked is no matter here.
+fn faults(summary: &Summary) -> Vec<String> {
+    let summary = Summary {
+        unverified: false,
+        ..summary.clone()
+    };
+    summary.faults()
+}
+
+/// Whether a file is a recording, by its first bytes or its name; whatever else is wrong with it is told by who reads it.
+fn is_recording(path: &Path) -> bool {
+    let is_called_so = path
+        .extension()
+        .is_some_and(|ending| ending.eq_ignore_ascii_case("mcap"));
+    let begins_so = || {
+        // Before it is opened: opening a pipe would wait for its writer.
+        let is_file = path.metadata().is_ok_and(|file| file.is_file());
+        let mut head = [0; 5];
+        is_file
+            && File::open(path)
+                .and_then(|mut file| file.read_exact(&mut head))
+                .is_ok()
+            && head == *b"\x89MCAP"
+    };
+    is_called_so || begins_so()
+}
+
+/// The channels that are wanted of those there are.
+fn chosen<'c>(
+    found: &'c [Content],
+    wanted: &'c [import::Wanted],
+) -> Result<Vec<(&'c Content, Option<&'c import::Wanted>)>, String> {
+    if wanted.is_empty() {
+        return Ok(found.iter().map(|content| (content, None)).collect());
+    }
+    let there: Vec<&str> = found.iter().map(|content| content.topic.as_str()).collect();
+    wanted
+        .iter()
+        .map(
+            |one| match found.iter().find(|content| content.topic == one.source) {
+                Some(content) => Ok((content, Some(one))),
+                None if there.is_empty() => {
+                    Err(format!("no channel {}; it has none with messages", one.source))
+                }
+                None => Err(format!("no channel {}; it has {}", one.source, there.join(", "))),
+            },
+        )
+        .collect()
+}
+
+/// A channel as a rod called as its topic, with its unit if that is known; else the reason why it cannot be looked at.
+fn as_rod(
+    content: &Content,
+    field: Option<&str>,
+    unit: Option<Unit>,
+    rate_hz: Option<f64>,
+    is_asked_for: bool,
+) -> Result<(RodChannels, Option<Unit>), String> {
+    let topic = &content.topic;
+    let field = match (field, &content.field) {
+        (Some(field), _) => field.to_owned(),
+        (None, Ok(field)) => field.clone(),
+        (None, Err(fault)) => {
+            return Err(format!(
+                "topic {topic} is left out: none of the usual fields can be read ({fault}); --field PATH names the one that holds the samples"
+            ));
+        }
+    };
+    let unit = content.unit.or(unit);
+    if !is_asked_for && content.unit.is_some_and(|unit| Unit::TEMPERATURE.contains(&unit)) {
+        return Err(format!(
+            "topic {topic} is left out: it holds temperatures (--topic {topic} asks for it)"
+        ));
+    }
+    let displacement = Channel {
+        topic: topic.clone(),
+        field,
+        // Without a unit the numbers are taken as they stand: metres are not converted.
+        unit: unit.unwrap_or(Unit::Metre),
+        time: TimeSource::Log,
+        fs_hz: rate_hz.or(content.array_fs_hz),
+    };
+    let rod = RodChannels {
+        rod: RodId(topic.clone()),
+        displacement,
+        temperature: None,
+    };
+    Ok((rod, unit))
+}
+
+/// Records to be looked at, whatever their quality: what would refuse them elsewhere is noticed.
+fn lenient() -> RecordSettings {
+    RecordSettings {
+        cut: Cut::Auto,
+        min_duration_s: 0.1,
+        max_missing: 0.2,
+        max_clipped: 1.0,
+        max_held: 1.0,
+        ..RecordSettings::default()
+    }
+}

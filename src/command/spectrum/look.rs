@@ -1,0 +1,324 @@
+//! One record looked at: its peaks over the whole band, and what a configured rod makes of them.
+
+use super::Band;
+use super::input::Source;
+use crate::analysis::{Measurement, Plan};
+use crate::bayes::Marginal;
+use crate::beam::Quantity;
+use crate::command::setup;
+use crate::config::Config;
+use crate::findings::{self, Candidate, Peak};
+use crate::modes::{Labels, Mode, Motion, PeakSearch, searchable_hz};
+use crate::outcome::Rejected;
+use crate::plot::view::SpectrumReport;
+use crate::record::{Envelope, Event, Flag, Record, Rejection, RodId, Timestamp};
+use crate::snapshot::Snapshot;
+use crate::spectrum::{PeakSettings, WelchSettings};
+use serde::Serialize;
+use std::collections::BTreeMap;
+
+/// Most peaks of a record.
+const MOST_PEAKS: usize = 40;
+
+/// Looks at records, all in the same way.
+pub(super) struct Looker {
+    search: PeakSearch,
+    plans: BTreeMap<RodId, Plan>,
+    band: Band,
+}
+
+/// What was seen of a record.
+pub(super) struct Look {
+    source: Source,
+    /// Time of the first sample, if it is known.
+    pub start: Option<Timestamp>,
+    /// Length \[s\].
+    pub duration_s: f64,
+    /// Sample rate \[Hz\], if it is known.
+    pub fs_hz: Option<f64>,
+    /// Where peaks were looked for \[Hz\].
+    pub band_hz: Option<(f64, f64)>,
+    /// What the quality checks noticed.
+    pub flags: Vec<Flag>,
+    /// Why there are no peaks, or no force of the configured rod.
+    pub rejection: Option<Rejection>,
+    /// The force of the configured rod, in words.
+    pub force: Option<String>,
+    /// Waveform, spectrum and peaks, if it has samples.
+    pub picture: Option<Snapshot>,
+    axial_force_n: Option<Marginal>,
+    peaks: Vec<Peak>,
+}
+
+/// What a configured rod makes of a record.
+#[derive(Default)]
+struct Told {
+    modes: Vec<Mode>,
+    labels: Option<Labels>,
+    force: Option<Marginal>,
+    rejection: Option<Rejection>,
+}
+
+/// A look as one JSON object.
+#[derive(Serialize)]
+struct Line<'a> {
+    file: &'a str,
+    channel: &'a str,
+    rod: Option<&'a RodId>,
+    unit: Option<&'a str>,
+    start: Option<Timestamp>,
+    duration_s: f64,
+    fs_hz: Option<f64>,
+    excitation: Option<&'a Motion>,
+    band_hz: Option<(f64, f64)>,
+    peaks: &'a [Peak],
+    label_probability: Option<f64>,
+    candidates: &'a [Candidate],
+    axial_force_n: Option<&'a Marginal>,
+    flags: &'a [Flag],
+    rejection: Option<Reason<'a>>,
+}
+
+#[derive(Serialize)]
+struct Reason<'a> {
+    code: &'static str,
+    message: String,
+    #[serde(flatten)]
+    detail: &'a Rejection,
+}
+
+impl Looker {
+    /// With a configuration, its rods' plans are made.
+    pub fn new(config: Option<&Config>, band: Band) -> anyhow::Result<Self> {
+        let first = config.and_then(|config| config.rods.first());
+        let (welch, peaks) = first.map_or_else(
+            || (WelchSettings::default(), PeakSettings::default()),
+            |rod| (rod.analysis.welch, rod.analysis.peaks),
+        );
+        let peaks = PeakSettings {
+            max_peaks: peaks.max_peaks.max(MOST_PEAKS),
+            ..peaks
+        };
+        Ok(Self {
+            search: PeakSearch::new(welch, peaks, Vec::new()),
+            plans: config.map(setup::plans).transpose()?.unwrap_or_default(),
+            band,
+        })
+    }
+
+    /// What is seen of an event; nothing of temperatures.
+    pub fn look(&self, source: &Source, event: Event) -> Option<Box<Look>> {
+        let look = match event {
+            Event::Readings { .. } => return None,
+            Event::Rejected {
+                rod,
+                start,
+                duration_s,
+                fs_hz,
+                waveform,
+                rejection,
+            } => Look {
+                source: source.clone(),
+                start,
+                duration_s,
+                fs_hz,
+                band_hz: None,
+                flags: Vec::new(),
+                rejection: Some(rejection.clone()),
+                force: None,
+                picture: Snapshot::of_rejected(&Rejected {
+                    rod,
+                    start,
+                    duration_s: Some(duration_s),
+                    fs_hz,
+                    identity: None,
+                    readings: Vec::new(),
+                    rejection,
+                    measurement: None,
+                    labels: None,
+                    waveform,
+                }),
+                axial_force_n: None,
+                peaks: Vec::new(),
+            },
+            Event::Record(record) => self.look_at(source, &record),
+        };
+        Some(Box::new(look))
+    }
+
+    fn look_at(&self, source: &Source, record: &Record) -> Look {
+        let duration_s = record.duration_s();
+        let (lowest_hz, highest_hz) = searchable_hz(record);
+        let low_hz = self.band.low_hz.map_or(lowest_hz, |low_hz| low_hz.max(lowest_hz));
+        let high_hz = self
+            .band
+            .high_hz
+            .map_or(highest_hz, |high_hz| high_hz.min(highest_hz));
+        let mut look = Look {
+            source: source.clone(),
+            start: Some(record.start),
+            duration_s,
+            fs_hz: Some(record.fs_hz),
+            band_hz: Some((low_hz, high_hz)),
+            flags: record.flags.clone(),
+            rejection: None,
+            force: None,
+            picture: None,
+            axial_force_n: None,
+            peaks: Vec::new(),
+        };
+        match self.search.evidence(record, low_hz, high_hz) {
+            Ok(evidence) => {
+                let told = self.told(source, record);
+                let measurement = Measurement::new(record, [0; 32], evidence);
+                look.peaks = findings::peaks(&measurement, &told.modes);
+                look.picture = Some(Snapshot::of_measurement(
+                    &measurement,
+                    &told.modes,
+                    told.labels.as_ref(),
+                    high_hz,
+                ));
+                look.force = told.force.as_ref().map(in_words);
+                look.axial_force_n = told.force;
+                look.rejection = told.rejection;
+            }
+            Err(rejection) => {
+                look.band_hz = None;
+                look.picture = Snapshot::of_rejected(&Rejected {
+                    rod: record.rod.clone(),
+                    start: Some(record.start),
+                    duration_s: Some(duration_s),
+                    fs_hz: Some(record.fs_hz),
+                    identity: None,
+                    readings: Vec::new(),
+                    rejection: rejection.clone(),
+                    measurement: None,
+                    labels: None,
+                    waveform: Some(Envelope::of(&record.samples, record.fs_hz)),
+                });
+                look.rejection = Some(rejection);
+            }
+        }
+        look
+    }
+
+    /// What the configured rod makes of a record; nothing without one.
+    fn told(&self, source: &Source, record: &Record) -> Told {
+        let Some(plan) = source.rod.as_ref().and_then(|rod| self.plans.get(rod)) else {
+            return Told::default();
+        };
+        match plan.run(record) {
+            Ok(identification) => Told {
+                force: identification.posterior.marginal(Quantity::AxialForce),
+                modes: identification.modes,
+                labels: identification.labels,
+                rejection: None,
+            },
+            Err(refusal) => Told {
+                labels: refusal.labels,
+                rejection: Some(refusal.rejection),
+                ..Told::default()
+            },
+        }
+    }
+}
+
+impl Look {
+    /// File, channel, rod and unit.
+    pub fn heading(&self) -> String {
+        let Source {
+            file,
+            channel,
+            rod,
+            unit,
+            foreign_unit,
+        } = &self.source;
+        let rod = rod
+            .as_ref()
+            .map_or_else(String::new, |rod| format!(", rod {rod}"));
+        let unit = match (unit, foreign_unit) {
+            (Some(unit), _) => format!(" [{unit}]"),
+            (None, Some(unit)) => format!(" ({unit}, as it stands)"),
+            (None, None) => " (unit not said)".to_owned(),
+        };
+        format!("{file}, {channel}{rod}{unit}")
+    }
+
+    /// The motion that was recognised.
+    pub fn motion(&self) -> Option<&Motion> {
+        self.picture.as_ref()?.motion.as_ref()
+    }
+
+    /// Probability of the modes' orders, if they were told.
+    pub fn label_probability(&self) -> Option<f64> {
+        let is_told = self.rejection.is_none();
+        self.picture.as_ref()?.label_probability.filter(|_| is_told)
+    }
+
+    /// The look as one JSON object, without a line end.
+    pub fn json(&self) -> String {
+        let line = Line {
+            file: &self.source.file,
+            channel: &self.source.channel,
+            rod: self.source.rod.as_ref(),
+            unit: self.source.unit,
+            start: self.start,
+            duration_s: self.duration_s,
+            fs_hz: self.fs_hz,
+            excitation: self.motion(),
+            band_hz: self.band_hz,
+            peaks: &self.peaks,
+            label_probability: self.label_probability(),
+            candidates: self
+                .picture
+                .as_ref()
+                .map_or(&[][..], |picture| &picture.candidates),
+            axial_force_n: self.axial_force_n.as_ref(),
+            flags: &self.flags,
+            rejection: self.rejection.as_ref().map(|rejection| Reason {
+                code: rejection.code(),
+                message: rejection.to_string(),
+                detail: rejection,
+            }),
+        };
+        // A struct of numbers and strings always serialises.
+        serde_json::to_string(&line).unwrap_or_else(|error| format!("{{\"error\":\"{error}\"}}"))
+    }
+
+    /// The look as a part of a page.
+    pub fn report(&self) -> SpectrumReport {
+        let mut picture = self.picture.clone();
+        let fault = self
+            .rejection
+            .as_ref()
+            .map(|rejection| format!("{rejection} ({}).", rejection.code()));
+        if let Some(picture) = &mut picture {
+            picture.label_probability = self.label_probability();
+        }
+        let rod = self
+            .source
+            .rod
+            .as_ref()
+            .map_or_else(String::new, |rod| format!("Rod {rod}: "));
+        SpectrumReport {
+            file: self.source.file.to_string(),
+            channel: format!("{rod}{}", self.source.channel),
+            unit: self
+                .source
+                .unit
+                .map(str::to_owned)
+                .or(self.source.foreign_unit.clone()),
+            band_hz: self.band_hz,
+            flags: self.flags.iter().map(ToString::to_string).collect(),
+            force: self.force.clone(),
+            record: picture,
+            fault,
+        }
+    }
+}
+
+/// `560 kN (430 to 701)`.
+fn in_words(force: &Marginal) -> String {
+    let kn = |newtons: f64| findings::three_digits(1e-3 * newtons);
+    format!("{} kN ({} to {})", kn(force.mean), kn(force.q025), kn(force.q975))
+}

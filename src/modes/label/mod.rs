@@ -1,0 +1,33 @@
+//! Which resonance is which mode: inference over assignments of peaks to orders.
+//!
+//! An assignment says which orders are seen, as which peaks; all other peaks are foreign. Its probability
+//! follows from the frequencies (a tensioned beam on springs with the rod's prior, the force's prior
+//! doubted), from which orders a sensor may see, and from what is known of foreign peaks: their number, their
+//! strength, harmonics of stronger peaks, lines. The orders told are those whose joint probability over all
+//! assignments reaches a stated level; below it there is no force, but the candidates, each with its own.
+//!
+//! * `quantile`    priors as functions of a standard normal coordinate, doubt about the force
+//! * `wavenumber`  natural frequencies and their derivatives, warm-started
+//! * `rod`         five whitened coordinates of a rod
+//! * `peak`        the peaks, and what each is worth as a foreign one
+//! * `visibility`  which orders a sensor sees beforehand
+//! * `code`        an assignment as a number
+//! * `search`      candidates from a coarse grid
+//! * `evidence`    Laplace's integral per assignment
+//! * `posterior`   all assignments worth counting
+//! * `force`       the force per candidate
+//! * `labelling`   the orders told, or why none are
+
+mod code;
+mod evidence;
+mod force;
+mod labelling;
+mod peak;
+mod posterior;
+mod quantile;
+mod rod;
+mod search;
+mod visibility;
+mod wavenumber;
+
+pub use labelling::{LabelPlan, Labelling, Unlabelled};

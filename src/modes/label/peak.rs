@@ -1,0 +1,117 @@
+//! The peaks of one record as evidence, and how likely each of them is if it is no mode of the rod.
+
+use super::super::{MotionKind, Resonance};
+use std::f64::consts::TAU;
+
+/// Most peaks considered, those of the strongest evidence.
+pub(super) const MOST_PEAKS: usize = 15;
+/// Log odds that a pure line is no mode of the rod: ten to one. Lines are not removed: where eight modes
+/// were mostly taken for lines, the rest was labelled wrongly.
+const LINE_LOG_ODDS: f64 = 2.3;
+/// What rings after a pull or a blow is the rod that was struck, and seldom anything else.
+const STRUCK_LOG_ODDS: f64 = -5.0;
+/// Share of foreign peaks beside stronger ones that are harmonics (quantisation, a sensor driven too far).
+const HARMONIC_SHARE: f64 = 0.3;
+/// Least scatter of a harmonic about its multiple, in ln f.
+const LEAST_HARMONIC_SD: f64 = 5e-4;
+/// So much stronger is a peak than its harmonics \[dB\].
+const HARMONIC_DROP_DB: f64 = 6.0;
+/// Peaks this near the strongest \[dB\] are seldom foreign beside modes, weak ones more often: log odds, and their
+/// rise per dB.
+const STRONG_DB: f64 = 10.0;
+const STRONG_LOG_ODDS: f64 = -1.0;
+const WEAK_LOG_ODDS: f64 = 0.5;
+const WEAKER_PER_DB: f64 = 0.075;
+
+/// One peak of a record.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Peak {
+    /// Its place among the resonances.
+    pub(super) resonance: usize,
+    /// Natural logarithm of the frequency \[Hz\].
+    pub(super) log_hz: f64,
+    /// Relative standard error of the frequency.
+    pub(super) relative_sd: f64,
+    /// Log density per unit of ln f if it is foreign, its own odds of being so included.
+    pub(super) log_foreign: f64,
+    /// What its strength beside the others adds to that, where the others are modes.
+    pub(super) log_strength: f64,
+}
+
+/// The peaks inside a band, ascending in frequency.
+pub(super) fn peaks(
+    resonances: &[Resonance],
+    is_searched: impl Fn(f64) -> bool,
+    log_band: f64,
+    kind: MotionKind,
+) -> Vec<Peak> {
+    let mut chosen: Vec<usize> = (0..resonances.len())
+        .filter(|&i| {
+            let r = &resonances[i];
+            r.frequency_hz > 0.0 && r.frequency_sd_hz >= 0.0 && is_searched(r.frequency_hz)
+        })
+        .collect();
+    chosen.sort_by(|&a, &b| {
+        resonances[b]
+            .evidence
+            .total_cmp(&resonances[a].evidence)
+            .then(a.cmp(&b))
+    });
+    chosen.truncate(MOST_PEAKS);
+    chosen.sort_by(|&a, &b| resonances[a].frequency_hz.total_cmp(&resonances[b].frequency_hz));
+    let level_db = |i: usize| 10.0 * libm::log10(resonances[i].peak_to_noise.max(1e-3));
+    let strongest = chosen
+        .iter()
+        .filter(|&&i| !resonances[i].line)
+        .map(|&i| level_db(i))
+        .fold(f64::NEG_INFINITY, f64::max);
+    let is_struck = matches!(kind, MotionKind::FreeDecay | MotionKind::FreeDecays);
+    let of = |i: usize| {
+        let r = &resonances[i];
+        let log_hz = libm::log(r.frequency_hz);
+        let relative_sd = r.frequency_sd_hz / r.frequency_hz;
+        let own = r.foreign_log_odds
+            + match r.line {
+                true => (LINE_LOG_ODDS - r.foreign_log_odds).max(0.0),
+                false if is_struck => STRUCK_LOG_ODDS,
+                false => 0.0,
+            };
+        let drop_db = (strongest - level_db(i)).max(0.0);
+        let by_level =
+            (STRONG_LOG_ODDS + WEAKER_PER_DB * (drop_db - STRONG_DB)).clamp(STRONG_LOG_ODDS, WEAK_LOG_ODDS);
+        let by_level = if r.line || !strongest.is_finite() {
+            0.0
+        } else {
+            by_level
+        };
+        let mut harmonic = 0.0;
+        let mut stronger = 0;
+        for &j in chosen
+            .iter()
+            .filter(|&&j| level_db(j) >= level_db(i) + HARMONIC_DROP_DB)
+        {
+            stronger += 1;
+            let other = &resonances[j];
+            let sd = relative_sd
+                .hypot(other.frequency_sd_hz / other.frequency_hz)
+                .max(LEAST_HARMONIC_SD);
+            for multiple in [2.0, 3.0, 4.0] {
+                let z = (log_hz - libm::log(multiple * other.frequency_hz)) / sd;
+                harmonic += libm::exp(-0.5 * z * z) / (sd * TAU.sqrt());
+            }
+        }
+        let density = if stronger == 0 {
+            1.0 / log_band
+        } else {
+            (1.0 - HARMONIC_SHARE) / log_band + HARMONIC_SHARE * harmonic / (3.0 * f64::from(stronger))
+        };
+        Peak {
+            resonance: i,
+            log_hz,
+            relative_sd,
+            log_foreign: libm::log(density) + own,
+            log_strength: by_level,
+        }
+    };
+    chosen.iter().map(|&i| of(i)).collect()
+}

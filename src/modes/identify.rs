@@ -130,7 +130,9 @@ impl ModalPlan {
             Err((rejection, labels)) => {
                 // Where the lowest mode may lie above the band there is nothing to wonder about.
                 let needed_hz = self.labels.first_mode_below_hz();
-                let rejection = if searchable_hz(record).0 > needed_hz {
+                let nothing_seen = matches!(rejection, Rejection::NoPeak { .. });
+                let lowest_hz = searchable_hz(record).0;
+                let rejection = if lowest_hz > needed_hz || (nothing_seen && lowest_hz > low_hz) {
                     Rejection::TooShort {
                         duration_s: record.duration_s(),
                         needed_s: LEAST_PERIODS / low_hz,

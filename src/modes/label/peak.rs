@@ -9,7 +9,7 @@ pub(super) const MOST_PEAKS: usize = 15;
 /// were mostly taken for lines, the rest was labelled wrongly.
 const LINE_LOG_ODDS: f64 = 2.3;
 /// What rings after a pull or a blow is the rod that was struck, and seldom anything else.
-const STRUCK_LOG_ODDS: f64 = -4.0;
+const STRUCK_LOG_ODDS: f64 = -5.0;
 /// Share of foreign peaks beside stronger ones that are harmonics (quantisation, a sensor driven too far).
 const HARMONIC_SHARE: f64 = 0.3;
 /// Least scatter of a harmonic about its multiple, in ln f.

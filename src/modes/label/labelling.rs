@@ -195,6 +195,19 @@ impl Told<'_> {
             return Err(self.refused(Code::default(), reason));
         }
         let told = self.told(best.code);
+        let is_declared = self.scene.is_first_seen
+            || told
+                .pairs()
+                .any(|(order, _)| self.scene.declared.peak_of(order).is_some());
+        let mut pairs = told.pairs();
+        if let (Some((order, peak)), None, false) = (pairs.next(), pairs.next(), is_declared) {
+            let reason = format!(
+                "only {:.4} Hz is certain, as mode {order}, and one peak alone proves nothing; {}, or modes.count = 1",
+                self.hz(peak),
+                self.deciding(best.code)
+            );
+            return Err(self.refused(told, reason));
+        }
         if told.pairs().all(|(order, _)| order > settings.count) {
             let certain = told
                 .pairs()

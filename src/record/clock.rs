@@ -259,7 +259,10 @@ mod tests {
         println!("rate: actual {actual:.2e}, stated {stated:.2e}, {inside} of {trials} inside");
         assert!((actual / 8.5e-6 - 1.0).abs() < 0.06, "{actual:e}");
         // Binomial: 95 % give or take three times 0.5 %; the widening for few degrees of freedom is an approximation.
-        assert!((0.93..0.966).contains(&(inside as f64 / trials as f64)), "{inside}");
+        assert!(
+            (0.93..0.966).contains(&(inside as f64 / trials as f64)),
+            "{inside}"
+        );
         assert!((stated / actual - 1.0).abs() < 0.08, "{stated:e} {actual:e}");
     }
 
@@ -303,7 +306,10 @@ mod tests {
         assert_eq!(weigh(100.05, 1e-5, 100.0, 100), (100.05, 1e-5));
         // Poor stamps give way to the quartz.
         let (rate, sd) = weigh(100.03, 3e-4, 100.0, 20);
-        assert!((rate - 100.0).abs() < 0.001 && (4.5e-5..5e-5).contains(&sd), "{rate} {sd}");
+        assert!(
+            (rate - 100.0).abs() < 0.001 && (4.5e-5..5e-5).contains(&sd),
+            "{rate} {sd}"
+        );
         // Two stamps tell no scatter.
         assert_eq!(weigh(100.02, 0.0, 100.0, 2).0, 100.02);
         assert!((weigh(100.02, 0.0, 100.0, 2).1 - 2e-4).abs() < 1e-6);

@@ -11,7 +11,9 @@ pub const UNDERSAMPLED: f64 = 0.45;
 #[serde(rename_all = "kebab-case", tag = "reason")]
 pub enum Rejection {
     /// Too short to resolve the modes.
-    #[error("{duration_s:.2} s long, at least {needed_s:.2} s needed: record longer, or lower min_duration_s")]
+    #[error(
+        "{duration_s:.2} s long, at least {needed_s:.2} s needed: record longer, or lower min_duration_s"
+    )]
     TooShort {
         /// Length \[s\].
         duration_s: f64,
@@ -27,7 +29,9 @@ pub enum Rejection {
         allowed: f64,
     },
     /// The signal does not move.
-    #[error("constant signal: every sample is {value:e}; check that the sensor measures, and that `field` names what moves")]
+    #[error(
+        "constant signal: every sample is {value:e}; check that the sensor measures, and that `field` names what moves"
+    )]
     Constant {
         /// The value, SI.
         value: f64,
@@ -49,13 +53,17 @@ pub enum Rejection {
         allowed: f64,
     },
     /// Isolated spikes carry too much of the signal.
-    #[error("{count} spikes that no motion follows carry most of the signal's energy: check the sensor's cable and target")]
+    #[error(
+        "{count} spikes that no motion follows carry most of the signal's energy: check the sensor's cable and target"
+    )]
     Spikes {
         /// How many.
         count: usize,
     },
     /// A step in the signal, larger than the vibration.
-    #[error("a step of {height:e} at {time_s:.2} s, larger than the vibration around it, and no release of the rod: the sensor or its target moved, so split the recording there")]
+    #[error(
+        "a step of {height:e} at {time_s:.2} s, larger than the vibration around it, and no release of the rod: the sensor or its target moved, so split the recording there"
+    )]
     Step {
         /// Height, SI.
         height: f64,
@@ -71,7 +79,9 @@ pub enum Rejection {
         allowed: f64,
     },
     /// The declared rate is not the measured one.
-    #[error("declared {declared_hz} Hz, the stamps say {measured_hz:.4} Hz: correct fs_hz, or let `time` name better stamps")]
+    #[error(
+        "declared {declared_hz} Hz, the stamps say {measured_hz:.4} Hz: correct fs_hz, or let `time` name better stamps"
+    )]
     Rate {
         /// Declared sample rate \[Hz\].
         declared_hz: f64,
@@ -91,13 +101,17 @@ pub enum Rejection {
         needed_hz: f64,
     },
     /// No free decay begins in the whole stretch.
-    #[error("no onset of a free decay in {duration_s:.1} s, and none under way at its start: lower onset_ratio, or let cut = \"auto\" recognise the motion")]
+    #[error(
+        "no onset of a free decay in {duration_s:.1} s, and none under way at its start: lower onset_ratio, or let cut = \"auto\" recognise the motion"
+    )]
     NoOnset {
         /// Length searched \[s\].
         duration_s: f64,
     },
     /// The vibration level jumps and stays: a changed unit, range or sensor.
-    #[error("the level and the noise with it change {ratio:.0}-fold at {time_s:.2} s and stay: unit, range or sensor changed, so split the recording there")]
+    #[error(
+        "the level and the noise with it change {ratio:.0}-fold at {time_s:.2} s and stay: unit, range or sensor changed, so split the recording there"
+    )]
     Level {
         /// Larger over smaller level.
         ratio: f64,
@@ -105,7 +119,9 @@ pub enum Rejection {
         time_s: f64,
     },
     /// Part of the record was damaged in the file.
-    #[error("damaged in the file, not read from there on: {detail}; copy it again from where it was recorded")]
+    #[error(
+        "damaged in the file, not read from there on: {detail}; copy it again from where it was recorded"
+    )]
     Damaged {
         /// What the reader said.
         detail: String,
@@ -186,7 +202,8 @@ fn missing(share: f64, allowed: f64) -> String {
 
 fn irregular(jitter: f64, allowed: f64) -> String {
     if !jitter.is_finite() {
-        return "irregular sampling: the stamps do not advance; let `time` name those of the sensor".to_owned();
+        return "irregular sampling: the stamps do not advance; let `time` name those of the sensor"
+            .to_owned();
     }
     format!(
         "irregular sampling: stamps scatter by {:.0} % of the interval between messages, at most {:.0} % allowed: let `time` name the sensor's own stamps, send arrays of samples, or raise max_jitter",

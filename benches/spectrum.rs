@@ -5,10 +5,7 @@
 
 use divan::{Bencher, black_box};
 use tirante::bayes::RodPrior;
-use tirante::beam::exact::Exact;
-use tirante::forward::ForwardModel;
-use tirante::modes::{LabelPlan, ModalPlan, ModeSettings, Parts, Search, refine};
-use tirante::random;
+use tirante::modes::{LabelPlan, ModalPlan, ModeSettings, MotionKind, Parts, Search, refine};
 use tirante::record::{Excitation, Record};
 use tirante::spectrum::{PeakSettings, Spectrum, Transforms, Welch, WelchSettings, Window, pick_peaks};
 
@@ -116,10 +113,14 @@ fn refine_free_decay(bencher: Bencher, seconds: f64) {
 fn label_three_peaks(bencher: Bencher) {
     let plan = plan();
     let resonances = plan
+        .search()
         .evidence(&record(60.0, Excitation::Ambient), 2.0, 60.0)
         .unwrap()
         .resonances;
-    bencher.bench_local(|| plan.labels().label(black_box(&resonances), 96.0));
+    bencher.bench_local(|| {
+        plan.labels()
+            .label(black_box(&resonances), (0.0, 96.0), MotionKind::Ambient)
+    });
 }
 
 #[divan::bench]

@@ -74,7 +74,13 @@ fn what_is_written_is_what_is_read() {
     assert_eq!(rod.analysis.abc.accept, Accept::Epsilon(0.5));
     assert_eq!(rod.analysis.abc.noise, Noise::Fixed(0.0316));
     assert_eq!(rod.analysis.model, ModelSettings::Pce { order: 4 });
-    assert_eq!(rod.analysis.modes.masks[0].high_hz, 51.0);
+    let modes = &rod.analysis.modes;
+    assert_eq!((modes.masks[0].high_hz, modes.least_probability), (51.0, 0.97));
+    assert_eq!(modes.band_hz, Some([1.0, 24.0]));
+    let windows: Vec<(usize, f64)> = modes.windows.iter().map(|w| (w.order, w.high_hz)).collect();
+    assert_eq!(windows, [(1, 5.0), (3, 14.5)]);
+    // Those of another rod are its own.
+    assert!(config.rods[1].analysis.modes.windows.is_empty());
     let prior = |quantity| *rod.analysis.prior.of(quantity).unwrap();
     assert_eq!(
         prior(Quantity::AxialForce),

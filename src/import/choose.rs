@@ -19,7 +19,7 @@ pub(super) fn for_rods(
     is_meant: bool,
 ) -> Result<(Vec<(Signal, Wanted)>, Vec<String>), ImportError> {
     if !asked.channels.is_empty() {
-        return named(signals, asked);
+        return named(signals, asked, is_meant);
     }
     let is_topic = |signal: &Signal| channels_of(asked.rods).any(|(_, channel)| channel.topic == signal.name);
     let is_displacement =
@@ -34,10 +34,7 @@ pub(super) fn for_rods(
     }
     match asked.rods {
         [rod] if is_meant => only(signals, rod),
-        [_] => Err(ImportError::new(format!(
-            "--config says which rod it is of (`tirante init` writes one); {}",
-            holds(&signals)
-        ))),
+        [_] => Err(of_nobody(&signals)),
         rods => Err(ImportError::new(format!(
             "none of its channels is called like a topic of the configuration; {}; --channel SOURCE=TOPIC says which is which \
              ({})",
@@ -84,39 +81,55 @@ fn is_temperature(signal: &Signal) -> bool {
 fn named(
     signals: Vec<Signal>,
     asked: &Asked<'_>,
+    is_meant: bool,
 ) -> Result<(Vec<(Signal, Wanted)>, Vec<String>), ImportError> {
     let mut found: Vec<(Signal, Wanted)> = Vec::new();
+    let mut notes = Vec::new();
     for (signal, wanted) in choose(signals, asked.channels)? {
-        let mut wanted = wanted.cloned().unwrap_or(Wanted {
-            source: signal.number.to_string(),
-            topic: None,
-            unit: None,
-        });
+        let unit = wanted.and_then(|wanted| wanted.unit);
+        let said = wanted.and_then(|wanted| wanted.topic.clone());
         let is_topic = channels_of(asked.rods).any(|(_, channel)| channel.topic == signal.name);
-        if wanted.topic.is_none() && !is_topic {
-            let (topic, rods) = match asked.rods {
-                [rod] => {
-                    let unit = wanted
-                        .unit
-                        .map_or(is_temperature(&signal), |unit| Unit::TEMPERATURE.contains(&unit));
-                    let thermometer = rod.temperature.as_ref().filter(|_| unit);
-                    (Some(thermometer.unwrap_or(&rod.displacement).topic.clone()), "")
-                }
-                _ => (None, "several rods are configured"),
-            };
-            if topic.is_none() {
+        let topic = match (said, asked.rods) {
+            (Some(topic), _) => topic,
+            (None, _) if is_topic => signal.name.clone(),
+            (None, [rod]) if is_meant => {
+                let is_thermometer =
+                    unit.map_or(is_temperature(&signal), |unit| Unit::TEMPERATURE.contains(&unit));
+                let thermometer = rod.temperature.as_ref().filter(|_| is_thermometer);
+                thermometer.unwrap_or(&rod.displacement).topic.clone()
+            }
+            (None, [_]) => return Err(of_nobody(&[signal])),
+            (None, rods) => {
                 return Err(ImportError::new(format!(
-                    "{rods}: --channel {}=TOPIC says whose {} is ({})",
+                    "several rods are configured: --channel {}=TOPIC says whose {} is ({})",
                     signal.number,
                     told(&signal),
-                    topics(asked.rods)
+                    topics(rods)
                 )));
             }
-            wanted.topic = topic;
-        }
-        found.push((signal, wanted));
+        };
+        notes.push(format!(
+            "{} is read as {topic}{}",
+            told(&signal),
+            of_rod(asked.rods, &topic)
+        ));
+        let (signal, wanted) = as_topic(signal, topic);
+        found.push((signal, Wanted { unit, ..wanted }));
     }
-    Ok((found, Vec::new()))
+    Ok((found, notes))
+}
+
+/// Whose a topic is, for sentences.
+fn of_rod(rods: &[RodChannels], topic: &str) -> String {
+    let of = channels_of(rods).find(|(_, channel)| channel.topic == topic);
+    of.map_or_else(String::new, |(rod, _)| format!(" of rod {rod}"))
+}
+
+fn of_nobody(signals: &[Signal]) -> ImportError {
+    ImportError::new(format!(
+        "--config says which rod it is of (`tirante init` writes one); {}",
+        holds(signals)
+    ))
 }
 
 /// The channels of the only rod: the one of motion, and the one thermometer.

@@ -1,9 +1,11 @@
 //! Text tables: any delimiter, decimal comma, heads, dates.
 //!
+//! * `beginning` the first lines: delimiter, decimal sign, layout
 //! * `cells`   lines to cells, and what a cell may be
 //! * `columns` rows of cells to signals
 //! * `layout`  where data begin, and what the lines above call them
 
+mod beginning;
 mod cells;
 mod columns;
 mod layout;
@@ -11,15 +13,14 @@ mod layout;
 use super::lines::Lines;
 use super::stamp::{DateOrder, TimeUnit};
 use super::{ImportError, Signal};
-use cells::{Splitter, check_head, guess, named};
+use beginning::Beginning;
+use cells::{Splitter, check_head};
 use columns::Columns;
-use layout::{Layout, heads};
+use layout::heads;
 use std::io::BufRead;
 
 /// Lines looked at to find delimiter and heads.
 const HEAD: usize = 200;
-/// The most columns.
-const COLUMNS: usize = 1024;
 
 /// How a text table is read.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
@@ -107,86 +108,6 @@ pub fn read(from: impl BufRead, table: &Table) -> Result<Tabled, ImportError> {
     columns.finish()
 }
 
-/// What the first lines of a table show.
-struct Beginning {
-    delimiter: u8,
-    decimal_comma: bool,
-    rows: Vec<Vec<String>>,
-    layout: Layout,
-}
-
-impl Beginning {
-    /// As somebody says, else with decimal points, else with decimal commas.
-    fn find(head: &[String], table: &Table) -> Result<Self, ImportError> {
-        let found = Self::with(head, table, table.decimal_comma)?;
-        let found = match found {
-            None if !table.decimal_comma => Self::with(head, table, true)?.filter(Self::is_surely_decimal),
-            found => found,
-        };
-        if let Some(found) = found {
-            return Ok(found);
-        }
-        if let Some(lines) = table.head_lines.filter(|lines| *lines >= head.len()) {
-            return Err(ImportError::new(format!(
-                "has no line {} to begin with",
-                lines + 1
-            )));
-        }
-        let delimiter = table
-            .delimiter
-            .unwrap_or_else(|| guess(head, table.decimal_comma));
-        Err(ImportError::new(format!(
-            "no row of numbers in the first {} lines: is '{}' the delimiter (--delimiter), a comma the decimal sign \
-             (--decimal-comma)?",
-            head.len(),
-            named(delimiter)
-        )))
-    }
-
-    fn with(head: &[String], table: &Table, decimal_comma: bool) -> Result<Option<Self>, ImportError> {
-        let delimiter = table.delimiter.unwrap_or_else(|| guess(head, decimal_comma));
-        if decimal_comma && delimiter == b',' {
-            return match table.decimal_comma {
-                true => Err(ImportError::new(
-                    "the comma cannot be delimiter and decimal sign: say --delimiter",
-                )),
-                false => Ok(None),
-            };
-        }
-        let mut splitter = Splitter::new(delimiter);
-        let mut rows = Vec::with_capacity(head.len());
-        for (index, line) in head.iter().enumerate() {
-            rows.push(splitter.split(line, index as u32 + 1)?);
-        }
-        let Some(layout) = Layout::find(&rows, table.head_lines, decimal_comma) else {
-            return Ok(None);
-        };
-        if layout.width > COLUMNS {
-            return Err(ImportError::at(
-                format_args!("line {}", layout.first + 1),
-                format!("{} columns: at most {COLUMNS} are read", layout.width),
-            ));
-        }
-        Ok(Some(Self {
-            delimiter,
-            decimal_comma,
-            rows,
-            layout,
-        }))
-    }
-
-    /// Whether commas are no separators of thousands: some number begins with `0,` or has other than three digits behind.
-    fn is_surely_decimal(&self) -> bool {
-        let cells = self.rows.iter().skip(self.layout.first).flatten();
-        cells
-            .filter_map(|cell| cell.split_once(','))
-            .any(|(whole, behind)| {
-                let digits = behind.bytes().take_while(u8::is_ascii_digit).count();
-                matches!(whole.trim_start_matches(['-', '+']), "0" | "") || digits != 3
-            })
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -264,6 +185,58 @@ mod tests {
         assert_eq!(nanos(&found[0]), [0, 5_000_000]);
         let found = signals("Kanal;1;2\nt;Weg;Luft\n0;1.5;20\n5;2.5;21\n", &Table::default()).unwrap();
         assert_eq!((found[0].name.as_str(), found[0].unit.as_deref()), ("Weg", None));
+    }
+
+    #[test]
+    fn decimal_commas_are_found_where_they_can_be_nothing_else() {
+        for text in [
+            "Zeit [ms];Weg\n0;1,25\n5;-0,5\n",
+            "Zeit;Weg\n0,000;1,25\n0,005;-0,5\n",
+            "Zeit\tWeg\n0,000\t1,250\n0,005\t-0,500\n",
+        ] {
+            let found = signals(text, &Table::default()).unwrap();
+            assert_eq!(found[0].values, [1.25, -0.5], "{text:?}");
+            assert_eq!(nanos(&found[0]), [0, 5_000_000], "{text:?}");
+        }
+        let thousands = signals("n;v\n1;1,250\n2;2,500\n", &Table::default()).unwrap_err();
+        assert!(
+            thousands.contains("thousands") && thousands.contains("--decimal-comma"),
+            "{thousands}"
+        );
+    }
+
+    #[test]
+    fn text_columns_are_left_out_by_name() {
+        let text = "t;d [mm];state;note\n0;1.5;ok;\n1;2.5;OVERLOAD;\n2;;ok;late\n3;4.5;7;\n4;5;ok\n";
+        let found = read(text.as_bytes(), &Table::default()).unwrap();
+        assert_eq!(found.signals.len(), 1);
+        assert_eq!(found.signals[0].values.len(), 5);
+        assert_eq!(
+            found.skipped,
+            ["column 3 (state) holds text", "column 4 (note) holds text"]
+        );
+        let named = Table {
+            columns: vec!["state".into()],
+            ..Table::default()
+        };
+        assert!(signals(text, &named).unwrap_err().contains("\"ok\" is no number"));
+    }
+
+    #[test]
+    fn days_and_times_of_day_are_found_and_blank_ends_left() {
+        let text = "Datum;Uhrzeit;Weg\n01.03.2026;06:00:00,000;1.5\n\n01.03.2026;06:00:00,005;2.5\n;;\n";
+        let found = signals(text, &Table::default()).unwrap();
+        assert_eq!(
+            nanos(&found[0]),
+            [1_772_344_800_000_000_000, 1_772_344_800_005_000_000]
+        );
+        assert_eq!(found[0].values, [1.5, 2.5]);
+        let found = signals("time,d\n06:00:00.000,1.5\n06:00:00.005,2.5\n", &Table::default()).unwrap();
+        let Timing::Stamps(stamps) = &found[0].timing else {
+            panic!()
+        };
+        assert!(!stamps.absolute);
+        assert_eq!(stamps.nanos[1] - stamps.nanos[0], 5_000_000);
     }
 
     #[test]

@@ -5,6 +5,7 @@
 //!                                                                                    -> open  -> records
 //! ```
 
+mod agree;
 mod asked;
 mod choose;
 mod contents;

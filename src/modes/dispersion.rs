@@ -84,10 +84,15 @@ pub fn dispersion(subband: &Subband, pole: Pole, noise: f64, ratio: f64) -> Opti
         fourths += s * s;
     }
     let kappa = (squares / information).sqrt();
-    // Few large terms: the variance found is itself that of a chi-square with this many degrees of freedom,
-    // and the 95 % point of Student's t over the normal's is 1 + 1.21 / nu to first order.
+    // Few large terms: the variance found is itself that of a chi-square with so many degrees of freedom, and
+    // the 95 % point of Student's t over the normal's is 1 + 1.21 / nu to first order. Even scores of the same
+    // information would have `even` of them, which the fit's own error allows for.
+    let weights: f64 = scores.iter().map(|s| s.1 * s.1).sum();
+    let even = (2.0 / 3.0 * information * information / weights).max(3.0);
     let freedom = (2.0 * squares * squares / fourths).max(3.0);
-    let factor = kappa.max(1.0) * (1.0 + 1.21 / freedom);
+    let full = (kappa * (1.0 + 1.21 / freedom) / (1.0 + 1.21 / even)).max(1.0);
     let misfit = (kurtosis(steps.iter().map(|(e, _, s)| e.norm_sqr() / s)) - 2.0) * count.sqrt() / 2.0;
+    // Without a sign of gusts the scatter of `kappa` itself would only add noise to the error.
+    let factor = 1.0 + (full - 1.0) * misfit.clamp(0.0, 1.0);
     (factor.is_finite() && misfit.is_finite()).then_some(Dispersion { factor, misfit })
 }

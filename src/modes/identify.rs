@@ -3,14 +3,14 @@
 use super::label::{LabelPlan, Labelling, Unlabelled};
 use super::parts::Parts;
 use super::refine::{Search, refine};
-use super::{Labels, Mode, Motion, Resonance};
+use super::{Labels, Mask, Mode, Motion, Resonance};
 use crate::record::rejection::UNDERSAMPLED;
 use crate::record::{Record, Rejection};
 use crate::spectrum::{
     Peak, PeakSettings, Spectrum, Transforms, Welch, WelchError, WelchSettings, Window, pick_peaks,
 };
 
-/// Fewest periods of the lowest expected frequency in a record.
+/// Fewest periods of a frequency in a record for it to be searched.
 const LEAST_PERIODS: f64 = 15.0;
 /// Highest frequency searched, as a share of the sample rate.
 const HIGHEST: f64 = 0.48;
@@ -66,21 +66,32 @@ impl From<Rejection> for Unidentified {
 /// How the records of one rod are searched for its modes; made once per rod.
 #[derive(Debug)]
 pub struct ModalPlan {
+    search: PeakSearch,
+    labels: LabelPlan,
+}
+
+/// How records are searched for resonances, of whatever rod.
+#[derive(Debug)]
+pub struct PeakSearch {
     welch: WelchSettings,
     peaks: PeakSettings,
-    labels: LabelPlan,
+    masks: Vec<Mask>,
     transforms: Transforms,
 }
 
 impl ModalPlan {
     /// From the settings and what the rod's labels are inferred from.
     pub fn new(welch: WelchSettings, peaks: PeakSettings, labels: LabelPlan) -> Self {
+        let masks = labels.settings().masks.clone();
         Self {
-            welch,
-            peaks,
+            search: PeakSearch::new(welch, peaks, masks),
             labels,
-            transforms: Transforms::default(),
         }
+    }
+
+    /// How records are searched for resonances.
+    pub fn search(&self) -> &PeakSearch {
+        &self.search
     }
 
     /// What labels are inferred from.
@@ -92,12 +103,12 @@ impl ModalPlan {
     /// plan and the record.
     pub fn identify(&self, record: &Record) -> Result<ModalEstimate, Unidentified> {
         let (low_hz, high_hz) = self.labels.band_hz();
-        let evidence = self.evidence(record, low_hz, high_hz)?;
+        let evidence = self.search.evidence(record, low_hz, high_hz)?;
         let labelled = if evidence.resonances.is_empty() {
             Err((Rejection::NoPeak { low_hz, high_hz }, None))
         } else {
             self.labels
-                .label(&evidence.resonances, HIGHEST * record.fs_hz)
+                .label(&evidence.resonances, searchable_hz(record), evidence.motion.kind)
                 .map_err(|Unlabelled { rejection, labels }| (rejection, Some(labels)))
         };
         match labelled {
@@ -119,7 +130,14 @@ impl ModalPlan {
             Err((rejection, labels)) => {
                 // Where the lowest mode may lie above the band there is nothing to wonder about.
                 let needed_hz = self.labels.first_mode_below_hz();
-                let rejection = if UNDERSAMPLED * record.fs_hz < needed_hz {
+                let nothing_seen = matches!(rejection, Rejection::NoPeak { .. });
+                let lowest_hz = searchable_hz(record).0;
+                let rejection = if lowest_hz > needed_hz || (nothing_seen && lowest_hz > low_hz) {
+                    Rejection::TooShort {
+                        duration_s: record.duration_s(),
+                        needed_s: LEAST_PERIODS / low_hz,
+                    }
+                } else if UNDERSAMPLED * record.fs_hz < needed_hz {
                     Rejection::Undersampled {
                         fs_hz: record.fs_hz,
                         needed_hz,
@@ -135,15 +153,29 @@ impl ModalPlan {
             }
         }
     }
+}
 
-    /// Welch's spectrum of a record and its refined resonances between two frequencies \[Hz\].
+impl PeakSearch {
+    /// From the settings and the bands in which no peak is believed.
+    pub fn new(welch: WelchSettings, peaks: PeakSettings, masks: Vec<Mask>) -> Self {
+        Self {
+            welch,
+            peaks,
+            masks,
+            transforms: Transforms::default(),
+        }
+    }
+
+    /// Welch's spectrum of a record and its refined resonances between two frequencies \[Hz\], as far as they are
+    /// [searchable](searchable_hz).
     pub fn evidence(&self, record: &Record, low_hz: f64, high_hz: f64) -> Result<Evidence, Rejection> {
-        check(record, LEAST_PERIODS / low_hz)?;
-        let high_hz = high_hz.min(HIGHEST * record.fs_hz);
+        check(record, LEAST_PERIODS / high_hz.min(HIGHEST * record.fs_hz))?;
+        let (lowest_hz, highest_hz) = searchable_hz(record);
+        let (low_hz, high_hz) = (low_hz.max(lowest_hz), high_hz.min(highest_hz));
         let n = record.samples.len();
         let too_short = |_| Rejection::TooShort {
             duration_s: record.duration_s(),
-            needed_s: LEAST_PERIODS / low_hz,
+            needed_s: LEAST_PERIODS / high_hz,
         };
         let nperseg = self.welch.nperseg(record.fs_hz, n);
         let welch = self.welch(record.fs_hz, nperseg).map_err(too_short)?;
@@ -165,14 +197,14 @@ impl ModalPlan {
                 self.add_decay_peaks(&mut peaks, record.fs_hz, decay, stretch_s, (low_hz, high_hz));
             }
         }
-        let masks = &self.labels.settings().masks;
         peaks.retain(|p| {
-            !masks
+            !self
+                .masks
                 .iter()
                 .any(|m| (m.low_hz..=m.high_hz).contains(&p.frequency_hz))
         });
         let search = Search {
-            masks,
+            masks: &self.masks,
             line_hz: spectrum.df_hz,
             parts: &parts,
         };
@@ -223,6 +255,11 @@ impl ModalPlan {
         }
         peaks.sort_by(|a, b| a.frequency_hz.total_cmp(&b.frequency_hz));
     }
+}
+
+/// The frequencies of which a record holds enough periods, and enough samples a period \[Hz\].
+pub fn searchable_hz(record: &Record) -> (f64, f64) {
+    (LEAST_PERIODS / record.duration_s(), HIGHEST * record.fs_hz)
 }
 
 /// What no spectrum can be made of.

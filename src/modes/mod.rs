@@ -1,5 +1,6 @@
 //! From a spectrum to natural frequencies: refinement per peak, standard errors, mode orders.
 
+mod apart;
 pub mod band;
 pub mod dispersion;
 pub mod fit;
@@ -7,14 +8,17 @@ pub mod identify;
 pub mod label;
 pub mod likelihood;
 mod logarithm;
+mod maximum;
 pub mod onsets;
 pub mod optimum;
+pub mod pair;
 pub mod parts;
 pub mod posterior;
 pub mod refine;
 pub mod subband;
+mod tone;
 
-pub use identify::{Evidence, ModalEstimate, ModalPlan, Unidentified};
+pub use identify::{Evidence, ModalEstimate, ModalPlan, PeakSearch, Unidentified, searchable_hz};
 pub use label::{LabelPlan, Labelling, Unlabelled};
 pub use parts::Parts;
 pub use refine::{Refinement, Search, refine};
@@ -36,8 +40,7 @@ pub struct Resonance {
     pub peak_to_noise: f64,
     /// Twice the gain in log likelihood over noise alone.
     pub evidence: f64,
-    /// Whether a pure sine explains it as well: interference, or a record too short or too noisy to
-    /// tell a resonance from a line. Never believed to be a mode.
+    /// Whether it is a pure tone: no damping to speak of, and a steady amplitude. Its odds of being foreign say so too.
     pub line: bool,
     /// Goodness of fit, as a standard normal deviate \[-\]: the response fits no stationary mode where it is
     /// large. 0 where it was not tested.

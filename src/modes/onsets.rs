@@ -140,6 +140,8 @@ const BLOW: f64 = 40.0;
 /// Neighbours compared with, nearest and farthest; a blow off the grid leaks into the nearest.
 const NEAREST: usize = 3;
 const FARTHEST: usize = 8;
+/// Innovations not looked at, at either end: the record's ends meet there.
+const ENDS: usize = 3;
 /// Median of an exponential deviate of mean 1.
 const MEDIAN: f64 = 0.693;
 
@@ -203,8 +205,8 @@ pub fn blows(series: &[(Subband, Pole)], apart_s: f64) -> Vec<Blow> {
     kept
 }
 
-/// Each innovation's power over the median of its neighbours'; 0 for the first two, which hold what is flat
-/// across the band.
+/// Each innovation's power over the median of its neighbours'; 0 at both ends, which hold what is smooth across
+/// the band.
 fn innovation_ratios(series: &Subband, pole: Pole) -> Vec<f64> {
     let factor = series.factor(pole);
     let mut powers = vec![0.0; series.samples.len()];
@@ -214,13 +216,13 @@ fn innovation_ratios(series: &Subband, pole: Pole) -> Vec<f64> {
     let mut around = Vec::with_capacity(2 * (FARTHEST - NEAREST + 1));
     (0..powers.len())
         .map(|m| {
-            if m < 2 {
+            if m < ENDS || m + ENDS > powers.len() {
                 return 0.0;
             }
             around.clear();
             for l in NEAREST..=FARTHEST {
-                around.extend(m.checked_sub(l).filter(|&i| i >= 2).map(|i| powers[i]));
-                around.extend(powers.get(m + l));
+                around.extend(m.checked_sub(l).filter(|&i| i >= ENDS).map(|i| powers[i]));
+                around.extend(powers.get(m + l).filter(|_| m + l + ENDS <= powers.len()));
             }
             let middle = around.len() / 2;
             if around.len() < FARTHEST - NEAREST {

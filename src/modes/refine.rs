@@ -13,10 +13,15 @@ use super::{Mask, Motion, MotionKind, Resonance};
 use crate::record::{Excitation, Record};
 use crate::spectrum::{Peak, Transforms};
 
+/// Relative error of the model itself (sums for integrals, the negative-frequency pole): what is left of the
+/// errors of a decay 140 dB above its noise.
+const MODEL_SD: f64 = 2e-6;
 /// Largest error of ln damping, and least damping, of a stretch's fit that counts.
 const MOST_LOG_SD: f64 = 2.0;
 /// Bandwidth in which blows are looked for, as a share of the frequency.
 const BLOW_BAND: f64 = 0.11;
+/// Samples of the coarsest series to either end of a stretch in which no blow is believed.
+const BLOW_MARGIN: f64 = 8.0;
 /// Half-power half-widths of the band in which blows are looked for, at least.
 const BLOW_WIDTHS: f64 = 8.0;
 
@@ -92,12 +97,23 @@ pub fn refine(transforms: &Transforms, record: &Record, peaks: &[Peak], search: 
             }
         }
     }
-    let mut resonances: Vec<Resonance> = whole
-        .iter()
-        .zip(&fits)
-        .filter_map(|(whole, parts)| Some(combined(&(*whole)?, parts)))
+    let found: Vec<Resonance> = if fits.iter().all(Vec::is_empty) {
+        let mut whole: Vec<Fit> = whole.into_iter().flatten().collect();
+        whole.sort_by(|a, b| a.resonance.frequency_hz.total_cmp(&b.resonance.frequency_hz));
+        stretch.apart(&whole)
+    } else {
+        whole
+            .iter()
+            .zip(&fits)
+            .filter_map(|(whole, parts)| Some(combined(&(*whole)?, parts)))
+            .collect()
+    };
+    let mut resonances: Vec<Resonance> = found
+        .into_iter()
         .map(|r| Resonance {
-            frequency_sd_hz: r.frequency_sd_hz.hypot(r.frequency_hz * record.clock_sd),
+            frequency_sd_hz: r
+                .frequency_sd_hz
+                .hypot(r.frequency_hz * record.clock_sd.hypot(MODEL_SD)),
             ..r
         })
         .collect();
@@ -155,18 +171,26 @@ impl<'a> Work<'a> {
                 Some((stretch.subband(fit, half_hz, &others)?, fit.pole()))
             })
             .collect();
-        let offset_s = self.search.parts.main.from as f64 / self.record.fs_hz;
-        blows(
-            &series,
-            0.5 * self.search.parts.least() as f64 / self.record.fs_hz,
-        )
-        .into_iter()
-        .map(|blow| Blow {
-            before_s: blow.before_s + offset_s,
-            after_s: blow.after_s + offset_s,
-            ..blow
-        })
-        .collect()
+        let main = self.search.parts.main;
+        let offset_s = main.from as f64 / self.record.fs_hz;
+        let least_s = self.search.parts.least() as f64 / self.record.fs_hz;
+        let length_s = (main.to - main.from) as f64 / self.record.fs_hz;
+        let coarsest_hz = series
+            .iter()
+            .map(|(series, _)| series.rate_hz)
+            .fold(f64::INFINITY, f64::min);
+        let margin_s = least_s.max(BLOW_MARGIN / coarsest_hz);
+        blows(&series, 0.5 * least_s)
+            .into_iter()
+            // A series runs round from its end to its beginning: what differs there leaks across. And what is left
+            // behind a later blow is too short for a fit.
+            .filter(|blow| blow.after_s > margin_s && blow.after_s < length_s - margin_s)
+            .map(|blow| Blow {
+                before_s: blow.before_s + offset_s,
+                after_s: blow.after_s + offset_s,
+                ..blow
+            })
+            .collect()
     }
 
     /// The modes already known, in another part of the record.

@@ -134,10 +134,24 @@ impl Subband {
         Some(self.samples[1].norm_sqr() * (1.0 - factor.norm_sqr()) / innovation)
     }
 
-    /// `<|y|^4> / <|y|^2>^2`: 1 for a tone, 2 for many independent fluctuations.
-    pub fn unevenness(&self) -> f64 {
+    /// `<|y|^4> / <|y|^2>^2` of the resonance without the noise beside it: 1 for a steady tone, 2 for many
+    /// independent fluctuations. The innovations' power is the noise's twice over where little is new in the resonance.
+    pub fn unevenness(&self, pole: Pole) -> f64 {
+        let factor = self.factor(pole);
         let inner = &self.samples[1..self.samples.len() - 1];
-        kurtosis(inner.iter().map(Complex::norm_sqr))
+        let count = inner.len() as f64;
+        let power = inner.iter().map(Complex::norm_sqr).sum::<f64>() / count;
+        let innovation = inner
+            .windows(2)
+            .map(|pair| (pair[1] - factor * pair[0]).norm_sqr());
+        let noise = innovation.sum::<f64>() / (count - 1.0) / (1.0 + factor.norm_sqr());
+        let steady = power - noise;
+        if steady < 0.5 * power {
+            // Too little stands out to say that it is even.
+            return 2.0;
+        }
+        let noisy = (4.0 * steady * noise + 2.0 * noise * noise) / (power * power);
+        (kurtosis(inner.iter().map(Complex::norm_sqr)) - noisy) * (power / steady).powi(2)
     }
 }
 

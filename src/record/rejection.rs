@@ -138,7 +138,7 @@ pub enum Rejection {
         high_hz: f64,
     },
     /// Peaks there are, but no assignment to mode orders is credible.
-    #[error("cannot number the modes of {peaks} peaks: {detail}")]
+    #[error("cannot number the modes of {peaks} peak{}: {detail}", if *peaks == 1 { "" } else { "s" })]
     NoLabel {
         /// How many peaks.
         peaks: usize,

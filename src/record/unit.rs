@@ -126,7 +126,8 @@ impl Unit {
             "um/sec" => Some(Self::MicrometrePerSecond),
             "m/sec2" | "m/s/s" | "ms-2" | "m.s-2" => Some(Self::MetrePerSecondSquared),
             "gn" | "g0" => Some(Self::StandardGravity),
-            "C" | "Celsius" | "celsius" => Some(Self::Celsius),
+            // The second as a program leaves it that did not know the sign.
+            "C" | "\u{fffd}C" | "Celsius" | "celsius" => Some(Self::Celsius),
             "kelvin" | "Kelvin" => Some(Self::Kelvin),
             "F" | "Fahrenheit" | "fahrenheit" => Some(Self::Fahrenheit),
             _ => None,
@@ -148,6 +149,7 @@ mod tests {
             ("m/s^2", Unit::MetrePerSecondSquared),
             ("°C", Unit::Celsius),
             ("deg C", Unit::Celsius),
+            ("\u{fffd}C", Unit::Celsius),
             (" g ", Unit::StandardGravity),
         ] {
             assert_eq!(Unit::as_written(text), Some(unit), "{text}");

@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use std::f64::consts::PI;
 use tirante::bayes::{Fixity, Prior, RodPrior};
 use tirante::beam::{Parameterisation, Section, exact};
-use tirante::modes::{LabelPlan, ModeSettings, Resonance};
+use tirante::modes::{LabelPlan, ModeSettings, MotionKind, Resonance};
 use tirante::random;
 
 /// What a record shows.
@@ -133,7 +133,13 @@ fn rod(class: Class, knowledge: Knowledge, rng: &mut ChaCha8Rng) -> Rod {
     let (of_force, of_springs) = match knowledge {
         Knowledge::FirstContact => {
             let high = 300e6 * area;
-            (Prior::LogUniform { low: 0.01 * high, high }, [any_spring; 2])
+            (
+                Prior::LogUniform {
+                    low: 0.01 * high,
+                    high,
+                },
+                [any_spring; 2],
+            )
         }
         Knowledge::Known => (
             about(force * (1.0 + 0.2 * normal(rng)).max(0.3), 0.2),
@@ -192,7 +198,12 @@ pub fn world(class: Class, knowledge: Knowledge, seed: u64) -> World {
                 let count = low + (rng.random::<f64>() * (high - low + 1) as f64) as usize;
                 seen.iter().copied().take(count).collect()
             }
-            Class::FirstMissing => seen.iter().copied().filter(|&order| order > 1).take(count).collect(),
+            Class::FirstMissing => seen
+                .iter()
+                .copied()
+                .filter(|&order| order > 1)
+                .take(count)
+                .collect(),
             Class::MidSpan => seen.iter().copied().take(count.min(5)).collect(),
             Class::Holes => {
                 let mut all: Vec<usize> = (1..=between(rng, 6.0, 10.0) as usize).collect();
@@ -213,7 +224,9 @@ pub fn world(class: Class, knowledge: Knowledge, seed: u64) -> World {
         }
         orders.sort_unstable();
         let low_hz = 0.4 * rod.frequencies[0];
-        let last_hz = orders.last().map_or(rod.frequencies[5], |&order| rod.frequencies[order - 1]);
+        let last_hz = orders
+            .last()
+            .map_or(rod.frequencies[5], |&order| rod.frequencies[order - 1]);
         let limit_hz = last_hz * log_between(rng, 1.03, 2.5);
         let scatter = [0.001, 0.003, 0.01][(rng.random::<f64>() * 3.0) as usize];
         let mut found: Vec<(Resonance, Option<usize>)> = Vec::new();
@@ -236,7 +249,8 @@ pub fn world(class: Class, knowledge: Knowledge, seed: u64) -> World {
         }
         match class {
             Class::Neighbour => {
-                let factor = 1.0 + [-1.0, 1.0][(rng.random::<f64>() * 2.0) as usize] * between(rng, 0.03, 0.2);
+                let factor =
+                    1.0 + [-1.0, 1.0][(rng.random::<f64>() * 2.0) as usize] * between(rng, 0.03, 0.2);
                 let count = 1 + (rng.random::<f64>() * 3.0) as usize;
                 for order in seen.iter().copied().take(count) {
                     let hz = rod.frequencies[order - 1] * factor * (0.005 * normal(rng)).exp();
@@ -251,7 +265,10 @@ pub fn world(class: Class, knowledge: Knowledge, seed: u64) -> World {
                 };
                 for multiple in [2.0, 3.0] {
                     let level = (first_db - between(rng, 8.0, 20.0)).max(10.0);
-                    found.push((resonance(multiple * first * (1.0 + 3e-4 * normal(rng)), 3e-4, level), None));
+                    found.push((
+                        resonance(multiple * first * (1.0 + 3e-4 * normal(rng)), 3e-4, level),
+                        None,
+                    ));
                 }
             }
             Class::AnotherRod => {
@@ -315,13 +332,17 @@ pub fn score(class: Class, knowledge: Knowledge, records: u64, settings: &ModeSe
     let one = |seed: u64| {
         let world = world(class, knowledge, seed);
         let plan = LabelPlan::new(&world.prior, &[0.01], settings.clone()).unwrap();
-        let labelled = plan.label(&world.peaks, world.limit_hz);
+        let labelled = plan.label(&world.peaks, (0.0, world.limit_hz), MotionKind::Ambient);
         labelled.ok().map(|labelling| {
             let told: Vec<Option<bool>> = labelling
                 .modes
                 .iter()
                 .map(|mode| {
-                    let i = world.peaks.iter().position(|r| r.frequency_hz == mode.frequency_hz).unwrap();
+                    let i = world
+                        .peaks
+                        .iter()
+                        .position(|r| r.frequency_hz == mode.frequency_hz)
+                        .unwrap();
                     world.truth[i].map(|order| order == mode.order)
                 })
                 .collect();
@@ -350,7 +371,9 @@ pub fn score(class: Class, knowledge: Knowledge, records: u64, settings: &ModeSe
 
 /// One line per class, and the calibration of the stated probability.
 pub fn table(knowledge: Knowledge, records: u64, settings: &ModeSettings, classes: &[Class]) {
-    println!("class identified_% right_% intruder_per_1000 wrong_per_1000 covered_% ({knowledge:?}, {records} records)");
+    println!(
+        "class identified_% right_% intruder_per_1000 wrong_per_1000 covered_% ({knowledge:?}, {records} records)"
+    );
     let mut stated = Vec::new();
     for &class in classes {
         let score = score(class, knowledge, records, settings);
@@ -368,12 +391,24 @@ pub fn table(knowledge: Knowledge, records: u64, settings: &ModeSettings, classe
             stated.extend(score.stated);
         }
     }
-    for (low, high) in [(0.0, 0.5), (0.5, 0.8), (0.8, 0.9), (0.9, 0.95), (0.95, 0.98), (0.98, 0.99), (0.99, 0.999), (0.999, 1.1)] {
+    for (low, high) in [
+        (0.0, 0.5),
+        (0.5, 0.8),
+        (0.8, 0.9),
+        (0.9, 0.95),
+        (0.95, 0.98),
+        (0.98, 0.99),
+        (0.99, 0.999),
+        (0.999, 1.1),
+    ] {
         let bin: Vec<&(f64, bool)> = stated.iter().filter(|(p, _)| (low..high).contains(p)).collect();
         if !bin.is_empty() {
             let mean = bin.iter().map(|(p, _)| p).sum::<f64>() / bin.len() as f64;
             let right = bin.iter().filter(|(_, right)| *right).count() as f64 / bin.len() as f64;
-            println!("stated {low} to {high}: {} records, mean {mean:.3}, right {right:.3}", bin.len());
+            println!(
+                "stated {low} to {high}: {} records, mean {mean:.3}, right {right:.3}",
+                bin.len()
+            );
         }
     }
 }

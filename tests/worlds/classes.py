@@ -300,9 +300,10 @@ def two_modes(rng):
 
 
 def one_mode(rng):
+    """A slow camera at mid-span: mode 2 has a node there, mode 3 lies above half of the rate."""
     scene = base(rng, bands=1)
-    # Mode 2 lies above half of the rate, as it does where a camera is slow.
-    scene.fs_hz = round(2.4 * float(scene.rod.modes[0].frequency_hz), 1)
+    scene.sensor_at = 0.5
+    scene.fs_hz = round(5 * float(scene.rod.modes[0].frequency_hz), 1)
     return scene
 
 

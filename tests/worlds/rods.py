@@ -96,7 +96,7 @@ def draw(rng, slenderness=(70, 350), length_m=(3.0, 18.0), stress_pa=(12e6, 240e
 def of_beam(nominal, real, rng, count, stress_pa):
     """A rod whose frequencies differ a little from the beam's, as those in a wall do."""
     sd = float(rng.choice(DISCREPANCIES))
-    off = np.exp(sd * rng.standard_normal(count))
+    off = [math.exp(sd * float(z)) for z in rng.standard_normal(count)]
     found = sorted(
         (replace(mode, frequency_hz=mode.frequency_hz * factor) for mode, factor in zip(beam.modes(real, count), off)),
         key=lambda mode: mode.frequency_hz,

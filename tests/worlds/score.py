@@ -42,13 +42,16 @@ class Verdict:
 
 
 def probability_of(line):
-    """The probability stated for the labels, wherever the version puts it."""
-    if isinstance(line.get("label_probability"), (int, float)):
-        return float(line["label_probability"])
-    labels = line.get("labels")
-    if isinstance(labels, dict) and isinstance(labels.get("probability"), (int, float)):
-        return float(labels["probability"])
-    return None
+    """The probability stated for the orders; none in versions that did not state one."""
+    stated = line.get("label_probability")
+    return float(stated) if isinstance(stated, (int, float)) else None
+
+
+def kind_of(excitation):
+    """The motion that was recognised, in a word."""
+    if isinstance(excitation, dict):
+        return str(excitation.get("kind", ""))
+    return str(excitation or "")
 
 
 def judge(truth, lines):
@@ -61,8 +64,7 @@ def judge(truth, lines):
     good = [line for line in lines if line["rejection"] is None]
     pool = good or lines
     line = max(pool, key=lambda one: one["duration_s"] or 0.0)
-    motion = line.get("motion")
-    verdict.motion = motion if isinstance(motion, str) else (motion or {}).get("kind", "") if motion else ""
+    verdict.motion = kind_of(line.get("excitation"))
     verdict.probability = probability_of(line)
     if not good:
         verdict.code = line["rejection"]["code"]

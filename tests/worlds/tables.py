@@ -73,6 +73,11 @@ def requirements(verdicts, exempt=(), few=False):
             need((high >= 0.90 and low <= 0.98) or name in exempt, text)
         else:
             need(name in exempt or few, f"{name}: no frequency to judge")
+    some = [v for v in rods if v.name not in exempt]
+    judged, held = sum(v.judged for v in some), sum(v.held for v in some)
+    low, high = interval(held, judged)
+    text = f"all these: {share(held, judged, 1)} % of {judged} frequencies held ({100 * low:.1f} to {100 * high:.1f}), wanted 90 to 98"
+    need(judged and high >= 0.90 and low <= 0.98, text)
     for least, wanted in ((3, 0.95), (5, 0.98)):
         some = [v for v in rods if v.clear >= least]
         hits = sum(v.claimed for v in some)

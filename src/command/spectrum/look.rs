@@ -4,12 +4,11 @@ use super::Band;
 use super::input::Source;
 use crate::analysis::{Measurement, Plan};
 use crate::bayes::Marginal;
-use crate::bayes::RodPrior;
 use crate::beam::Quantity;
 use crate::command::setup;
 use crate::config::Config;
 use crate::findings::{self, Candidate, Peak};
-use crate::modes::{LabelPlan, Labels, ModalPlan, Mode, ModeSettings, Motion};
+use crate::modes::{Labels, Mode, Motion, PeakSearch, searchable_hz};
 use crate::outcome::Rejected;
 use crate::plot::view::SpectrumReport;
 use crate::record::{Envelope, Event, Flag, Record, Rejection, RodId, Timestamp};
@@ -18,16 +17,12 @@ use crate::spectrum::{PeakSettings, WelchSettings};
 use serde::Serialize;
 use std::collections::BTreeMap;
 
-/// Fewest periods of a frequency in a record that it is looked for in; the estimator asks for as many.
-const FEWEST_PERIODS: f64 = 15.0;
-/// The highest frequency that is looked for, as a share of the sample rate.
-const HIGHEST_SHARE: f64 = 0.48;
 /// Most peaks of a record.
 const MOST_PEAKS: usize = 40;
 
 /// Looks at records, all in the same way.
 pub(super) struct Looker {
-    search: ModalPlan,
+    search: PeakSearch,
     plans: BTreeMap<RodId, Plan>,
     band: Band,
 }
@@ -104,11 +99,8 @@ impl Looker {
             max_peaks: peaks.max_peaks.max(MOST_PEAKS),
             ..peaks
         };
-        // Labels are not asked for.
-        let unused = LabelPlan::new(&RodPrior::todi(), &[], ModeSettings::default())
-            .ok_or_else(|| anyhow::anyhow!("no plan for labels"))?;
         Ok(Self {
-            search: ModalPlan::new(welch, peaks, unused),
+            search: PeakSearch::new(welch, peaks, Vec::new()),
             plans: config.map(setup::plans).transpose()?.unwrap_or_default(),
             band,
         })
@@ -156,10 +148,8 @@ impl Looker {
 
     fn look_at(&self, source: &Source, record: &Record) -> Look {
         let duration_s = record.duration_s();
-        // A hair more than the estimator asks for.
-        let lowest_hz = FEWEST_PERIODS * (1.0 + 1e-9) / duration_s;
+        let (lowest_hz, highest_hz) = searchable_hz(record);
         let low_hz = self.band.low_hz.map_or(lowest_hz, |low_hz| low_hz.max(lowest_hz));
-        let highest_hz = HIGHEST_SHARE * record.fs_hz;
         let high_hz = self
             .band
             .high_hz
@@ -177,14 +167,7 @@ impl Looker {
             axial_force_n: None,
             peaks: Vec::new(),
         };
-        let found = match low_hz < high_hz {
-            true => self.search.evidence(record, low_hz, high_hz),
-            false => Err(Rejection::TooShort {
-                duration_s,
-                needed_s: FEWEST_PERIODS / high_hz,
-            }),
-        };
-        match found {
+        match self.search.evidence(record, low_hz, high_hz) {
             Ok(evidence) => {
                 let told = self.told(source, record);
                 let measurement = Measurement::new(record, [0; 32], evidence);

@@ -116,7 +116,10 @@ impl Splitter {
 
 /// Whether a cell could be a number or a date.
 pub(super) fn is_value(cell: &str, decimal_comma: bool) -> bool {
-    let is_date = cell.starts_with(|c: char| c.is_ascii_digit())
+    // `1,25` is none.
+    let has_parts = cell.contains(':') || cell.chars().filter(|c| "-/.".contains(*c)).count() > 1;
+    let is_date = has_parts
+        && cell.starts_with(|c: char| c.is_ascii_digit())
         && cell
             .chars()
             .all(|c| c.is_ascii_digit() || "-/.:,TZ+ ".contains(c));

@@ -197,7 +197,10 @@ impl Columns {
                         value
                     }
                     // Notes that begin further down.
-                    None if column.is_blank && !column.is_named => {
+                    None if column.is_blank
+                        && !column.is_named
+                        && number(cell, !self.decimal_comma).is_none() =>
+                    {
                         column.is_text = true;
                         turned_text = true;
                         f64::NAN

@@ -72,6 +72,11 @@ impl Layout {
         layout.is_value.contains(&true).then_some(layout)
     }
 
+    /// Columns of numbers or times.
+    pub(super) fn values(&self) -> usize {
+        self.is_value.iter().filter(|is_value| **is_value).count()
+    }
+
     /// Cells up to the last that holds numbers: a row needs as many.
     pub(super) fn needed(&self) -> usize {
         self.is_value
@@ -95,7 +100,7 @@ impl Layout {
     /// The first row that fits, and is followed by one that fits by half at least.
     fn begin(&self, rows: &[Vec<String>], decimal_comma: bool) -> Option<usize> {
         let needed = self.needed();
-        let columns = self.is_value.iter().filter(|is_value| **is_value).count();
+        let columns = self.values();
         let has_width =
             |row: &[String]| row.len() >= needed && row.iter().skip(self.width).all(String::is_empty);
         let mut filled = rows

@@ -22,10 +22,11 @@ use std::f64::consts::TAU;
 const LEAST_DISCREPANCY: f64 = 0.01;
 /// The wide discrepancy in units of the stated one, and its share: the paper's own rod has f3/f1 = 2.950
 /// where every rod on springs has 3 or more.
-const WIDE: f64 = 3.0;
-const WIDE_SHARE: f64 = 0.15;
-/// Foreign peaks expected: their number is geometric with this mean.
-const FOREIGN_MEAN: f64 = 1.5;
+const WIDE: f64 = 4.0;
+const WIDE_SHARE: f64 = 0.2;
+/// Foreign peaks expected beside a rod, and where there is none: their number is geometric with this mean.
+const FOREIGN_MEAN: f64 = 1.2;
+const ALL_FOREIGN_MEAN: f64 = 2.0;
 /// Probability beforehand that the rod is seen at all.
 const ROD: f64 = 0.9;
 /// A peak may be an order within so many predictive standard deviations and this much more.
@@ -135,7 +136,12 @@ impl Scene<'_> {
             }
         }
         let count = f64::from(count);
-        sum + count * libm::log(FOREIGN_MEAN) - (count + 1.0) * libm::log(1.0 + FOREIGN_MEAN)
+        let mean = if modes == 0 {
+            ALL_FOREIGN_MEAN
+        } else {
+            FOREIGN_MEAN
+        };
+        sum + count * libm::log(mean) - (count + 1.0) * libm::log(1.0 + mean)
     }
 
     /// Fits an assignment from a first point; `None` if a declaration excludes it.

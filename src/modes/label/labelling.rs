@@ -1,6 +1,6 @@
 //! The orders told, or why none are.
 
-use super::super::{Candidate, Labels, Mode, ModeSettings, Resonance};
+use super::super::{Candidate, Labels, Mode, ModeSettings, MotionKind, Resonance};
 use super::code::Code;
 use super::evidence::Scene;
 use super::force::axial_force_n;
@@ -13,12 +13,11 @@ use crate::record::Rejection;
 
 /// Most probability that a peak told has another order: worse than a foreign peak beside right ones, since
 /// the force is then another one altogether.
-const MOST_WRONG_ORDER: f64 = 0.02;
-/// Pairs are left out until the rest is this sure, as long as so many of the modes used remain.
-const SURE: f64 = 0.99;
-const SURE_MODES: usize = 2;
+const MOST_WRONG_ORDER: f64 = 0.04;
+/// Orders that the force does not use are left out until the rest is this sure.
+const SURE: f64 = 0.995;
 /// Most probability that no rod is seen: where the force is hardly known beforehand, and where it is.
-const MOST_NO_ROD: f64 = 0.012;
+const MOST_NO_ROD: f64 = 0.008;
 const MOST_NO_ROD_KNOWN: f64 = 0.001;
 /// A rod whose first mode is known beforehand to this standard deviation of ln f counts as known.
 const KNOWN_LOG_SD: f64 = 0.2;
@@ -98,14 +97,20 @@ impl LabelPlan {
         libm::exp(self.grid.range().1)
     }
 
-    /// The orders of resonances (ascending in frequency) of a record in which peaks up to `limit_hz` can be
-    /// seen.
+    /// The orders of resonances (ascending in frequency) of a record in which peaks can be seen between the
+    /// frequencies `seen_hz`, and the rod moved as `kind` says.
     ///
     /// # Errors
     /// No assignment is probable enough.
-    pub fn label(&self, resonances: &[Resonance], limit_hz: f64) -> Result<Labelling, Unlabelled> {
+    pub fn label(
+        &self,
+        resonances: &[Resonance],
+        seen_hz: (f64, f64),
+        kind: MotionKind,
+    ) -> Result<Labelling, Unlabelled> {
         let (low_hz, high_hz) = self.band_hz();
-        let high_hz = high_hz.min(limit_hz).max(1.001 * low_hz);
+        let low_hz = low_hz.max(seen_hz.0);
+        let high_hz = high_hz.min(seen_hz.1).max(1.001 * low_hz);
         let masks = &self.settings.masks;
         let is_masked = |hz: f64| {
             masks
@@ -113,7 +118,8 @@ impl LabelPlan {
                 .any(|mask| (mask.low_hz..=mask.high_hz).contains(&hz))
         };
         let is_searched = |hz: f64| (low_hz..=high_hz).contains(&hz) && !is_masked(hz);
-        let peaks = peaks(resonances, is_searched, libm::log(high_hz / low_hz).max(0.1));
+        let log_band = libm::log(high_hz / low_hz).max(0.1);
+        let peaks = peaks(resonances, is_searched, log_band, kind);
         let log_masks: Vec<(f64, f64)> = masks
             .iter()
             .map(|mask| (libm::log(mask.low_hz), libm::log(mask.high_hz)))
@@ -186,7 +192,7 @@ impl Told<'_> {
                 posterior.no_rod,
                 self.deciding(best.code)
             );
-            return Err(self.refused(best.code, reason));
+            return Err(self.refused(Code::default(), reason));
         }
         let told = self.told(best.code);
         if told.pairs().all(|(order, _)| order > settings.count) {
@@ -229,43 +235,39 @@ impl Told<'_> {
         })
     }
 
-    /// The largest part of an assignment that is probable enough: without its least certain pairs until the rest is
-    /// sure, or, where that leaves too little, until it reaches the level wanted.
+    /// The part of an assignment that is probable enough: without its least certain pairs until the rest reaches the
+    /// level wanted, then without pairs that the force does not use until the rest is sure.
     fn told(&self, best: Code) -> Code {
         let settings = &self.plan.settings;
         let declared = self.scene.declared;
-        let (mut told, mut enough) = (best, None);
-        loop {
-            let right = self.posterior.probability(|code| code.contains(told));
-            let wrong = self.posterior.probability(|code| code.contradicts(told));
-            if right >= settings.least_probability && wrong <= MOST_WRONG_ORDER {
-                let largest = *enough.get_or_insert(told);
-                let used = told.pairs().filter(|&(order, _)| order <= settings.count).count();
-                if used < SURE_MODES {
-                    return largest;
-                }
-                if right >= SURE {
-                    return told;
-                }
-            }
-            let certainty = |(order, peak)| {
-                (
-                    order,
-                    self.posterior
-                        .probability(|code| code.peak_of(order) == Some(peak)),
-                )
-            };
-            let least = told
-                .pairs()
-                .filter(|&(order, _)| declared.peak_of(order).is_none())
-                .map(certainty)
-                .min_by(|a, b| a.1.total_cmp(&b.1));
+        let least_certain = |told: Code, from: usize| {
             // What a person declared stays whatever the rest says.
-            let Some((order, _)) = least else {
-                return enough.unwrap_or(declared);
+            told.pairs()
+                .filter(|&(order, _)| order >= from && declared.peak_of(order).is_none())
+                .map(|(order, peak)| {
+                    (
+                        order,
+                        self.posterior
+                            .probability(|code| code.peak_of(order) == Some(peak)),
+                    )
+                })
+                .min_by(|a, b| a.1.total_cmp(&b.1))
+        };
+        let right = |told: Code| self.posterior.probability(|code| code.contains(told));
+        let wrong = |told: Code| self.posterior.probability(|code| code.contradicts(told));
+        let mut told = best;
+        while right(told) < settings.least_probability || wrong(told) > MOST_WRONG_ORDER {
+            let Some((order, _)) = least_certain(told, 1) else {
+                return declared;
             };
             told = told.with(order, None);
         }
+        while right(told) < SURE
+            && let Some((order, _)) = least_certain(told, settings.count + 1)
+        {
+            told = told.with(order, None);
+        }
+        told
     }
 
     fn hz(&self, peak: usize) -> f64 {

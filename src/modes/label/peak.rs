@@ -1,6 +1,6 @@
 //! The peaks of one record as evidence, and how likely each of them is if it is no mode of the rod.
 
-use super::super::Resonance;
+use super::super::{MotionKind, Resonance};
 use std::f64::consts::TAU;
 
 /// Most peaks considered, those of the strongest evidence.
@@ -8,6 +8,8 @@ pub(super) const MOST_PEAKS: usize = 15;
 /// Log odds that a pure line is no mode of the rod: ten to one. Lines are not removed: where eight modes
 /// were mostly taken for lines, the rest was labelled wrongly.
 const LINE_LOG_ODDS: f64 = 2.3;
+/// What rings after a pull or a blow is the rod that was struck, and seldom anything else.
+const STRUCK_LOG_ODDS: f64 = -5.0;
 /// Share of foreign peaks beside stronger ones that are harmonics (quantisation, a sensor driven too far).
 const HARMONIC_SHARE: f64 = 0.3;
 /// Least scatter of a harmonic about its multiple, in ln f.
@@ -37,7 +39,12 @@ pub(super) struct Peak {
 }
 
 /// The peaks inside a band, ascending in frequency.
-pub(super) fn peaks(resonances: &[Resonance], is_searched: impl Fn(f64) -> bool, log_band: f64) -> Vec<Peak> {
+pub(super) fn peaks(
+    resonances: &[Resonance],
+    is_searched: impl Fn(f64) -> bool,
+    log_band: f64,
+    kind: MotionKind,
+) -> Vec<Peak> {
     let mut chosen: Vec<usize> = (0..resonances.len())
         .filter(|&i| {
             let r = &resonances[i];
@@ -58,15 +65,17 @@ pub(super) fn peaks(resonances: &[Resonance], is_searched: impl Fn(f64) -> bool,
         .filter(|&&i| !resonances[i].line)
         .map(|&i| level_db(i))
         .fold(f64::NEG_INFINITY, f64::max);
+    let is_struck = matches!(kind, MotionKind::FreeDecay | MotionKind::FreeDecays);
     let of = |i: usize| {
         let r = &resonances[i];
         let log_hz = libm::log(r.frequency_hz);
         let relative_sd = r.frequency_sd_hz / r.frequency_hz;
-        let own = if r.line {
-            r.foreign_log_odds.max(LINE_LOG_ODDS)
-        } else {
-            r.foreign_log_odds
-        };
+        let own = r.foreign_log_odds
+            + match r.line {
+                true => (LINE_LOG_ODDS - r.foreign_log_odds).max(0.0),
+                false if is_struck => STRUCK_LOG_ODDS,
+                false => 0.0,
+            };
         let drop_db = (strongest - level_db(i)).max(0.0);
         let by_level =
             (STRONG_LOG_ODDS + WEAKER_PER_DB * (drop_db - STRONG_DB)).clamp(STRONG_LOG_ODDS, WEAK_LOG_ODDS);

@@ -13,9 +13,9 @@ const STEP: f64 = REACH / NODES as f64;
 /// Share of the doubt in the force's prior: a rod of 383 kN that was said to have 1101 +- 220 kN had modes 3
 /// and 4 called 2 and 3 without it.
 const DOUBT: f64 = 0.25;
-/// Least standard deviation of ln N under doubt, and its least multiple of the prior's own.
+/// Least standard deviation of ln N under doubt; a prior wider than [`WIDE_LOG_SD`] claims little and is doubted less.
 const DOUBT_LOG_SD: f64 = 0.8;
-const DOUBT_WIDER: f64 = 1.2;
+const WIDE_LOG_SD: f64 = 0.5;
 /// Standard deviation of ln N of a force said to be known exactly: nobody knows it better.
 const LEAST_FORCE_LOG_SD: f64 = 0.02;
 
@@ -65,7 +65,8 @@ impl Quantile {
         if !(centre.is_finite() && own_sd.is_finite()) {
             return None;
         }
-        let sd = DOUBT_LOG_SD.max(DOUBT_WIDER * own_sd);
+        let sd = DOUBT_LOG_SD.max(own_sd);
+        let doubt = DOUBT * (WIDE_LOG_SD / own_sd.max(WIDE_LOG_SD));
         let normal = Normal::standard();
         let reach = 1.5 * REACH * sd;
         // The share below where the coordinate is negative, above where it is not: no tail is lost to rounding.
@@ -77,9 +78,9 @@ impl Quantile {
                 let (below, above) = shares(&prior, libm::exp(x));
                 let z = (x - centre) / sd;
                 let is_above = if q < 0.0 {
-                    (1.0 - DOUBT) * below + DOUBT * normal.cdf(z) > wanted
+                    (1.0 - doubt) * below + doubt * normal.cdf(z) > wanted
                 } else {
-                    (1.0 - DOUBT) * above + DOUBT * normal.cdf(-z) < wanted
+                    (1.0 - doubt) * above + doubt * normal.cdf(-z) < wanted
                 };
                 if is_above {
                     high = x;

@@ -12,7 +12,10 @@ const NEAREST_END: f64 = 0.04;
 const MOST_SEEN: f64 = 0.92;
 const HALF_SEEN: f64 = 0.12;
 const LIMITS: (f64, f64) = (0.01, 0.97);
-/// Above the last order that stands clear of the noise.
+/// Shares of the last order that stands clear of the noise; above it little is seen.
+const LAST: [f64; MAX_ORDERS] = [
+    0.05, 0.10, 0.15, 0.15, 0.12, 0.10, 0.08, 0.07, 0.06, 0.05, 0.04, 0.03,
+];
 const SEEN_ABOVE: f64 = 0.02;
 
 /// Share of records in which every order up to the last is seen or not for no reason that is known here, as
@@ -47,7 +50,7 @@ impl Table {
             };
             for last in 1..=MAX_ORDERS {
                 sets.clear();
-                sets.push(weight / MAX_ORDERS as f64);
+                sets.push(weight * LAST[last - 1]);
                 for order in 1..=MAX_ORDERS {
                     let shape = libm::sin(order as f64 * PI * x);
                     let square = shape * shape;

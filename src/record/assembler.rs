@@ -63,7 +63,7 @@ const NOTABLE_JITTER: f64 = 0.05;
 /// A message stamped further ahead than this many messages may have overtaken others; one less far is stamped late.
 const AHEAD: f64 = 1.75;
 /// Scatter of the stamps from which on messages stay in the order they came in, over the message interval.
-const WOBBLY: f64 = 0.1;
+const WOBBLY: f64 = 0.04;
 
 type Message = (i64, Vec<f64>);
 
@@ -83,7 +83,7 @@ pub struct Assembler {
     /// The running stretch and its sample interval \[ns\].
     open: Stretch,
     interval: Option<f64>,
-    /// Scatter of a stamp, from the first messages of the stretch \[ns\].
+    /// Scatter of a stamp, from the latest messages of the stretch \[ns\].
     wobble: f64,
     astray: Vec<Message>,
     /// The last message of the stretch, where it has overtaken others or was stamped late.
@@ -390,9 +390,10 @@ impl Assembler {
         let (Some(ahead), Some(interval)) = (self.ahead, self.interval) else {
             return;
         };
-        let last = self.open.times.len() - 1;
+        // A cut may have taken it away.
+        let last = self.open.times.len().saturating_sub(1);
         let (true, Some(due)) = (
-            self.open.times[last] == ahead.time,
+            self.open.times.last() == Some(&ahead.time),
             last.checked_sub(1).and_then(|at| self.end_of(at)),
         ) else {
             self.ahead = None;
@@ -550,7 +551,7 @@ impl Assembler {
         let last_length = interval * f64::from(open.sizes[last.0]);
         // By as much as two stamps may differ.
         let early = last.1 + last_length - time as f64;
-        if self.wobble > WOBBLY * last_length && early < 0.5 * last_length + 8.0 * self.wobble {
+        if self.wobble > WOBBLY * last_length && early < 1.25 * last_length + 8.0 * self.wobble {
             return Place::Next;
         }
         if let Some(end) = last.0.checked_sub(1).and_then(|before| self.end_of(before)) {
@@ -577,6 +578,9 @@ impl Assembler {
     #[inline]
     fn append(&mut self, time: i64, values: &[f64]) {
         self.open.push(time, values);
+        if self.open.times.len().is_multiple_of(LATE) {
+            self.wobble = self.open.wobble(LATE, self.interval.unwrap_or(0.0));
+        }
         let (Some(interval), Some(&start)) = (self.interval, self.open.times.first()) else {
             return;
         };

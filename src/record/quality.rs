@@ -26,12 +26,14 @@ const NATURAL: f64 = 0.05;
 const SPIKE: f64 = 12.0;
 /// A value counts as held only if the signal came to it by more than this many smallest steps: at rest it comes by one.
 const CAME_STEPS: f64 = 1.5;
-/// Visits that make a rail; one or two are a pull held still, or a sensor overloaded once.
+/// Visits that make a rail; one or two are a sensor overloaded once.
 const VISITS: usize = 3;
 /// A stay at an extreme longer than this is no vibration's \[s\].
 const STAY_S: f64 = 0.25;
+/// Fewer spikes than this are repaired, however large.
+const FEW_SPIKES: usize = 3;
 /// A blow leaves the rod moving this many times as much as before.
-const BLOW: f64 = 3.0;
+const BLOW: f64 = 5.0;
 
 /// Runs without a hole of more than `hole` samples, ends trimmed to finite samples.
 pub(super) fn spans(samples: &[f64], hole: usize) -> Vec<Range<usize>> {
@@ -139,7 +141,7 @@ pub fn check(mut samples: Vec<f64>, fs_hz: f64, settings: &RecordSettings) -> Re
     let spikes = despike(&mut samples, fs_hz, range.step);
     if spikes.count > 0 {
         let rest = variance(&samples) * total;
-        if spikes.energy > rest {
+        if spikes.energy > rest && spikes.count >= FEW_SPIKES {
             return Err(Rejection::Spikes { count: spikes.count });
         }
         if (missing + spikes.samples) as f64 > settings.max_missing * total {
@@ -238,7 +240,7 @@ struct Rails {
 ///
 /// Just inside its peak a sine spends no more than half the time it spends in the next eight steps, and
 /// a random signal less; a rail piles up what would have gone beyond it. Signals of fewer than some ten
-/// steps cannot be told apart. Nor can a rod that is held still by a rope: it stays once, and long.
+/// steps cannot be told apart. A rod that is held still by a rope stays there for long.
 fn clipped(samples: &[f64], range: &Extent, fs_hz: f64) -> Rails {
     let reach = 0.5 * (range.high - range.low);
     let band = (0.05 * reach).max(8.0 * range.step);
@@ -265,10 +267,10 @@ fn clipped(samples: &[f64], range: &Extent, fs_hz: f64) -> Rails {
                 is_sure: false,
             };
         }
-        let is_sure = visits >= VISITS;
         let is_still = at as f64 > STAY_S * fs_hz * visits as f64;
+        let is_sure = visits >= VISITS && !is_still;
         Rails {
-            samples: if is_sure || !is_still { at } else { 0 },
+            samples: if is_still { 0 } else { at },
             is_sure,
         }
     };
@@ -353,7 +355,7 @@ fn despike(samples: &mut [f64], fs_hz: f64, step: f64) -> Spikes {
 
 /// Whether the rod goes on moving behind an outlier, much more than before it: a hammer's blow, not an electric spike.
 fn is_blow(samples: &[f64], fs_hz: f64, run: &Range<usize>) -> bool {
-    let window = ((0.1 * fs_hz).round() as usize).max(32);
+    let window = ((0.1 * fs_hz).round() as usize).max(64);
     // Medians, so that other spikes do not count.
     let level = |range: Range<usize>| {
         let mut near = samples[range].to_vec();

@@ -11,6 +11,8 @@ use std::ops::Range;
 const STEP: f64 = 6.0;
 /// A change of level worth a look.
 const LEVEL: f64 = 30.0;
+/// The noise changes along with the level within this factor.
+const ALONG: f64 = 3.0;
 /// A release swings through by this share of its height, and by this many times what moved before it.
 const THROUGH: f64 = 0.2;
 const ANSWER: f64 = 3.0;
@@ -228,11 +230,17 @@ pub(super) fn level_change(samples: &[f64], fs_hz: f64, resolution: f64) -> Opti
         // What a sensor's smallest step makes of a signal; below it there is no noise to compare.
         let least = resolution / 12f64.sqrt();
         let noise = noise(loud).max(least) / noise(quiet).max(least);
-        if noise * noise > ratio && is_at_once(samples, fs_hz, i * window, ratio) {
+        let whole = spread(loud) / spread(quiet).max(least);
+        if noise * ALONG > whole && is_at_once(samples, fs_hz, i * window, ratio) {
             return Some((ratio, i * window));
         }
     }
     None
+}
+
+fn spread(samples: &[f64]) -> f64 {
+    let middle = mean(samples);
+    (samples.iter().map(|x| (x - middle).powi(2)).sum::<f64>() / samples.len().max(1) as f64).sqrt()
 }
 
 /// Root mean square of what lies between the resonances: the spectrum's lowest tenth, as white noise of that density.

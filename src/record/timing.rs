@@ -79,6 +79,20 @@ impl Stretch {
         self.values.splice(first..first, values.iter().copied());
     }
 
+    /// Scatter of a stamp, from the last `count` messages and the interval of samples \[ns\].
+    pub fn wobble(&self, count: usize, interval: f64) -> f64 {
+        let from = self.times.len().saturating_sub(count);
+        let mut off: Vec<f64> = self.times[from..]
+            .windows(2)
+            .zip(&self.sizes[from..])
+            .map(|(pair, &size)| (pair[1].saturating_sub(pair[0]) as f64 - interval * f64::from(size)).abs())
+            .collect();
+        if off.is_empty() {
+            return 0.0;
+        }
+        clock::GAUSSIAN * median(&mut off) / std::f64::consts::SQRT_2
+    }
+
     /// Takes the last message out: its samples.
     pub fn pop(&mut self) -> Vec<f64> {
         self.times.pop();

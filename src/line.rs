@@ -37,7 +37,7 @@ struct Line<'a> {
     conflict: Option<f64>,
     prior_tail: Option<f64>,
     adjustment: Option<String>,
-    hangs_on: Option<HangsOn<'a>>,
+    hangs_on: Option<&'a VarianceShares>,
     tracked_force_n: Option<Interval>,
     relative_force: Option<Interval>,
     not_axial_p: Option<f64>,
@@ -71,15 +71,6 @@ struct LineMode {
 struct Parameter {
     mean: f64,
     cv: f64,
-}
-
-/// The sources of the force's variance, in figures and in words.
-#[derive(Serialize)]
-struct HangsOn<'a> {
-    #[serde(flatten)]
-    shares: &'a VarianceShares,
-    sentence: Option<String>,
-    mass_sentence: Option<String>,
 }
 
 /// What was done to the accepted draws: `linear`, `none`, or `withheld` with the reason.
@@ -242,11 +233,7 @@ impl<'a> Line<'a> {
         self.conflict = Some(identification.conflict.score);
         self.prior_tail = Some(identification.conflict.prior_tail);
         self.adjustment = Some(adjustment(posterior));
-        self.hangs_on = identification.hangs_on.as_ref().map(|shares| HangsOn {
-            shares,
-            sentence: shares.sentence(),
-            mass_sentence: shares.mass_sentence(),
-        });
+        self.hangs_on = identification.hangs_on.as_ref();
         self.seed = Some(posterior.seed);
     }
 

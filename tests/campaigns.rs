@@ -430,3 +430,83 @@ fn edge() {
         }
     }
 }
+
+/// A rod as `init` describes it, 9.5 m and 50 mm square, with stresses of a band \[Pa\].
+fn unknown_rod(stress: (f64, f64)) -> RodPrior {
+    use tirante::bayes::{Fixity, Prior};
+    use tirante::beam::{Parameterisation, Section};
+    let normal = |mean: f64, cv: f64| Prior::TruncatedNormal { mean, sd: cv * mean };
+    let support = Prior::Fixity(Fixity {
+        low: 0.0,
+        high: 0.99,
+        ends: 2.0,
+        unit_n_m: 1.0,
+    });
+    let area = 0.05 * 0.05;
+    let priors = vec![
+        Prior::LogUniform {
+            low: stress.0 * area,
+            high: stress.1 * area,
+        },
+        normal(190e9, 0.10),
+        normal(7650.0, 0.03),
+        normal(0.05, 0.02),
+        support,
+        support,
+        Prior::Fixed { value: 9.5 },
+    ];
+    RodPrior::new(Parameterisation::new(Section::Square), priors)
+        .unwrap()
+        .with_fixities_in_place()
+}
+
+/// Modes a force gains from, by discrepancy and stress: the median posterior standard deviation of ln N, exact model and likelihood.
+#[test]
+#[ignore = "campaign: 540 Metropolis chains, about 5 minutes"]
+fn modes_that_earn_their_place() {
+    use rand_distr::{Distribution, StandardNormal};
+    const RODS: usize = 30;
+    const STEPS: usize = 60_000;
+    for stress in [(8e6, 60e6), (60e6, 300e6)] {
+        let truths = unknown_rod(stress);
+        let prior = unknown_rod((4e5, 300e6));
+        let model = Exact::new(*prior.parameterisation());
+        for discrepancy in [0.001, 0.003, 0.01] {
+            let mut line = format!(
+                "{:>3.0} to {:>3.0} MPa, discrepancy {:.1} %:",
+                stress.0 * 1e-6,
+                stress.1 * 1e-6,
+                discrepancy * 100.0
+            );
+            for modes in [3, 5, 8] {
+                let mut sds: Vec<f64> = (0..RODS as u64)
+                    .into_par_iter()
+                    .map(|rod| {
+                        let mut generator = random::stream(0x0dd5, rod);
+                        let mut theta = vec![0.0; 7];
+                        truths.sample(&mut generator, &mut theta);
+                        let mut f = vec![0.0; 8];
+                        model.frequencies(&theta, &mut f).unwrap();
+                        for f in &mut f {
+                            let z: f64 = StandardNormal.sample(&mut generator);
+                            *f *= 1.0 + discrepancy * z;
+                        }
+                        f.truncate(modes);
+                        // Beyond the modes that `Observation::new` lets pass.
+                        let observation = Observation {
+                            orders: (1..=modes).collect(),
+                            sd_hz: f.iter().map(|f| 1e-4 * f).collect(),
+                            frequency_hz: f,
+                        };
+                        let mut rows = metropolis(&prior, &model, &observation, discrepancy, STEPS, 7 + rod);
+                        rows.iter_mut().step_by(7).for_each(|n| *n = n.ln());
+                        moments(&rows, 7, 0).1
+                    })
+                    .collect();
+                sds.sort_by(f64::total_cmp);
+                line += &format!("  modes 1-{modes} {:>4.1} %", 100.0 * sds[RODS / 2]);
+            }
+            println!("{line}");
+        }
+    }
+}

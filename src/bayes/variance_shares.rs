@@ -13,11 +13,12 @@
 //! modulus and supports, overlap there; the second (Shapley's value; Lindeman, Merenda and Gold 1980) divides what they have
 //! in common evenly and adds up to one.
 
+use super::explained::{Terms, shapley};
 use super::{Observation, Posterior, Prior, RodPrior};
 use crate::beam::Quantity;
 use crate::forward::ForwardModel;
 use crate::random;
-use nalgebra::{DMatrix, DVector};
+use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 
 /// Most particles looked at: a share is then good to about 0.02.
@@ -84,6 +85,8 @@ pub struct VarianceShares {
     pub explained: f64,
     /// The mass, which no number of frequencies can tell from the force.
     pub mass: MassDependence,
+    /// The largest source with what to do about it, and whether the frequencies check the mass: sentences for people.
+    pub said: Vec<String>,
 }
 
 impl Source {
@@ -132,7 +135,7 @@ impl Source {
 
 impl VarianceShares {
     /// The largest source and what to do about it, as one sentence.
-    pub fn sentence(&self) -> Option<String> {
+    fn sentence(&self) -> Option<String> {
         let first = self.sources.first()?;
         let name = first.source.name();
         let verb = if matches!(first.source, Source::Springs | Source::Measurement) {
@@ -141,7 +144,7 @@ impl VarianceShares {
             "it were"
         };
         Some(format!(
-            "{} of this comes from the {name}; if {verb} known exactly, the variance would fall by {:.0} %: {}",
+            "{} of the force's variance comes from the {name}; if {verb} known exactly, the variance would fall by {:.0} %: {}",
             in_words(first.share),
             100.0 * first.if_known,
             first.source.remedy()
@@ -149,10 +152,10 @@ impl VarianceShares {
     }
 
     /// What a reader must know of the mass; `None` where the frequencies do check it.
-    pub fn mass_sentence(&self) -> Option<String> {
+    fn mass_sentence(&self) -> Option<String> {
         (self.mass.learned < UNCHECKED).then(|| {
             format!(
-                "nothing in these frequencies checks the mass: 1 % more of it is {:.1} % more force",
+                "Nothing in these frequencies checks the mass: 1 % more of it is {:.1} % more force",
                 self.mass.force_per_mass
             )
         })
@@ -246,11 +249,17 @@ pub fn variance_shares(
         })
         .collect();
     sources.sort_by(|a, b| b.share.total_cmp(&a.share));
-    Some(VarianceShares {
+    let mut shares = VarianceShares {
         sources,
         explained: all,
         mass: mass(prior, model, &rows, &valid, &terms.weights, observation, error_sd)?,
-    })
+        said: Vec::new(),
+    };
+    shares.said = [shares.sentence(), shares.mass_sentence()]
+        .into_iter()
+        .flatten()
+        .collect();
+    Some(shares)
 }
 
 /// Sources with the columns of `theta` they stand for; what is fixed carries nothing.
@@ -289,106 +298,6 @@ fn errors(model: &dyn ForwardModel, rows: &[&[f64]], observation: &Observation) 
         observation.orders.len(),
         |row, i| libm::log(observation.frequency_hz[i] / answers[row * modes + observation.orders[i] - 1]),
     ))
-}
-
-/// The terms of the regression: weighted columns of mean zero and norm one, group by group.
-struct Terms {
-    weights: Vec<f64>,
-    columns: Vec<DVector<f64>>,
-    /// Each source with the range of its columns.
-    sources: Vec<(Source, std::ops::Range<usize>)>,
-}
-
-impl Terms {
-    fn new(weights: Vec<f64>) -> Self {
-        Self {
-            weights,
-            columns: Vec::new(),
-            sources: Vec::new(),
-        }
-    }
-
-    /// Of weighted mean zero and norm one, rows times the root of their weight; `None` without spread.
-    fn whiten(&self, mut values: Vec<f64>) -> Option<DVector<f64>> {
-        let mean: f64 = values.iter().zip(&self.weights).map(|(x, w)| w * x).sum();
-        let scale = values.iter().fold(0.0f64, |most, x| most.max(x.abs()));
-        for (value, weight) in values.iter_mut().zip(&self.weights) {
-            *value = (*value - mean) * weight.sqrt();
-        }
-        let column = DVector::from_vec(values);
-        let norm = column.norm();
-        // Below this the spread is the rounding of f32.
-        (norm.is_finite() && norm > 1e-6 * scale).then(|| column / norm)
-    }
-
-    /// Adds a source by its values, and by their squares and products too if `is_curved`.
-    fn add(&mut self, source: Source, values: Vec<Vec<f64>>, is_curved: bool) {
-        let start = self.columns.len();
-        let mut centred = Vec::new();
-        for mut value in values {
-            let mean: f64 = value.iter().zip(&self.weights).map(|(x, w)| w * x).sum();
-            value.iter_mut().for_each(|x| *x -= mean);
-            if let Some(column) = self.whiten(value.clone()) {
-                self.columns.push(column);
-                centred.push(value);
-            }
-        }
-        if is_curved {
-            for i in 0..centred.len() {
-                for j in i..centred.len() {
-                    let product = centred[i].iter().zip(&centred[j]).map(|(a, b)| a * b).collect();
-                    self.columns.extend(self.whiten(product));
-                }
-            }
-        }
-        if self.columns.len() > start {
-            self.sources.push((source, start..self.columns.len()));
-        }
-    }
-
-    /// R^2 of every set of sources, the set's members the bits of the index; corrected for the number of terms.
-    fn explained(&self, response: &DVector<f64>, ess: f64) -> Vec<f64> {
-        let count = self.columns.len();
-        let gram = DMatrix::from_fn(count, count, |i, j| {
-            // A shade of ridge keeps columns that repeat each other solvable.
-            self.columns[i].dot(&self.columns[j]) + if i == j { 1e-9 } else { 0.0 }
-        });
-        let right = DVector::from_fn(count, |i, _| self.columns[i].dot(response));
-        (0..1usize << self.sources.len())
-            .map(|set| {
-                let members: Vec<usize> = self
-                    .sources
-                    .iter()
-                    .enumerate()
-                    .filter(|(i, _)| set >> i & 1 == 1)
-                    .flat_map(|(_, (_, range))| range.clone())
-                    .collect();
-                let part = DMatrix::from_fn(members.len(), members.len(), |i, j| {
-                    gram[(members[i], members[j])]
-                });
-                let side = DVector::from_fn(members.len(), |i, _| right[members[i]]);
-                let plain = part
-                    .cholesky()
-                    .map_or(0.0, |factor| factor.solve(&side).dot(&side));
-                let freedom = (ess - 1.0 - members.len() as f64).max(1.0);
-                (1.0 - (1.0 - plain) * (ess - 1.0) / freedom).clamp(0.0, 1.0)
-            })
-            .collect()
-    }
-}
-
-/// The mean gain of one source over all orders in which the sources may come.
-fn shapley(explained: &[f64], count: usize, source: usize) -> f64 {
-    let factorial = |n: usize| (1..=n).map(|k| k as f64).product::<f64>();
-    (0..explained.len())
-        .filter(|set| set >> source & 1 == 0)
-        .map(|set| {
-            let before = set.count_ones() as usize;
-            let orders = factorial(before) * factorial(count - before - 1) / factorial(count);
-            orders * (explained[set | 1 << source] - explained[set])
-        })
-        .sum::<f64>()
-        .max(0.0)
 }
 
 /// How the force follows the mass, and what the frequencies know of it. A relative change d of the mass moves every frequency by -d/2;
@@ -457,14 +366,6 @@ fn variance(values: &[f64], weights: &[f64]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    /// Two sources that carry 0.6 and 0.3 alone and 0.8 together: the order in which they come matters, the mean over it does not.
-    #[test]
-    fn shares_divide_what_two_sources_have_in_common() {
-        let explained = [0.0, 0.6, 0.3, 0.8];
-        let [first, second] = [0, 1].map(|i| shapley(&explained, 2, i));
-        assert!((first - 0.55).abs() < 1e-15 && (second - 0.25).abs() < 1e-15);
-    }
 
     #[test]
     fn shares_are_said_as_people_say_them() {

@@ -330,7 +330,7 @@ fn describe(plan: &Plan, identification: &Identification) -> String {
                 100.0 * part.if_known
             ));
         }
-        for sentence in [shares.sentence(), shares.mass_sentence()].into_iter().flatten() {
+        for sentence in &shares.said {
             line(format!("  {sentence}"));
         }
     }

@@ -211,7 +211,6 @@ struct Rod {
     /// Keys and values of its dimensions in metres.
     dimensions: Vec<(&'static str, f64)>,
     area_m2: f64,
-    inertia_m4: f64,
     material: Material,
 }
 
@@ -247,21 +246,17 @@ impl Rod {
                 _ => None,
             })?,
         };
-        let (area_m2, inertia_m4) = match dimensions[..] {
-            [(_, w), (_, h)] => (w * h, w * h.powi(3) / 12.0),
-            [("diameter_m", d)] => (
-                std::f64::consts::PI / 4.0 * d * d,
-                std::f64::consts::PI / 64.0 * d.powi(4),
-            ),
-            [(_, a)] => (a * a, a.powi(4) / 12.0),
-            _ => (0.0, 0.0),
+        let area_m2 = match dimensions[..] {
+            [(_, w), (_, h)] => w * h,
+            [("diameter_m", d)] => std::f64::consts::PI / 4.0 * d * d,
+            [(_, a)] => a * a,
+            _ => 0.0,
         };
         Ok(Self {
             length_m,
             section,
             dimensions,
             area_m2,
-            inertia_m4,
             material,
         })
     }
@@ -475,7 +470,7 @@ mod tests {
         )
         .unwrap();
         assert_eq!((rod.section, rod.dimensions.len()), ("rectangle", 2));
-        assert!((rod.inertia_m4 - 0.06 * 8e-6 / 12.0).abs() < 1e-18);
+        assert!((rod.area_m2 - 1.2e-3).abs() < 1e-15);
         let cut = asked(&["--length-m", "3"], "0.07\n").err().unwrap().to_string();
         assert!(cut.contains("no answer: --material"), "{cut}");
     }

@@ -323,14 +323,8 @@ fn last_record(html: &mut Markup, rod: &RodReport, id: &str) {
 /// Which source carries how much of the force's variance.
 fn hangs_on(html: &mut Markup, shares: &VarianceShares) {
     html.leaf("h3", &[], "What the force hangs on");
-    for sentence in [shares.sentence(), shares.mass_sentence()].into_iter().flatten() {
-        let mut letters = sentence.chars();
-        let first = letters.next().map(|letter| letter.to_uppercase().to_string());
-        html.leaf(
-            "p",
-            &[("class", "about")],
-            format!("{}{}.", first.unwrap_or_default(), letters.as_str()),
-        );
+    for sentence in &shares.said {
+        html.leaf("p", &[("class", "about")], format!("{sentence}."));
     }
     let percent = |share: f64| Cell::Line(format!("{:.0} %", 100.0 * share));
     let rows: Vec<Vec<Cell>> = shares

@@ -118,6 +118,7 @@ fn snapshot(at: Timestamp, shift: f64) -> Snapshot {
                 force_per_mass: 1.05,
                 learned: 0.03,
             },
+            said: vec!["Two thirds of the force's variance comes from the density: weigh the rod".to_owned()],
         }),
         densities: vec![
             density("axial_force_n", 800e3, 0.2, 560e3, 0.17),

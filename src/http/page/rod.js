@@ -16,6 +16,7 @@ const absolute = figures.figure("absolute", "Axial force with its 95 % interval:
 const temperature = figures.figure("temperature", "Temperature of the records.", true);
 const waveform = figures.figure("waveform", "The latest identified record about its mean.", true);
 const spectrum = figures.figure("spectrum", "Power spectral density of the latest identified record, with the modes found.");
+const hangsOn = el("div", { id: "hangs-on", hidden: "" });
 const density = figures.figure("density", "What the latest record says of one quantity: posterior against prior.");
 const choice = el("select", { id: "quantity", onchange: () => drawLatest() });
 const latestTitle = el("h2", { id: "latest-title" }, "Latest record");
@@ -102,6 +103,17 @@ async function drawLatest(isNew = false) {
     };
     density.words.textContent = `Posterior against prior: ${title}, prior ${said(chosen.prior_mean_sd)}, posterior ${said(chosen.posterior_mean_sd)} (mean \u00b1 standard deviation).`;
   }
+  drawSources(look.hangs_on);
+}
+
+function drawSources(sources) {
+  hangsOn.hidden = !sources;
+  if (!sources) return;
+  const share = (value) => el("td", { class: "n" }, `${fixed(100 * value, 0)} %`);
+  hangsOn.replaceChildren(
+    table("What the force hangs on: shares of its variance.", [["source"], ["share", "n"], ["less variance if known", "n"]],
+      sources.sources.map((part) => el("tr", {}, el("td", {}, part.source), share(part.share), share(part.if_known)))),
+    ...sources.said.map((sentence) => el("p", {}, `${sentence}.`)));
 }
 
 const MOTION = { ambient: "ambient vibration", "free-decay": "a free decay", "free-decays": "several free decays", blow: "ambient vibration with blows" };
@@ -236,6 +248,8 @@ show(content, notes, facts,
   el("div", { class: "tools", role: "group", "aria-label": "Stretch of time shown" }, ranges),
   el("h2", {}, "Relative force"), relative.element, charts.element,
   el("h2", {}, "Absolute force"), absolute.element, temperature.element,
+  latestTitle, el("div", { class: "pair" }, waveform.element, spectrum.element),
+  el("div", { class: "tools" }, el("label", { for: "quantity" }, "Quantity "), choice), density.element, hangsOn,
   latestTitle, latestWords, el("div", { class: "pair" }, waveform.element, spectrum.element),
   el("div", { class: "tools" }, el("label", { for: "quantity" }, "Quantity "), choice), density.element,
   refusedTitle, refusedWords, el("div", { class: "pair" }, refusedWaveform.element, refusedSpectrum.element), refusedPeaks,

@@ -73,26 +73,27 @@ def requirements(verdicts, exempt=(), few=False):
             need((high >= 0.90 and low <= 0.98) or name in exempt, text)
         else:
             need(name in exempt or few, f"{name}: no frequency to judge")
-    some = [v for v in rods if v.name not in exempt]
-    judged, held = sum(v.judged for v in some), sum(v.held for v in some)
-    low, high = interval(held, judged)
-    text = f"all these: {share(held, judged, 1)} % of {judged} frequencies held ({100 * low:.1f} to {100 * high:.1f}), wanted 90 to 98"
-    need(judged and high >= 0.90 and low <= 0.98, text)
-    for least, wanted in ((3, 0.95), (5, 0.98)):
-        some = [v for v in rods if v.clear >= least]
-        hits = sum(v.claimed for v in some)
-        text = f"{share(hits, len(some), 1)} % of {len(some)} records with {least} or more clear modes identified, wanted {100 * wanted:.0f}"
-        need(reaches(hits, len(some), wanted), text)
-    wrong = sum(bool(v.wrong) and v.told for v in rods)
-    need(wrong <= 0.001 * len(rods), f"{wrong} of {len(rods)} with a true mode under a wrong order told at {TOLD}, wanted 1 in 1000")
-    beside = [v for v in rods if v.intruders and not v.wrong]
-    need(len(beside) <= 0.03 * len(rods) or (few and interval(len(beside), len(rods))[0] <= 0.03), f"{len(beside)} of {len(rods)} with a foreign peak beside right orders, wanted 30 in 1000")
-    forces = [v for v in beside if v.force_held is not None]
-    hits = sum(v.force_held for v in forces)
-    need(not forces or interval(hits, len(forces))[1] >= 0.90, f"{hits} of the {len(forces)} forces beside foreign peaks held, wanted 90 %")
-    forces = [v for v in rods if v.force_held is not None]
-    hits = sum(v.force_held for v in forces)
-    need(reaches(hits, len(forces), 0.90) and interval(hits, len(forces))[0] <= 0.98, f"{share(hits, len(forces), 1)} % of {len(forces)} forces held, wanted 90 to 98")
+    if rods:
+        some = [v for v in rods if v.name not in exempt]
+        judged, held = sum(v.judged for v in some), sum(v.held for v in some)
+        low, high = interval(held, judged)
+        text = f"all these: {share(held, judged, 1)} % of {judged} frequencies held ({100 * low:.1f} to {100 * high:.1f}), wanted 90 to 98"
+        need(judged and high >= 0.90 and low <= 0.98, text)
+        for least, wanted in ((3, 0.95), (5, 0.98)):
+            some = [v for v in rods if v.clear >= least]
+            hits = sum(v.claimed for v in some)
+            text = f"{share(hits, len(some), 1)} % of {len(some)} records with {least} or more clear modes identified, wanted {100 * wanted:.0f}"
+            need(reaches(hits, len(some), wanted), text)
+        wrong = sum(bool(v.wrong) and v.told for v in rods)
+        need(wrong <= 0.001 * len(rods), f"{wrong} of {len(rods)} with a true mode under a wrong order told at {TOLD}, wanted 1 in 1000")
+        beside = [v for v in rods if v.intruders and not v.wrong]
+        need(len(beside) <= 0.03 * len(rods) or (few and interval(len(beside), len(rods))[0] <= 0.03), f"{len(beside)} of {len(rods)} with a foreign peak beside right orders, wanted 30 in 1000")
+        forces = [v for v in beside if v.force_held is not None]
+        hits = sum(v.force_held for v in forces)
+        need(not forces or interval(hits, len(forces))[1] >= 0.90, f"{hits} of the {len(forces)} forces beside foreign peaks held, wanted 90 %")
+        forces = [v for v in rods if v.force_held is not None]
+        hits = sum(v.force_held for v in forces)
+        need(reaches(hits, len(forces), 0.90) and interval(hits, len(forces))[0] <= 0.98, f"{share(hits, len(forces), 1)} % of {len(forces)} forces held, wanted 90 to 98")
     for known, limit in ((False, 0.01), (True, 0.001)):
         some = [v for v in verdicts if not v.has_rod and v.known == known and v.name == "no-rod"]
         hits = sum(v.claimed for v in some)

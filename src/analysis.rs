@@ -13,7 +13,7 @@ use crate::spectrum::{PeakSettings, Spectrum, WelchSettings};
 use std::sync::Arc;
 
 /// Raised whenever the same record and configuration may give other numbers than before.
-pub const VERSION: u32 = 1;
+pub const VERSION: u32 = 2;
 
 /// Everything the analysis of one rod depends on.
 #[derive(Debug, Clone, PartialEq)]

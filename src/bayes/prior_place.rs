@@ -15,8 +15,8 @@ type Row = SVector<f64, MAX_MODES>;
 pub(super) struct Place {
     /// Share of the draws whose Mahalanobis distance from their mean is at least the observation's, which counts as one of them.
     pub(super) tail: f64,
-    /// Its distance as a multiple of the farthest draw's: of the Mahalanobis distances, or of the distances in one of the whitened
-    /// frequencies, whichever is the larger multiple.
+    /// Distance of its frequencies, each by itself, from their means as a multiple of the farthest draw's; of the least distant of
+    /// them. A pattern no beam has does not count here: the conflict judges that.
     pub(super) distance: f64,
 }
 
@@ -66,19 +66,17 @@ pub(super) fn prior_place(target: &Target, table: &Table, noise: &NoiseTable) ->
         root.solve_lower_triangular(&(row - mean))
             .unwrap_or_else(|| Row::repeat(f64::INFINITY))
     };
-    let place = whitened(&observed);
-    let limit = place.norm_squared();
-    let (mut further, mut farthest, mut widest) = (0, 0.0f64, Row::zeros());
-    for row in &rows {
-        let row = whitened(row);
-        let square = row.norm_squared();
-        further += usize::from(square >= limit);
-        farthest = farthest.max(square);
-        widest = widest.sup(&row.abs());
-    }
+    let limit = whitened(&observed).norm_squared();
+    let further = rows
+        .iter()
+        .filter(|row| whitened(row).norm_squared() >= limit)
+        .count();
+    let widest = rows
+        .iter()
+        .fold(Row::zeros(), |widest, row| widest.sup(&(row - mean).abs()));
     let distance = (0..target.terms().len())
-        .map(|i| place[i].abs() / widest[i])
-        .fold((limit / farthest).sqrt(), f64::max);
+        .map(|i| (observed[i] - mean[i]).abs() / widest[i])
+        .fold(f64::INFINITY, f64::min);
     Place {
         tail: (further + 1) as f64 / (rows.len() + 1) as f64,
         distance,

@@ -620,10 +620,16 @@ fn conflicts_are_told_apart_from_wrong_priors() {
     };
     let inference = Inference::plan(prior, model, vec![0.0; 3], settings, 3, &Tables::new(4)).unwrap();
     let todi = Observation::first(&[4.492, 9.288, 13.252], 1e-3f64.sqrt()).unwrap();
-    assert_eq!(inference.run(&todi, 1).unwrap().adjustment, Adjustment::None);
+    let posterior = inference.run(&todi, 1).unwrap();
+    assert_eq!(posterior.adjustment, Adjustment::None);
+    let reason = posterior.withheld.unwrap().to_string();
+    assert!(
+        reason.contains("standard deviations from the nearest draws of the prior, more than 5"),
+        "{reason}"
+    );
     let conflict = inference.conflict(&todi).unwrap();
     assert!(
-        conflict.score > 10.0 && conflict.prior_tail < 1e-3,
+        conflict.score > 10.0 && conflict.prior_tail < 1e-3 && conflict.prior_distance < 1.0,
         "{conflict:?}"
     );
     let violation = conflict.violation.unwrap();
@@ -657,7 +663,7 @@ fn conflicts_are_told_apart_from_wrong_priors() {
     // The pattern of a beam, at twice the frequencies the prior expects: the prior is wrong, not the beam.
     let fast = Observation::first(&[10.50, 21.40, 33.06], 1e-3f64.sqrt()).unwrap();
     let conflict = inference.conflict(&fast).unwrap();
-    assert!(conflict.score < 2.0 && conflict.prior_tail < 1e-3, "{conflict:?}");
+    assert!(conflict.score < 2.0 && conflict.prior_tail < 2e-3, "{conflict:?}");
 }
 
 /// Another forward model is another argument. The tables share their draws, so the posteriors differ by
@@ -845,17 +851,4 @@ fn frequencies_of_no_rod_lie_outside_the_prior() {
         }
         assert!(farthest < 1.2, "{farthest}");
     }
-}
-
-#[test]
-fn a_withheld_adjustment_gives_its_reason() {
-    let inference = defaults(RodPrior::todi(), 3);
-    let far = Observation::first(&[9.0, 18.5, 28.9], 0.003).unwrap();
-    let posterior = inference.run(&far, 1).unwrap();
-    assert_eq!(posterior.adjustment, Adjustment::None);
-    let reason = posterior.withheld.unwrap().to_string();
-    assert!(
-        reason.contains("standard deviations from the nearest draws"),
-        "{reason}"
-    );
 }

@@ -46,8 +46,8 @@ pub struct Conflict {
     /// Share of the *prior's* simulated records that lie as far out as this one or further, from 1 (in
     /// their middle) to 1 / (draws looked at). Small with a small score: the beam is fine, the prior is not.
     pub prior_tail: f64,
-    /// Distance of the observation from the mean of the prior's records, as a multiple of the farthest of 4096 of them; from
-    /// [`Conflict::OUTSIDE`] on no rod of the prior has such frequencies.
+    /// Distance of the frequencies, each by itself, from the mean of the prior's records in ln f, as a multiple of the farthest of
+    /// 4096 of them; of the least distant frequency. From [`Conflict::OUTSIDE`] on no rod of the prior has any of them.
     pub prior_distance: f64,
 }
 

@@ -15,8 +15,8 @@ type Row = SVector<f64, MAX_MODES>;
 pub(super) struct Place {
     /// Share of the draws whose Mahalanobis distance from their mean is at least the observation's, which counts as one of them.
     pub(super) tail: f64,
-    /// Its distance from the mean as a multiple of the farthest draw's, in the frequency where that is largest. Each by
-    /// itself: proportions of frequencies that no rod has are a conflict, not another rod.
+    /// Distance of its frequencies, each by itself, from their means as a multiple of the farthest draw's; of the least distant of
+    /// them. A pattern no beam has does not count here: the conflict judges that.
     pub(super) distance: f64,
 }
 
@@ -76,7 +76,7 @@ pub(super) fn prior_place(target: &Target, table: &Table, noise: &NoiseTable) ->
         .fold(Row::zeros(), |widest, row| widest.sup(&(row - mean).abs()));
     let distance = (0..target.terms().len())
         .map(|i| (observed[i] - mean[i]).abs() / widest[i])
-        .fold(0.0, f64::max);
+        .fold(f64::INFINITY, f64::min);
     Place {
         tail: (further + 1) as f64 / (rows.len() + 1) as f64,
         distance,

@@ -153,8 +153,8 @@ pub enum Rejection {
     },
     /// No rod that the prior allows has such frequencies.
     #[error(
-        "no rod that the prior allows has these frequencies: they lie {distance:.1} times as far out as the farthest of thousands of \
-         its rods; check the free length, the unit and orders of the frequencies, section and material, or widen axial_force_n"
+        "no rod that the prior allows has these frequencies: all of them lie at least {distance:.1} times as far out as the farthest \
+         of thousands of its rods; check the free length, the unit and orders of the frequencies, section and material, or widen axial_force_n"
     )]
     OutsidePrior {
         /// Distance over that of the farthest draw.

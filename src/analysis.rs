@@ -198,7 +198,7 @@ impl Plan {
         let measured = |evidence| Measurement::new(record, identity, evidence);
         let estimate = self.modal.identify(record).map_err(|found| Refusal {
             rejection: found.rejection,
-            measurement: found.evidence.map(|evidence| Box::new(measured(evidence))),
+            measurement: found.evidence.map(|evidence| Box::new(measured(*evidence))),
             labels: found.labels,
         })?;
         let measurement = measured(estimate.evidence);

@@ -586,11 +586,9 @@ const BARE: &str = "[simulation.rod.sensor]\nat = 0.35\nnoise_m = 0\nresolution_
 
 #[test]
 fn twelve_modes_stand_in_the_spectrum_where_the_beam_has_them() {
-    let text = format!(
-        "[simulation]\nrecord_s = 120\nfs_hz = 400\n[[simulation.rod]]\nid = \"a\"\nmodes = 12\ndamping = 0.002\n\
-         [simulation.rod.sensor]\nat = 0.04\nnoise_m = 0\nresolution_m = 0\n"
-    );
-    let record = record(&text, 0);
+    let text = "[simulation]\nrecord_s = 120\nfs_hz = 400\n[[simulation.rod]]\nid = \"a\"\nmodes = 12\ndamping = 0.002\n\
+         [simulation.rod.sensor]\nat = 0.04\nnoise_m = 0\nresolution_m = 0\n";
+    let record = record(text, 0);
     let beam = Parameterisation::new(Section::Square).beam(&THETA);
     let mut exact = [0.0; 12];
     exact::frequencies(&beam, &mut exact).unwrap();
@@ -750,10 +748,8 @@ fn a_neighbour_and_a_foreign_resonance_stand_where_and_as_high_as_asked() {
 
 #[test]
 fn a_coarse_sensor_gives_whole_steps() {
-    let text = format!(
-        "[simulation]\nrecord_s = 20\n[[simulation.rod]]\nid = \"a\"\n\
-         [simulation.rod.sensor]\nat = 0.4\nnoise_m = 0\nresolution_m = 1e-5\n"
-    );
+    let text = "[simulation]\nrecord_s = 20\n[[simulation.rod]]\nid = \"a\"\n\
+         [simulation.rod.sensor]\nat = 0.4\nnoise_m = 0\nresolution_m = 1e-5\n";
     let samples = samples(&record(&text, 0));
     let mut seen: Vec<i64> = Vec::new();
     for x in samples {

@@ -57,10 +57,7 @@ fn the_shipped_campaign_ends_in_one_drift_alarm_and_no_other() {
     let site = Site::new(&fs::read_to_string(root.join("config/campaign.toml")).unwrap());
     let recording = root.join("recordings/campaign-2025.mcap");
     let (output, code) = site.replay(&[recording.to_str().unwrap()], "site.db");
-    let said = text(&output.stderr);
-    // Two of 360 records show too few modes to be surely this rod's.
-    assert_eq!(code, 3, "{said}");
-    assert!(said.contains("358 identified, 2 rejected (2 no-label)"), "{said}");
+    assert_eq!(code, 0, "{}", text(&output.stderr));
     let alarms = site.history("site.db", "alarms");
     assert_eq!(site.alarms("site.db"), ["nave-3 drift"]);
     assert_eq!(alarms[0]["stands"], true);

@@ -238,7 +238,7 @@ pub fn variance_shares(
     let explained = terms.explained(&response, ess);
     let count = terms.sources.len();
     let all = explained[explained.len() - 1];
-    if !(all > 0.0) {
+    if all.is_nan() || all <= 0.0 {
         return None;
     }
     let mut sources: Vec<SourceShare> = (0..count)

@@ -86,7 +86,7 @@ impl Material {
         }
     }
 
-    /// Yield strength \[Pa\], of thin wire that of drawn steel.
+    /// The largest stress thought possible where nobody expects a force \[Pa\]: the yield strength, of thin wire that of drawn steel.
     fn yield_pa(self, area_m2: f64) -> f64 {
         match self {
             Self::Iron => 300e6,
@@ -98,11 +98,10 @@ impl Material {
 
 /// Sections below this are wire \[m^2\]: 8 mm in diameter.
 const WIRE_M2: f64 = 5e-5;
-/// Yield strength over the median stress where nobody expects a force, and the standard deviation of its logarithm: rods
-/// in use carry 10 to 150 MPa, slack ones and those near yield are rarer. A prior as even from 1 kN on holds decades of
-/// rods that hang like chains, and calls modes 1 to 5 of a taut rod modes 2 to 6 of one of them.
-const YIELD_OVER_MEDIAN: f64 = 7.5;
-const FORCE_LOG_SD: f64 = 1.2;
+/// The lowest stress thought possible where nobody expects a force \[Pa\]: a rod slacker than this hangs like a chain.
+const SLACK_PA: f64 = 1e6;
+/// The lowest force thought possible of a rod of any section \[N\].
+const SLACK_N: f64 = 1e3;
 
 /// Runs the command.
 ///
@@ -358,13 +357,12 @@ fn written(args: &Args, rod: &Rod, sensor: &Sensor, thermometer: Option<&Content
             format!("{{ mean = {force_n:?}, cv = 0.3 }}   # as expected; at best from an earlier measurement")
         }
         None => {
-            let median_pa = rod.material.yield_pa(rod.area_m2) / YIELD_OVER_MEDIAN;
-            let factor = (1.96 * FORCE_LOG_SD).exp();
+            let high_pa = rod.material.yield_pa(rod.area_m2);
             format!(
-                "{{ median = {:.3e}, log_sd = {FORCE_LOG_SD} }}   # nothing is known: {:.1} to {:.0} MPa with 95 %",
-                median_pa * rod.area_m2,
-                median_pa / factor * 1e-6,
-                median_pa * factor * 1e-6
+                "{{ low = {:.3e}, high = {:.3e}, even_in = \"logarithm\" }}   # nothing is known: from slack to {:.0} MPa",
+                SLACK_N.min(SLACK_PA * rod.area_m2),
+                high_pa * rod.area_m2,
+                high_pa * 1e-6
             )
         }
     };

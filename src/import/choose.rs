@@ -8,6 +8,9 @@ use crate::record::{RodChannels, Unit};
 /// The most channels named in a refusal.
 const NAMED: usize = 12;
 
+/// Channels with what was wanted of each, and sentences about what was taken for what.
+type Chosen = (Vec<(Signal, Wanted)>, Vec<String>);
+
 /// A file's channels under the topics of the rods that read them, and sentences about what was taken for what. Without
 /// `is_meant`, a channel is nobody's unless it says so itself: the rods are not of this file.
 ///
@@ -17,7 +20,7 @@ pub(super) fn for_rods(
     signals: Vec<Signal>,
     asked: &Asked<'_>,
     is_meant: bool,
-) -> Result<(Vec<(Signal, Wanted)>, Vec<String>), ImportError> {
+) -> Result<Chosen, ImportError> {
     if !asked.channels.is_empty() {
         return named(signals, asked, is_meant);
     }
@@ -78,11 +81,7 @@ fn is_temperature(signal: &Signal) -> bool {
 }
 
 /// The channels somebody asked for; one without a topic is that of the only rod.
-fn named(
-    signals: Vec<Signal>,
-    asked: &Asked<'_>,
-    is_meant: bool,
-) -> Result<(Vec<(Signal, Wanted)>, Vec<String>), ImportError> {
+fn named(signals: Vec<Signal>, asked: &Asked<'_>, is_meant: bool) -> Result<Chosen, ImportError> {
     let mut found: Vec<(Signal, Wanted)> = Vec::new();
     let mut notes = Vec::new();
     for (signal, wanted) in choose(signals, asked.channels)? {
@@ -133,10 +132,7 @@ fn of_nobody(signals: &[Signal]) -> ImportError {
 }
 
 /// The channels of the only rod: the one of motion, and the one thermometer.
-fn only(
-    signals: Vec<Signal>,
-    rod: &RodChannels,
-) -> Result<(Vec<(Signal, Wanted)>, Vec<String>), ImportError> {
+fn only(signals: Vec<Signal>, rod: &RodChannels) -> Result<Chosen, ImportError> {
     let is_time = |signal: &Signal| {
         signal.timing == Timing::Unknown && is_time_name(&signal.name) || ramp::is_ramp(signal)
     };

@@ -48,7 +48,7 @@ pub struct Unidentified {
     /// The reason.
     pub rejection: Rejection,
     /// Spectrum and resonances, if the record has any.
-    pub evidence: Option<Evidence>,
+    pub evidence: Option<Box<Evidence>>,
     /// What the peaks may be, if there are peaks.
     pub labels: Option<Labels>,
 }
@@ -147,7 +147,7 @@ impl ModalPlan {
                 };
                 Err(Unidentified {
                     rejection,
-                    evidence: Some(evidence),
+                    evidence: Some(Box::new(evidence)),
                     labels,
                 })
             }

@@ -661,10 +661,12 @@ impl Assembler {
         if self.seen_until == i64::MIN {
             let end = onsets.first().map_or(total, |&(onset, _)| onset);
             let end = end.min((length_s * even.fs_hz).round() as usize);
+            let is_record = end as f64 >= self.settings.min_duration_s * even.fs_hz;
             match onset::under_way(&filled[..end], even.fs_hz, ratio) {
-                UnderWay::Decays => onsets.insert(0, (0, true)),
-                UnderWay::Perhaps => onsets.insert(0, (0, false)),
-                UnderWay::No => {}
+                UnderWay::Decays if is_record => onsets.insert(0, (0, true)),
+                // Before a pull it is what moves the rod anyway.
+                UnderWay::Perhaps if is_record && onsets.is_empty() => onsets.insert(0, (0, false)),
+                _ => {}
             }
         }
         onsets.push((total, false));

@@ -51,6 +51,7 @@ impl Source {
 }
 
 /// One step of reading.
+#[expect(clippy::large_enum_variant, reason = "one at a time, handed on at once")]
 pub(super) enum Step {
     /// A record, or a stretch that is none.
     Event(Source, Event),

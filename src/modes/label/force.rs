@@ -1,7 +1,7 @@
 //! The axial force that an assignment implies: rough, to compare candidates by.
 
 use super::evidence::{Fit, Scene};
-use super::rod::{COORDINATES, FORCE};
+use super::rod::FORCE;
 
 /// Slices of fixed force, and how far they reach in standard deviations of Laplace's approximation.
 const SLICES: i32 = 6;
@@ -23,9 +23,9 @@ pub(super) fn axial_force_n(scene: &Scene<'_>, fit: &Fit) -> Option<[f64; 3]> {
             let place = (SLICES + direction * i) as usize;
             // Along the ridge: all else moves with the force as the covariance says.
             let moved = value - from[FORCE];
-            for other in 0..COORDINATES {
+            for (other, coordinate) in from.iter_mut().enumerate() {
                 if other != FORCE && sd > 0.0 {
-                    from[other] += moved * fit.covariance[(other, FORCE)] / (sd * sd);
+                    *coordinate += moved * fit.covariance[(other, FORCE)] / (sd * sd);
                 }
             }
             let (log, at) = scene.log_slice(fit, FORCE, &from, value)?;

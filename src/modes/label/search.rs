@@ -80,8 +80,7 @@ impl Grid {
         let is_symmetric = rod.ends[0].at(0.5).0 == rod.ends[1].at(0.5).0
             && rod.ends[0].at(-0.5).0 == rod.ends[1].at(-0.5).0;
         let level_step = (LEVEL_STEP_SD * level_sd)
-            .min(LEVEL_STEP)
-            .max(1e-6)
+            .clamp(1e-6, LEVEL_STEP)
             .max(level_sd / 8.0);
         let levels = (LEVEL_REACH * level_sd / level_step).ceil() as i32;
         let mut grid = Self {

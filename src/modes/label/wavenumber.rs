@@ -88,6 +88,7 @@ impl Mul for Dual {
     type Output = Self;
 
     #[inline]
+    #[expect(clippy::suspicious_arithmetic_impl, reason = "the product rule adds")]
     fn mul(self, other: Self) -> Self {
         Self {
             value: self.value * other.value,
@@ -112,7 +113,7 @@ pub(super) struct Frequency {
 pub(super) fn frequency(order: usize, t: f64, fixities: [f64; 2], guess: Option<f64>) -> Frequency {
     let base = order as f64 * PI;
     let (mut low, mut high) = (0.0, PI);
-    let mut phase = guess.map_or_else(|| end_phases(order, base, t, fixities).value, |guess| guess);
+    let mut phase = guess.unwrap_or_else(|| end_phases(order, base, t, fixities).value);
     phase = phase.clamp(low, high);
     let mut right = end_phases(order, base + phase, t, fixities);
     // Each step that is not Newton's halves the bracket: 60 steps exhaust double precision.

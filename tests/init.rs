@@ -78,18 +78,25 @@ fn a_recording_says_where_its_samples_are() {
     assert_eq!(fs::read_to_string(folder.path().join("site.toml")).unwrap(), text);
 }
 
-/// With the force expected: the paper's record lies beside every beam (f3/f1 = 2.95), and without it may be modes 2 to 4 of a slack rod.
+/// The paper's record lies beside every beam (f3/f1 = 2.95): with any force from slack to yield it may be modes 2 to 4 of a slack rod
+/// too, and both forces are shown. The force expected decides.
 #[test]
 fn what_is_written_analyses_the_recording() {
     let folder = tempfile::tempdir().unwrap();
     let recording = concat!(env!("CARGO_MANIFEST_DIR"), "/recordings/todi-pull.mcap");
-    assert_eq!(init(folder.path(), &[recording, "--force-n", "600e3"]).0, Some(0));
-    let (code, said) = tirante(
-        folder.path(),
-        &["identify", recording, "--config", "site.toml", "--draws", "20000"],
-    );
-    assert_eq!(code, Some(0), "{said}");
-    assert!(said.contains("1 identified"), "{said}");
+    for (more, wanted, told) in [
+        (&[recording][..], Some(3), "1 no-label"),
+        (&[recording, "--force-n", "600e3"], Some(0), "1 identified"),
+    ] {
+        let _ = fs::remove_file(folder.path().join("site.toml"));
+        assert_eq!(init(folder.path(), more).0, Some(0));
+        let (code, said) = tirante(
+            folder.path(),
+            &["identify", recording, "--config", "site.toml", "--draws", "20000"],
+        );
+        assert_eq!(code, wanted, "{said}");
+        assert!(said.contains(told), "{said}");
+    }
 }
 
 #[test]
@@ -248,31 +255,31 @@ fn covered(intervals: &[(f64, Option<Marginal>)]) -> usize {
         .count()
 }
 
-/// Soft, middling and stiff supports (0 to 6, 2 to 10, 6 to 30 EI / l), each a narrow part of what `init` lets be, 120 rods each. Of the
-/// stiff ones nine in ten are covered (a corner of the prior), 108 give or take 3.3. The campaign below has eight hundred.
+/// Soft, middling and stiff supports (0 to 6, 2 to 10, 6 to 30 EI / l), each a narrow part of what `init` lets be: 120 rods each, 114
+/// give or take 2.4 inside. The campaign below has a thousand.
 #[test]
 fn what_init_writes_covers_soft_and_stiff_supports() {
     let folder = tempfile::tempdir().unwrap();
     let (plan, prior) = unknown_rod(folder.path());
-    for (supports, least) in [((0.0, 6.0), 108), ((2.0, 10.0), 108), ((6.0, 30.0), 96)] {
+    for supports in [(0.0, 6.0), (2.0, 10.0), (6.0, 30.0)] {
         let found = intervals(&plan, &prior, 120, supports, (5e6, 200e6));
         assert!(found.iter().all(|(_, force)| force.is_some()));
         let inside = covered(&found);
         println!("{supports:?}: {inside} of 120");
-        assert!(inside >= least, "{supports:?}: {inside}");
+        assert!(inside >= 106, "{supports:?}: {inside}");
     }
 }
 
-/// Slack rods are forces like others. Those of 6 to 15 MPa lie inside the prior's central 95 %, nine in ten are covered, 54 give or take
-/// 2.4; those of 1.5 to 6 kN (0.6 to 2.4 MPa) lie in its tail: they are not refused, but pulled up (docs/abc.md).
+/// Rods of 1.5 to 6 kN and of 6 to 15 MPa are forces like others.
 #[test]
 fn what_init_writes_holds_for_slack_rods() {
     let folder = tempfile::tempdir().unwrap();
     let (plan, prior) = unknown_rod(folder.path());
-    for (stress, least) in [((0.6e6, 2.4e6), 0), ((6e6, 15e6), 46)] {
+    for stress in [(0.6e6, 2.4e6), (6e6, 15e6)] {
         let found = intervals(&plan, &prior, 60, (0.0, 30.0), stress);
         assert!(found.iter().all(|(_, force)| force.is_some()));
-        assert!(covered(&found) >= least, "{stress:?}: {}", covered(&found));
+        // 57 give or take 1.7.
+        assert!(covered(&found) >= 51, "{stress:?}: {}", covered(&found));
     }
 }
 

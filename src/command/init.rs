@@ -51,7 +51,7 @@ pub struct Args {
     /// What the rod is made of.
     #[arg(long, value_enum)]
     pub material: Option<Material>,
-    /// The axial force expected in newtons, give or take 30 %; without it an eighth of the yield strength, give or take a factor of ten.
+    /// The axial force expected in newtons, give or take 30 %; without it every doubling from slack to yield is as likely.
     #[arg(long, value_name = "N", value_parser = positive_flag)]
     pub force_n: Option<f64>,
     /// The topic of its displacement, velocity or acceleration.

@@ -750,7 +750,7 @@ fn a_neighbour_and_a_foreign_resonance_stand_where_and_as_high_as_asked() {
 fn a_coarse_sensor_gives_whole_steps() {
     let text = "[simulation]\nrecord_s = 20\n[[simulation.rod]]\nid = \"a\"\n\
          [simulation.rod.sensor]\nat = 0.4\nnoise_m = 0\nresolution_m = 1e-5\n";
-    let samples = samples(&record(&text, 0));
+    let samples = samples(&record(text, 0));
     let mut seen: Vec<i64> = Vec::new();
     for x in samples {
         let step = (x / 1e-5).round();

@@ -171,6 +171,12 @@ impl PeakSearch {
     pub fn evidence(&self, record: &Record, low_hz: f64, high_hz: f64) -> Result<Evidence, Rejection> {
         check(record, LEAST_PERIODS / high_hz.min(HIGHEST * record.fs_hz))?;
         let (lowest_hz, highest_hz) = searchable_hz(record);
+        if low_hz >= highest_hz {
+            return Err(Rejection::Undersampled {
+                fs_hz: record.fs_hz,
+                needed_hz: low_hz,
+            });
+        }
         let (low_hz, high_hz) = (low_hz.max(lowest_hz), high_hz.min(highest_hz));
         let n = record.samples.len();
         let too_short = |_| Rejection::TooShort {

@@ -48,7 +48,7 @@ pub struct Identification {
     pub measurement: Option<Measurement>,
     /// The measured modes, ascending in order.
     pub modes: Vec<Mode>,
-    /// How sure their orders are; `None` where the orders were given.
+    /// Certainty of their orders; `None` where the orders were given.
     pub labels: Option<Labels>,
     /// The absolute force, per record: a weighted sample of the rod's parameters.
     pub posterior: Posterior,
@@ -83,7 +83,7 @@ pub struct Measurement {
     pub spectrum: Spectrum,
     /// Every resonance and line found in the spectrum, whether it became a mode or not.
     pub resonances: Vec<Resonance>,
-    /// How the rod was found to move.
+    /// Motion that was recognised.
     pub motion: Motion,
 }
 
@@ -94,7 +94,7 @@ pub struct Refusal {
     pub rejection: Rejection,
     /// Spectrum and resonances, if the record has any.
     pub measurement: Option<Box<Measurement>>,
-    /// What its peaks may be, if there are peaks.
+    /// Assignments of its peaks to orders, if there are peaks.
     pub labels: Option<Labels>,
 }
 

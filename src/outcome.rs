@@ -34,7 +34,7 @@ pub struct Rejected {
     pub rejection: Rejection,
     /// Waveform, spectrum and resonances, if the analysis came that far.
     pub measurement: Option<Box<Measurement>>,
-    /// What its peaks may be, if there are peaks.
+    /// Assignments of its peaks to orders, if there are peaks.
     pub labels: Option<Labels>,
     /// Its samples as the columns of a drawing, if it was refused before there was a spectrum.
     pub waveform: Option<Envelope>,

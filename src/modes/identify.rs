@@ -25,7 +25,7 @@ pub struct Evidence {
     pub spectrum: Spectrum,
     /// Every resonance and line found in the search band, ascending in frequency, labelled or not.
     pub resonances: Vec<Resonance>,
-    /// How the rod was found to move.
+    /// Motion that was recognised.
     pub motion: Motion,
 }
 
@@ -36,7 +36,7 @@ pub struct ModalEstimate {
     pub modes: Vec<Mode>,
     /// Probability of each mode's peak over all assignments, in the same order.
     pub label_probability: Vec<f64>,
-    /// How sure the labels are together.
+    /// Joint certainty of the labels.
     pub labels: Labels,
     /// What they rest on.
     pub evidence: Evidence,

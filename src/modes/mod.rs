@@ -72,7 +72,7 @@ pub struct Motion {
     pub onsets_s: Vec<f64>,
 }
 
-/// How sure the mode orders are, and what else the peaks may be.
+/// Certainty of the mode orders, and other assignments of the peaks.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Labels {
     /// Probability that all the orders told are right \[-\]; 0 if none are told.

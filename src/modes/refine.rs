@@ -41,7 +41,7 @@ pub struct Search<'a> {
 pub struct Refinement {
     /// The resonances, ascending in frequency; lines are among them, marked.
     pub resonances: Vec<Resonance>,
-    /// How the rod was found to move.
+    /// Motion that was recognised.
     pub motion: Motion,
 }
 

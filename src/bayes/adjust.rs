@@ -22,7 +22,7 @@ const RANK_TOLERANCE: f64 = 1e-10;
 /// low for the model 4.4, the paper's rod 8.6, where the adjusted force still depends on the tolerance.
 pub const REACH: f64 = 5.0;
 
-/// Why accepted draws were not adjusted although they were to be.
+/// Reason for accepted draws to be left unadjusted although an adjustment was wanted.
 #[derive(Debug, Clone, Copy, PartialEq, Error)]
 pub enum Withheld {
     /// Too few points carry weight.

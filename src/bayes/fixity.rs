@@ -102,7 +102,7 @@ impl Fixity {
         v * (1.0 - v) / (fixity * (1.0 - fixity))
     }
 
-    /// What keeps this from being a distribution; `None` if nothing does.
+    /// Fault that keeps this from being a distribution; `None` if there is none.
     pub fn fault(&self) -> Option<&'static str> {
         let is_range = self.low >= 0.0 && self.high > self.low && self.high <= Self::MOST;
         if !is_range {

@@ -44,9 +44,9 @@ pub struct Posterior {
     pub seed: u64,
     /// How draws were proposed.
     pub method: Method,
-    /// What was done to the accepted draws.
+    /// Adjustment made to the accepted draws.
     pub adjustment: Adjustment,
-    /// Why a wanted adjustment was not made.
+    /// Reason for a wanted adjustment to be withheld.
     pub withheld: Option<Withheld>,
     /// Why a sequence of populations ended; rejection has no such reason.
     pub stop: Option<Stop>,

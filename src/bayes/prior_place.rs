@@ -1,4 +1,4 @@
-//! How far out an observation lies among the records the prior simulates.
+//! Place of an observation among the records the prior simulates.
 
 use super::distance::Target;
 use super::table::{NoiseTable, Table};

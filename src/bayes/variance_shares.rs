@@ -67,7 +67,7 @@ pub struct SourceShare {
     pub if_known: f64,
 }
 
-/// How the force follows the mass.
+/// Dependence of the force on the mass.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct MassDependence {
     /// Relative change of the force by relative change of the mass, everything else and the frequencies staying as they are.

@@ -204,7 +204,7 @@ fn opening(measurement: &Measurement) -> Vec<String> {
     lines
 }
 
-/// Why a record gives no force, with what was found in it.
+/// Refusal of a record, with what was found in it.
 fn describe_refused(rejected: &Rejected) -> String {
     let rejection = &rejected.rejection;
     let mut text = format!("{}: rejected ({}): {rejection}\n", rejected.rod, rejection.code());

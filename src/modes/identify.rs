@@ -70,7 +70,7 @@ pub struct ModalPlan {
     labels: LabelPlan,
 }
 
-/// How records are searched for resonances, of whatever rod.
+/// Search of records for resonances, of whatever rod.
 #[derive(Debug)]
 pub struct PeakSearch {
     welch: WelchSettings,
@@ -89,12 +89,12 @@ impl ModalPlan {
         }
     }
 
-    /// How records are searched for resonances.
+    /// Search for resonances.
     pub fn search(&self) -> &PeakSearch {
         &self.search
     }
 
-    /// What labels are inferred from.
+    /// Plan that labels are inferred from.
     pub fn labels(&self) -> &LabelPlan {
         &self.labels
     }

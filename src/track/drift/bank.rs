@@ -20,6 +20,8 @@
 //! The largest decides: the first is learned as it is, the second not at all, the third after P_uu grew by 24 r (1 - f^2).
 
 use super::prior::{BankPrior, Fluctuation};
+use rand::{Rng, RngExt};
+use rand_distr::{ChiSquared, Distribution, StandardNormal};
 use serde::{Deserialize, Serialize};
 use std::f64::consts::PI;
 
@@ -79,7 +81,6 @@ impl Law {
 /// A period made ready: regressors of the whole state, response, variance of its error in noise variances.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Row {
-    day: f64,
     pub ratio: f64,
     error: f64,
     x: Vec<f64>,
@@ -102,7 +103,6 @@ impl Row {
         x.extend_from_slice(seen.columns);
         x.extend([1.0, 1.0]);
         Some(Self {
-            day: seen.day,
             ratio: seen.ratio.clamp(RATIOS[0], RATIOS[1]),
             error: UNSTATED + (1.0 - UNSTATED) * share * share,
             x,
@@ -130,6 +130,42 @@ pub(super) struct Member {
     pub mean: Vec<f64>,
     /// Covariance over the noise variance: upper triangle by rows.
     pub cov: Vec<f64>,
+}
+
+/// Decay of a member's fluctuations from one period to the next.
+#[derive(Debug, Clone, Copy)]
+struct Decay {
+    fast: f64,
+    slow: f64,
+    /// Variance the first fluctuation gains, in noise variances.
+    added: f64,
+}
+
+/// Passage of time to a period, for every member of the prior.
+#[derive(Debug, Clone)]
+pub(super) struct Passage {
+    day: f64,
+    decays: Vec<Decay>,
+}
+
+impl Passage {
+    /// From the last period, if any, to `day`; a day before the last is the last.
+    pub fn new(prior: &BankPrior, last: Option<f64>, day: f64) -> Self {
+        let gap = last.map_or(0.0, |last| (day - last).max(0.0));
+        let decay = |fluctuation: &Fluctuation| Decay {
+            fast: libm::exp(-gap / fluctuation.memory_d),
+            slow: libm::exp(-gap / fluctuation.slow_memory_d),
+            added: -fluctuation.variance * libm::expm1(-2.0 * gap / fluctuation.memory_d),
+        };
+        Self {
+            day: last.map_or(day, |last| last.max(day)),
+            decays: prior.members.iter().map(decay).collect(),
+        }
+    }
+
+    fn of(&self, member: &Member) -> &Decay {
+        &self.decays[usize::from(member.which)]
+    }
 }
 
 /// Prediction of one member.
@@ -184,12 +220,11 @@ impl Member {
         self.rate / (self.shape - 1.0)
     }
 
-    /// Lets the fluctuations run on for `gap` days.
-    fn advance(&mut self, fluctuation: &Fluctuation, gap: f64) {
+    /// Lets the fluctuations decay.
+    fn advance(&mut self, fluctuation: &Fluctuation, decay: &Decay) {
         let width = self.mean.len();
         let (slow, fast) = (width - 2, width - 1);
-        let f = libm::exp(-gap / fluctuation.memory_d);
-        let g = libm::exp(-gap / fluctuation.slow_memory_d);
+        let (f, g) = (decay.fast, decay.slow);
         for row in 0..slow {
             let at = place(width, row, slow);
             self.cov[at] *= g;
@@ -198,7 +233,7 @@ impl Member {
         let at = place(width, slow, slow);
         self.cov[at] = g * g * self.cov[at] + fluctuation.slow_variance * (1.0 - g * g);
         self.cov[at + 1] *= f * g;
-        self.cov[at + 2] = f * f * self.cov[at + 2] + fluctuation.variance * (1.0 - f * f);
+        self.cov[at + 2] = f * f * self.cov[at + 2] + decay.added;
         self.mean[slow] *= g;
         self.mean[fast] *= f;
     }
@@ -206,11 +241,9 @@ impl Member {
     /// Prediction of a row; `along` becomes P H'.
     fn ahead(&self, row: &Row, along: &mut [f64]) -> Ahead {
         times(&self.cov, &row.x, along);
-        let spread: f64 = row.x.iter().zip(along.iter()).map(|(x, a)| x * a).sum();
-        let location: f64 = row.x.iter().zip(&self.mean).map(|(x, m)| x * m).sum();
         Ahead {
-            error: row.ratio - location,
-            total: row.error + spread.max(0.0),
+            error: row.ratio - dot(&row.x, &self.mean),
+            total: row.error + dot(&row.x, along).max(0.0),
         }
     }
 
@@ -258,7 +291,10 @@ impl Bank {
 
     /// A copy in which the change has standard deviation `size`, without negligible members.
     pub fn with_change(&self, size: f64) -> Self {
-        let members = self.members.iter().filter(|member| member.ln_weight >= NEGLIGIBLE_LN_WEIGHT);
+        let members = self
+            .members
+            .iter()
+            .filter(|member| member.ln_weight >= NEGLIGIBLE_LN_WEIGHT);
         let mut bank = Self {
             day: self.day,
             members: members.cloned().collect(),
@@ -273,39 +309,35 @@ impl Bank {
     /// Makes weights sum to one.
     fn normalise(&mut self) {
         let total = ln_sum(self.members.iter().map(|member| member.ln_weight));
-        self.members.iter_mut().for_each(|member| member.ln_weight -= total);
+        self.members
+            .iter_mut()
+            .for_each(|member| member.ln_weight -= total);
     }
 
     /// Forgets members whose weight is negligible.
     pub fn prune(&mut self) {
-        self.members.retain(|member| member.ln_weight >= NEGLIGIBLE_LN_WEIGHT);
+        self.members
+            .retain(|member| member.ln_weight >= NEGLIGIBLE_LN_WEIGHT);
         self.normalise();
     }
 
-    /// Days since the last period, not negative.
-    fn gap(&self, day: f64) -> f64 {
-        self.day.map_or(0.0, |last| (day - last).max(0.0))
-    }
-
-    /// Lets time run on to a row's.
-    pub fn advance(&mut self, prior: &BankPrior, row: &Row) {
-        let gap = self.gap(row.day);
+    /// Lets time run on.
+    pub fn advance(&mut self, prior: &BankPrior, passage: &Passage) {
         for member in &mut self.members {
-            member.advance(&prior.members[usize::from(member.which)], gap);
+            member.advance(&prior.members[usize::from(member.which)], passage.of(member));
         }
-        self.day = Some(self.day.map_or(row.day, |last| last.max(row.day)));
+        self.day = Some(passage.day);
     }
 
-    /// Learns a row at the time the bank was advanced to, `gap` days after the one before; returns ln p(y).
-    pub fn learn(&mut self, prior: &BankPrior, row: &Row, gap: f64) -> f64 {
+    /// Learns a row after the passage to it; returns ln p(y).
+    pub fn learn(&mut self, prior: &BankPrior, row: &Row, passage: &Passage) -> f64 {
         let mut along = vec![0.0; row.x.len()];
         let mut gammas = Gammas::default();
         let usual = libm::log(1.0 - WILD - prior.kick);
         let (wild, kick) = (libm::log(WILD), libm::log(prior.kick));
         for member in &mut self.members {
-            let fluctuation = &prior.members[usize::from(member.which)];
             let ahead = member.ahead(row, &mut along);
-            let (scale2, kicked) = (member.scale2(), KICK * added(fluctuation, gap));
+            let (scale2, kicked) = (member.scale2(), KICK * passage.of(member).added);
             let constant = gammas.of(member.shape);
             let density = |total: f64| constant + student(ahead.error, total * scale2, member.shape);
             let usual = usual + density(ahead.total);
@@ -313,7 +345,9 @@ impl Bank {
             let wild = wild + ln_gammas(WILD_SHAPE) + student(ahead.error, spread2, WILD_SHAPE);
             let kick = kick + density(ahead.total + kicked);
             let terms = [(Term::Usual, usual), (Term::Wild, wild), (Term::Kick, kick)];
-            let chosen = terms.iter().fold(terms[0], |best, term| if term.1 > best.1 { *term } else { best });
+            let chosen = terms
+                .iter()
+                .fold(terms[0], |best, term| if term.1 > best.1 { *term } else { best });
             member.ln_weight += ln_sum(terms.iter().map(|term| term.1));
             match chosen.0 {
                 Term::Wild => {}
@@ -332,6 +366,35 @@ impl Bank {
             member.ln_weight = (member.ln_weight - ln_density).max(LEAST_LN_WEIGHT);
         }
         ln_density
+    }
+
+    /// A ratio drawn from the predictive law after the passage to a row.
+    pub fn draw<R: Rng>(&self, prior: &BankPrior, row: &Row, passage: &Passage, generator: &mut R) -> f64 {
+        let mut along = vec![0.0; row.x.len()];
+        let mut left: f64 = generator.random();
+        let mut chosen = 0;
+        for (at, member) in self.members.iter().enumerate() {
+            chosen = at;
+            left -= libm::exp(member.ln_weight);
+            if left < 0.0 {
+                break;
+            }
+        }
+        let member = &self.members[chosen];
+        let ahead = member.ahead(row, &mut along);
+        let scale2 = member.scale2();
+        let term: f64 = generator.random();
+        let (scale2, shape) = if term < WILD {
+            (WILD_SD * WILD_SD + WILD_WIDER * ahead.total * scale2, WILD_SHAPE)
+        } else if term < WILD + prior.kick {
+            let kicked = KICK * passage.of(member).added;
+            ((ahead.total + kicked) * scale2, member.shape)
+        } else {
+            (ahead.total * scale2, member.shape)
+        };
+        let normal: f64 = StandardNormal.sample(generator);
+        let divisor = ChiSquared::new(2.0 * shape).map_or(1.0, |law| law.sample(generator) / (2.0 * shape));
+        row.ratio - ahead.error + normal * (scale2 / divisor).sqrt()
     }
 
     /// Predictive law of the usual term at the time the bank was advanced to.
@@ -376,8 +439,8 @@ impl Bank {
         for member in &self.members {
             let weight = libm::exp(member.ln_weight);
             times(&member.cov, &x, &mut along);
-            let spread: f64 = x.iter().zip(&along).map(|(x, along)| x * along).sum();
-            let location: f64 = x[..slow].iter().zip(&member.mean).map(|(x, mean)| x * mean).sum();
+            let spread = dot(&x, &along);
+            let location = dot(&x[..slow], &member.mean[..slow]);
             mean += weight * location;
             square += weight * location * location;
             variance += weight * member.noise() * (row.error + spread.max(0.0));
@@ -398,11 +461,6 @@ impl Bank {
     }
 }
 
-/// Variance the first fluctuation gains in `gap` days, in noise variances.
-fn added(fluctuation: &Fluctuation, gap: f64) -> f64 {
-    -fluctuation.variance * libm::expm1(-2.0 * gap / fluctuation.memory_d)
-}
-
 /// Place of an entry of the upper triangle.
 const fn place(width: usize, row: usize, column: usize) -> usize {
     row * width - row * (row + 1) / 2 + column
@@ -411,17 +469,29 @@ const fn place(width: usize, row: usize, column: usize) -> usize {
 /// Product of a symmetric matrix and a vector.
 fn times(cov: &[f64], x: &[f64], product: &mut [f64]) {
     product.fill(0.0);
-    let mut at = 0;
+    let mut left = cov;
     for row in 0..x.len() {
-        let entries = &cov[at..at + x.len() - row];
-        let mut sum = entries[0] * x[row];
-        for (entry, column) in entries[1..].iter().zip(row + 1..) {
-            sum += entry * x[column];
-            product[column] += entry * x[row];
+        let (entries, rest) = left.split_at(x.len() - row);
+        left = rest;
+        let head = x[row];
+        product[row] += entries[0] * head + dot(&entries[1..], &x[row + 1..]);
+        for (product, entry) in product[row + 1..].iter_mut().zip(&entries[1..]) {
+            *product += entry * head;
         }
-        product[row] += sum;
-        at += x.len() - row;
     }
+}
+
+/// Scalar product, in four sums that do not wait for one another.
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    let mut sums = [0.0; 4];
+    let (a, b) = (a.chunks_exact(4), b.chunks_exact(4));
+    let tail: f64 = a.remainder().iter().zip(b.remainder()).map(|(a, b)| a * b).sum();
+    for (a, b) in a.zip(b) {
+        for lane in 0..4 {
+            sums[lane] += a[lane] * b[lane];
+        }
+    }
+    (sums[0] + sums[1]) + (sums[2] + sums[3]) + tail
 }
 
 /// x'P x over the first `count` entries.
@@ -473,5 +543,257 @@ impl Gammas {
             };
         }
         self.value
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::Coefficient;
+    use super::*;
+    use crate::random;
+    use nalgebra::{DMatrix, DVector};
+
+    /// A prior of two columns and a single member that remembers.
+    fn single() -> BankPrior {
+        BankPrior {
+            noise_sd: 0.002,
+            intercept_sd: 0.03,
+            columns: vec![
+                Coefficient {
+                    mean: -0.005,
+                    sd: 0.01,
+                },
+                Coefficient { mean: 0.0, sd: 0.002 },
+            ],
+            members: vec![Fluctuation {
+                variance: 2.0,
+                memory_d: 4.0,
+                slow_variance: 0.5,
+                slow_memory_d: 25.0,
+                probability: 1.0,
+            }],
+            kick: 0.002,
+        }
+    }
+
+    /// Periods with gaps, other stated errors, and a change of -1 % from the twentieth on.
+    fn periods(count: usize) -> Vec<(f64, f64, f64, [f64; 2])> {
+        let mut generator = random::stream(5, 0);
+        let mut day = 100.0;
+        let mut normal = move || -> f64 { StandardNormal.sample(&mut generator) };
+        (0..count)
+            .map(|k| {
+                day += [1.0, 1.0, 0.5, 3.0, 0.0, 9.0][k % 6];
+                let columns = [8.0 * (day / 20.0_f64).sin() + normal(), (day / 60.0_f64).cos()];
+                let change = if k < 20 { 0.0 } else { -0.01 };
+                let ratio = 0.004 - 0.006 * columns[0] + 0.001 * columns[1] + change + 0.003 * normal();
+                (day, ratio, 0.002 * (1.0 + 0.3 * (k % 3) as f64), columns)
+            })
+            .collect()
+    }
+
+    /// The whole series at once by dense linear algebra: mean and covariance of (c, a, b_1, b_2), and the noise's law.
+    #[test]
+    fn a_member_equals_the_batch_posterior() {
+        let prior = single();
+        let data = periods(60);
+        let mut bank = Bank::new(&prior);
+        let mut change: Option<Bank> = None;
+        for (k, (day, ratio, sd, columns)) in data.iter().enumerate() {
+            let seen = Seen {
+                day: *day,
+                ratio: *ratio,
+                sd: *sd,
+                columns,
+            };
+            let mut row = Row::new(&prior, &seen).unwrap();
+            let passage = Passage::new(&prior, bank.day, *day);
+            bank.advance(&prior, &passage);
+            if k == 20 {
+                // In noise variances, so that the batch may take it as known beforehand.
+                let mut copy = bank.clone();
+                copy.members[0].cov[0] = 30.0;
+                change = Some(copy);
+            } else if let Some(change) = &mut change {
+                change.advance(&prior, &passage);
+            }
+            bank.learn(&prior, &row, &passage);
+            if let Some(change) = &mut change {
+                change.learn(&prior, row.with_onset(1.0), &passage);
+            }
+        }
+        let found = &change.unwrap().members[0];
+
+        let n = data.len();
+        let s0 = prior.noise_sd;
+        let design = DMatrix::from_fn(n, 4, |k, j| match j {
+            0 => f64::from(u8::from(k >= 20)),
+            1 => 1.0,
+            _ => data[k].3[j - 2],
+        });
+        let before = DMatrix::from_diagonal(&DVector::from_vec(vec![
+            30.0,
+            (0.03 / s0) * (0.03 / s0),
+            (0.01 / s0) * (0.01 / s0),
+            (0.002 / s0) * (0.002 / s0),
+        ]));
+        let fluctuation = &prior.members[0];
+        let cov = DMatrix::from_fn(n, n, |i, j| {
+            let gap = (data[i].0 - data[j].0).abs();
+            let error = if i == j {
+                0.3 + 0.7 * (data[i].2 / s0) * (data[i].2 / s0)
+            } else {
+                0.0
+            };
+            error
+                + fluctuation.variance * (-gap / fluctuation.memory_d).exp()
+                + fluctuation.slow_variance * (-gap / fluctuation.slow_memory_d).exp()
+        });
+        let expected = DVector::from_vec(vec![0.0, 0.0, -0.005, 0.0]);
+        let off = DVector::from_iterator(n, data.iter().map(|period| period.1)) - &design * &expected;
+        let inverse = (&cov + &design * &before * design.transpose())
+            .try_inverse()
+            .unwrap();
+        let gain = &before * design.transpose() * &inverse;
+        let mean = &expected + &gain * &off;
+        let after = &before - &gain * &design * &before;
+        let rate = 2.0 * s0 * s0 + 0.5 * (off.transpose() * &inverse * &off)[(0, 0)];
+
+        assert_eq!(found.shape, 2.0 + 0.5 * n as f64);
+        assert!((found.rate / rate - 1.0).abs() < 1e-9, "{} {rate}", found.rate);
+        for i in 0..4 {
+            // The dense inverse has a condition near 1e6, and the state 60 steps of rounding.
+            let sd = after[(i, i)].sqrt();
+            assert!(
+                (found.mean[i] - mean[i]).abs() < 1e-8 * s0 * sd,
+                "{i}: {} {}",
+                found.mean[i],
+                mean[i]
+            );
+            for j in i..4 {
+                let entry = found.cov[place(6, i, j)];
+                let scale = sd * after[(j, j)].sqrt();
+                assert!(
+                    (entry - after[(i, j)]).abs() < 1e-8 * scale,
+                    "{i} {j}: {entry} {}",
+                    after[(i, j)]
+                );
+            }
+        }
+    }
+
+    /// The predictive density integrates to one: what makes R less the number of periods a martingale.
+    #[test]
+    fn the_predictive_density_is_a_density() {
+        let prior = BankPrior::peers(0.002);
+        let mut bank = Bank::new(&prior);
+        for (k, (day, ratio, sd, columns)) in periods(40).iter().enumerate() {
+            let columns = [0.01 * columns[0], 1e-4 * columns[0] * columns[0], 0.0, 0.1];
+            let seen = Seen {
+                day: *day,
+                ratio: *ratio,
+                sd: *sd,
+                columns: &columns,
+            };
+            let mut row = Row::new(&prior, &seen).unwrap();
+            let passage = Passage::new(&prior, bank.day, *day);
+            bank.advance(&prior, &passage);
+            if k % 13 == 12 {
+                for copy in [bank.clone(), bank.with_change(0.015)] {
+                    let h = 1.0;
+                    let law = copy.law(&row);
+                    let density = |z: f64| {
+                        // Substitution y = mean + sd sinh(z): the tail of t_3 to 1e4 standard deviations, within the clamp.
+                        row.ratio = law.mean + law.sd * z.sinh();
+                        libm::exp(copy.clone().learn(&prior, row.clone().with_onset(h), &passage))
+                            * law.sd
+                            * z.cosh()
+                    };
+                    // Trapezoids of a smooth function; what lies beyond 60 sd is 0.01 of t_3 beyond some 5 scales.
+                    let reach = (60.0_f64).asinh();
+                    let (mut density, steps) = (density, 1200);
+                    let width = 2.0 * reach / f64::from(steps);
+                    let sum: f64 = (0..=steps)
+                        .map(|step| density(-reach + width * f64::from(step)) * width)
+                        .sum();
+                    assert!((sum - 1.0).abs() < 1e-3, "period {k}: {sum}");
+                }
+            }
+            let row = Row::new(&prior, &seen).unwrap();
+            bank.learn(&prior, &row, &passage);
+        }
+    }
+
+    /// Ten years of hourly periods leave covariances symmetric by storage and positive on the diagonal.
+    #[test]
+    fn covariances_stay_positive() {
+        let prior = single();
+        let mut bank = Bank::new(&prior);
+        for hour in 0..87_660_u32 {
+            let day = f64::from(hour) / 24.0;
+            let columns = [15.0 * (day / 58.0).sin(), (day / 58.1).cos()];
+            let ratio = -0.005 * columns[0] + 0.001 * f64::from(hour % 5);
+            let seen = Seen {
+                day,
+                ratio,
+                sd: 0.002,
+                columns: &columns,
+            };
+            let row = Row::new(&prior, &seen).unwrap();
+            let passage = Passage::new(&prior, bank.day, day);
+            bank.advance(&prior, &passage);
+            assert!(bank.learn(&prior, &row, &passage).is_finite());
+        }
+        let member = &bank.members[0];
+        let width = member.mean.len();
+        let dense = DMatrix::from_fn(width - 1, width - 1, |i, j| {
+            member.cov[place(width, i.min(j) + 1, i.max(j) + 1)]
+        });
+        let least = dense.symmetric_eigenvalues().min();
+        assert!(least > 0.0, "{least}");
+    }
+
+    #[test]
+    fn what_no_filter_can_take_is_refused_and_the_rest_is_survived() {
+        let prior = single();
+        let seen = |day, ratio, sd, columns| Seen {
+            day,
+            ratio,
+            sd,
+            columns,
+        };
+        for bad in [
+            seen(f64::NAN, 0.0, 0.002, &[0.0, 0.0]),
+            seen(0.0, f64::INFINITY, 0.002, &[0.0, 0.0]),
+            seen(0.0, 0.0, f64::NAN, &[0.0, 0.0]),
+            seen(0.0, 0.0, 0.002, &[0.0, f64::NAN]),
+            seen(0.0, 0.0, 0.002, &[0.0, 1e9]),
+            seen(0.0, 0.0, 0.002, &[0.0]),
+        ] {
+            assert_eq!(Row::new(&prior, &bad), None);
+        }
+        let mut bank = Bank::new(&prior);
+        let odd = [
+            (0.0, 0.0, 0.0),
+            (0.0, -1.0, 0.002),
+            (1e5, 0.001, 0.002),
+            (5.0, 1e300, 0.002),
+            (1e5, 0.0, 1e300),
+            (1e9, 0.001, -0.002),
+        ];
+        for (day, ratio, sd) in odd {
+            let row = Row::new(&prior, &seen(day, ratio, sd, &[1.0, 1.0])).unwrap();
+            let passage = Passage::new(&prior, bank.day, day);
+            bank.advance(&prior, &passage);
+            assert!(
+                bank.learn(&prior, &row, &passage).is_finite(),
+                "{day} {ratio} {sd}"
+            );
+            let law = bank.law(&row);
+            assert!(
+                law.mean.abs() < 0.1 && law.sd > 0.0 && law.sd.is_finite(),
+                "{law:?}"
+            );
+        }
     }
 }

@@ -87,7 +87,7 @@ impl Detector {
     pub fn compensate(&self, seen: &Seen) -> Option<(f64, f64)> {
         let row = Row::new(&self.prior, seen)?;
         let mut null = self.null.clone();
-        null.advance(&self.prior, &row);
+        null.advance(&self.prior, &self.passage(seen.day));
         let (explained, sd) = null.explained(&row);
         Some((row.ratio - explained, sd))
     }
@@ -106,7 +106,8 @@ fn moments(parts: &[Normal]) -> (f64, f64) {
 fn interval(parts: &[Normal]) -> [f64; 2] {
     let total: f64 = parts.iter().map(|part| part.weight).sum();
     let below = |x: f64| {
-        let below = |part: &Normal| part.weight * normal_cdf((x - part.mean) / part.sd.max(f64::MIN_POSITIVE));
+        let below =
+            |part: &Normal| part.weight * normal_cdf((x - part.mean) / part.sd.max(f64::MIN_POSITIVE));
         parts.iter().map(below).sum::<f64>() / total
     };
     let reach = |sign: f64| parts.iter().map(move |part| part.mean + sign * 2.0 * Z * part.sd);
@@ -116,7 +117,11 @@ fn interval(parts: &[Normal]) -> [f64; 2] {
         let (mut low, mut high) = (low, high);
         for _ in 0..60 {
             let middle = 0.5 * (low + high);
-            *(if below(middle) < quantile { &mut low } else { &mut high }) = middle;
+            *(if below(middle) < quantile {
+                &mut low
+            } else {
+                &mut high
+            }) = middle;
         }
         0.5 * (low + high)
     })

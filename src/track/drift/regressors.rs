@@ -125,7 +125,10 @@ pub struct Regressors {
 impl Regressors {
     /// Columns of [`super::BankPrior::thermal`].
     pub fn thermal(&self, day: f64, filtered: &[f64; FILTERS_D.len()]) -> Vec<f64> {
-        let mut columns: Vec<f64> = filtered.iter().map(|celsius| celsius - self.reference_c).collect();
+        let mut columns: Vec<f64> = filtered
+            .iter()
+            .map(|celsius| celsius - self.reference_c)
+            .collect();
         columns.push(columns[CURVED] * columns[CURVED]);
         let age = (day - self.origin).max(0.0);
         columns.extend(TRANSIENTS_D.map(|memory_d| libm::exp(-age / memory_d)));
@@ -167,5 +170,114 @@ pub fn median(ratios: impl Iterator<Item = f64>) -> Option<f64> {
         0 => None,
         odd if odd % 2 == 1 => Some(sorted[middle]),
         _ => Some(0.5 * (sorted[middle - 1] + sorted[middle])),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn filters_agree_with_a_fine_integration() {
+        let points = [
+            (0.0, 10.0),
+            (0.05, 14.0),
+            (0.07, 9.0),
+            (0.5, 9.5),
+            (0.5001, 20.0),
+            (1.4, 3.0),
+        ];
+        let mut filters = Filters::default();
+        points
+            .iter()
+            .for_each(|&(day, celsius)| filters.push(day, celsius));
+        let end = 1.45;
+        let found = filters.at(end).unwrap();
+        assert_eq!(found[0], 3.0);
+        for (memory_d, found) in FILTERS_D.into_iter().zip(found).skip(1) {
+            // Midpoint rule in steps of 5e-6 d: errors of (h / memory)^2 / 24 of the swings.
+            let (mut value, h) = (10.0, 5e-6);
+            for step in 0..290_000 {
+                let t = (f64::from(step) + 0.5) * h;
+                let air = points.windows(2).find(|pair| t < pair[1].0).map_or(3.0, |pair| {
+                    pair[0].1 + (t - pair[0].0) / (pair[1].0 - pair[0].0) * (pair[1].1 - pair[0].1)
+                });
+                let slope = (air - value) / memory_d;
+                value += h * (air - (value + 0.5 * h * slope)) / memory_d;
+            }
+            assert!((value - found).abs() < 1e-6, "{memory_d}: {value} {found}");
+        }
+    }
+
+    #[test]
+    fn readings_out_of_turn_are_left_out_and_holes_start_anew() {
+        let mut filters = Filters::default();
+        assert_eq!(filters.at(0.0), None);
+        for hour in 0..48 {
+            filters.push(f64::from(hour) / 24.0, 10.0);
+        }
+        let before = filters.clone();
+        for (day, celsius) in [(1.0, 50.0), (47.0 / 24.0, 50.0), (3.0, f64::NAN), (f64::NAN, 1.0)] {
+            filters.push(day, celsius);
+        }
+        assert_eq!(filters, before);
+        assert!(!filters.is_sparse() && filters.at(2.05).is_some() && filters.at(2.2).is_none());
+        // Ten days: one day and three days are forgotten, ten and thirty are not.
+        filters.push(12.0, 20.0);
+        let found = filters.at(12.0).unwrap();
+        assert!(found[..4].iter().all(|&celsius| celsius == 20.0), "{found:?}");
+        assert!(found[4..].iter().all(|&celsius| celsius < 15.0), "{found:?}");
+    }
+
+    #[test]
+    fn one_reading_a_day_holds_on_for_a_day() {
+        let mut filters = Filters::default();
+        for day in 0..20 {
+            filters.push(f64::from(day), 10.0 + f64::from(day % 3));
+        }
+        assert!(filters.is_sparse());
+        assert!(filters.at(20.4).is_some() && filters.at(20.6).is_none());
+    }
+
+    #[test]
+    fn columns_are_as_many_as_the_priors_expect() {
+        use super::super::{BankPrior, ThermalPrior};
+        let regressors = Regressors {
+            reference_c: 12.0,
+            origin: 100.0,
+        };
+        let thermal = ThermalPrior {
+            slope_mean_per_k: -0.005,
+            slope_sd_per_k: 0.01,
+            curvature_sd_per_k2: 1e-5,
+            is_sparse: false,
+        };
+        let filtered = [12.0, 14.0, 12.0, 12.0, 12.0, 12.0];
+        let columns = regressors.thermal(100.0, &filtered);
+        assert_eq!(columns.len(), BankPrior::thermal(0.002, thermal).columns.len());
+        assert_eq!(columns, [0.0, 2.0, 0.0, 0.0, 0.0, 0.0, 4.0, 1.0, 1.0, 0.0, 0.0]);
+        let both = BankPrior::thermal_and_peers(0.002, thermal).columns.len();
+        assert_eq!(regressors.thermal_and_peers(100.0, &filtered, 0.1).len(), both);
+        assert_eq!(
+            regressors.peers(100.0, 0.1).len(),
+            BankPrior::peers(0.002).columns.len()
+        );
+        assert_eq!(
+            regressors.blind(100.0).len(),
+            BankPrior::blind(0.002).columns.len()
+        );
+        let total: f64 = BankPrior::blind(0.002)
+            .members
+            .iter()
+            .map(|member| member.probability)
+            .sum();
+        assert!((total - 1.0).abs() < 1e-12, "{total}");
+    }
+
+    #[test]
+    fn the_median_of_what_is_there() {
+        assert_eq!(median([].into_iter()), None);
+        assert_eq!(median([3.0, f64::NAN, 1.0, 2.0].into_iter()), Some(2.0));
+        assert_eq!(median([3.0, 1.0].into_iter()), Some(2.0));
     }
 }

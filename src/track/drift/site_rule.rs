@@ -78,13 +78,18 @@ pub fn decide(day: f64, limit: f64, standings: &[Standing], latches: &mut [Latch
         .iter()
         .zip(standings)
         .map(|(latch, standing)| {
-            latch.with_thermometer.is_some() || standing.with_thermometer.is_some_and(|statistic| statistic > MOVING)
+            latch.with_thermometer.is_some()
+                || standing
+                    .with_thermometer
+                    .is_some_and(|statistic| statistic > MOVING)
         })
         .collect();
     let all_moving = moving.iter().filter(|&&is_moving| is_moving).count();
     let mut changed = Vec::new();
     for (rod, latch) in latches.iter_mut().enumerate().take(rods) {
-        let Some(since) = latch.with_thermometer else { continue };
+        let Some(since) = latch.with_thermometer else {
+            continue;
+        };
         let others_moving = all_moving - usize::from(moving[rod]);
         let told = if rods < FEWEST {
             Told::ForceOrThermometer
@@ -107,4 +112,83 @@ pub fn decide(day: f64, limit: f64, standings: &[Standing], latches: &mut [Latch
         }
     }
     changed
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const LIMIT: f64 = 3652.0;
+
+    fn standing(with_thermometer: f64, with_others: f64) -> Standing {
+        Standing {
+            with_thermometer: Some(with_thermometer),
+            with_others: Some(with_others),
+        }
+    }
+
+    /// Days 0 to 9 with these standings, and when what was told.
+    fn told(standings: &[Standing]) -> Vec<(u32, usize, Told)> {
+        let mut latches = vec![Latch::default(); standings.len()];
+        (0..10)
+            .flat_map(|day| {
+                let changed = decide(f64::from(day), LIMIT, standings, &mut latches);
+                changed.into_iter().map(move |(rod, told)| (day, rod, told))
+            })
+            .collect()
+    }
+
+    #[test]
+    fn both_banks_confirm_at_once() {
+        let quiet = standing(50.0, 50.0);
+        assert_eq!(
+            told(&[standing(5e3, 5e3), quiet, quiet]),
+            [(0, 0, Told::Confirmed)]
+        );
+        assert_eq!(told(&[standing(50.0, 1e9), quiet, quiet]), []);
+    }
+
+    #[test]
+    fn the_thermometer_alone_waits_for_the_others() {
+        let (quiet, loud, moving) = (standing(50.0, 50.0), standing(5e3, 50.0), standing(301.0, 50.0));
+        assert_eq!(
+            told(&[loud, quiet, quiet, quiet, quiet]),
+            [(7, 0, Told::Unconfirmed)]
+        );
+        assert_eq!(
+            told(&[loud, moving, quiet, quiet, quiet]),
+            [(7, 0, Told::Unconfirmed)]
+        );
+        assert_eq!(
+            told(&[loud, moving, moving, quiet, quiet]),
+            [(7, 0, Told::Together)]
+        );
+        let all = [loud, loud, loud];
+        assert_eq!(told(&all), [0, 1, 2].map(|rod| (7, rod, Told::Together)));
+    }
+
+    #[test]
+    fn few_rods_cannot_tell_force_from_thermometer() {
+        let alone = Standing {
+            with_thermometer: Some(5e3),
+            with_others: None,
+        };
+        assert_eq!(told(&[alone]), [(0, 0, Told::ForceOrThermometer)]);
+        assert_eq!(
+            told(&[alone, standing(1.0, 1.0)]),
+            [(0, 0, Told::ForceOrThermometer)]
+        );
+    }
+
+    #[test]
+    fn crossings_are_latched_and_confirmation_may_come_late() {
+        let quiet = standing(50.0, 50.0);
+        let mut latches = vec![Latch::default(); 3];
+        let mut on = |day, first| decide(day, LIMIT, &[first, quiet, quiet], &mut latches);
+        assert_eq!(on(0.0, standing(5e3, 50.0)), []);
+        assert_eq!(on(3.0, quiet), []);
+        assert_eq!(on(8.0, quiet), [(0, Told::Unconfirmed)]);
+        assert_eq!(on(20.0, standing(50.0, 5e3)), [(0, Told::Confirmed)]);
+        assert_eq!(on(30.0, standing(9e3, 9e3)), []);
+    }
 }

@@ -145,6 +145,7 @@ struct Decay {
 #[derive(Debug, Clone)]
 pub(super) struct Passage {
     day: f64,
+    gap: f64,
     decays: Vec<Decay>,
 }
 
@@ -159,8 +160,14 @@ impl Passage {
         };
         Self {
             day: last.map_or(day, |last| last.max(day)),
+            gap,
             decays: prior.members.iter().map(decay).collect(),
         }
+    }
+
+    /// Days passed.
+    pub fn gap(&self) -> f64 {
+        self.gap
     }
 
     fn of(&self, member: &Member) -> &Decay {
@@ -299,11 +306,16 @@ impl Bank {
             day: self.day,
             members: members.cloned().collect(),
         };
-        for member in &mut bank.members {
-            member.cov[0] += size * size / member.scale2();
-        }
+        bank.wander(size * size);
         bank.normalise();
         bank
+    }
+
+    /// Adds to the variance of the change.
+    pub fn wander(&mut self, variance: f64) {
+        for member in &mut self.members {
+            member.cov[0] += variance / member.scale2();
+        }
     }
 
     /// Makes weights sum to one.

@@ -22,8 +22,9 @@ const BEFORE: usize = 4;
 const RAMP_EVERY_D: f64 = 7.0;
 /// Days in a year.
 pub(super) const YEAR_D: f64 = 365.25;
-/// Prior standard deviation of the change since commissioning.
-const SINCE_SIZE: f64 = 0.10;
+/// Prior standard deviation of a change at the end of commissioning, and of the change of a year by small steps.
+const SINCE_SIZE: f64 = 0.007;
+const SINCE_YEAR: f64 = 0.007;
 /// Least age in the spacing of onsets \[d\].
 const LEAST_AGE_D: f64 = 0.01;
 /// Greatest ln R that is told: beyond, it is infinite for every purpose.
@@ -92,13 +93,23 @@ pub(super) struct Particle {
     pub bank: Bank,
 }
 
+/// A bank in which the level wanders since commissioning ended.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(super) struct Since {
+    /// End of commissioning \[d\].
+    pub day: f64,
+    /// ln of its evidence over the null bank's.
+    pub ln_weight: f64,
+    pub bank: Bank,
+}
+
 /// Null bank, onset particles, and the bank that measures the change since commissioning.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Detector {
     pub(super) prior: BankPrior,
     pub(super) null: Bank,
     pub(super) particles: Vec<Particle>,
-    pub(super) since: Option<Bank>,
+    pub(super) since: Option<Since>,
     periods: usize,
     /// Periods since the null bank began or began again.
     fresh: usize,
@@ -152,9 +163,12 @@ impl Detector {
             particle.ln_weight += under_change - under_null;
         }
         if let Some(since) = &mut self.since {
-            since.advance(&self.prior, &passage);
-            since.learn(&self.prior, row.with_onset(1.0), &passage);
-            since.prune();
+            since
+                .bank
+                .wander(SINCE_YEAR * SINCE_YEAR * passage.gap() / YEAR_D);
+            since.bank.advance(&self.prior, &passage);
+            since.ln_weight += since.bank.learn(&self.prior, row.with_onset(1.0), &passage) - under_null;
+            since.bank.prune();
         }
         self.periods += 1;
         self.fresh += 1;
@@ -262,7 +276,11 @@ impl Detector {
 
     /// Ends commissioning: the change [`Detector::since`] tells is counted from here.
     pub fn commission(&mut self) {
-        self.since = Some(self.null.with_change(SINCE_SIZE));
+        self.since = self.null.day.map(|day| Since {
+            day,
+            ln_weight: 0.0,
+            bank: self.null.with_change(SINCE_SIZE),
+        });
     }
 
     /// Begins again after a change that somebody accepted: coefficients stay known, the level is learned anew, R is zero.

@@ -15,7 +15,7 @@ pub mod regressors;
 pub mod site_rule;
 
 pub use bank::{Law, Seen};
-pub use change::Change;
+pub use change::{Change, Estimate};
 pub use detector::{Detector, Shape};
 pub use prior::{BankPrior, Coefficient, Fluctuation, ThermalPrior};
 pub use regressors::{Filters, Regressors};

@@ -256,14 +256,21 @@ impl Member {
 
     /// Kalman and inverse gamma step.
     fn learn(&mut self, ahead: Ahead, along: &[f64]) {
-        let width = self.mean.len();
         let gain = ahead.error / ahead.total;
         for (mean, along) in self.mean.iter_mut().zip(along) {
             *mean += along * gain;
         }
+        self.narrow(ahead.total, along);
+        self.rate += 0.5 * ahead.error * gain;
+        self.shape += 0.5;
+    }
+
+    /// Covariance after a row with P H' = `along` and S = `total`.
+    fn narrow(&mut self, total: f64, along: &[f64]) {
+        let width = along.len();
         let mut at = 0;
         for row in 0..width {
-            let share = along[row] / ahead.total;
+            let share = along[row] / total;
             let entries = &mut self.cov[at..at + width - row];
             for (entry, along) in entries.iter_mut().zip(&along[row..]) {
                 *entry -= share * along;
@@ -271,8 +278,6 @@ impl Member {
             entries[0] = entries[0].max(0.0);
             at += width - row;
         }
-        self.rate += 0.5 * ahead.error * gain;
-        self.shape += 0.5;
     }
 }
 
@@ -378,6 +383,15 @@ impl Bank {
             member.ln_weight = (member.ln_weight - ln_density).max(LEAST_LN_WEIGHT);
         }
         ln_density
+    }
+
+    /// Narrows the covariances as any ratio of a row would; means, noise and weights stay.
+    pub fn narrow(&mut self, row: &Row) {
+        let mut along = vec![0.0; row.x.len()];
+        for member in &mut self.members {
+            let ahead = member.ahead(row, &mut along);
+            member.narrow(ahead.total, &along);
+        }
     }
 
     /// A ratio drawn from the predictive law after the passage to a row.

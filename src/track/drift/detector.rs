@@ -46,7 +46,7 @@ impl Shape {
     pub const ALL: [Self; 3] = [Self::Small, Self::Large, Self::Ramp];
 
     /// Prior standard deviation: share of the force, a year for ramps.
-    const fn size(self) -> f64 {
+    pub(super) const fn size(self) -> f64 {
         match self {
             Self::Small => 0.015,
             Self::Large => 0.12,

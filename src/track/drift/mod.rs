@@ -4,12 +4,14 @@
 //! * [`bank`]       conjugate filters side by side, their predictive law
 //! * [`detector`]   onset particles and R
 //! * [`change`]     onset, size and shape of a change, the change since commissioning
+//! * `least`        smallest change that would be told by a given day
 //! * [`regressors`] filters of temperature readings, curvature, transients, a yearly cycle, other rods
 //! * [`site_rule`]  what the detectors of a site's rods mean together
 
 pub mod bank;
 pub mod change;
 pub mod detector;
+mod least;
 pub mod prior;
 pub mod regressors;
 pub mod site_rule;

@@ -7,7 +7,7 @@ use crate::snapshot::Snapshot;
 use crate::store::{
     Asked, Carry, Commit, FileMark, Position, RecordRow, RodRow, SnapshotRow, Standing, Store, StoreError,
 };
-use crate::track::{AlarmEvent, Peer, TrackPlan, Tracker, Verdict};
+use crate::track::{AlarmEvent, Others, Peer, TrackPlan, Tracker, Verdict};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
@@ -193,11 +193,14 @@ impl Site {
             .filter(|(other, _)| *other != rod)
             .map(|(_, tracker)| tracker.as_peer())
             .collect();
-        let Some(tracker) = self.trackers.get_mut(rod) else {
+        let Some((rod, mut tracker)) = self.trackers.remove_entry(rod) else {
             return Ok(None);
         };
         let before = tracker.state().latest;
-        let verdict = tracker.step(&input, &peers);
+        let others = Others::new(self.trackers.values().map(Tracker::state));
+        let verdict = tracker.step_beside(&input, &peers, &others);
+        let tracker = self.trackers.entry(rod.clone()).or_insert(tracker);
+        let rod = &rod;
         // Only of the latest record that is believed: the picture of a wrong clock would stand for years.
         let snapshot = match outcome {
             Outcome::Identified(identification) => identification

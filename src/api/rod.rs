@@ -21,8 +21,6 @@ pub struct RodAnswer {
     pub segments: Vec<SegmentAnswer>,
     /// What temperature does, as learned.
     pub thermal: Option<Thermal>,
-    /// Why the charts' stated false-alarm rate does not hold, if it does not.
-    pub caveat: Option<String>,
 }
 
 /// A stretch of history with one baseline.
@@ -60,7 +58,6 @@ impl RodAnswer {
         let Some(standing) = reader.standing(rod)? else {
             return Ok(None);
         };
-        let whiteness = reader.whiteness()?.remove(rod);
         let segments = reader.segments(rod)?.into_iter().map(|segment| {
             let baseline = segment.baseline.as_ref();
             SegmentAnswer {
@@ -73,8 +70,8 @@ impl RodAnswer {
             }
         });
         let segments = segments.collect();
-        let thermal = reader.regression(rod)?.map(|regression| {
-            let (slope_per_k, slope_sd_per_k) = regression.slope();
+        let slope = reader.watch(rod)?.and_then(|watch| watch.slope());
+        let thermal = slope.map(|(slope_per_k, slope_sd_per_k)| {
             Thermal {
                 slope_per_k,
                 slope_sd_per_k,
@@ -84,10 +81,7 @@ impl RodAnswer {
             span: days.span(rod).map(|(first, last)| [first, last]),
             segments,
             thermal,
-            caveat: whiteness
-                .filter(|whiteness| !whiteness.is_white())
-                .map(|whiteness| whiteness.message()),
-            status: RodStatus::of(standing, days.counts(rod), whiteness)?,
+            status: RodStatus::of(standing, days.counts(rod))?,
         }))
     }
 }
@@ -150,11 +144,9 @@ impl Looks {
     }
 }
 
-/// The charts of a rod's present segment, in columns, ascending in time: one point per closed period.
+/// The drift watch of a rod's present segment, in columns, ascending in time: one point per closed period.
 #[derive(Debug, Default, Serialize)]
 pub struct Chart {
-    /// The limits h of the chart for steps and of the chart for ramps; `None` while learning.
-    pub limits: Option<[f64; 2]>,
     /// The segment.
     pub segment: u32,
     /// The beginning of each period.
@@ -165,14 +157,12 @@ pub struct Chart {
     pub residual: Vec<Option<f64>>,
     /// N_t / N_0 - 1 at the reference temperature.
     pub at_reference: Vec<Option<f64>>,
-    /// The chart for steps, upwards.
-    pub step_up: Vec<Option<f64>>,
-    /// The chart for steps, downwards.
-    pub step_down: Vec<Option<f64>>,
-    /// The chart for ramps, upwards.
-    pub ramp_up: Vec<Option<f64>>,
-    /// The chart for ramps, downwards.
-    pub ramp_down: Vec<Option<f64>>,
+    /// Evidence of a change over its limit, with temperature and the other rods: an alarm above one.
+    pub evidence: Vec<Option<f64>>,
+    /// The same by the other rods alone.
+    pub evidence_peers: Vec<Option<f64>>,
+    /// The same by nothing but the rod.
+    pub evidence_blind: Vec<Option<f64>>,
 }
 
 impl Chart {
@@ -184,25 +174,22 @@ impl Chart {
         let Some(standing) = reader.standing(rod)? else {
             return Ok(Self::default());
         };
-        let charts = reader.charts(rod)?;
         let mut chart = Self {
-            limits: charts.map(|charts| charts.design().charts.map(|chart| chart.h)),
             segment: standing.segment,
             ..Self::default()
         };
         for period in reader.last_periods(rod, standing.segment, most)? {
             let charted = period.charted.as_ref();
-            let cusum = charted.and_then(|charted| charted.cusum);
+            let evidence = charted.map(|charted| charted.evidence).unwrap_or_default();
             chart.time.push(period.start);
             chart.records.push(period.records);
             chart.residual.push(charted.map(|charted| charted.residual));
             chart
                 .at_reference
-                .push(charted.map(|charted| charted.at_reference));
-            chart.step_up.push(cusum.map(|[[up, _], _]| up));
-            chart.step_down.push(cusum.map(|[[_, down], _]| down));
-            chart.ramp_up.push(cusum.map(|[_, [up, _]]| up));
-            chart.ramp_down.push(cusum.map(|[_, [_, down]]| down));
+                .push(charted.and_then(|charted| charted.at_reference));
+            chart.evidence.push(evidence.compensated);
+            chart.evidence_peers.push(evidence.peers);
+            chart.evidence_blind.push(evidence.blind);
         }
         Ok(chart)
     }

@@ -61,12 +61,10 @@ impl SiteAnswer {
     /// # Errors
     /// The store cannot be read, or a row is damaged.
     pub fn of(reader: &Reader, days: &Days) -> Result<Self, StoreError> {
-        let mut whiteness = reader.whiteness()?;
         let mut rods = Vec::new();
         for standing in reader.standings()? {
             let counts = days.counts(&standing.rod);
-            let whiteness = whiteness.remove(&standing.rod);
-            let status = RodStatus::of(standing, counts, whiteness)?;
+            let status = RodStatus::of(standing, counts)?;
             rods.push(RodGlance {
                 recent: Recent::of(days, &status.rod),
                 trend: Trend::of(days, &status),

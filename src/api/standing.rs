@@ -2,7 +2,6 @@
 
 use crate::record::{RodId, Timestamp};
 use crate::store::{Asked, Standing, StoreError};
-use crate::track::whiteness::Whiteness;
 use crate::track::{Alarm, Interval, RodState};
 use serde::{Deserialize, Serialize};
 
@@ -41,8 +40,6 @@ pub struct RodStatus {
     pub rejected: u64,
     /// Alarms that stand.
     pub alarms: Vec<Alarm>,
-    /// Whether the latest charted residuals are white, as the stated false-alarm rate supposes.
-    pub whiteness: Option<Whiteness>,
     /// What was asked for and waits.
     pub waiting: Vec<String>,
 }
@@ -64,11 +61,7 @@ impl RodStatus {
     ///
     /// # Errors
     /// The latest record's line cannot be understood.
-    pub fn of(
-        standing: Standing,
-        counts: (u64, u64),
-        whiteness: Option<Whiteness>,
-    ) -> Result<Self, StoreError> {
+    pub fn of(standing: Standing, counts: (u64, u64)) -> Result<Self, StoreError> {
         let line: Line = match &standing.latest {
             Some(line) => serde_json::from_str(line).map_err(|error| StoreError::Unreadable {
                 what: format!("the latest record of rod {}", standing.rod),
@@ -108,7 +101,6 @@ impl RodStatus {
             records: counts.0,
             rejected: counts.1,
             alarms: standing.alarms,
-            whiteness,
             waiting: standing
                 .waiting
                 .iter()

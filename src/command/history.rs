@@ -76,7 +76,7 @@ pub enum What {
     /// Every record, rejected ones too.
     #[default]
     Records,
-    /// Decorrelation periods (a day by default) that closed, with the charts.
+    /// Decorrelation periods (a day by default) that closed, with the evidence of a change.
     Periods,
     /// Alarms, over or not.
     Alarms,
@@ -276,8 +276,9 @@ fn heads(what: What) -> &'static [&'static str] {
             ">at reference [%]",
             ">rod [degC]",
             ">residual",
-            ">step up/down",
-            ">ramp up/down",
+            ">evidence",
+            ">by peers",
+            ">alone",
         ],
         What::Alarms => &[
             "id",
@@ -333,9 +334,9 @@ fn cells(what: What, row: &Row<'_>) -> Vec<String> {
             ]
         }
         What::Periods => {
-            let pair = |up: &str, down: &str| match (row.number(up), row.number(down)) {
-                (Some(up), Some(down)) => format!("{up:.2} / {down:.2}"),
-                _ => "-".to_owned(),
+            let evidence = |column: &str| match row.number(column) {
+                Some(value) => format!("{value:.1e}"),
+                None => "-".to_owned(),
             };
             let percent = |mean: &str, sd: &str| {
                 row.number(mean)
@@ -350,8 +351,9 @@ fn cells(what: What, row: &Row<'_>) -> Vec<String> {
                 percent("at_reference", "at_reference_sd"),
                 row.fixed("temperature_c", 1.0, 1),
                 row.fixed("residual", 1.0, 2),
-                pair("step_up", "step_down"),
-                pair("ramp_up", "ramp_down"),
+                evidence("evidence"),
+                evidence("evidence_peers"),
+                evidence("evidence_blind"),
             ]
         }
         What::Alarms => vec![

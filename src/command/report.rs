@@ -109,18 +109,10 @@ pub fn load(reader: &Reader, rod: Option<&RodId>) -> anyhow::Result<SiteReport> 
     {
         let mut report = load_rod(reader, standing, &mut meaning)?;
         if let Some(state) = states.get(&standing.rod) {
-            report.limits = state
-                .charts
-                .as_ref()
-                .map(|charts| charts.design().charts.map(|chart| chart.h));
-            let coloured = state.whiteness.filter(|whiteness| !whiteness.is_white());
-            report.caveat = coloured.map(|whiteness| whiteness.message());
-            report.thermal = state.regression.as_ref().map(|regression| {
-                let (slope_per_k, slope_sd_per_k) = regression.slope();
-                ThermalLine {
-                    slope_per_k,
-                    slope_sd_per_k,
-                }
+            let slope = state.watch.as_ref().and_then(|watch| watch.slope());
+            report.thermal = slope.map(|(slope_per_k, slope_sd_per_k)| ThermalLine {
+                slope_per_k,
+                slope_sd_per_k,
             });
         }
         rods.push(report);

@@ -54,12 +54,10 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
 /// The store cannot be read.
 pub fn text(reader: &Reader, rod: Option<&RodId>, format: Format) -> anyhow::Result<String> {
     let mut rows = Vec::new();
-    let mut whiteness = reader.whiteness()?;
     for standing in reader.standings()? {
         if rod.is_none_or(|rod| *rod == standing.rod) {
             let counts = reader.counts(&standing.rod)?;
-            let whiteness = whiteness.remove(&standing.rod);
-            rows.push(RodStatus::of(standing, counts, whiteness)?);
+            rows.push(RodStatus::of(standing, counts)?);
         }
     }
     if rows.is_empty() {
@@ -125,9 +123,6 @@ fn table(rows: &[RodStatus]) -> String {
                 "uncompensated: force and change are those at the temperature of the latest record"
                     .to_owned(),
             );
-        }
-        if let Some(whiteness) = row.whiteness.filter(|whiteness| !whiteness.is_white()) {
-            table.note(whiteness.message());
         }
         for alarm in &row.alarms {
             let known = if alarm.acknowledged.is_some() {

@@ -10,21 +10,13 @@ const DAY_S: f64 = 86_400.0;
 /// The section.
 pub(super) fn read(table: &mut Table<'_>) -> AlarmSettings {
     let default = AlarmSettings::default();
+    // Keys of the control charts of versions before: a configuration that has them is still read.
+    table.ignore(&["step_k", "ramp_k"]);
     AlarmSettings {
         arl0_years: table.number(
             key("arl0_years", "mean time between false drift alarms of one rod [years]"),
             Range::within(0.1, 1000.0),
             default.arl0_years,
-        ),
-        step_k: table.number(
-            key("step_k", "reference value of the chart for steps [sd of a period's residual]"),
-            Range::within(0.05, 2.0),
-            default.step_k,
-        ),
-        ramp_k: table.number(
-            key("ramp_k", "reference value of the chart for slow ramps [sd of a period's residual]"),
-            Range::within(0.05, 2.0),
-            default.ramp_k,
         ),
         limit_loss: table.number(
             key(

@@ -7,7 +7,6 @@ use crate::config::Config;
 use crate::record::{RodChannels, RodId};
 use crate::site::Provenance;
 use crate::track::TrackPlan;
-use crate::track::chart::Design;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -92,7 +91,6 @@ pub fn plans<S: Fn(usize, usize) + Sync>(
 /// Prepares the tracking of every rod that has a plan.
 fn track_plans(config: &Config, plans: &BTreeMap<RodId, Plan>) -> Vec<Arc<TrackPlan>> {
     let alarm = &config.alarm;
-    let design = Design::of(alarm, config.track.period_s);
     plans
         .iter()
         .map(|(rod, plan)| {
@@ -103,7 +101,6 @@ fn track_plans(config: &Config, plans: &BTreeMap<RodId, Plan>) -> Vec<Arc<TrackP
                 plan.model(),
                 config.track.clone(),
                 alarm.clone(),
-                design,
                 key,
             ))
         })

@@ -12,7 +12,10 @@ const FEW: usize = 80;
 /// Colours of the modes, by order.
 const MODE_COLOURS: [&str; 6] = ["c1", "c2", "c3", "c4", "c5", "c6"];
 /// A chart is drawn up to this many times its limit.
-const BEYOND_LIMIT: f64 = 2.5;
+const BEYOND_LIMIT: f64 = 2.0;
+
+/// Evidence below which nothing is drawn, as a share of the limit.
+const LEAST_EVIDENCE: f64 = 1e-5;
 const TIME: &str = "time (UTC)";
 
 /// The time axis all histories of one rod share.
@@ -265,59 +268,43 @@ pub(super) fn frequencies(rod: &RodReport, span: &Span, id: &str) -> Option<Mark
     ))
 }
 
-/// One chart over time: 0 for steps, 1 for ramps.
-pub(super) fn chart(rod: &RodReport, span: &Span, which: usize, id: &str) -> Option<Markup> {
-    let charted = |side: usize| -> Vec<Point> {
-        let points = rod.periods.iter().filter_map(|(_, period)| {
-            let statistic = period.charted.as_ref()?.cusum?.get(which)?.get(side).copied()?;
-            let value = if side == 0 { statistic } else { -statistic };
+/// Evidence of a change over its limit, as a power of ten, by the best-informed detector that saw each period.
+pub(super) fn evidence(rod: &RodReport, span: &Span, id: &str) -> Option<Markup> {
+    let points: Vec<Point> = rod
+        .periods
+        .iter()
+        .filter_map(|(_, period)| {
+            let evidence = period.charted.as_ref()?.evidence;
+            let over_limit = evidence.compensated.or(evidence.peers).or(evidence.blind)?;
+            let value = over_limit.max(LEAST_EVIDENCE).log10().clamp(LEAST_EVIDENCE.log10(), BEYOND_LIMIT);
             Some(Point {
                 time: unix_s(period.start),
                 value,
                 interval: (value, value),
             })
-        });
-        points.collect()
-    };
-    let (up, down) = (charted(0), charted(1));
-    if up.is_empty() {
+        })
+        .collect();
+    if points.is_empty() {
         return None;
     }
-    let limit = rod.limits.and_then(|limits| limits.get(which).copied());
-    // Above its limit a chart runs away, in the end by hundreds; what matters is on which side of it.
-    let highest =
-        axis::span(up.iter().chain(&down).map(|point| point.value.abs()), 0.0).map_or(1.0, |(_, high)| high);
-    let top = limit.map_or(highest.max(1.0), |h| highest.clamp(1.25 * h, BEYOND_LIMIT * h));
-    let y = (-1.05 * top, 1.05 * top);
+    let y = (LEAST_EVIDENCE.log10(), BEYOND_LIMIT);
     let mut figure = Figure::new(span.ends, y, 150.0);
     figure.x_axis(&span.ticks, TIME);
-    figure.y_axis(&axis::numbers(y, 5), "cumulative sum [sd]");
+    figure.y_axis(&axis::numbers(y, 5), "log10(evidence / limit)");
     mark(&mut figure, rod);
-    figure.level("zero", 0.0, "");
-    if let Some(h) = limit {
-        figure.level("limit", h, &format!("limit h = {h:.2}"));
-        figure.level("limit", -h, "");
+    figure.level("limit", 0.0, "alarm");
+    let columns = decimate::columns(&points, span.ends, COLUMNS);
+    // Of a crowded column the highest counts.
+    for part in decimate::without_gaps(&columns) {
+        figure.line("c1", part.iter().map(|column| (column.time, column.extremes.1)));
     }
-    for (class, points) in [("c1", &up), ("c2", &down)] {
-        let columns = decimate::columns(points, span.ends, COLUMNS);
-        for part in decimate::without_gaps(&columns) {
-            // Between periods the statistic stands still; of a crowded column the extreme counts.
-            let reach = |column: &decimate::Column| {
-                if class == "c1" {
-                    column.extremes.1
-                } else {
-                    column.extremes.0
-                }
-            };
-            figure.line(class, part.iter().map(|column| (column.time, reach(column))));
-            if columns.len() <= FEW {
-                figure.dots(class, part.iter().map(|column| (column.time, reach(column))));
-            }
-        }
+    if columns.len() <= FEW {
+        figure.dots("c1", columns.iter().map(|column| (column.time, column.extremes.1)));
     }
-    figure.key("c1", "more force");
-    figure.key("c2", "less force");
-    let name = ["steps", "slow ramps"].get(which).copied().unwrap_or("changes");
-    let title = format!("Chart for {name}, rod {}", rod.rod);
-    Some(figure.finish(id, &title, "Two one-sided cumulative sums of the standardised residuals per period against time, with their alarm limits."))
+    let title = format!("Evidence of a change, rod {}", rod.rod);
+    Some(figure.finish(
+        id,
+        &title,
+        "Evidence of a change of force over its limit on a logarithmic scale against time; an alarm where it is above zero.",
+    ))
 }

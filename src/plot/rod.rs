@@ -218,25 +218,13 @@ fn over_time(html: &mut Markup, rod: &RodReport, id: &str) {
             "Temperature over the same time: the force as measured falls when the rod warms and rises when it cools.",
         );
     }
-    if rod
-        .periods
-        .iter()
-        .any(|(_, period)| period.charted.is_some_and(|charted| charted.cusum.is_some()))
-    {
-        html.leaf("h3", &[], "Control charts");
-        if let Some(caveat) = &rod.caveat {
-            html.leaf("p", &[], caveat);
-        }
+    if let Some(drawing) = history::evidence(rod, &span, &format!("{id}-evid")) {
+        html.leaf("h3", &[], "Evidence of a change");
         figure(
             html,
-            history::chart(rod, &span, 0, &format!("{id}-step")),
-            "The chart for steps gathers what temperature does not explain; it hovers near zero while nothing changes and raises an \
-             alarm when it crosses its limit. What runs far beyond the limit leaves the frame.",
-        );
-        figure(
-            html,
-            history::chart(rod, &span, 1, &format!("{id}-ramp")),
-            "The chart for slow ramps forgets less, and so finds a creeping loss that the first chart would not.",
+            Some(drawing),
+            "What speaks for a change against what temperature, weather and the rod's own fluctuation explain, over its limit: an \
+             alarm is raised where the line crosses it. Without a change it does so once in the stated time at most.",
         );
     }
     let thermal = distribution::thermal(rod, &format!("{id}-ther"));

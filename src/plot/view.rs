@@ -32,10 +32,6 @@ pub struct RodReport {
     pub segments: Vec<SegmentReport>,
     /// Closed periods with their segment's number, ascending.
     pub periods: Vec<(u32, Period)>,
-    /// The limits h of the chart for steps and the chart for ramps.
-    pub limits: Option<[f64; 2]>,
-    /// Why the charts' stated false-alarm rate does not hold, if it does not.
-    pub caveat: Option<String>,
     /// What temperature does, as learned.
     pub thermal: Option<ThermalLine>,
     /// Every alarm there was, in the order raised.
@@ -59,8 +55,6 @@ impl RodReport {
             rejections: Vec::new(),
             segments: Vec::new(),
             periods: Vec::new(),
-            limits: None,
-            caveat: None,
             thermal: None,
             alarms: Vec::new(),
             baseline: None,

@@ -27,6 +27,16 @@ impl Timestamp {
         (i128::from(self.0) - i128::from(earlier.0)) as f64 * 1e-9
     }
 
+    /// Days since 1970, to a microsecond.
+    pub fn days(self) -> f64 {
+        self.0 as f64 / 86_400e9
+    }
+
+    /// The point in time so many days after 1970; saturates at the ends of the range.
+    pub fn from_days(days: f64) -> Self {
+        Self((days * 86_400e9).round() as i64)
+    }
+
     /// The point in time `seconds` later; saturates at the ends of the range (years 1677 and 2262).
     pub fn plus_seconds(self, seconds: f64) -> Self {
         Self(self.0.saturating_add((seconds * 1e9).round() as i64))

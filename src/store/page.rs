@@ -3,14 +3,10 @@
 use super::state::{self, Trouble};
 use super::{Reader, StoreError, row};
 use crate::record::{RodId, Timestamp};
-use crate::track::chart::Charts;
-use crate::track::regression::Regression;
-use crate::track::whiteness::Whiteness;
-use crate::track::{Alarm, Interval, Period};
+use crate::track::{Alarm, DriftWatch, Interval, Period};
 use rusqlite::Params;
 use rusqlite::types::Value;
 use serde::de::DeserializeOwned;
-use std::collections::BTreeMap;
 
 /// A record's numbers that are drawn over time.
 #[derive(Debug, Clone, PartialEq)]
@@ -243,20 +239,12 @@ impl Reader {
         found.iter().map(|(rod, json)| state::read(rod, json)).collect()
     }
 
-    /// What a rod learned of its temperature; `None` before that.
+    /// A rod's drift watch; `None` before its baseline.
     ///
     /// # Errors
     /// As [`Reader::points_after`].
-    pub fn regression(&self, rod: &RodId) -> Result<Option<Regression>, StoreError> {
-        self.part(rod, "regression")
-    }
-
-    /// A rod's charts; `None` while it learns.
-    ///
-    /// # Errors
-    /// As [`Reader::points_after`].
-    pub fn charts(&self, rod: &RodId) -> Result<Option<Charts>, StoreError> {
-        self.part(rod, "charts")
+    pub fn watch(&self, rod: &RodId) -> Result<Option<DriftWatch>, StoreError> {
+        Ok(self.part::<Option<DriftWatch>>(rod, "watch")?.flatten())
     }
 
     /// One part of what a rod's fold remembers.
@@ -320,22 +308,6 @@ impl Reader {
             Ok(())
         })?;
         Ok(found)
-    }
-
-    /// Whether the latest charted residuals of the rods are white, of those rods where that is known.
-    ///
-    /// # Errors
-    /// As [`Reader::points_after`].
-    pub fn whiteness(&self) -> Result<BTreeMap<RodId, Whiteness>, StoreError> {
-        let mut found: Vec<(String, String)> = Vec::new();
-        self.verified("state", "part = 'whiteness' AND json <> 'null'", (), |row| {
-            found.push((row.get("rod")?, row.get("json")?));
-            Ok(())
-        })?;
-        found
-            .into_iter()
-            .map(|(rod, json)| Ok((RodId(rod.clone()), state::read(&rod, &json)?)))
-            .collect()
     }
 
     /// Hands the rows of a table that a condition picks to `on_row`, each compared with its checksum.

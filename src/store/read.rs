@@ -463,7 +463,7 @@ impl Listing {
                 let sql = format!(
                     "SELECT rod, segment, period, start, records, delta, delta_sd, temperature_c, expected, expected_sd,
                         residual, leverage, at_reference, at_reference_sd, not_axial_p,
-                        step_up, step_down, ramp_up, ramp_down
+                        evidence, evidence_peers, evidence_blind
                      FROM period WHERE {wanted} ORDER BY rod, segment, period"
                 );
                 (sql, values)

@@ -1,6 +1,8 @@
 //! The tables, and the steps from one format to the next. docs/store.md describes every column.
 
 use super::columns;
+use super::row::Row;
+use rusqlite::types::Value;
 use rusqlite::{Connection, Transaction};
 
 /// In the header of every store: `Tira`.
@@ -11,7 +13,7 @@ type Step = fn(&Transaction<'_>) -> rusqlite::Result<()>;
 
 /// The steps in order: a store of format `n` has seen the first `n`. Steps are only ever added; a golden store of each
 /// format that was ever released belongs in the tests.
-const STEPS: [Step; 2] = [first, second];
+const STEPS: [Step; 3] = [first, second, third];
 
 /// The format written here.
 pub(super) const FORMAT: i64 = STEPS.len() as i64;
@@ -106,6 +108,72 @@ fn second(transaction: &Transaction<'_>) -> rusqlite::Result<()> {
         ) STRICT;",
     )
 }
+
+/// The drift watch's evidence in the place of two charts' sums.
+fn third(transaction: &Transaction<'_>) -> rusqlite::Result<()> {
+    const KEPT: [&str; 16] = [
+        "rod",
+        "segment",
+        "period",
+        "start",
+        "start_ns",
+        "records",
+        "delta",
+        "delta_sd",
+        "not_axial_p",
+        "temperature_c",
+        "expected",
+        "expected_sd",
+        "residual",
+        "leverage",
+        "at_reference",
+        "at_reference_sd",
+    ];
+    transaction.execute_batch(&format!("ALTER TABLE period RENAME TO charted; {PERIOD}"))?;
+    let mut statement = transaction.prepare("SELECT * FROM charted")?;
+    let mut rows = statement.query(())?;
+    while let Some(before) = rows.next()? {
+        let mut row = Row::of("period");
+        for column in KEPT {
+            row.put(column, before.get::<_, Value>(column)?);
+        }
+        for column in ["evidence", "evidence_peers", "evidence_blind"] {
+            row.put(column, Value::Null);
+        }
+        row.put("json", before.get::<_, Value>("json")?);
+        row.insert(transaction)?;
+    }
+    drop(rows);
+    drop(statement);
+    transaction.execute_batch("DROP TABLE charted;")
+}
+
+const PERIOD: &str = "
+CREATE TABLE period (
+    rod TEXT NOT NULL,
+    segment INTEGER NOT NULL,
+    period INTEGER NOT NULL,
+    start TEXT NOT NULL,
+    start_ns INTEGER NOT NULL,
+    records INTEGER NOT NULL,
+    delta REAL NOT NULL,
+    delta_sd REAL NOT NULL,
+    not_axial_p REAL NOT NULL,
+    temperature_c REAL,
+    expected REAL,
+    expected_sd REAL,
+    residual REAL,
+    leverage REAL,
+    at_reference REAL,
+    at_reference_sd REAL,
+    evidence REAL,
+    evidence_peers REAL,
+    evidence_blind REAL,
+    json TEXT NOT NULL,
+    checksum INTEGER NOT NULL,
+    PRIMARY KEY (rod, segment, period),
+    FOREIGN KEY (rod, segment) REFERENCES segment (rod, number)
+) STRICT;";
 
 const FIRST: &str = "
 CREATE TABLE config (

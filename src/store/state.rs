@@ -77,14 +77,12 @@ impl Kept {
             learning,
             open,
             readings,
-            thermal,
-            regression,
-            charts,
-            frozen,
+            filters,
+            watch,
+            early,
             closed,
             alarms,
             watches,
-            whiteness,
             plausibility,
             thermometer,
             latest,
@@ -153,7 +151,7 @@ pub(super) fn write_period(
     period: &Period,
 ) -> Result<(), Trouble> {
     let charted = period.charted.as_ref();
-    let cusum = charted.and_then(|charted| charted.cusum);
+    let evidence = charted.map(|charted| charted.evidence).unwrap_or_default();
     Row::of("period")
         .with("rod", rod.0.clone())
         .with("segment", i64::from(segment))
@@ -169,12 +167,11 @@ pub(super) fn write_period(
         .with("expected_sd", charted.map(|c| c.expected_sd))
         .with("residual", charted.map(|c| c.residual))
         .with("leverage", charted.map(|c| c.leverage))
-        .with("at_reference", charted.map(|c| c.at_reference))
-        .with("at_reference_sd", charted.map(|c| c.at_reference_sd))
-        .with("step_up", cusum.map(|c| c[0][0]))
-        .with("step_down", cusum.map(|c| c[0][1]))
-        .with("ramp_up", cusum.map(|c| c[1][0]))
-        .with("ramp_down", cusum.map(|c| c[1][1]))
+        .with("at_reference", charted.and_then(|c| c.at_reference))
+        .with("at_reference_sd", charted.and_then(|c| c.at_reference_sd))
+        .with("evidence", evidence.compensated)
+        .with("evidence_peers", evidence.peers)
+        .with("evidence_blind", evidence.blind)
         .with("json", kept("period", period)?)
         .insert(connection)?;
     Ok(())
@@ -277,7 +274,8 @@ pub(super) fn standing_without_plan(state: &State) -> RodState {
             reason: alarm.message.clone(),
         };
     }
-    if state.charts.is_some() {
+    let periods = state.watch.as_ref().map_or(0, |watch| watch.periods());
+    if periods > 0 && state.periods.last().is_some_and(|period| period.charted.is_some()) {
         return RodState::Monitoring;
     }
     RodState::Learning {
@@ -286,9 +284,6 @@ pub(super) fn standing_without_plan(state: &State) -> RodState {
             .baseline
             .as_ref()
             .map_or(state.learning.len(), |baseline| baseline.records),
-        periods: state
-            .regression
-            .as_ref()
-            .map_or(0, |regression| regression.periods()),
+        periods,
     }
 }

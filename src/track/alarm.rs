@@ -2,6 +2,7 @@
 
 use super::change::Change;
 use super::plausibility::JUMP_S;
+use super::watch::Witness;
 use crate::random;
 use crate::record::{RodId, Timestamp};
 use serde::{Deserialize, Serialize};
@@ -12,8 +13,10 @@ use std::fmt;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Kind {
-    /// The force changed: a chart crossed its limit and the modes agree that it is axial.
+    /// The force changed: the evidence crossed its limit and the modes agree that it is axial.
     Drift,
+    /// Rods of the site moved together: thermometer, weather, or the whole structure.
+    Common,
     /// P(loss > limit | data) exceeds the stated probability.
     Limit,
     /// The frequencies changed in a way no change of axial force explains.
@@ -30,8 +33,9 @@ pub enum Kind {
 
 impl Kind {
     /// Every kind.
-    pub const ALL: [Self; 7] = [
+    pub const ALL: [Self; 8] = [
         Self::Drift,
+        Self::Common,
         Self::Limit,
         Self::NotAxial,
         Self::Conflict,
@@ -44,6 +48,7 @@ impl Kind {
     pub fn code(self) -> &'static str {
         match self {
             Self::Drift => "drift",
+            Self::Common => "common",
             Self::Limit => "limit",
             Self::NotAxial => "not-axial",
             Self::Conflict => "conflict",
@@ -56,7 +61,7 @@ impl Kind {
     /// Whether it speaks of the rod and therefore stands until somebody acknowledges it, even if its condition
     /// ends; the others speak of the measurement and go with their condition.
     pub fn is_latched(self) -> bool {
-        matches!(self, Self::Drift | Self::Limit | Self::NotAxial)
+        matches!(self, Self::Drift | Self::Common | Self::Limit | Self::NotAxial)
     }
 }
 
@@ -81,6 +86,9 @@ pub struct Alarm {
     pub message: String,
     /// Onset, size and rate, for a drift.
     pub change: Option<Change>,
+    /// Who says so, for a drift.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub witness: Option<Witness>,
     /// When it was acknowledged, if it was.
     pub acknowledged: Option<Timestamp>,
     /// When the condition ended, if it did.
@@ -106,6 +114,7 @@ impl Alarm {
             raised,
             message,
             change: None,
+            witness: None,
             acknowledged: None,
             cleared: None,
             told: raised,
@@ -167,6 +176,8 @@ pub struct AlarmEvent {
 pub enum Cause {
     /// The loss at the reference temperature exceeds the limit.
     Limit,
+    /// A record shows a loss beyond the limit that nothing else explains.
+    Loss,
     /// What the charts told is still a change when all periods are looked at together.
     Change,
     /// A period's misfit is not that of an axial change.
@@ -185,8 +196,9 @@ pub enum Cause {
 
 impl Cause {
     /// Every cause.
-    const ALL: [Self; 8] = [
+    const ALL: [Self; 9] = [
         Self::Limit,
+        Self::Loss,
         Self::Change,
         Self::Misfit,
         Self::Conflict,
@@ -199,7 +211,7 @@ impl Cause {
     /// The kind of alarm it raises.
     pub fn kind(self) -> Kind {
         match self {
-            Self::Limit => Kind::Limit,
+            Self::Limit | Self::Loss => Kind::Limit,
             Self::Change => Kind::Drift,
             Self::Misfit => Kind::NotAxial,
             Self::Conflict => Kind::Conflict,
@@ -316,6 +328,36 @@ impl<'a> Board<'a> {
         alarm.told = told;
         self.tell(What::Raised, time, alarm.clone());
         self.alarms.push(alarm);
+    }
+
+    /// Raises a drift, with who says so.
+    pub fn raise_drift(&mut self, time: Timestamp, message: String, change: Change, witness: Witness) {
+        if self.holds(Kind::Drift) {
+            return;
+        }
+        let mut alarm = Alarm::new(self.rod, Kind::Drift, self.segment, time, message);
+        alarm.change = Some(change);
+        alarm.witness = Some(witness);
+        self.tell(What::Raised, time, alarm.clone());
+        self.alarms.push(alarm);
+    }
+
+    /// Tells a drift again that the other rods confirm by now.
+    pub fn confirm_drift(&mut self, time: Timestamp, message: &str, change: &Change) {
+        let unconfirmed = |alarm: &&mut Alarm| {
+            alarm.kind == Kind::Drift && alarm.cleared.is_none() && alarm.witness == Some(Witness::Unconfirmed)
+        };
+        let mut renewed = Vec::new();
+        for alarm in self.alarms.iter_mut().filter(unconfirmed) {
+            alarm.witness = Some(Witness::Confirmed);
+            message.clone_into(&mut alarm.message);
+            alarm.change = Some(change.clone());
+            alarm.told = time;
+            renewed.push(alarm.clone());
+        }
+        for alarm in renewed {
+            self.tell(What::Repeated, time, alarm);
+        }
     }
 
     /// Ends the condition of the alarms of this kind.

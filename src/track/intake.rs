@@ -6,6 +6,8 @@ use super::plausibility::{JUMP_S, Peer};
 use super::relative::{NoRelative, Relative};
 use super::state::{Opening, State};
 use super::verdict::{SetAside, Verdict};
+use super::loss::Loss;
+use super::others::Others;
 use super::{Observation, Tracker, monitor, reference};
 use crate::record::{Reading, Timestamp};
 
@@ -14,7 +16,7 @@ const STALE_S: f64 = 3.0 * 3600.0;
 
 impl Tracker {
     /// Takes an identified record.
-    pub(super) fn take(&mut self, observation: &Observation, peers: &[Peer], verdict: &mut Verdict) {
+    pub(super) fn take(&mut self, observation: &Observation, peers: &[Peer], others: &Others, verdict: &mut Verdict) {
         let patience = self.plan.alarm.sensor_records;
         let state = &mut self.state;
         let latest = state.latest.map(|time| (time, &state.latest_modes[..]));
@@ -50,9 +52,9 @@ impl Tracker {
             self.usable(observation);
             self.wait_for_baseline(observation);
         } else {
-            self.take_relative(observation, verdict);
+            self.take_relative(observation, others, verdict);
         }
-        verdict.closed = self.close_periods();
+        verdict.closed = self.close_periods(others);
     }
 
     fn set_aside(&mut self, aside: SetAside, reason: &str, observation: &Observation, verdict: &mut Verdict) {
@@ -94,26 +96,25 @@ impl Tracker {
         }
         self.look(Cause::Unusable, Some(false), time, String::new);
         self.look(Cause::OutsideRange, Some(false), time, String::new);
-        if self.state.regression.is_some() && self.plan.compensates() {
+        if self.state.watch.is_some() && self.plan.compensates() {
             let end = observation.start.plus_seconds(observation.duration_s);
-            let newest = self.state.readings.last().map(|reading| reading.time);
-            let is_known = newest
-                .or(self.state.thermal.time)
-                .is_some_and(|newest| end.seconds_since(newest) <= STALE_S);
+            let is_known = reference::filters_until(&self.state, end).at(end.days()).is_some();
             let reason = self.state.thermometer.message();
             let patience = self.plan.alarm.sensor_records;
             self.look(Cause::NoTemperature, Some(!is_known), time, || {
                 format!(
-                    "{patience} records in a row came without a temperature, so nothing is charted: {reason}"
+                    "{patience} records in a row came without a temperature, so only sudden changes are told: {reason}"
                 )
             });
         }
     }
 
-    fn take_relative(&mut self, observation: &Observation, verdict: &mut Verdict) {
+    fn take_relative(&mut self, observation: &Observation, others: &Others, verdict: &mut Verdict) {
         match self.relative(observation) {
             Some(Ok(relative)) => {
-                verdict.at_reference = reference::of_record(self, observation, &relative);
+                verdict.at_reference = reference::of_record(self, observation, &relative, others);
+                let loss = Loss::of(self, observation, &relative, verdict.at_reference.as_ref());
+                self.look_at_loss(loss, self.known_at(observation.start));
                 self.await_period(Pending::new(observation, &relative));
                 verdict.relative = Some(relative);
                 self.usable(observation);
@@ -121,6 +122,9 @@ impl Tracker {
             Some(Err(NoRelative::OutsideRange)) => {
                 verdict.set_aside = Some(SetAside::OutsideRange);
                 let time = self.known_at(observation.start);
+                let baseline = self.state.segment.baseline.as_ref();
+                let loss = baseline.and_then(|baseline| Loss::bound(baseline, observation));
+                self.look_at_loss(loss, time);
                 self.look(Cause::OutsideRange, Some(true), time, || {
                     "the frequencies differ from the baseline's by more than the model was prepared for: the rod, its \
                      supports or the channel changed"
@@ -140,7 +144,7 @@ impl Tracker {
         let state = &mut self.state;
         let horizon = state.latest.map(|latest| latest.plus_seconds(JUMP_S));
         for reading in readings {
-            let is_past = state.thermal.time.is_some_and(|passed| reading.time <= passed);
+            let is_past = state.filters.last_day().is_some_and(|passed| reading.time.days() <= passed);
             let is_ahead = horizon.is_some_and(|horizon| reading.time > horizon);
             if is_past || is_ahead || !state.thermometer.believes(reading) {
                 continue;
@@ -161,9 +165,22 @@ impl Tracker {
                 .plus_seconds(-(STALE_S + self.plan.track.reorder_window_s));
             let passed = state.readings.partition_point(|reading| reading.time < from);
             for reading in state.readings.drain(..passed) {
-                state.thermal.push(reading);
+                state.filters.push(reading.time.days(), reading.celsius);
             }
         }
+    }
+
+    /// A loss that nothing but a loss explains is beyond the limit whatever else is known.
+    fn look_at_loss(&mut self, loss: Option<Loss>, time: Timestamp) {
+        let limit = self.plan.alarm.limit_loss;
+        let Some(loss) = loss else { return };
+        self.look(Cause::Loss, Some(loss.exceeds(limit)), time, || {
+            format!(
+                "the axial force fell by {:.0} % at least, above the limit of {:.1} %, faster and further than any temperature moves it",
+                100.0 * (loss.mean - 2.0 * loss.sd),
+                100.0 * limit
+            )
+        });
     }
 
     fn look_at_conflict(&mut self, observation: &Observation) {
@@ -201,6 +218,8 @@ impl Tracker {
                 ..*observation
             },
         );
+        self.watch_early(self.known_at(observation.start));
+        let state = &mut self.state;
         let wanted = self.plan.track.baseline_records;
         let Some(last) = wanted.checked_sub(1).and_then(|last| state.learning.get(last)) else {
             return;
@@ -223,6 +242,8 @@ impl Tracker {
                     .filter(|_| self.plan.compensates());
                 self.shift = Some(self.plan.shift(&baseline));
                 state.segment.baseline = Some(baseline);
+                state.early = None;
+                self.early_shift = None;
                 for observation in std::mem::take(&mut state.learning) {
                     if let Some(Ok(relative)) = self.relative(&observation) {
                         self.await_period(Pending::new(&observation, &relative));
@@ -233,6 +254,8 @@ impl Tracker {
                 state.segment.fault = Some(fault.to_string());
                 // The older half makes room; the next attempt comes when there are enough again.
                 state.learning.drain(..wanted.div_ceil(2));
+                state.early = None;
+                self.early_shift = None;
             }
         }
     }
@@ -250,7 +273,7 @@ impl Tracker {
     }
 
     /// Closes every period no record can come into any more.
-    fn close_periods(&mut self) -> Vec<Period> {
+    fn close_periods(&mut self, others: &Others) -> Vec<Period> {
         let mut closed = Vec::new();
         let period_s = self.plan.track.period_s;
         let Some(latest) = self.state.latest else {
@@ -270,12 +293,12 @@ impl Tracker {
                 index,
                 period_s,
                 &records,
-                &mut state.thermal,
+                &mut state.filters,
                 &mut state.readings,
                 |delta, misfit| shift.map_or(1.0, |shift| shift.not_axial_p(delta, misfit)),
             );
             state.closed = Some(index);
-            let period = monitor::close(self, period, latest);
+            let period = monitor::close(self, period, others, latest);
             self.state.periods.push(period.clone());
             closed.push(period);
         }
@@ -283,18 +306,18 @@ impl Tracker {
     }
 }
 
-/// The mean temperature beside the first `count` observations that wait for the baseline, at the shortest lag.
+/// The mean temperature beside the first `count` observations that wait for the baseline.
 fn mean_temperature(state: &State, count: usize) -> Option<f64> {
-    let mut thermal = state.thermal.clone();
+    let mut filters = state.filters.clone();
     let mut readings = state.readings.iter().peekable();
     let (mut sum, mut known) = (0.0, 0);
     for observation in &state.learning[..count] {
         let end = observation.start.plus_seconds(observation.duration_s);
         while let Some(reading) = readings.next_if(|reading| reading.time <= end) {
-            thermal.push(*reading);
+            filters.push(reading.time.days(), reading.celsius);
         }
-        if let Some(&celsius) = thermal.at(end).as_ref().and_then(|lagged| lagged.first()) {
-            sum += celsius;
+        if let Some(filtered) = filters.at(end.days()) {
+            sum += filtered[0];
             known += 1;
         }
     }

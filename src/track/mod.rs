@@ -2,7 +2,7 @@
 //! alarm with a stated false-alarm rate.
 //!
 //! ```text
-//! Observation -> Baseline -> Relative -> Period -> Regression -> Charts -> Alarms
+//! Observation -> Baseline -> Relative -> Period -> DriftWatch -> Alarms
 //! ```
 //!
 //! * [`observation`] what tracking takes from one record
@@ -10,58 +10,52 @@
 //! * [`relative`]    posterior of N_t / N_0 for one record, and whether the change is axial at all
 //! * [`plausibility`] records that cannot be what they claim: unit, clock, channel
 //! * [`thermometer`] temperature readings that cannot be what they claim
-//! * [`thermal`]     the rod's temperature from the air's: low-passed by a thermal lag
-//! * [`period`]      the records of one decorrelation period as one statistic
-//! * [`regression`]  what the temperature explains, and residuals that are N(0, 1) without a change
-//! * [`chart`]       two CUSUM charts that share one false-alarm budget
-//! * [`arl`]         average run lengths from the integral equation
-//! * [`run_length`]  the run-length distribution of both charts together
-//! * [`change`]      onset, size and rate of a drift with credible intervals
-//! * [`drift`]       filter banks and Shiryaev-Roberts detection of drifts
+//! * [`period`]      the records of one period as one statistic
+//! * [`drift`]       detectors of a change: banks of filters with Shiryaev-Roberts statistics
+//! * [`watch`]       the detectors of one rod, and what they say together
+//! * [`others`]      the other rods of the site
+//! * [`change`]      onset, size and rate of a drift as they are told
 //! * [`alarm`]       kinds, raise, repeat, acknowledge, clear
 //! * [`settings`]    what can be chosen
 //! * [`state`]       everything remembered of one rod from record to record
 //! * [`plan`]        what the tracking of one rod depends on besides its records
-//! * [`whiteness`]   whether residuals are independent, as the stated rate supposes
 //! * [`verdict`]     what came of one record, and what it changed
 //! * [`tracker`]     the fold: one `step` per record
 //! * `levels`, `particles`, `shift` parts of the baseline and of the relative force
 //! * `intake`        the way of one identified record
+//! * `early`         the watch over the records that will make the baseline
 //! * `reference`     force and relative force at the reference temperature
-//! * `monitor`       what a closed period says: charts moved on, conditions looked at
+//! * `monitor`       what a closed period says: detectors moved on, conditions looked at
+//! * `loss`          losses so large that nothing else explains them
 
 pub mod alarm;
-pub mod arl;
 pub mod baseline;
 pub mod change;
-pub mod chart;
 pub mod drift;
+mod early;
 mod intake;
-mod lattice;
 mod levels;
-mod member;
+mod loss;
 mod monitor;
 pub mod observation;
+pub mod others;
 mod particles;
 pub mod period;
 pub mod plan;
 pub mod plausibility;
 mod reference;
-pub mod regression;
 pub mod relative;
-pub mod run_length;
 pub mod settings;
 mod shift;
 pub mod state;
-mod tail;
-pub mod thermal;
 pub mod thermometer;
 pub mod tracker;
 pub mod verdict;
-pub mod whiteness;
+pub mod watch;
 
 pub use alarm::{Alarm, AlarmEvent, Kind, What};
 pub use baseline::Baseline;
+pub use others::Others;
 pub use observation::{LogMode, Observation};
 pub use period::Period;
 pub use plan::TrackPlan;
@@ -71,3 +65,4 @@ pub use settings::{AlarmSettings, TrackSettings};
 pub use state::{Segment, State};
 pub use tracker::Tracker;
 pub use verdict::{AtReference, Input, RodState, SetAside, Verdict};
+pub use watch::{DriftWatch, Witness};

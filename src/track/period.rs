@@ -1,9 +1,9 @@
-//! The records of one decorrelation period as one statistic, and what the charts made of it.
+//! The records of one period as one statistic, and what the drift watch made of it.
 
 use super::Observation;
-use super::regression::Statistic;
 use super::relative::{Misfit, Relative};
-use super::thermal::Thermal;
+use super::drift::Filters;
+use super::drift::regressors::FILTERS_D;
 use crate::record::{Reading, Timestamp};
 use serde::{Deserialize, Serialize};
 
@@ -48,35 +48,21 @@ pub struct Period {
     pub delta: f64,
     /// Standard error of delta from the frequency errors of its records.
     pub delta_sd: f64,
-    /// Temperatures beside delta \[degC\], one per thermal lag; `None` if not known.
+    /// Low-passed temperatures beside delta \[degC\], as [`Filters`] has them; `None` if not known.
+    #[serde(default)]
+    pub filtered_c: Option<[f64; FILTERS_D.len()]>,
+    /// Temperatures at the lags of versions before, from which a store of theirs goes on \[degC\].
+    #[serde(default, skip_serializing)]
     pub lagged_c: Option<Vec<f64>>,
     /// The misfit of the modes, combined.
     pub misfit: Vec<Misfit>,
     /// P(misfit at least this large | the change is axial).
     pub not_axial_p: f64,
-    /// What the regression and the charts made of it; `None` while it could not be compensated.
+    /// What the drift watch made of it; `None` before there is one.
     pub charted: Option<Charted>,
 }
 
-impl Period {
-    /// What the regression takes from it: the logarithm of the ratio and its standard error.
-    pub(super) fn statistic<'w>(&self, warmer_k: &'w [f64]) -> Statistic<'w> {
-        statistic(self.index, self.delta, self.delta_sd, warmer_k)
-    }
-}
-
-/// A change N_t / N_0 - 1 as the regression takes it.
-pub(super) fn statistic(period: i64, delta: f64, sd: f64, warmer_k: &[f64]) -> Statistic<'_> {
-    let ratio = (1.0 + delta).max(f64::MIN_POSITIVE);
-    Statistic {
-        period,
-        delta: libm::log(ratio),
-        sd: sd / ratio,
-        warmer_k,
-    }
-}
-
-/// A period's place on the charts.
+/// A period as the drift watch sees it.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Charted {
     /// Predictive mean of delta from all periods before.
@@ -85,16 +71,30 @@ pub struct Charted {
     pub expected_sd: f64,
     /// r: standard normal without a change.
     pub residual: f64,
-    /// Share of the predictive variance that is uncertainty of the regression rather than noise.
+    /// Share of the predictive variance that is uncertainty of what temperature does rather than noise.
     pub leverage: f64,
-    /// N_t / N_0 - 1 at the reference temperature: delta less what temperature explains, counted from the baseline.
-    pub at_reference: f64,
-    /// Its standard error: noise of the period and regression.
-    pub at_reference_sd: f64,
-    /// The low-passed temperature, averaged over the lags' weights \[degC\]; `None` without compensation.
+    /// N_t / N_0 - 1 at the reference temperature: delta less what temperature explains, counted from the baseline; `None`
+    /// without a temperature.
+    pub at_reference: Option<f64>,
+    /// Its standard error: noise, fluctuation and what is not known of the temperature's share.
+    pub at_reference_sd: Option<f64>,
+    /// The rod's temperature: the low pass of six hours, or of the lag that was declared \[degC\]; `None` without compensation.
     pub temperature_c: Option<f64>,
-    /// The charts after this period: \[chart\]\[0 up, 1 down\]; `None` while learning.
-    pub cusum: Option<[[f64; 2]; 2]>,
+    /// Evidence of a change after this period.
+    #[serde(default)]
+    pub evidence: Evidence,
+}
+
+/// Evidence of a change: each detector's statistic over its limit, so that an alarm is above one; `None` where a detector has
+/// not begun.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct Evidence {
+    /// Of the detector that knows the temperature, and the other rods of the site if there are two at least.
+    pub compensated: Option<f64>,
+    /// Of the detector that knows the other rods alone.
+    pub peers: Option<f64>,
+    /// Of the detector that knows nothing but the rod.
+    pub blind: Option<f64>,
 }
 
 /// The number of the period of `period_s` seconds that holds `time`, since 1970.
@@ -111,7 +111,7 @@ fn nanos(period_s: f64) -> i64 {
     ((period_s * 1e9) as i64).max(1)
 }
 
-/// Combines the records of one period, ascending in time. `thermal` is run along `readings` up to the end of the last
+/// Combines the records of one period, ascending in time. `filters` are run along `readings` up to the end of the last
 /// record; the readings used are taken out. `not_axial_p(ln(1 + delta), misfit)` judges the combined misfit.
 ///
 /// delta = sum w_i delta_i / sum w_i with w_i = 1 / sd_i^2, and the temperatures with the same weights,
@@ -120,25 +120,24 @@ pub fn combine(
     index: i64,
     period_s: f64,
     records: &[Pending],
-    thermal: &mut Thermal,
+    filters: &mut Filters,
     readings: &mut Vec<Reading>,
     not_axial_p: impl Fn(f64, &[Misfit]) -> f64,
 ) -> Period {
-    let lags = thermal.lags_s.len();
-    let temperatures: Vec<Option<Vec<f64>>> = records
+    let temperatures: Vec<Option<[f64; FILTERS_D.len()]>> = records
         .iter()
         .map(|record| {
             let used = readings.partition_point(|reading| reading.time <= record.end);
             for reading in readings.drain(..used) {
-                thermal.push(reading);
+                filters.push(reading.time.days(), reading.celsius);
             }
-            thermal.at(record.end).filter(|_| thermal.has_settled(record.end))
+            filters.at(record.end.days())
         })
         .collect();
-    let compensated = lags > 0 && temperatures.iter().any(Option::is_some);
+    let compensated = temperatures.iter().any(Option::is_some);
     let mut weight = 0.0;
     let mut delta = 0.0;
-    let mut lagged_c = vec![0.0; lags];
+    let mut filtered_c = [0.0; FILTERS_D.len()];
     let mut misfit: Vec<(Misfit, f64)> = Vec::new();
     for (record, temperature) in records.iter().zip(&temperatures) {
         if compensated && temperature.is_none() {
@@ -147,7 +146,7 @@ pub fn combine(
         let w = 1.0 / (record.sd * record.sd);
         weight += w;
         delta += w * record.delta;
-        for (sum, celsius) in lagged_c.iter_mut().zip(temperature.iter().flatten()) {
+        for (sum, celsius) in filtered_c.iter_mut().zip(temperature.iter().flatten()) {
             *sum += w * celsius;
         }
         for one in &record.misfit {
@@ -155,7 +154,7 @@ pub fn combine(
         }
     }
     delta /= weight;
-    lagged_c.iter_mut().for_each(|sum| *sum /= weight);
+    filtered_c.iter_mut().for_each(|sum| *sum /= weight);
     let misfit = averaged(misfit);
     Period {
         index,
@@ -163,7 +162,8 @@ pub fn combine(
         records: records.len(),
         delta,
         delta_sd: weight.sqrt().recip(),
-        lagged_c: compensated.then_some(lagged_c),
+        filtered_c: compensated.then_some(filtered_c),
+        lagged_c: None,
         not_axial_p: not_axial_p(libm::log1p(delta.max(-1.0 + 1e-9)), &misfit),
         misfit,
         charted: None,

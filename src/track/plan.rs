@@ -2,11 +2,10 @@
 
 use super::Baseline;
 use super::baseline::BaselineFault;
-use super::chart::Design;
-use super::regression::RegressionPrior;
+use super::drift::ThermalPrior;
 use super::relative::Shift;
 use super::settings::{AlarmSettings, TemperatureUse, TrackSettings};
-use super::thermal::LAGS_S;
+use super::watch::Terms;
 use super::{Observation, State};
 use crate::analysis::AnalysisSettings;
 use crate::bayes::RodPrior;
@@ -15,8 +14,11 @@ use crate::random;
 use crate::record::{RodId, Timestamp};
 use std::sync::Arc;
 
-/// Standard deviation of the regression's intercept: force at the reference temperature over the baseline's mean.
-const INTERCEPT_SD: f64 = 0.3;
+/// Standard deviations of the static parameters that the bend of the ratio allows for: they may be wrong together.
+const BEND_SD: f64 = 1.5;
+
+/// The mean Gregorian year \[s\].
+pub const YEAR_S: f64 = 365.2425 * 86_400.0;
 
 /// Relative change of modulus times expansion per kelvin, a standard deviation about none: wrought iron and steel lose some
 /// 3e-4 of their modulus and gain about twice that in expansion.
@@ -27,7 +29,6 @@ pub struct TrackPlan {
     pub(super) rod: RodId,
     pub(super) track: TrackSettings,
     pub(super) alarm: AlarmSettings,
-    pub(super) design: Design,
     prior: RodPrior,
     model: Arc<dyn ForwardModel>,
     discrepancy: Vec<f64>,
@@ -36,14 +37,12 @@ pub struct TrackPlan {
 }
 
 impl TrackPlan {
-    /// Prepares one rod. `design` holds the charts' limits for `alarm`; `key` is a hash of everything that gives the
-    /// rod's numbers their meaning.
+    /// Prepares one rod. `key` is a hash of everything that gives the rod's numbers their meaning.
     pub fn new(
         analysis: &AnalysisSettings,
         model: Arc<dyn ForwardModel>,
         track: TrackSettings,
         alarm: AlarmSettings,
-        design: Design,
         key: String,
     ) -> Self {
         let discrepancy = analysis
@@ -55,7 +54,6 @@ impl TrackPlan {
             rod: analysis.rod.clone(),
             track,
             alarm,
-            design,
             prior: analysis.prior.clone(),
             model,
             discrepancy,
@@ -84,23 +82,14 @@ impl TrackPlan {
         self.model.name()
     }
 
-    /// The charts' constants.
-    pub fn design(&self) -> &Design {
-        &self.design
+    /// Mean number of periods between false alarms: R of the drift watch that raises one.
+    pub fn limit(&self) -> f64 {
+        self.alarm.arl0_years * YEAR_S / self.track.period_s
     }
 
     /// A rod of which nothing is known yet.
     pub(super) fn blank(&self) -> State {
-        State::new(self.rod.clone(), self.key.clone(), self.lags_s())
-    }
-
-    /// The thermal lags that are told apart \[s\]; none without compensation.
-    pub(super) fn lags_s(&self) -> Vec<f64> {
-        match (self.track.temperature, self.track.thermal_lag_s) {
-            (TemperatureUse::Ignore, _) => Vec::new(),
-            (TemperatureUse::Compensate, Some(lag_s)) => vec![lag_s],
-            (TemperatureUse::Compensate, None) => LAGS_S.to_vec(),
-        }
+        State::new(self.rod.clone(), self.key.clone())
     }
 
     /// Whether force is referred to one temperature.
@@ -144,9 +133,9 @@ impl TrackPlan {
         ])
     }
 
-    /// What is known of the regression beforehand: beta = -kappa E A alpha / N_0 with a restraint kappa
-    /// between 0 (free to expand) and 1 (fixed ends).
-    pub(super) fn regression_prior(&self, baseline: &Baseline, shift: &Shift) -> RegressionPrior {
+    /// What the drift watch depends on: beta = -kappa E A alpha / N_0 with a restraint kappa between 0 (free to expand) and 1
+    /// (fixed ends), and a curvature from material and static parameters.
+    pub(super) fn terms(&self, baseline: &Baseline, shift: &Shift, reference_c: Option<f64>) -> Terms {
         let parameterisation = self.prior.parameterisation();
         let width = parameterisation.len();
         let thetas = baseline.particles.chunks_exact(width);
@@ -155,13 +144,18 @@ impl TrackPlan {
             .map(|theta| parameterisation.axial_rigidity(theta) * self.track.expansion_per_k / theta[0])
             .sum::<f64>()
             / count;
-        RegressionPrior {
-            slope_mean: -0.5 * fixed_per_k,
-            slope_sd: 0.5 * fixed_per_k,
-            intercept_sd: INTERCEPT_SD,
-            curvature_sd: MATERIAL_PER_K * fixed_per_k,
-            bend: shift.bend(),
-            lags: self.lags_s().len(),
+        let bend_per_k2 = BEND_SD * shift.bend().square * fixed_per_k * fixed_per_k;
+        let thermal = ThermalPrior {
+            slope_mean_per_k: -0.5 * fixed_per_k,
+            slope_sd_per_k: 0.5 * fixed_per_k,
+            curvature_sd_per_k2: (MATERIAL_PER_K * fixed_per_k).hypot(bend_per_k2),
+            is_sparse: false,
+        };
+        Terms {
+            limit: self.limit(),
+            thermal: self.compensates().then_some(thermal),
+            reference_c,
+            learning_periods: self.track.learning_periods,
         }
     }
 }

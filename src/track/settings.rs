@@ -43,10 +43,6 @@ pub enum TemperatureUse {
 pub struct AlarmSettings {
     /// Mean time between false drift alarms per rod \[years\].
     pub arl0_years: f64,
-    /// Reference values k of the two charts, in standard deviations: for steps and for slow ramps.
-    pub step_k: f64,
-    /// See `step_k`.
-    pub ramp_k: f64,
     /// Relative loss of force at the reference temperature that must not be exceeded \[-\].
     pub limit_loss: f64,
     /// Probability from which on the limit counts as exceeded \[-\].
@@ -86,8 +82,6 @@ impl Default for AlarmSettings {
     fn default() -> Self {
         Self {
             arl0_years: 10.0,
-            step_k: 0.5,
-            ramp_k: 0.2,
             limit_loss: 0.05,
             limit_probability: 0.95,
             not_axial_p: 0.001,

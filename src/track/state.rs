@@ -2,14 +2,13 @@
 
 use super::alarm::{Alarm, Watches};
 use super::baseline::Baseline;
-use super::chart::Charts;
-use super::period::{Pending, Period};
+use super::drift::Filters;
+use super::early::EarlyWatch;
+use super::period::{self, Pending, Period};
 use super::plausibility::Plausibility;
-use super::regression::Regression;
-use super::thermal::Thermal;
 use super::thermometer::Thermometer;
-use super::whiteness::Whiteness;
-use super::{LogMode, Observation};
+use super::watch::DriftWatch;
+use super::{Kind, LogMode, Observation};
 use crate::record::{Reading, RodId, Timestamp};
 use serde::{Deserialize, Serialize};
 
@@ -68,17 +67,17 @@ pub struct State {
     pub learning: Vec<Observation>,
     /// Records of periods that are still open, ascending in time.
     pub open: Vec<Pending>,
-    /// Readings not yet run through the thermal lag, ascending in time.
+    /// Readings not yet run through the low passes, ascending in time.
     pub readings: Vec<Reading>,
-    /// The rod's low-passed temperature up to the last closed period.
-    pub thermal: Thermal,
-    /// What temperature explains.
-    pub regression: Option<Regression>,
-    /// The charts, once the regression has learned.
-    pub charts: Option<Charts>,
-    /// Spans of periods the regression must not learn: from the onset of what an alarm warned of to its end, if
-    /// it ended.
-    pub frozen: Vec<(i64, Option<i64>)>,
+    /// The low-passed temperature up to the last closed period.
+    #[serde(default)]
+    pub filters: Filters,
+    /// The drift watch, from the first period of the baseline.
+    #[serde(default)]
+    pub watch: Option<DriftWatch>,
+    /// The watch over the records that will make the baseline.
+    #[serde(default)]
+    pub early: Option<EarlyWatch>,
     /// The last period that was closed.
     pub closed: Option<i64>,
     /// Closed periods of this segment, ascending. The store keeps them in rows of their own.
@@ -86,8 +85,6 @@ pub struct State {
     pub periods: Vec<Period>,
     /// Alarms that stand, in the order they were raised.
     pub alarms: Vec<Alarm>,
-    /// Whether the latest charted residuals are white, as the stated false-alarm rate supposes.
-    pub whiteness: Option<Whiteness>,
     /// How long each condition has held or been absent.
     pub watches: Watches,
     /// What tells records of this sensor from others.
@@ -102,7 +99,7 @@ pub struct State {
 
 impl State {
     /// A rod of which nothing is known yet.
-    pub fn new(rod: RodId, key: String, lags_s: Vec<f64>) -> Self {
+    pub fn new(rod: RodId, key: String) -> Self {
         Self {
             rod,
             segment: Segment {
@@ -116,42 +113,46 @@ impl State {
             learning: Vec::new(),
             open: Vec::new(),
             readings: Vec::new(),
-            thermal: Thermal::new(lags_s),
-            regression: None,
-            charts: None,
-            frozen: Vec::new(),
+            filters: Filters::default(),
+            watch: None,
+            early: None,
             closed: None,
             periods: Vec::new(),
             alarms: Vec::new(),
             watches: Watches::default(),
             plausibility: Plausibility::default(),
             thermometer: Thermometer::default(),
-            whiteness: None,
             latest: None,
             latest_modes: Vec::new(),
         }
     }
 
-    /// Whether a standing alarm keeps the regression from learning what it warns of.
-    pub(super) fn is_frozen(&self) -> bool {
-        matches!(self.frozen.last(), Some((_, None)))
+    /// Whether an alarm of this kind stands and its condition holds.
+    pub(super) fn holds(&self, kind: Kind) -> bool {
+        self.alarms
+            .iter()
+            .any(|alarm| alarm.kind == kind && alarm.cleared.is_none())
     }
 
-    /// Whether a period belongs to what an alarm warned of.
-    pub(super) fn was_frozen(&self, index: i64) -> bool {
-        self.frozen
-            .iter()
-            .any(|(from, to)| *from <= index && to.is_none_or(|to| index <= to))
+    /// N_t / N_0 - 1 in a period, closed or still open; `None` if the rod was not measured in it.
+    pub(super) fn ratio_in(&self, index: i64, period_s: f64) -> Option<f64> {
+        let of = |period: &Period| period.index.cmp(&index);
+        if let Ok(place) = self.periods.binary_search_by(of) {
+            return Some(self.periods[place].delta);
+        }
+        let within = |pending: &&Pending| period::index_of(pending.start, period_s) == index;
+        let (mut weight, mut sum) = (0.0, 0.0);
+        for pending in self.open.iter().filter(within) {
+            let w = 1.0 / (pending.sd * pending.sd);
+            weight += w;
+            sum += w * pending.delta;
+        }
+        (weight > 0.0).then(|| sum / weight)
     }
 
     /// The next segment: everything is learned anew; time and temperature go on, unless the clock was wrong.
-    pub fn next_segment(&self, reason: Opening, key: String, lags_s: Vec<f64>, anew_in_time: bool) -> Self {
-        let thermal = if lags_s == self.thermal.lags_s {
-            self.thermal.clone()
-        } else {
-            Thermal::new(lags_s.clone())
-        };
-        let mut next = Self::new(self.rod.clone(), key, lags_s);
+    pub fn next_segment(&self, reason: Opening, key: String, anew_in_time: bool) -> Self {
+        let mut next = Self::new(self.rod.clone(), key);
         next.segment.number = self.segment.number + 1;
         next.segment.reason = reason;
         if reason == Opening::Changed {
@@ -160,29 +161,16 @@ impl State {
         next.alarms = self.alarms.clone();
         if !anew_in_time {
             next.readings = self.readings.clone();
-            next.thermal = thermal;
+            next.filters = self.filters.clone();
             next.closed = self.closed;
             next.latest = self.latest;
         }
         next
     }
 
-    /// Whether the regression has learned from this many periods: charts and limits count from then on.
+    /// Whether the drift watch has seen this many periods: limits count from then on.
     pub(super) fn has_learned(&self, periods: usize) -> bool {
-        self.regression
-            .as_ref()
-            .is_some_and(|regression| regression.periods() >= periods)
-    }
-
-    /// The period's temperatures less the reference \[K\], one per lag, empty without compensation; `None` if they
-    /// are not known.
-    pub(super) fn warmer_k(&self, period: &Period) -> Option<Vec<f64>> {
-        if self.thermal.lags_s.is_empty() {
-            return Some(Vec::new());
-        }
-        let reference_c = self.segment.reference_c?;
-        let lagged_c = period.lagged_c.as_ref()?;
-        Some(lagged_c.iter().map(|celsius| celsius - reference_c).collect())
+        self.watch.as_ref().is_some_and(|watch| watch.periods() >= periods)
     }
 
     /// Whether a record of this very time waits already.

@@ -2,13 +2,18 @@
 
 use super::alarm::{AlarmEvent, Board, Cause, Finding, Kind};
 use super::monitor;
+use super::others::Others;
 use super::plan::TrackPlan;
 use super::plausibility::{JUMP_S, Peer};
 use super::relative::Shift;
 use super::state::{Opening, State};
 use super::verdict::{Input, RodState, Verdict};
+use super::watch::Witness;
 use crate::record::{Reading, Timestamp};
 use std::sync::Arc;
+
+/// Records in a row that show a loss beyond doubt.
+const LOSS_RECORDS: usize = 2;
 
 /// Silence worth an alarm is at least this many times the usual distance between records.
 const SILENCE_INTERVALS: f64 = 3.0;
@@ -19,6 +24,8 @@ pub struct Tracker {
     pub(super) state: State,
     /// The baseline, made ready for records.
     pub(super) shift: Option<Shift>,
+    /// The provisional baseline, made ready for records.
+    pub(super) early_shift: Option<Shift>,
     /// News that nobody took yet.
     news: Vec<AlarmEvent>,
 }
@@ -31,12 +38,13 @@ impl Tracker {
             plan,
             state,
             shift: None,
+            early_shift: None,
             news: Vec::new(),
         }
     }
 
     /// Goes on where a state left off. If what gives the numbers their meaning has changed since, a new segment begins
-    /// and the alarms' conditions end; what nobody acknowledged goes on standing. Charts go on with the limits stated now.
+    /// and the alarms' conditions end; what nobody acknowledged goes on standing.
     pub fn resume(plan: Arc<TrackPlan>, state: State) -> (Self, Vec<AlarmEvent>) {
         let shift = state
             .segment
@@ -47,12 +55,13 @@ impl Tracker {
             plan,
             state,
             shift,
+            early_shift: None,
             news: Vec::new(),
         };
         if tracker.state.segment.key != tracker.plan.key() {
             tracker.open_segment(Opening::Changed, false, tracker.state.latest);
-        } else if let Some(charts) = &mut tracker.state.charts {
-            charts.go_by(tracker.plan.design);
+        } else {
+            monitor::rewatch(&mut tracker);
         }
         let events = tracker.take_news();
         (tracker, events)
@@ -110,7 +119,7 @@ impl Tracker {
         let known = |state: &State| {
             (
                 state.readings.len(),
-                state.thermal.time,
+                state.filters.clone(),
                 state.thermometer.clone(),
             )
         };
@@ -119,8 +128,13 @@ impl Tracker {
         known(&self.state) != before
     }
 
-    /// Takes one record. `peers`: the other rods of the site.
+    /// Takes one record of a rod that is alone. `peers`: rods whose channels may be mistaken for its own.
     pub fn step(&mut self, input: &Input, peers: &[Peer]) -> Verdict {
+        self.step_beside(input, peers, &Others::default())
+    }
+
+    /// Takes one record of a rod beside the others of its site.
+    pub fn step_beside(&mut self, input: &Input, peers: &[Peer], others: &Others) -> Verdict {
         let mut verdict = Verdict {
             state: RodState::Monitoring,
             segment: self.state.segment.number,
@@ -142,7 +156,7 @@ impl Tracker {
                     self.unusable(reason, self.known_at(time));
                 }
             }
-            Input::Identified(observation) => self.take(observation, peers, &mut verdict),
+            Input::Identified(observation) => self.take(observation, peers, others, &mut verdict),
         }
         if let Some(time) = self.state.latest {
             self.repeat(time);
@@ -175,15 +189,20 @@ impl Tracker {
             };
         }
         let track = &self.plan.track;
-        match &state.regression {
-            None if state.periods.is_empty() => learning(track.baseline_records, 0),
-            None => not_monitoring(
-                "uncompensated: no temperature, so a change of temperature cannot be told from a change of force",
-            ),
-            Some(regression) if regression.periods() < track.learning_periods => {
-                learning(track.baseline_records, regression.periods())
+        match &state.watch {
+            None => learning(track.baseline_records, 0),
+            Some(watch) if watch.periods() < track.learning_periods => {
+                learning(track.baseline_records, watch.periods())
             }
-            Some(_) => RodState::Monitoring,
+            Some(watch) if watch.is_compensated() => RodState::Monitoring,
+            Some(watch) => {
+                let time = state.latest.map_or(0.0, Timestamp::days);
+                let least = watch.least_told_blind(time).unwrap_or(1.0);
+                not_monitoring(&format!(
+                    "uncompensated: no temperature, so only sudden changes of force above about {:.0} % are told",
+                    100.0 * least
+                ))
+            }
         }
     }
 
@@ -192,9 +211,10 @@ impl Tracker {
         if let Some(time) = time {
             self.on_board(|board| board.clear_all(time));
         }
-        let (key, lags_s) = (self.plan.key().to_owned(), self.plan.lags_s());
-        self.state = self.state.next_segment(reason, key, lags_s, anew_in_time);
+        let key = self.plan.key().to_owned();
+        self.state = self.state.next_segment(reason, key, anew_in_time);
         self.shift = None;
+        self.early_shift = None;
     }
 
     /// Lets `act` write on the board of alarms.
@@ -239,6 +259,7 @@ impl Tracker {
         let alarm = &self.plan.alarm;
         let raise = match cause {
             Cause::Unusable | Cause::NoTemperature => alarm.sensor_records,
+            Cause::Loss => LOSS_RECORDS.min(alarm.confirm),
             _ => alarm.confirm,
         };
         self.state.watches.look(cause, holds, raise, alarm.confirm)
@@ -279,7 +300,7 @@ impl Tracker {
         self.on_board(|board| {
             board.repeat(time, repeat_s, |alarm| {
                 if let (Kind::Drift, Some(change)) = (alarm.kind, &renewed) {
-                    alarm.message = monitor::drift_message(change);
+                    alarm.message = monitor::drift_message(change, alarm.witness.unwrap_or(Witness::Alone));
                     alarm.change = Some(change.clone());
                 }
             });

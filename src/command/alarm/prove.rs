@@ -7,8 +7,7 @@ use crate::command::{BadArguments, print};
 use crate::config::{Config, Setting};
 use crate::record::Timestamp;
 use crate::synthesis::{Change, Climate, FrequencyErrors, Outcome, Thermal, Trial};
-use crate::track::chart::{Design, YEAR_S};
-use crate::track::run_length::survival;
+use crate::track::plan::YEAR_S;
 use crate::track::{Kind, TrackPlan};
 use anyhow::Context;
 use rayon::prelude::*;
@@ -171,7 +170,6 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let rod = choose_rod(&config, args.rod.as_deref())?;
     let analysis = &rod.analysis;
     let model = cache::model(&analysis.model, &analysis.prior, &Cache::of_user(), &|_, _| ())?;
-    let design = Design::of(&config.alarm, config.track.period_s);
     let (track, alarm) = (config.track.clone(), config.alarm.clone());
     let learned = track.baseline_records.max(track.learning_periods);
     let charted = (args.years * DAYS_PER_YEAR).round() as usize;
@@ -180,7 +178,6 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         model,
         track.clone(),
         alarm,
-        design,
         String::from("proof"),
     ));
     let trial = Trial {
@@ -247,8 +244,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         .collect::<Result<_, _>>()
         .context("no such history")?;
     drop(progress);
-    let survivors = survival(&design, charted, |_| 0.0, |_| 1.0);
-    let stated = 1.0 - survivors.last().copied().unwrap_or(1.0);
+    let stated = charted as f64 / plan.limit();
     let proof = Proof::new(args, learned, charted, stated, &outcomes);
     if args.json {
         print(format!("{}\n", serde_json::to_string(&proof)?).as_bytes())

@@ -102,22 +102,20 @@ export function temperature(plot, history, range) {
   return react(plot, [trace], layout("temperature [\u00b0C]", { showlegend: false, xaxis: { type: "date", range } }));
 }
 
-// Both charts in units of their own limit: an alarm is a line that crosses one.
+// Each detector's statistic over its limit, on a logarithmic scale: an alarm is a line that crosses one.
 export function charts(plot, chart, range) {
   const traces = [];
-  const add = (name, values, limit, shade, sign) => {
+  const add = (name, values, shade) => {
     if (values.some((value) => value !== null)) {
-      traces.push({ x: chart.time, y: values.map((value) => (value === null ? null : sign * value / limit)), name, mode: "lines", line: { color: colour(shade), width: 1.4 } });
+      const y = values.map((value) => (value === null ? null : Math.min(Math.max(value, 1e-5), 1e3)));
+      traces.push({ x: chart.time, y, name, mode: "lines", line: { color: colour(shade), width: 1.4 } });
     }
   };
-  if (chart.limits) {
-    add("step, force grows", chart.step_up, chart.limits[0], "c1", 1);
-    add("step, force falls", chart.step_down, chart.limits[0], "c1", -1);
-    add("ramp, force grows", chart.ramp_up, chart.limits[1], "c2", 1);
-    add("ramp, force falls", chart.ramp_down, chart.limits[1], "c2", -1);
-  }
-  const limit = (y) => ({ type: "line", xref: "paper", x0: 0, x1: 1, y0: y, y1: y, line: { color: colour("alarm"), width: 1.3, dash: "dash" } });
-  return react(plot, traces, layout("chart / limit", { shapes: [limit(1), limit(-1)], xaxis: { type: "date", range }, yaxis: { range: [-1.3, 1.3], autorange: false } }));
+  add("temperature and other rods", chart.evidence, "c1");
+  add("other rods alone", chart.evidence_peers, "c2");
+  add("this rod alone", chart.evidence_blind, "c3");
+  const limit = { type: "line", xref: "paper", x0: 0, x1: 1, y0: 1, y1: 1, line: { color: colour("alarm"), width: 1.3, dash: "dash" } };
+  return react(plot, traces, layout("evidence / limit", { shapes: [limit], xaxis: { type: "date", range }, yaxis: { type: "log", range: [-4.2, 2.2], autorange: false } }));
 }
 
 export function waveform(plot, waveform, unit) {

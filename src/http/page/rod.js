@@ -11,7 +11,7 @@ document.title = `${id} - Tirante`;
 
 const notes = el("div", {}), facts = el("dl", { class: "facts" });
 const relative = figures.figure("relative", "Change of the axial force since the baseline, with its 95 % interval. Green: the baseline; red: an alarm was raised.");
-const charts = figures.figure("charts", "The charts of the drift alarm, each divided by its limit: an alarm is raised where a line crosses 1 or -1.", true);
+const charts = figures.figure("charts", "Evidence of a change of force over its limit: an alarm is raised where the line crosses 1. The other lines stand in where there is no temperature.", true);
 const absolute = figures.figure("absolute", "Axial force with its 95 % interval: from each record alone, and given the baseline.");
 const temperature = figures.figure("temperature", "Temperature of the records.", true);
 const waveform = figures.figure("waveform", "The latest identified record about its mean.", true);
@@ -52,7 +52,7 @@ async function drawHistory() {
   await figures.relative(relative.plot, rod, history, alarms, range);
   await figures.absolute(absolute.plot, rod, history, range);
   await figures.charts(charts.plot, chart, range);
-  charts.element.hidden = !chart.limits;
+  charts.element.hidden = ![chart.evidence, chart.evidence_peers, chart.evidence_blind].some((values) => values.some((value) => value !== null));
   await figures.temperature(temperature.plot, history, range);
   temperature.element.hidden = history.temperature_c.every((value) => value === null);
   const each = history.step_s === null ? "each point is one record" : `each point is the mean of ${figures_span(history.step_s)}`;
@@ -222,7 +222,6 @@ function drawFacts() {
   const share = rod.records ? 100 * rod.rejected / rod.records : 0;
   const segment = rod.segments.at(-1);
   notes.replaceChildren(...rod.alarms.map((alarm) => alarmNote(alarm)),
-    ...(rod.caveat ? [el("p", { class: "note calm" }, rod.caveat)] : []),
     ...rod.waiting.map((request) => el("p", { class: "note calm" }, `asked for, waits for the next record: ${request}`)));
   facts.replaceChildren(
     fact("state", state(rod), el("small", {}, why(rod) ?? (rod.since ? `since ${time(rod.since)}` : ""))),

@@ -1,8 +1,17 @@
-//! How wrong static parameters bend the relative force: what the temperature regression must allow for.
+//! The bend that wrong static parameters give the relative force: the drift watch must allow for it.
 
 use super::{Shift, mean_and_slope};
-use crate::track::regression::Bend;
 use nalgebra::{DMatrix, DVector};
+
+/// The bend of the force ratio that one standard deviation of the static parameters makes: `square` x^2 + `cube` x^3 for
+/// x = N_t / N_0 - 1.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Bend {
+    /// Coefficient of the square.
+    pub square: f64,
+    /// Coefficient of the cube.
+    pub cube: f64,
+}
 
 /// Changes u at which the bend of the ratio is looked at.
 const BEND_AT: [f64; 8] = [-0.45, -0.35, -0.25, -0.12, 0.12, 0.2, 0.28, 0.35];

@@ -1,0 +1,55 @@
+//! The other rods of a site, as one rod's drift watch sees them.
+
+use super::alarm::Kind;
+use super::state::State;
+
+/// Evidence of a change from which on another rod counts as moving, too: R of its detector, in periods (study, section 4).
+const MOVING: f64 = 300.0;
+
+/// The other rods of the site as they are at one moment of event time.
+#[derive(Debug, Clone, Default)]
+pub struct Others<'a>(Vec<&'a State>);
+
+impl<'a> Others<'a> {
+    /// The rods' states.
+    pub fn new(states: impl IntoIterator<Item = &'a State>) -> Self {
+        Self(states.into_iter().collect())
+    }
+
+    /// How many there are.
+    pub fn count(&self) -> usize {
+        self.0.len()
+    }
+
+    /// Median of N_t / N_0 - 1 over the other rods that were measured in a period, without those that drift; `None` for fewer
+    /// than two: one rod alone is no witness.
+    pub(super) fn median_ratio(&self, index: i64, period_s: f64) -> Option<f64> {
+        let mut ratios: Vec<f64> = self
+            .0
+            .iter()
+            .filter(|state| !state.holds(Kind::Drift))
+            .filter_map(|state| state.ratio_in(index, period_s))
+            .collect();
+        if ratios.len() < 2 {
+            return None;
+        }
+        ratios.sort_by(f64::total_cmp);
+        let half = ratios.len() / 2;
+        Some(if ratios.len() % 2 == 1 {
+            ratios[half]
+        } else {
+            0.5 * (ratios[half - 1] + ratios[half])
+        })
+    }
+
+    /// How many of them show evidence of a change themselves.
+    pub(super) fn moving(&self) -> usize {
+        let moves = |state: &&&State| state.watch.as_ref().is_some_and(|watch| watch.evidence() > MOVING);
+        self.0.iter().filter(moves).count()
+    }
+
+    /// Whether one of them has told already that rods move together.
+    pub(super) fn has_told_common(&self) -> bool {
+        self.0.iter().any(|state| state.holds(Kind::Common))
+    }
+}

@@ -71,11 +71,9 @@ impl RodAnswer {
         });
         let segments = segments.collect();
         let slope = reader.watch(rod)?.and_then(|watch| watch.slope());
-        let thermal = slope.map(|(slope_per_k, slope_sd_per_k)| {
-            Thermal {
-                slope_per_k,
-                slope_sd_per_k,
-            }
+        let thermal = slope.map(|(slope_per_k, slope_sd_per_k)| Thermal {
+            slope_per_k,
+            slope_sd_per_k,
         });
         Ok(Some(Self {
             span: days.span(rod).map(|(first, last)| [first, last]),

@@ -276,7 +276,10 @@ pub(super) fn evidence(rod: &RodReport, span: &Span, id: &str) -> Option<Markup>
         .filter_map(|(_, period)| {
             let evidence = period.charted.as_ref()?.evidence;
             let over_limit = evidence.compensated.or(evidence.peers).or(evidence.blind)?;
-            let value = over_limit.max(LEAST_EVIDENCE).log10().clamp(LEAST_EVIDENCE.log10(), BEYOND_LIMIT);
+            let value = over_limit
+                .max(LEAST_EVIDENCE)
+                .log10()
+                .clamp(LEAST_EVIDENCE.log10(), BEYOND_LIMIT);
             Some(Point {
                 time: unix_s(period.start),
                 value,
@@ -299,7 +302,10 @@ pub(super) fn evidence(rod: &RodReport, span: &Span, id: &str) -> Option<Markup>
         figure.line("c1", part.iter().map(|column| (column.time, column.extremes.1)));
     }
     if columns.len() <= FEW {
-        figure.dots("c1", columns.iter().map(|column| (column.time, column.extremes.1)));
+        figure.dots(
+            "c1",
+            columns.iter().map(|column| (column.time, column.extremes.1)),
+        );
     }
     let title = format!("Evidence of a change, rod {}", rod.rod);
     Some(figure.finish(

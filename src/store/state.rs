@@ -275,7 +275,12 @@ pub(super) fn standing_without_plan(state: &State) -> RodState {
         };
     }
     let periods = state.watch.as_ref().map_or(0, |watch| watch.periods());
-    if periods > 0 && state.periods.last().is_some_and(|period| period.charted.is_some()) {
+    if periods > 0
+        && state
+            .periods
+            .last()
+            .is_some_and(|period| period.charted.is_some())
+    {
         return RodState::Monitoring;
     }
     RodState::Learning {

@@ -9,24 +9,30 @@ mod history;
 mod load;
 mod noise;
 mod oscillator;
+mod outlook;
 mod proof;
 mod response;
 mod rod;
 mod settings;
 mod shape;
+mod site_years;
+mod world;
 
 pub use climate::{Lagged, Weather};
 pub use faults::Message;
 pub use history::{FrequencyErrors, Measured, history};
 pub use noise::{Noise, quantised};
 pub use oscillator::{Oscillator, Sampled};
-pub use proof::{Outcome, Trial};
+pub use outlook::{HORIZON_D, Outlook, Told, Tried};
+pub use proof::{Outcome, Raised, Trial};
 pub use rod::{State, SynthesisError};
 pub use settings::{
     AddedMass, Change, Climate, Fault, FaultKind, Gusts, Knocks, Line, Neighbour, Pull, PullKind, Resonance,
     Sensor, SimulatedRod, Simulation, Thermal, Truth,
 };
 pub use shape::Shape;
+pub use site_years::{Fate, Moment, SiteYears};
+pub use world::{FAULT_D, Thermometer, World};
 
 use crate::random;
 use crate::record::{RodId, Timestamp};

@@ -1,7 +1,7 @@
 //! What a simulated rod is at a point in time: axial force, natural frequencies, mode shapes.
 
 use super::climate::{Lagged, Weather};
-use super::settings::{Change, SimulatedRod, Simulation, Truth};
+use super::settings::{SimulatedRod, Simulation, Truth};
 use super::shape::Shape;
 use crate::beam::{Parameterisation, Quantity, exact};
 use crate::forward::OutsideRange;
@@ -105,7 +105,7 @@ impl<'s> Rod<'s> {
                 .settings
                 .changes
                 .iter()
-                .map(|change| share(change, days))
+                .map(|change| change.after(days))
                 .sum::<f64>();
         let air_c = self.weather.as_ref().map(|(weather, ..)| weather.air_c(time));
         let rod_c = self
@@ -185,17 +185,4 @@ impl<'s> Rod<'s> {
                 Truth::Frequencies(_) => 0.0,
             })
     }
-}
-
-/// The share of a change that has happened after `days`, times its size.
-fn share(change: &Change, days: f64) -> f64 {
-    let since = days - change.start_d;
-    let done = if since < 0.0 {
-        0.0
-    } else if change.over_d > 0.0 {
-        (since / change.over_d).min(1.0)
-    } else {
-        1.0
-    };
-    change.relative * done
 }

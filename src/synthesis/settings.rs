@@ -220,6 +220,21 @@ pub struct Change {
     pub relative: f64,
 }
 
+impl Change {
+    /// The change that has happened after so many days, as a share of the truth's axial force.
+    pub(super) fn after(&self, days: f64) -> f64 {
+        let since = days - self.start_d;
+        let done = if since < 0.0 {
+            0.0
+        } else if self.over_d > 0.0 {
+            (since / self.over_d).min(1.0)
+        } else {
+            1.0
+        };
+        self.relative * done
+    }
+}
+
 /// A mass hung onto the rod.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AddedMass {

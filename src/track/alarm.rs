@@ -345,7 +345,9 @@ impl<'a> Board<'a> {
     /// Tells a drift again that the other rods confirm by now.
     pub fn confirm_drift(&mut self, time: Timestamp, message: &str, change: &Change) {
         let unconfirmed = |alarm: &&mut Alarm| {
-            alarm.kind == Kind::Drift && alarm.cleared.is_none() && alarm.witness == Some(Witness::Unconfirmed)
+            alarm.kind == Kind::Drift
+                && alarm.cleared.is_none()
+                && alarm.witness == Some(Witness::Unconfirmed)
         };
         let mut renewed = Vec::new();
         for alarm in self.alarms.iter_mut().filter(unconfirmed) {

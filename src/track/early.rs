@@ -63,7 +63,11 @@ impl EarlyWatch {
             .open
             .first()
             .is_some_and(|first| period::index_of(first.start, period_s) < index);
-        let found = if is_later { self.close(plan, shift, readings) } else { None };
+        let found = if is_later {
+            self.close(plan, shift, readings)
+        } else {
+            None
+        };
         self.open.push(Pending::new(observation, &relative));
         found
     }
@@ -75,12 +79,19 @@ impl EarlyWatch {
         let index = period::index_of(records.first()?.start, period_s);
         let mut readings = readings.to_vec();
         let not_axial_p = |delta: f64, misfit: &[_]| shift.not_axial_p(delta, misfit);
-        let period = period::combine(index, period_s, &records, &mut self.filters, &mut readings, not_axial_p);
+        let period = period::combine(
+            index,
+            period_s,
+            &records,
+            &mut self.filters,
+            &mut readings,
+            not_axial_p,
+        );
         self.reference_c = self.reference_c.or(period.filtered_c.map(|filtered| filtered[0]));
         let terms = plan.terms(&self.baseline, shift, self.reference_c);
-        let watch = self
-            .watch
-            .get_or_insert_with(|| DriftWatch::new(period.start.days(), period.delta_sd.max(f64::MIN_POSITIVE)));
+        let watch = self.watch.get_or_insert_with(|| {
+            DriftWatch::new(period.start.days(), period.delta_sd.max(f64::MIN_POSITIVE))
+        });
         let others = Others::default();
         watch.step(&terms, &period, self.filters.is_sparse(), &others, period_s);
         match watch.finding(&others) {
@@ -104,14 +115,18 @@ impl Tracker {
             };
             self.state.early = Some(EarlyWatch::new(baseline));
         }
-        let Some(mut early) = self.state.early.take() else { return };
+        let Some(mut early) = self.state.early.take() else {
+            return;
+        };
         if self.early_shift.is_none() {
             self.early_shift = Some(self.plan.shift(&early.baseline));
         }
         let mut found = None;
         if let Some(shift) = &self.early_shift {
             for observation in self.state.learning.iter().skip(early.taken) {
-                found = early.take(&self.plan, shift, observation, &self.state.readings).or(found);
+                found = early
+                    .take(&self.plan, shift, observation, &self.state.readings)
+                    .or(found);
             }
         }
         self.state.early = Some(early);

@@ -1,13 +1,13 @@
 //! The way of one identified record: doubted, set aside, kept for the baseline, or put into its period.
 
 use super::alarm::Cause;
+use super::loss::Loss;
+use super::others::Others;
 use super::period::{self, Pending, Period};
 use super::plausibility::{JUMP_S, Peer};
 use super::relative::{NoRelative, Relative};
 use super::state::{Opening, State};
 use super::verdict::{SetAside, Verdict};
-use super::loss::Loss;
-use super::others::Others;
 use super::{Observation, Tracker, monitor, reference};
 use crate::record::{Reading, Timestamp};
 
@@ -16,7 +16,13 @@ const STALE_S: f64 = 3.0 * 3600.0;
 
 impl Tracker {
     /// Takes an identified record.
-    pub(super) fn take(&mut self, observation: &Observation, peers: &[Peer], others: &Others, verdict: &mut Verdict) {
+    pub(super) fn take(
+        &mut self,
+        observation: &Observation,
+        peers: &[Peer],
+        others: &Others,
+        verdict: &mut Verdict,
+    ) {
         let patience = self.plan.alarm.sensor_records;
         let state = &mut self.state;
         let latest = state.latest.map(|time| (time, &state.latest_modes[..]));
@@ -98,7 +104,9 @@ impl Tracker {
         self.look(Cause::OutsideRange, Some(false), time, String::new);
         if self.state.watch.is_some() && self.plan.compensates() {
             let end = observation.start.plus_seconds(observation.duration_s);
-            let is_known = reference::filters_until(&self.state, end).at(end.days()).is_some();
+            let is_known = reference::filters_until(&self.state, end)
+                .at(end.days())
+                .is_some();
             let reason = self.state.thermometer.message();
             let patience = self.plan.alarm.sensor_records;
             self.look(Cause::NoTemperature, Some(!is_known), time, || {
@@ -144,7 +152,10 @@ impl Tracker {
         let state = &mut self.state;
         let horizon = state.latest.map(|latest| latest.plus_seconds(JUMP_S));
         for reading in readings {
-            let is_past = state.filters.last_day().is_some_and(|passed| reading.time.days() <= passed);
+            let is_past = state
+                .filters
+                .last_day()
+                .is_some_and(|passed| reading.time.days() <= passed);
             let is_ahead = horizon.is_some_and(|horizon| reading.time > horizon);
             if is_past || is_ahead || !state.thermometer.believes(reading) {
                 continue;

@@ -4,9 +4,9 @@
 //! left: N_t / N_0 <= (f_t / f_0)^2. That needs neither temperature nor training.
 
 use super::baseline::Baseline;
-use super::{Observation, Tracker};
 use super::relative::Relative;
 use super::verdict::AtReference;
+use super::{Observation, Tracker};
 
 /// A loss is sudden and certain if it exceeds the limit so many times.
 const TIMES_LIMIT: f64 = 2.0;
@@ -30,7 +30,12 @@ impl Loss {
     }
 
     /// At the reference temperature; without one, against what the rod did before.
-    pub fn of(tracker: &Tracker, observation: &Observation, relative: &Relative, at_reference: Option<&AtReference>) -> Option<Self> {
+    pub fn of(
+        tracker: &Tracker,
+        observation: &Observation,
+        relative: &Relative,
+        at_reference: Option<&AtReference>,
+    ) -> Option<Self> {
         if let Some(at_reference) = at_reference {
             return Some(Self {
                 mean: 1.0 - at_reference.ratio.mean,
@@ -38,11 +43,12 @@ impl Loss {
             });
         }
         let ratio = relative.ratio.mean - 1.0;
-        let law = tracker
-            .state
-            .watch
-            .as_ref()?
-            .blind_law(observation.start.days(), ratio, relative.ratio.sd)?;
+        let law =
+            tracker
+                .state
+                .watch
+                .as_ref()?
+                .blind_law(observation.start.days(), ratio, relative.ratio.sd)?;
         Some(Self {
             mean: law.mean - ratio,
             sd: law.sd,
@@ -53,7 +59,10 @@ impl Loss {
     pub fn bound(baseline: &Baseline, observation: &Observation) -> Option<Self> {
         let falls = baseline.modes.iter().filter_map(|known| {
             let mode = observation.mode(known.order)?;
-            Some((mode.log_frequency - known.log_frequency, mode.log_sd.hypot(known.log_sd)))
+            Some((
+                mode.log_frequency - known.log_frequency,
+                mode.log_sd.hypot(known.log_sd),
+            ))
         });
         let (least, log_sd) = falls.max_by(|a, b| a.0.total_cmp(&b.0))?;
         (least < 0.0).then(|| Self {

@@ -55,8 +55,8 @@ pub mod watch;
 
 pub use alarm::{Alarm, AlarmEvent, Kind, What};
 pub use baseline::Baseline;
-pub use others::Others;
 pub use observation::{LogMode, Observation};
+pub use others::Others;
 pub use period::Period;
 pub use plan::TrackPlan;
 pub use plausibility::Peer;

@@ -77,7 +77,11 @@ fn typical_sd(state: &State, period: &Period) -> f64 {
     errors.sort_by(f64::total_cmp);
     let of_record = errors.get(errors.len() / 2).copied();
     let sd = of_record.map_or(period.delta_sd, |sd| sd / (period.records.max(1) as f64).sqrt());
-    if sd.is_finite() { sd.max(LEAST_SD) } else { LEAST_SD }
+    if sd.is_finite() {
+        sd.max(LEAST_SD)
+    } else {
+        LEAST_SD
+    }
 }
 
 /// A state without a watch goes on from its periods: those of a version before, whose temperatures are one a day.

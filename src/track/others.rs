@@ -44,7 +44,12 @@ impl<'a> Others<'a> {
 
     /// How many of them show evidence of a change themselves.
     pub(super) fn moving(&self) -> usize {
-        let moves = |state: &&&State| state.watch.as_ref().is_some_and(|watch| watch.evidence() > MOVING);
+        let moves = |state: &&&State| {
+            state
+                .watch
+                .as_ref()
+                .is_some_and(|watch| watch.evidence() > MOVING)
+        };
         self.0.iter().filter(moves).count()
     }
 

@@ -1,9 +1,9 @@
 //! The records of one period as one statistic, and what the drift watch made of it.
 
 use super::Observation;
-use super::relative::{Misfit, Relative};
 use super::drift::Filters;
 use super::drift::regressors::FILTERS_D;
+use super::relative::{Misfit, Relative};
 use crate::record::{Reading, Timestamp};
 use serde::{Deserialize, Serialize};
 

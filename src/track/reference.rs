@@ -45,7 +45,12 @@ pub(super) fn of_record(
     Some(AtReference {
         temperature_c: reference_c,
         ratio: moved(ratio, 1.0, explained, sd),
-        force_n: moved(force, factor, 0.0, (factor * force.sd).hypot(change_sd * force.mean)),
+        force_n: moved(
+            force,
+            factor,
+            0.0,
+            (factor * force.sd).hypot(change_sd * force.mean),
+        ),
     })
 }
 

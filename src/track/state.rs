@@ -170,7 +170,9 @@ impl State {
 
     /// Whether the drift watch has seen this many periods: limits count from then on.
     pub(super) fn has_learned(&self, periods: usize) -> bool {
-        self.watch.as_ref().is_some_and(|watch| watch.periods() >= periods)
+        self.watch
+            .as_ref()
+            .is_some_and(|watch| watch.periods() >= periods)
     }
 
     /// Whether a record of this very time waits already.

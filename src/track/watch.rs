@@ -155,7 +155,14 @@ impl DriftWatch {
     }
 
     /// Takes a period; `median`: that of the other rods' ratios.
-    pub(super) fn step(&mut self, terms: &Terms, period: &Period, is_sparse: bool, others: &Others, period_s: f64) -> Charted {
+    pub(super) fn step(
+        &mut self,
+        terms: &Terms,
+        period: &Period,
+        is_sparse: bool,
+        others: &Others,
+        period_s: f64,
+    ) -> Charted {
         let day = period.start.days();
         let median = others.median_ratio(period.index, period_s);
         self.begin(terms, period, others);
@@ -169,8 +176,12 @@ impl DriftWatch {
         if let Some(compensated) = &mut self.compensated
             && let Some(columns) = compensated.columns(day, period.filtered_c.as_ref(), median)
         {
-            compensated.detector.set_sparse(is_sparse && compensated.knows_temperature);
-            compensated.level.learn(day, period.delta, &columns, terms.learning_periods);
+            compensated
+                .detector
+                .set_sparse(is_sparse && compensated.knows_temperature);
+            compensated
+                .level
+                .learn(day, period.delta, &columns, terms.learning_periods);
             let seen = seen(period, &columns);
             law = compensated.detector.step(&seen);
             at_reference = compensated.change(&seen);
@@ -202,9 +213,15 @@ impl DriftWatch {
             leverage: law.leverage,
             at_reference: at_reference.map(|change| change.0),
             at_reference_sd: at_reference.map(|change| change.1),
-            temperature_c: period.filtered_c.map(|filtered| filtered[SHOWN]).filter(|_| terms.thermal.is_some()),
+            temperature_c: period
+                .filtered_c
+                .map(|filtered| filtered[SHOWN])
+                .filter(|_| terms.thermal.is_some()),
             evidence: Evidence {
-                compensated: self.compensated.as_ref().map(|one| over(one.detector.statistic())),
+                compensated: self
+                    .compensated
+                    .as_ref()
+                    .map(|one| over(one.detector.statistic())),
                 peers: self.peers.as_ref().map(|one| over(one.statistic())),
                 blind: Some(over(self.blind.statistic())),
             },
@@ -245,7 +262,10 @@ impl DriftWatch {
 
     fn latch(&mut self, limit: f64) {
         let is_above = |detector: &Detector| detector.statistic() > limit;
-        self.above.compensated |= self.compensated.as_ref().is_some_and(|one| is_above(&one.detector));
+        self.above.compensated |= self
+            .compensated
+            .as_ref()
+            .is_some_and(|one| is_above(&one.detector));
         self.above.peers |= self.peers.as_ref().is_some_and(is_above);
         self.above.blind |= is_above(&self.blind);
     }
@@ -354,7 +374,12 @@ const SHOWN: usize = 1;
 
 impl Compensated {
     /// Regressors of a period or record; `None` without its temperature, or without the other rods where they are needed.
-    fn columns(&self, day: f64, filtered_c: Option<&[f64; FILTERS_D.len()]>, median: Option<f64>) -> Option<Vec<f64>> {
+    fn columns(
+        &self,
+        day: f64,
+        filtered_c: Option<&[f64; FILTERS_D.len()]>,
+        median: Option<f64>,
+    ) -> Option<Vec<f64>> {
         match (self.knows_temperature, self.knows_others) {
             (false, _) => Some(self.regressors.blind(day)),
             (true, false) => Some(self.regressors.thermal(day, filtered_c?)),
@@ -391,7 +416,12 @@ impl Level {
         if self.periods < FEWEST_PERIODS {
             return None;
         }
-        let columns: Vec<f64> = seen.columns.iter().zip(&self.columns).map(|(x, mean)| x - mean).collect();
+        let columns: Vec<f64> = seen
+            .columns
+            .iter()
+            .zip(&self.columns)
+            .map(|(x, mean)| x - mean)
+            .collect();
         detector.change_from_level(
             &Seen {
                 ratio: seen.ratio - self.ratio,

@@ -1,4 +1,4 @@
-//! `tirante alarm design`: limits, false-alarm rate, delays and the smallest change that is found.
+//! `tirante alarm design`: false-alarm rate, delays by simulation of this rod, and the smallest change that is told.
 
 use crate::bayes::RodPrior;
 use crate::beam::Exact;
@@ -7,27 +7,34 @@ use crate::command::{BadArguments, print};
 use crate::config::{Config, Setting};
 use crate::forward::ForwardModel;
 use crate::random;
-use crate::track::chart::{Design, YEAR_S};
-use crate::track::run_length::{Delays, Departure, FOUND, delays, detectable, survival};
-use crate::track::{arl, settings::AlarmSettings};
+use crate::synthesis::{Outlook, Told, Tried, World};
+use crate::track::drift::ThermalPrior;
+use crate::track::plan::YEAR_S;
+use rayon::prelude::*;
 use serde::Serialize;
 use std::fmt::Write as _;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// Periods learned before the change.
+/// Days learned before the change.
 const LEARNED: [usize; 3] = [30, 90, 365];
 /// Changes of the force at once, and in a year.
 const STEPS: [f64; 4] = [-0.01, -0.02, -0.05, -0.10];
 const RAMPS: [f64; 3] = [-0.01, -0.02, -0.05];
-/// Time within which a step counts as found, and a ramp \[s\].
-const MONTH_S: f64 = 30.0 * 86_400.0;
-/// Delays are followed for so many years.
-const HORIZON_YEARS: f64 = 3.0;
+/// Times for which the smallest change is asked \[d\].
+const WITHIN_D: [usize; 5] = [3, 30, 90, 180, 365];
+/// Sites simulated for each time learned.
+const SITES: u64 = 30;
+/// Relative curvature of the slope with temperature \[1/K\]: modulus and expansion of iron.
+const CURVATURE_PER_K: f64 = 3e-4;
+/// Readings a day from which on they resolve the day.
+const DENSE: u32 = 6;
+/// A day \[s\].
+const DAY_S: f64 = 86_400.0;
 /// Draws from the prior for the range of slopes.
 const DRAWS: usize = 400;
 
-/// Print the charts' limits, the false-alarm rate, delays for steps and ramps, and the smallest change that is found.
+/// Print the false-alarm rate, delays for steps and ramps by simulation of this rod, and the smallest change that is told.
 ///
 /// Before commissioning the noise of a period follows from the frequencies' standard error and the rod's prior; once the
 /// rod is followed, give the noise it learned.
@@ -55,6 +62,12 @@ pub struct Args {
     /// Noise of one period's relative force, as learned on the rod, instead of the one expected from the frequencies.
     #[arg(long, value_name = "SD", allow_negative_numbers = true)]
     pub noise: Option<f64>,
+    /// The world of the simulation, as in `alarm prove`; the slope with temperature is that of the rod, of any restraint.
+    #[arg(long, value_name = "NAME", default_value = "benign")]
+    pub world: String,
+    /// Rods of the site: with three or more the others' median is known.
+    #[arg(long, value_name = "COUNT", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=50))]
+    pub rods: u32,
     /// One JSON object instead of the tables.
     #[arg(long)]
     pub json: bool,
@@ -77,13 +90,16 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let rod = choose_rod(&config, args.rod.as_deref())?;
     let prior = &rod.analysis.prior;
     let expected = Expected::of(prior, rod.analysis.modes.count, args)?;
-    let promise = Promise::new(
-        rod.analysis.rod.0.clone(),
-        &config.alarm,
-        config.track.period_s,
-        expected,
-        args.noise,
-    );
+    if config.track.period_s != DAY_S {
+        return Err(BadArguments(
+            "the simulation has one record a day: track.period_h must be 24".to_owned(),
+        )
+        .into());
+    }
+    let centre = prior.centre();
+    let fixed_per_k =
+        prior.parameterisation().axial_rigidity(&centre) * config.track.expansion_per_k / centre[0];
+    let promise = Promise::new(args, rod.analysis.rod.0.clone(), &config, expected, fixed_per_k)?;
     if args.json {
         print(format!("{}\n", serde_json::to_string(&promise)?).as_bytes())
     } else {
@@ -144,24 +160,16 @@ struct Promise {
     /// Noise of a period that delays are computed for, and whether it was learned.
     noise_sd: f64,
     noise_learned: bool,
-    charts: [ChartLine; 2],
+    world: String,
+    rods: u32,
+    sites: u64,
+    /// R that raises an alarm: the mean number of periods between false ones.
     arl0_periods: f64,
     arl0_years: f64,
-    /// 1 - exp(-1 / arl0_years).
+    /// Greatest probability of a false alarm in a year: periods over the limit.
     false_alarm_probability_per_year: f64,
-    /// From charts at zero, as the first year after learning begins.
-    false_alarm_probability_first_year: f64,
     delays: Vec<DelayLine>,
-    detectable: Vec<DetectableLine>,
-}
-
-#[derive(Debug, Clone, Serialize)]
-struct ChartLine {
-    name: &'static str,
-    k: f64,
-    h: f64,
-    /// Mean time between false alarms of this chart alone.
-    alone_years: f64,
+    least: Vec<LeastLine>,
 }
 
 #[derive(Debug, Clone, Serialize)]
@@ -171,96 +179,115 @@ struct DelayLine {
     /// Relative change of force: at once, or in a year.
     relative: f64,
     learned_periods: usize,
-    #[serde(flatten)]
-    delays: Delays,
+    /// Share found within 60 days (steps) or two years (ramps).
+    found: f64,
+    /// Days from the change to the record that tells it.
+    median_d: Option<f64>,
+    q90_d: Option<f64>,
 }
 
+/// Smallest changes told within some days, by the posterior: medians over the sites.
 #[derive(Debug, Clone, Serialize)]
-struct DetectableLine {
+struct LeastLine {
     learned_periods: usize,
-    /// Smallest loss at once that is found within 30 days with 90 % probability.
-    step_within_30_days: Option<f64>,
-    /// Smallest loss per year that is found within a year with 90 % probability.
-    ramp_per_year_within_a_year: Option<f64>,
+    within_d: usize,
+    step: Option<f64>,
+    ramp_per_year: Option<f64>,
 }
 
 impl Promise {
     fn new(
+        args: &Args,
         rod: String,
-        alarm: &AlarmSettings,
-        period_s: f64,
+        config: &Config,
         expected: Expected,
-        learned: Option<f64>,
-    ) -> Self {
-        let design = Design::of(alarm, period_s);
-        let noise_sd = learned.unwrap_or(expected.delta_sd);
-        let periods_per_year = YEAR_S / period_s;
-        let year = (periods_per_year.round() as usize).max(1);
-        let month = ((MONTH_S / period_s).floor() as usize).max(1);
-        let horizon = (HORIZON_YEARS * periods_per_year).ceil() as usize;
+        fixed_per_k: f64,
+    ) -> anyhow::Result<Self> {
+        let (alarm, period_s) = (&config.alarm, config.track.period_s);
+        let noise_sd = args.noise.unwrap_or(expected.delta_sd);
+        let limit = alarm.arl0_years * YEAR_S / period_s;
         let seed = random::seed(&[b"alarm design delays"]);
-        let step = |relative: f64| Departure::Step(libm::log1p(relative) / noise_sd);
-        let ramp = |relative: f64| Departure::Ramp(libm::log1p(relative) / noise_sd / periods_per_year);
-        let changes = (STEPS
-            .map(|relative| ("step", relative, step(relative)))
-            .into_iter())
-        .chain(RAMPS.map(|relative| ("ramp", relative, ramp(relative))));
-        let delays = changes.flat_map(|(shape, relative, change)| {
-            LEARNED.map(|learned| DelayLine {
-                shape,
-                relative,
-                learned_periods: learned,
-                delays: delays(&design, change, learned, horizon, seed),
-            })
-        });
-        // In units of a change by 1 / e: a loss of factor f is 1 - exp(-f). At most nearly everything.
-        let loss = |factor: f64| -libm::expm1(-factor);
-        let detectable = LEARNED.map(|learned| DetectableLine {
-            learned_periods: learned,
-            step_within_30_days: detectable(
-                &design,
-                Departure::Step(-1.0 / noise_sd),
-                learned,
-                month,
-                3.0,
-                seed,
-            )
-            .map(loss),
-            ramp_per_year_within_a_year: detectable(
-                &design,
-                Departure::Ramp(-1.0 / noise_sd / periods_per_year),
-                learned,
-                year,
-                3.0,
-                seed,
-            )
-            .map(loss),
-        });
-        let line = |name, i: usize| {
-            let chart = design.charts[i];
-            let alone = arl::two_sided(chart.k, chart.h, 0.0);
-            ChartLine {
-                name,
-                k: chart.k,
-                h: chart.h,
-                alone_years: alone / periods_per_year,
-            }
-        };
-        let survivors = survival(&design, year, |_| 0.0, |_| 1.0);
-        Self {
-            charts: [line("steps", 0), line("ramps", 1)],
-            arl0_periods: design.arl0_periods,
-            arl0_years: alarm.arl0_years,
-            false_alarm_probability_per_year: -libm::expm1(-1.0 / alarm.arl0_years),
-            false_alarm_probability_first_year: 1.0 - survivors.last().copied().unwrap_or(1.0),
-            delays: delays.collect(),
-            detectable: detectable.into(),
+        let mut world = World::named(&args.world, &mut random::stream(seed, 0)).ok_or_else(|| {
+            BadArguments(format!(
+                "--world {}: write {}",
+                args.world,
+                World::NAMES.join(", ")
+            ))
+        })?;
+        world.slope_per_k = [-fixed_per_k, 0.0];
+        let outlook = Outlook {
+            world,
+            rods: args.rods as usize,
             noise_sd,
-            noise_learned: learned.is_some(),
+            thermal: ThermalPrior {
+                slope_mean_per_k: -0.5 * fixed_per_k,
+                slope_sd_per_k: 0.5 * fixed_per_k,
+                curvature_sd_per_k2: CURVATURE_PER_K * fixed_per_k,
+                is_sparse: world.readings_per_day < DENSE,
+            },
+            limit,
+        };
+        let tried = |is_ramp: bool| move |relative: f64| Tried { is_ramp, relative };
+        let changes: Vec<Tried> = STEPS
+            .map(tried(false))
+            .into_iter()
+            .chain(RAMPS.map(tried(true)))
+            .collect();
+        let sites: Vec<(usize, u64)> = LEARNED
+            .iter()
+            .flat_map(|&learned| (0..SITES).map(move |index| (learned, index)))
+            .collect();
+        let told: Vec<Told> = sites
+            .par_iter()
+            .map(|&(learned, index)| outlook.follow(learned, &changes, &WITHIN_D, index, seed))
+            .collect();
+        let of = |place: usize| &told[place * SITES as usize..(place + 1) * SITES as usize];
+        let mut delays = Vec::new();
+        for (at, change) in changes.iter().enumerate() {
+            for (place, learned_periods) in LEARNED.into_iter().enumerate() {
+                let found: Vec<Option<f64>> = of(place).iter().map(|told| told.delays_d[at]).collect();
+                delays.push(DelayLine {
+                    shape: if change.is_ramp { "ramp" } else { "step" },
+                    relative: change.relative,
+                    learned_periods,
+                    found: found.iter().flatten().count() as f64 / SITES as f64,
+                    median_d: quantile(&found, 0.5),
+                    q90_d: quantile(&found, 0.9),
+                });
+            }
+        }
+        let mut least = Vec::new();
+        for (place, learned_periods) in LEARNED.into_iter().enumerate() {
+            for (at, within_d) in WITHIN_D.into_iter().enumerate() {
+                let median = |of_told: fn(&Told) -> &Vec<Option<f64>>| {
+                    quantile(
+                        &of(place).iter().map(|told| of_told(told)[at]).collect::<Vec<_>>(),
+                        0.5,
+                    )
+                };
+                least.push(LeastLine {
+                    learned_periods,
+                    within_d,
+                    step: median(|told| &told.steps),
+                    ramp_per_year: median(|told| &told.ramps),
+                });
+            }
+        }
+        Ok(Self {
             rod,
             period_s,
             expected,
-        }
+            noise_sd,
+            noise_learned: args.noise.is_some(),
+            world: args.world.clone(),
+            rods: args.rods,
+            sites: SITES,
+            arl0_periods: limit,
+            arl0_years: alarm.arl0_years,
+            false_alarm_probability_per_year: alarm.arl0_years.recip().min(1.0),
+            delays,
+            least,
+        })
     }
 
     fn table(&self) -> Result<String, std::fmt::Error> {
@@ -298,32 +325,21 @@ impl Promise {
         let origin = if self.noise_learned { "given" } else { "expected" };
         writeln!(
             out,
-            "\nnoise taken for what follows: {:.3} % ({origin})\n",
-            percent(self.noise_sd)
+            "\nnoise taken for what follows: {:.3} % ({origin}); world {}, {} rod{} on the site, {} sites simulated\n",
+            percent(self.noise_sd),
+            self.world,
+            self.rods,
+            if self.rods == 1 { "" } else { "s" },
+            self.sites,
         )?;
-
         writeln!(
             out,
-            "{:<8} {:>6} {:>8} {:>22}",
-            "chart", "k [sd]", "h [sd]", "alone, false alarm in"
-        )?;
-        for chart in &self.charts {
-            writeln!(
-                out,
-                "{:<8} {:>6} {:>8.3} {:>16.1} years",
-                chart.name, chart.k, chart.h, chart.alone_years
-            )?;
-        }
-        writeln!(
-            out,
-            "both together: one false alarm in {} years ({:.0} periods); probability {:.1} % in a year, {:.1} % in the first\n",
-            self.arl0_years,
+            "alarm at R = {:.0} periods: at least {} years on average to a false alarm, probability at most {:.1} % in a year\n",
             self.arl0_periods,
+            self.arl0_years,
             percent(self.false_alarm_probability_per_year),
-            percent(self.false_alarm_probability_first_year),
         )?;
-
-        writeln!(out, "time until a change is found: median (mean) [periods]")?;
+        writeln!(out, "days until a change is told: median (90 %)")?;
         write!(out, "{:<18}", "change of force")?;
         for learned in LEARNED {
             write!(out, " {:>20}", format!("after {learned} learned"))?;
@@ -337,38 +353,54 @@ impl Promise {
                 format!("{} {} {unit}", first.shape, percent(first.relative))
             )?;
             for line in lines {
-                write!(out, " {:>20}", delay(&line.delays))?;
+                write!(out, " {:>20}", delay(line))?;
             }
         }
         writeln!(
             out,
-            "\n\nsmallest loss found with {:.0} % probability (nothing else changes; a dash: none)",
-            percent(FOUND)
+            "\n\nsmallest change told within so many days, as the posterior stands after learning"
         )?;
-        let row = |name: &str, value: fn(&DetectableLine) -> Option<f64>| {
-            let mut row = format!("{name:<18}");
-            for line in &self.detectable {
-                let text = value(line).map_or("-".to_owned(), |loss| format!("{:.2} %", percent(loss)));
-                row.push_str(&format!(" {text:>20}"));
+        write!(out, "{:<18}", "within")?;
+        for learned in LEARNED {
+            write!(out, " {:>20}", format!("after {learned} learned"))?;
+        }
+        for (at, within_d) in WITHIN_D.into_iter().enumerate() {
+            write!(out, "\n{:<18}", format!("{within_d} d"))?;
+            for place in 0..LEARNED.len() {
+                let line = &self.least[place * WITHIN_D.len() + at];
+                let text = |value: Option<f64>| {
+                    value.map_or("-".to_owned(), |value| format!("{:.2}", percent(value)))
+                };
+                write!(
+                    out,
+                    " {:>20}",
+                    format!("{} %, {} %/y", text(line.step), text(line.ramp_per_year))
+                )?;
             }
-            row
-        };
-        writeln!(out, "{}", row("step, in 30 d", |line| line.step_within_30_days))?;
-        writeln!(
-            out,
-            "{}",
-            row("ramp a year, in 1", |line| line.ramp_per_year_within_a_year)
-        )?;
+        }
+        writeln!(out)?;
         Ok(out)
     }
 }
 
-/// Median and mean, or the share that is found at all.
-fn delay(delays: &Delays) -> String {
-    match (delays.median, delays.mean) {
-        (Some(median), Some(mean)) if delays.found > 0.99 => format!("{median} ({mean:.1})"),
-        (Some(median), _) => format!("{median} ({:.0} % found)", 100.0 * delays.found),
-        _ => format!("{:.0} % found", 100.0 * delays.found),
+/// A quantile of what is found at all; `None` if it lies among what is not.
+fn quantile(values: &[Option<f64>], p: f64) -> Option<f64> {
+    let mut sorted: Vec<f64> = values
+        .iter()
+        .map(|value| value.unwrap_or(f64::INFINITY))
+        .collect();
+    sorted.sort_by(f64::total_cmp);
+    let rank = ((p * sorted.len() as f64).ceil() as usize).saturating_sub(1);
+    sorted.get(rank).copied().filter(|value| value.is_finite())
+}
+
+/// Median and 90 %, or the share that is found at all.
+fn delay(line: &DelayLine) -> String {
+    let days = |days: Option<f64>| days.map_or("never".to_owned(), |days| format!("{:.0}", days.ceil()));
+    if line.found < 1.0 {
+        format!("{} ({:.0} % found)", days(line.median_d), 100.0 * line.found)
+    } else {
+        format!("{} ({})", days(line.median_d), days(line.q90_d))
     }
 }
 

@@ -6,12 +6,12 @@ mod test;
 
 use std::process::ExitCode;
 
-/// What the drift alarm promises for a rod, the proof of it by simulated years, and whether its messages arrive.
+/// What the drift alarm promises for a rod, the proof of it by simulated years of sites, and whether its messages arrive.
 #[derive(Debug, Clone, clap::Args)]
 #[command(after_help = "Examples:
   tirante alarm design --noise 0.003
   tirante alarm design --config config/campaign.toml --rod nave-3 --frequency-sd 0.0005 --json
-  tirante alarm prove --histories 400 --season 15 --restraint 1
+  tirante alarm prove --world masonry-30d,harsh --histories 400
   tirante alarm test --config site.toml --sink mail")]
 pub struct Args {
     /// What to do.
@@ -22,9 +22,9 @@ pub struct Args {
 /// What to do with the alarm.
 #[derive(Debug, Clone, clap::Subcommand)]
 pub enum Action {
-    /// Print the charts' limits, the false-alarm rate, delays for steps and ramps, and the smallest change that is found.
+    /// Print the false-alarm rate, delays by simulation of this rod, and the smallest change that is told.
     Design(design::Args),
-    /// Simulate years of records, follow them with the real tracker, and print how often it alarmed beside what is stated.
+    /// Simulate years of whole sites, follow them with the real trackers, and print how often they alarmed beside what is stated.
     Prove(prove::Args),
     /// Send a test message to every sink of a configuration, and say which of them have it.
     Test(test::Args),

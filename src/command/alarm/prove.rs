@@ -1,14 +1,14 @@
-//! `tirante alarm prove`: simulated years of records through the real tracker, and how often it told something.
+//! `tirante alarm prove`: simulated years of whole sites through the real trackers, and how often they told something.
 
 use crate::cache::{self, Cache};
 use crate::command::progress::Progress;
 use crate::command::setup::choose_rod;
 use crate::command::{BadArguments, print};
 use crate::config::{Config, Setting};
-use crate::record::Timestamp;
-use crate::synthesis::{Change, Climate, FrequencyErrors, Outcome, Thermal, Trial};
-use crate::track::plan::YEAR_S;
-use crate::track::{Kind, TrackPlan};
+use crate::random;
+use crate::record::{RodId, Timestamp};
+use crate::synthesis::{Change, Outcome, Raised, Trial, World};
+use crate::track::{Kind, TrackPlan, Witness};
 use anyhow::Context;
 use rayon::prelude::*;
 use serde::Serialize;
@@ -20,21 +20,22 @@ use std::str::FromStr;
 use std::sync::Arc;
 
 const DAY_S: f64 = 86_400.0;
-const DAYS_PER_YEAR: f64 = YEAR_S / DAY_S;
-/// 1 March 2025, 02:00 UTC: the first history's first record.
-const START_NS: i64 = 1_740_794_400_000_000_000;
+const DAYS_PER_YEAR: f64 = 365.25;
+/// 1 March 2025: the first midnight.
+const START_NS: i64 = 1_740_787_200_000_000_000;
 
-/// Simulate years of daily records, follow them with the real tracker, and print how often it alarmed beside what is stated.
+/// Simulate years of whole sites, follow every rod with the real tracker, and print how often it alarmed beside what is stated.
 ///
-/// Every history has a rod drawn from the prior, a static model discrepancy, weather of its own and another day of the year
-/// to start on. Frequencies are the exact beam's with measurement errors; no waveform is made. The same seed gives the
-/// same output at any number of threads.
+/// A site has several rods drawn from the prior, each with a static model discrepancy, under common weather and one
+/// thermometer. Frequencies are the exact beam's with measurement errors; no waveform is made. Worlds differ in what makes
+/// tracking difficult; a thermometer that fails does so on day 100. The same seed gives the same output at any number of threads.
 #[derive(Debug, Clone, clap::Args)]
 #[command(after_help = "Examples:
-  tirante alarm prove --histories 400 --restraint 1
-  tirante alarm prove --baseline 90 --autocorrelation 0.3 --json
-  tirante alarm prove --change step:-0.05@100
-  tirante alarm prove --change ramp:-0.02@30 --years 1.5")]
+  tirante alarm prove --histories 200
+  tirante alarm prove --world harsh,masonry-30d,mixed --histories 1000 --json
+  tirante alarm prove --world drifting-thermometer --rods 5
+  tirante alarm prove --change step:-0.03@100 --rods 3
+  tirante alarm prove --change ramp:-0.02@400 --years 2")]
 pub struct Args {
     /// The configuration; without it the built-in one: the paper's tie-rod at Todi.
     #[arg(long, value_name = "FILE")]
@@ -42,45 +43,51 @@ pub struct Args {
     /// Puts one key over the configuration, any number of times.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub settings: Vec<Setting>,
-    /// The rod of the configuration; needed if it has several.
+    /// The rod of the configuration whose prior every simulated rod is drawn from; needed if it has several.
     #[arg(long, value_name = "ID")]
     pub rod: Option<String>,
-    /// How many histories.
-    #[arg(long, default_value_t = 200, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    /// The worlds, separated by commas; `all` for every one.
+    #[arg(long, value_name = "NAMES", default_value = "benign", value_delimiter = ',')]
+    pub world: Vec<String>,
+    /// Rods of a site.
+    #[arg(long, value_name = "COUNT", default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=50))]
+    pub rods: u32,
+    /// Rods simulated in every world, rounded up to whole sites.
+    #[arg(long, default_value_t = 100, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     pub histories: u32,
-    /// Years each is charted.
+    /// Years each is followed after its baseline.
     #[arg(long, default_value_t = 1.0)]
     pub years: f64,
-    /// Records, one a day, that make the baseline and teach the regression before anything is charted; by default as
-    /// configured (track.baseline_records, track.learning_periods).
+    /// Records, one a day, that make the baseline and teach the regression; by default as configured
+    /// (track.baseline_records, track.learning_periods).
     #[arg(long, value_name = "RECORDS", value_parser = clap::value_parser!(u32).range(10..=10_000))]
     pub baseline: Option<u32>,
-    /// Temperature from winter to summer [K].
-    #[arg(long, value_name = "K", default_value_t = 15.0)]
-    pub season: f64,
-    /// Restraint of the ends: 0 free to expand, 1 rigid.
-    #[arg(long, default_value_t = 1.0)]
-    pub restraint: f64,
-    /// Thermal lag of the rod [h].
-    #[arg(long, value_name = "H", default_value_t = 2.0)]
-    pub lag: f64,
-    /// Fluctuation of the force from record to record that temperature does not explain, as a share of the force.
-    #[arg(long, value_name = "SD", default_value_t = 0.0)]
-    pub fluctuation: f64,
-    /// Its correlation from record to record.
-    #[arg(long, value_name = "RHO", default_value_t = 0.0)]
-    pub autocorrelation: f64,
+    /// Temperature from winter to summer instead of the world's [K].
+    #[arg(long, value_name = "K")]
+    pub season: Option<f64>,
+    /// Restraint of the ends instead of the world's slopes: 0 free to expand, 1 rigid.
+    #[arg(long)]
+    pub restraint: Option<f64>,
+    /// Thermal lag of the rods instead of the world's [h].
+    #[arg(long, value_name = "H")]
+    pub lag: Option<f64>,
+    /// Fluctuation of the force that temperature does not explain, instead of the world's, as a share of the force.
+    #[arg(long, value_name = "SD")]
+    pub fluctuation: Option<f64>,
+    /// Its memory instead of the world's [d].
+    #[arg(long, value_name = "D")]
+    pub memory: Option<f64>,
     /// Relative standard error of each natural frequency.
     #[arg(long, value_name = "SD", default_value_t = 0.001)]
     pub frequency_sd: f64,
-    /// A true change of the force: `step:-0.05@100` is a loss of 5 % a hundred days after charting began,
-    /// `ramp:-0.02@100` a loss of 2 % a year from then on.
+    /// A true change of the force of the first rod of every site: `step:-0.05@100` is a loss of 5 % a hundred days after the
+    /// first record, `ramp:-0.02@100` a loss of 2 % a year from then on.
     #[arg(long, value_name = "CHANGE")]
     pub change: Option<TrueChange>,
     /// Seed of the histories.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
-    /// One JSON object instead of the table.
+    /// One JSON object per world instead of the table.
     #[arg(long)]
     pub json: bool,
 }
@@ -91,7 +98,7 @@ pub struct TrueChange {
     is_ramp: bool,
     /// Share of the force: at once, or in a year.
     relative: f64,
-    /// Days from the first charted period.
+    /// Days from the first record.
     start_d: f64,
 }
 
@@ -119,35 +126,71 @@ impl FromStr for TrueChange {
     }
 }
 
+impl TrueChange {
+    /// As the simulation takes it, over so many days.
+    fn within(self, days: usize) -> Change {
+        let left = days as f64 - self.start_d;
+        let (over_d, relative) = if self.is_ramp {
+            (left, self.relative * left / DAYS_PER_YEAR)
+        } else {
+            (0.0, self.relative)
+        };
+        Change {
+            start_d: self.start_d,
+            over_d,
+            relative,
+        }
+    }
+}
+
 impl Args {
-    fn check(&self) -> Result<(), BadArguments> {
+    /// The worlds asked for.
+    fn check(&self) -> Result<Vec<String>, BadArguments> {
         let ranges = [
-            ("--years", self.years, 0.01, 100.0),
+            ("--years", Some(self.years), 0.01, 100.0),
             ("--season", self.season, 0.0, 60.0),
             ("--restraint", self.restraint, 0.0, 1.0),
             ("--lag", self.lag, 0.0, 72.0),
             ("--fluctuation", self.fluctuation, 0.0, 0.1),
-            ("--autocorrelation", self.autocorrelation, -0.99, 0.99),
-            ("--frequency-sd", self.frequency_sd, 1e-6, 0.1),
+            ("--memory", self.memory, 0.01, 1000.0),
+            ("--frequency-sd", Some(self.frequency_sd), 1e-6, 0.1),
         ];
         for (name, value, low, high) in ranges {
-            if !(low..=high).contains(&value) {
+            if let Some(value) = value.filter(|value| !(low..=high).contains(value)) {
                 return Err(BadArguments(format!(
                     "{name} {value}: must lie between {low} and {high}"
                 )));
             }
         }
-        if let Some(change) = self.change
-            && change.start_d >= self.years * DAYS_PER_YEAR
+        if self.world.iter().any(|name| name == "all") {
+            return Ok(World::NAMES.map(String::from).to_vec());
+        }
+        match self
+            .world
+            .iter()
+            .find(|name| !World::NAMES.contains(&name.as_str()))
         {
-            return Err(BadArguments("--change begins after the last record".to_owned()));
+            Some(name) => Err(BadArguments(format!(
+                "--world {name}: write {}, or all",
+                World::NAMES.join(", ")
+            ))),
+            None => Ok(self.world.clone()),
         }
-        if self.autocorrelation != 0.0 && self.fluctuation == 0.0 {
-            let reason =
-                "--autocorrelation needs a --fluctuation, 0.001 say: measurement errors are independent";
-            return Err(BadArguments(reason.to_owned()));
+    }
+
+    /// The world of one site.
+    fn world_of(&self, name: &str, index: u64) -> Option<World> {
+        let seed = random::seed(&[b"world", &self.seed.to_le_bytes(), name.as_bytes()]);
+        let mut world = World::named(name, &mut random::stream(seed, index))?;
+        let pair = |value: f64| [value, value];
+        world.season_k = self.season.unwrap_or(world.season_k);
+        world.lag_h = self.lag.map_or(world.lag_h, pair);
+        world.fluctuation = self.fluctuation.unwrap_or(world.fluctuation);
+        world.memory_d = self.memory.unwrap_or(world.memory_d);
+        if self.restraint.is_some() {
+            world.slope_per_k = pair(-1.0);
         }
-        Ok(())
+        Some(world)
     }
 }
 
@@ -156,7 +199,7 @@ impl Args {
 /// # Errors
 /// Bad arguments or configuration, a simulation that is impossible, or an output that cannot be written.
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
-    args.check()?;
+    let worlds = args.check()?;
     let mut config = Config::resolve(args.config.as_deref(), &args.settings)?;
     if let Some(baseline) = args.baseline {
         config.track.baseline_records = baseline as usize;
@@ -172,271 +215,322 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let model = cache::model(&analysis.model, &analysis.prior, &Cache::of_user(), &|_, _| ())?;
     let (track, alarm) = (config.track.clone(), config.alarm.clone());
     let learned = track.baseline_records.max(track.learning_periods);
-    let charted = (args.years * DAYS_PER_YEAR).round() as usize;
-    let plan = Arc::new(TrackPlan::new(
-        analysis,
-        model,
-        track.clone(),
-        alarm,
-        String::from("proof"),
-    ));
+    // One more, with which the last period closes.
+    let days = learned + (args.years * DAYS_PER_YEAR).round() as usize + 1;
+    if args.change.is_some_and(|change| change.start_d >= days as f64) {
+        return Err(BadArguments("--change begins after the last record".to_owned()).into());
+    }
+    let plans: Vec<Arc<TrackPlan>> = (1..=args.rods)
+        .map(|number| {
+            let mut analysis = analysis.clone();
+            analysis.rod = RodId(format!("rod-{number}"));
+            let plan = TrackPlan::new(
+                &analysis,
+                model.clone(),
+                track.clone(),
+                alarm.clone(),
+                String::from("proof"),
+            );
+            Arc::new(plan)
+        })
+        .collect();
     let trial = Trial {
         prior: analysis.prior.clone(),
         discrepancy: (analysis.discrepancy.iter())
             .map(|stated| stated.max(track.discrepancy))
             .collect(),
-        climate: Climate {
-            mean_c: 14.0,
-            season_k: 0.5 * args.season,
-            warmest_day: 205.0,
-            day_k: 3.0,
-            warmest_hour: 14.0,
-            weather_k: 2.0,
-            weather_d: 3.0,
-            noise_k: 0.1,
-            every_s: 60.0,
-            between_s: Some(3600.0),
-        },
-        thermal: Thermal {
-            restraint: args.restraint,
-            expansion_per_k: track.expansion_per_k,
-            axial_rigidity_n: None,
-            reference_c: None,
-            lag_h: args.lag,
-        },
-        errors: FrequencyErrors {
-            log_sd: args.frequency_sd,
-            offsets: Vec::new(),
-            fluctuation: args.fluctuation,
-            autocorrelation: args.autocorrelation,
-            missing: Vec::new(),
-        },
-        change: args.change.map(|change| Change {
-            start_d: change.start_d,
-            over_d: if change.is_ramp {
-                charted as f64 - change.start_d
-            } else {
-                0.0
-            },
-            relative: if change.is_ramp {
-                change.relative * (charted as f64 - change.start_d) / DAYS_PER_YEAR
-            } else {
-                change.relative
-            },
-        }),
-        learned,
-        charted,
-        interval_s: DAY_S,
-        start: Timestamp::from_nanos(START_NS),
+        frequency_sd: args.frequency_sd,
+        restraint: args.restraint,
+        expansion_per_k: track.expansion_per_k,
+        change: args.change.map(|change| change.within(days)),
+        baseline: track.baseline_records,
+        days,
+        midnight: Timestamp::from_nanos(START_NS),
     };
-    let histories = args.histories as usize;
-    let progress = Progress::new(
-        histories as u64,
-        "{wide_bar} {human_pos}/{human_len} histories, {eta} left",
-    );
-    let outcomes: Vec<Outcome> = (0..histories)
-        .into_par_iter()
-        .map(|index| {
-            let outcome = trial.follow(&plan, index, histories, args.seed);
-            progress.add(1, histories as u64);
-            outcome
-        })
-        .collect::<Result<_, _>>()
-        .context("no such history")?;
+    let sites = u64::from(args.histories.div_ceil(args.rods));
+    let all = sites * worlds.len() as u64;
+    let progress = Progress::new(all, "{wide_bar} {human_pos}/{human_len} sites, {eta} left");
+    let stated = plans
+        .first()
+        .map_or(1.0, |plan| (days as f64 / plan.limit()).min(1.0));
+    let mut proofs = Vec::with_capacity(worlds.len());
+    for name in &worlds {
+        let outcomes: Vec<Vec<Outcome>> = (0..sites)
+            .into_par_iter()
+            .map(|index| {
+                let world = args.world_of(name, index).context("no such world")?;
+                let outcome = trial
+                    .follow(&plans, &world, index, args.seed)
+                    .context("no such site");
+                progress.add(1, all);
+                outcome
+            })
+            .collect::<Result<_, _>>()?;
+        proofs.push(Proof::new(args, name, learned, days, stated, &outcomes));
+    }
     drop(progress);
-    let stated = charted as f64 / plan.limit();
-    let proof = Proof::new(args, learned, charted, stated, &outcomes);
-    if args.json {
-        print(format!("{}\n", serde_json::to_string(&proof)?).as_bytes())
-    } else {
-        print(proof.table()?.as_bytes())
+    let mut text = String::new();
+    for (place, proof) in proofs.iter().enumerate() {
+        if args.json {
+            writeln!(text, "{}", serde_json::to_string(proof)?)?;
+        } else {
+            if place > 0 {
+                text.push('\n');
+            }
+            text.push_str(&proof.table()?);
+        }
+    }
+    print(text.as_bytes())
+}
+
+/// A share with its exact 95 % interval.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+struct Share {
+    count: usize,
+    all: usize,
+    rate: Option<f64>,
+    q025: f64,
+    q975: f64,
+}
+
+impl Share {
+    fn new(count: usize, all: usize) -> Self {
+        let (q025, q975) = clopper_pearson(count, all);
+        Self {
+            count,
+            all,
+            rate: (all > 0).then(|| count as f64 / all as f64),
+            q025,
+            q975,
+        }
+    }
+
+    fn text(&self) -> String {
+        let percent = |x: f64| 100.0 * x;
+        match self.rate {
+            Some(rate) => format!(
+                "{:>5} of {:<6} {:>5.1} % ({:.1} to {:.1})",
+                self.count,
+                self.all,
+                percent(rate),
+                percent(self.q025),
+                percent(self.q975)
+            ),
+            None => String::from("    -"),
+        }
     }
 }
 
-/// Everything that is printed.
+/// Everything that is printed of a world.
 #[derive(Debug, Clone, Serialize)]
 struct Proof {
-    histories: usize,
+    world: String,
+    sites: usize,
+    rods: usize,
+    days: usize,
     learned_periods: usize,
-    charted_periods: usize,
-    season_k: f64,
-    restraint: f64,
-    fluctuation: f64,
-    autocorrelation: f64,
     frequency_sd: f64,
     seed: u64,
     change: Option<TrueChange>,
-    /// Histories in which the rod was never followed; they count as without an alarm.
+    /// Rods that were never followed; they count as without an alarm.
     never_monitored: usize,
-    /// Rods drawn anew because they would have come near to slack.
+    /// Draws that would have come near to slack.
     redrawn: u64,
-    /// Probability of a false drift alarm in the time charted, as stated by `alarm design`.
+    /// Greatest probability of a false drift alarm in the time followed, as stated.
     stated: f64,
+    /// Rods that raised a kind of alarm without a reason: at all, or before the change.
     alarms: Vec<Rate>,
+    /// Rods with a false drift that the other rods confirmed.
+    confirmed: Share,
+    /// Sites with at least one notice that rods moved together.
+    notices: Share,
+    /// Records whose 95 % interval of the change since the baseline held the truth.
+    coverage: Share,
     found: Option<Found>,
 }
 
-/// How many histories raised a kind of alarm without a reason: at all, or before the change.
+/// How many rods raised a kind of alarm without a reason.
 #[derive(Debug, Clone, Serialize)]
 struct Rate {
     kind: Kind,
-    histories: usize,
-    rate: f64,
-    /// 95 % interval of Clopper and Pearson.
-    q025: f64,
-    q975: f64,
+    #[serde(flatten)]
+    share: Share,
 }
 
 /// How a true change was found.
 #[derive(Debug, Clone, Serialize)]
 struct Found {
-    /// Histories without a false drift or not-axial alarm before the change.
+    /// Sites whose first rod had no alarm that stays before the change.
     followed: usize,
     drift: usize,
+    confirmed: usize,
     not_axial: usize,
     /// Days from the change to the record with which the drift was told.
     q10_d: Option<f64>,
     median_d: Option<f64>,
     q90_d: Option<f64>,
+    /// Intervals of size and onset, as first told, that held the truth.
+    size: Share,
+    onset: Share,
 }
 
 impl Proof {
-    fn new(args: &Args, learned: usize, charted: usize, stated: f64, outcomes: &[Outcome]) -> Self {
-        let begin = args.change.map_or(f64::INFINITY, |change| change.start_d);
-        let rate = |kind: Kind| {
-            let is_false = |outcome: &&Outcome| {
+    fn new(
+        args: &Args,
+        world: &str,
+        learned: usize,
+        days: usize,
+        stated: f64,
+        sites: &[Vec<Outcome>],
+    ) -> Self {
+        // Only the first rod of a site changes.
+        let begin = |place: usize| {
+            args.change
+                .filter(|_| place == 0)
+                .map_or(f64::INFINITY, |change| change.start_d)
+        };
+        let rods = || sites.iter().flat_map(|site| site.iter().enumerate());
+        let all = rods().count();
+        let count = |is_it: &dyn Fn(&Raised) -> bool| {
+            let falsely = |(place, outcome): &(usize, &Outcome)| {
                 outcome
                     .raised
                     .iter()
-                    .any(|(own, day)| *own == kind && *day < begin)
+                    .any(|raised| is_it(raised) && raised.day < begin(*place))
             };
-            let count = outcomes.iter().filter(is_false).count();
-            let (low, high) = clopper_pearson(count, outcomes.len());
-            Rate {
-                kind,
-                histories: count,
-                rate: count as f64 / outcomes.len() as f64,
-                q025: low,
-                q975: high,
-            }
+            rods().filter(falsely).count()
         };
-        let found = args.change.map(|change| {
-            let is_undisturbed = |outcome: &&Outcome| {
-                !outcome
-                    .raised
-                    .iter()
-                    .any(|(kind, day)| kind.is_latched() && *day < change.start_d)
-            };
-            let followed: Vec<&Outcome> = outcomes.iter().filter(is_undisturbed).collect();
-            let first = |kind: Kind| {
-                let of = move |outcome: &&Outcome| {
-                    outcome
-                        .raised
-                        .iter()
-                        .find(|(own, _)| *own == kind)
-                        .map(|(_, day)| *day)
-                };
-                followed
-                    .iter()
-                    .filter_map(of)
-                    .map(|day| day - change.start_d)
-                    .collect::<Vec<f64>>()
-            };
-            let mut days = first(Kind::Drift);
-            days.sort_by(f64::total_cmp);
-            let rank = |p: f64| ((p * followed.len() as f64).ceil() as usize).saturating_sub(1);
-            let quantile = |p: f64| days.get(rank(p)).copied();
-            Found {
-                drift: days.len(),
-                not_axial: first(Kind::NotAxial).len(),
-                q10_d: quantile(0.1),
-                median_d: quantile(0.5),
-                q90_d: quantile(0.9),
-                followed: followed.len(),
-            }
+        let is_confirmed =
+            |raised: &Raised| raised.kind == Kind::Drift && raised.witness == Some(Witness::Confirmed);
+        let told_together = |site: &&Vec<Outcome>| {
+            let mut raised = site.iter().flat_map(|outcome| &outcome.raised);
+            raised.any(|raised| raised.kind == Kind::Common)
+        };
+        let told = rods().fold([0, 0], |sum, (_, outcome)| {
+            [sum[0] + outcome.told[0], sum[1] + outcome.told[1]]
         });
         Self {
-            histories: outcomes.len(),
+            world: world.to_owned(),
+            sites: sites.len(),
+            rods: all,
+            days,
             learned_periods: learned,
-            charted_periods: charted,
-            season_k: args.season,
-            restraint: args.restraint,
-            fluctuation: args.fluctuation,
-            autocorrelation: args.autocorrelation,
             frequency_sd: args.frequency_sd,
             seed: args.seed,
             change: args.change,
-            never_monitored: outcomes.iter().filter(|outcome| !outcome.monitored).count(),
-            redrawn: outcomes.iter().map(|outcome| outcome.redrawn).sum(),
+            never_monitored: rods().filter(|(_, outcome)| !outcome.monitored).count(),
+            redrawn: rods().map(|(_, outcome)| outcome.redrawn).sum(),
             stated,
-            alarms: Kind::ALL.map(rate).into(),
-            found,
+            alarms: Kind::ALL
+                .map(|kind| Rate {
+                    kind,
+                    share: Share::new(count(&|raised| raised.kind == kind), all),
+                })
+                .into(),
+            confirmed: Share::new(count(&is_confirmed), all),
+            notices: Share::new(sites.iter().filter(told_together).count(), sites.len()),
+            coverage: Share::new(told[1], told[0]),
+            found: args.change.map(|change| Found::new(change, sites)),
         }
     }
 
     fn table(&self) -> Result<String, std::fmt::Error> {
         let mut out = String::new();
-        let percent = |x: f64| 100.0 * x;
         writeln!(
             out,
-            "{} histories, charted for {} days after {} learned; season {} K, restraint {}, frequencies {} %, fluctuation {} % \
-             with correlation {}",
-            self.histories,
-            self.charted_periods,
+            "{}: {} rods on {} sites, {} days, {} of them learned; frequencies {} %",
+            self.world,
+            self.rods,
+            self.sites,
+            self.days,
             self.learned_periods,
-            self.season_k,
-            self.restraint,
-            percent(self.frequency_sd),
-            percent(self.fluctuation),
-            self.autocorrelation,
+            100.0 * self.frequency_sd,
         )?;
         writeln!(
             out,
-            "{} never followed; {} rods drawn anew because they would have come near to slack",
+            "{} never followed; {} draws would have come near to slack",
             self.never_monitored, self.redrawn
         )?;
         let until = if self.change.is_some() {
-            "before the change"
+            ", before the change"
         } else {
-            "nothing changed"
+            ""
         };
-        writeln!(
-            out,
-            "\n{:<17} {:>9} {:>8} {:>17}   {until}",
-            "false alarms", "histories", "%", "95 % interval"
-        )?;
+        writeln!(out, "false alarms, rods{until} (95 % interval)")?;
         for rate in &self.alarms {
-            let interval = format!("{:.1} to {:.1}", percent(rate.q025), percent(rate.q975));
-            write!(
-                out,
-                "{:<17} {:>9} {:>8.1} {interval:>17}",
-                rate.kind,
-                rate.histories,
-                percent(rate.rate)
-            )?;
+            write!(out, "  {:<17} {}", rate.kind, rate.share.text())?;
             if rate.kind == Kind::Drift && self.change.is_none() {
-                write!(out, "   stated {:.1} %", percent(self.stated))?;
+                write!(out, "   stated: at most {:.1} %", 100.0 * self.stated)?;
             }
             writeln!(out)?;
         }
+        writeln!(out, "  {:<17} {}", "confirmed drift", self.confirmed.text())?;
+        writeln!(out, "sites with notice   {}", self.notices.text())?;
+        writeln!(out, "95 % intervals held {}", self.coverage.text())?;
         if let (Some(change), Some(found)) = (self.change, &self.found) {
-            let days = |days: Option<f64>| days.map_or("never".to_owned(), |days| format!("{days:.0} d"));
+            let days = |days: Option<f64>| days.map_or("never".to_owned(), |days| format!("{days:.1} d"));
             writeln!(
                 out,
-                "\n{} {} %{} on day {}: of {} histories drift told in {}, not-axial in {}; after {} (median), {} (10 %), {} (90 %)",
+                "{} {} %{} on day {}: of {} rods drift told of {}, confirmed {}, not-axial {}; after {} (median), {} (10 %), {} (90 %)",
                 if change.is_ramp { "ramp" } else { "step" },
-                percent(change.relative),
+                100.0 * change.relative,
                 if change.is_ramp { " a year" } else { "" },
                 change.start_d,
                 found.followed,
                 found.drift,
+                found.confirmed,
                 found.not_axial,
                 days(found.median_d),
                 days(found.q10_d),
                 days(found.q90_d),
             )?;
+            writeln!(out, "  size held         {}", found.size.text())?;
+            writeln!(out, "  onset held        {}", found.onset.text())?;
         }
         Ok(out)
+    }
+}
+
+impl Found {
+    fn new(change: TrueChange, sites: &[Vec<Outcome>]) -> Self {
+        let is_undisturbed = |outcome: &&Outcome| {
+            let mut raised = outcome.raised.iter();
+            !raised.any(|raised| raised.kind.is_latched() && raised.day < change.start_d)
+        };
+        let followed: Vec<&Outcome> = sites
+            .iter()
+            .filter_map(|site| site.first())
+            .filter(is_undisturbed)
+            .collect();
+        let first = |is_it: fn(&Raised) -> bool| -> Vec<Raised> {
+            followed
+                .iter()
+                .filter_map(|outcome| outcome.raised.iter().find(|raised| is_it(raised)).copied())
+                .collect()
+        };
+        let drifts = first(|raised| raised.kind == Kind::Drift);
+        let mut days: Vec<f64> = drifts.iter().map(|raised| raised.day - change.start_d).collect();
+        days.sort_by(f64::total_cmp);
+        let rank = |p: f64| ((p * followed.len() as f64).ceil() as usize).saturating_sub(1);
+        let quantile = |p: f64| days.get(rank(p)).copied();
+        let held = |which: usize| {
+            let all: Vec<[bool; 2]> = drifts.iter().filter_map(|raised| raised.held).collect();
+            Share::new(all.iter().filter(|held| held[which]).count(), all.len())
+        };
+        Self {
+            followed: followed.len(),
+            drift: drifts.len(),
+            confirmed: drifts
+                .iter()
+                .filter(|raised| raised.witness == Some(Witness::Confirmed))
+                .count(),
+            not_axial: first(|raised| raised.kind == Kind::NotAxial).len(),
+            q10_d: quantile(0.1),
+            median_d: quantile(0.5),
+            q90_d: quantile(0.9),
+            size: held(0),
+            onset: held(1),
+        }
     }
 }
 
@@ -483,6 +577,7 @@ mod tests {
                 "{own_low} {own_high}"
             );
         }
+        assert_eq!(Share::new(0, 0).text().trim(), "-");
     }
 
     #[test]
@@ -496,10 +591,12 @@ mod tests {
                 start_d: 30.0
             }
         );
+        // Half a year later a loss of 2 % a year is 1 %.
+        let half = change.within(30 + 183);
+        assert!((half.relative + 0.02 * 183.0 / 365.25).abs() < 1e-12 && half.over_d == 183.0);
         for text in [
             "",
             "step",
-            "step:-0.05",
             "step:x@3",
             "jump:-0.05@3",
             "step:nan@3",

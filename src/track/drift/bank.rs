@@ -109,6 +109,16 @@ impl Row {
         })
     }
 
+    /// Regressors of the whole state.
+    pub fn columns(&self) -> &[f64] {
+        &self.x
+    }
+
+    /// Variance of its error, in noise variances.
+    pub fn error(&self) -> f64 {
+        self.error
+    }
+
     /// Puts an onset's regressor in.
     pub fn with_onset(&mut self, h: f64) -> &Self {
         self.x[0] = h;
@@ -521,7 +531,7 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
 }
 
 /// x'P x over the first `count` entries.
-fn quadratic(cov: &[f64], x: &[f64], count: usize) -> f64 {
+pub(super) fn quadratic(cov: &[f64], x: &[f64], count: usize) -> f64 {
     let mut sum = 0.0;
     for row in 0..count {
         let at = place(x.len(), row, row);

@@ -3,6 +3,7 @@
 //! * [`prior`]      laws of the coefficients, members of a bank
 //! * [`bank`]       conjugate filters side by side, their predictive law
 //! * [`detector`]   onset particles and R
+//! * `level`        change of a period from the level of commissioning
 //! * [`change`]     onset, size and shape of a change, the change since commissioning
 //! * `least`        smallest change that would be told by a given day
 //! * [`regressors`] filters of temperature readings, curvature, transients, a yearly cycle, other rods
@@ -12,6 +13,7 @@ pub mod bank;
 pub mod change;
 pub mod detector;
 mod least;
+mod level;
 pub mod prior;
 pub mod regressors;
 pub mod site_rule;

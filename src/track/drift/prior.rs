@@ -92,6 +92,17 @@ impl BankPrior {
         }
     }
 
+    /// A force that temperature does not move: a yearly pair.
+    pub fn unmoved(noise_sd: f64) -> Self {
+        Self {
+            noise_sd,
+            intercept_sd: INTERCEPT_SD,
+            columns: vec![centred(YEARLY_SD[0]); 2],
+            members: beside_a_cause(),
+            kick: KICK[0],
+        }
+    }
+
     /// Thermometer and other rods: the columns of [`BankPrior::thermal`], then the median of the other rods' ratios and its
     /// square.
     pub fn thermal_and_peers(noise_sd: f64, thermal: ThermalPrior) -> Self {

@@ -94,6 +94,11 @@ impl Filters {
         self.gap > SPARSE_D
     }
 
+    /// Time of the last reading \[d\].
+    pub fn last_day(&self) -> Option<f64> {
+        self.last
+    }
+
     /// Time of the first reading \[d\].
     pub fn first_day(&self) -> Option<f64> {
         self.first

@@ -6,8 +6,7 @@ use super::site_years::{Fate, Moment, SiteYears};
 use super::world::World;
 use crate::random;
 use crate::record::Timestamp;
-use crate::track::drift::regressors::median;
-use crate::track::drift::{BankPrior, Detector, Filters, Regressors, Seen, Shape, ThermalPrior};
+use crate::track::drift::{BankPrior, Companions, Detector, Filters, Regressors, Seen, Shape, ThermalPrior};
 
 const DAY_S: f64 = 86_400.0;
 const YEAR_D: f64 = 365.25;
@@ -152,6 +151,8 @@ impl Outlook {
             .collect();
         let mut filters = Filters::default();
         let mut readings = site.readings.iter().peekable();
+        let names: Vec<String> = (1..self.rods).map(|rod| rod.to_string()).collect();
+        let mut companions = Companions::default();
         let mut regressors: Option<Regressors> = None;
         let mut periods = Vec::new();
         for (index, moment) in site.rods[0].iter().enumerate() {
@@ -159,6 +160,11 @@ impl Outlook {
             while let Some(reading) = readings.next_if(|reading| reading.time <= moment.start) {
                 filters.push(reading.time.seconds_since(midnight) / DAY_S, reading.celsius);
             }
+            let others = names
+                .iter()
+                .zip(&ratios[1..])
+                .map(|(name, own)| (name.as_str(), own[index]));
+            let median = companions.take(others);
             let (Some(ratio), Some(filtered)) = (ratios[0][index], filters.at(day)) else {
                 continue;
             };
@@ -169,8 +175,7 @@ impl Outlook {
             let columns = if self.rods < FEWEST {
                 regressors.thermal(day, &filtered)
             } else {
-                let others = ratios[1..].iter().filter_map(|own| own[index]);
-                let Some(median) = median(others) else { continue };
+                let Some(median) = median else { continue };
                 regressors.thermal_and_peers(day, &filtered, median)
             };
             periods.push(Ready { day, ratio, columns });

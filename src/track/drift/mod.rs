@@ -5,12 +5,14 @@
 //! * [`detector`]   onset particles and R
 //! * `level`        change of a period from the level of commissioning
 //! * [`change`]     onset, size and shape of a change, the change since commissioning
+//! * [`companions`] the other rods' median, steady while some are missing
 //! * `least`        smallest change that would be told by a given day
 //! * [`regressors`] filters of temperature readings, curvature, transients, a yearly cycle, other rods
 //! * [`site_rule`]  what the detectors of a site's rods mean together
 
 pub mod bank;
 pub mod change;
+pub mod companions;
 pub mod detector;
 mod least;
 mod level;
@@ -20,6 +22,7 @@ pub mod site_rule;
 
 pub use bank::{Law, Seen};
 pub use change::{Change, Estimate};
+pub use companions::Companions;
 pub use detector::{Detector, Shape};
 pub use prior::{BankPrior, Coefficient, Fluctuation, ThermalPrior};
 pub use regressors::{Filters, Regressors};

@@ -1,0 +1,107 @@
+//! The other rods' median, kept steady while some of them are not measured.
+//!
+//! Rods differ in how they follow the temperature, so that the median of those measured jumps by per cents when one is missing on
+//! a warm day. A rod that is missing therefore goes on with the median step of the others,
+//!
+//! ```text
+//! y_j(t) = y_j(t') + median over the rods measured now of (y_i(t) - y_i(t'))
+//! ```
+//!
+//! for [`PATIENCE`] periods at most.
+
+use super::regressors::median;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+
+/// Periods for which a rod that is not measured goes on.
+pub const PATIENCE: u32 = 10;
+/// Fewest other rods that are witnesses.
+pub const FEWEST: usize = 2;
+
+/// Last ratios of a rod's companions.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct Companions {
+    rods: BTreeMap<String, Last>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+struct Last {
+    ratio: f64,
+    /// Periods since it was measured.
+    missing: u32,
+}
+
+impl Companions {
+    /// Takes a period: every companion by name, with its ratio if it was measured; one that is not listed, as it drifts or
+    /// is gone, is forgotten. The median, if at least two companions are known and one of them was measured.
+    pub fn take<'a>(&mut self, rods: impl IntoIterator<Item = (&'a str, Option<f64>)>) -> Option<f64> {
+        let listed: BTreeMap<&str, Option<f64>> = rods
+            .into_iter()
+            .map(|(rod, ratio)| (rod, ratio.filter(|ratio| ratio.is_finite())))
+            .collect();
+        let steps = listed
+            .iter()
+            .filter_map(|(rod, ratio)| Some((*ratio)? - self.rods.get(*rod)?.ratio));
+        let step = median(steps);
+        self.rods.retain(|rod, last| {
+            last.missing += 1;
+            listed.contains_key(rod.as_str()) && last.missing <= PATIENCE
+        });
+        if let Some(step) = step {
+            self.rods.values_mut().for_each(|last| last.ratio += step);
+        }
+        for (rod, ratio) in &listed {
+            if let Some(ratio) = *ratio {
+                self.rods.insert((*rod).to_owned(), Last { ratio, missing: 0 });
+            }
+        }
+        let is_fresh = listed.values().any(Option::is_some);
+        median(self.rods.values().map(|last| last.ratio)).filter(|_| is_fresh && self.rods.len() >= FEWEST)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_missing_rod_goes_on_with_the_others() {
+        let mut companions = Companions::default();
+        let near = |found: Option<f64>, expected: f64| {
+            assert!((found.unwrap() - expected).abs() < 1e-15, "{found:?}")
+        };
+        near(
+            companions.take([("a", Some(0.01)), ("b", Some(0.05)), ("c", Some(0.09))]),
+            0.05,
+        );
+        // b is missing while all grow by 0.02: the median of a and c alone would be right, that of c alone not.
+        near(
+            companions.take([("a", Some(0.03)), ("b", None), ("c", Some(0.11))]),
+            0.07,
+        );
+        near(
+            companions.take([("a", None), ("b", None), ("c", Some(0.12))]),
+            0.08,
+        );
+        near(
+            companions.take([("a", Some(0.05)), ("b", Some(0.02)), ("c", Some(0.12))]),
+            0.05,
+        );
+        assert_eq!(companions.take([("a", None), ("b", None), ("c", None)]), None);
+    }
+
+    #[test]
+    fn rods_that_drift_or_stay_away_are_forgotten() {
+        let mut companions = Companions::default();
+        companions.take([("a", Some(0.01)), ("b", Some(0.05)), ("c", Some(0.09))]);
+        // c drifts: it is not listed any more.
+        assert!((companions.take([("a", Some(0.01)), ("b", Some(0.05))]).unwrap() - 0.03).abs() < 1e-15);
+        for _ in 0..PATIENCE {
+            assert!(companions.take([("a", Some(0.01)), ("b", None)]).is_some());
+        }
+        // One rod alone is no witness.
+        assert_eq!(companions.take([("a", Some(0.01)), ("b", None)]), None);
+        assert_eq!(companions.take([("a", Some(0.01)), ("b", Some(f64::NAN))]), None);
+        assert_eq!(Companions::default().take([("a", Some(0.01))]), None);
+    }
+}

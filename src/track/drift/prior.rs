@@ -119,7 +119,7 @@ impl BankPrior {
             noise_sd,
             intercept_sd: INTERCEPT_SD,
             columns: vec![Coefficient { mean, sd }, centred(square_sd), yearly, yearly],
-            members: beside_a_cause(),
+            members: beside_other_rods(),
             kick: KICK[1],
         }
     }
@@ -174,4 +174,27 @@ fn beside_a_cause() -> Vec<Fluctuation> {
         })
     });
     std::iter::once(white).chain(remembers).collect()
+}
+
+/// Members beside other rods alone: masonry that differs from rod to rod wanders for weeks to months, by little or by much.
+fn beside_other_rods() -> Vec<Fluctuation> {
+    const SLOW: [(f64, f64); 3] = [(0.1, 30.0), (1.0, 50.0), (10.0, 80.0)];
+    let wanders = |member: &Fluctuation| {
+        let member = *member;
+        SLOW.map(|(slow_variance, slow_memory_d)| Fluctuation {
+            slow_variance,
+            slow_memory_d,
+            probability: member.probability / SLOW.len() as f64,
+            ..member
+        })
+    };
+    let members = beside_a_cause();
+    let mut members: Vec<Fluctuation> = members
+        .iter()
+        .filter(|member| member.memory_d < SLOW_D)
+        .flat_map(wanders)
+        .collect();
+    let total: f64 = members.iter().map(|member| member.probability).sum();
+    members.iter_mut().for_each(|member| member.probability /= total);
+    members
 }

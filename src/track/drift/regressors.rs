@@ -271,12 +271,14 @@ mod tests {
             regressors.blind(100.0).len(),
             BankPrior::blind(0.002).columns.len()
         );
-        let total: f64 = BankPrior::blind(0.002)
-            .members
-            .iter()
-            .map(|member| member.probability)
-            .sum();
-        assert!((total - 1.0).abs() < 1e-12, "{total}");
+        for prior in [
+            BankPrior::thermal(0.002, thermal),
+            BankPrior::peers(0.002),
+            BankPrior::blind(0.002),
+        ] {
+            let total: f64 = prior.members.iter().map(|member| member.probability).sum();
+            assert!((total - 1.0).abs() < 1e-12, "{total}");
+        }
     }
 
     #[test]

@@ -336,3 +336,90 @@ fn simulate_destroys_nothing_it_should_not() {
     }
     assert_eq!(fs::read(target).unwrap(), b"kept");
 }
+
+#[test]
+fn a_site_that_is_proved_keeps_its_promise_and_tells_a_loss_at_any_thread_count() {
+    let cache = tempfile::tempdir().unwrap();
+    let proved = |threads: &str| {
+        let output = tirante(&cache)
+            .env("RAYON_NUM_THREADS", threads)
+            .args([
+                "alarm",
+                "prove",
+                "--histories",
+                "6",
+                "--rods",
+                "3",
+                "--years",
+                "0.15",
+            ])
+            .args(["--change", "step:-0.05@60", "--json"])
+            .output()
+            .unwrap();
+        assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+        text(&output.stdout)
+    };
+    let one = proved("1");
+    assert_eq!(one, proved("2"));
+    let proof: serde_json::Value = serde_json::from_str(&one).unwrap();
+    assert_eq!(
+        (&proof["world"], &proof["rods"], &proof["sites"]),
+        (&"benign".into(), &6.into(), &2.into())
+    );
+    assert_eq!(proof["never_monitored"], 0);
+    assert_eq!(proof["found"]["drift"], proof["found"]["followed"]);
+    let median = proof["found"]["median_d"].as_f64().unwrap();
+    // The period of the second record after the loss closes with the third; missing records take a day each.
+    assert!((1.0..6.0).contains(&median), "{median}");
+    let told = proof["coverage"]["all"].as_u64().unwrap();
+    assert!(told > 100, "{told} records were told a change since the baseline");
+}
+
+#[test]
+fn the_alarms_design_promises_delays_that_shorten_with_learning() {
+    let cache = tempfile::tempdir().unwrap();
+    let output = tirante(&cache)
+        .args(["alarm", "design", "--json"])
+        .output()
+        .unwrap();
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    let promise: serde_json::Value = serde_json::from_str(&text(&output.stdout)).unwrap();
+    let line = |relative: f64, learned: u64| {
+        let lines = promise["delays"].as_array().unwrap();
+        lines
+            .iter()
+            .find(|line| {
+                line["relative"] == relative && line["change"] == "ramp" && line["learned_periods"] == learned
+            })
+            .unwrap()["median_d"]
+            .as_f64()
+            .unwrap()
+    };
+    assert!(line(-0.02, 365) < line(-0.02, 90) && line(-0.05, 365) < line(-0.02, 365));
+    let least = |learned: u64, within: u64| {
+        let lines = promise["least"].as_array().unwrap();
+        let line = lines
+            .iter()
+            .find(|line| line["learned_periods"] == learned && line["within_d"] == within)
+            .unwrap();
+        line["ramp_per_year"].as_f64().unwrap()
+    };
+    assert!(least(365, 90) < least(30, 90) && least(30, 365) < least(30, 90));
+    for (argument, value) in [("--world", "atlantis"), ("--noise", "2")] {
+        let output = tirante(&cache)
+            .args(["alarm", "design", argument, value])
+            .output()
+            .unwrap();
+        assert_eq!(output.status.code(), Some(2), "{argument} {value}");
+    }
+    let output = tirante(&cache)
+        .args(["alarm", "prove", "--world", "benign,atlantis"])
+        .output()
+        .unwrap();
+    assert_eq!(output.status.code(), Some(2));
+    assert!(
+        text(&output.stderr).contains("masonry-30d"),
+        "{}",
+        text(&output.stderr)
+    );
+}

@@ -442,6 +442,31 @@ mod tests {
         assert_eq!(detector, before);
     }
 
+    /// No typical error, however absurd, makes a detector give anything but numbers.
+    #[test]
+    fn absurd_errors_are_survived() {
+        for noise_sd in [0.0, f64::MIN_POSITIVE, -1.0, 1e300, f64::NAN] {
+            let mut detector = Detector::new(BankPrior::peers(noise_sd));
+            for day in 0..30 {
+                let day = f64::from(day);
+                let sd = if day == 7.0 { 0.0 } else { noise_sd.clamp(0.0, 1.0) };
+                let columns = columns(day);
+                let ratio = if day == 20.0 { -1.0 } else { 0.8 * columns[0] };
+                let law = detector.step(&Seen {
+                    day,
+                    ratio,
+                    sd,
+                    columns: &columns,
+                });
+                assert!(
+                    law.is_none_or(|law| law.mean.is_finite() && law.sd > 0.0 && law.sd.is_finite()),
+                    "{law:?}"
+                );
+                assert!(detector.statistic().is_finite(), "{noise_sd}");
+            }
+        }
+    }
+
     #[test]
     fn an_accepted_change_is_the_new_level() {
         let mut detector = Detector::new(BankPrior::peers(NOISE));

@@ -43,6 +43,9 @@ pub struct Fluctuation {
     pub probability: f64,
 }
 
+/// Least and greatest typical error that is believed.
+const NOISE_SD: [f64; 2] = [1e-5, 0.1];
+
 /// Knowledge before the first period.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct BankPrior {
@@ -84,7 +87,7 @@ impl BankPrior {
         columns.extend([centred(TRANSIENT_SD); 2]);
         columns.extend([centred(YEARLY_SD[0]); 2]);
         Self {
-            noise_sd,
+            noise_sd: believable(noise_sd),
             intercept_sd: INTERCEPT_SD,
             columns,
             members: beside_a_cause(),
@@ -95,7 +98,7 @@ impl BankPrior {
     /// A force that temperature does not move: a yearly pair.
     pub fn unmoved(noise_sd: f64) -> Self {
         Self {
-            noise_sd,
+            noise_sd: believable(noise_sd),
             intercept_sd: INTERCEPT_SD,
             columns: vec![centred(YEARLY_SD[0]); 2],
             members: beside_a_cause(),
@@ -116,7 +119,7 @@ impl BankPrior {
         let [mean, sd, square_sd] = ONLY_MEDIAN;
         let yearly = centred(YEARLY_SD[1]);
         Self {
-            noise_sd,
+            noise_sd: believable(noise_sd),
             intercept_sd: INTERCEPT_SD,
             columns: vec![Coefficient { mean, sd }, centred(square_sd), yearly, yearly],
             members: beside_other_rods(),
@@ -137,7 +140,7 @@ impl BankPrior {
             })
         });
         Self {
-            noise_sd,
+            noise_sd: believable(noise_sd),
             intercept_sd: INTERCEPT_SD,
             columns: vec![centred(YEARLY_SD[2]); 2],
             members: members.collect(),
@@ -148,6 +151,15 @@ impl BankPrior {
     /// Takes readings as sparse or dense.
     pub(super) fn set_sparse(&mut self, is_sparse: bool) {
         self.kick = KICK[usize::from(is_sparse)];
+    }
+}
+
+/// A stated error that can scale a prior.
+fn believable(noise_sd: f64) -> f64 {
+    if noise_sd.is_finite() {
+        noise_sd.clamp(NOISE_SD[0], NOISE_SD[1])
+    } else {
+        NOISE_SD[1]
     }
 }
 

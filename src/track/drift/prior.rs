@@ -129,21 +129,11 @@ impl BankPrior {
 
     /// Nothing but the rod itself: a yearly pair, and members that allow for the weather.
     pub fn blind(noise_sd: f64) -> Self {
-        let variances = (0..6).map(|power| libm::exp2(2.0 * f64::from(power)));
-        let members = variances.flat_map(|variance| {
-            [1.5, 3.5].map(|memory_d| Fluctuation {
-                variance,
-                memory_d,
-                slow_variance: 0.3 * variance,
-                slow_memory_d: SLOW_D,
-                probability: 1.0 / 12.0,
-            })
-        });
         Self {
             noise_sd: believable(noise_sd),
             intercept_sd: INTERCEPT_SD,
             columns: vec![centred(YEARLY_SD[2]); 2],
-            members: members.collect(),
+            members: beside_nothing(),
             kick: KICK[0],
         }
     }
@@ -209,4 +199,21 @@ fn beside_other_rods() -> Vec<Fluctuation> {
     let total: f64 = members.iter().map(|member| member.probability).sum();
     members.iter_mut().for_each(|member| member.probability /= total);
     members
+}
+
+/// Members beside nothing: weather of days, and what wanders for weeks, by little or as much.
+fn beside_nothing() -> Vec<Fluctuation> {
+    let variances = (0..6).map(|power| libm::exp2(2.0 * f64::from(power)));
+    let of = |variance: f64| {
+        [1.0, 3.0, 8.0].into_iter().flat_map(move |memory_d| {
+            [0.1, 1.0].map(|share| Fluctuation {
+                variance,
+                memory_d,
+                slow_variance: share * variance,
+                slow_memory_d: SLOW_D,
+                probability: 1.0 / 36.0,
+            })
+        })
+    };
+    variances.flat_map(of).collect()
 }

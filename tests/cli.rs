@@ -372,7 +372,7 @@ fn a_site_that_is_proved_keeps_its_promise_and_tells_a_loss_at_any_thread_count(
     // The period of the second record after the loss closes with the third; missing records take a day each.
     assert!((1.0..6.0).contains(&median), "{median}");
     let told = proof["coverage"]["all"].as_u64().unwrap();
-    assert!(told > 100, "{told} records were told a change since the baseline");
+    assert!(told > 20, "{told} records were told a change since the baseline");
 }
 
 #[test]

@@ -1,10 +1,8 @@
 //! The other rods of a site, as one rod's drift watch sees them.
 
 use super::alarm::Kind;
+use super::drift::site_rule::MOVING;
 use super::state::State;
-
-/// Evidence of a change from which on another rod counts as moving, too: R of its detector, in periods (study, section 4).
-const MOVING: f64 = 300.0;
 
 /// The other rods of the site as they are at one moment of event time.
 #[derive(Debug, Clone, Default)]
@@ -40,6 +38,12 @@ impl<'a> Others<'a> {
         } else {
             0.5 * (ratios[half - 1] + ratios[half])
         })
+    }
+
+    /// The other rods that do not drift, by name, with N_t / N_0 - 1 where they were measured in a period.
+    pub(super) fn ratios(&self, index: i64, period_s: f64) -> impl Iterator<Item = (&str, Option<f64>)> {
+        let steady = self.0.iter().filter(|state| !state.holds(Kind::Drift));
+        steady.map(move |state| (state.rod.0.as_str(), state.ratio_in(index, period_s)))
     }
 
     /// How many of them show evidence of a change themselves.

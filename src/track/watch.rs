@@ -11,7 +11,7 @@
 //! `peers` sees, too, is confirmed; rods whose compensated detectors move together are one notice of the site.
 
 use super::drift::regressors::FILTERS_D;
-use super::drift::{BankPrior, Change, Detector, Law, Regressors, Seen, ThermalPrior};
+use super::drift::{BankPrior, Change, Companions, Detector, Law, Regressors, Seen, ThermalPrior};
 use super::others::Others;
 use super::period::{Charted, Evidence, Period};
 use serde::{Deserialize, Serialize};
@@ -48,6 +48,9 @@ pub struct DriftWatch {
     compensated: Option<Compensated>,
     peers: Option<Detector>,
     blind: Detector,
+    /// Last ratios of the other rods.
+    #[serde(default)]
+    companions: Companions,
     /// Whether the last period came with a temperature, and with the other rods.
     last: Sources,
     /// Alarms latched since the last restart.
@@ -126,6 +129,7 @@ impl DriftWatch {
             compensated: None,
             peers: None,
             blind: Detector::new(BankPrior::blind(noise_sd)),
+            companions: Companions::default(),
             last: Sources::default(),
             above: Above::default(),
         }
@@ -164,7 +168,7 @@ impl DriftWatch {
         period_s: f64,
     ) -> Charted {
         let day = period.start.days();
-        let median = others.median_ratio(period.index, period_s);
+        let median = self.companions.take(others.ratios(period.index, period_s));
         self.begin(terms, period, others);
         let regressors = Regressors {
             reference_c: 0.0,

@@ -46,15 +46,18 @@ impl<'a> Others<'a> {
         steady.map(move |state| (state.rod.0.as_str(), state.ratio_in(index, period_s)))
     }
 
-    /// How many of them show evidence of a change themselves.
+    /// How many of them show evidence of a change themselves, or were told to have moved together.
     pub(super) fn moving(&self) -> usize {
-        let moves = |state: &&&State| {
+        let shows = |state: &State| {
             state
                 .watch
                 .as_ref()
                 .is_some_and(|watch| watch.evidence() > MOVING)
         };
-        self.0.iter().filter(moves).count()
+        self.0
+            .iter()
+            .filter(|state| shows(state) || state.holds(Kind::Common))
+            .count()
     }
 
     /// Whether one of them has told already that rods move together.

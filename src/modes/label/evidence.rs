@@ -10,6 +10,7 @@
 //! stated one and under one three times as wide.
 
 use super::code::Code;
+use super::likeness::Likeness;
 use super::peak::Peak;
 use super::rod::{COORDINATES, Guesses, NO_GUESSES, Point, Rod};
 use super::visibility::{self, Orders};
@@ -29,6 +30,12 @@ const FOREIGN_MEAN: f64 = 1.2;
 const ALL_FOREIGN_MEAN: f64 = 2.0;
 /// Probability beforehand that the rod is seen at all.
 const ROD: f64 = 0.9;
+/// Whoever strikes strikes the rod: log odds of there being none, beside those of any record. Not per peak, since a decay
+/// may be recognised where there is none.
+const STRUCK: f64 = -8.0;
+/// Foreign peaks beside a struck rod are rare, but where there is one there are often several: no more than this is taken
+/// off for all of them.
+const MOST_STRUCK: f64 = -5.0;
 /// A peak may be an order within so many predictive standard deviations and this much more.
 const NEAR_SD: f64 = 4.0;
 const NEAR: f64 = 0.002;
@@ -53,6 +60,8 @@ pub(super) struct Scene<'a> {
     pub(super) declared: Code,
     /// Orders with a window in which there is no peak: they are nowhere else.
     pub(super) absent: Orders,
+    /// Whether something was struck or let go.
+    pub(super) is_struck: bool,
     /// Whether the first mode is said to be among the peaks.
     pub(super) is_first_seen: bool,
 }
@@ -116,25 +125,33 @@ impl Scene<'_> {
 
     /// Logarithm of the probability that there is no rod and every peak is foreign.
     pub(super) fn log_no_rod(&self) -> f64 {
-        libm::log(1.0 - ROD) + self.log_foreign(Code::default())
+        let likenesses = self.peaks.iter().map(|peak| peak.likeness);
+        let likeness = likenesses.fold(Likeness::default(), Likeness::with);
+        let struck = if self.is_struck { STRUCK } else { 0.0 };
+        libm::log(1.0 - ROD) + likeness.of_no_rod() + struck + self.log_foreign(Code::default())
     }
 
-    /// Number and places of the foreign peaks.
+    /// Number and places of the foreign peaks, and how alike the modes are.
     fn log_foreign(&self, code: Code) -> f64 {
         let mut count = 0;
-        let mut sum = 0.0;
         let mut modes = 0u16;
+        let mut likeness = Likeness::default();
         for (_, peak) in code.pairs() {
             modes |= 1 << peak;
+            likeness = likeness.with(self.peaks[peak].likeness);
         }
+        let mut sum = likeness.of_rod();
+        let mut struck = 0.0f64;
         for (_, peak) in self.peaks.iter().enumerate().filter(|(i, _)| modes & 1 << i == 0) {
             count += 1;
             // k! beside the product of the densities: the peaks have no order of their own.
             sum += peak.log_foreign + libm::log(f64::from(count));
             if modes != 0 {
-                sum += peak.log_strength;
+                sum += peak.log_beside;
+                struck += peak.log_struck;
             }
         }
+        sum += struck.max(MOST_STRUCK);
         let count = f64::from(count);
         let mean = if modes == 0 {
             ALL_FOREIGN_MEAN

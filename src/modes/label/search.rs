@@ -236,7 +236,7 @@ impl Gains {
         table.gains[count as usize] = 0.0;
         for (i, peak) in peaks.iter().enumerate() {
             let variance = SCATTER * SCATTER + peak.relative_sd * peak.relative_sd + spread * spread;
-            let foreign = peak.log_foreign + peak.log_strength + log_foreign_rate;
+            let foreign = peak.log_foreign + peak.log_beside + peak.log_struck + log_foreign_rate;
             let top = -0.5 * libm::log(TAU * variance) - foreign;
             let reach = (2.0 * variance * (top + f64::from(MISS)).max(0.0)).sqrt();
             let low = ((peak.log_hz - reach) / BIN).ceil() as i32 - first;

@@ -217,6 +217,8 @@ impl<'a> Work<'a> {
         let decays_at_once = main.beginning == Beginning::Tested
             && fits
                 .iter()
+                // A tone goes on from the first sample to the last, which a free start explains, too.
+                .filter(|fit| !fit.resonance.line)
                 .max_by(|a, b| a.resonance.peak_to_noise.total_cmp(&b.resonance.peak_to_noise))
                 .is_some_and(|fit| fit.start == Start::Free);
         let mut onsets_s: Vec<f64> = self

@@ -12,7 +12,7 @@
 use super::code::Code;
 use super::likeness::Likeness;
 use super::peak::Peak;
-use super::rod::{COORDINATES, Guesses, NO_GUESSES, Point, Rod};
+use super::rod::{COORDINATES, Guesses, NO_GUESSES, Place, Point, Rod};
 use super::visibility::{self, Orders};
 use crate::forward::MAX_ORDERS;
 use nalgebra::{Cholesky, SMatrix, SVector};
@@ -78,6 +78,8 @@ pub(super) struct Fit {
     pub(super) covariance: Hessian,
     /// Discrepancy it was fitted with, in units of the stated one.
     scale: f64,
+    /// Phases of its frequencies, as first guesses.
+    pub(super) guesses: Guesses,
     /// Orders the band holds, from the first, and those of them that cannot be seen.
     within: usize,
     hidden: Orders,
@@ -187,6 +189,7 @@ impl Scene<'_> {
             q: best.q,
             covariance: best.hessian.inverse(),
             scale,
+            guesses,
             within,
             hidden,
         })
@@ -308,8 +311,8 @@ impl Scene<'_> {
     }
 
     /// Predicted ln f of an order under a fit, and its standard deviation without the model's discrepancy.
-    fn predicted(&self, fit: &Fit, order: usize) -> (f64, f64) {
-        let (log, slope) = self.rod.at(&fit.q).log_frequency(order, &mut NO_GUESSES.clone());
+    fn predicted(&self, fit: &Fit, place: &Place, order: usize) -> (f64, f64) {
+        let (log, slope) = place.log_frequency(order, &mut fit.guesses.clone());
         let slope = Vector::from(slope);
         let variance = (slope.transpose() * fit.covariance * slope)[(0, 0)].max(0.0);
         (log, variance.sqrt())
@@ -319,8 +322,9 @@ impl Scene<'_> {
     /// in its place. Each with its log evidence as a linear rod would have it, from the fit's own covariance.
     pub(super) fn neighbours(&self, fit: &Fit) -> Vec<(Code, f64)> {
         let mut found = Vec::new();
+        let place = self.rod.at(&fit.q);
         for order in 1..=MAX_ORDERS {
-            let (log, sd) = self.predicted(fit, order);
+            let (log, sd) = self.predicted(fit, &place, order);
             let own = fit.code.peak_of(order);
             if own.is_none() && log > self.band.1 + NEAR_SD * sd {
                 break;
@@ -369,6 +373,7 @@ impl Scene<'_> {
         coordinate: usize,
         from: &Point,
         value: f64,
+        guesses: &mut Guesses,
     ) -> Option<(f64, Point)> {
         let mut start = *from;
         start[coordinate] = value;
@@ -378,7 +383,7 @@ impl Scene<'_> {
             fit.scale,
             FROM_NEARBY,
             Some(coordinate),
-            &mut NO_GUESSES.clone(),
+            guesses,
         )?;
         Some((-optimum.half_square + optimum.log_volume(), optimum.q))
     }

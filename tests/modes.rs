@@ -233,6 +233,10 @@ fn missing_higher_and_foreign_peaks_do_not_shift_the_orders() {
     let all = [(1, 5.0), (2, 10.3), (3, 16.2)];
     assert_eq!(pulled(&[5.0, 10.3, 16.2, 22.5, 29.7]).unwrap(), all);
     assert_eq!(pulled(&[3.1, 5.0, 7.7, 10.3, 16.2, 19.0]).unwrap(), all);
+    // Frequencies that the model gives need no pull.
+    for frequencies in [&[5.0, 10.3, 16.2][..], &[5.0, 10.3, 16.2, 22.5, 29.7]] {
+        assert_eq!(labels(frequencies, MotionKind::Ambient).unwrap(), all);
+    }
 }
 
 /// A real case of the whole-program campaign: 383 kN where the prior said 1101 +- 220. The lowest two
@@ -356,40 +360,32 @@ fn lines_are_lines_and_a_mode_between_them_is_found() {
         snr_db: 45.0,
         ambient: 0.0,
     };
-    let mut record = simulate(
-        77,
-        FS,
-        60.0,
-        &modes_at(&cell, &[5.0, 10.3, 16.2]),
-        1.0,
-        Excitation::Ambient,
-    );
-    for (i, sample) in record.samples.iter_mut().enumerate() {
-        let t = i as f64 / FS;
-        *sample += 2.0 * (2.0 * PI * 7.31 * t).sin() + 1.0 * (2.0 * PI * 17.777 * t).cos();
-    }
+    let modes = modes_at(&cell, &[5.0, 10.3, 16.2]);
+    let quiet = simulate(77, FS, 60.0, &modes, 1.0, Excitation::Ambient);
     let plan = plan();
-    let estimate = plan.identify(&record).unwrap();
-    let orders: Vec<usize> = estimate.modes.iter().map(|m| m.order).collect();
-    assert_eq!(orders, [1, 2, 3]);
-    let at = |hz: f64| {
-        let found = estimate.evidence.resonances.iter();
-        found.min_by(|a, b| {
-            (a.frequency_hz - hz)
-                .abs()
-                .total_cmp(&(b.frequency_hz - hz).abs())
+    // A tone of amplitude 2 at 7.31 Hz, and one of amplitude 1 elsewhere: the resonances at both.
+    let with_tone_at = |hz: f64| {
+        let mut record = quiet.clone();
+        for (i, sample) in record.samples.iter_mut().enumerate() {
+            let t = i as f64 / FS;
+            *sample += 2.0 * (2.0 * PI * 7.31 * t).sin() + (2.0 * PI * hz * t).cos();
+        }
+        let estimate = plan.identify(&record).unwrap();
+        let orders: Vec<usize> = estimate.modes.iter().map(|m| m.order).collect();
+        assert_eq!(orders, [1, 2, 3]);
+        [7.31, hz].map(|hz| {
+            let mut found = estimate.evidence.resonances.iter();
+            *found.find(|r| (r.frequency_hz - hz).abs() < 0.01).unwrap()
         })
     };
-    let alone = at(7.31).unwrap();
-    assert!(
-        alone.line && (alone.frequency_hz - 7.31).abs() < 0.01,
-        "{alone:?}"
-    );
+    // A third above mode 3, clear of its skirt.
+    let apart = with_tone_at(21.743);
+    assert!(apart.iter().all(|tone| tone.line), "{apart:?}");
     // On the skirt of mode 3, which makes its amplitude uneven, a tone is at least doubted.
-    let beside = at(17.777).unwrap();
+    let [alone, beside] = with_tone_at(17.777);
     assert!(
-        beside.foreign_log_odds > 0.0 && (beside.frequency_hz - 17.777).abs() < 0.01,
-        "{beside:?}"
+        alone.line && beside.foreign_log_odds > 0.0,
+        "{alone:?} {beside:?}"
     );
 }
 

@@ -1,13 +1,13 @@
 //! Evidence of an assignment: the most probable rod, and Laplace's integral around it.
 //!
 //! ```text
-//! ln Z(a) = ln P(rod) + ln P(orders seen) + ln P(k foreign) + sum_foreign ln density
+//! ln Z(a) = ln P(rod) + ln P(orders seen) + ln P(k foreign) + sum_foreign ln density + ln likeness
 //!         - (|q|^2 + |r|^2) / 2 - ln det(H) / 2 - sum_seen ln(s_i sqrt(2 pi)),      H = I + J'J
 //! ```
 //!
 //! with whitened coordinates `q`, residuals `r_i = (ln f_i - ln f_n(q)) / s_i` and the Jacobian `J` of the
 //! residuals at the optimum. The model's discrepancy is itself uncertain: each assignment is scored under the
-//! stated one and under one three times as wide.
+//! stated one and under one four times as wide.
 
 use super::code::Code;
 use super::likeness::Likeness;

@@ -516,7 +516,7 @@ fn labels_of_every_class_are_right_as_often_as_they_say() {
         let (mut records, mut wrong, mut intruders, mut told) = (0, 0, 0, 0);
         let mut short = 0.0;
         for class in CLASSES.into_iter().filter(|class| !WITHOUT_ROD.contains(class)) {
-            let score = labels::score(class, knowledge, 60, &settings, MotionKind::Ambient);
+            let score = labels::score(class, knowledge, 60, &settings);
             let least = match class {
                 Class::Visible(3, _) => 52,
                 Class::Visible(5.., _) => 56,
@@ -555,7 +555,7 @@ fn a_record_without_the_rod_is_hardly_ever_claimed() {
     // One in a hundred at first contact, one in a thousand once known; chance adds three binomial errors.
     let settings = ModeSettings::default();
     for (knowledge, most) in [(Knowledge::FirstContact, 8), (Knowledge::Known, 3)] {
-        let score = labels::score(Class::NoRod, knowledge, 300, &settings, MotionKind::Ambient);
+        let score = labels::score(Class::NoRod, knowledge, 300, &settings);
         assert!(
             score.identified <= most,
             "{knowledge:?}: {} of 300",

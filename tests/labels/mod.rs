@@ -341,18 +341,12 @@ pub struct Score {
     pub stated: Vec<(f64, bool)>,
 }
 
-/// Labels records of a class, found to move as `kind` says; the settings hold for all.
-pub fn score(
-    class: Class,
-    knowledge: Knowledge,
-    records: u64,
-    settings: &ModeSettings,
-    kind: MotionKind,
-) -> Score {
+/// Labels records of a class; the settings hold for all.
+pub fn score(class: Class, knowledge: Knowledge, records: u64, settings: &ModeSettings) -> Score {
     let one = |seed: u64| {
         let world = world(class, knowledge, seed);
         let plan = LabelPlan::new(&world.prior, &[0.01], settings.clone()).unwrap();
-        let labelled = plan.label(&world.peaks, (0.0, world.limit_hz), kind);
+        let labelled = plan.label(&world.peaks, (0.0, world.limit_hz), MotionKind::Ambient);
         labelled.ok().map(|labelling| {
             let told: Vec<Option<bool>> = labelling
                 .modes
@@ -396,7 +390,7 @@ pub fn table(knowledge: Knowledge, records: u64, settings: &ModeSettings, classe
     );
     let mut stated = Vec::new();
     for &class in classes {
-        let score = score(class, knowledge, records, settings, MotionKind::Ambient);
+        let score = score(class, knowledge, records, settings);
         let share = |count: usize| count as f64 / score.records as f64;
         println!(
             "{:22} {:5.1} {:5.1} {:6.1} {:6.1} {:5.1}",

@@ -191,7 +191,7 @@ impl Told<'_> {
         };
         if posterior.no_rod > most_no_rod {
             let reason = format!(
-                "with probability {:.2} none of them is the rod's, at most {most_no_rod} is allowed; {}",
+                "with probability {:.4} none of them is the rod's, at most {most_no_rod} is allowed; {}",
                 posterior.no_rod,
                 self.deciding(best.code)
             );

@@ -3,9 +3,10 @@
 use super::band::Band;
 use super::fit::{Aim, Fit, HALF_WIDTHS, LEAST_LINES, Stretch, pull, skirt};
 use super::likelihood::{self, Parameters, Start};
-use super::optimum::{Optimum, golden, maximise};
+use super::optimum::{Optimum, golden, maximise, maximise_from};
 use super::parts::Beginning;
 use super::posterior::moments;
+use super::softening::{FIT_SD, Softening};
 
 /// Width of a cell of lines as a share of its distance from the peak (at least the core's half width):
 /// the mean of a Lorentzian over such a cell is its value at the middle to 0.3 %.
@@ -15,6 +16,9 @@ const CELL: f64 = 0.1;
 const START_EXCESS: f64 = 4.0;
 /// Log-posterior gain a free start must bring.
 const FREE_GAIN: f64 = 10.0;
+
+/// Relative error of a frequency below which softening can matter: the largest believed moves it by a third of 1e-3.
+const SOFTENING_MATTERS: f64 = 1e-3;
 
 /// A maximum of the likelihood, with the band it was found in.
 pub struct Found {
@@ -26,6 +30,15 @@ pub struct Found {
     pub start: Start,
     /// Half the width wanted of the band \[Hz\].
     pub half_width_hz: f64,
+    /// What a decay tells of its softening, where it tells enough of its frequency.
+    pub softening: Option<Softening>,
+}
+
+impl Found {
+    /// The parameters at a vector.
+    pub fn parameters(&self, at: [f64; 4]) -> Parameters {
+        Parameters::from_array(at, self.softening.map_or(0.0, |s| s.share))
+    }
 }
 
 impl Stretch<'_> {
@@ -53,10 +66,10 @@ impl Stretch<'_> {
         if series.start_excess()? < START_EXCESS {
             return None;
         }
-        let parameters = Parameters::from_array(stationary.top.at);
+        let parameters = stationary.parameters(stationary.top.at);
         let start = self.start(&stationary.band, parameters.frequency_hz, Start::Free)?;
         let top = self.climb(&stationary.band, start, Start::Free)?;
-        let p = Parameters::from_array(top.at);
+        let p = Parameters::from_array(top.at, 0.0);
         let value = likelihood::resonance(&stationary.band, Start::Free, &p)?;
         // The free start has one datum less: its density lacks one factor of the noise level.
         let gain = value.log_posterior - value.quad.ln() - stationary.top.value;
@@ -117,17 +130,22 @@ impl Stretch<'_> {
         };
         for last in [false, false, true] {
             let top = self.climb(&band, start, start_of)?;
-            let p = Parameters::from_array(top.at);
+            let p = Parameters::from_array(top.at, start.softening);
             let gamma = p.log_damping.exp() * p.frequency_hz;
             let wanted = HALF_WIDTHS * gamma;
             let next = self.band((p.frequency_hz, wanted, gamma), limits, others, (level, start_of));
             let ratio = next.lines / band.lines.max(1.0);
             if last || (0.45..1.6).contains(&ratio) {
-                return Some(Found {
+                let found = Found {
                     band,
                     top,
                     start: start_of,
                     half_width_hz: half,
+                    softening: None,
+                };
+                return Some(match start_of {
+                    Start::Stationary => found,
+                    Start::Free => self.softened(found, p),
                 });
             }
             (half, band, start) = (wanted, next, p);
@@ -156,6 +174,7 @@ impl Stretch<'_> {
                         log_damping,
                         log_ratio,
                         slope: 0.0,
+                        softening: 0.0,
                     };
                     let Some(value) = likelihood::resonance(band, start, &p) else {
                         continue;
@@ -185,7 +204,57 @@ impl Stretch<'_> {
     fn climb(&self, band: &Band, from: Parameters, start: Start) -> Option<Optimum> {
         let gamma = from.log_damping.exp() * from.frequency_hz;
         let reach = [gamma.max(0.5 / band.duration_s), 1.0, 2.0, 1.0];
-        maximise(|x| log_posterior(band, start, x), from.to_array(), reach)
+        maximise(
+            |x| log_posterior(band, start, x, from.softening),
+            from.to_array(),
+            reach,
+        )
+    }
+
+    /// The maximum of a decay with its softening at its best, where the decay tells its frequency so well that
+    /// softening matters.
+    fn softened(&self, found: Found, p: Parameters) -> Found {
+        let known = found.top.covariance[(0, 0)].sqrt() < SOFTENING_MATTERS * p.frequency_hz;
+        let better = || {
+            let gamma = p.log_damping.exp() * p.frequency_hz;
+            let reach = [gamma.max(0.5 / found.band.duration_s), 1.0, 2.0, 1.0];
+            let parameters = |x: &[f64; 4]| Parameters {
+                frequency_hz: x[0],
+                log_damping: x[1],
+                log_ratio: x[2],
+                softening: FIT_SD * x[3],
+                ..p
+            };
+            let objective = |x: &[f64; 4]| {
+                let value = likelihood::resonance(&found.band, Start::Free, &parameters(x))?;
+                Some(value.log_posterior - 0.5 * x[3] * x[3])
+            };
+            let start = [p.frequency_hz, p.log_damping, p.log_ratio, p.softening / FIT_SD];
+            // Steps of about half a standard deviation; the error of the softening is some three of the frequency's.
+            let sd = |i: usize| found.top.covariance[(i, i)].sqrt();
+            let step = [
+                0.5 * sd(0),
+                (0.5 * sd(1)).min(0.2),
+                (0.5 * sd(2)).min(0.4),
+                (1.5 * sd(0) / p.frequency_hz / FIT_SD).min(0.2),
+            ];
+            let best = maximise_from(objective, start, reach, step, 3.0)?;
+            let top = self.climb(&found.band, parameters(&best.at), Start::Free)?;
+            let softening = Softening {
+                share: FIT_SD * best.at[3],
+                variance: FIT_SD * FIT_SD * best.covariance[(3, 3)],
+                slope_hz: best.covariance[(0, 3)] / (FIT_SD * best.covariance[(3, 3)]),
+            };
+            Some((top, softening))
+        };
+        match known.then(better).flatten() {
+            None => found,
+            Some((top, softening)) => Found {
+                top,
+                softening: Some(softening),
+                ..found
+            },
+        }
     }
 
     /// The parameters and the standard errors of frequency and log damping: the optimum with its
@@ -193,7 +262,8 @@ impl Stretch<'_> {
     /// and standard deviation (few independent fluctuations: the curvature alone would promise too
     /// much).
     pub(super) fn errors(&self, found: &Found) -> (Parameters, f64, f64) {
-        let log_posterior = |x: &[f64; 4]| log_posterior(&found.band, found.start, x);
+        let softening = found.softening.map_or(0.0, |s| s.share);
+        let log_posterior = |x: &[f64; 4]| log_posterior(&found.band, found.start, x, softening);
         let top = &found.top;
         let (mut at, mut covariance) = (top.at, top.covariance);
         let wide = |i: usize, limit: f64| top.covariance[(i, i)] > limit * limit;
@@ -212,7 +282,7 @@ impl Stretch<'_> {
             Start::Free => covariance[(2, 2)].min(0.15),
         };
         let sd = |i: usize| covariance[(i, i)].sqrt();
-        (Parameters::from_array(at), sd(0) * (1.0 + 0.6 * scale), sd(1))
+        (found.parameters(at), sd(0) * (1.0 + 0.6 * scale), sd(1))
     }
 }
 
@@ -231,6 +301,6 @@ fn subtract(band: &mut Band, other: &Fit, level: f64) {
     });
 }
 
-fn log_posterior(band: &Band, start: Start, x: &[f64; 4]) -> Option<f64> {
-    likelihood::resonance(band, start, &Parameters::from_array(*x)).map(|v| v.log_posterior)
+fn log_posterior(band: &Band, start: Start, x: &[f64; 4], softening: f64) -> Option<f64> {
+    likelihood::resonance(band, start, &Parameters::from_array(*x, softening)).map(|v| v.log_posterior)
 }

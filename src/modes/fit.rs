@@ -212,13 +212,13 @@ impl Stretch<'_> {
 
     /// The fit at a maximum with the errors that its curvature promises.
     pub(super) fn provisional(&self, found: &Found) -> Option<Fit> {
-        let sd = |i: usize| found.top.covariance[(i, i)].sqrt();
-        self.credible(found, found.parameters(found.top.at), sd(0), sd(1))
+        let sd = |i: usize| found.covariance()[(i, i)].sqrt();
+        self.credible(found, found.parameters(), sd(0), sd(1))
     }
 
     /// The fit at a maximum with its standard errors, and what it was taken for.
     fn judged(&self, found: &Found, others: &[Fit]) -> Option<Fit> {
-        let (p, sd, log_sd) = self.errors(found);
+        let (p, sd, log_sd, softening) = self.errors(found);
         let mut fit = self.credible(found, p, sd, log_sd)?;
         let gamma = p.log_damping.exp() * p.frequency_hz;
         let series = self.subband(&fit, HALF_WIDTHS * gamma, others);
@@ -229,10 +229,10 @@ impl Stretch<'_> {
         fit.resonance.frequency_sd_hz *= scatter.factor;
         fit.resonance.misfit = scatter.misfit;
         fit.spread = scatter.factor * scatter.factor;
-        if let Some(softening) = &mut fit.softening {
-            // What makes the frequency's error larger than the curvature makes that of the softening larger, too.
-            softening.variance *= fit.spread * (sd * sd / found.top.covariance[(0, 0)]).max(1.0);
-        }
+        fit.softening = softening.map(|s| Softening {
+            variance: fit.spread * s.variance,
+            ..s
+        });
         let over_sine = self.over_sine(&found.band, &fit)?;
         let verdict = tone(
             over_sine,
@@ -273,10 +273,10 @@ impl Stretch<'_> {
             start: found.start,
             value,
             spread: 1.0,
-            softening: found.softening,
-            softened: found
-                .softening
-                .and_then(|s| Softened::new(p.frequency_hz, damping, s.share, self.coefficients.duration_s)),
+            softening: None,
+            softened: (p.softening != 0.0)
+                .then(|| Softened::new(p.frequency_hz, damping, p.softening, self.coefficients.duration_s))
+                .flatten(),
             shared_sd_hz: 0.0,
             half_width_hz: found.half_width_hz.max(2.0 * damping * p.frequency_hz),
             band_hz: (band.middle_hz, band.half_width_hz),

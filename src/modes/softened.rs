@@ -24,8 +24,8 @@ use std::f64::consts::TAU;
 const MOST_TERMS: usize = 24;
 /// Largest phase beta \[rad\].
 const MOST_PHASE: f64 = 4.0;
-/// Terms below this share of the first are left out: a decay 140 dB above its noise does not show them.
-const LEAST_TERM: f64 = 1e-7;
+/// Terms below this share of the first are left out: a decay 120 dB above its noise does not show them.
+const LEAST_TERM: f64 = 1e-6;
 
 /// The transient of a mode in front of its amplitude, 1 at the peak of the linear one.
 #[derive(Debug, Clone, Copy)]

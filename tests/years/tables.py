@@ -1,5 +1,6 @@
 """Verdicts as Markdown tables."""
 
+import math
 import statistics
 import sys
 from collections import Counter
@@ -192,6 +193,9 @@ def requirements(found):
         if wanted is not None:
             hits = sum(rod.delay("drift") <= within + JITTER_DAYS for rod in rods)
             need(interval(hits, len(rods))[1] >= wanted, f"{name}: {hits} of {len(rods)} told within {within} days, wanted {100 * wanted:.0f} %")
+        if change.step <= -0.03:
+            hits = sum(rod.delay("drift") < math.inf or rod.delay("limit") < math.inf for rod in rods)
+            need(interval(hits, len(rods))[1] >= 0.99, f"{name}: {hits} of {len(rods)} found, wanted all")
         if change.step <= -0.4:
             hits = sum(rod.delay("limit") <= 1 + JITTER_DAYS for rod in rods)
             need(interval(hits, len(rods))[1] >= 0.99, f"{name}: {hits} of {len(rods)} told as `limit` within a day, wanted all")

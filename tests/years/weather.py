@@ -31,9 +31,11 @@ class Air:
         day = self.hours / HOURS
         year = first_day_of_year + day
         season = 7.5 * np.cos(2 * math.pi * (year - 205.0) / 365.25)
-        amplitude = 3.0 * np.exp(0.4 * rng.standard_normal(len(self.hours) // HOURS + 2))
-        diurnal = np.interp(day + BEFORE_DAYS, np.arange(len(amplitude)), amplitude)
-        diurnal = diurnal * np.cos(2 * math.pi * (day - 15.0 / 24))
+        # Clear spells of some days, and more sun in summer.
+        clear = np.exp(memory(rng, 0.4, 3.0, (len(self.hours) // HOURS + 2,)))
+        amplitude = 3.0 * np.interp(day + BEFORE_DAYS, np.arange(len(clear)), clear)
+        diurnal = amplitude * (1.0 + 0.3 * np.cos(2 * math.pi * (year - 190.0) / 365.25))
+        diurnal *= np.cos(2 * math.pi * (day - 15.0 / 24))
         weather = memory(rng, 2.5, 3.0 * HOURS, (len(day),)) + memory(rng, 1.2, 25.0 * HOURS, (len(day),))
         self.celsius = MEAN_C + season + diurnal + weather
 

@@ -117,16 +117,12 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     for (done, row) in rows.into_iter().enumerate() {
         bar.set(done as u64, all);
         waiting.keep(&row);
-        let Some((rod, plan)) = row
-            .rod
-            .clone()
-            .and_then(|rod| Some((rod.clone(), generation.plans.get(&rod)?)))
-        else {
+        let Some(rod) = row.rod.clone().filter(|_| !row.modes.is_empty()) else {
             continue;
         };
-        if row.modes.is_empty() {
+        let Some(plan) = generation.plans.get(&rod) else {
             continue;
-        }
+        };
         let outcome = outcome_of(row, plan, waiting.take(&rod));
         waiting.passed(&rod, outcome.identity());
         let Some(Taken { line, verdict }) = fold(&mut site, &outcome)? else {

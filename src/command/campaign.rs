@@ -219,7 +219,7 @@ pub fn run(
                             }
                         }
                         match outcome.as_ref() {
-                            Outcome::Identified(_) => tally.identified += 1,
+                            Outcome::Identified(_) | Outcome::Tabulated(_) => tally.identified += 1,
                             Outcome::Rejected(rejected)
                                 if matches!(rejected.rejection, Rejection::Broken { .. }) =>
                             {

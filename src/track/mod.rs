@@ -18,6 +18,7 @@
 //! * [`run_length`]  the run-length distribution of both charts together
 //! * [`change`]      onset, size and rate of a drift with credible intervals
 //! * [`alarm`]       kinds, raise, repeat, acknowledge, clear
+//! * [`alternatives`] which kind of change the pattern of the modes allows
 //! * [`settings`]    what can be chosen
 //! * [`state`]       everything remembered of one rod from record to record
 //! * [`plan`]        what the tracking of one rod depends on besides its records
@@ -30,6 +31,7 @@
 //! * `monitor`       what a closed period says: charts moved on, conditions looked at
 
 pub mod alarm;
+pub mod alternatives;
 pub mod arl;
 pub mod baseline;
 pub mod change;

@@ -1,7 +1,10 @@
 //! Temperature readings that cannot be what they claim: another unit, a broken wire, a thermometer that stands still.
 
+mod standstill;
+
 use crate::record::{Reading, Timestamp};
 use serde::{Deserialize, Serialize};
+use standstill::{Standstill, Still};
 
 /// Temperatures of no rod in a building \[degC\].
 const POSSIBLE_C: std::ops::RangeInclusive<f64> = -60.0..=90.0;
@@ -14,12 +17,6 @@ const SILENT_K_PER_DAY: f64 = 0.5;
 const DOUBTED_K_PER_DAY: f64 = 0.1;
 const MOST_K: f64 = 45.0;
 
-/// A reading that never changes is doubted after this long \[s\], and after that many times the longest standstill
-/// that ended so far; no fewer readings than these.
-const STILL_S: f64 = 2.0 * 86_400.0;
-const STILL_TIMES: f64 = 3.0;
-const STILL_READINGS: usize = 5;
-
 /// What is remembered to judge the next reading.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Thermometer {
@@ -27,10 +24,12 @@ pub struct Thermometer {
     last: Option<Reading>,
     /// Since when readings have lain far from it.
     away: Option<Timestamp>,
-    /// Since when the reading has been exactly the same, and how many there were.
-    still: Option<(Timestamp, usize)>,
-    /// The longest standstill that ended \[s\]; `None` before any has.
-    longest_s: Option<f64>,
+    /// What tells a dead thermometer from calm weather.
+    #[serde(default)]
+    standstill: Standstill,
+    /// Whether readings of the present standstill wait for what follows, or are not believed.
+    #[serde(default)]
+    is_held: bool,
     /// Why the last reading was not believed.
     doubt: Option<Doubt>,
 }
@@ -41,7 +40,7 @@ pub struct Thermometer {
 pub enum Doubt {
     /// It lies far from the readings before.
     Jump,
-    /// It has not changed for too long.
+    /// It has not changed for longer than this thermometer's readings do.
     Still,
 }
 
@@ -52,12 +51,25 @@ impl Thermometer {
         self.doubt.is_none()
     }
 
+    /// The time up to which readings are believed. In a standstill that is rare for this thermometer that is its first reading: those after
+    /// it wait until the temperature changes, and are withdrawn when it is found dead. `None` before any reading.
+    pub fn trusted_until(&self) -> Option<Timestamp> {
+        let last = self.last?.time;
+        Some(if self.is_held {
+            self.standstill.since().unwrap_or(last)
+        } else {
+            last
+        })
+    }
+
     /// One clause for people: why there is no temperature.
     pub fn message(&self) -> &'static str {
         match self.doubt {
             None => "no reading comes",
             Some(Doubt::Jump) => "the temperature jumped: check unit and wiring of the thermometer",
-            Some(Doubt::Still) => "the temperature has not changed for days: check the thermometer",
+            Some(Doubt::Still) => {
+                "the temperature stands still for longer than it ever should: check the thermometer"
+            }
         }
     }
 
@@ -67,7 +79,7 @@ impl Thermometer {
         }
         let Some(last) = self.last else {
             self.last = Some(*reading);
-            self.still = Some((reading.time, 1));
+            self.standstill.take(reading);
             return None;
         };
         let passed_s = reading.time.seconds_since(last.time);
@@ -83,26 +95,10 @@ impl Thermometer {
         if passed_s <= 0.0 {
             return None;
         }
-        let (since, count) = self.still.unwrap_or((reading.time, 0));
-        if reading.celsius == last.celsius {
-            self.still = Some((since, count + 1));
-            self.last = Some(*reading);
-            let longest_s = self.longest_s?;
-            let still_s = reading.time.seconds_since(since);
-            let is_stuck = count + 1 >= STILL_READINGS && still_s > STILL_S.max(STILL_TIMES * longest_s);
-            return is_stuck.then_some(Doubt::Still);
-        }
-        let still_s = last.time.seconds_since(since);
-        // A standstill that was doubted is no example.
-        let is_example = self
-            .longest_s
-            .is_none_or(|longest_s| still_s <= STILL_S.max(STILL_TIMES * longest_s));
-        if is_example {
-            self.longest_s = Some(self.longest_s.unwrap_or(0.0).max(still_s));
-        }
-        self.still = Some((reading.time, 1));
         self.last = Some(*reading);
-        None
+        let still = self.standstill.take(reading);
+        self.is_held = still != Still::No;
+        (still == Still::Dead).then_some(Doubt::Still)
     }
 }
 
@@ -151,9 +147,12 @@ mod tests {
     fn a_thermometer_that_stands_still_is_told_from_a_room_of_constant_temperature() {
         let mut thermometer = of_a_month();
         let believed = (0..100).filter(|&hour| thermometer.believes(&reading(720.0 + f64::from(hour), 9.0)));
-        assert_eq!(believed.count(), 49);
-        assert!(thermometer.message().contains("not changed"));
+        assert_eq!(believed.count(), 11);
+        assert!(thermometer.message().contains("stands still"));
+        // All but the first of the equal readings is withdrawn, not only those after it was found.
+        assert_eq!(thermometer.trusted_until(), Some(reading(720.0, 9.0).time));
         assert!(thermometer.believes(&reading(821.0, 9.1)));
+        assert_eq!(thermometer.trusted_until(), Some(reading(821.0, 9.1).time));
         // Constant from the start; later in steps of half a kelvin, each for weeks.
         let mut thermometer = Thermometer::default();
         for hour in 0..3000 {

@@ -251,7 +251,7 @@ fn parts_of(
         let square = seen.orders.iter().map(|n| mean[n - 1] * mean[n - 1]).sum::<f64>() / modes as f64;
         let mut covariance = seen.covariance.clone();
         for (slot, order) in seen.orders.iter().enumerate() {
-            covariance[(slot, slot)] += alternatives.discrepancy[order - 1].powi(2) * square;
+            covariance[(slot, slot)] += alternatives.error[order - 1].powi(2) * square;
         }
         let lower = covariance.cholesky()?.unpack();
         let inverse = lower.clone().try_inverse()?;

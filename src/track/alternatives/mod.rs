@@ -1,11 +1,11 @@
 //! The kinds of change that the pattern of the modes' shifts allows: how probable each is, and of what size.
 //!
 //! A rod's baseline leaves particles theta_i of its parameters. A change of kind e and size x (the logarithm of a ratio) moves
-//! ln f_n of particle i by r_n(e, x, theta_i), known to a relative error of the model's discrepancy. Given the mean shift z of the
+//! ln f_n of particle i by r_n(e, x, theta_i), known to a relative error e_n that goes with the model's discrepancy. Given the mean shift z of the
 //! modes since an onset, with covariance C,
 //!
 //! ```text
-//! p(z | e) = mean_i int N(z; r(e, x, theta_i), C + D(e, x)) p(x | e) dx,     D_nn = (b_n |r(e, x)|)^2,
+//! p(z | e) = mean_i int N(z; r(e, x, theta_i), C + D(e, x)) p(x | e) dx,     D_nn = (e_n |r(e, x)|)^2,
 //! ```
 //!
 //! with |r| the root mean square over the modes of the particles' mean. The integral is taken exactly for an r that is

@@ -11,8 +11,10 @@ const PARTICLES: usize = 192;
 const SPACING: f64 = 0.3;
 const UNIT: f64 = 0.4;
 
-/// Least relative discrepancy with which the model's answer to a change is trusted.
-const LEAST_DISCREPANCY: f64 = 0.003;
+/// Relative error of the model's answer to a change, in discrepancies of its frequencies, and at least: what a frequency lacks comes
+/// from masses or a section the model does not know, and these move the answer by a share of the same size.
+const ANSWER: f64 = 1.5;
+const LEAST_ERROR: f64 = 0.003;
 
 /// One entry per mode order from 1; those that are not used are zero.
 pub(super) type Modes = [f64; MAX_MODES];
@@ -38,7 +40,7 @@ pub(super) struct Curve {
 pub struct Alternatives {
     pub(super) curves: Vec<Curve>,
     /// Relative error of an answer, per order from 1.
-    pub(super) discrepancy: Modes,
+    pub(super) error: Modes,
     /// How many orders the model gives.
     pub(super) modes: usize,
 }
@@ -120,8 +122,9 @@ impl Alternatives {
         curves.push((Kind::Mass, masses, answers));
         Some(Self {
             curves: curves.into_iter().map(|curve| Curve::new(curve, modes)).collect(),
-            discrepancy: std::array::from_fn(|n| {
-                discrepancy.get(n).copied().unwrap_or(0.0).max(LEAST_DISCREPANCY)
+            error: std::array::from_fn(|n| {
+                let stated = discrepancy.get(n).copied().unwrap_or(0.0);
+                (ANSWER * stated).max(LEAST_ERROR)
             }),
             modes,
         })

@@ -17,6 +17,7 @@
 //! * [`arl`]         average run lengths from the integral equation
 //! * [`run_length`]  the run-length distribution of both charts together
 //! * [`change`]      onset, size and rate of a drift with credible intervals
+//! * [`drift`]       filter banks and Shiryaev-Roberts detection of drifts
 //! * [`alarm`]       kinds, raise, repeat, acknowledge, clear
 //! * [`alternatives`] which kind of change the pattern of the modes allows
 //! * [`settings`]    what can be chosen
@@ -36,6 +37,7 @@ pub mod arl;
 pub mod baseline;
 pub mod change;
 pub mod chart;
+pub mod drift;
 mod intake;
 mod lattice;
 mod levels;

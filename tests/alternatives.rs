@@ -108,11 +108,18 @@ fn evidence_and_sizes_are_those_of_brute_force() {
     let model = ReducedModel::new(*prior.parameterisation());
     // No discrepancy but the least of 0.3 % of the answer, which is small beside the error.
     let alternatives = Alternatives::new(&baseline.particles, &model, &[0.0; 5]).unwrap();
-    let (z, sd) = ([-0.0125, -0.0122, -0.0112], 1e-3);
-    let explained = alternatives.explain(&shift_of(&z, sd)).unwrap();
+    let sd = 1e-3;
     let exact = Exact::new(*prior.parameterisation());
     let mut generator = random::stream(7, 0);
     for (kind, low, high, scale) in SIZES {
+        // What a change of this kind by a scale or so does to the central rod.
+        let z = shifts(
+            |theta| change(theta, kind, 4, if kind == Kind::Mass { scale } else { -scale }),
+            3,
+        );
+        let explained = alternatives.explain(&shift_of(&z, sd)).unwrap();
+        let sum: f64 = explained.kinds.iter().map(|one| one.probability).sum();
+        assert!((sum - 1.0).abs() < 1e-12);
         let draws = 60_000;
         let mut weighted: Vec<(f64, f64)> = Vec::new();
         let mut sum = 0.0;
@@ -131,14 +138,7 @@ fn evidence_and_sizes_are_those_of_brute_force() {
             let theta = &baseline.particles[7 * particle..][..7];
             let mut moved = theta.to_vec();
             let side = generator.random_range(4..6);
-            match kind {
-                Kind::Force => moved[0] *= size.exp(),
-                Kind::BothSupports => moved[4..6].iter_mut().for_each(|k| *k *= size.exp()),
-                Kind::OneSupport => moved[side] *= size.exp(),
-                Kind::Mass => moved[2] *= size.exp(),
-                Kind::Modulus => moved[1] *= size.exp(),
-                _ => moved[3] *= size.exp(),
-            }
+            change(&mut moved, kind, side, size);
             let (mut before, mut after) = ([0.0; 3], [0.0; 3]);
             exact.frequencies(theta, &mut before).unwrap();
             exact.frequencies(&moved, &mut after).unwrap();
@@ -180,11 +180,22 @@ fn evidence_and_sizes_are_those_of_brute_force() {
             );
         }
     }
-    let sum: f64 = explained.kinds.iter().map(|one| one.probability).sum();
-    assert!((sum - 1.0).abs() < 1e-12);
 }
 
-/// The shifts of three modes when one quantity of the central rod changes.
+/// A change of ln of what a kind names; `side` is the entry of the support.
+fn change(theta: &mut [f64], kind: Kind, side: usize, size: f64) {
+    match kind {
+        Kind::Force => theta[0] *= size.exp(),
+        Kind::BothSupports => theta[4..6].iter_mut().for_each(|k| *k *= size.exp()),
+        Kind::OneSupport => theta[side] *= size.exp(),
+        Kind::Mass => theta[2] *= size.exp(),
+        Kind::Modulus => theta[1] *= size.exp(),
+        Kind::Section => theta[3] *= size.exp(),
+        Kind::Other => {}
+    }
+}
+
+/// The shifts of the first modes when something of the central rod changes.
 fn shifts(theta_of: impl Fn(&mut [f64]), modes: usize) -> Vec<f64> {
     let prior = RodPrior::todi();
     let exact = Exact::new(*prior.parameterisation());
@@ -211,13 +222,21 @@ fn the_sentence_says_no_more_than_the_odds() {
         "{said}"
     );
     assert!(said.contains("a change of the axial force by -"), "{said}");
-    assert!(
-        one.needed
-            .iter()
-            .any(|needed| *needed == Needed::Modes(vec![4, 5])),
-        "{:?}",
-        one.needed
+    // With less noise two more modes would decide; a larger change with more noise needs only records.
+    let quiet = alternatives.explain(&shift_of(&force, 2e-4)).unwrap();
+    assert_eq!(
+        (quiet.is_axial(), &quiet.needed[..]),
+        (None, &[Needed::Modes(vec![4, 5])][..])
     );
+    assert!(
+        quiet
+            .sentence()
+            .ends_with("; modes 4 and 5 would decide whether it is the force")
+    );
+    let five = shifts(|theta| theta[0] *= 0.95, 3);
+    let noisy = alternatives.explain(&shift_of(&five, 1e-3)).unwrap();
+    assert!(matches!(noisy.needed[..], [Needed::Records(_)]), "{noisy:?}");
+    assert!(noisy.sentence().contains("more records"), "{}", noisy.sentence());
     // A large one is told, with its size inside.
     let large = alternatives
         .explain(&shift_of(&shifts(|theta| theta[0] *= 0.8, 3), 1e-4))
@@ -409,7 +428,7 @@ fn judge(
 ) -> (Cells, Claims) {
     let model = ReducedModel::new(*prior.parameterisation());
     let (mut cells, mut claims) = (Cells::new(), Claims::default());
-    let mut rod = None;
+    let mut rod: Option<(u64, Vec<f64>, Baseline, Alternatives)> = None;
     for (place, row) in rows.iter().enumerate() {
         let numbers = |key: &str| -> Vec<f64> { serde_json::from_value(row[key].clone()).unwrap() };
         let (before, after) = (numbers("before"), numbers("after"));

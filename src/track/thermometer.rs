@@ -74,7 +74,7 @@ impl Thermometer {
             None => "no reading comes",
             Some(Doubt::Jump) => "the temperature jumped: check unit and wiring of the thermometer",
             Some(Doubt::Still) => {
-                "the temperature stands still for longer than it ever should: check the thermometer"
+                "the temperature has not changed for longer than it ever should: check the thermometer"
             }
         }
     }
@@ -154,7 +154,7 @@ mod tests {
         let mut thermometer = of_a_month();
         let believed = (0..100).filter(|&hour| thermometer.believes(&reading(720.0 + f64::from(hour), 9.0)));
         assert_eq!(believed.count(), 11);
-        assert!(thermometer.message().contains("stands still"));
+        assert!(thermometer.message().contains("not changed"));
         // All but the first of the equal readings is withdrawn, not only those after it was found.
         assert_eq!(thermometer.trusted_until(), Some(reading(720.0, 9.0).time));
         assert!(thermometer.believes(&reading(821.0, 9.1)));

@@ -2,18 +2,12 @@
 
 use super::evidence::{self, Posterior, Seen};
 use super::response::{Alternatives, Curve, Modes};
-use super::{Kind, MeanShift};
-use nalgebra::{DMatrix, DVector};
+use super::{Kind, MeanShift, Needed};
 use serde::{Deserialize, Serialize};
 use std::fmt::Write;
 
 /// Odds from which something is said: that it is a change of the axial force against everything else together, or the reverse.
 pub const DECIDED: f64 = 20.0;
-
-/// Times as many records as there are that are thought of, at most.
-const MOST_RECORDS: usize = 64;
-/// Every so manieth particle tells what would decide.
-const FORECAST_STRIDE: usize = 4;
 
 /// One kind of change.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -28,16 +22,6 @@ pub struct Weighed {
     pub change: Option<[f64; 3]>,
 }
 
-/// What would decide whether it is the axial force.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Needed {
-    /// About so many more records of the same modes.
-    Records(usize),
-    /// These modes besides, each measured as well as the others.
-    Modes(Vec<usize>),
-}
-
 /// The kinds of change that may have moved the modes.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Explained {
@@ -49,8 +33,7 @@ pub struct Explained {
     pub fell: bool,
     /// The kinds, most probable first.
     pub kinds: Vec<Weighed>,
-    /// What would decide whether it is the axial force, if the most probable kind is the truth; empty if that is decided, or if
-    /// nothing thought of would.
+    /// What would decide whether it is the axial force; empty if that is decided, or if nothing thought of would.
     pub needed: Vec<Needed>,
 }
 
@@ -82,11 +65,16 @@ impl Alternatives {
             kinds,
             needed: Vec::new(),
         };
-        if explained.is_axial().is_none()
-            && let Some(first) = found.first()
-            && let Some(posterior) = &first.posterior
-        {
-            let expected = posterior.expected(&self.curves_of(first.kind));
+        if explained.is_axial().is_none() {
+            let force = found.iter().find(|one| one.kind == Kind::Force);
+            let rival = found
+                .iter()
+                .find(|one| one.kind != Kind::Force && one.posterior.is_some());
+            let expected: Vec<Modes> = [force, rival]
+                .into_iter()
+                .flatten()
+                .filter_map(|one| Some(one.posterior.as_ref()?.expected(&self.curves_of(one.kind))))
+                .collect();
             explained.needed = self.needed(shift, &expected);
         }
         Some(explained)
@@ -97,7 +85,7 @@ impl Alternatives {
     }
 
     /// Kinds by probability, from every `stride`-th particle; `None` without modes, or with a covariance that is none.
-    fn weigh(&self, seen: &Seen, stride: usize) -> Option<Vec<Candidate>> {
+    pub(super) fn weigh(&self, seen: &Seen, stride: usize) -> Option<Vec<Candidate>> {
         if seen.orders.is_empty() {
             return None;
         }
@@ -126,72 +114,19 @@ impl Alternatives {
         }
         Some(found)
     }
-
-    /// What would decide if the shifts are those that are expected.
-    fn needed(&self, shift: &MeanShift, expected: &Modes) -> Vec<Needed> {
-        let decides = |seen: &Seen| {
-            self.weigh(seen, FORECAST_STRIDE).is_some_and(|found| {
-                found
-                    .iter()
-                    .any(|one| one.kind == Kind::Force && is_axial(one.probability).is_some())
-            })
-        };
-        let after = |times: usize| Seen {
-            orders: shift.orders.clone(),
-            shift: DVector::from_iterator(
-                shift.orders.len(),
-                shift.orders.iter().map(|order| expected[order - 1]),
-            ),
-            covariance: &shift.falling / times as f64 + &shift.fixed,
-        };
-        let mut needed = Vec::new();
-        if decides(&after(MOST_RECORDS)) {
-            let mut times = 2;
-            while times < MOST_RECORDS && !decides(&after(times)) {
-                times *= 2;
-            }
-            needed.push(Needed::Records((times - 1) * shift.records));
-        }
-        let more: Vec<usize> = (1..=self.modes)
-            .filter(|order| !shift.orders.contains(order))
-            .collect();
-        if !more.is_empty() {
-            let known = shift.orders.len();
-            let orders: Vec<usize> = shift.orders.iter().chain(&more).copied().collect();
-            let covariance = &shift.falling + &shift.fixed;
-            let usual = (&shift.falling + &shift.fixed).trace() / known as f64;
-            let all = Seen {
-                shift: DVector::from_iterator(orders.len(), orders.iter().map(|order| expected[order - 1])),
-                covariance: DMatrix::from_fn(orders.len(), orders.len(), |a, b| {
-                    if a < known && b < known {
-                        covariance[(a, b)]
-                    } else if a == b {
-                        usual
-                    } else {
-                        0.0
-                    }
-                }),
-                orders,
-            };
-            if decides(&all) {
-                needed.push(Needed::Modes(more));
-            }
-        }
-        needed
-    }
 }
 
 /// One kind of change while it is weighed.
-struct Candidate {
-    kind: Kind,
+pub(super) struct Candidate {
+    pub kind: Kind,
     /// None for modes that move by themselves.
     posterior: Option<Posterior>,
     log_evidence: f64,
-    probability: f64,
+    pub probability: f64,
 }
 
 /// Whether it is the axial force, if the odds say so.
-fn is_axial(probability: f64) -> Option<bool> {
+pub(super) fn is_axial(probability: f64) -> Option<bool> {
     let odds = probability / (1.0 - probability).max(f64::MIN_POSITIVE);
     if odds >= DECIDED {
         Some(true)

@@ -15,15 +15,18 @@
 //! * `response`    r at the nodes, for all particles
 //! * `evidence`    p(z | e) and the size's posterior
 //! * [`MeanShift`] z and its covariance from records
-//! * [`Explained`] probabilities, sizes, what would decide, one sentence
+//! * [`Explained`] probabilities, sizes, one sentence
+//! * [`Needed`]    what would decide whether it is the force
 
 mod evidence;
 mod explained;
+mod forecast;
 mod kind;
 mod mean_shift;
 mod response;
 
-pub use explained::{Explained, Needed, Weighed};
+pub use explained::{Explained, Weighed};
+pub use forecast::Needed;
 pub use kind::Kind;
 pub use mean_shift::{MeanShift, Shifted};
 pub use response::Alternatives;

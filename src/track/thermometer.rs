@@ -176,4 +176,22 @@ mod tests {
         assert!(!thermometer.believes(&reading(700.0, 60.0)));
         assert!(thermometer.believes(&reading(720.0, 9.0)));
     }
+
+    /// A state that an earlier version wrote goes on; its standstill is counted anew.
+    #[test]
+    fn a_state_of_an_earlier_version_is_read() {
+        let text =
+            r#"{"last":{"time":0,"celsius":9.0},"away":null,"still":[0,7],"longest_s":7200.0,"doubt":null}"#;
+        let written = text.replace(
+            "\"time\":0",
+            &format!(
+                "\"time\":{}",
+                serde_json::to_string(&reading(0.0, 9.0).time).unwrap()
+            ),
+        );
+        let mut thermometer: Thermometer = serde_json::from_str(&written).unwrap();
+        assert_eq!(thermometer.trusted_until(), Some(reading(0.0, 9.0).time));
+        assert!(!thermometer.believes(&reading(1.0, 60.0)));
+        assert!(thermometer.believes(&reading(2.0, 9.1)));
+    }
 }

@@ -364,7 +364,7 @@ fn the_mean_shift_weighs_scatter_and_what_the_temperature_explains() {
     assert!(alternatives.mean_shift(&baseline, &[], 0.0).is_none());
 }
 
-/// What a campaign has seen of one kind and size of change.
+/// Results of a campaign for one kind and size of change.
 #[derive(Default)]
 struct Cell {
     /// ln odds of the force against its best rival, or of the truth against the force.

@@ -23,17 +23,17 @@ const SILENT_K_PER_DAY: f64 = 0.5;
 const DOUBTED_K_PER_DAY: f64 = 0.1;
 const MOST_K: f64 = 45.0;
 
-/// What is remembered to judge the next reading.
+/// Memory with which the next reading is judged.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Thermometer {
     /// The last reading that was believed.
     last: Option<Reading>,
-    /// Since when readings have lain far from it.
+    /// Time since which readings have lain far from it.
     away: Option<Timestamp>,
-    /// What tells a dead thermometer from calm weather.
+    /// Law of its own standstills.
     #[serde(default)]
     standstill: Standstill,
-    /// Whether readings of the present standstill wait for what follows, or are not believed.
+    /// True while readings of the present standstill wait for what follows, or are not believed.
     #[serde(default)]
     is_held: bool,
     /// Why the last reading was not believed.
@@ -51,7 +51,7 @@ pub enum Doubt {
 }
 
 impl Thermometer {
-    /// Whether a reading is believed.
+    /// Judges a reading: true if it is believed.
     pub fn believes(&mut self, reading: &Reading) -> bool {
         self.doubt = self.look(reading);
         self.doubt.is_none()

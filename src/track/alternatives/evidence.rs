@@ -150,7 +150,7 @@ struct Cut<'a> {
     /// The normal's tail beyond the end nearest to its mean, on the side of the far end, and what lies between the ends.
     tail: f64,
     whole: f64,
-    /// Whether the tails are counted from below.
+    /// Side of the mean on which the stretch lies: above.
     is_above: bool,
 }
 

@@ -27,13 +27,13 @@ pub struct Weighed {
 pub struct Explained {
     /// Mode orders, from 1.
     pub orders: Vec<usize>,
-    /// How many records were averaged.
+    /// Number of records that were averaged.
     pub records: usize,
-    /// Whether the frequencies fell, on average over the modes.
+    /// True if the frequencies fell, on average over the modes.
     pub fell: bool,
     /// The kinds, most probable first.
     pub kinds: Vec<Weighed>,
-    /// What would decide whether it is the axial force; empty if that is decided, or if nothing thought of would.
+    /// Measurements that would decide for or against the axial force; empty if that is decided, or if none thought of would.
     pub needed: Vec<Needed>,
 }
 
@@ -125,7 +125,7 @@ pub(super) struct Candidate {
     pub probability: f64,
 }
 
-/// Whether it is the axial force, if the odds say so.
+/// Decision for or against the axial force, if the odds say so.
 pub(super) fn is_axial(probability: f64) -> Option<bool> {
     let odds = probability / (1.0 - probability).max(f64::MIN_POSITIVE);
     if odds >= DECIDED {
@@ -138,7 +138,7 @@ pub(super) fn is_axial(probability: f64) -> Option<bool> {
 }
 
 impl Explained {
-    /// Whether the axial force changed, and nothing else, if the odds for or against it are [`DECIDED`] or more.
+    /// Decision that the axial force and nothing else changed, or that it did not, if the odds are [`DECIDED`] or more.
     pub fn is_axial(&self) -> Option<bool> {
         is_axial(self.probability(Kind::Force))
     }

@@ -12,7 +12,7 @@ const TIMES: [usize; 5] = [2, 4, 8, 16, 64];
 /// Particles are thinned by this for a forecast.
 const STRIDE: usize = 4;
 
-/// What would decide whether it is the axial force.
+/// Measurements that would decide for or against the axial force.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Needed {
@@ -23,7 +23,7 @@ pub enum Needed {
 }
 
 impl Alternatives {
-    /// What would decide if the shifts are any of those expected: of the force and of its best rival.
+    /// Measurements that decide whichever of the expected shifts is true: that of the force, or that of its best rival.
     pub(super) fn needed(&self, shift: &MeanShift, expected: &[Modes]) -> Vec<Needed> {
         let decides = |orders: &[usize], covariance: &DMatrix<f64>| {
             expected.iter().all(|expected| {

@@ -48,7 +48,7 @@ impl Kind {
         }
     }
 
-    /// Of what it is a change, for people.
+    /// Name of what changed, for people.
     pub(super) fn words(self) -> &'static str {
         match self {
             Self::Force => "the axial force",

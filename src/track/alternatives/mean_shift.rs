@@ -28,7 +28,7 @@ pub struct MeanShift {
     pub falling: DMatrix<f64>,
     /// The part that stays: the baseline's error, and that of what the temperature explains.
     pub fixed: DMatrix<f64>,
-    /// How many records were averaged.
+    /// Number of records that were averaged.
     pub records: usize,
 }
 

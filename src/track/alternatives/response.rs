@@ -35,13 +35,13 @@ pub(super) struct Curve {
     pub means: Vec<Modes>,
 }
 
-/// What changes of every kind would do to one rod, ready for its shifts.
+/// Answers of one rod to changes of every kind, ready for its shifts.
 #[derive(Debug, Clone)]
 pub struct Alternatives {
     pub(super) curves: Vec<Curve>,
     /// Relative error of an answer, per order from 1.
     pub(super) error: Modes,
-    /// How many orders the model gives.
+    /// Number of orders the model gives.
     pub(super) modes: usize,
 }
 

@@ -44,7 +44,7 @@ pub struct Common {
     pub several: f64,
     /// Probability that one rod changed, rod by rod.
     pub one: Vec<f64>,
-    /// By how much the readings are too high, if it is the thermometer: mean and standard deviation \[K\].
+    /// Excess of the readings, if it is the thermometer: mean and standard deviation \[K\].
     pub error_k: (f64, f64),
 }
 

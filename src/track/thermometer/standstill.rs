@@ -35,18 +35,18 @@ const LEAST_S: f64 = 36.0 * 3600.0;
 const FOLLOW: f64 = 0.1;
 const YEAR_S: f64 = 365.25 * 86_400.0;
 
-/// What a standstill is taken for.
+/// Judgement of a standstill.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Still {
     /// Weather.
     No,
-    /// So rare that it is not yet believed.
+    /// Too rare to be believed yet.
     Held,
     /// A dead thermometer.
     Dead,
 }
 
-/// What is remembered of standstills.
+/// Memory of standstills.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Standstill {
     /// First and last look of the present run, and how many looks it has.
@@ -57,7 +57,7 @@ pub(super) struct Standstill {
     ended: Vec<u32>,
     /// Sizes of the last steps that were not none \[K\].
     steps: Vec<f64>,
-    /// Where the next step goes.
+    /// Place of the next step.
     next: usize,
     /// Time of the last reading, and the usual time between readings \[s\].
     latest: Option<Timestamp>,
@@ -128,7 +128,7 @@ impl Standstill {
         self.next = (self.next + 1) % STEPS;
     }
 
-    /// Whether a run of so many looks is weather.
+    /// Judgement of a run of so many looks.
     fn judge(&self, first: Reading, last: Timestamp, looks: usize) -> Still {
         if looks < 2 || self.steps.len() < LEAST_STEPS {
             return Still::No;
@@ -145,7 +145,7 @@ impl Standstill {
         }
     }
 
-    /// How often a year a standstill of so many looks should come, at most.
+    /// Expected number a year of standstills of so many looks, at most.
     fn a_year(&self, looks: usize) -> f64 {
         let mut log = libm::log(YEAR_S / self.interval_s.max(1.0));
         let mut p = self.chance_of_none();

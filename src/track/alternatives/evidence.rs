@@ -270,11 +270,12 @@ fn parts_of(
             pick(below, &mut from);
             pick(above, &mut to);
             let (mut ee, mut ed, mut dd) = (0.0, 0.0, 0.0);
-            for row in 0..modes {
+            for row in whiten.iter().take(modes) {
                 let (mut e, mut d) = (0.0, 0.0);
-                for column in 0..=row {
-                    e += whiten[row][column] * (shift[column] - from[column]);
-                    d += whiten[row][column] * (to[column] - from[column]);
+                for (w, (z, (from, to))) in row.iter().zip(shift.iter().zip(from.iter().zip(&to))).take(modes)
+                {
+                    e += w * (z - from);
+                    d += w * (to - from);
                 }
                 ee += e * e;
                 ed += e * d;

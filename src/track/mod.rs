@@ -17,7 +17,9 @@
 //! * [`arl`]         average run lengths from the integral equation
 //! * [`run_length`]  the run-length distribution of both charts together
 //! * [`change`]      onset, size and rate of a drift with credible intervals
+//! * [`drift`]       filter banks and Shiryaev-Roberts detection of drifts
 //! * [`alarm`]       kinds, raise, repeat, acknowledge, clear
+//! * [`alternatives`] which kind of change the pattern of the modes allows
 //! * [`settings`]    what can be chosen
 //! * [`state`]       everything remembered of one rod from record to record
 //! * [`plan`]        what the tracking of one rod depends on besides its records
@@ -30,10 +32,12 @@
 //! * `monitor`       what a closed period says: charts moved on, conditions looked at
 
 pub mod alarm;
+pub mod alternatives;
 pub mod arl;
 pub mod baseline;
 pub mod change;
 pub mod chart;
+pub mod drift;
 mod intake;
 mod lattice;
 mod levels;

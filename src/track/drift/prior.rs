@@ -1,0 +1,166 @@
+//! The prior of a filter bank: laws of the coefficients, and members that differ in how the residual force fluctuates.
+//!
+//! All standard deviations are shares of the force (0.01: 1 %), temperatures in K, times in days.
+
+use serde::{Deserialize, Serialize};
+
+/// Time constant of the slow fluctuation \[d\].
+const SLOW_D: f64 = 25.0;
+/// Standard deviation of the intercept: the baseline's own error and a start in the middle of a fluctuation.
+const INTERCEPT_SD: f64 = 0.03;
+/// Standard deviation of the state that slow filters have before the first reading.
+const TRANSIENT_SD: f64 = 0.01;
+/// Standard deviations of a yearly cycle nothing measured explains, beside a thermometer, other rods, and nothing.
+const YEARLY_SD: [f64; 3] = [0.002, 0.008, 0.12];
+/// Probability that the residual force jumps in a period: readings that resolve the day, and readings that do not.
+const KICK: [f64; 2] = [0.002, 0.02];
+/// Law of the coefficient of the other rods' median beside a thermometer, and of its square \[per unit\].
+const MEDIAN_SD: [f64; 2] = [0.7, 0.5];
+/// Mean and standard deviation of that coefficient without a thermometer, and standard deviation of the square's.
+const ONLY_MEDIAN: [f64; 3] = [0.5, 1.0, 0.5];
+
+/// Law of one coefficient: normal.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Coefficient {
+    /// Mean.
+    pub mean: f64,
+    /// Standard deviation.
+    pub sd: f64,
+}
+
+/// Fluctuation of the residual force as one member assumes it: two Ornstein-Uhlenbeck processes.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Fluctuation {
+    /// Variance of the first, in noise variances.
+    pub variance: f64,
+    /// Its time constant \[d\].
+    pub memory_d: f64,
+    /// Variance of the second, in noise variances.
+    pub slow_variance: f64,
+    /// Its time constant \[d\].
+    pub slow_memory_d: f64,
+    /// Prior probability of the member.
+    pub probability: f64,
+}
+
+/// Knowledge before the first period.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct BankPrior {
+    /// Typical stated standard error of a period's ratio.
+    pub noise_sd: f64,
+    /// Standard deviation of the intercept.
+    pub intercept_sd: f64,
+    /// One law per column.
+    pub columns: Vec<Coefficient>,
+    /// Members.
+    pub members: Vec<Fluctuation>,
+    /// Probability that the residual force jumps in a period.
+    pub kick: f64,
+}
+
+/// Action of temperature on one rod, as known beforehand.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct ThermalPrior {
+    /// Mean of the slope of the ratio, -kappa E A alpha / N_0 \[1/K\].
+    pub slope_mean_per_k: f64,
+    /// Its standard deviation \[1/K\].
+    pub slope_sd_per_k: f64,
+    /// Standard deviation of the curvature: of the material, and of wrong static parameters that bend the ratio \[1/K^2\].
+    pub curvature_sd_per_k2: f64,
+    /// Whether readings are too sparse to resolve the day (more than four hours apart).
+    pub is_sparse: bool,
+}
+
+impl BankPrior {
+    /// Thermometer: filters of its readings, curvature, two transients, a yearly pair.
+    ///
+    /// The columns are those of [`super::Regressors::thermal`]. The slope's mean is put on the filter of six hours.
+    pub fn thermal(noise_sd: f64, thermal: ThermalPrior) -> Self {
+        let slope = thermal.slope_sd_per_k.abs();
+        let filters = [1.0, 1.0, 1.0, 0.4, 0.3, 0.3];
+        let mut columns: Vec<Coefficient> = filters.iter().map(|share| centred(share * slope)).collect();
+        columns[1].mean = thermal.slope_mean_per_k;
+        columns.push(centred(thermal.curvature_sd_per_k2));
+        columns.extend([centred(TRANSIENT_SD); 2]);
+        columns.extend([centred(YEARLY_SD[0]); 2]);
+        Self {
+            noise_sd,
+            intercept_sd: INTERCEPT_SD,
+            columns,
+            members: beside_a_cause(),
+            kick: KICK[usize::from(thermal.is_sparse)],
+        }
+    }
+
+    /// Thermometer and other rods: the columns of [`BankPrior::thermal`], then the median of the other rods' ratios and its
+    /// square.
+    pub fn thermal_and_peers(noise_sd: f64, thermal: ThermalPrior) -> Self {
+        let mut prior = Self::thermal(noise_sd, thermal);
+        prior.columns.extend(MEDIAN_SD.map(centred));
+        prior
+    }
+
+    /// Other rods alone: their median, its square, a yearly pair.
+    pub fn peers(noise_sd: f64) -> Self {
+        let [mean, sd, square_sd] = ONLY_MEDIAN;
+        let yearly = centred(YEARLY_SD[1]);
+        Self {
+            noise_sd,
+            intercept_sd: INTERCEPT_SD,
+            columns: vec![Coefficient { mean, sd }, centred(square_sd), yearly, yearly],
+            members: beside_a_cause(),
+            kick: KICK[1],
+        }
+    }
+
+    /// Nothing but the rod itself: a yearly pair, and members that allow for the weather.
+    pub fn blind(noise_sd: f64) -> Self {
+        let variances = (0..6).map(|power| libm::exp2(2.0 * f64::from(power)));
+        let members = variances.flat_map(|variance| {
+            [1.5, 3.5].map(|memory_d| Fluctuation {
+                variance,
+                memory_d,
+                slow_variance: 0.3 * variance,
+                slow_memory_d: SLOW_D,
+                probability: 1.0 / 12.0,
+            })
+        });
+        Self {
+            noise_sd,
+            intercept_sd: INTERCEPT_SD,
+            columns: vec![centred(YEARLY_SD[2]); 2],
+            members: members.collect(),
+            kick: KICK[0],
+        }
+    }
+
+    /// Takes readings as sparse or dense.
+    pub(super) fn set_sparse(&mut self, is_sparse: bool) {
+        self.kick = KICK[usize::from(is_sparse)];
+    }
+}
+
+fn centred(sd: f64) -> Coefficient {
+    Coefficient { mean: 0.0, sd }
+}
+
+/// Members where most of the fluctuation has a measured cause: white noise, and 16 that remember.
+fn beside_a_cause() -> Vec<Fluctuation> {
+    let white = Fluctuation {
+        variance: 0.0,
+        memory_d: 1.0,
+        slow_variance: 0.0,
+        slow_memory_d: SLOW_D,
+        probability: 0.3,
+    };
+    let remembers = [0.5, 2.0, 8.0, 32.0].into_iter().flat_map(|variance| {
+        [1.0, 2.5, 7.0, SLOW_D].map(|memory_d| Fluctuation {
+            variance,
+            memory_d,
+            slow_variance: if memory_d < SLOW_D { 0.1 * variance } else { 0.0 },
+            slow_memory_d: SLOW_D,
+            probability: 0.7 / 16.0,
+        })
+    });
+    std::iter::once(white).chain(remembers).collect()
+}

@@ -5,7 +5,7 @@ use crate::record::{Assembler, RecordSettings, RodChannels, RodId};
 use serde::{Deserialize, Serialize};
 
 /// Raised whenever what an assembler holds changes its meaning.
-const VERSION: u32 = 3;
+const VERSION: u32 = 4;
 
 #[derive(Serialize, Deserialize)]
 struct Saved {
@@ -86,6 +86,7 @@ pub(super) fn decode(
             continue;
         };
         router.set_fed_by(at, saved.fed_by);
+        router.rods[at].is_followed = assembler.samples() > 0;
         router.rods[at].assembler = assembler;
         router.rods[at].messages = saved.messages;
     }

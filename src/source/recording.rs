@@ -3,9 +3,10 @@
 use super::SourceError;
 use super::mcap::{Damage, Progress, Reader};
 use super::path::FieldPath;
-use super::route::Router;
+use super::route::{Router, Timed};
 use super::summary::Summary;
 use super::verify::{Check, Trust};
+use crate::ordered::Reached;
 use crate::record::{Event, RecordSettings, RodChannels, TimeSource, Timestamp};
 use std::collections::VecDeque;
 use std::fs::{self, File};
@@ -88,7 +89,9 @@ pub enum Poll {
 pub struct Recording {
     stage: Stage,
     router: Router,
-    queue: VecDeque<Event>,
+    queue: VecDeque<Timed>,
+    /// When the event that was handed out last was complete, and how far the rods had been followed then.
+    moment: (Timestamp, Reached),
     follow: Option<Follow>,
     total: u64,
     read: u64,
@@ -188,6 +191,7 @@ impl Recording {
             },
             router: Router::new(rods, settings),
             queue: VecDeque::new(),
+            moment: (Timestamp::from_nanos(0), Arc::from([])),
             follow: None,
             total,
             read: 0,
@@ -213,6 +217,7 @@ impl Recording {
             stage: Stage::Given(Box::new(blocks)),
             router: Router::new(rods, settings),
             queue: VecDeque::new(),
+            moment: (Timestamp::from_nanos(0), Arc::from([])),
             follow: None,
             total,
             // The file was read before.
@@ -234,7 +239,7 @@ impl Recording {
 
     /// One step: at most one record or chunk of the file is read.
     pub fn poll(&mut self) -> Poll {
-        if let Some(event) = self.queue.pop_front() {
+        if let Some(event) = self.pop() {
             return Poll::Event(event);
         }
         if self.doubt.is_some() {
@@ -278,7 +283,19 @@ impl Recording {
             }
             outcome => self.end(outcome),
         }
-        self.queue.pop_front().map_or(Poll::More, Poll::Event)
+        self.pop().map_or(Poll::More, Poll::Event)
+    }
+
+    fn pop(&mut self) -> Option<Event> {
+        let Timed { event, at, reached } = self.queue.pop_front()?;
+        self.moment = (at, reached);
+        Some(event)
+    }
+
+    /// When the event that was handed out last was complete by the rod's own stamps, and how far the rods had been
+    /// followed then.
+    pub fn moment(&self) -> (Timestamp, Reached) {
+        self.moment.clone()
     }
 
     /// Ends a recording that does not grow any more as one that is cut short; its last events are still to be taken.

@@ -122,11 +122,14 @@ impl Recordings {
                 self.done.store(self.bytes_of_closed + bytes, Ordering::Relaxed);
                 Some(match event {
                     Some(event) => {
+                        let (at, reached) = recording.moment();
                         let records = records + u64::from(!matches!(event, Event::Readings { .. }));
                         let place = Place {
                             file: Arc::clone(&file),
                             bytes,
                             records,
+                            at,
+                            reached,
                         };
                         self.open = Some(Open::File(recording, file, records));
                         Step::Event(event, place)

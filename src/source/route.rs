@@ -3,11 +3,25 @@
 use super::decode::{DecodeError, Decoded, Decoder, SchemaRef, Time};
 use super::mcap::{ChannelInfo, Item, Message};
 use super::recording::Block;
+use super::speakers::Speakers;
 use super::summary::{Summary, TopicSummary};
 use crate::journal::note::{self, Note, State};
+use crate::ordered::Reached;
 use crate::record::{
     Assembler, Channel, Event, RecordSettings, Rejection, RodChannels, TimeSource, Timestamp,
 };
+use std::collections::VecDeque;
+use std::sync::Arc;
+
+/// An event of a rod, and when it came.
+#[derive(Debug)]
+pub(super) struct Timed {
+    pub event: Event,
+    /// When it was complete, by the rod's own stamps.
+    pub at: Timestamp,
+    /// How far the rods had been followed then.
+    pub reached: Reached,
+}
 
 /// Everything between messages and events for one file, or for all parts of one journal.
 pub(super) struct Router {
@@ -15,14 +29,21 @@ pub(super) struct Router {
     /// By channel id.
     channels: Vec<Listed>,
     scratch: Vec<f64>,
-    topics: Vec<(String, TopicSummary)>,
+    topics: Vec<Topic>,
     pub(super) unverified: bool,
     /// The streams of a journal that channels belong to.
     streams: Vec<String>,
     /// The journal that is read.
     pub(super) journal: Option<String>,
-    /// Events of streams that ended, until they are taken.
-    ended: Vec<Event>,
+    /// Events until they are taken.
+    ready: VecDeque<Timed>,
+}
+
+/// A topic of the file.
+struct Topic {
+    name: String,
+    summary: TopicSummary,
+    speakers: Speakers,
 }
 
 pub(super) struct Rod {
@@ -31,6 +52,8 @@ pub(super) struct Rod {
     pub(super) messages: u64,
     /// The stream its last sample came with, and the one its last temperature came with: indices into the streams.
     fed_by: [Option<usize>; 2],
+    /// Whether it ever had samples.
+    pub(super) is_followed: bool,
 }
 
 #[derive(Default)]
@@ -62,6 +85,7 @@ impl Router {
                 assembler: Assembler::new(config.rod.clone(), *settings, fs_hz, temperature),
                 messages: 0,
                 fed_by: [None; 2],
+                is_followed: false,
             }
         });
         Self {
@@ -72,7 +96,7 @@ impl Router {
             unverified: false,
             streams: Vec::new(),
             journal: None,
-            ended: Vec::new(),
+            ready: VecDeque::new(),
         }
     }
 
@@ -102,15 +126,7 @@ impl Router {
             };
             return;
         }
-        let known = self.topics.iter().position(|(topic, _)| *topic == channel.topic);
-        let topic = known.unwrap_or_else(|| {
-            let summary = TopicSummary {
-                encoding: channel.encoding.clone(),
-                ..Default::default()
-            };
-            self.topics.push((channel.topic.clone(), summary));
-            self.topics.len() - 1
-        });
+        let topic = self.topic(&channel.topic, &channel.encoding);
         let mut routes = Vec::new();
         for (rod, Rod { config, .. }) in self.rods.iter().enumerate() {
             let quantities = [
@@ -139,6 +155,22 @@ impl Router {
         };
     }
 
+    /// The number of a topic.
+    fn topic(&mut self, name: &str, encoding: &str) -> usize {
+        let known = self.topics.iter().position(|topic| topic.name == name);
+        known.unwrap_or_else(|| {
+            self.topics.push(Topic {
+                name: name.to_owned(),
+                summary: TopicSummary {
+                    encoding: encoding.to_owned(),
+                    ..Default::default()
+                },
+                speakers: Speakers::default(),
+            });
+            self.topics.len() - 1
+        })
+    }
+
     #[inline]
     fn message(&mut self, message: Message<'_>) {
         let Self {
@@ -157,42 +189,67 @@ impl Router {
         if !listed.known {
             return;
         }
-        let Some((_, summary)) = topics.get_mut(listed.topic) else {
+        let Some(Topic {
+            name,
+            summary,
+            speakers,
+        }) = topics.get_mut(listed.topic)
+        else {
             return;
         };
         summary.messages += 1;
         let mut fault = None;
-        for route in &listed.routes {
-            let Some(rod) = rods.get_mut(route.rod) else {
-                continue;
-            };
-            rod.fed_by[usize::from(route.temperature)] = listed.stream;
-            if let Err(found) = route.take(rod, &message, scratch) {
-                fault.get_or_insert(found);
+        let mut has_events = false;
+        if !listed.routes.is_empty() && !speakers.may_speak(message.channel, listed.stream, message.log_time)
+        {
+            let channels = speakers.names();
+            for route in listed.routes.iter().filter(|route| !route.temperature) {
+                if let Some(rod) = rods.get_mut(route.rod)
+                    && speakers.is_news()
+                {
+                    rod.assembler.refuse(Rejection::SharedTopic {
+                        topic: name.clone(),
+                        channels: channels.clone(),
+                    });
+                    has_events = true;
+                }
+            }
+            fault = Some(DecodeError::SharedTopic { channels });
+        } else {
+            for route in &listed.routes {
+                let Some(rod) = rods.get_mut(route.rod) else {
+                    continue;
+                };
+                rod.fed_by[usize::from(route.temperature)] = listed.stream;
+                rod.is_followed |= !route.temperature;
+                if let Err(found) = route.take(rod, &message, scratch) {
+                    fault.get_or_insert(found);
+                }
+                has_events |= rod.assembler.has_events();
             }
         }
         if let Some(fault) = fault {
             summary.undecodable += 1;
             summary.fault.get_or_insert_with(|| fault.to_string());
         }
+        // At once, not where a chunk ends: what others had come to then must not depend on how a file is packed.
+        if has_events {
+            self.collect();
+        }
     }
 
     /// Takes samples that need no decoding.
     pub fn block(&mut self, block: Block) {
-        let known = self.topics.iter().position(|(topic, _)| **topic == *block.topic);
-        let topic = known.unwrap_or_else(|| {
-            self.topics
-                .push((block.topic.to_string(), TopicSummary::default()));
-            self.topics.len() - 1
-        });
-        if let Some((_, summary)) = self.topics.get_mut(topic) {
-            summary.messages += 1;
+        let topic = self.topic(&block.topic, "");
+        if let Some(topic) = self.topics.get_mut(topic) {
+            topic.summary.messages += 1;
         }
         let Self { rods, scratch, .. } = self;
         for rod in rods {
             let channel = &rod.config.displacement;
             if *channel.topic == *block.topic {
                 rod.messages += 1;
+                rod.is_followed = true;
                 scratch.clear();
                 scratch.extend(block.samples.iter().map(|raw| channel.unit.convert(*raw)));
                 rod.assembler.push(block.time, scratch);
@@ -206,11 +263,12 @@ impl Router {
                 }
             }
         }
+        self.collect();
     }
 
     /// Messages of all topics.
     pub fn messages(&self) -> u64 {
-        self.topics.iter().map(|(_, topic)| topic.messages).sum()
+        self.topics.iter().map(|topic| topic.summary.messages).sum()
     }
 
     /// What a journal says of itself: another journal ends everything, a stream that ended ends its rods' records.
@@ -246,12 +304,17 @@ impl Router {
                 self.end_rod(at, cut_short);
             }
         }
+        for topic in &mut self.topics {
+            topic.speakers.end_of(stream);
+        }
     }
 
     /// Ends a rod's records as the end of a file does, and begins anew. Its temperatures go on if they come from elsewhere.
     fn end_rod(&mut self, at: usize, cut_short: bool) {
         let Some(rod) = self.rods.get_mut(at) else { return };
-        rod.finish(cut_short, None, &mut self.ended);
+        rod.finish(cut_short, None);
+        self.collect();
+        let Some(rod) = self.rods.get_mut(at) else { return };
         let [samples, temperature] = rod.fed_by;
         let is_from_elsewhere = temperature.is_some() && temperature != samples;
         rod.assembler.renew(is_from_elsewhere);
@@ -297,26 +360,49 @@ impl Router {
     }
 
     /// What became of the samples so far.
-    pub fn events(&mut self, to: &mut impl Extend<Event>) {
-        to.extend(self.ended.drain(..));
+    pub fn events(&mut self, to: &mut impl Extend<Timed>) {
+        to.extend(self.ready.drain(..));
+    }
+
+    /// Takes what became of the rods' samples from their assemblers.
+    fn collect(&mut self) {
+        let reached = self.reached();
         for rod in &mut self.rods {
-            to.extend(rod.assembler.events());
+            let timed = rod.assembler.timed_events().map(|(at, event)| Timed {
+                event,
+                at,
+                reached: Arc::clone(&reached),
+            });
+            self.ready.extend(timed);
         }
+    }
+
+    /// How far the rods have been followed.
+    pub fn reached(&self) -> Reached {
+        self.rods
+            .iter()
+            .filter(|rod| rod.is_followed)
+            .map(|rod| (rod.config.rod.clone(), rod.assembler.complete_until()))
+            .collect()
     }
 
     /// Ends every stream; `damage` stands for what was not read, one rejection for each rod the file had
     /// messages of.
-    pub fn finish(&mut self, cut_short: bool, damage: Option<&str>, to: &mut impl Extend<Event>) {
-        to.extend(self.ended.drain(..));
+    pub fn finish(&mut self, cut_short: bool, damage: Option<&str>, to: &mut impl Extend<Timed>) {
         for rod in &mut self.rods {
-            rod.finish(cut_short, damage, to);
+            rod.finish(cut_short, damage);
         }
+        self.collect();
+        self.events(to);
     }
 
     /// Fills in what the messages said.
     pub fn summarise(&self, summary: &mut Summary) {
         summary.unverified = self.unverified;
-        summary.topics = self.topics.iter().cloned().collect();
+        let topics = self.topics.iter();
+        summary.topics = topics
+            .map(|topic| (topic.name.clone(), topic.summary.clone()))
+            .collect();
         summary.missing.clear();
         for Rod {
             config, assembler, ..
@@ -335,16 +421,9 @@ impl Router {
 
 impl Rod {
     /// Ends its stream.
-    fn finish(&mut self, cut_short: bool, damage: Option<&str>, to: &mut impl Extend<Event>) {
+    fn finish(&mut self, cut_short: bool, damage: Option<&str>) {
         self.assembler.finish(cut_short);
-        to.extend(self.assembler.events());
-        let readings = self.assembler.leftover(Timestamp::MAX);
-        if !readings.is_empty() {
-            to.extend([Event::Readings {
-                rod: self.config.rod.clone(),
-                readings,
-            }]);
-        }
+        self.assembler.tell_leftover();
         let rejection = match damage {
             Some(detail) if self.messages > 0 => Rejection::Damaged {
                 detail: detail.to_owned(),
@@ -356,14 +435,7 @@ impl Rod {
             },
             _ => return,
         };
-        to.extend([Event::Rejected {
-            rod: self.config.rod.clone(),
-            start: None,
-            duration_s: 0.0,
-            fs_hz: None,
-            waveform: None,
-            rejection,
-        }]);
+        self.assembler.tell_nothing(rejection);
     }
 }
 

@@ -96,7 +96,7 @@ lag_h = 2.0
             }
         );
     }
-    site += "\n[track]\nbaseline_records = 8\nlearning_periods = 4\nparticles = 64\nperiod_h = 2.0\n";
+    site += "\n[track]\nbaseline_records = 8\nlearning_periods = 10\nparticles = 64\nperiod_h = 1.0\n";
     (site.clone(), site + &simulation)
 }
 

@@ -96,7 +96,9 @@ pub struct Assembler {
     onsets: usize,
     searched_s: f64,
     searched_from: Option<Timestamp>,
+    /// Whether samples come from data that could not be checked, and the latest stamp of one that did \[ns\].
     unverified: bool,
+    unverified_until: i64,
     #[serde(with = "super::saved::records")]
     waiting: VecDeque<Record>,
     /// When each of those that wait was complete.
@@ -172,6 +174,7 @@ impl Assembler {
             searched_s: 0.0,
             searched_from: None,
             unverified: false,
+            unverified_until: i64::MIN,
             waiting: VecDeque::new(),
             waiting_at: VecDeque::new(),
             at: i64::MIN,
@@ -224,9 +227,10 @@ impl Assembler {
         self.samples
     }
 
-    /// From now on records come from data that could not be checked.
-    pub fn mark_unverified(&mut self) {
-        self.unverified = true;
+    /// Says whether samples come from data that could not be checked from now on.
+    #[inline]
+    pub fn set_unverified(&mut self, unverified: bool) {
+        self.unverified = unverified;
     }
 
     /// Takes one message: the time of its first sample and its samples in SI; one that is not finite
@@ -239,6 +243,9 @@ impl Assembler {
         self.samples += values.len() as u64;
         self.is_over = false;
         let time = time.as_nanos();
+        if self.unverified {
+            self.unverified_until = self.unverified_until.max(time);
+        }
         let is_simple = self.astray.is_empty() && self.ahead.is_none();
         if is_simple && matches!(self.place(time, values), Some(Place::Next)) {
             self.append(time, values);
@@ -850,7 +857,7 @@ impl Assembler {
                 worst_s: clock.stray.worst_s,
             });
         }
-        if self.unverified {
+        if start.as_nanos() <= self.unverified_until {
             flags.push(Flag::Unverified);
         }
         if cut_short {

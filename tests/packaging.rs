@@ -276,10 +276,10 @@ fn chunks_of_any_size_give_the_same_rows() {
 
 #[test]
 fn any_packaging_gives_the_same_events() {
-    let (site, messages) = recorded(6, 6.0);
+    let (site, messages) = recorded(8, 6.0);
     let config = Config::load(&site.path("site.toml")).unwrap();
     let expected = events(&[site.path("whole.mcap")], &config);
-    assert!(expected.len() >= 24, "{}", expected.len());
+    assert!(expected.len() >= 32, "{}", expected.len());
     for seed in 0..100 {
         let folder = site.path(&format!("packaged-{seed}"));
         let paths = packaged(&folder, &messages, seed);
@@ -318,7 +318,7 @@ fn same_rows(site: &Site, messages: &[mcap::Message<'static>], seeds: std::ops::
 
 #[test]
 fn two_channels_with_one_topic_are_a_fault_that_is_named() {
-    let (site, messages) = recorded(3, 12.0);
+    let (site, messages) = recorded(8, 12.0);
     // The second rod's sensor under the first one's topic.
     let renamed: Vec<mcap::Message<'static>> = messages
         .into_iter()
@@ -371,17 +371,12 @@ fn two_channels_with_one_topic_are_a_fault_that_is_named() {
         said.contains("topic /a") && said.contains("have this topic at once"),
         "{said}"
     );
-    let of = |rod: &str, code: Option<&str>| {
-        let lines = lines(&output.stdout);
-        let mine = lines.iter().filter(|line| line["rod"] == rod);
-        mine.filter(|line| line["rejection"]["code"].as_str() == code)
-            .count()
-    };
-    assert_eq!(
-        (of("a", None), of("a", Some("shared-topic"))),
-        (0, 1),
-        "{}",
-        text(&output.stdout)
-    );
-    assert_eq!((of("c", None) + of("d", None), of("b", None)), (6, 0));
+    let said: Vec<String> = lines(&output.stdout)
+        .iter()
+        .map(|line| format!("{} {}", line["rod"].as_str().unwrap(), line["rejection"]["code"]))
+        .collect();
+    let of = |start: &str| said.iter().filter(|said| said.starts_with(start)).count();
+    // Nothing of what may be either's is used; the other rods are as ever.
+    assert_eq!((of("a"), of("a \"shared-topic\""), of("b")), (1, 1, 0), "{said:?}");
+    assert_eq!((of("c"), of("d"), of("c \"shared") + of("d \"shared")), (8, 8, 0), "{said:?}");
 }

@@ -541,10 +541,12 @@ impl Router {
             .map(|topic| (topic.name.clone(), topic.summary.clone()))
             .collect();
         summary.missing.clear();
+        summary.wanted = 0;
         for (Rod { config, .. }, count) in self.rods.iter().zip(&self.counts) {
             summary.samples.insert(config.rod.clone(), count.samples);
             let wanted = [Some(&config.displacement), config.temperature.as_ref()];
             for Channel { topic, .. } in wanted.into_iter().flatten() {
+                summary.wanted += 1;
                 if !summary.topics.contains_key(topic) {
                     summary.missing.push((config.rod.clone(), topic.clone()));
                 }

@@ -9,13 +9,19 @@ use std::collections::BTreeMap;
 use std::fs::{self, File};
 use std::io::BufWriter;
 use std::path::{Path, PathBuf};
+use std::process::Child;
 use std::sync::Arc;
+use std::thread;
+use std::time::{Duration, Instant};
 use tirante::config::Config;
 use tirante::ordered::Ordered;
 use tirante::random;
 use tirante::record::{Event, RodChannels, RodId};
 use tirante::source::{self, Recordings, Step};
 use tirante::store::Reader;
+
+/// How long a daemon may take on a machine that is busy with other things.
+const DEADLINE: Duration = Duration::from_secs(120);
 
 /// Four alike rods and one thermometer.
 const RODS: [&str; 4] = ["a", "b", "c", "d"];
@@ -316,6 +322,51 @@ fn same_rows(site: &Site, messages: &[mcap::Message<'static>], seeds: std::ops::
     }
 }
 
+/// A daemon, ended when it is dropped.
+struct Daemon(Child);
+
+impl Drop for Daemon {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+#[test]
+fn what_is_sent_live_gives_the_rows_of_its_replay() {
+    let (site, _) = recorded(24, 12.0);
+    let expected = replayed(&site, &[site.path("whole.mcap")], "whole.db");
+    let socket = format!("unix://{}", site.path("in.sock").display());
+    let plain = fs::read_to_string(site.path("site.toml")).unwrap();
+    let operation = format!(
+        "\n[store]\npath = \"live.db\"\n[ingest]\nlisten = [\"{socket}\"]\n[http]\nlisten = \"off\"\n"
+    );
+    fs::write(site.path("live.toml"), plain + &operation).unwrap();
+    let log = File::create(site.path("daemon.log")).unwrap();
+    let run = site
+        .command(&["run", "--config", "live.toml"])
+        .stderr(log)
+        .spawn();
+    let mut daemon = Daemon(run.unwrap());
+    let until = Instant::now() + DEADLINE;
+    while !site.path("in.sock").exists() {
+        assert!(Instant::now() < until && daemon.0.try_wait().unwrap().is_none());
+        thread::sleep(Duration::from_millis(20));
+    }
+    let sent = site.run(&["send", "--to", &socket, "--speed", "max", "whole.mcap"]);
+    assert!(sent.status.success(), "{}", text(&sent.stderr));
+    // Temperatures behind the last records come last, by themselves.
+    let mut live = String::new();
+    while live != expected.1 {
+        if Instant::now() > until {
+            assert_equal_dumps(&expected.1, &live);
+        }
+        thread::sleep(Duration::from_millis(100));
+        live = Reader::open(&site.path("live.db"))
+            .map_or_else(|_| String::new(), |reader| reader.dump().unwrap());
+    }
+}
+
 #[test]
 fn two_channels_with_one_topic_are_a_fault_that_is_named() {
     let (site, messages) = recorded(8, 12.0);
@@ -377,6 +428,14 @@ fn two_channels_with_one_topic_are_a_fault_that_is_named() {
         .collect();
     let of = |start: &str| said.iter().filter(|said| said.starts_with(start)).count();
     // Nothing of what may be either's is used; the other rods are as ever.
-    assert_eq!((of("a"), of("a \"shared-topic\""), of("b")), (1, 1, 0), "{said:?}");
-    assert_eq!((of("c"), of("d"), of("c \"shared") + of("d \"shared")), (8, 8, 0), "{said:?}");
+    assert_eq!(
+        (of("a"), of("a \"shared-topic\""), of("b")),
+        (1, 1, 0),
+        "{said:?}"
+    );
+    assert_eq!(
+        (of("c"), of("d"), of("c \"shared") + of("d \"shared")),
+        (8, 8, 0),
+        "{said:?}"
+    );
 }

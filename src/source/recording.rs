@@ -290,7 +290,8 @@ impl Recording {
         self.pop().map_or(Poll::More, Poll::Event)
     }
 
-    fn pop(&mut self) -> Option<Event> {
+    /// The next event that is there already.
+    pub(super) fn pop(&mut self) -> Option<Event> {
         let Timed { event, at, reached } = self.queue.pop_front()?;
         self.moment = (at, reached);
         Some(event)

@@ -230,16 +230,21 @@ impl Recordings {
                 self.done.store(self.bytes_of_closed + bytes, Ordering::Relaxed);
                 match polled {
                     Poll::Event(event) => {
-                        let (at, reached) = recording.moment();
-                        *records += u64::from(!matches!(event, Event::Readings { .. }));
-                        let place = Place {
-                            file: Arc::clone(file),
-                            bytes,
-                            records: *records,
-                            at,
-                            reached,
-                        };
-                        self.ready.push_back(Step::Event(event, place));
+                        // All of them: another file's turn comes behind what is read already.
+                        let mut event = Some(event);
+                        while let Some(next) = event {
+                            let (at, reached) = recording.moment();
+                            *records += u64::from(!matches!(next, Event::Readings { .. }));
+                            let place = Place {
+                                file: Arc::clone(file),
+                                bytes,
+                                records: *records,
+                                at,
+                                reached,
+                            };
+                            self.ready.push_back(Step::Event(next, place));
+                            event = recording.pop();
+                        }
                     }
                     Poll::More => {}
                     Poll::Wait => recording.wait_or_give_up(),

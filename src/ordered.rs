@@ -64,7 +64,10 @@ impl<T> Ordered<T> {
     /// Takes note of how far rods have been followed.
     pub fn note(&mut self, reached: &[(RodId, Option<Timestamp>)]) {
         for (rod, reached) in reached {
-            self.of(rod).reached = *reached;
+            match self.rods.get_mut(rod) {
+                Some(waiting) => waiting.reached = *reached,
+                None => self.of(rod).reached = *reached,
+            }
         }
     }
 

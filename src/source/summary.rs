@@ -22,8 +22,9 @@ pub struct Summary {
     pub topics: BTreeMap<String, TopicSummary>,
     /// What a person should know that is no fault: what was left out of another program's file, which column was taken.
     pub notes: Vec<String>,
-    /// Configured topics, and those of them the file does not have.
+    /// How many topics are configured.
     pub wanted: usize,
+    /// Those of them the file does not have.
     pub missing: Vec<(RodId, String)>,
 }
 

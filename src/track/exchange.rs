@@ -150,7 +150,7 @@ impl Pair {
                 &self.weather,
             )
         };
-        let (rare, none) = (RARE.ln(), Change::None);
+        let (rare, none) = (libm::log(RARE), Change::None);
         let as_before = [model([a, b], [none; 2], false)];
         let mut changed = vec![
             rare + model([a, b], [Change::Force, none], false),
@@ -292,6 +292,7 @@ impl Rod {
 }
 
 /// Log density of what is seen if the channels show these rods, changed like this.
+#[allow(clippy::needless_range_loop, reason = "rows and columns have numbers")]
 fn log_density(
     seen: &[Rod],
     shown: &[&Rod],
@@ -343,6 +344,7 @@ fn log_density(
 }
 
 /// Log density of a Gaussian at a residual, without the constant of its dimension. The covariance is positive definite.
+#[allow(clippy::needless_range_loop, reason = "rows and columns have numbers")]
 fn gaussian(residuals: &[f64], mut factor: Vec<f64>) -> f64 {
     let size = residuals.len();
     let mut solved = residuals.to_vec();

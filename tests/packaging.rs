@@ -335,16 +335,16 @@ impl Drop for Daemon {
 #[test]
 fn what_is_sent_live_gives_the_rows_of_its_replay() {
     let (site, _) = recorded(24, 12.0);
-    let expected = replayed(&site, &[site.path("whole.mcap")], "whole.db");
     let socket = format!("unix://{}", site.path("in.sock").display());
-    let plain = fs::read_to_string(site.path("site.toml")).unwrap();
     let operation = format!(
         "\n[store]\npath = \"live.db\"\n[ingest]\nlisten = [\"{socket}\"]\n[http]\nlisten = \"off\"\n"
     );
-    fs::write(site.path("live.toml"), plain + &operation).unwrap();
+    let plain = fs::read_to_string(site.path("site.toml")).unwrap();
+    fs::write(site.path("site.toml"), plain + &operation).unwrap();
+    let expected = replayed(&site, &[site.path("whole.mcap")], "whole.db");
     let log = File::create(site.path("daemon.log")).unwrap();
     let run = site
-        .command(&["run", "--config", "live.toml"])
+        .command(&["run", "--config", "site.toml"])
         .stderr(log)
         .spawn();
     let mut daemon = Daemon(run.unwrap());

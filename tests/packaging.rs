@@ -282,7 +282,7 @@ fn chunks_of_any_size_give_the_same_rows() {
 
 #[test]
 fn any_packaging_gives_the_same_events() {
-    let (site, messages) = recorded(8, 6.0);
+    let (site, messages) = recorded(8, 12.0);
     let config = Config::load(&site.path("site.toml")).unwrap();
     let expected = events(&[site.path("whole.mcap")], &config);
     assert!(expected.len() >= 32, "{}", expected.len());

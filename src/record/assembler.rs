@@ -83,15 +83,23 @@ pub struct Assembler {
     onsets: usize,
     searched_s: f64,
     searched_from: Option<Timestamp>,
+    /// Whether samples come from data that could not be checked, and the latest stamp of one that did \[ns\].
     unverified: bool,
+    unverified_until: i64,
     #[serde(with = "super::saved::records")]
     waiting: VecDeque<Record>,
+    /// When each of those that wait was complete.
+    waiting_at: VecDeque<i64>,
+    /// The latest stamp of the stretch that was cut last: when what came of it was complete \[ns\].
+    at: i64,
+    /// Whether the stream ended and nothing has come since.
+    is_over: bool,
     /// A run of stretches too short for a record, told as one.
     short: Option<Short>,
     samples: u64,
     /// Not saved: whoever saves has taken them before.
     #[serde(skip)]
-    events: Vec<Event>,
+    events: Vec<(Timestamp, Event)>,
 }
 
 /// A message that others were put before, because of their stamps.
@@ -132,7 +140,11 @@ impl Assembler {
             searched_s: 0.0,
             searched_from: None,
             unverified: false,
+            unverified_until: i64::MIN,
             waiting: VecDeque::new(),
+            waiting_at: VecDeque::new(),
+            at: i64::MIN,
+            is_over: false,
             short: None,
             samples: 0,
             events: Vec::new(),
@@ -181,9 +193,10 @@ impl Assembler {
         self.samples
     }
 
-    /// From now on records come from data that could not be checked.
-    pub fn mark_unverified(&mut self) {
-        self.unverified = true;
+    /// Says whether samples come from data that could not be checked from now on.
+    #[inline]
+    pub fn set_unverified(&mut self, unverified: bool) {
+        self.unverified = unverified;
     }
 
     /// Takes one message: the time of its first sample and its samples in SI; one that is not finite
@@ -194,7 +207,11 @@ impl Assembler {
             return;
         }
         self.samples += values.len() as u64;
+        self.is_over = false;
         let time = time.as_nanos();
+        if self.unverified {
+            self.unverified_until = self.unverified_until.max(time);
+        }
         let is_simple = self.astray.is_empty() && self.ahead.is_none();
         if is_simple && matches!(self.place(time, values), Some(Place::Next)) {
             self.append(time, values);
@@ -223,8 +240,70 @@ impl Assembler {
     }
 
     /// What became of the samples so far.
-    pub fn events(&mut self) -> std::vec::Drain<'_, Event> {
+    pub fn events(&mut self) -> impl Iterator<Item = Event> {
+        self.timed_events().map(|(_, event)| event)
+    }
+
+    /// The same, each with the time at which it was complete: the latest stamp of the stretch it was cut from.
+    pub fn timed_events(&mut self) -> std::vec::Drain<'_, (Timestamp, Event)> {
         self.events.drain(..)
+    }
+
+    /// Makes an event of the readings that no record left with, at the end of the stream.
+    pub fn tell_leftover(&mut self) {
+        let readings = self.leftover(Timestamp::MAX);
+        if let Some(last) = readings.last() {
+            let at = last.time.max(Timestamp::from_nanos(self.at));
+            let rod = self.rod.clone();
+            self.events.push((at, Event::Readings { rod, readings }));
+        }
+    }
+
+    /// A rejection that stands for no samples.
+    pub fn tell_nothing(&mut self, rejection: Rejection) {
+        self.tell(Event::Rejected {
+            rod: self.rod.clone(),
+            start: None,
+            duration_s: 0.0,
+            fs_hz: None,
+            waveform: None,
+            rejection,
+        });
+    }
+
+    /// Forgets the samples that are no record yet: `rejection` stands for them. Readings go on.
+    pub fn refuse(&mut self, rejection: Rejection) {
+        let times = self
+            .open
+            .times
+            .iter()
+            .chain(self.warm.iter().map(|(time, _)| time));
+        let start = times.min().copied().map(Timestamp::from_nanos);
+        let newest = self.open.times.last().or(self.warm.last().map(|(time, _)| time));
+        self.at = newest.map_or(self.at, |&newest| newest.max(self.at));
+        self.release(true);
+        self.reject(start, 0.0, rejection);
+        self.renew(true);
+    }
+
+    /// Whether there are events to be taken.
+    #[inline]
+    pub fn has_events(&self) -> bool {
+        !self.events.is_empty()
+    }
+
+    /// A time before which no event will be complete that is still to come; `None` before the first sample and after the
+    /// end of the stream. It goes back only with the clock of the samples.
+    pub fn complete_until(&self) -> Option<Timestamp> {
+        if self.samples == 0 || self.is_over {
+            return None;
+        }
+        let open = self.open.times.last().copied();
+        let warm = || self.warm.iter().map(|(time, _)| *time).min();
+        let nanos = self.waiting_at.front().copied().or(open).or_else(warm);
+        Some(Timestamp::from_nanos(
+            nanos.unwrap_or_else(|| self.at.saturating_add(1)),
+        ))
     }
 
     /// Ends the stream. With `cut_short`, the last record is one that may have gone on.
@@ -243,6 +322,7 @@ impl Assembler {
         }
         self.tell_short();
         self.release(true);
+        self.is_over = true;
     }
 
     /// Closes what is open.

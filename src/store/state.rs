@@ -87,8 +87,7 @@ impl Kept {
             whiteness,
             plausibility,
             thermometer,
-            latest,
-            latest_modes
+            latest
         );
         Ok(())
     }

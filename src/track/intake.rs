@@ -17,8 +17,16 @@ impl Tracker {
     pub(super) fn take(&mut self, observation: &Observation, peers: &[Peer], verdict: &mut Verdict) {
         let patience = self.plan.alarm.sensor_records;
         let state = &mut self.state;
-        let latest = state.latest.map(|time| (time, &state.latest_modes[..]));
-        if let Some(doubt) = state.plausibility.doubt(observation, latest, peers, patience) {
+        let (rod, latest) = (&state.rod, state.latest);
+        let doubt = state
+            .plausibility
+            .doubt(observation, rod, latest, peers, patience);
+        if let Some(since) = state.plausibility.take_wrong_since() {
+            // They were believed before the other channel showed the exchange, too.
+            state.open.retain(|pending| pending.start < since);
+            state.learning.retain(|known| known.start < since);
+        }
+        if let Some(doubt) = doubt {
             let aside = SetAside::from(&doubt);
             if aside != SetAside::Clock {
                 self.keep_readings(&observation.readings);
@@ -89,9 +97,6 @@ impl Tracker {
     /// Its frequencies are those of the rod.
     fn usable(&mut self, observation: &Observation) {
         let time = self.known_at(observation.start);
-        if self.state.latest == Some(observation.start) {
-            self.state.latest_modes.clone_from(&observation.modes);
-        }
         self.look(Cause::Unusable, Some(false), time, String::new);
         self.look(Cause::OutsideRange, Some(false), time, String::new);
         if self.state.regression.is_some() && self.plan.compensates() {

@@ -9,6 +9,7 @@
 //! * [`baseline`]    mean log-frequencies of the first records and particles of the static parameters
 //! * [`relative`]    posterior of N_t / N_0 for one record, and whether the change is axial at all
 //! * [`plausibility`] records that cannot be what they claim: unit, clock, channel
+//! * `exchange`      whether two channels show each other's rods: the odds of what explains both
 //! * [`thermometer`] temperature readings that cannot be what they claim
 //! * [`thermal`]     the rod's temperature from the air's: low-passed by a thermal lag
 //! * [`period`]      the records of one decorrelation period as one statistic
@@ -38,6 +39,7 @@ pub mod baseline;
 pub mod change;
 pub mod chart;
 pub mod drift;
+mod exchange;
 mod intake;
 mod lattice;
 mod levels;

@@ -1,5 +1,6 @@
 //! Everything remembered of one rod from record to record.
 
+use super::Observation;
 use super::alarm::{Alarm, Watches};
 use super::baseline::Baseline;
 use super::chart::Charts;
@@ -9,7 +10,6 @@ use super::regression::Regression;
 use super::thermal::Thermal;
 use super::thermometer::Thermometer;
 use super::whiteness::Whiteness;
-use super::{LogMode, Observation};
 use crate::record::{Reading, RodId, Timestamp};
 use serde::{Deserialize, Serialize};
 
@@ -96,8 +96,6 @@ pub struct State {
     pub thermometer: Thermometer,
     /// Start of the latest record that was believed.
     pub latest: Option<Timestamp>,
-    /// The modes of the latest record that was believed.
-    pub latest_modes: Vec<LogMode>,
 }
 
 impl State {
@@ -128,7 +126,6 @@ impl State {
             thermometer: Thermometer::default(),
             whiteness: None,
             latest: None,
-            latest_modes: Vec::new(),
         }
     }
 

@@ -30,6 +30,8 @@ impl Assembler {
         let (Some(&first), Some(&last)) = (stretch.times.first(), stretch.times.last()) else {
             return;
         };
+        // What is left of the stretch was there when this was cut.
+        self.at = self.open.times.last().map_or(last, |&newest| newest.max(last));
         let start = Timestamp::from_nanos(first);
         let span_s = Timestamp::from_nanos(last).seconds_since(start);
         let count = stretch.values.len();
@@ -156,7 +158,7 @@ impl Assembler {
             Ok(checked) => checked,
             Err(rejection) => {
                 self.tell_short();
-                return self.events.push(Event::Rejected {
+                return self.tell(Event::Rejected {
                     rod: self.rod.clone(),
                     start: Some(start),
                     duration_s,
@@ -181,7 +183,7 @@ impl Assembler {
                 worst_s: clock.stray.worst_s,
             });
         }
-        if self.unverified {
+        if start.as_nanos() <= self.unverified_until {
             flags.push(Flag::Unverified);
         }
         if cut_short {
@@ -199,6 +201,7 @@ impl Assembler {
             clock_sd: clock.sd,
             flags,
         });
+        self.waiting_at.push_back(self.at);
         self.release(false);
     }
 
@@ -224,13 +227,20 @@ impl Assembler {
             if let Some(readings) = &mut self.temperature {
                 record.readings = readings.take(end);
             }
-            self.events.push(Event::Record(record));
+            let at = self.waiting_at.pop_front().unwrap_or(self.at);
+            self.events
+                .push((Timestamp::from_nanos(at), Event::Record(record)));
         }
+    }
+
+    /// Notes what came of the stretch that was cut last.
+    pub(super) fn tell(&mut self, event: Event) {
+        self.events.push((Timestamp::from_nanos(self.at), event));
     }
 
     pub(super) fn reject(&mut self, start: Option<Timestamp>, duration_s: f64, rejection: Rejection) {
         self.tell_short();
-        self.events.push(Event::Rejected {
+        self.tell(Event::Rejected {
             rod: self.rod.clone(),
             start,
             duration_s,
@@ -253,7 +263,7 @@ impl Assembler {
 
     pub(super) fn tell_short(&mut self) {
         if let Some(short) = self.short.take() {
-            self.events.push(Event::Rejected {
+            self.tell(Event::Rejected {
                 rod: self.rod.clone(),
                 start: Some(short.start),
                 duration_s: short.total_s,

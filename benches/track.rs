@@ -8,6 +8,7 @@ use tirante::emulator::ReducedModel;
 use tirante::forward::ForwardModel;
 use tirante::random;
 use tirante::record::Timestamp;
+use tirante::track::alternatives::{Alternatives, Shifted};
 use tirante::track::relative::Shift;
 use tirante::track::{Baseline, LogMode, Observation};
 
@@ -92,4 +93,43 @@ fn relative_particles_modes(bencher: Bencher, (particles, modes): (usize, usize)
         let shift = Shift::new(&baseline, &model());
         bencher.bench_local(|| shift.relative(black_box(&records[30]), 3));
     }
+}
+
+/// What changes of every kind would do to a rod: once a baseline.
+#[divan::bench(sample_count = 30)]
+fn alternatives_new(bencher: Bencher) {
+    if let Some(baseline) = baseline(&records(30, 3), 0.01, 512) {
+        bencher.bench_local(|| Alternatives::new(black_box(&baseline.particles), &model(), &[0.01; 5]));
+    }
+}
+
+/// Kinds of change weighed, once an alarm: seven records in which nothing is decided, what would decide included.
+#[divan::bench(args = [3, 5], sample_count = 30)]
+fn alternatives_explain_modes(bencher: Bencher, modes: usize) {
+    let records = records(30, modes);
+    let Some(baseline) = baseline(&records, 0.01, 512) else {
+        return;
+    };
+    let Some(alternatives) = Alternatives::new(&baseline.particles, &model(), &[0.01; 5]) else {
+        return;
+    };
+    // A loss of 3 % of the force, roughly.
+    let mut late = records[..7].to_vec();
+    late.iter_mut()
+        .flat_map(|record| &mut record.modes)
+        .for_each(|mode| mode.log_frequency -= 0.012);
+    let shifted: Vec<Shifted> = late
+        .iter()
+        .enumerate()
+        .map(|(t, record)| Shifted {
+            modes: &record.modes,
+            expected: 0.05 * (0.2 * t as f64).sin(),
+        })
+        .collect();
+    let shift = alternatives.mean_shift(&baseline, &shifted, 0.001);
+    bencher.bench_local(|| {
+        shift
+            .as_ref()
+            .and_then(|shift| alternatives.explain(black_box(shift)))
+    });
 }

@@ -8,7 +8,7 @@ use tirante::sink::{ChannelSpec, Compression, Encoding, Layout, Precision, Recor
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let start = Timestamp::from_nanos(1_700_000_000_000_000_000);
-    for target in ["recording", "message", "stamps", "protocol"] {
+    for target in ["recording", "message", "stamps", "protocol", "import"] {
         fs::create_dir_all(format!("fuzz/corpus/{target}"))?;
     }
     for encoding in [Encoding::Json, Encoding::Protobuf, Encoding::Ros2] {
@@ -59,6 +59,12 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     for kind in 0..3u8 {
         let steps: Vec<u8> = (0..600u32).map(|i| (i * i % 251) as u8 % 100).collect();
         fs::write(format!("fuzz/corpus/stamps/{kind}"), [vec![kind], steps].concat())?;
+    }
+    for file in fs::read_dir("tests/fixtures/import")? {
+        let file = file?;
+        // Rate and full scale said, format found from the content.
+        let seed = [&[24u8][..], &fs::read(file.path())?].concat();
+        fs::write(format!("fuzz/corpus/import/{}", file.file_name().to_string_lossy()), seed)?;
     }
     Ok(())
 }

@@ -231,18 +231,27 @@ impl Plan {
         self.infer(modes, seed)
     }
 
-    fn infer(&self, modes: Vec<Mode>, seed: u64) -> Result<Identification, Rejection> {
-        let observation = Observation {
-            orders: modes.iter().map(|mode| mode.order).collect(),
-            frequency_hz: modes.iter().map(|mode| mode.frequency_hz).collect(),
-            sd_hz: modes.iter().map(|mode| mode.sd_hz).collect(),
-        };
-        let conflict = self.inference.conflict(&observation)?;
+    /// How far frequencies lie from everything the model can produce.
+    ///
+    /// # Errors
+    /// No rod of the prior has them.
+    pub fn conflict(&self, modes: &[Mode]) -> Result<Conflict, Rejection> {
+        self.conflict_of(&observed(modes))
+    }
+
+    fn conflict_of(&self, observation: &Observation) -> Result<Conflict, Rejection> {
+        let conflict = self.inference.conflict(observation)?;
         if conflict.prior_distance >= Conflict::OUTSIDE {
             return Err(Rejection::OutsidePrior {
                 distance: conflict.prior_distance,
             });
         }
+        Ok(conflict)
+    }
+
+    fn infer(&self, modes: Vec<Mode>, seed: u64) -> Result<Identification, Rejection> {
+        let observation = observed(&modes);
+        let conflict = self.conflict_of(&observation)?;
         let posterior = self.inference.run(&observation, seed)?;
         Ok(Identification {
             rod: self.settings.rod.clone(),
@@ -261,5 +270,14 @@ impl Plan {
             self.settings.rod.0.as_bytes(),
             identity,
         ])
+    }
+}
+
+/// Modes as the inference takes them.
+fn observed(modes: &[Mode]) -> Observation {
+    Observation {
+        orders: modes.iter().map(|mode| mode.order).collect(),
+        frequency_hz: modes.iter().map(|mode| mode.frequency_hz).collect(),
+        sd_hz: modes.iter().map(|mode| mode.sd_hz).collect(),
     }
 }

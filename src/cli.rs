@@ -2,7 +2,7 @@
 
 use crate::command::{
     ack, alarm, backup, check, completions, emulator, frequencies, history, identify, import, init, manual,
-    rebaseline, replay, report, run, send, serve, simulate, spectrum, status, study,
+    rebaseline, replay, report, run, send, serve, simulate, spectrum, status, study, track,
 };
 use crate::telemetry::log;
 use clap::{ArgAction, Parser, Subcommand};
@@ -33,6 +33,8 @@ pub struct Cli {
 pub enum Command {
     /// Recordings through the whole pipeline: frequencies, axial force, and what changed since the baseline.
     Replay(replay::Args),
+    /// Tables of frequencies identified elsewhere: what changed since the baseline, and alarms.
+    Track(track::Args),
     /// The daemon: live sources, results kept, alarms sent.
     Run(run::Args),
     /// How every rod of a store stands: state, force, change since the baseline, alarms.

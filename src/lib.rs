@@ -22,6 +22,7 @@
 //! * [`snapshot`] what one record looked like, for the report
 //! * [`track`]    the relative force over time: baseline, temperature, charts, alarms; one pure fold per rod
 //! * [`synthesis`] displacement histories of a simulated rod, faults included
+//! * [`ordered`]  what comes of several rods' records in the order of its time
 //! * [`random`]   seeds and counter-based streams
 //! * `wide`       inner loops on the widest vectors a processor has
 //!
@@ -77,6 +78,7 @@ pub mod ingest;
 pub mod journal;
 pub mod line;
 pub mod modes;
+pub mod ordered;
 pub mod outcome;
 pub mod pipeline;
 pub mod plot;

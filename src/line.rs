@@ -5,7 +5,7 @@ use crate::bayes::{Adjustment, Marginal, Posterior, VarianceShares};
 use crate::beam::Quantity;
 use crate::findings::{self, CERTAIN, Candidate, Peak};
 use crate::modes::{Mode, Motion};
-use crate::outcome::{Outcome, Rejected};
+use crate::outcome::{Outcome, Rejected, Tabulated};
 use crate::record::{Flag, Rejection, RodId, Timestamp};
 use crate::track::change::Change;
 use crate::track::{Interval, Kind, RodState, SetAside, Verdict, What};
@@ -154,6 +154,7 @@ pub fn json(outcome: &Outcome, verdict: Option<&Verdict>, config_hash: &str) -> 
     let mut line = Line::new(outcome.rod(), config_hash);
     match outcome {
         Outcome::Identified(identification) => line.identified(identification),
+        Outcome::Tabulated(row) => line.tabulated(row),
         Outcome::Rejected(rejected) => line.rejected(rejected),
     }
     if let Some(verdict) = verdict {
@@ -235,6 +236,16 @@ impl<'a> Line<'a> {
         self.adjustment = Some(adjustment(posterior));
         self.hangs_on = identification.hangs_on.as_ref();
         self.seed = Some(posterior.seed);
+    }
+
+    fn tabulated(&mut self, row: &'a Tabulated) {
+        self.start = Some(row.start);
+        self.duration_s = Some(row.duration_s).filter(|duration_s| *duration_s > 0.0);
+        self.temperature_c = row.temperature_c;
+        let unjudged = |&mode| LineMode { mode, misfit: None };
+        self.modes = row.modes.iter().map(unjudged).collect();
+        self.conflict = Some(row.conflict.score);
+        self.prior_tail = Some(row.conflict.prior_tail);
     }
 
     fn rejected(&mut self, rejected: &'a Rejected) {

@@ -210,6 +210,7 @@ impl Site {
                 .filter(|start| tracker.state().latest == Some(*start) && before != Some(*start))
                 .filter(|start| tracker.state().periods.is_empty() || is_pictured(before, *start))
                 .and_then(|_| Snapshot::of(tracker.plan().prior(), identification)),
+            Outcome::Tabulated(_) => None,
             // What a refused record looked like says why it was; as seldom, and never in place of one that was believed.
             Outcome::Rejected(rejected) => {
                 let before = self.store.refused_picture(rod)?;

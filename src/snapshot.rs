@@ -130,6 +130,7 @@ impl Snapshot {
     pub fn of_outcome(prior: &RodPrior, outcome: &Outcome) -> Option<Self> {
         match outcome {
             Outcome::Identified(identification) => Self::of(prior, identification),
+            Outcome::Tabulated(_) => None,
             Outcome::Rejected(rejected) => Self::of_rejected(rejected),
         }
     }

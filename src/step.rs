@@ -1,9 +1,10 @@
 //! From an event of a source to what came of it: the same for a replay and for the daemon.
 
 use crate::analysis::{Plan, Refusal};
+use crate::ordered::Reached;
 use crate::outcome::{Outcome, Rejected};
 use crate::pipeline::message_of;
-use crate::record::{Envelope, Reading, Record, Rejection, RodId};
+use crate::record::{Envelope, Reading, Record, Rejection, RodId, Timestamp};
 use crate::source::Event;
 use crate::store::Position;
 use std::collections::{BTreeMap, HashMap, HashSet};
@@ -22,6 +23,10 @@ pub struct Place {
     pub bytes: u64,
     /// Records found.
     pub records: u64,
+    /// When the event was complete, by the rod's own stamps.
+    pub at: Timestamp,
+    /// How far the rods had been followed then.
+    pub reached: Reached,
 }
 
 impl Place {
@@ -43,6 +48,16 @@ pub enum Analysed {
     Known(RodId, [u8; 32]),
     /// Temperatures that no record left with.
     Readings(RodId, Vec<Reading>),
+}
+
+impl Analysed {
+    /// The rod.
+    pub fn rod(&self) -> &RodId {
+        match self {
+            Self::Record(outcome) => outcome.rod(),
+            Self::Known(rod, _) | Self::Readings(rod, _) => rod,
+        }
+    }
 }
 
 /// The record of each rod that passed last, known before or not: what says which record temperatures came after.

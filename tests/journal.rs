@@ -738,8 +738,8 @@ proptest! {
         let came = stream(seed, &faults);
         let (mut whole, mut broken) = (new(), new());
         if is_unverified {
-            whole.mark_unverified();
-            broken.mark_unverified();
+            whole.set_unverified(true);
+            broken.set_unverified(true);
         }
         let (mut expected, mut found) = (Vec::new(), Vec::new());
         for (at, message) in came.iter().enumerate() {

@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-const PURE: [&str; 16] = [
+const PURE: [&str; 17] = [
     "record",
     "spectrum",
     "modes",
@@ -12,6 +12,7 @@ const PURE: [&str; 16] = [
     "emulator",
     "bayes",
     "analysis.rs",
+    "ordered.rs",
     "outcome.rs",
     "findings.rs",
     "snapshot.rs",

@@ -487,6 +487,8 @@ fn windows_are_exact_and_batches_cut_inside() {
         }
         assert_eq!(one.start, other.start);
         assert_eq!(other.flags.contains(&Flag::Truncated), i == 3);
+        // Where a record ends does not say how its rod moves: that is recognised.
+        assert_eq!(one.excitation, None);
     }
 }
 

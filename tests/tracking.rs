@@ -5,10 +5,10 @@ mod scenario;
 
 use scenario::{DAY_S, Scenario, follow_on, raised, told};
 use std::sync::Arc;
-use tirante::record::{RodId, Timestamp};
+use tirante::record::Timestamp;
 use tirante::synthesis::{AddedMass, Truth};
 use tirante::track::settings::TemperatureUse;
-use tirante::track::{Input, Kind, Observation, Peer, RodState, SetAside, State, Tracker, Verdict, What};
+use tirante::track::{Input, Kind, Observation, RodState, SetAside, State, Tracker, Verdict, What};
 
 #[test]
 fn a_year_of_seasons_without_a_change_raises_nothing() {
@@ -229,39 +229,6 @@ fn a_change_of_unit_a_wrong_clock_and_a_swapped_channel_have_names() {
             raised(&verdicts)
         );
     }
-
-    // The channel of another rod, 4 % slacker.
-    let mut other = Scenario::new(200);
-    if let tirante::synthesis::Truth::Beam { theta, .. } = &mut other.rod.truth {
-        theta[0] *= 0.96;
-        theta[3] *= 1.01;
-    }
-    // One site, one weather.
-    let others = other.observations(61);
-    let mut tracker = Tracker::new(scenario.plan("key"));
-    let mut verdicts = Vec::new();
-    for (index, (own, foreign)) in good.iter().zip(&others).enumerate() {
-        let seen = if (100..120).contains(&index) { foreign } else { own };
-        // While the channels are swapped, the other rod's records are not believed either.
-        let believed = match index {
-            0 => 0,
-            100..120 => 99,
-            _ => index - 1,
-        };
-        let peers = [Peer {
-            latest: Some(others[believed].start),
-            rod: RodId("other".into()),
-            modes: others[believed].modes.clone(),
-        }];
-        verdicts.push(tracker.step(&Input::Identified(seen.clone()), &peers));
-    }
-    assert_eq!(verdicts[100].set_aside, Some(SetAside::Channel));
-    assert!(
-        !raised(&verdicts).iter().any(|(_, kind)| kind.is_latched()),
-        "{:?}",
-        raised(&verdicts)
-    );
-    assert!(raised(&verdicts).iter().any(|(_, kind)| *kind == Kind::Sensor));
 }
 
 #[test]

@@ -84,38 +84,98 @@ fn a_thermometer_in_fahrenheit_or_one_that_stands_still_is_no_drift() {
     assert_eq!(verdicts[199].state, RodState::Monitoring);
 }
 
+/// A site of four rods of different forces under one weather; `shown` says what the channels show of the rods' records of a
+/// day.
+fn follow_site(
+    days: usize,
+    change: impl Fn(usize, Scenario) -> Scenario,
+    shown: impl Fn(usize, [Observation; 4]) -> [Observation; 4],
+) -> [Vec<Verdict>; 4] {
+    let scenarios = [1.0, 0.9, 0.81, 0.73].map(|factor| {
+        let mut scenario = Scenario::new(days);
+        if let tirante::synthesis::Truth::Beam { theta, .. } = &mut scenario.rod.truth {
+            theta[0] *= factor;
+        }
+        scenario.analysis.rod = RodId(format!("rod at {factor}"));
+        scenario
+    });
+    let mut number = 0;
+    let scenarios = scenarios.map(|scenario| {
+        number += 1;
+        change(number - 1, scenario)
+    });
+    let mut records = scenarios
+        .each_ref()
+        .map(|scenario| scenario.observations(203).into_iter());
+    let mut trackers = scenarios.map(|scenario| Tracker::new(scenario.plan("key")));
+    let mut verdicts = [const { Vec::new() }; 4];
+    for day in 0..days {
+        let records = records
+            .each_mut()
+            .map(|records| records.next().expect("a record a day"));
+        for (rod, seen) in shown(day, records).into_iter().enumerate() {
+            let others = (0..4).filter(|other| *other != rod);
+            let peers: Vec<Peer> = others.map(|other| trackers[other].as_peer()).collect();
+            verdicts[rod].push(trackers[rod].step(&Input::Identified(seen), &peers));
+        }
+    }
+    verdicts
+}
+
 #[test]
-fn a_channel_swapped_for_months_never_passes_for_a_drift() {
-    let scenario = Scenario::new(200);
-    let good = scenario.observations(203);
-    let mut other = Scenario::new(200);
-    if let tirante::synthesis::Truth::Beam { theta, .. } = &mut other.rod.truth {
-        theta[0] *= 0.9;
-    }
-    let others = other.observations(203);
-    let mut tracker = Tracker::new(scenario.plan("key"));
-    let mut verdicts = Vec::new();
-    for (index, (own, foreign)) in good.iter().zip(&others).enumerate() {
-        let is_swapped = (100..160).contains(&index);
-        let seen = if is_swapped { foreign } else { own };
-        // The other rod's last good record is as old as this one's.
-        let peers = [Peer {
-            rod: RodId("other".into()),
-            latest: Some(good[if is_swapped { 99 } else { index.saturating_sub(1) }].start),
-            modes: others[if is_swapped { 99 } else { index.saturating_sub(1) }]
-                .modes
-                .clone(),
-        }];
-        verdicts.push(tracker.step(&Input::Identified(seen.clone()), &peers));
-    }
-    assert!(
-        verdicts[100..160]
-            .iter()
-            .all(|v| v.set_aside == Some(SetAside::Channel))
+fn channels_exchanged_for_months_never_pass_for_a_drift() {
+    let verdicts = follow_site(
+        200,
+        |_, rod| rod,
+        |day, [a, b, c, d]| {
+            if (100..160).contains(&day) {
+                [a, d, c, b]
+            } else {
+                [a, b, c, d]
+            }
+        },
     );
-    // In hindsight there was no usable record for two months.
-    assert_eq!(raised(&verdicts), [(104, Kind::Sensor), (160, Kind::NoData)]);
-    assert_eq!(verdicts[199].state, RodState::Monitoring);
+    let aside = |rod: usize, days: std::ops::Range<usize>| {
+        let mine = verdicts[rod][days].iter();
+        mine.filter(|verdict| verdict.set_aside == Some(SetAside::Channel))
+            .count()
+    };
+    // The first record of the first channel is believed until the other channel shows the exchange, too.
+    assert_eq!((aside(1, 101..160), aside(3, 100..160)), (59, 60));
+    for (rod, verdicts) in verdicts.iter().enumerate() {
+        assert_eq!(aside(rod, 0..100) + aside(rod, 161..200), 0, "rod {rod}");
+        assert_eq!(latched(verdicts), [], "rod {rod}");
+        assert_eq!(verdicts[199].state, RodState::Monitoring, "rod {rod}");
+    }
+    assert!(raised(&verdicts[1]).contains(&(105, Kind::Sensor)));
+    assert!(raised(&verdicts[3]).contains(&(104, Kind::Sensor)));
+}
+
+#[test]
+fn a_loss_that_ends_at_another_rods_force_is_told_with_both_explanations() {
+    let verdicts = follow_site(
+        160,
+        |rod, scenario| {
+            if rod == 0 {
+                scenario.step(120.0, -0.10)
+            } else {
+                scenario
+            }
+        },
+        |_, records| records,
+    );
+    let aside = |verdict: &Verdict| verdict.set_aside.is_some();
+    assert!(!verdicts.iter().flatten().any(aside));
+    let told: Vec<_> = verdicts[0].iter().flat_map(|verdict| &verdict.events).collect();
+    let drift = told
+        .iter()
+        .find(|event| event.alarm.kind == Kind::Drift)
+        .expect("a loss of 10 %");
+    let message = &drift.alarm.message;
+    assert!(
+        message.contains("fell by") && message.contains("signal of rod at 0.9"),
+        "{message}"
+    );
 }
 
 #[test]

@@ -5,11 +5,21 @@ use super::Prior;
 
 impl Prior {
     /// Share of the distribution below a value, for the families that end on both sides; `None` for the others.
-    fn share(&self, value: f64) -> Option<f64> {
+    pub(crate) fn share(&self, value: f64) -> Option<f64> {
         match *self {
             Self::Uniform { low, high } => Some((value - low) / (high - low)),
             Self::LogUniform { low, high } => Some(libm::log(value / low) / libm::log(high / low)),
             Self::Fixity(fixity) => Some(fixity.share(value)),
+            _ => None,
+        }
+    }
+
+    /// Value below which a share of the distribution lies, for the same families.
+    pub(crate) fn at_share(&self, share: f64) -> Option<f64> {
+        match *self {
+            Self::Uniform { low, high } => Some(low + (high - low) * share),
+            Self::LogUniform { low, high } => Some(low * libm::exp(libm::log(high / low) * share)),
+            Self::Fixity(fixity) => Some(fixity.at_share(share)),
             _ => None,
         }
     }

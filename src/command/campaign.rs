@@ -6,6 +6,7 @@ use super::{BadArguments, WITH_LOSSES};
 use crate::analysis::Plan;
 use crate::config::Config;
 use crate::import::{self, How, Whose};
+use crate::ordered::Ordered;
 use crate::outcome::Outcome;
 use crate::pipeline::{Limits, map_in_order};
 use crate::record::{Reading as Temperature, RecordSettings, Rejection, RodChannels, RodId};
@@ -122,7 +123,7 @@ pub struct Others {
 }
 
 /// Runs every record of `paths` (files, or folders of them) through its rod's plan and hands what came
-/// of them to `on_news` in the order of the recordings. What was lost is said on stderr. `None` if
+/// of them to `on_news` in the order of its time. What was lost is said on stderr. `None` if
 /// the reader of stdout has seen enough (`| head`). A record with the same data as one before (a copied or
 /// renamed file), or one of `known`, is counted and left out.
 ///
@@ -135,7 +136,7 @@ pub fn run(
     reading: &Reading,
     others: Others,
     known: &Known,
-    mut on_news: impl FnMut(News<'_>, &Progress) -> anyhow::Result<Taken>,
+    on_news: impl FnMut(News<'_>, &Progress) -> anyhow::Result<Taken>,
 ) -> anyhow::Result<Option<Tally>> {
     let files = in_order(source::recordings(paths), &others.how);
     if others.how.start.is_some() && files.len() > 1 {
@@ -162,10 +163,15 @@ pub fn run(
         usize::from,
     );
 
-    let mut tally = Tally::default();
-    let mut failure = None;
-    let mut seen = HashSet::new();
-    let mut passed = Passed::default();
+    let mut ordered = Ordered::new(config.track.reorder_window_s);
+    let mut delivery = Delivery {
+        on_news,
+        bar: &bar,
+        tally: Tally::default(),
+        seen: HashSet::new(),
+        passed: Passed::default(),
+        failure: None,
+    };
     map_in_order(
         input,
         Limits {
@@ -184,56 +190,22 @@ pub fn run(
             results.into_iter().try_for_each(|result| {
                 bar.set(done.load(Ordering::Relaxed), total);
                 match result {
-                    Ok(Done::Event(Analysed::Known(rod, identity), _)) => {
-                        passed.note(&rod, identity);
-                        tally.repeated += 1;
-                    }
-                    Ok(Done::Event(Analysed::Readings(rod, readings), _)) => {
-                        let news = News::Readings {
-                            rod: &rod,
-                            readings: &readings,
-                            after: passed.last(&rod),
+                    Ok(Done::Event(analysed, place)) => {
+                        ordered.note(&place.reached);
+                        let (rod, at) = (analysed.rod().clone(), place.at);
+                        ordered.push(&rod, at, (analysed, place));
+                        // Who follows a growing recording waits for nobody.
+                        let mut next = || match reading.follow {
+                            true => ordered.next_of_all(),
+                            false => ordered.next(),
                         };
-                        if let Err(error) = on_news(news, &bar) {
-                            failure = Some(error);
-                            return ControlFlow::Break(());
+                        while let Some((analysed, place)) = next() {
+                            delivery.event(analysed, &place)?;
                         }
                     }
-                    Ok(Done::Event(Analysed::Record(outcome), place)) => {
-                        if let Some(identity) = outcome.identity() {
-                            passed.note(outcome.rod(), identity);
-                            if !seen.insert(identity) {
-                                tally.repeated += 1;
-                                return ControlFlow::Continue(());
-                            }
-                        }
-                        match on_news(News::Outcome(&outcome, place.position()), &bar) {
-                            Ok(Taken::New) => {}
-                            Ok(Taken::Known) => {
-                                tally.repeated += 1;
-                                return ControlFlow::Continue(());
-                            }
-                            Err(error) => {
-                                failure = Some(error);
-                                return ControlFlow::Break(());
-                            }
-                        }
-                        match outcome.as_ref() {
-                            Outcome::Identified(_) => tally.identified += 1,
-                            Outcome::Rejected(rejected)
-                                if matches!(rejected.rejection, Rejection::Broken { .. }) =>
-                            {
-                                tally.broken += 1;
-                                bar.say(&format!("error: rod {}: {}", rejected.rod, rejected.rejection));
-                            }
-                            Outcome::Rejected(rejected) => {
-                                *tally.rejected.entry(rejected.rejection.code()).or_default() += 1;
-                            }
-                        }
-                    }
-                    Ok(Done::File(result)) => tally.file(&result, &bar),
+                    Ok(Done::File(result)) => delivery.tally.file(&result, &bar),
                     Err(panic) => {
-                        tally.broken += 1;
+                        delivery.tally.broken += 1;
                         bar.say(&format!("error: the program broke on one event ({panic})"));
                     }
                 }
@@ -241,11 +213,87 @@ pub fn run(
             })
         },
     );
+    while delivery.failure.is_none()
+        && let Some((analysed, place)) = ordered.next_of_all()
+    {
+        if delivery.event(analysed, &place).is_break() {
+            break;
+        }
+    }
+    let Delivery { tally, failure, .. } = delivery;
     drop(bar);
     match failure {
         Some(error) if is_broken_pipe(&error) => Ok(None),
         Some(error) => Err(error),
         None => Ok(Some(tally)),
+    }
+}
+
+/// Hands on what came of events and counts it.
+struct Delivery<'a, F> {
+    on_news: F,
+    bar: &'a Progress,
+    tally: Tally,
+    /// Records of this run.
+    seen: HashSet<[u8; 32]>,
+    passed: Passed,
+    failure: Option<anyhow::Error>,
+}
+
+impl<F: FnMut(News<'_>, &Progress) -> anyhow::Result<Taken>> Delivery<'_, F> {
+    fn event(&mut self, analysed: Analysed, place: &Place) -> ControlFlow<()> {
+        match analysed {
+            Analysed::Known(rod, identity) => {
+                self.passed.note(&rod, identity);
+                self.tally.repeated += 1;
+            }
+            Analysed::Readings(rod, readings) => {
+                let news = News::Readings {
+                    rod: &rod,
+                    readings: &readings,
+                    after: self.passed.last(&rod),
+                };
+                if let Err(error) = (self.on_news)(news, self.bar) {
+                    self.failure = Some(error);
+                    return ControlFlow::Break(());
+                }
+            }
+            Analysed::Record(outcome) => return self.record(&outcome, place),
+        }
+        ControlFlow::Continue(())
+    }
+
+    fn record(&mut self, outcome: &Outcome, place: &Place) -> ControlFlow<()> {
+        if let Some(identity) = outcome.identity() {
+            self.passed.note(outcome.rod(), identity);
+            if !self.seen.insert(identity) {
+                self.tally.repeated += 1;
+                return ControlFlow::Continue(());
+            }
+        }
+        match (self.on_news)(News::Outcome(outcome, place.position()), self.bar) {
+            Ok(Taken::New) => {}
+            Ok(Taken::Known) => {
+                self.tally.repeated += 1;
+                return ControlFlow::Continue(());
+            }
+            Err(error) => {
+                self.failure = Some(error);
+                return ControlFlow::Break(());
+            }
+        }
+        match outcome {
+            Outcome::Identified(_) | Outcome::Tabulated(_) => self.tally.identified += 1,
+            Outcome::Rejected(rejected) if matches!(rejected.rejection, Rejection::Broken { .. }) => {
+                self.tally.broken += 1;
+                self.bar
+                    .say(&format!("error: rod {}: {}", rejected.rod, rejected.rejection));
+            }
+            Outcome::Rejected(rejected) => {
+                *self.tally.rejected.entry(rejected.rejection.code()).or_default() += 1;
+            }
+        }
+        ControlFlow::Continue(())
     }
 }
 

@@ -174,6 +174,8 @@ fn show(args: &Args, config: &Config, plans: &BTreeMap<RodId, Plan>, outcome: &O
             }
             None => String::new(),
         },
+        // Rows of tables do not come here.
+        Outcome::Tabulated(_) => String::new(),
         Outcome::Rejected(rejected) => {
             describe_refused(rejected) + &plot(args, || Snapshot::of_rejected(rejected))
         }

@@ -41,6 +41,7 @@ pub mod sketch;
 pub mod spectrum;
 pub mod status;
 pub mod study;
+pub mod track;
 pub mod which_store;
 
 use crate::bayes::PlanError;
@@ -74,6 +75,7 @@ pub fn run(command: &Command) -> anyhow::Result<ExitCode> {
         Command::Rebaseline(args) => rebaseline::run(args),
         Command::Backup(args) => backup::run(args),
         Command::Study(args) => study::run(args),
+        Command::Track(args) => track::run(args),
         Command::Run(args) => run::run(args),
         Command::Serve(args) => serve::run(args),
         Command::Send(args) => send::run(args),

@@ -2,10 +2,11 @@
 
 use super::findings::probability;
 use crate::analysis::Identification;
+use crate::bayes::Conflict;
 use crate::beam::Quantity;
 use crate::findings::{CERTAIN, motion_mark};
-use crate::modes::MotionKind;
-use crate::outcome::Outcome;
+use crate::modes::{Mode, MotionKind};
+use crate::outcome::{Outcome, Tabulated};
 use crate::record::{RodId, Timestamp};
 use crate::track::{Alarm, SetAside, Verdict, What};
 use std::fmt::Write;
@@ -107,6 +108,7 @@ impl Table {
     fn record(&self, outcome: &Outcome, verdict: &Verdict) -> String {
         match outcome {
             Outcome::Identified(identification) => self.identified(identification, verdict),
+            Outcome::Tabulated(row) => self.tabulated(row, verdict),
             Outcome::Rejected(rejected) => {
                 let mut line = self.opening(&rejected.rod, rejected.start);
                 let rejection = &rejected.rejection;
@@ -121,21 +123,29 @@ impl Table {
         format!("{:<width$}  {start:<16}", rod.0, width = self.rod_width)
     }
 
-    fn identified(&self, identification: &Identification, verdict: &Verdict) -> String {
-        let measurement = identification.measurement.as_ref();
-        let mut line = self.opening(&identification.rod, measurement.map(|m| m.start));
+    /// A row of a table of frequencies; its force is the tracked one.
+    fn tabulated(&self, row: &Tabulated, verdict: &Verdict) -> String {
+        let force = verdict.relative.as_ref().map(|relative| relative.force_n);
+        let force = force.map(|force| (force.mean, force.sd));
+        let mut line = self.opening(&row.rod, Some(row.start));
+        line += &self.measured(&row.modes, force, verdict);
+        line + &doubt(&row.conflict)
+    }
+
+    /// Modes, force (mean and standard deviation \[N\]), change and state.
+    fn measured(&self, modes: &[Mode], force_n: Option<(f64, f64)>, verdict: &Verdict) -> String {
+        let mut line = String::new();
         for order in 1..=self.modes {
-            let mode = identification.modes.iter().find(|mode| mode.order == order);
+            let mode = modes.iter().find(|mode| mode.order == order);
             let cell = mode.map_or_else(
                 || "-".to_owned(),
                 |mode| format!("{:.4} ± {:.4}", mode.frequency_hz, mode.sd_hz),
             );
             let _ = write!(line, "  {cell:>MODE_WIDTH$}");
         }
-        let force = identification.posterior.marginal(Quantity::AxialForce);
-        let force = force.map_or_else(
+        let force = force_n.map_or_else(
             || "-".to_owned(),
-            |force| format!("{:.0} ± {:.0}", kilo(force.mean), kilo(force.sd)),
+            |(mean, sd)| format!("{:.0} ± {:.0}", kilo(mean), kilo(sd)),
         );
         let _ = write!(
             line,
@@ -143,6 +153,15 @@ impl Table {
             change(verdict),
             verdict.set_aside.map_or(verdict.state.code(), SetAside::code),
         );
+        line
+    }
+
+    fn identified(&self, identification: &Identification, verdict: &Verdict) -> String {
+        let measurement = identification.measurement.as_ref();
+        let mut line = self.opening(&identification.rod, measurement.map(|m| m.start));
+        let force = identification.posterior.marginal(Quantity::AxialForce);
+        let force = force.map(|force| (force.mean, force.sd));
+        line += &self.measured(&identification.modes, force, verdict);
         // Ambient vibration is the rule.
         let motion = measurement
             .map(|m| &m.motion)
@@ -154,16 +173,22 @@ impl Table {
         if let Some(p) = uncertain.filter(|probability| *probability < CERTAIN) {
             let _ = write!(line, "  ? orders {}", probability(p));
         }
-        let conflict = &identification.conflict;
-        if conflict.score >= CONFLICT_SHOWN {
-            let _ = write!(line, "  ! conflict {:.1}", conflict.score);
-        } else if conflict.prior_tail <= PRIOR_TAIL_SHOWN {
-            line += "  ? hardly in the prior";
-        }
+        line += &doubt(&identification.conflict);
         for flag in measurement.map_or(&[][..], |m| &m.flags) {
             let _ = write!(line, "  [{flag}]");
         }
         line
+    }
+}
+
+/// A mark on frequencies that disagree with the model or the prior.
+fn doubt(conflict: &Conflict) -> String {
+    if conflict.score >= CONFLICT_SHOWN {
+        format!("  ! conflict {:.1}", conflict.score)
+    } else if conflict.prior_tail <= PRIOR_TAIL_SHOWN {
+        "  ? hardly in the prior".to_owned()
+    } else {
+        String::new()
     }
 }
 

@@ -29,7 +29,7 @@ pub(super) fn read(table: &mut Table<'_>) -> RecordSettings {
     let kind = table.choice(
         key(
             "cut",
-            "where a record begins and ends, and so how the rod is excited: per file and gap (auto: recognised; file: ambient), in fixed windows (ambient), or at each onset of a free decay; live streams are cut every 600 s by auto",
+            "where a record begins and ends, and so how the rod is excited: per file and gap (auto: recognised; file: ambient), in fixed windows (recognised), or at each onset of a free decay; live streams are cut every 600 s by auto",
         ),
         &KINDS,
         Kind::Auto,

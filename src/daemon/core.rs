@@ -1,5 +1,6 @@
 //! The one thread that owns trackers and store: takes what comes out of the pipeline, in order, and makes it durable.
 
+use super::held::Held;
 use super::opening::{open_site, warn_of_renewed};
 use super::retention::Retention;
 use super::silence::Silence;
@@ -84,6 +85,7 @@ pub struct Core {
     site: Option<Site>,
     store: PathBuf,
     generation: Arc<Generation>,
+    held: Held,
     passed: Passed,
     silence: Silence,
     retention: Retention,
@@ -111,6 +113,7 @@ impl Core {
         let mut core = Self {
             store: site.store().path().to_owned(),
             site: Some(site),
+            held: Held::new(generation.config.track.reorder_window_s),
             generation,
             passed,
             silence: Silence::default(),
@@ -123,12 +126,15 @@ impl Core {
         core
     }
 
-    /// Takes what came out of the pipeline together, in order. Records, files and marks that follow each other become
-    /// durable at once, for the price of one flush of the disk; nobody hears of any before.
+    /// Takes what came out of the pipeline together. Events are put into the order of their times; of what goes now, records,
+    /// files and marks that follow each other become durable at once, for the price of one flush of the disk; nobody hears of
+    /// any before. What still waits for its turn when the daemon stops is read again at the next start: its file is not
+    /// marked yet.
     ///
     /// # Errors
     /// The daemon cannot go on; what was not told was not kept.
-    pub fn take(&mut self, group: &[Done]) -> Result<(), Broken> {
+    pub fn take(&mut self, group: Vec<Done>) -> Result<(), Broken> {
+        let group = self.held.take(group, Instant::now());
         for run in group.chunk_by(|one, next| one.is_kept() && next.is_kept()) {
             match run {
                 [Done::Job(Job::Reload(generation))] => self.reload(Arc::clone(generation))?,

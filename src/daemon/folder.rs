@@ -371,10 +371,13 @@ impl Lane {
         match polled {
             Poll::Event(event) => {
                 self.records += u64::from(!matches!(event, Event::Readings { .. }));
+                let (at, reached) = self.recording.moment();
                 let place = Place {
                     file: Arc::clone(&self.label),
                     bytes: self.recording.position().read,
                     records: self.records,
+                    at,
+                    reached,
                 };
                 LaneStep::Event(event, place)
             }

@@ -1,6 +1,7 @@
 //! What passes through the daemon's pipeline, in order: everything that changes the store is one of these.
 
 use super::Generation;
+use crate::ordered::Reached;
 use crate::record::Event;
 use crate::source::{SourceError, Summary};
 use crate::step::Place;
@@ -36,6 +37,9 @@ pub enum Job {
         /// The number.
         through: i64,
     },
+    /// The sources have nothing more at this moment, and this is how far the rods have been followed: no event that was
+    /// read before need wait for a rod that is silent.
+    Look(Reached),
     /// Time to look at the clock, at requests, and at what is too old to keep.
     Tick {
         /// Whether the reader had read everything there was when this was sent: only then is silence a silence.

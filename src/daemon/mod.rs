@@ -5,6 +5,7 @@
 pub mod core;
 mod folder;
 pub mod generation;
+mod held;
 pub mod job;
 mod live;
 pub mod notify;

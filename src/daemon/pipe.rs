@@ -76,7 +76,7 @@ pub fn run(
                     Err(panic) => core.lost(&panic),
                 }
             }
-            if let Err(error) = core.take(&group) {
+            if let Err(error) = core.take(group) {
                 broken = Some(error);
                 // Else the input would wait for jobs that nobody takes.
                 ending.drain.store(true, Ordering::Relaxed);

@@ -20,10 +20,13 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::sync::mpsc::{Receiver, Sender, SyncSender, TrySendError, channel};
 use std::thread::{self, JoinHandle};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// Pause before sources without anything new are looked at again.
 const POLL: Duration = Duration::from_millis(200);
+/// How often it is said that there is nothing more to read, and for how long after the last event.
+const LOOK: Duration = Duration::from_millis(100);
+const LOOK_FOR: Duration = Duration::from_secs(3);
 /// Pause before a full queue is tried again.
 const PUSH_BACK: Duration = Duration::from_millis(2);
 
@@ -148,6 +151,9 @@ struct Work {
     generation: Arc<Generation>,
     /// A configuration that holds from the next part of the journal on.
     waiting: Option<Arc<Generation>>,
+    /// When an event was sent last, and when it was said last that there is nothing more to read.
+    last_event: Option<Instant>,
+    last_look: Option<Instant>,
     around: Surroundings,
     stop: Arc<AtomicBool>,
 }
@@ -249,6 +255,8 @@ impl Work {
             journal,
             generation,
             waiting: None,
+            last_event: None,
+            last_look: None,
             around,
             stop,
         }
@@ -258,10 +266,27 @@ impl Work {
         while !self.stop.load(Ordering::Relaxed) {
             match self.turn(reloads) {
                 Ok(true) => {}
-                Ok(false) => self.around.bell.wait(POLL),
+                Ok(false) => match self.look() {
+                    Ok(pause) => self.around.bell.wait(pause),
+                    Err(Stopped) => return,
+                },
                 Err(Stopped) => return,
             }
         }
+    }
+
+    /// There is nothing to read at this moment: says so for a while after an event, so that none waits for a rod that is
+    /// silent. How long to pause then.
+    fn look(&mut self) -> Result<Duration, Stopped> {
+        if self.last_event.is_none_or(|event| event.elapsed() > LOOK_FOR) {
+            return Ok(POLL);
+        }
+        if self.last_look.is_none_or(|look| look.elapsed() >= LOOK) {
+            self.last_look = Some(Instant::now());
+            let reached = self.journal.as_ref().map(|lane| lane.series.reached());
+            self.send(Job::Look(reached.unwrap_or_else(|| Arc::from([]))))?;
+        }
+        Ok(LOOK)
     }
 
     /// One step of every source; whether there was anything.
@@ -295,7 +320,8 @@ impl Work {
         }
     }
 
-    fn send_event(&self, event: Event, place: Place) -> Result<(), Stopped> {
+    fn send_event(&mut self, event: Event, place: Place) -> Result<(), Stopped> {
+        self.last_event = Some(Instant::now());
         self.send(Job::Event {
             event,
             place,
@@ -369,16 +395,11 @@ impl Work {
             .map(|(_, why)| why);
         let last = waiting.as_ref().map(|generation| {
             lane.series
-                .change(&channels(generation), &generation.config.record)
+                .change(&channels(generation), &generation.config.record, &end)
         });
         let body = lane.series.carry();
-        let place = Place {
-            file: Arc::from(part::mark_name(end.part)),
-            bytes: end.size,
-            records: 0,
-        };
-        for event in last.into_iter().flatten() {
-            self.send_event(event, place.clone())?;
+        for (event, place) in last.into_iter().flatten() {
+            self.send_event(event, place)?;
         }
         let carry = end.next.zip(body.ok()).map(|(part, body)| Carry {
             journal: JOURNAL.to_owned(),

@@ -38,9 +38,7 @@ impl Germ {
             Prior::Fixed { .. } => 0.0,
             Prior::TruncatedNormal { mean, sd } => (value - mean) / sd,
             Prior::LogNormal { median, log_sd } => libm::log(value / median) / log_sd,
-            Prior::Uniform { low, high } => of_share((value - low) / (high - low)),
-            Prior::LogUniform { low, high } => of_share(libm::log(value / low) / libm::log(high / low)),
-            Prior::Fixity(fixity) => of_share(fixity.share(value)),
+            bounded => of_share(bounded.share(value).unwrap_or(f64::NAN)),
         }
     }
 
@@ -50,11 +48,7 @@ impl Germ {
             Prior::Fixed { value } => value,
             Prior::TruncatedNormal { mean, sd } => mean + sd * z,
             Prior::LogNormal { median, log_sd } => median * libm::exp(log_sd * z),
-            Prior::Uniform { low, high } => low + (high - low) * Normal::standard().cdf(z),
-            Prior::LogUniform { low, high } => {
-                low * libm::exp(libm::log(high / low) * Normal::standard().cdf(z))
-            }
-            Prior::Fixity(fixity) => fixity.at_share(Normal::standard().cdf(z)),
+            bounded => bounded.at_share(Normal::standard().cdf(z)).unwrap_or(f64::NAN),
         }
     }
 

@@ -11,6 +11,7 @@ mod choose;
 mod contents;
 pub mod csv;
 mod format;
+pub mod frequencies;
 mod grid;
 mod heads;
 mod lines;

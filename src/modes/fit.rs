@@ -6,6 +6,8 @@ use super::likelihood::{self, Parameters, Start, Value};
 use super::maximum::Found;
 use super::optimum::golden;
 use super::parts::Beginning;
+use super::softened::Softened;
+use super::softening::Softening;
 use super::subband::{Pole, Subband};
 use super::tone::{Tone, tone};
 use super::{Mask, Resonance};
@@ -42,6 +44,11 @@ pub struct Fit {
     half_width_hz: f64,
     /// What gusts make a log-likelihood gain larger by.
     pub(super) spread: f64,
+    /// What a decay tells of its softening, and its transient with it.
+    pub(super) softening: Option<Softening>,
+    softened: Option<Softened>,
+    /// Part of the frequency's error that all decays of the mode share \[Hz\].
+    pub(super) shared_sd_hz: f64,
     /// Middle and half width of the band fitted \[Hz\].
     band_hz: (f64, f64),
 }
@@ -53,6 +60,15 @@ impl Fit {
             frequency_hz: self.resonance.frequency_hz,
             damping: self.resonance.damping,
         }
+    }
+
+    /// What a softened decay's transient has beyond a linear one's of the same beginning, at `f`.
+    fn beyond_linear(&self, f: f64) -> Complex<f64> {
+        self.softened.map_or(Complex::default(), |softened| {
+            let phase = self.parameters.softening / self.resonance.damping;
+            let linear = likelihood::shape(self.resonance.frequency_hz, self.resonance.damping, f);
+            self.value.transient * (softened.at(f) - Complex::from_polar(1.0, phase) * linear)
+        })
     }
 }
 
@@ -144,7 +160,9 @@ impl Stretch<'_> {
     pub fn subband(&self, fit: &Fit, half_hz: f64, others: &[Fit]) -> Option<Subband> {
         let (middle, half) = fit.band_hz;
         let [level, slope] = fit.value.smooth;
-        self.band_series(fit, half_hz, others, |f| level + slope * ((f - middle) / half))
+        self.band_series(fit, half_hz, others, |f| {
+            level + slope * ((f - middle) / half) + fit.beyond_linear(f)
+        })
     }
 
     /// The series of a band about a resonance, less the transients of `others` and `smooth`.
@@ -194,13 +212,13 @@ impl Stretch<'_> {
 
     /// The fit at a maximum with the errors that its curvature promises.
     pub(super) fn provisional(&self, found: &Found) -> Option<Fit> {
-        let sd = |i: usize| found.top.covariance[(i, i)].sqrt();
-        self.credible(found, Parameters::from_array(found.top.at), sd(0), sd(1))
+        let sd = |i: usize| found.covariance()[(i, i)].sqrt();
+        self.credible(found, found.parameters(), sd(0), sd(1))
     }
 
     /// The fit at a maximum with its standard errors, and what it was taken for.
     fn judged(&self, found: &Found, others: &[Fit]) -> Option<Fit> {
-        let (p, sd, log_sd) = self.errors(found);
+        let (p, sd, log_sd, softening) = self.errors(found);
         let mut fit = self.credible(found, p, sd, log_sd)?;
         let gamma = p.log_damping.exp() * p.frequency_hz;
         let series = self.subband(&fit, HALF_WIDTHS * gamma, others);
@@ -211,6 +229,10 @@ impl Stretch<'_> {
         fit.resonance.frequency_sd_hz *= scatter.factor;
         fit.resonance.misfit = scatter.misfit;
         fit.spread = scatter.factor * scatter.factor;
+        fit.softening = softening.map(|s| Softening {
+            variance: fit.spread * s.variance,
+            ..s
+        });
         let over_sine = self.over_sine(&found.band, &fit)?;
         let verdict = tone(
             over_sine,
@@ -251,6 +273,11 @@ impl Stretch<'_> {
             start: found.start,
             value,
             spread: 1.0,
+            softening: None,
+            softened: (p.softening != 0.0)
+                .then(|| Softened::new(p.frequency_hz, damping, p.softening, self.coefficients.duration_s))
+                .flatten(),
+            shared_sd_hz: 0.0,
             half_width_hz: found.half_width_hz.max(2.0 * damping * p.frequency_hz),
             band_hz: (band.middle_hz, band.half_width_hz),
         })
@@ -290,5 +317,9 @@ pub(super) fn skirt(other: &Fit, f: f64) -> f64 {
 
 /// The transient of another mode at `f`.
 pub(super) fn pull(other: &Fit, f: f64) -> Complex<f64> {
-    other.value.transient * likelihood::shape(other.resonance.frequency_hz, other.resonance.damping, f)
+    let shape = match &other.softened {
+        Some(softened) => softened.at(f),
+        None => likelihood::shape(other.resonance.frequency_hz, other.resonance.damping, f),
+    };
+    other.value.transient * shape
 }

@@ -24,6 +24,7 @@
 
 use super::band::{Band, Block, LANES};
 use super::logarithm::ln;
+use super::softened::Softened;
 use crate::wide::{Kernel, vectorised};
 use realfft::num_complex::Complex;
 use std::f64::consts::TAU;
@@ -54,21 +55,25 @@ pub struct Parameters {
     pub log_ratio: f64,
     /// Relative slope of the noise floor per half width of the band, between -1 and 1.
     pub slope: f64,
+    /// Share by which a decay's frequency is lower at its beginning than where it ends \[-\]; of a free start only,
+    /// and found by itself ([`super::softened`]).
+    pub softening: f64,
 }
 
 impl Parameters {
-    /// As a vector.
+    /// What is optimised, as a vector.
     pub fn to_array(self) -> [f64; 4] {
         [self.frequency_hz, self.log_damping, self.log_ratio, self.slope]
     }
 
-    /// From a vector.
-    pub fn from_array([frequency_hz, log_damping, log_ratio, slope]: [f64; 4]) -> Self {
+    /// From a vector and the softening.
+    pub fn from_array([frequency_hz, log_damping, log_ratio, slope]: [f64; 4], softening: f64) -> Self {
         Self {
             frequency_hz,
             log_damping,
             log_ratio,
             slope,
+            softening,
         }
     }
 }
@@ -151,7 +156,13 @@ pub fn resonance(band: &Band, start: Start, p: &Parameters) -> Option<Value> {
     let ratio = p.log_ratio.exp();
     let damped = p.frequency_hz * (1.0 - damping * damping).sqrt();
     let gamma = damping * p.frequency_hz;
-    let moments = gather(band, p.slope, ratio, Resonant { damped, gamma })?;
+    let linear = Resonant { damped, gamma };
+    let moments = if start == Start::Free && p.softening != 0.0 {
+        let transient = Softened::new(p.frequency_hz, damping, p.softening, band.duration_s)?;
+        gather(band, p.slope, ratio, Decay { transient, linear })?
+    } else {
+        gather(band, p.slope, ratio, linear)?
+    };
     let reduced = reduce(&moments).filter(|r| r.hh > 0.0)?;
     let lines = band.lines;
     // e^(sT)
@@ -230,10 +241,20 @@ pub fn noise_only(band: &Band, slope: f64) -> Option<f64> {
     (reduced.jj > 0.0).then(|| -moments.log_det - band.lines * reduced.jj.ln())
 }
 
-/// What is looked for in the band: its shape's real and imaginary part at `f` and the real weight of
-/// the rank-two term.
+/// What is looked for in the band.
 trait Response {
-    fn at(&self, f: f64) -> (f64, f64, f64);
+    fn at(&self, f: &[f64; LANES]) -> Shape;
+}
+
+/// A response at some frequencies.
+struct Shape {
+    /// Real and imaginary part of what the transient is a multiple of.
+    re: [f64; LANES],
+    im: [f64; LANES],
+    /// The real weight of the rank-two term.
+    weight: [f64; LANES],
+    /// Power of the random response.
+    power: [f64; LANES],
 }
 
 /// [`shape`], and its real weight.
@@ -244,11 +265,41 @@ struct Resonant {
 
 impl Response for Resonant {
     #[inline(always)]
-    fn at(&self, f: f64) -> (f64, f64, f64) {
+    fn at(&self, f: &[f64; LANES]) -> Shape {
         let Self { damped, gamma } = *self;
-        let detuning = f - damped;
-        let scale = gamma * 2.0 * damped / ((gamma * gamma + detuning * detuning) * (f + damped));
-        (scale * gamma, -scale * detuning, scale * gamma)
+        let [mut re, mut im, mut power] = [[0.0; LANES]; 3];
+        for l in 0..LANES {
+            let detuning = f[l] - damped;
+            let scale = gamma * 2.0 * damped / ((gamma * gamma + detuning * detuning) * (f[l] + damped));
+            re[l] = scale * gamma;
+            im[l] = -scale * detuning;
+            power[l] = re[l] * re[l] + im[l] * im[l];
+        }
+        let weight = re;
+        Shape {
+            re,
+            im,
+            weight,
+            power,
+        }
+    }
+}
+
+/// A softened decay, and the linear response to what goes on beside it.
+struct Decay {
+    transient: Softened,
+    linear: Resonant,
+}
+
+impl Response for Decay {
+    #[inline(always)]
+    fn at(&self, f: &[f64; LANES]) -> Shape {
+        let [re, im] = self.transient.at_each(f);
+        Shape {
+            re,
+            im,
+            ..self.linear.at(f)
+        }
     }
 }
 
@@ -260,10 +311,22 @@ struct Sine {
 
 impl Response for Sine {
     #[inline(always)]
-    fn at(&self, f: f64) -> (f64, f64, f64) {
-        let offset = (f - self.frequency_hz) / self.half_line_hz;
-        let offset = if offset.abs() < 1e-6 { 1e-6 } else { offset };
-        (0.0, -1.0 / offset, 0.0)
+    fn at(&self, f: &[f64; LANES]) -> Shape {
+        let mut im = [0.0; LANES];
+        let mut power = [0.0; LANES];
+        for l in 0..LANES {
+            let offset = (f[l] - self.frequency_hz) / self.half_line_hz;
+            let offset = if offset.abs() < 1e-6 { 1e-6 } else { offset };
+            im[l] = -1.0 / offset;
+            power[l] = im[l] * im[l];
+        }
+        let [re, weight] = [[0.0; LANES]; 2];
+        Shape {
+            re,
+            im,
+            weight,
+            power,
+        }
     }
 }
 
@@ -271,8 +334,14 @@ struct Nothing;
 
 impl Response for Nothing {
     #[inline(always)]
-    fn at(&self, _: f64) -> (f64, f64, f64) {
-        (0.0, 0.0, 0.0)
+    fn at(&self, _: &[f64; LANES]) -> Shape {
+        let [re, im, weight, power] = [[0.0; LANES]; 4];
+        Shape {
+            re,
+            im,
+            weight,
+            power,
+        }
     }
 }
 
@@ -337,15 +406,16 @@ impl<R: Response> Kernel for Gather<'_, R> {
         // Its own, so that the compiler sees that nothing else points there.
         let mut sums = [[0.0; LANES]; SUMS];
         for block in blocks {
+            let shape = response.at(&block.frequency_hz);
             #[expect(
                 clippy::needless_range_loop,
                 reason = "one index for all quantities of a lane"
             )]
             for l in 0..LANES {
                 let x = block.x[l];
-                let (hr, hi, p) = response.at(block.frequency_hz[l]);
+                let (hr, hi, p) = (shape.re[l], shape.im[l], shape.weight[l]);
                 let h2 = hr * hr + hi * hi;
-                let d = ratio * h2 + block.floor[l] * (1.0 + slope * x);
+                let d = ratio * shape.power[l] + block.floor[l] * (1.0 + slope * x);
                 let w = 1.0 / d;
                 let wn = w * block.lines[l];
                 let (whr, whi, wp) = (wn * hr, wn * hi, wn * p);

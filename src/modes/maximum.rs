@@ -3,9 +3,11 @@
 use super::band::Band;
 use super::fit::{Aim, Fit, HALF_WIDTHS, LEAST_LINES, Stretch, pull, skirt};
 use super::likelihood::{self, Parameters, Start};
-use super::optimum::{Optimum, golden, maximise};
+use super::optimum::{Optimum, golden, maximise, maximise_from};
 use super::parts::Beginning;
 use super::posterior::moments;
+use super::softening::{FIT_SD, Softening};
+use nalgebra::Matrix4;
 
 /// Width of a cell of lines as a share of its distance from the peak (at least the core's half width):
 /// the mean of a Lorentzian over such a cell is its value at the middle to 0.3 %.
@@ -15,6 +17,9 @@ const CELL: f64 = 0.1;
 const START_EXCESS: f64 = 4.0;
 /// Log-posterior gain a free start must bring.
 const FREE_GAIN: f64 = 10.0;
+
+/// Relative error of a frequency below which softening can matter: what is believed of it moves the frequency by some 1e-4.
+const SOFTENING_MATTERS: f64 = 5e-4;
 
 /// A maximum of the likelihood, with the band it was found in.
 pub struct Found {
@@ -26,6 +31,22 @@ pub struct Found {
     pub start: Start,
     /// Half the width wanted of the band \[Hz\].
     pub half_width_hz: f64,
+    /// The maximum of a decay over frequency, ln damping, ln ratio and softening (in [`FIT_SD`]), the slope as in `top`:
+    /// where the frequency is known so well that softening matters.
+    pub softened: Option<Optimum>,
+}
+
+impl Found {
+    /// The parameters at the maximum.
+    pub fn parameters(&self) -> Parameters {
+        let linear = Parameters::from_array(self.top.at, 0.0);
+        self.softened.map_or(linear, |top| softened_at(&top.at, linear))
+    }
+
+    /// The covariance at the maximum.
+    pub fn covariance(&self) -> &Matrix4<f64> {
+        &self.softened.as_ref().unwrap_or(&self.top).covariance
+    }
 }
 
 impl Stretch<'_> {
@@ -53,10 +74,10 @@ impl Stretch<'_> {
         if series.start_excess()? < START_EXCESS {
             return None;
         }
-        let parameters = Parameters::from_array(stationary.top.at);
+        let parameters = stationary.parameters();
         let start = self.start(&stationary.band, parameters.frequency_hz, Start::Free)?;
         let top = self.climb(&stationary.band, start, Start::Free)?;
-        let p = Parameters::from_array(top.at);
+        let p = Parameters::from_array(top.at, 0.0);
         let value = likelihood::resonance(&stationary.band, Start::Free, &p)?;
         // The free start has one datum less: its density lacks one factor of the noise level.
         let gain = value.log_posterior - value.quad.ln() - stationary.top.value;
@@ -117,17 +138,22 @@ impl Stretch<'_> {
         };
         for last in [false, false, true] {
             let top = self.climb(&band, start, start_of)?;
-            let p = Parameters::from_array(top.at);
+            let p = Parameters::from_array(top.at, start.softening);
             let gamma = p.log_damping.exp() * p.frequency_hz;
             let wanted = HALF_WIDTHS * gamma;
             let next = self.band((p.frequency_hz, wanted, gamma), limits, others, (level, start_of));
             let ratio = next.lines / band.lines.max(1.0);
             if last || (0.45..1.6).contains(&ratio) {
-                return Some(Found {
+                let found = Found {
                     band,
                     top,
                     start: start_of,
                     half_width_hz: half,
+                    softened: None,
+                };
+                return Some(match start_of {
+                    Start::Stationary => found,
+                    Start::Free => self.softened(found, start.softening),
                 });
             }
             (half, band, start) = (wanted, next, p);
@@ -156,6 +182,7 @@ impl Stretch<'_> {
                         log_damping,
                         log_ratio,
                         slope: 0.0,
+                        softening: 0.0,
                     };
                     let Some(value) = likelihood::resonance(band, start, &p) else {
                         continue;
@@ -185,15 +212,59 @@ impl Stretch<'_> {
     fn climb(&self, band: &Band, from: Parameters, start: Start) -> Option<Optimum> {
         let gamma = from.log_damping.exp() * from.frequency_hz;
         let reach = [gamma.max(0.5 / band.duration_s), 1.0, 2.0, 1.0];
-        maximise(|x| log_posterior(band, start, x), from.to_array(), reach)
+        maximise(
+            |x| log_posterior(band, start, x, from.softening),
+            from.to_array(),
+            reach,
+        )
+    }
+
+    /// A decay with its softening at its best; `before` is what an earlier fit found.
+    fn softened(&self, found: Found, before: f64) -> Found {
+        let p = Parameters::from_array(found.top.at, before);
+        let sd = |i: usize| found.top.covariance[(i, i)].sqrt();
+        if sd(0) > SOFTENING_MATTERS * p.frequency_hz {
+            return found;
+        }
+        let gamma = p.log_damping.exp() * p.frequency_hz;
+        let reach = [gamma.max(0.5 / found.band.duration_s), 1.0, 2.0, 1.0];
+        // Steps of about half a standard deviation; the error of the softening is some three of the frequency's.
+        let step = [
+            0.5 * sd(0),
+            (0.5 * sd(1)).min(0.2),
+            (0.5 * sd(2)).min(0.4),
+            (1.5 * sd(0) / p.frequency_hz / FIT_SD).min(0.2),
+        ];
+        let start = [p.frequency_hz, p.log_damping, p.log_ratio, p.softening / FIT_SD];
+        let softened = maximise_from(|x| softened_posterior(&found.band, x, p), start, reach, step, 3.0);
+        Found { softened, ..found }
     }
 
     /// The parameters and the standard errors of frequency and log damping: the optimum with its
     /// curvature where the record determines damping and excitation well, else the posterior's mean
     /// and standard deviation (few independent fluctuations: the curvature alone would promise too
-    /// much).
-    pub(super) fn errors(&self, found: &Found) -> (Parameters, f64, f64) {
-        let log_posterior = |x: &[f64; 4]| log_posterior(&found.band, found.start, x);
+    /// much). Of a decay that may soften the error is that at its softening, which comes beside it.
+    pub(super) fn errors(&self, found: &Found) -> (Parameters, f64, f64, Option<Softening>) {
+        if let Some(top) = &found.softened {
+            let linear = Parameters::from_array(found.top.at, 0.0);
+            let posterior = moments(|x| softened_posterior(&found.band, x, linear), top);
+            let (at, covariance) = posterior.map_or((top.at, top.covariance), |p| (p.mean, p.covariance));
+            let wider = 1.0 + 0.6 * covariance[(2, 2)].min(0.15);
+            let slope = covariance[(0, 3)] / covariance[(3, 3)];
+            let at_softening = (covariance[(0, 0)] - slope * covariance[(0, 3)]).max(0.0);
+            let softening = Softening {
+                share: FIT_SD * at[3],
+                variance: (wider * FIT_SD).powi(2) * covariance[(3, 3)],
+                slope_hz: slope / FIT_SD,
+            };
+            return (
+                softened_at(&at, linear),
+                wider * at_softening.sqrt(),
+                covariance[(1, 1)].sqrt(),
+                Some(softening),
+            );
+        }
+        let log_posterior = |x: &[f64; 4]| log_posterior(&found.band, found.start, x, 0.0);
         let top = &found.top;
         let (mut at, mut covariance) = (top.at, top.covariance);
         let wide = |i: usize, limit: f64| top.covariance[(i, i)] > limit * limit;
@@ -212,7 +283,12 @@ impl Stretch<'_> {
             Start::Free => covariance[(2, 2)].min(0.15),
         };
         let sd = |i: usize| covariance[(i, i)].sqrt();
-        (Parameters::from_array(at), sd(0) * (1.0 + 0.6 * scale), sd(1))
+        (
+            Parameters::from_array(at, 0.0),
+            sd(0) * (1.0 + 0.6 * scale),
+            sd(1),
+            None,
+        )
     }
 }
 
@@ -231,6 +307,22 @@ fn subtract(band: &mut Band, other: &Fit, level: f64) {
     });
 }
 
-fn log_posterior(band: &Band, start: Start, x: &[f64; 4]) -> Option<f64> {
-    likelihood::resonance(band, start, &Parameters::from_array(*x)).map(|v| v.log_posterior)
+fn log_posterior(band: &Band, start: Start, x: &[f64; 4], softening: f64) -> Option<f64> {
+    likelihood::resonance(band, start, &Parameters::from_array(*x, softening)).map(|v| v.log_posterior)
+}
+
+/// The parameters of a decay at frequency, ln damping, ln ratio and softening (in [`FIT_SD`]); the rest as in `p`.
+fn softened_at(x: &[f64; 4], p: Parameters) -> Parameters {
+    Parameters {
+        frequency_hz: x[0],
+        log_damping: x[1],
+        log_ratio: x[2],
+        softening: FIT_SD * x[3],
+        ..p
+    }
+}
+
+fn softened_posterior(band: &Band, x: &[f64; 4], p: Parameters) -> Option<f64> {
+    let value = likelihood::resonance(band, Start::Free, &softened_at(x, p))?;
+    Some(value.log_posterior - 0.5 * x[3] * x[3])
 }

@@ -15,6 +15,8 @@ pub mod pair;
 pub mod parts;
 pub mod posterior;
 pub mod refine;
+pub mod softened;
+pub mod softening;
 pub mod subband;
 mod tone;
 

@@ -6,6 +6,7 @@
 //! motion that goes on anyway is taken out.
 
 use super::subband::{Pole, Subband};
+use crate::record::slope::Slope;
 
 /// Half width of the smoothed slope, in periods of the strongest peak.
 const HALF: f64 = 0.12;
@@ -39,17 +40,9 @@ pub fn releases(samples: &[f64], fs_hz: f64, scale_hz: f64) -> Vec<Release> {
     if total < 2 * half + least + 2 * after {
         return Vec::new();
     }
-    let slope = slope(samples, half);
-    let mut energy = Vec::with_capacity(total + 1);
-    let mut sum = 0.0;
-    energy.push(0.0);
-    for v in &slope {
-        sum += v * v;
-        energy.push(sum);
-    }
-    let mean = |from: usize, to: usize| (energy[to] - energy[from]) / (to - from) as f64;
-    // Rounding of a signal that stands still.
-    let floor = 1e-12 * sum / total as f64;
+    let slope = Slope::of(samples, half);
+    let mean = |from: usize, to: usize| slope.mean_square(from, to);
+    let floor = slope.floor();
     let mut found = Vec::new();
     // The instant of the highest ratio in a run of instants above the limit.
     let mut best: Option<(f64, usize)> = None;
@@ -60,7 +53,7 @@ pub fn releases(samples: &[f64], fs_hz: f64, scale_hz: f64) -> Vec<Release> {
         let goes_on = mean(at + after, at + 2 * after);
         let ratio = level / quiet;
         let swings = || {
-            let later = &slope[at + after..at + 2 * after];
+            let later = &slope.values()[at + after..at + 2 * after];
             let drift = later.iter().sum::<f64>() / after as f64;
             drift * drift < STEADY * goes_on
         };
@@ -76,12 +69,8 @@ pub fn releases(samples: &[f64], fs_hz: f64, scale_hz: f64) -> Vec<Release> {
     let period = count(1.0);
     let place = |at: usize| {
         let window = at..at + after;
-        let peak = slope[window.clone()]
-            .iter()
-            .fold(0.0f64, |peak, v| peak.max(v.abs()));
-        let first = window
-            .clone()
-            .find(|&i| slope[i].abs() > 0.25 * peak)
+        let first = slope
+            .first_above(window.clone(), 0.25 * slope.peak(window))
             .unwrap_or(at);
         // The slope looks `half` samples to either side.
         let (before, after) = (first.saturating_sub(half + 1), first + half);
@@ -117,22 +106,6 @@ fn pull_began(samples: &[f64], before: usize, after: usize, period: usize) -> us
         at = at.saturating_sub(period.div_ceil(4));
     }
     at
-}
-
-/// Mean of the next `half` samples less the mean of the last; zero at the ends.
-fn slope(samples: &[f64], half: usize) -> Vec<f64> {
-    let mut slope = vec![0.0; samples.len()];
-    if samples.len() < 2 * half {
-        return slope;
-    }
-    let mut ahead: f64 = samples[half..2 * half].iter().sum();
-    let mut behind: f64 = samples[..half].iter().sum();
-    for i in half..samples.len() - half {
-        slope[i] = (ahead - behind) / half as f64;
-        behind += samples[i] - samples[i - half];
-        ahead += samples.get(i + half).unwrap_or(&0.0) - samples[i];
-    }
-    slope
 }
 
 /// Innovation power over its neighbours' that makes a blow: exponential deviates reach it once in 1e8.

@@ -18,18 +18,29 @@ const MAX_ITERATIONS: usize = 30;
 /// still taken.
 const LEAST_GAIN: f64 = 0.02;
 
-/// Newton's method with second differences, made to climb where the function is not concave.
-///
-/// `reach` bounds the step of each parameter. The steps of the differences follow the function's own
-/// scale: half the width at which it falls by one half.
+/// The maximum near `start`; `reach` bounds the step of each parameter, and the differences begin with a
+/// fiftieth of it.
 pub fn maximise(
     objective: impl Fn(&[f64; 4]) -> Option<f64>,
     start: [f64; 4],
     reach: [f64; 4],
 ) -> Option<Optimum> {
+    maximise_from(objective, start, reach, reach.map(|r| 0.02 * r), f64::INFINITY)
+}
+
+/// Newton's method with second differences, made to climb where the function is not concave.
+///
+/// The steps of the differences begin with `step` and follow the function's own scale: half the width at which it
+/// falls by one half. A maximum counts once they are within a factor of `settled` of that.
+pub fn maximise_from(
+    objective: impl Fn(&[f64; 4]) -> Option<f64>,
+    start: [f64; 4],
+    reach: [f64; 4],
+    mut step: [f64; 4],
+    settled: f64,
+) -> Option<Optimum> {
     let mut at = start;
     let mut value = objective(&at)?;
-    let mut step = reach.map(|r| 0.02 * r);
     for iteration in 0..MAX_ITERATIONS {
         let (gradient, hessian) = differences(&objective, &at, value, &step);
         let eigen = (-hessian).symmetric_eigen();
@@ -45,7 +56,8 @@ pub fn maximise(
         });
         let mut direction = eigen.eigenvectors * newton;
         let gain = 0.5 * along.dot(&newton);
-        if bowl && (gain < LEAST_GAIN || iteration + 1 == MAX_ITERATIONS) {
+        let scaled = (0..4).all(|i| -hessian[(i, i)] * 4.0 < settled * settled);
+        if bowl && (gain < LEAST_GAIN && scaled || iteration + 1 == MAX_ITERATIONS) {
             let inverse = eigen.eigenvectors
                 * Matrix4::from_diagonal(&eigen.eigenvalues.map(f64::recip))
                 * eigen.eigenvectors.transpose();

@@ -9,13 +9,14 @@ use super::fit::{Aim, Fit, Stretch};
 use super::likelihood::Start;
 use super::onsets::{Blow, blows};
 use super::parts::{Beginning, Part, Parts};
+use super::softening::Scale;
 use super::{Mask, Motion, MotionKind, Resonance};
 use crate::record::{Excitation, Record};
 use crate::spectrum::{Peak, Transforms};
 
 /// Relative error of the model itself (sums for integrals, the negative-frequency pole): what is left of the
 /// errors of a decay 140 dB above its noise.
-const MODEL_SD: f64 = 2e-6;
+const MODEL_SD: f64 = 3e-7;
 /// Largest error of ln damping, and least damping, of a stretch's fit that counts.
 const MOST_LOG_SD: f64 = 2.0;
 /// Bandwidth in which blows are looked for, as a share of the frequency.
@@ -73,7 +74,7 @@ pub fn refine(transforms: &Transforms, record: &Record, peaks: &[Peak], search: 
         None => work.blows(&stretch, &first),
         Some(_) => Vec::new(),
     };
-    let whole = stretch.with_errors(&places);
+    let mut whole = stretch.with_errors(&places);
     let parts = work.parts(&weak);
     let mut fits: Vec<Vec<Fit>> = vec![Vec::new(); aims.len()];
     if record.excitation.is_none() && (parts.len() > 1 || parts.first() != Some(&main)) {
@@ -97,7 +98,19 @@ pub fn refine(transforms: &Transforms, record: &Record, peaks: &[Peak], search: 
             }
         }
     }
-    let found: Vec<Resonance> = if fits.iter().all(Vec::is_empty) {
+    let in_parts = !fits.iter().all(Vec::is_empty);
+    let scale = if in_parts {
+        Scale::of(fits.iter().flatten().filter_map(|fit| fit.softening.as_ref()))
+    } else {
+        Scale::of(whole.iter().flatten().filter_map(|fit| fit.softening.as_ref()))
+    };
+    for fit in whole.iter_mut().flatten().chain(fits.iter_mut().flatten()) {
+        scale.settle(fit);
+    }
+    for fit in whole.iter_mut().flatten() {
+        fit.resonance.frequency_sd_hz = fit.resonance.frequency_sd_hz.hypot(fit.shared_sd_hz);
+    }
+    let found: Vec<Resonance> = if !in_parts {
         let mut whole: Vec<Fit> = whole.into_iter().flatten().collect();
         whole.sort_by(|a, b| a.resonance.frequency_hz.total_cmp(&b.resonance.frequency_hz));
         stretch.apart(&whole)
@@ -217,6 +230,8 @@ impl<'a> Work<'a> {
         let decays_at_once = main.beginning == Beginning::Tested
             && fits
                 .iter()
+                // A tone goes on from the first sample to the last, which a free start explains, too.
+                .filter(|fit| !fit.resonance.line)
                 .max_by(|a, b| a.resonance.peak_to_noise.total_cmp(&b.resonance.peak_to_noise))
                 .is_some_and(|fit| fit.start == Start::Free);
         let mut onsets_s: Vec<f64> = self
@@ -244,10 +259,10 @@ impl<'a> Work<'a> {
 /// One mode from its fits to all parts; `whole` is that to the main part.
 fn combined(whole: &Fit, parts: &[Fit]) -> Resonance {
     let main = whole.resonance;
-    let counted: Vec<&Resonance> = parts
+    let counted: Vec<&Fit> = parts
         .iter()
-        .map(|fit| &fit.resonance)
-        .filter(|r| {
+        .filter(|fit| {
+            let r = &fit.resonance;
             let near = (3.0 * main.damping.max(r.damping) * main.frequency_hz)
                 .max(4.0 * main.frequency_sd_hz.hypot(r.frequency_sd_hz));
             r.damping_log_sd < MOST_LOG_SD && !r.line && (r.frequency_hz - main.frequency_hz).abs() < near
@@ -256,18 +271,20 @@ fn combined(whole: &Fit, parts: &[Fit]) -> Resonance {
     if counted.is_empty() {
         return main;
     }
-    let weight = |r: &Resonance| r.frequency_sd_hz.powi(-2);
-    let total: f64 = counted.iter().map(|r| weight(r)).sum();
-    let frequency_hz = counted.iter().map(|r| weight(r) * r.frequency_hz).sum::<f64>() / total;
+    let weight = |fit: &Fit| fit.resonance.frequency_sd_hz.powi(-2);
+    let total: f64 = counted.iter().map(|fit| weight(fit)).sum();
+    let mean = |of: fn(&Fit) -> f64| counted.iter().map(|fit| weight(fit) * of(fit)).sum::<f64>() / total;
+    let frequency_hz = mean(|fit| fit.resonance.frequency_hz);
     let chi2: f64 = counted
         .iter()
-        .map(|r| weight(r) * (r.frequency_hz - frequency_hz).powi(2))
+        .map(|fit| weight(fit) * (fit.resonance.frequency_hz - frequency_hz).powi(2))
         .sum();
     let spread = (chi2 / (counted.len() - 1).max(1) as f64).sqrt().max(1.0);
-    let sd = spread / total.sqrt();
+    let sd = (spread / total.sqrt()).hypot(mean(|fit| fit.shared_sd_hz));
     if sd > main.frequency_sd_hz {
         return main;
     }
+    let counted: Vec<&Resonance> = counted.into_iter().map(|fit| &fit.resonance).collect();
     let log_weight = |r: &Resonance| r.damping_log_sd.max(1e-6).powi(-2);
     let log_total: f64 = counted.iter().map(|r| log_weight(r)).sum();
     let log_damping = counted

@@ -10,6 +10,7 @@ pub mod quality;
 pub mod rejection;
 mod saved;
 pub mod settings;
+pub(crate) mod slope;
 mod steps;
 mod temperature;
 pub mod time;

@@ -4,6 +4,8 @@
 //! short window over that in a long window before it (STA/LTA, Allen 1978). A single spike is no onset:
 //! the motion must go on.
 
+use super::slope::Slope;
+
 /// Half width of the smoothed derivative \[s\].
 const HALF_S: f64 = 0.01;
 /// Short window \[s\].
@@ -30,16 +32,9 @@ pub(super) fn onsets(samples: &[f64], fs_hz: f64, ratio: f64) -> Vec<usize> {
     if total < least + short + persist + 2 * half {
         return Vec::new();
     }
-    let slope = derivative(samples, half);
-    let mut energy = Vec::with_capacity(total + 1);
-    let mut sum = 0.0;
-    energy.push(0.0);
-    for v in &slope {
-        sum += v * v;
-        energy.push(sum);
-    }
-    let mean = |from: usize, to: usize| (energy[to] - energy[from]) / (to - from) as f64;
-    let floor = 1e-12 * sum / total as f64;
+    let slope = Slope::of(samples, half);
+    let mean = |from: usize, to: usize| slope.mean_square(from, to);
+    let floor = slope.floor();
     let mut found = Vec::new();
     let mut armed = true;
     for end in (half + least + short)..(total - half) {
@@ -60,14 +55,8 @@ pub(super) fn onsets(samples: &[f64], fs_hz: f64, ratio: f64) -> Vec<usize> {
         }
         armed = false;
         let window = from..(end + short).min(total - half);
-        let peak = slope[window.clone()]
-            .iter()
-            .fold(0.0f64, |peak, v| peak.max(v.abs()));
-        let threshold = (0.25 * peak).max(3.0 * quiet.sqrt());
-        let first = window
-            .clone()
-            .find(|&i| slope[i].abs() > threshold)
-            .unwrap_or(end);
+        let threshold = (0.25 * slope.peak(window.clone())).max(3.0 * quiet.sqrt());
+        let first = slope.first_above(window, threshold).unwrap_or(end);
         // The derivative looks `half` samples ahead.
         found.push(first + half);
     }
@@ -97,12 +86,9 @@ pub(super) fn under_way(samples: &[f64], fs_hz: f64, ratio: f64) -> UnderWay {
     if first < 4 * half {
         return UnderWay::No;
     }
-    let slope = derivative(samples, half);
+    let slope = Slope::of(samples, half);
     let inner = half..total - half;
-    let level = |range: std::ops::Range<usize>| {
-        let sum: f64 = slope[range.clone()].iter().map(|v| v * v).sum();
-        (sum / range.len().max(1) as f64).sqrt()
-    };
+    let level = |range: std::ops::Range<usize>| slope.mean_square(range.start, range.end).max(0.0).sqrt();
     let start = level(half..half + first);
     let quiet = count(LONG_S).min(total / 3);
     let quietest = inner
@@ -128,23 +114,6 @@ pub(super) fn under_way(samples: &[f64], fs_hz: f64, ratio: f64) -> UnderWay {
     } else {
         UnderWay::No
     }
-}
-
-/// Mean of the next `half` samples less the mean of the last; zero at the ends.
-fn derivative(samples: &[f64], half: usize) -> Vec<f64> {
-    let mut slope = vec![0.0; samples.len()];
-    let mean = samples.iter().sum::<f64>() / samples.len().max(1) as f64;
-    let mut sums = Vec::with_capacity(samples.len() + 1);
-    let mut sum = 0.0;
-    sums.push(sum);
-    for x in samples {
-        sum += x - mean;
-        sums.push(sum);
-    }
-    for i in half..samples.len().saturating_sub(half) {
-        slope[i] = (sums[i + half] - 2.0 * sums[i] + sums[i - half]) / half as f64;
-    }
-    slope
 }
 
 #[cfg(test)]

@@ -175,6 +175,16 @@ pub enum Rejection {
         /// Fewest accepted for a posterior.
         needed: usize,
     },
+    /// Several channels share the rod's topic: nobody knows which of them is the rod's.
+    #[error(
+        "topic {topic} has several channels at once ({channels}): nothing says which is the rod's; give each sensor a topic of its own"
+    )]
+    SharedTopic {
+        /// The topic.
+        topic: String,
+        /// The channels, for people.
+        channels: String,
+    },
     /// The analysis itself broke: a fault of the program, not of the record.
     #[error("the analysis broke, please report it: {detail}")]
     Broken {
@@ -234,6 +244,7 @@ impl Rejection {
             Self::OutsideEmulator { .. } => "outside-emulator",
             Self::OutsidePrior { .. } => "outside-prior",
             Self::NothingAccepted { .. } => "nothing-accepted",
+            Self::SharedTopic { .. } => "shared-topic",
             Self::Broken { .. } => "broken",
             Self::Quarantined { .. } => "quarantined",
         }

@@ -10,7 +10,7 @@ pub enum Cut {
     Auto,
     /// One ambient record per file and rod; a gap still splits it.
     File,
-    /// Fixed windows, aligned to the first sample.
+    /// Fixed windows, aligned to the first sample. How the rod moves in each is recognised.
     Window {
         /// Length of a window \[s\].
         length_s: f64,

@@ -5,7 +5,7 @@ use crate::record::{Assembler, RecordSettings, RodChannels, RodId};
 use serde::{Deserialize, Serialize};
 
 /// Raised whenever what an assembler holds changes its meaning.
-const VERSION: u32 = 3;
+const VERSION: u32 = 4;
 
 #[derive(Serialize, Deserialize)]
 struct Saved {
@@ -32,11 +32,11 @@ fn cut_by(channels: &RodChannels, settings: &RecordSettings) -> String {
 
 /// Encodes what a router holds; its events were taken before.
 pub(super) fn encode(router: &Router, settings: &RecordSettings) -> Result<Vec<u8>, postcard::Error> {
-    let rods = router.rods.iter().map(|rod| {
+    let rods = router.rods.iter().enumerate().map(|(at, rod)| {
         Ok(SavedRod {
             rod: rod.config.rod.clone(),
             cut_by: cut_by(&rod.config, settings),
-            messages: rod.messages,
+            messages: router.messages_of(at),
             fed_by: router.fed_by(rod),
             assembler: rod.assembler.save()?,
         })
@@ -86,13 +86,7 @@ pub(super) fn decode(
             continue;
         };
         router.set_fed_by(at, saved.fed_by);
-        router.rods[at].assembler = assembler;
-        router.rods[at].messages = saved.messages;
-    }
-    if router.unverified {
-        for rod in &mut router.rods {
-            rod.assembler.mark_unverified();
-        }
+        router.restore(at, assembler, saved.messages);
     }
     (router, lost)
 }

@@ -50,6 +50,14 @@ pub enum DecodeError {
         /// The path.
         path: String,
     },
+    /// Nobody knows whose samples they are.
+    #[error(
+        "channels {channels} have this topic at once, and nothing says which is the rod's; give each sensor a topic of its own"
+    )]
+    SharedTopic {
+        /// The channels' ids.
+        channels: String,
+    },
     /// The schema cannot be used.
     #[error("{0}")]
     Schema(String),

@@ -2,6 +2,7 @@
 
 use super::SourceError;
 use super::wire::Fields;
+use std::collections::BTreeSet;
 use std::fs::{self, File};
 use std::io::{BufReader, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
@@ -60,11 +61,80 @@ fn expand(path: &Path) -> Result<Vec<PathBuf>, SourceError> {
 /// Records looked at for the first message.
 const LOOKED_AT: usize = 1000;
 
-fn first_time_at(path: &Path) -> Option<u64> {
+pub(super) fn first_time_at(path: &Path) -> Option<u64> {
     if !fs::metadata(path).ok()?.is_file() {
         return None;
     }
     first_time(&File::open(path).ok()?)
+}
+
+/// When a finished file's messages are, and on which topics.
+pub(super) struct Span {
+    /// Earliest and latest log time \[ns since 1970\].
+    pub from: u64,
+    pub to: u64,
+    /// Topics with messages.
+    pub topics: BTreeSet<String>,
+}
+
+/// Longest summary that is read \[bytes\].
+const MAX_SUMMARY: u64 = 16 << 20;
+
+/// What the summary at the end of a finished file says; `None` without one.
+pub(super) fn span_at(path: &Path) -> Option<Span> {
+    if !fs::metadata(path).ok()?.is_file() {
+        return None;
+    }
+    let mut file = File::open(path).ok()?;
+    let mut end = [0u8; 37];
+    let footer_at = file.seek(SeekFrom::End(-37)).ok()?;
+    file.read_exact(&mut end).ok()?;
+    let (footer, magic) = end.split_at(29);
+    if magic != mcap::MAGIC || footer.first() != Some(&mcap::records::op::FOOTER) {
+        return None;
+    }
+    let summary_at = Fields(&footer[9..]).u64().ok().filter(|at| *at > 0)?;
+    let length = footer_at
+        .checked_sub(summary_at)
+        .filter(|length| *length <= MAX_SUMMARY)?;
+    file.seek(SeekFrom::Start(summary_at)).ok()?;
+    // Bounded by the limit above.
+    let mut summary = vec![0u8; length as usize];
+    file.read_exact(&mut summary).ok()?;
+    span_of(&summary).ok()?
+}
+
+/// Channels and statistics among the records of a summary.
+fn span_of(summary: &[u8]) -> Result<Option<Span>, &'static str> {
+    let (mut channels, mut times, mut used) = (Vec::new(), None, BTreeSet::new());
+    let mut records = Fields(summary);
+    while let Some((opcode, mut fields)) = records.record()? {
+        match opcode {
+            mcap::records::op::CHANNEL => {
+                let (id, _schema) = (fields.u16()?, fields.u16()?);
+                channels.push((id, fields.text()?.to_owned()));
+            }
+            mcap::records::op::STATISTICS => {
+                let (messages, _schemas) = (fields.u64()?, fields.u16()?);
+                // Channels, attachments, metadata and chunks.
+                fields.bytes(16)?;
+                times = Some((fields.u64()?, fields.u64()?)).filter(|_| messages > 0);
+                let length = fields.u32()?;
+                let mut counts = Fields(fields.bytes(u64::from(length))?);
+                while !counts.0.is_empty() {
+                    let (id, count) = (counts.u16()?, counts.u64()?);
+                    used.extend(Some(id).filter(|_| count > 0));
+                }
+            }
+            _ => {}
+        }
+    }
+    channels.retain(|(id, _)| used.contains(id));
+    Ok(times.filter(|_| !channels.is_empty()).map(|(from, to)| Span {
+        from,
+        to,
+        topics: channels.into_iter().map(|(_, topic)| topic).collect(),
+    }))
 }
 
 /// Log time of the first message \[ns since 1970\], from the first chunk's header or the message itself.

@@ -14,6 +14,7 @@ pub mod recording;
 pub mod recordings;
 mod route;
 pub mod series;
+mod speakers;
 pub mod stamp;
 pub mod summary;
 mod verify;

@@ -3,9 +3,10 @@
 use super::SourceError;
 use super::mcap::{Damage, Progress, Reader};
 use super::path::FieldPath;
-use super::route::Router;
+use super::route::{Rod, Router, Timed};
 use super::summary::Summary;
 use super::verify::{Check, Trust};
+use crate::ordered::Reached;
 use crate::record::{Event, RecordSettings, RodChannels, TimeSource, Timestamp};
 use std::collections::VecDeque;
 use std::fs::{self, File};
@@ -88,7 +89,9 @@ pub enum Poll {
 pub struct Recording {
     stage: Stage,
     router: Router,
-    queue: VecDeque<Event>,
+    queue: VecDeque<Timed>,
+    /// When the event that was handed out last was complete, and how far the rods had been followed then.
+    moment: (Timestamp, Reached),
     follow: Option<Follow>,
     total: u64,
     read: u64,
@@ -96,6 +99,8 @@ pub struct Recording {
     summary: Summary,
     /// Whether it is read while it may be written.
     is_live: bool,
+    /// Whether other files are read beside it, and go on where it ends.
+    is_joined: bool,
     /// What looks like damage while it may be a record that is being written.
     doubt: Option<Damage>,
 }
@@ -188,6 +193,7 @@ impl Recording {
             },
             router: Router::new(rods, settings),
             queue: VecDeque::new(),
+            moment: (Timestamp::from_nanos(0), Arc::from([])),
             follow: None,
             total,
             read: 0,
@@ -197,6 +203,7 @@ impl Recording {
                 ..Default::default()
             },
             is_live: live,
+            is_joined: false,
             doubt: None,
         })
     }
@@ -213,6 +220,7 @@ impl Recording {
             stage: Stage::Given(Box::new(blocks)),
             router: Router::new(rods, settings),
             queue: VecDeque::new(),
+            moment: (Timestamp::from_nanos(0), Arc::from([])),
             follow: None,
             total,
             // The file was read before.
@@ -223,6 +231,7 @@ impl Recording {
                 ..Default::default()
             },
             is_live: false,
+            is_joined: false,
             doubt: None,
         }
     }
@@ -234,7 +243,7 @@ impl Recording {
 
     /// One step: at most one record or chunk of the file is read.
     pub fn poll(&mut self) -> Poll {
-        if let Some(event) = self.queue.pop_front() {
+        if let Some(event) = self.pop() {
             return Poll::Event(event);
         }
         if self.doubt.is_some() {
@@ -278,7 +287,51 @@ impl Recording {
             }
             outcome => self.end(outcome),
         }
-        self.queue.pop_front().map_or(Poll::More, Poll::Event)
+        self.pop().map_or(Poll::More, Poll::Event)
+    }
+
+    /// The next event that is there already.
+    pub(super) fn pop(&mut self) -> Option<Event> {
+        let Timed { event, at, reached } = self.queue.pop_front()?;
+        self.moment = (at, reached);
+        Some(event)
+    }
+
+    /// As [`Recording::poll`], for one of several files that are read side by side: hands nothing on that was logged behind
+    /// `limit` \[ns\], and leaves open at its end what may go on in the next file.
+    pub(super) fn poll_up_to(&mut self, limit: u64) -> Poll {
+        self.is_joined = true;
+        if self.queue.is_empty() && self.router.waits() {
+            self.router.go_on(limit);
+            self.router.events(&mut self.queue);
+            return self.pop().map_or(Poll::More, Poll::Event);
+        }
+        self.router.limit(limit);
+        self.poll()
+    }
+
+    /// The log time up to which its messages were handed on \[ns\]; `None` before the first, and where they have none.
+    pub(super) fn front(&self) -> Option<u64> {
+        self.router.front()
+    }
+
+    /// Lends it the rods its samples are for, or takes them back.
+    pub(super) fn swap_rods(&mut self, rods: &mut Vec<Rod>) {
+        std::mem::swap(&mut self.router.rods, rods);
+    }
+
+    /// There is nothing to read now: pauses, or gives it up if it is not followed.
+    pub(super) fn wait_or_give_up(&mut self) {
+        match &self.follow {
+            Some(follow) if !follow.stop.load(Ordering::Relaxed) => std::thread::sleep(follow.poll),
+            _ => self.give_up(),
+        }
+    }
+
+    /// When the event that was handed out last was complete by the rod's own stamps, and how far the rods had been
+    /// followed then.
+    pub fn moment(&self) -> (Timestamp, Reached) {
+        self.moment.clone()
     }
 
     /// Ends a recording that does not grow any more as one that is cut short; its last events are still to be taken.
@@ -355,9 +408,14 @@ impl Recording {
                 cut_short = true;
             }
         }
-        self.router.finish(cut_short, lost.as_deref(), &mut self.queue);
         self.summary.messages = messages;
         self.router.summarise(&mut self.summary);
+        if self.is_joined {
+            self.router.end_file(cut_short, lost.as_deref());
+            self.router.events(&mut self.queue);
+        } else {
+            self.router.finish(cut_short, lost.as_deref(), &mut self.queue);
+        }
     }
 }
 
@@ -370,10 +428,7 @@ impl Iterator for Recording {
                 Poll::Event(event) => return Some(event),
                 Poll::End => return None,
                 Poll::More => {}
-                Poll::Wait => match &self.follow {
-                    Some(follow) if !follow.stop.load(Ordering::Relaxed) => std::thread::sleep(follow.poll),
-                    _ => self.give_up(),
-                },
+                Poll::Wait => self.wait_or_give_up(),
             }
         }
     }

@@ -3,11 +3,25 @@
 use super::decode::{DecodeError, Decoded, Decoder, SchemaRef, Time};
 use super::mcap::{ChannelInfo, Item, Message};
 use super::recording::Block;
+use super::speakers::Speakers;
 use super::summary::{Summary, TopicSummary};
 use crate::journal::note::{self, Note, State};
+use crate::ordered::Reached;
 use crate::record::{
-    Assembler, Channel, Event, RecordSettings, Rejection, RodChannels, TimeSource, Timestamp,
+    Assembler, Channel, Cut, Event, RecordSettings, Rejection, RodChannels, TimeSource, Timestamp,
 };
+use std::collections::VecDeque;
+use std::sync::Arc;
+
+/// An event of a rod, and when it came.
+#[derive(Debug)]
+pub(super) struct Timed {
+    pub event: Event,
+    /// When it was complete, by the rod's own stamps.
+    pub at: Timestamp,
+    /// How far the rods had been followed then.
+    pub reached: Reached,
+}
 
 /// Everything between messages and events for one file, or for all parts of one journal.
 pub(super) struct Router {
@@ -15,22 +29,61 @@ pub(super) struct Router {
     /// By channel id.
     channels: Vec<Listed>,
     scratch: Vec<f64>,
-    topics: Vec<(String, TopicSummary)>,
+    topics: Vec<Topic>,
     pub(super) unverified: bool,
     /// The streams of a journal that channels belong to.
     streams: Vec<String>,
     /// The journal that is read.
     pub(super) journal: Option<String>,
-    /// Events of streams that ended, until they are taken.
-    ended: Vec<Event>,
+    /// Events until they are taken.
+    ready: VecDeque<Timed>,
+    /// What the file had of each rod.
+    counts: Vec<Count>,
+    /// Whether a record ends with its file.
+    ends_with_file: bool,
+    ahead: Ahead,
+}
+
+/// What a file had of one rod.
+#[derive(Debug, Clone, Copy, Default)]
+struct Count {
+    messages: u64,
+    samples: u64,
+}
+
+/// Messages behind those of other files, where several are read side by side.
+#[derive(Default)]
+struct Ahead {
+    /// Log time up to which messages are handed on; `None` where all are \[ns\].
+    limit: Option<u64>,
+    /// The latest log time so far.
+    front: Option<u64>,
+    /// Those that wait, with the latest log time up to them.
+    waiting: VecDeque<(u64, Owned)>,
+}
+
+/// A message that waits.
+struct Owned {
+    channel: u16,
+    log_time: u64,
+    publish_time: u64,
+    data: Vec<u8>,
+}
+
+/// A topic of the file.
+struct Topic {
+    name: String,
+    summary: TopicSummary,
+    speakers: Speakers,
 }
 
 pub(super) struct Rod {
     pub(super) config: RodChannels,
     pub(super) assembler: Assembler,
-    pub(super) messages: u64,
     /// The stream its last sample came with, and the one its last temperature came with: indices into the streams.
     fed_by: [Option<usize>; 2],
+    /// Whether it ever had samples.
+    pub(super) is_followed: bool,
 }
 
 #[derive(Default)]
@@ -54,39 +107,47 @@ struct Route {
 
 impl Router {
     pub fn new(rods: &[RodChannels], settings: &RecordSettings) -> Self {
+        // A declared cut takes a file for a measurement.
+        let ends_with_file = matches!(settings.cut, Cut::File | Cut::FreeDecay { .. });
         let rods = rods.iter().map(|config| {
             let temperature = config.temperature.is_some();
             let fs_hz = config.displacement.fs_hz;
             Rod {
                 config: config.clone(),
                 assembler: Assembler::new(config.rod.clone(), *settings, fs_hz, temperature),
-                messages: 0,
                 fed_by: [None; 2],
+                is_followed: false,
             }
         });
         Self {
-            rods: rods.collect(),
+            ends_with_file,
+            ..Self::of(rods.collect())
+        }
+    }
+
+    /// A router that hands samples to rods that may have some already.
+    pub fn of(rods: Vec<Rod>) -> Self {
+        Self {
+            counts: vec![Count::default(); rods.len()],
+            rods,
+            ends_with_file: false,
+            ahead: Ahead::default(),
             channels: Vec::new(),
             scratch: Vec::new(),
             topics: Vec::new(),
             unverified: false,
             streams: Vec::new(),
             journal: None,
-            ended: Vec::new(),
+            ready: VecDeque::new(),
         }
     }
 
     /// Takes what the reader hands out.
     pub fn item(&mut self, item: Item<'_>) {
         match item {
-            Item::Message(message) => self.message(message),
+            Item::Message(message) => self.in_turn(message),
             Item::Channel(id, channel, schema) => self.channel(id, channel, schema),
-            Item::Unverified => {
-                self.unverified = true;
-                self.rods
-                    .iter_mut()
-                    .for_each(|rod| rod.assembler.mark_unverified());
-            }
+            Item::Unverified => self.unverified = true,
         }
     }
 
@@ -102,15 +163,7 @@ impl Router {
             };
             return;
         }
-        let known = self.topics.iter().position(|(topic, _)| *topic == channel.topic);
-        let topic = known.unwrap_or_else(|| {
-            let summary = TopicSummary {
-                encoding: channel.encoding.clone(),
-                ..Default::default()
-            };
-            self.topics.push((channel.topic.clone(), summary));
-            self.topics.len() - 1
-        });
+        let topic = self.topic(&channel.topic, &channel.encoding);
         let mut routes = Vec::new();
         for (rod, Rod { config, .. }) in self.rods.iter().enumerate() {
             let quantities = [
@@ -139,10 +192,83 @@ impl Router {
         };
     }
 
+    /// The number of a topic.
+    fn topic(&mut self, name: &str, encoding: &str) -> usize {
+        let known = self.topics.iter().position(|topic| topic.name == name);
+        known.unwrap_or_else(|| {
+            self.topics.push(Topic {
+                name: name.to_owned(),
+                summary: TopicSummary {
+                    encoding: encoding.to_owned(),
+                    ..Default::default()
+                },
+                speakers: Speakers::default(),
+            });
+            self.topics.len() - 1
+        })
+    }
+
+    /// Hands a message on if it is its turn.
+    #[inline]
+    fn in_turn(&mut self, message: Message<'_>) {
+        let ahead = &mut self.ahead;
+        if let Some(limit) = ahead.limit {
+            let front = ahead
+                .front
+                .map_or(message.log_time, |front| front.max(message.log_time));
+            ahead.front = Some(front);
+            if front > limit || !ahead.waiting.is_empty() {
+                let owned = Owned {
+                    channel: message.channel,
+                    log_time: message.log_time,
+                    publish_time: message.publish_time,
+                    data: message.data.to_vec(),
+                };
+                ahead.waiting.push_back((front, owned));
+                return;
+            }
+        }
+        self.message(message);
+    }
+
+    /// From now on only messages up to this log time are handed on \[ns\].
+    pub fn limit(&mut self, limit: u64) {
+        self.ahead.limit = Some(limit);
+    }
+
+    /// Whether messages wait for their turn.
+    pub fn waits(&self) -> bool {
+        !self.ahead.waiting.is_empty()
+    }
+
+    /// The log time of the message that is next, or of the latest one \[ns\].
+    pub fn front(&self) -> Option<u64> {
+        let next = self.ahead.waiting.front().map(|(front, _)| *front);
+        next.or(self.ahead.front)
+    }
+
+    /// Hands on those that wait, up to a log time \[ns\].
+    pub fn go_on(&mut self, limit: u64) {
+        while let Some((front, owned)) = self.ahead.waiting.pop_front() {
+            if front > limit {
+                self.ahead.waiting.push_front((front, owned));
+                return;
+            }
+            self.message(Message {
+                channel: owned.channel,
+                log_time: owned.log_time,
+                publish_time: owned.publish_time,
+                data: &owned.data,
+            });
+        }
+    }
+
     #[inline]
     fn message(&mut self, message: Message<'_>) {
         let Self {
             rods,
+            counts,
+            unverified,
             channels,
             scratch,
             topics,
@@ -157,42 +283,77 @@ impl Router {
         if !listed.known {
             return;
         }
-        let Some((_, summary)) = topics.get_mut(listed.topic) else {
+        let Some(Topic {
+            name,
+            summary,
+            speakers,
+        }) = topics.get_mut(listed.topic)
+        else {
             return;
         };
         summary.messages += 1;
         let mut fault = None;
-        for route in &listed.routes {
-            let Some(rod) = rods.get_mut(route.rod) else {
-                continue;
-            };
-            rod.fed_by[usize::from(route.temperature)] = listed.stream;
-            if let Err(found) = route.take(rod, &message, scratch) {
-                fault.get_or_insert(found);
+        let mut has_events = false;
+        if !listed.routes.is_empty() && !speakers.may_speak(message.channel, listed.stream, message.log_time)
+        {
+            let channels = speakers.names();
+            for route in listed.routes.iter().filter(|route| !route.temperature) {
+                if let Some(rod) = rods.get_mut(route.rod)
+                    && speakers.is_news()
+                {
+                    rod.assembler.refuse(Rejection::SharedTopic {
+                        topic: name.clone(),
+                        channels: channels.clone(),
+                    });
+                    has_events = true;
+                }
+            }
+            fault = Some(DecodeError::SharedTopic { channels });
+        } else {
+            for route in &listed.routes {
+                let Some(rod) = rods.get_mut(route.rod) else {
+                    continue;
+                };
+                let Some(count) = counts.get_mut(route.rod) else {
+                    continue;
+                };
+                rod.fed_by[usize::from(route.temperature)] = listed.stream;
+                rod.is_followed |= !route.temperature;
+                rod.assembler.set_unverified(*unverified);
+                if let Err(found) = route.take(rod, count, &message, scratch) {
+                    fault.get_or_insert(found);
+                }
+                has_events |= rod.assembler.has_events();
             }
         }
         if let Some(fault) = fault {
             summary.undecodable += 1;
             summary.fault.get_or_insert_with(|| fault.to_string());
         }
+        // At once, not where a chunk ends: what others had come to then must not depend on how a file is packed.
+        if has_events {
+            self.collect();
+        }
     }
 
     /// Takes samples that need no decoding.
     pub fn block(&mut self, block: Block) {
-        let known = self.topics.iter().position(|(topic, _)| **topic == *block.topic);
-        let topic = known.unwrap_or_else(|| {
-            self.topics
-                .push((block.topic.to_string(), TopicSummary::default()));
-            self.topics.len() - 1
-        });
-        if let Some((_, summary)) = self.topics.get_mut(topic) {
-            summary.messages += 1;
+        let topic = self.topic(&block.topic, "");
+        if let Some(topic) = self.topics.get_mut(topic) {
+            topic.summary.messages += 1;
         }
-        let Self { rods, scratch, .. } = self;
-        for rod in rods {
+        let Self {
+            rods,
+            counts,
+            scratch,
+            ..
+        } = self;
+        for (rod, count) in rods.iter_mut().zip(counts) {
             let channel = &rod.config.displacement;
             if *channel.topic == *block.topic {
-                rod.messages += 1;
+                count.messages += 1;
+                count.samples += block.samples.len() as u64;
+                rod.is_followed = true;
                 scratch.clear();
                 scratch.extend(block.samples.iter().map(|raw| channel.unit.convert(*raw)));
                 rod.assembler.push(block.time, scratch);
@@ -206,11 +367,12 @@ impl Router {
                 }
             }
         }
+        self.collect();
     }
 
     /// Messages of all topics.
     pub fn messages(&self) -> u64 {
-        self.topics.iter().map(|(_, topic)| topic.messages).sum()
+        self.topics.iter().map(|topic| topic.summary.messages).sum()
     }
 
     /// What a journal says of itself: another journal ends everything, a stream that ended ends its rods' records.
@@ -246,19 +408,21 @@ impl Router {
                 self.end_rod(at, cut_short);
             }
         }
+        for topic in &mut self.topics {
+            topic.speakers.end_of(stream);
+        }
     }
 
     /// Ends a rod's records as the end of a file does, and begins anew. Its temperatures go on if they come from elsewhere.
     fn end_rod(&mut self, at: usize, cut_short: bool) {
         let Some(rod) = self.rods.get_mut(at) else { return };
-        rod.finish(cut_short, None, &mut self.ended);
+        let count = std::mem::take(&mut self.counts[at]);
+        rod.finish(count, cut_short, None);
+        self.collect();
+        let Some(rod) = self.rods.get_mut(at) else { return };
         let [samples, temperature] = rod.fed_by;
         let is_from_elsewhere = temperature.is_some() && temperature != samples;
         rod.assembler.renew(is_from_elsewhere);
-        if self.unverified {
-            rod.assembler.mark_unverified();
-        }
-        rod.messages = 0;
         rod.fed_by = [None, temperature.filter(|_| is_from_elsewhere)];
     }
 
@@ -285,6 +449,21 @@ impl Router {
         }
     }
 
+    /// Messages of a rod so far, for what goes on after a restart.
+    pub(super) fn messages_of(&self, at: usize) -> u64 {
+        self.counts.get(at).map_or(0, |count| count.messages)
+    }
+
+    /// Goes on with samples that were there before a restart.
+    pub(super) fn restore(&mut self, at: usize, assembler: Assembler, messages: u64) {
+        let samples = assembler.samples();
+        if let (Some(rod), Some(count)) = (self.rods.get_mut(at), self.counts.get_mut(at)) {
+            rod.is_followed = samples > 0;
+            rod.assembler = assembler;
+            *count = Count { messages, samples };
+        }
+    }
+
     /// Another file of the same journal follows: channels are numbered anew, samples go on.
     pub fn next_part(&mut self) {
         let fed_by: Vec<_> = self.rods.iter().map(|rod| self.fed_by(rod)).collect();
@@ -297,34 +476,77 @@ impl Router {
     }
 
     /// What became of the samples so far.
-    pub fn events(&mut self, to: &mut impl Extend<Event>) {
-        to.extend(self.ended.drain(..));
+    pub fn events(&mut self, to: &mut impl Extend<Timed>) {
+        to.extend(self.ready.drain(..));
+    }
+
+    /// Takes what became of the rods' samples from their assemblers.
+    fn collect(&mut self) {
+        let reached = self.reached();
         for rod in &mut self.rods {
-            to.extend(rod.assembler.events());
+            let timed = rod.assembler.timed_events().map(|(at, event)| Timed {
+                event,
+                at,
+                reached: Arc::clone(&reached),
+            });
+            self.ready.extend(timed);
         }
+    }
+
+    /// How far the rods have been followed.
+    pub fn reached(&self) -> Reached {
+        self.rods
+            .iter()
+            .filter(|rod| rod.is_followed)
+            .map(|rod| (rod.config.rod.clone(), rod.assembler.complete_until()))
+            .collect()
     }
 
     /// Ends every stream; `damage` stands for what was not read, one rejection for each rod the file had
     /// messages of.
-    pub fn finish(&mut self, cut_short: bool, damage: Option<&str>, to: &mut impl Extend<Event>) {
-        to.extend(self.ended.drain(..));
-        for rod in &mut self.rods {
-            rod.finish(cut_short, damage, to);
+    pub fn finish(&mut self, cut_short: bool, damage: Option<&str>, to: &mut impl Extend<Timed>) {
+        for (rod, count) in self.rods.iter_mut().zip(&self.counts) {
+            rod.finish(*count, cut_short, damage);
         }
+        self.collect();
+        self.events(to);
+    }
+
+    /// Ends one of several files that are read side by side. Records go on in the next one if this one ended as it
+    /// should.
+    pub fn end_file(&mut self, cut_short: bool, damage: Option<&str>) {
+        let fed = self.rods.iter_mut().zip(&self.counts);
+        for (rod, count) in fed.filter(|(_, count)| count.messages > 0) {
+            if cut_short || self.ends_with_file {
+                rod.assembler.finish(cut_short);
+                rod.assembler.renew(true);
+            }
+            rod.tell_nothing(*count, damage);
+        }
+        self.collect();
+    }
+
+    /// What comes of samples that are left at the very end.
+    pub fn ended(mut self) -> impl Iterator<Item = Timed> {
+        let mut last = VecDeque::new();
+        self.finish(false, None, &mut last);
+        last.into_iter()
     }
 
     /// Fills in what the messages said.
     pub fn summarise(&self, summary: &mut Summary) {
         summary.unverified = self.unverified;
-        summary.topics = self.topics.iter().cloned().collect();
+        let topics = self.topics.iter();
+        summary.topics = topics
+            .map(|topic| (topic.name.clone(), topic.summary.clone()))
+            .collect();
         summary.missing.clear();
-        for Rod {
-            config, assembler, ..
-        } in &self.rods
-        {
-            summary.samples.insert(config.rod.clone(), assembler.samples());
+        summary.wanted = 0;
+        for (Rod { config, .. }, count) in self.rods.iter().zip(&self.counts) {
+            summary.samples.insert(config.rod.clone(), count.samples);
             let wanted = [Some(&config.displacement), config.temperature.as_ref()];
             for Channel { topic, .. } in wanted.into_iter().flatten() {
+                summary.wanted += 1;
                 if !summary.topics.contains_key(topic) {
                     summary.missing.push((config.rod.clone(), topic.clone()));
                 }
@@ -335,46 +557,43 @@ impl Router {
 
 impl Rod {
     /// Ends its stream.
-    fn finish(&mut self, cut_short: bool, damage: Option<&str>, to: &mut impl Extend<Event>) {
+    fn finish(&mut self, count: Count, cut_short: bool, damage: Option<&str>) {
         self.assembler.finish(cut_short);
-        to.extend(self.assembler.events());
-        let readings = self.assembler.leftover(Timestamp::MAX);
-        if !readings.is_empty() {
-            to.extend([Event::Readings {
-                rod: self.config.rod.clone(),
-                readings,
-            }]);
-        }
+        self.assembler.tell_leftover();
+        self.tell_nothing(count, damage);
+    }
+
+    /// Tells of a file that gave nothing, or nothing more.
+    fn tell_nothing(&mut self, count: Count, damage: Option<&str>) {
         let rejection = match damage {
-            Some(detail) if self.messages > 0 => Rejection::Damaged {
+            Some(detail) if count.messages > 0 => Rejection::Damaged {
                 detail: detail.to_owned(),
             },
             // Messages there were, samples none: one offered record that gave nothing.
-            None if self.messages > 0 && self.assembler.samples() == 0 => Rejection::Missing {
+            None if count.messages > 0 && count.samples == 0 => Rejection::Missing {
                 share: 1.0,
                 allowed: 0.0,
             },
             _ => return,
         };
-        to.extend([Event::Rejected {
-            rod: self.config.rod.clone(),
-            start: None,
-            duration_s: 0.0,
-            fs_hz: None,
-            waveform: None,
-            rejection,
-        }]);
+        self.assembler.tell_nothing(rejection);
     }
 }
 
 impl Route {
     #[inline]
-    fn take(&self, rod: &mut Rod, message: &Message<'_>, scratch: &mut Vec<f64>) -> Result<(), DecodeError> {
+    fn take(
+        &self,
+        rod: &mut Rod,
+        count: &mut Count,
+        message: &Message<'_>,
+        scratch: &mut Vec<f64>,
+    ) -> Result<(), DecodeError> {
         let channel = match &rod.config.temperature {
             Some(channel) if self.temperature => channel,
             _ => &rod.config.displacement,
         };
-        rod.messages += u64::from(!self.temperature);
+        count.messages += u64::from(!self.temperature);
         let decoder = self.decoder.as_ref().map_err(Clone::clone)?;
         scratch.clear();
         let Decoded { array, time } = decoder.decode(message.data, scratch)?;
@@ -404,6 +623,7 @@ impl Route {
         for sample in scratch.iter_mut() {
             *sample = unit.convert(*sample);
         }
+        count.samples += scratch.len() as u64;
         rod.assembler.push(time, scratch);
         Ok(())
     }

@@ -4,10 +4,11 @@
 //! a journal here, so they cut the same records.
 
 use super::mcap::{Damage, Progress, Reader};
-use super::route::Router;
+use super::route::{Router, Timed};
 use super::verify::{Check, Trust};
 use super::{SourceError, Summary, carry};
 use crate::journal::part;
+use crate::ordered::Reached;
 use crate::record::{Event, RecordSettings, RodChannels};
 use crate::step::Place;
 use std::collections::VecDeque;
@@ -64,7 +65,7 @@ pub struct Series {
     /// Whether the journal is still written.
     live: bool,
     router: Router,
-    queue: VecDeque<Event>,
+    queue: VecDeque<Timed>,
     /// The parts that are read; of a live journal those there were when reading began.
     listed: Vec<u32>,
     open: Option<Open>,
@@ -138,14 +139,34 @@ impl Series {
     }
 
     /// Between two parts: ends every record that is open, and goes on with other channels and settings.
-    pub fn change(&mut self, channels: &[RodChannels], settings: &RecordSettings) -> Vec<Event> {
+    pub fn change(
+        &mut self,
+        channels: &[RodChannels],
+        settings: &RecordSettings,
+        end: &PartEnd,
+    ) -> Vec<(Event, Place)> {
         self.router.finish(true, None, &mut self.queue);
         let journal = self.router.journal.take();
         channels.clone_into(&mut self.channels);
         self.settings = settings.of_stream();
         self.router = Router::new(channels, &self.settings);
         self.router.journal = journal;
-        self.queue.drain(..).collect()
+        let place = |Timed { event, at, reached }| {
+            let place = Place {
+                file: Arc::from(part::mark_name(end.part)),
+                bytes: end.size,
+                records: 0,
+                at,
+                reached,
+            };
+            (event, place)
+        };
+        self.queue.drain(..).map(place).collect()
+    }
+
+    /// How far the rods have been followed.
+    pub fn reached(&self) -> Reached {
+        self.router.reached()
     }
 
     /// What is read now: the part's number and where in it \[bytes\].
@@ -223,13 +244,16 @@ impl Series {
         }
     }
 
-    fn event(&mut self, event: Event) -> SeriesPoll {
+    fn event(&mut self, timed: Timed) -> SeriesPoll {
+        let Timed { event, at, reached } = timed;
         let Some(open) = &mut self.open else {
             // Events at the very end belong to the part that was read last.
             let place = Place {
                 file: Arc::from(self.name(self.before.unwrap_or_default())),
                 bytes: 0,
                 records: 0,
+                at,
+                reached,
             };
             return SeriesPoll::Event(event, place);
         };
@@ -238,6 +262,8 @@ impl Series {
             file: Arc::clone(&open.name),
             bytes: open.read,
             records: open.records,
+            at,
+            reached,
         };
         SeriesPoll::Event(event, place)
     }

@@ -22,7 +22,9 @@ pub struct Summary {
     pub topics: BTreeMap<String, TopicSummary>,
     /// What a person should know that is no fault: what was left out of another program's file, which column was taken.
     pub notes: Vec<String>,
-    /// Configured topics the file does not have.
+    /// How many topics are configured.
+    pub wanted: usize,
+    /// Those of them the file does not have.
     pub missing: Vec<(RodId, String)>,
 }
 
@@ -47,11 +49,7 @@ impl Summary {
 
     /// Whether the file has none of the configured topics.
     pub fn has_nothing(&self) -> bool {
-        !self.samples.is_empty()
-            && self
-                .samples
-                .keys()
-                .all(|rod| self.missing.iter().any(|(missing, _)| missing == rod))
+        self.wanted > 0 && self.missing.len() == self.wanted
     }
 
     /// One clear sentence for everything a person should know, most important first.

@@ -109,6 +109,7 @@ impl Commit<'_> {
 fn start_of(outcome: &Outcome) -> Option<Timestamp> {
     match outcome {
         Outcome::Identified(identification) => identification.measurement.as_ref().map(|m| m.start),
+        Outcome::Tabulated(row) => Some(row.start),
         Outcome::Rejected(rejected) => rejected.start,
     }
 }
@@ -129,6 +130,7 @@ impl RecordRow<'_> {
             .query_row((), |row| row.get(0))?;
         let rms = match self.outcome {
             Outcome::Identified(identification) => identification.measurement.as_ref().map(|m| m.rms),
+            Outcome::Tabulated(row) => row.rms,
             Outcome::Rejected(_) => None,
         };
         let mut row = Row::of("record")
@@ -146,16 +148,19 @@ impl RecordRow<'_> {
             .with("record", id)
             .with("json", self.line.to_owned())
             .insert(connection)?;
-        if let Outcome::Identified(identification) = self.outcome {
-            for mode in &identification.modes {
-                Row::of("mode")
-                    .with("record", id)
-                    .with("mode_order", mode.order as i64)
-                    .with("frequency_hz", mode.frequency_hz)
-                    .with("sd_hz", mode.sd_hz)
-                    .with("damping", mode.damping)
-                    .insert(connection)?;
-            }
+        let modes = match self.outcome {
+            Outcome::Identified(identification) => &identification.modes[..],
+            Outcome::Tabulated(row) => &row.modes,
+            Outcome::Rejected(_) => &[],
+        };
+        for mode in modes {
+            Row::of("mode")
+                .with("record", id)
+                .with("mode_order", mode.order as i64)
+                .with("frequency_hz", mode.frequency_hz)
+                .with("sd_hz", mode.sd_hz)
+                .with("damping", mode.damping)
+                .insert(connection)?;
         }
         Ok(())
     }

@@ -85,8 +85,7 @@ impl Kept {
             watches,
             plausibility,
             thermometer,
-            latest,
-            latest_modes
+            latest
         );
         Ok(())
     }

@@ -128,8 +128,8 @@ impl Metrics {
                 };
                 self.rejections.get_or_create(&of).inc();
             }
-            Outcome::Identified(_) if verdict.set_aside.is_some() => self.record(rod, "set-aside"),
-            Outcome::Identified(_) => self.record(rod, "used"),
+            _ if verdict.set_aside.is_some() => self.record(rod, "set-aside"),
+            _ => self.record(rod, "used"),
         }
         if let (Some(end_s), Ok(now)) = (rods::end_s(outcome), SystemTime::UNIX_EPOCH.elapsed()) {
             let latency_s = now.as_secs_f64() - end_s;

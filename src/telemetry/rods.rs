@@ -90,9 +90,7 @@ impl Rods {
         if let Some(start) = start(outcome) {
             put(&self.last_record_s, rod, Some(seconds(start)));
         }
-        if let Outcome::Identified(_) = outcome
-            && verdict.set_aside.is_none()
-        {
+        if !matches!(outcome, Outcome::Rejected(_)) && verdict.set_aside.is_none() {
             let at_reference = verdict.at_reference.as_ref();
             let relative = verdict.relative.as_ref();
             let force_n = at_reference.map(|at| at.force_n).or(relative.map(|r| r.force_n));
@@ -165,6 +163,7 @@ fn put(gauges: &Family<OfRod, Quantity>, rod: &RodId, value: Option<f64>) {
 fn start(outcome: &Outcome) -> Option<Timestamp> {
     match outcome {
         Outcome::Identified(identification) => measured(identification).map(|(start, _)| start),
+        Outcome::Tabulated(row) => Some(row.start),
         Outcome::Rejected(rejected) => rejected.start,
     }
 }
@@ -175,6 +174,7 @@ pub(super) fn end_s(outcome: &Outcome) -> Option<f64> {
         Outcome::Identified(identification) => {
             measured(identification).map(|(start, duration_s)| seconds(start) + duration_s)
         }
+        Outcome::Tabulated(row) => Some(seconds(row.start) + row.duration_s),
         Outcome::Rejected(_) => None,
     }
 }

@@ -285,6 +285,8 @@ pub struct Board<'a> {
     segment: u32,
     alarms: &'a mut Vec<Alarm>,
     events: Vec<AlarmEvent>,
+    /// What else explains what is told of the rod.
+    proviso: Option<String>,
 }
 
 impl<'a> Board<'a> {
@@ -295,7 +297,13 @@ impl<'a> Board<'a> {
             segment,
             alarms,
             events: Vec::new(),
+            proviso: None,
         }
+    }
+
+    /// Adds a sentence to what is told of the rod itself from now on: what else explains it.
+    pub fn qualify(&mut self, proviso: String) {
+        self.proviso = Some(proviso);
     }
 
     /// Whether an alarm of this kind stands and its condition holds.
@@ -323,6 +331,10 @@ impl<'a> Board<'a> {
         if self.holds(kind) {
             return;
         }
+        let message = match &self.proviso {
+            Some(proviso) if kind.is_latched() => format!("{message}; {proviso}"),
+            _ => message,
+        };
         let mut alarm = Alarm::new(self.rod, kind, self.segment, time, message);
         alarm.change = change;
         alarm.told = told;
@@ -407,6 +419,11 @@ impl<'a> Board<'a> {
                 alarm.told = time;
                 if alarm.cleared.is_none() {
                     renew(alarm);
+                    if let Some(proviso) = self.proviso.as_ref().filter(|_| alarm.kind.is_latched())
+                        && !alarm.message.ends_with(proviso)
+                    {
+                        alarm.message = format!("{}; {proviso}", alarm.message);
+                    }
                 }
                 let alarm = alarm.clone();
                 self.tell(What::Repeated, time, alarm);

@@ -85,6 +85,7 @@ impl EarlyWatch {
             &records,
             &mut self.filters,
             &mut readings,
+            None,
             not_axial_p,
         );
         self.reference_c = self.reference_c.or(period.filtered_c.map(|filtered| filtered[0]));

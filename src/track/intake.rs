@@ -25,8 +25,16 @@ impl Tracker {
     ) {
         let patience = self.plan.alarm.sensor_records;
         let state = &mut self.state;
-        let latest = state.latest.map(|time| (time, &state.latest_modes[..]));
-        if let Some(doubt) = state.plausibility.doubt(observation, latest, peers, patience) {
+        let (rod, latest) = (&state.rod, state.latest);
+        let doubt = state
+            .plausibility
+            .doubt(observation, rod, latest, peers, patience);
+        if let Some(since) = state.plausibility.take_wrong_since() {
+            // They were believed before the other channel showed the exchange, too.
+            state.open.retain(|pending| pending.start < since);
+            state.learning.retain(|known| known.start < since);
+        }
+        if let Some(doubt) = doubt {
             let aside = SetAside::from(&doubt);
             if aside != SetAside::Clock {
                 self.keep_readings(&observation.readings);
@@ -58,7 +66,7 @@ impl Tracker {
             self.usable(observation);
             self.wait_for_baseline(observation);
         } else {
-            self.take_relative(observation, others, verdict);
+            self.take_relative(observation, verdict);
         }
         verdict.closed = self.close_periods(others);
     }
@@ -97,9 +105,6 @@ impl Tracker {
     /// Its frequencies are those of the rod.
     fn usable(&mut self, observation: &Observation) {
         let time = self.known_at(observation.start);
-        if self.state.latest == Some(observation.start) {
-            self.state.latest_modes.clone_from(&observation.modes);
-        }
         self.look(Cause::Unusable, Some(false), time, String::new);
         self.look(Cause::OutsideRange, Some(false), time, String::new);
         if self.state.watch.is_some() && self.plan.compensates() {
@@ -117,10 +122,10 @@ impl Tracker {
         }
     }
 
-    fn take_relative(&mut self, observation: &Observation, others: &Others, verdict: &mut Verdict) {
+    fn take_relative(&mut self, observation: &Observation, verdict: &mut Verdict) {
         match self.relative(observation) {
             Some(Ok(relative)) => {
-                verdict.at_reference = reference::of_record(self, observation, &relative, others);
+                verdict.at_reference = reference::of_record(self, observation, &relative);
                 let loss = Loss::of(self, observation, &relative, verdict.at_reference.as_ref());
                 self.look_at_loss(loss, self.known_at(observation.start));
                 self.await_period(Pending::new(observation, &relative));
@@ -157,7 +162,15 @@ impl Tracker {
                 .last_day()
                 .is_some_and(|passed| reading.time.days() <= passed);
             let is_ahead = horizon.is_some_and(|horizon| reading.time > horizon);
-            if is_past || is_ahead || !state.thermometer.believes(reading) {
+            if is_past || is_ahead {
+                continue;
+            }
+            let is_believed = state.thermometer.believes(reading);
+            if let Some(until) = state.thermometer.trusted_until().filter(|_| !is_believed) {
+                // What a thermometer said since it stood still is withdrawn.
+                state.readings.retain(|kept| kept.time <= until);
+            }
+            if !is_believed {
                 continue;
             }
             let kept = &mut state.readings;
@@ -306,6 +319,7 @@ impl Tracker {
                 &records,
                 &mut state.filters,
                 &mut state.readings,
+                state.thermometer.trusted_until(),
                 |delta, misfit| shift.map_or(1.0, |shift| shift.not_axial_p(delta, misfit)),
             );
             state.closed = Some(index);

@@ -9,6 +9,7 @@
 //! * [`baseline`]    mean log-frequencies of the first records and particles of the static parameters
 //! * [`relative`]    posterior of N_t / N_0 for one record, and whether the change is axial at all
 //! * [`plausibility`] records that cannot be what they claim: unit, clock, channel
+//! * `exchange`      whether two channels show each other's rods: the odds of what explains both
 //! * [`thermometer`] temperature readings that cannot be what they claim
 //! * [`period`]      the records of one period as one statistic
 //! * [`drift`]       detectors of a change: banks of filters with Shiryaev-Roberts statistics
@@ -16,6 +17,7 @@
 //! * [`others`]      the other rods of the site
 //! * [`change`]      onset, size and rate of a drift as they are told
 //! * [`alarm`]       kinds, raise, repeat, acknowledge, clear
+//! * [`alternatives`] which kind of change the pattern of the modes allows
 //! * [`settings`]    what can be chosen
 //! * [`state`]       everything remembered of one rod from record to record
 //! * [`plan`]        what the tracking of one rod depends on besides its records
@@ -29,10 +31,12 @@
 //! * `loss`          losses so large that nothing else explains them
 
 pub mod alarm;
+pub mod alternatives;
 pub mod baseline;
 pub mod change;
 pub mod drift;
 mod early;
+mod exchange;
 mod intake;
 mod levels;
 mod loss;
@@ -48,6 +52,7 @@ pub mod relative;
 pub mod settings;
 mod shift;
 pub mod state;
+mod tail;
 pub mod thermometer;
 pub mod tracker;
 pub mod verdict;

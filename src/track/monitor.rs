@@ -25,6 +25,9 @@ const NOT_AXIAL_OVER: f64 = 10.0;
 /// below the second it sees again.
 const BLIND: (f64, f64) = (0.9, 0.7);
 
+/// Standard deviations of the predictive law from which on a change of one period is seen.
+const TOLD_SD: f64 = 4.0;
+
 /// Stated error of a ratio that is believed at least \[-\].
 const LEAST_SD: f64 = 1e-6;
 
@@ -201,7 +204,10 @@ fn look_at_leverage(tracker: &mut Tracker, period: &Period, time: Timestamp) {
         return;
     }
     let (blind, sees) = BLIND;
-    tracker.look(Cause::Unlearned, beyond(charted.leverage, blind, sees), time, || {
+    // What is not learned matters only where it hides a loss of the limit.
+    let hides = TOLD_SD * charted.expected_sd > tracker.plan.alarm.limit_loss;
+    let unlearned = if hides { charted.leverage } else { 0.0 };
+    tracker.look(Cause::Unlearned, beyond(unlearned, blind, sees), time, || {
         "the temperature is far from all learned so far: until more is learned, only large changes are seen".to_owned()
     });
 }

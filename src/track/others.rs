@@ -19,27 +19,6 @@ impl<'a> Others<'a> {
         self.0.len()
     }
 
-    /// Median of N_t / N_0 - 1 over the other rods that were measured in a period, without those that drift; `None` for fewer
-    /// than two: one rod alone is no witness.
-    pub(super) fn median_ratio(&self, index: i64, period_s: f64) -> Option<f64> {
-        let mut ratios: Vec<f64> = self
-            .0
-            .iter()
-            .filter(|state| !state.holds(Kind::Drift))
-            .filter_map(|state| state.ratio_in(index, period_s))
-            .collect();
-        if ratios.len() < 2 {
-            return None;
-        }
-        ratios.sort_by(f64::total_cmp);
-        let half = ratios.len() / 2;
-        Some(if ratios.len() % 2 == 1 {
-            ratios[half]
-        } else {
-            0.5 * (ratios[half - 1] + ratios[half])
-        })
-    }
-
     /// The other rods that do not drift, by name, with N_t / N_0 - 1 where they were measured in a period.
     pub(super) fn ratios(&self, index: i64, period_s: f64) -> impl Iterator<Item = (&str, Option<f64>)> {
         let steady = self.0.iter().filter(|state| !state.holds(Kind::Drift));

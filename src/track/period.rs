@@ -112,7 +112,7 @@ fn nanos(period_s: f64) -> i64 {
 }
 
 /// Combines the records of one period, ascending in time. `filters` are run along `readings` up to the end of the last
-/// record; the readings used are taken out. `not_axial_p(ln(1 + delta), misfit)` judges the combined misfit.
+/// record, but not beyond those that are trusted; the readings used are taken out. `not_axial_p(ln(1 + delta), misfit)` judges the combined misfit.
 ///
 /// delta = sum w_i delta_i / sum w_i with w_i = 1 / sd_i^2, and the temperatures with the same weights,
 /// since delta is linear in them. Records without a temperature are left out if others have one.
@@ -122,12 +122,14 @@ pub fn combine(
     records: &[Pending],
     filters: &mut Filters,
     readings: &mut Vec<Reading>,
+    trusted_until: Option<Timestamp>,
     not_axial_p: impl Fn(f64, &[Misfit]) -> f64,
 ) -> Period {
     let temperatures: Vec<Option<[f64; FILTERS_D.len()]>> = records
         .iter()
         .map(|record| {
-            let used = readings.partition_point(|reading| reading.time <= record.end);
+            let until = trusted_until.map_or(record.end, |trusted| trusted.min(record.end));
+            let used = readings.partition_point(|reading| reading.time <= until);
             for reading in readings.drain(..used) {
                 filters.push(reading.time.days(), reading.celsius);
             }

@@ -1,8 +1,6 @@
 //! Force and relative force of a record at the reference temperature, by what the closed periods taught.
 
 use super::drift::Filters;
-use super::others::Others;
-use super::period;
 use super::relative::{Interval, Relative};
 use super::state::State;
 use super::verdict::AtReference;
@@ -23,19 +21,16 @@ pub(super) fn of_record(
     tracker: &Tracker,
     observation: &Observation,
     relative: &Relative,
-    others: &Others,
 ) -> Option<AtReference> {
     let state = &tracker.state;
     let watch = state.watch.as_ref()?;
     let reference_c = state.segment.reference_c?;
     let end = observation.start.plus_seconds(observation.duration_s);
     let filtered = filters_until(state, end).at(end.days())?;
-    let period_s = tracker.plan.track.period_s;
-    let median = others.median_ratio(period::index_of(observation.start, period_s), period_s);
     let ratio = &relative.ratio;
     let measured = ratio.mean - 1.0;
     let record_sd = relative.record_sd * ratio.mean;
-    let (change, change_sd) = watch.change_of(end.days(), measured, record_sd, Some(&filtered), median)?;
+    let (change, change_sd) = watch.change_of(end.days(), measured, record_sd, Some(&filtered))?;
     // The record's own error is in both; what is left of the ratio's is the particles', which grows with the change.
     let static_sd = (ratio.sd * ratio.sd - record_sd * record_sd).max(0.0).sqrt();
     let sd = change_sd.hypot(static_sd);

@@ -1,5 +1,7 @@
 //! Everything remembered of one rod from record to record.
 
+use super::Kind;
+use super::Observation;
 use super::alarm::{Alarm, Watches};
 use super::baseline::Baseline;
 use super::drift::Filters;
@@ -8,7 +10,6 @@ use super::period::{self, Pending, Period};
 use super::plausibility::Plausibility;
 use super::thermometer::Thermometer;
 use super::watch::DriftWatch;
-use super::{Kind, LogMode, Observation};
 use crate::record::{Reading, RodId, Timestamp};
 use serde::{Deserialize, Serialize};
 
@@ -93,8 +94,6 @@ pub struct State {
     pub thermometer: Thermometer,
     /// Start of the latest record that was believed.
     pub latest: Option<Timestamp>,
-    /// The modes of the latest record that was believed.
-    pub latest_modes: Vec<LogMode>,
 }
 
 impl State {
@@ -123,7 +122,6 @@ impl State {
             plausibility: Plausibility::default(),
             thermometer: Thermometer::default(),
             latest: None,
-            latest_modes: Vec::new(),
         }
     }
 

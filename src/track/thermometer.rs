@@ -1,7 +1,16 @@
 //! Temperature readings that cannot be what they claim: another unit, a broken wire, a thermometer that stands still.
+//!
+//! * `standstill` dead thermometers, by the law of the thermometer's own standstills
+//! * [`pair`]     two thermometers of one site that move apart
+//! * [`common`]   rods that move together as a wrong thermometer would make them
+
+pub mod common;
+pub mod pair;
+mod standstill;
 
 use crate::record::{Reading, Timestamp};
 use serde::{Deserialize, Serialize};
+use standstill::{Standstill, Still};
 
 /// Temperatures of no rod in a building \[degC\].
 const POSSIBLE_C: std::ops::RangeInclusive<f64> = -60.0..=90.0;
@@ -14,23 +23,19 @@ const SILENT_K_PER_DAY: f64 = 0.5;
 const DOUBTED_K_PER_DAY: f64 = 0.1;
 const MOST_K: f64 = 45.0;
 
-/// A reading that never changes is doubted after this long \[s\], and after that many times the longest standstill
-/// that ended so far; no fewer readings than these.
-const STILL_S: f64 = 2.0 * 86_400.0;
-const STILL_TIMES: f64 = 3.0;
-const STILL_READINGS: usize = 5;
-
-/// What is remembered to judge the next reading.
+/// Memory with which the next reading is judged.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Thermometer {
     /// The last reading that was believed.
     last: Option<Reading>,
-    /// Since when readings have lain far from it.
+    /// Time since which readings have lain far from it.
     away: Option<Timestamp>,
-    /// Since when the reading has been exactly the same, and how many there were.
-    still: Option<(Timestamp, usize)>,
-    /// The longest standstill that ended \[s\]; `None` before any has.
-    longest_s: Option<f64>,
+    /// Law of its own standstills.
+    #[serde(default)]
+    standstill: Standstill,
+    /// True while readings of the present standstill wait for what follows, or are not believed.
+    #[serde(default)]
+    is_held: bool,
     /// Why the last reading was not believed.
     doubt: Option<Doubt>,
 }
@@ -41,15 +46,26 @@ pub struct Thermometer {
 pub enum Doubt {
     /// It lies far from the readings before.
     Jump,
-    /// It has not changed for too long.
+    /// It has not changed for longer than this thermometer's readings do.
     Still,
 }
 
 impl Thermometer {
-    /// Whether a reading is believed.
+    /// Judges a reading: true if it is believed.
     pub fn believes(&mut self, reading: &Reading) -> bool {
         self.doubt = self.look(reading);
         self.doubt.is_none()
+    }
+
+    /// The time up to which readings are believed. In a standstill that is rare for this thermometer that is its first reading: those after
+    /// it wait until the temperature changes, and are withdrawn when it is found dead. `None` before any reading.
+    pub fn trusted_until(&self) -> Option<Timestamp> {
+        let last = self.last?.time;
+        Some(if self.is_held {
+            self.standstill.since().unwrap_or(last)
+        } else {
+            last
+        })
     }
 
     /// One clause for people: why there is no temperature.
@@ -57,7 +73,9 @@ impl Thermometer {
         match self.doubt {
             None => "no reading comes",
             Some(Doubt::Jump) => "the temperature jumped: check unit and wiring of the thermometer",
-            Some(Doubt::Still) => "the temperature has not changed for days: check the thermometer",
+            Some(Doubt::Still) => {
+                "the temperature has not changed for longer than it ever should: check the thermometer"
+            }
         }
     }
 
@@ -67,7 +85,7 @@ impl Thermometer {
         }
         let Some(last) = self.last else {
             self.last = Some(*reading);
-            self.still = Some((reading.time, 1));
+            self.standstill.take(reading);
             return None;
         };
         let passed_s = reading.time.seconds_since(last.time);
@@ -83,26 +101,10 @@ impl Thermometer {
         if passed_s <= 0.0 {
             return None;
         }
-        let (since, count) = self.still.unwrap_or((reading.time, 0));
-        if reading.celsius == last.celsius {
-            self.still = Some((since, count + 1));
-            self.last = Some(*reading);
-            let longest_s = self.longest_s?;
-            let still_s = reading.time.seconds_since(since);
-            let is_stuck = count + 1 >= STILL_READINGS && still_s > STILL_S.max(STILL_TIMES * longest_s);
-            return is_stuck.then_some(Doubt::Still);
-        }
-        let still_s = last.time.seconds_since(since);
-        // A standstill that was doubted is no example.
-        let is_example = self
-            .longest_s
-            .is_none_or(|longest_s| still_s <= STILL_S.max(STILL_TIMES * longest_s));
-        if is_example {
-            self.longest_s = Some(self.longest_s.unwrap_or(0.0).max(still_s));
-        }
-        self.still = Some((reading.time, 1));
         self.last = Some(*reading);
-        None
+        let still = self.standstill.take(reading);
+        self.is_held = still != Still::No;
+        (still == Still::Dead).then_some(Doubt::Still)
     }
 }
 
@@ -151,9 +153,12 @@ mod tests {
     fn a_thermometer_that_stands_still_is_told_from_a_room_of_constant_temperature() {
         let mut thermometer = of_a_month();
         let believed = (0..100).filter(|&hour| thermometer.believes(&reading(720.0 + f64::from(hour), 9.0)));
-        assert_eq!(believed.count(), 49);
+        assert_eq!(believed.count(), 11);
         assert!(thermometer.message().contains("not changed"));
+        // All but the first of the equal readings is withdrawn, not only those after it was found.
+        assert_eq!(thermometer.trusted_until(), Some(reading(720.0, 9.0).time));
         assert!(thermometer.believes(&reading(821.0, 9.1)));
+        assert_eq!(thermometer.trusted_until(), Some(reading(821.0, 9.1).time));
         // Constant from the start; later in steps of half a kelvin, each for weeks.
         let mut thermometer = Thermometer::default();
         for hour in 0..3000 {
@@ -170,5 +175,23 @@ mod tests {
         assert_eq!(thermometer, before);
         assert!(!thermometer.believes(&reading(700.0, 60.0)));
         assert!(thermometer.believes(&reading(720.0, 9.0)));
+    }
+
+    /// A state that an earlier version wrote goes on; its standstill is counted anew.
+    #[test]
+    fn a_state_of_an_earlier_version_is_read() {
+        let text =
+            r#"{"last":{"time":0,"celsius":9.0},"away":null,"still":[0,7],"longest_s":7200.0,"doubt":null}"#;
+        let written = text.replace(
+            "\"time\":0",
+            &format!(
+                "\"time\":{}",
+                serde_json::to_string(&reading(0.0, 9.0).time).unwrap()
+            ),
+        );
+        let mut thermometer: Thermometer = serde_json::from_str(&written).unwrap();
+        assert_eq!(thermometer.trusted_until(), Some(reading(0.0, 9.0).time));
+        assert!(!thermometer.believes(&reading(1.0, 60.0)));
+        assert!(thermometer.believes(&reading(2.0, 9.1)));
     }
 }

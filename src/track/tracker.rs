@@ -79,11 +79,7 @@ impl Tracker {
 
     /// This rod as other rods' records are compared with.
     pub fn as_peer(&self) -> Peer {
-        Peer {
-            rod: self.state.rod.clone(),
-            latest: self.state.latest,
-            modes: self.state.latest_modes.clone(),
-        }
+        self.state.plausibility.as_peer(&self.state.rod)
     }
 
     /// Begins a new baseline because somebody asked for it. If records have been older than periods already closed of
@@ -221,6 +217,11 @@ impl Tracker {
     pub(super) fn on_board<R>(&mut self, act: impl FnOnce(&mut Board<'_>) -> R) -> R {
         let state = &mut self.state;
         let mut board = Board::new(&state.rod, state.segment.number, &mut state.alarms);
+        if let Some(rod) = state.plausibility.alike() {
+            board.qualify(format!(
+                "the frequencies are those of rod {rod}, too: either this is so, or the channel carries the signal of {rod}; check which sensor is on which channel"
+            ));
+        }
         let result = act(&mut board);
         self.news.extend(board.into_events());
         result

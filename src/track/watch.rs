@@ -46,6 +46,8 @@ pub struct DriftWatch {
     /// Typical stated error of a period's ratio.
     noise_sd: f64,
     compensated: Option<Compensated>,
+    /// Temperature alone, beside a detector that knows the other rods, too: what a record shows must not wait for them.
+    by_temperature: Option<Compensated>,
     peers: Option<Detector>,
     blind: Detector,
     /// Last ratios of the other rods.
@@ -127,6 +129,7 @@ impl DriftWatch {
             origin,
             noise_sd,
             compensated: None,
+            by_temperature: None,
             peers: None,
             blind: Detector::new(BankPrior::blind(noise_sd)),
             companions: Companions::default(),
@@ -154,7 +157,8 @@ impl DriftWatch {
 
     /// Slope of N_t / N_0 with a temperature that stays, and its standard deviation \[1/K\]; `None` without a temperature.
     pub fn slope(&self) -> Option<(f64, f64)> {
-        let compensated = self.compensated.as_ref().filter(|one| one.knows_temperature)?;
+        let compensated = self.by_temperature.as_ref().or(self.compensated.as_ref())?;
+        let compensated = Some(compensated).filter(|one| one.knows_temperature)?;
         Some(compensated.detector.slope(FILTERS_D.len()))
     }
 
@@ -190,9 +194,17 @@ impl DriftWatch {
             law = compensated.detector.step(&seen);
             at_reference = compensated.change(&seen);
             self.last.temperature = law.is_some();
-            if compensated.detector.periods() == terms.learning_periods {
-                compensated.detector.commission();
-            }
+        }
+        if let Some(alone) = &mut self.by_temperature
+            && let Some(columns) = alone.columns(day, period.filtered_c.as_ref(), None)
+        {
+            alone.detector.set_sparse(is_sparse);
+            alone
+                .level
+                .learn(day, period.delta, &columns, terms.learning_periods);
+            let seen = seen(period, &columns);
+            alone.detector.learn_unwatched(&seen);
+            at_reference = alone.change(&seen);
         }
         if let Some(median) = median {
             let peers = self
@@ -252,16 +264,20 @@ impl DriftWatch {
                 (prior, reference_c)
             }
         };
-        self.compensated = Some(Compensated {
+        let begun = |prior, knows_others| Compensated {
             detector: Detector::new(prior),
             regressors: Regressors {
                 reference_c,
                 origin: period.start.days(),
             },
-            knows_others: knows_others && terms.thermal.is_some(),
+            knows_others,
             knows_temperature: terms.thermal.is_some(),
             level: Level::default(),
-        });
+        };
+        if let Some(thermal) = terms.thermal.filter(|_| knows_others) {
+            self.by_temperature = Some(begun(BankPrior::thermal(self.noise_sd, thermal), false));
+        }
+        self.compensated = Some(begun(prior, knows_others && terms.thermal.is_some()));
     }
 
     fn latch(&mut self, limit: f64) {
@@ -319,10 +335,9 @@ impl DriftWatch {
         ratio: f64,
         sd: f64,
         filtered_c: Option<&[f64; FILTERS_D.len()]>,
-        median: Option<f64>,
     ) -> Option<(f64, f64)> {
-        let compensated = self.compensated.as_ref()?;
-        let columns = compensated.columns(day, filtered_c, median)?;
+        let compensated = self.by_temperature.as_ref().or(self.compensated.as_ref())?;
+        let columns = compensated.columns(day, filtered_c, None)?;
         compensated.change(&Seen {
             day,
             ratio,

@@ -20,7 +20,7 @@ use tirante::track::relative::Misfit;
 use tirante::track::state::Opening;
 use tirante::track::thermal::Thermal;
 use tirante::track::thermometer::Thermometer;
-use tirante::track::{AlarmEvent, Baseline, Kind, LogMode, Period, RodState, Segment, State};
+use tirante::track::{AlarmEvent, Baseline, Kind, Period, RodState, Segment, State};
 
 pub const HOUR_NS: i64 = 3_600_000_000_000;
 pub const CONFIG: &str = "0123456789abcdef";
@@ -161,13 +161,6 @@ pub fn line(outcome: &Outcome) -> String {
 }
 
 pub fn state(rod: &RodId, number: i64) -> State {
-    let modes: Vec<LogMode> = (1..=3)
-        .map(|order| LogMode {
-            order,
-            log_frequency: 1.504_077_396_776_274 + (order as f64).ln() + 1e-5 * number as f64,
-            log_sd: 8.9e-4,
-        })
-        .collect();
     State {
         rod: rod.clone(),
         segment: Segment {
@@ -228,7 +221,6 @@ pub fn state(rod: &RodId, number: i64) -> State {
         thermometer: Thermometer::default(),
         plausibility: Plausibility::default(),
         latest: Some(hour(number)),
-        latest_modes: modes,
     }
 }
 

@@ -165,11 +165,11 @@ fn rod(class: Class, knowledge: Knowledge, rng: &mut ChaCha8Rng) -> Rod {
     }
 }
 
-pub fn resonance(frequency_hz: f64, relative_sd: f64, level_db: f64) -> Resonance {
+fn resonance(frequency_hz: f64, relative_sd: f64, level_db: f64, damping: f64) -> Resonance {
     Resonance {
         frequency_hz,
         frequency_sd_hz: relative_sd * frequency_hz,
-        damping: 0.005,
+        damping,
         damping_log_sd: 0.2,
         peak_to_noise: 10f64.powf(level_db / 10.0),
         evidence: 10.0 * level_db,
@@ -184,6 +184,12 @@ pub fn world(class: Class, knowledge: Knowledge, seed: u64) -> World {
     let name = format!("{class:?} {knowledge:?}");
     let mut rng = random::stream(random::seed(&[b"labels", name.as_bytes()]), seed);
     let rng = &mut rng;
+    let mut dampings = random::stream(random::seed(&[b"dampings", name.as_bytes()]), seed);
+    // Modes of one rod (and of one neighbour) are damped alike within a third, other things each in their own way.
+    let [own, neighbours] = [(); 2].map(|()| log_between(&mut dampings, 7e-4, 0.012));
+    let mut alike = |usual: f64| usual * (0.3 * normal(&mut dampings)).exp();
+    let mut other = random::stream(random::seed(&[b"other dampings", name.as_bytes()]), seed);
+    let mut any = || log_between(&mut other, 0.002, 0.02);
     loop {
         let rod = rod(class, knowledge, rng);
         let place = match class {
@@ -235,7 +241,7 @@ pub fn world(class: Class, knowledge: Knowledge, seed: u64) -> World {
             let sd = error(rng);
             let hz = rod.frequencies[order - 1] * (scatter * normal(rng) + sd * normal(rng)).exp();
             let level = 42.0 - 1.5 * order as f64 + 5.0 * normal(rng) + 20.0 * shape(order).max(0.1).log10();
-            found.push((resonance(hz, sd, level.max(12.0)), Some(order)));
+            found.push((resonance(hz, sd, level.max(12.0), alike(own)), Some(order)));
         }
         let foreign = match class {
             Class::Foreign(count) => count,
@@ -245,7 +251,7 @@ pub fn world(class: Class, knowledge: Knowledge, seed: u64) -> World {
         for _ in 0..foreign {
             let hz = log_between(rng, low_hz, limit_hz.max(1.5 * low_hz));
             let level = between(rng, 15.0, 45.0);
-            found.push((resonance(hz, error(rng), level), None));
+            found.push((resonance(hz, error(rng), level, any()), None));
         }
         match class {
             Class::Neighbour => {
@@ -255,7 +261,7 @@ pub fn world(class: Class, knowledge: Knowledge, seed: u64) -> World {
                 for order in seen.iter().copied().take(count) {
                     let hz = rod.frequencies[order - 1] * factor * (0.005 * normal(rng)).exp();
                     let level = between(rng, 15.0, 35.0);
-                    found.push((resonance(hz, error(rng), level), None));
+                    found.push((resonance(hz, error(rng), level, alike(neighbours)), None));
                 }
             }
             Class::Harmonics => {
@@ -266,7 +272,12 @@ pub fn world(class: Class, knowledge: Knowledge, seed: u64) -> World {
                 for multiple in [2.0, 3.0] {
                     let level = (first_db - between(rng, 8.0, 20.0)).max(10.0);
                     found.push((
-                        resonance(multiple * first * (1.0 + 3e-4 * normal(rng)), 3e-4, level),
+                        resonance(
+                            multiple * first * (1.0 + 3e-4 * normal(rng)),
+                            3e-4,
+                            level,
+                            alike(own),
+                        ),
                         None,
                     ));
                 }
@@ -277,7 +288,10 @@ pub fn world(class: Class, knowledge: Knowledge, seed: u64) -> World {
                 for order in 1..=count {
                     let sd = error(rng);
                     let hz = other.frequencies[order - 1] * (0.003 * normal(rng)).exp();
-                    found.push((resonance(hz, sd, between(rng, 20.0, 40.0)), None));
+                    found.push((
+                        resonance(hz, sd, between(rng, 20.0, 40.0), alike(neighbours)),
+                        None,
+                    ));
                 }
             }
             _ => {}

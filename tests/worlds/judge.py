@@ -26,8 +26,6 @@ from classes import CLASSES
 BATCH = 25
 # What the user of a class has to say besides: of one mode alone orders cannot be told.
 SETTINGS = {"one-mode": "[modes]\ncount = 1\n"}
-# The model is known not to hold where a frequency falls with the amplitude (docs/validation.md): shown, but no coverage is asked.
-EXEMPT = ("softening",)
 
 
 def replayed(program, stem, cache):
@@ -99,7 +97,7 @@ def main():
     with ThreadPoolExecutor(arguments.jobs) as pool:
         parts = list(pool.map(lambda one: judged(arguments, *one, folder, settings), work))
     verdicts = [verdict for part in parts for verdict in part]
-    required = tables.requirements(verdicts, EXEMPT, arguments.few)
+    required = tables.requirements(verdicts, arguments.few)
     lines = tables.by_class(verdicts) + [""]
     if any(v.probability is not None for v in verdicts):
         lines += tables.calibration(verdicts) + [""]

@@ -1,17 +1,18 @@
 //! Evidence of an assignment: the most probable rod, and Laplace's integral around it.
 //!
 //! ```text
-//! ln Z(a) = ln P(rod) + ln P(orders seen) + ln P(k foreign) + sum_foreign ln density
+//! ln Z(a) = ln P(rod) + ln P(orders seen) + ln P(k foreign) + sum_foreign ln density + ln likeness
 //!         - (|q|^2 + |r|^2) / 2 - ln det(H) / 2 - sum_seen ln(s_i sqrt(2 pi)),      H = I + J'J
 //! ```
 //!
 //! with whitened coordinates `q`, residuals `r_i = (ln f_i - ln f_n(q)) / s_i` and the Jacobian `J` of the
 //! residuals at the optimum. The model's discrepancy is itself uncertain: each assignment is scored under the
-//! stated one and under one three times as wide.
+//! stated one and under one four times as wide.
 
 use super::code::Code;
+use super::likeness::Likeness;
 use super::peak::Peak;
-use super::rod::{COORDINATES, Guesses, NO_GUESSES, Point, Rod};
+use super::rod::{COORDINATES, Guesses, NO_GUESSES, Place, Point, Rod};
 use super::visibility::{self, Orders};
 use crate::forward::MAX_ORDERS;
 use nalgebra::{Cholesky, SMatrix, SVector};
@@ -29,6 +30,12 @@ const FOREIGN_MEAN: f64 = 1.2;
 const ALL_FOREIGN_MEAN: f64 = 2.0;
 /// Probability beforehand that the rod is seen at all.
 const ROD: f64 = 0.9;
+/// Whoever strikes strikes the rod: log odds of there being none, beside those of any record. Not per peak, since a decay
+/// may be recognised where there is none.
+const STRUCK: f64 = -8.0;
+/// Foreign peaks beside a struck rod are rare, but where there is one there are often several: no more than this is taken
+/// off for all of them.
+const MOST_STRUCK: f64 = -5.0;
 /// A peak may be an order within so many predictive standard deviations and this much more.
 const NEAR_SD: f64 = 4.0;
 const NEAR: f64 = 0.002;
@@ -53,6 +60,8 @@ pub(super) struct Scene<'a> {
     pub(super) declared: Code,
     /// Orders with a window in which there is no peak: they are nowhere else.
     pub(super) absent: Orders,
+    /// Whether something was struck or let go.
+    pub(super) is_struck: bool,
     /// Whether the first mode is said to be among the peaks.
     pub(super) is_first_seen: bool,
 }
@@ -69,6 +78,8 @@ pub(super) struct Fit {
     pub(super) covariance: Hessian,
     /// Discrepancy it was fitted with, in units of the stated one.
     scale: f64,
+    /// Phases of its frequencies, as first guesses.
+    pub(super) guesses: Guesses,
     /// Orders the band holds, from the first, and those of them that cannot be seen.
     within: usize,
     hidden: Orders,
@@ -116,25 +127,33 @@ impl Scene<'_> {
 
     /// Logarithm of the probability that there is no rod and every peak is foreign.
     pub(super) fn log_no_rod(&self) -> f64 {
-        libm::log(1.0 - ROD) + self.log_foreign(Code::default())
+        let likenesses = self.peaks.iter().map(|peak| peak.likeness);
+        let likeness = likenesses.fold(Likeness::default(), Likeness::with);
+        let struck = if self.is_struck { STRUCK } else { 0.0 };
+        libm::log(1.0 - ROD) + likeness.of_no_rod() + struck + self.log_foreign(Code::default())
     }
 
-    /// Number and places of the foreign peaks.
+    /// Number and places of the foreign peaks, and how alike the modes are.
     fn log_foreign(&self, code: Code) -> f64 {
         let mut count = 0;
-        let mut sum = 0.0;
         let mut modes = 0u16;
+        let mut likeness = Likeness::default();
         for (_, peak) in code.pairs() {
             modes |= 1 << peak;
+            likeness = likeness.with(self.peaks[peak].likeness);
         }
+        let mut sum = likeness.of_rod();
+        let mut struck = 0.0f64;
         for (_, peak) in self.peaks.iter().enumerate().filter(|(i, _)| modes & 1 << i == 0) {
             count += 1;
             // k! beside the product of the densities: the peaks have no order of their own.
             sum += peak.log_foreign + libm::log(f64::from(count));
             if modes != 0 {
-                sum += peak.log_strength;
+                sum += peak.log_beside;
+                struck += peak.log_struck;
             }
         }
+        sum += struck.max(MOST_STRUCK);
         let count = f64::from(count);
         let mean = if modes == 0 {
             ALL_FOREIGN_MEAN
@@ -170,6 +189,7 @@ impl Scene<'_> {
             q: best.q,
             covariance: best.hessian.inverse(),
             scale,
+            guesses,
             within,
             hidden,
         })
@@ -291,8 +311,8 @@ impl Scene<'_> {
     }
 
     /// Predicted ln f of an order under a fit, and its standard deviation without the model's discrepancy.
-    fn predicted(&self, fit: &Fit, order: usize) -> (f64, f64) {
-        let (log, slope) = self.rod.at(&fit.q).log_frequency(order, &mut NO_GUESSES.clone());
+    fn predicted(&self, fit: &Fit, place: &Place, order: usize) -> (f64, f64) {
+        let (log, slope) = place.log_frequency(order, &mut fit.guesses.clone());
         let slope = Vector::from(slope);
         let variance = (slope.transpose() * fit.covariance * slope)[(0, 0)].max(0.0);
         (log, variance.sqrt())
@@ -302,8 +322,9 @@ impl Scene<'_> {
     /// in its place. Each with its log evidence as a linear rod would have it, from the fit's own covariance.
     pub(super) fn neighbours(&self, fit: &Fit) -> Vec<(Code, f64)> {
         let mut found = Vec::new();
+        let place = self.rod.at(&fit.q);
         for order in 1..=MAX_ORDERS {
-            let (log, sd) = self.predicted(fit, order);
+            let (log, sd) = self.predicted(fit, &place, order);
             let own = fit.code.peak_of(order);
             if own.is_none() && log > self.band.1 + NEAR_SD * sd {
                 break;
@@ -352,6 +373,7 @@ impl Scene<'_> {
         coordinate: usize,
         from: &Point,
         value: f64,
+        guesses: &mut Guesses,
     ) -> Option<(f64, Point)> {
         let mut start = *from;
         start[coordinate] = value;
@@ -361,7 +383,7 @@ impl Scene<'_> {
             fit.scale,
             FROM_NEARBY,
             Some(coordinate),
-            &mut NO_GUESSES.clone(),
+            guesses,
         )?;
         Some((-optimum.half_square + optimum.log_volume(), optimum.q))
     }

@@ -16,20 +16,22 @@ pub(super) fn axial_force_n(scene: &Scene<'_>, fit: &Fit) -> Option<[f64; 3]> {
     let centre = fit.q[FORCE];
     let step = REACH * sd / f64::from(SLICES);
     let mut slices = vec![(0.0, f64::NEG_INFINITY); 2 * SLICES as usize + 1];
+    let mut guesses = fit.guesses;
+    let (log, ridge) = scene.log_slice(fit, FORCE, &fit.q, centre, &mut guesses)?;
+    slices[SLICES as usize] = (centre, log);
     for direction in [1, -1] {
-        let mut from = fit.q;
-        for i in 0..=SLICES {
-            let value = centre + f64::from(direction * i) * step;
-            let place = (SLICES + direction * i) as usize;
+        let (mut from, mut guesses) = (ridge, guesses);
+        for i in 1..=SLICES {
             // Along the ridge: all else moves with the force as the covariance says.
-            let moved = value - from[FORCE];
+            let moved = f64::from(direction) * step;
             for (other, coordinate) in from.iter_mut().enumerate() {
                 if other != FORCE && sd > 0.0 {
                     *coordinate += moved * fit.covariance[(other, FORCE)] / (sd * sd);
                 }
             }
-            let (log, at) = scene.log_slice(fit, FORCE, &from, value)?;
-            slices[place] = (value, log);
+            let value = centre + f64::from(i) * moved;
+            let (log, at) = scene.log_slice(fit, FORCE, &from, value, &mut guesses)?;
+            slices[(SLICES + direction * i) as usize] = (value, log);
             from = at;
         }
     }

@@ -17,10 +17,11 @@ const MOST_WRONG_ORDER: f64 = 0.04;
 /// Orders that the force does not use are left out until the rest is this sure.
 const SURE: f64 = 0.995;
 /// Most probability that no rod is seen: where the force is hardly known beforehand, and where it is.
-const MOST_NO_ROD: f64 = 0.008;
+const MOST_NO_ROD: f64 = 0.006;
 const MOST_NO_ROD_KNOWN: f64 = 0.001;
-/// A rod whose first mode is known beforehand to this standard deviation of ln f counts as known.
-const KNOWN_LOG_SD: f64 = 0.2;
+/// A rod whose first mode is known beforehand to this standard deviation of ln f counts as known: by a force stated to 30 %
+/// where section and material are known.
+const KNOWN_LOG_SD: f64 = 0.21;
 /// The same where a person says that the first mode is among the peaks.
 const MOST_NO_ROD_DECLARED: f64 = 0.5;
 /// Candidates told, and the least probability of one after the first.
@@ -119,7 +120,8 @@ impl LabelPlan {
         };
         let is_searched = |hz: f64| (low_hz..=high_hz).contains(&hz) && !is_masked(hz);
         let log_band = libm::log(high_hz / low_hz).max(0.1);
-        let peaks = peaks(resonances, is_searched, log_band, kind);
+        let is_struck = matches!(kind, MotionKind::FreeDecay | MotionKind::FreeDecays);
+        let peaks = peaks(resonances, is_searched, log_band, is_struck);
         let log_masks: Vec<(f64, f64)> = masks
             .iter()
             .map(|mask| (libm::log(mask.low_hz), libm::log(mask.high_hz)))
@@ -137,6 +139,7 @@ impl LabelPlan {
             masks: &log_masks,
             declared,
             absent,
+            is_struck,
             is_first_seen: self.settings.count == 1,
         };
         let told = Told {
@@ -188,7 +191,7 @@ impl Told<'_> {
         };
         if posterior.no_rod > most_no_rod {
             let reason = format!(
-                "with probability {:.2} none of them is the rod's, at most {most_no_rod} is allowed; {}",
+                "with probability {:.4} none of them is the rod's, at most {most_no_rod} is allowed; {}",
                 posterior.no_rod,
                 self.deciding(best.code)
             );

@@ -10,6 +10,7 @@
 //! * `wavenumber`  natural frequencies and their derivatives, warm-started
 //! * `rod`         five whitened coordinates of a rod
 //! * `peak`        the peaks, and what each is worth as a foreign one
+//! * `likeness`    dampings of modes of one rod are alike
 //! * `visibility`  which orders a sensor sees beforehand
 //! * `code`        an assignment as a number
 //! * `search`      candidates from a coarse grid
@@ -22,6 +23,7 @@ mod code;
 mod evidence;
 mod force;
 mod labelling;
+mod likeness;
 mod peak;
 mod posterior;
 mod quantile;

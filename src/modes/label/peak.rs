@@ -1,6 +1,7 @@
 //! The peaks of one record as evidence, and how likely each of them is if it is no mode of the rod.
 
-use super::super::{MotionKind, Resonance};
+use super::super::Resonance;
+use super::likeness::Likeness;
 use std::f64::consts::TAU;
 
 /// Most peaks considered, those of the strongest evidence.
@@ -8,20 +9,20 @@ pub(super) const MOST_PEAKS: usize = 15;
 /// Log odds that a pure line is no mode of the rod: ten to one. Lines are not removed: where eight modes
 /// were mostly taken for lines, the rest was labelled wrongly.
 const LINE_LOG_ODDS: f64 = 2.3;
-/// What rings after a pull or a blow is the rod that was struck, and seldom anything else.
-const STRUCK_LOG_ODDS: f64 = -5.0;
 /// Share of foreign peaks beside stronger ones that are harmonics (quantisation, a sensor driven too far).
 const HARMONIC_SHARE: f64 = 0.3;
 /// Least scatter of a harmonic about its multiple, in ln f.
 const LEAST_HARMONIC_SD: f64 = 5e-4;
 /// So much stronger is a peak than its harmonics \[dB\].
 const HARMONIC_DROP_DB: f64 = 6.0;
-/// Peaks this near the strongest \[dB\] are seldom foreign beside modes, weak ones more often: log odds, and their
-/// rise per dB.
+/// Peaks this near the strongest \[dB\] are seldom foreign beside modes, weak ones more often: log odds, even in dB between.
 const STRONG_DB: f64 = 10.0;
 const STRONG_LOG_ODDS: f64 = -1.0;
+const WEAK_DB: f64 = 30.0;
 const WEAK_LOG_ODDS: f64 = 0.5;
-const WEAKER_PER_DB: f64 = 0.075;
+/// After a pull or a blow strong peaks are hardly ever foreign, since it is the rod that was struck; what a converter or a
+/// skirt makes of a pull is weak.
+const STRUCK_LOG_ODDS: f64 = -5.0;
 
 /// One peak of a record.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -34,8 +35,12 @@ pub(super) struct Peak {
     pub(super) relative_sd: f64,
     /// Log density per unit of ln f if it is foreign, its own odds of being so included.
     pub(super) log_foreign: f64,
-    /// What its strength beside the others adds to that, where the others are modes.
-    pub(super) log_strength: f64,
+    /// What its strength adds to that where other peaks are modes.
+    pub(super) log_beside: f64,
+    /// What is added besides if the rod was struck.
+    pub(super) log_struck: f64,
+    /// Damping ratio, as a sign that it belongs to the others.
+    pub(super) likeness: Likeness,
 }
 
 /// The peaks inside a band, ascending in frequency.
@@ -43,7 +48,7 @@ pub(super) fn peaks(
     resonances: &[Resonance],
     is_searched: impl Fn(f64) -> bool,
     log_band: f64,
-    kind: MotionKind,
+    is_struck: bool,
 ) -> Vec<Peak> {
     let mut chosen: Vec<usize> = (0..resonances.len())
         .filter(|&i| {
@@ -65,25 +70,18 @@ pub(super) fn peaks(
         .filter(|&&i| !resonances[i].line)
         .map(|&i| level_db(i))
         .fold(f64::NEG_INFINITY, f64::max);
-    let is_struck = matches!(kind, MotionKind::FreeDecay | MotionKind::FreeDecays);
     let of = |i: usize| {
         let r = &resonances[i];
         let log_hz = libm::log(r.frequency_hz);
         let relative_sd = r.frequency_sd_hz / r.frequency_hz;
-        let own = r.foreign_log_odds
-            + match r.line {
-                true => (LINE_LOG_ODDS - r.foreign_log_odds).max(0.0),
-                false if is_struck => STRUCK_LOG_ODDS,
-                false => 0.0,
-            };
-        let drop_db = (strongest - level_db(i)).max(0.0);
-        let by_level =
-            (STRONG_LOG_ODDS + WEAKER_PER_DB * (drop_db - STRONG_DB)).clamp(STRONG_LOG_ODDS, WEAK_LOG_ODDS);
-        let by_level = if r.line || !strongest.is_finite() {
-            0.0
+        let own = if r.line {
+            r.foreign_log_odds.max(LINE_LOG_ODDS)
         } else {
-            by_level
+            r.foreign_log_odds
         };
+        let drop_db = strongest - level_db(i);
+        let weakness = ((drop_db - STRONG_DB) / (WEAK_DB - STRONG_DB)).clamp(0.0, 1.0);
+        let is_strong_or_weak = !r.line && strongest.is_finite();
         let mut harmonic = 0.0;
         let mut stronger = 0;
         for &j in chosen
@@ -110,7 +108,15 @@ pub(super) fn peaks(
             log_hz,
             relative_sd,
             log_foreign: libm::log(density) + own,
-            log_strength: by_level,
+            log_beside: match is_strong_or_weak {
+                true => STRONG_LOG_ODDS + weakness * (WEAK_LOG_ODDS - STRONG_LOG_ODDS),
+                false => 0.0,
+            },
+            log_struck: match is_strong_or_weak && is_struck {
+                true => (1.0 - weakness) * STRUCK_LOG_ODDS,
+                false => 0.0,
+            },
+            likeness: Likeness::of(r),
         }
     };
     chosen.iter().map(|&i| of(i)).collect()

@@ -6,9 +6,6 @@ use super::rod::{COORDINATES, Point};
 use super::search::Grid;
 use std::collections::BTreeSet;
 
-/// Suggestions fitted, and how far below the best of them one may score.
-const FITTED: usize = 24;
-const FITTED_WITHIN: f32 = 14.0;
 /// An assignment this near the best (nats) is varied.
 const VARIED_WITHIN: f64 = 7.5;
 /// Most assignments fitted.
@@ -99,14 +96,7 @@ impl Exploration<'_> {
             &declared,
         );
         self.try_code(scene.declared, &[0.0; COORDINATES], false);
-        let Some(best) = suggestions.first() else { return };
-        let least = best.score - FITTED_WITHIN;
-        for (i, suggestion) in suggestions
-            .iter()
-            .enumerate()
-            .take(FITTED)
-            .take_while(|(_, s)| s.score > least)
-        {
+        for (i, suggestion) in suggestions.iter().enumerate() {
             // Parts of better suggestions are found by leaving orders out.
             if suggestions
                 .iter()

@@ -162,9 +162,6 @@ fn quantile(prior: &Prior, q: f64) -> f64 {
     let normal = Normal::standard();
     match *prior {
         Prior::Fixed { value } => value,
-        Prior::Uniform { low, high } => low + (high - low) * normal.cdf(q),
-        Prior::LogUniform { low, high } => low * libm::exp(libm::log(high / low) * normal.cdf(q)),
-        Prior::Fixity(fixity) => fixity.at_share(normal.cdf(q)),
         Prior::LogNormal { median, log_sd } => median * libm::exp(log_sd * q),
         Prior::TruncatedNormal { mean, sd } => {
             // Of the share above zero, so much is above: the far tail keeps its digits.
@@ -177,6 +174,7 @@ fn quantile(prior: &Prior, q: f64) -> f64 {
             };
             (mean + sd * z).max(0.0)
         }
+        bounded => bounded.at_share(normal.cdf(q)).unwrap_or(f64::NAN),
     }
 }
 
@@ -186,18 +184,6 @@ fn shares(prior: &Prior, value: f64) -> (f64, f64) {
     match *prior {
         Prior::Fixed { value: fixed } if value < fixed => (0.0, 1.0),
         Prior::Fixed { .. } => (1.0, 0.0),
-        Prior::Uniform { low, high } => {
-            let below = ((value - low) / (high - low)).clamp(0.0, 1.0);
-            (below, 1.0 - below)
-        }
-        Prior::LogUniform { low, high } => {
-            let below = (libm::log(value / low) / libm::log(high / low)).clamp(0.0, 1.0);
-            (below, 1.0 - below)
-        }
-        Prior::Fixity(fixity) => {
-            let below = fixity.share(value).clamp(0.0, 1.0);
-            (below, 1.0 - below)
-        }
         Prior::LogNormal { median, log_sd } => {
             let z = libm::log(value / median) / log_sd;
             (normal.cdf(z), normal.cdf(-z))
@@ -207,6 +193,12 @@ fn shares(prior: &Prior, value: f64) -> (f64, f64) {
             let above = (normal.cdf(-z) / normal.cdf(mean / sd)).min(1.0);
             let below = (normal.cdf(z) - normal.cdf(-mean / sd)) / normal.cdf(mean / sd);
             (below.max(0.0), above)
+        }
+        bounded => {
+            let below = bounded
+                .share(value)
+                .map_or(f64::NAN, |share| share.clamp(0.0, 1.0));
+            (below, 1.0 - below)
         }
     }
 }

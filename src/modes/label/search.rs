@@ -34,8 +34,9 @@ const SCATTER: f64 = 0.022;
 const MISS: f32 = 0.7;
 /// Most bins of a band: twenty-two powers of e.
 const MOST_BINS: i32 = 20_000;
-/// Candidates kept.
-const KEPT: usize = 32;
+/// Candidates kept, and how far below the best of them one may score.
+const KEPT: usize = 24;
+const KEPT_WITHIN: f32 = 14.0;
 
 /// The coarse grid of one rod.
 #[derive(Debug, Clone)]
@@ -159,7 +160,7 @@ impl Grid {
             .collect();
         let least_hits = peaks.len().min(2);
         let mut kept: Vec<Suggestion> = Vec::with_capacity(KEPT + 1);
-        let mut limit = f32::NEG_INFINITY;
+        let (mut limit, mut top) = (f32::NEG_INFINITY, f32::NEG_INFINITY);
         for node in &self.nodes {
             let spectrum = &self.spectra[node.spectrum as usize];
             let mut prior = -node.penalty;
@@ -187,14 +188,17 @@ impl Grid {
                 Some(other) => *other = suggestion,
                 None => kept.push(suggestion),
             }
+            top = top.max(best);
+            limit = limit.max(top - KEPT_WITHIN);
             if kept.len() > KEPT {
                 let worst = worst(&kept);
                 kept.swap_remove(worst);
             }
             if kept.len() == KEPT {
-                limit = kept[worst(&kept)].score;
+                limit = limit.max(kept[worst(&kept)].score);
             }
         }
+        kept.retain(|suggestion| suggestion.score >= limit);
         kept.sort_by(|a, b| b.score.total_cmp(&a.score).then(a.code.cmp(&b.code)));
         kept
     }
@@ -236,7 +240,7 @@ impl Gains {
         table.gains[count as usize] = 0.0;
         for (i, peak) in peaks.iter().enumerate() {
             let variance = SCATTER * SCATTER + peak.relative_sd * peak.relative_sd + spread * spread;
-            let foreign = peak.log_foreign + peak.log_strength + log_foreign_rate;
+            let foreign = peak.log_foreign + peak.log_beside + peak.log_struck + log_foreign_rate;
             let top = -0.5 * libm::log(TAU * variance) - foreign;
             let reach = (2.0 * variance * (top + f64::from(MISS)).max(0.0)).sqrt();
             let low = ((peak.log_hz - reach) / BIN).ceil() as i32 - first;
@@ -265,7 +269,12 @@ impl Gains {
     fn most(&self, spectrum: &[i32; MAX_ORDERS], shift: i32) -> f32 {
         let (mut sum, mut best) = (0.0f32, 0.0f32);
         for bin in spectrum {
-            sum += self.gains[self.slot(bin + shift)];
+            let bin = bin + shift;
+            // The orders ascend: all that follow lie above the band.
+            if bin >= self.peaks.len() as i32 {
+                break;
+            }
+            sum += self.gains[self.slot(bin)];
             best = best.max(sum);
         }
         best

@@ -1,0 +1,96 @@
+//! Softening shared by the modes of a record: how far their frequencies move with amplitude.
+//!
+//! How much one decay tells of its own softening `b` depends on its level and its damping; that rods soften at all, and
+//! about how much, all decays of a record tell together. The `b` are normal about zero with a standard deviation
+//! `tau` that is itself unknown, even in its logarithm. A record whose clearest modes keep their frequency to 1e-6
+//! so vouches for its weak ones, and one whose clearest mode falls by 0.1 % widens the errors of all.
+
+use super::fit::Fit;
+
+/// Standard deviation of the softening while a decay is fitted: wider than anything believed.
+pub(super) const FIT_SD: f64 = 1e-3;
+/// Smallest and largest `tau`: less than the cleanest decay shows, and what a rod in service hardly exceeds.
+const TAUS: (f64, f64) = (1e-6, 1e-3);
+/// Values of `tau`, a factor of 1.5 apart.
+const STEPS: usize = 18;
+
+/// What a decay alone tells of its softening.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Softening {
+    /// Share by which the frequency is lower at the decay's beginning, with [`FIT_SD`] beforehand.
+    pub share: f64,
+    /// Its variance.
+    pub variance: f64,
+    /// Change of the frequency with it \[Hz\].
+    pub slope_hz: f64,
+}
+
+impl Softening {
+    /// Value and precision without what was believed beforehand.
+    fn seen(&self) -> (f64, f64) {
+        let precision = (1.0 / self.variance - FIT_SD.powi(-2)).max(1e-3 * FIT_SD.powi(-2));
+        (self.share / (self.variance * precision), precision)
+    }
+}
+
+/// Probabilities of `tau`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Scale {
+    taus: Vec<(f64, f64)>,
+}
+
+impl Scale {
+    /// From all decays of a record.
+    pub fn of<'a>(all: impl Iterator<Item = &'a Softening> + Clone) -> Self {
+        let ratio = (TAUS.1 / TAUS.0).powf(1.0 / (STEPS - 1) as f64);
+        let mut taus: Vec<(f64, f64)> = (0..STEPS)
+            .map(|i| {
+                let tau = TAUS.0 * ratio.powi(i as i32);
+                let log: f64 = all
+                    .clone()
+                    .map(|one| {
+                        let (value, precision) = one.seen();
+                        let variance = 1.0 / precision + tau * tau;
+                        -0.5 * (variance.ln() + value * value / variance)
+                    })
+                    .sum();
+                (tau, log)
+            })
+            .collect();
+        let most = taus.iter().map(|t| t.1).fold(f64::NEG_INFINITY, f64::max);
+        let total: f64 = taus.iter().map(|t| (t.1 - most).exp()).sum();
+        for (_, log) in &mut taus {
+            *log = (*log - most).exp() / total;
+        }
+        Self { taus }
+    }
+
+    /// Mean and variance of one decay's softening, and how much of the variance it shares with the other decays of
+    /// its mode: what the prior, not the decay, decides.
+    fn posterior(&self, one: &Softening) -> (f64, f64, f64) {
+        let (value, precision) = one.seen();
+        let (mut mean, mut square, mut shared) = (0.0, 0.0, 0.0);
+        for &(tau, weight) in &self.taus {
+            let prior = tau.powi(-2);
+            let variance = 1.0 / (precision + prior);
+            let at = value * precision * variance;
+            mean += weight * at;
+            square += weight * (variance + at * at);
+            shared += weight * variance * variance * prior;
+        }
+        (mean, (square - mean * mean).max(0.0), shared)
+    }
+
+    /// The fit with its frequency at zero amplitude, whatever its softening is.
+    pub fn settle(&self, fit: &mut Fit) {
+        let Some(softening) = fit.softening else { return };
+        let (mean, variance, shared) = self.posterior(&softening);
+        let r = &mut fit.resonance;
+        let shared = shared.min(variance);
+        r.frequency_hz += softening.slope_hz * (mean - softening.share);
+        r.frequency_sd_hz = r
+            .frequency_sd_hz
+            .hypot(softening.slope_hz * (variance - shared).sqrt());
+        fit.shared_sd_hz = softening.slope_hz.abs() * shared.sqrt();
+    }
+}

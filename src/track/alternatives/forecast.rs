@@ -1,0 +1,78 @@
+//! More records or more modes that would decide whether it is the axial force.
+
+use super::evidence::Seen;
+use super::explained::is_axial;
+use super::response::{Alternatives, Modes};
+use super::{Kind, MeanShift};
+use nalgebra::{DMatrix, DVector};
+use serde::{Deserialize, Serialize};
+
+/// Multiples of the records there are that are thought of, ascending.
+const TIMES: [usize; 5] = [2, 4, 8, 16, 64];
+/// Particles are thinned by this for a forecast.
+const STRIDE: usize = 4;
+
+/// Measurements that would decide for or against the axial force.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Needed {
+    /// About so many more records of the same modes.
+    Records(usize),
+    /// These modes besides, each measured as well as the others.
+    Modes(Vec<usize>),
+}
+
+impl Alternatives {
+    /// Measurements that decide whichever of the expected shifts is true: that of the force, or that of its best rival.
+    pub(super) fn needed(&self, shift: &MeanShift, expected: &[Modes]) -> Vec<Needed> {
+        let decides = |orders: &[usize], covariance: &DMatrix<f64>| {
+            expected.iter().all(|expected| {
+                let seen = Seen {
+                    orders: orders.to_vec(),
+                    shift: DVector::from_iterator(
+                        orders.len(),
+                        orders.iter().map(|order| expected[order - 1]),
+                    ),
+                    covariance: covariance.clone(),
+                };
+                self.weigh(&seen, STRIDE).is_some_and(|found| {
+                    found
+                        .iter()
+                        .any(|one| one.kind == Kind::Force && is_axial(one.probability).is_some())
+                })
+            })
+        };
+        let mut needed = Vec::new();
+        let after = |times: usize| &shift.falling / times as f64 + &shift.fixed;
+        // The largest tells whether it is worth looking.
+        if decides(&shift.orders, &after(TIMES[TIMES.len() - 1])) {
+            let times = TIMES
+                .into_iter()
+                .find(|times| decides(&shift.orders, &after(*times)));
+            needed.extend(times.map(|times| Needed::Records((times - 1) * shift.records)));
+        }
+        let more: Vec<usize> = (1..=self.modes)
+            .filter(|order| !shift.orders.contains(order))
+            .collect();
+        if more.is_empty() {
+            return needed;
+        }
+        let known = shift.orders.len();
+        let orders: Vec<usize> = shift.orders.iter().chain(&more).copied().collect();
+        let now = &shift.falling + &shift.fixed;
+        let usual = now.trace() / known as f64;
+        let covariance = DMatrix::from_fn(orders.len(), orders.len(), |a, b| {
+            if a < known && b < known {
+                now[(a, b)]
+            } else if a == b {
+                usual
+            } else {
+                0.0
+            }
+        });
+        if decides(&orders, &covariance) {
+            needed.push(Needed::Modes(more));
+        }
+        needed
+    }
+}

@@ -1,0 +1,150 @@
+"""What `tirante track --json` said of one site, held against the truth."""
+
+import math
+from dataclasses import dataclass, field
+from datetime import datetime
+
+import numpy as np
+
+DAY_S = 86400.0
+# The first charted year: after two months, for a year.
+CHARTED = (60.0, 425.0)
+# A found change has had so long to be sized [days].
+SIZED_AFTER = 10.0
+
+
+@dataclass
+class Rod:
+    """One rod judged."""
+
+    world: str
+    site: int
+    rod: str
+    changes: bool
+    change_day: float
+    # Days since the first record's day on which alarms were raised, by kind, in the order they were told: (told, raised).
+    raised: dict = field(default_factory=dict)
+    confirmed: list = field(default_factory=list)
+    records: int = 0
+    set_aside: dict = field(default_factory=dict)
+    rejected: int = 0
+    # (day, truth inside, deviation in stated standard deviations, stated sd) of the change since commissioning.
+    coverage: list = field(default_factory=list)
+    size_held: bool = None
+    onset_held: bool = None
+    # Whether a drift says plainly that the axial force changed.
+    claims_force: bool = False
+    state: str = ""
+    alarms: tuple = ()
+    # Days the figure shown at the end is behind the last record, and its error; None without a figure.
+    stale: float = None
+
+    def told(self, kind, low=-math.inf, high=math.inf):
+        """The day on which this kind was first told within a stretch of days; none if it was not."""
+        days = [day for day, _ in self.raised.get(kind, []) if low <= day < high]
+        return min(days) if days else None
+
+
+    def delay(self, kind):
+        """Days from the change to the record that told this kind; infinite if none did."""
+        day = self.told(kind, self.change_day)
+        return math.inf if day is None else day - self.change_day
+
+
+def day_of(start, text):
+    return (datetime.fromisoformat(text.replace("Z", "+00:00")) - start).total_seconds() / DAY_S
+
+
+def judge(site, index, lines):
+    """The verdicts on a site's rods: `site` the truth (series.Site), `lines` the JSON objects of `tirante track`."""
+    world = site.world
+    start = site.start
+    found = []
+    for number, name in enumerate(site.names):
+        changes = world.changes and number == 0
+        own = [(day_of(start, line["start"]), line) for line in lines if line["rod"] == name]
+        verdict = Rod(world.name, index, name, changes, world.change.day, records=len(own))
+        for day, line in own:
+            if line.get("rejection"):
+                verdict.rejected += 1
+            if line.get("set_aside"):
+                reason = line["set_aside"]
+                verdict.set_aside[reason] = verdict.set_aside.get(reason, 0) + 1
+            for event in line["events"]:
+                if event["what"] == "raised":
+                    verdict.raised.setdefault(event["kind"], []).append((day, day_of(start, event["time"])))
+            verdict.claims_force |= changes and day >= world.change.day and any(map(claims_force, line["alarms"]))
+            if any(is_confirmed(alarm) for alarm in line["alarms"]):
+                verdict.confirmed.append(day)
+        shown = [(day, line) for day, line in own if line.get("relative_force_at_reference")]
+        wanted = [at for at in (120.0, world.days - 0.5) if at < world.days]
+        if changes:
+            wanted = [world.change.day + 60.0]
+        for at in wanted:
+            before = [(day, line) for day, line in shown if at - 7.0 < day <= at]
+            if before:
+                verdict.coverage.append(held(site, number, *before[-1]))
+        if own:
+            last_day, last = own[-1]
+            verdict.state = last["state"]
+            verdict.alarms = tuple(sorted({alarm["kind"] for alarm in last["alarms"] if not alarm["cleared"]}))
+            if shown:
+                verdict.stale = last_day - shown[-1][0]
+        if changes and world.change.springs == 1.0 and world.change.mass == 1.0:
+            look_at_change(site, number, own, verdict)
+        found.append(verdict)
+    return found
+
+
+def is_confirmed(alarm):
+    """Whether a drift is one that the other rods confirm; versions without that grade confirm none."""
+    return alarm["kind"] == "drift" and "the other rods confirm that" in alarm["message"]
+
+
+def claims_force(alarm):
+    """Whether a drift names the axial force and nothing else that could be the cause."""
+    return alarm["kind"] == "drift" and alarm["message"].startswith("the axial force")
+
+
+def truth(site, number, day, reference_c):
+    """N over the mean N of the baseline, both at the reference temperature, without what fluctuates."""
+    steady = float(site.steady(number, reference_c))
+    if not site.world.changes or number != 0:
+        return 1.0
+    change = site.world.change
+    learned = float(change.at(np.arange(site.world.baseline) + 0.5).mean())
+    return (steady + float(change.at(day))) / (steady + learned)
+
+
+def held(site, number, day, line):
+    stated = line["relative_force_at_reference"]
+    real = truth(site, number, day, line["reference_temperature_c"])
+    return (
+        day,
+        stated["q025"] <= real <= stated["q975"],
+        (stated["mean"] - real) / stated["sd"],
+        stated["sd"],
+    )
+
+
+def look_at_change(site, number, own, verdict):
+    """Size and onset of the first drift told after the change, as stated `SIZED_AFTER` days later."""
+    change = site.world.change
+    first = verdict.told("drift", change.day)
+    if first is None:
+        return
+    later = [(day, line) for day, line in own if first <= day <= first + SIZED_AFTER]
+    stated = [
+        (day, alarm["change"])
+        for day, line in later
+        for alarm in line["alarms"]
+        if alarm["kind"] == "drift" and alarm.get("change")
+    ]
+    if not stated:
+        return
+    day, said = stated[-1]
+    # As a share of N_0, the mean of the baseline: within a per cent of the size that of N at the reference.
+    size = float(change.at(day))
+    verdict.size_held = said["size"]["q025"] <= size <= said["size"]["q975"]
+    onset = [day_of(site.start, said[key]) for key in ("onset_q025", "onset_q975")]
+    verdict.onset_held = onset[0] <= change.day <= onset[1]

@@ -7,7 +7,6 @@ use tirante::analysis::AnalysisSettings;
 use tirante::config::Config;
 use tirante::emulator::ReducedModel;
 use tirante::synthesis::{Change, FrequencyErrors, Measured, SimulatedRod, Simulation, history};
-use tirante::track::chart::Design;
 use tirante::track::{
     AlarmSettings, Input, Kind, Observation, TrackPlan, TrackSettings, Tracker, Verdict, What,
 };
@@ -75,7 +74,6 @@ impl Scenario {
             Arc::new(ReducedModel::new(*self.analysis.prior.parameterisation())),
             self.track.clone(),
             self.alarm.clone(),
-            design(),
             key.to_owned(),
         ))
     }
@@ -85,13 +83,6 @@ impl Scenario {
         let verdicts = follow_on(&mut tracker, observations);
         (tracker, verdicts)
     }
-}
-
-/// The default charts, solved once.
-fn design() -> Design {
-    static DESIGN: OnceLock<Design> = OnceLock::new();
-    let alarm = AlarmSettings::default();
-    *DESIGN.get_or_init(|| Design::new([alarm.step_k, alarm.ramp_k], alarm.arl0_years * 365.2425))
 }
 
 pub fn follow_on(tracker: &mut Tracker, observations: &[Observation]) -> Vec<Verdict> {

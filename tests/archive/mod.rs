@@ -157,6 +157,7 @@ pub fn line(outcome: &Outcome) -> String {
             rejected.start.unwrap(),
             CONFIG
         ),
+        Outcome::Tabulated(_) => unreachable!("the archive holds records"),
     }
 }
 

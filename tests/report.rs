@@ -150,11 +150,11 @@ fn whatever_is_missing_the_page_is_whole() {
     }
     for (_, period) in &mut uncompensated.periods {
         period.charted = None;
-        period.lagged_c = None;
+        period.filtered_c = None;
     }
     let html = checked(&one(uncompensated));
     assert!(html.contains("not compensated for temperature") && html.contains("uncompensated"));
-    assert!(!html.contains("Control charts"));
+    assert!(!html.contains("Evidence of a change"));
 
     let mut refused = RodReport::new("refused");
     refused.rejections.push(RejectionCount {

@@ -144,7 +144,7 @@ fn a_record_twice_is_refused_and_leaves_no_trace() {
     assert!(commit(&mut store, &now).is_err());
     assert_eq!(store.dump().unwrap(), dump);
     // What would read back as something else is refused, not written.
-    now.thermal.last_c = f64::NAN;
+    now.open[0].delta = f64::NAN;
     let error = store
         .commit(&Commit {
             rod: Some(RodRow {
@@ -157,12 +157,12 @@ fn a_record_twice_is_refused_and_leaves_no_trace() {
         })
         .unwrap_err();
     assert!(
-        matches!(&error, StoreError::Unkeepable { what, .. } if what == "thermal"),
+        matches!(&error, StoreError::Unkeepable { what, .. } if what == "open"),
         "{error}"
     );
     assert_eq!(store.dump().unwrap(), dump);
     // And the next good commit writes everything that the refused ones did not.
-    now.thermal.last_c = 1.5;
+    now.open[0].delta = 1.5;
     store
         .commit(&Commit {
             rod: Some(RodRow {

@@ -88,7 +88,7 @@ impl Desk {
             .unwrap()
             .commit(&Commit {
                 rod: Some(RodRow {
-                    state: &State::new(rod, "key".into(), vec![0.0]),
+                    state: &State::new(rod, "key".into()),
                     stands: &RodState::Alarm,
                     closed: &[],
                     events: &[event],

@@ -14,11 +14,11 @@ use tirante::spectrum::Spectrum;
 use tirante::store::{Commit, Position, RecordRow, RodRow, SnapshotRow, Store};
 use tirante::track::alarm::{Board, Watches};
 use tirante::track::baseline::BaselineMode;
-use tirante::track::period::{Charted, Pending};
+use tirante::track::drift::Filters;
+use tirante::track::period::{Charted, Evidence, Pending};
 use tirante::track::plausibility::Plausibility;
 use tirante::track::relative::Misfit;
 use tirante::track::state::Opening;
-use tirante::track::thermal::Thermal;
 use tirante::track::thermometer::Thermometer;
 use tirante::track::{AlarmEvent, Baseline, Kind, Period, RodState, Segment, State};
 
@@ -203,26 +203,26 @@ pub fn state(rod: &RodId, number: i64) -> State {
             };
             6
         ],
-        thermal: Thermal {
-            lags_s: vec![0.0, 3600.0],
-            first: Some(hour(0)),
-            unbroken: None,
-            time: Some(hour(number)),
-            last_c: 12.3,
-            lagged_c: vec![12.3, 12.1],
-        },
-        regression: None,
-        charts: None,
-        frozen: Vec::new(),
+        filters: filters(number),
+        watch: None,
+        early: None,
         closed: Some(number.div_euclid(24)),
         periods: Vec::new(),
         alarms: Vec::new(),
         watches: Watches::default(),
-        whiteness: None,
         thermometer: Thermometer::default(),
         plausibility: Plausibility::default(),
         latest: Some(hour(number)),
     }
+}
+
+/// Low passes after some hours of readings.
+pub fn filters(number: i64) -> Filters {
+    let mut filters = Filters::default();
+    for past in (0..6).rev() {
+        filters.push(hour(number - past).days(), 12.0 + 0.1 * past as f64);
+    }
+    filters
 }
 
 pub fn misfit() -> Vec<Misfit> {
@@ -242,7 +242,8 @@ pub fn period(index: i64) -> Period {
         records: 24,
         delta: -1e-3 / 3.0,
         delta_sd: 4e-4,
-        lagged_c: Some(vec![12.3, 12.1]),
+        filtered_c: filters(24 * index).at(hour(24 * index).days()),
+        lagged_c: None,
         misfit: misfit(),
         not_axial_p: 0.61,
         charted: (index % 2 == 0).then_some(Charted {
@@ -250,10 +251,14 @@ pub fn period(index: i64) -> Period {
             expected_sd: 3e-3,
             residual: -1.5,
             leverage: 0.1,
-            at_reference: -2e-3,
-            at_reference_sd: 1e-3,
+            at_reference: Some(-2e-3),
+            at_reference_sd: Some(1e-3),
             temperature_c: Some(12.2),
-            cusum: Some([[0.0, 1.0], [0.25, 2.5]]),
+            evidence: Evidence {
+                compensated: Some(0.25),
+                peers: None,
+                blind: Some(2.5),
+            },
         }),
     }
 }

@@ -7,7 +7,7 @@ use tirante::plot::view::{RecordPoint, RejectionCount, RodReport, SegmentReport,
 use tirante::record::{Envelope, RodId, Timestamp};
 use tirante::snapshot::{Curve, Density, PeakMark, Reason, Snapshot};
 use tirante::track::change::Change;
-use tirante::track::period::Charted;
+use tirante::track::period::{Charted, Evidence};
 use tirante::track::{Alarm, Interval, Kind, Period, RodState};
 
 pub const HOUR: i64 = 3600;
@@ -250,7 +250,7 @@ pub fn rod(id: &str, count: usize, step: i64, seed: u64) -> RodReport {
             set_aside: None,
         });
     }
-    let mut sums = [[0.0_f64; 2]; 2];
+    let mut evidence = 1e-3_f64;
     let days = end / DAY;
     for day in 0..days {
         let at = day * DAY;
@@ -262,10 +262,7 @@ pub fn rod(id: &str, count: usize, step: i64, seed: u64) -> RodReport {
         let thermal = SLOPE * (temperature - REFERENCE);
         let delta = thermal - lost(at) + 0.002 * noise(i, seed + 9);
         let residual = (delta - thermal) / 0.0022;
-        for (sums, k) in sums.iter_mut().zip([0.5, 0.125]) {
-            sums[0] = (sums[0] + residual - k).max(0.0);
-            sums[1] = (sums[1] - residual - k).max(0.0);
-        }
+        evidence = (evidence * (0.5 * residual * residual).exp() * 0.5 + 1e-4).min(1e6);
         report.periods.push((
             1,
             Period {
@@ -274,7 +271,8 @@ pub fn rod(id: &str, count: usize, step: i64, seed: u64) -> RodReport {
                 records: 1,
                 delta,
                 delta_sd: 0.002,
-                lagged_c: Some(vec![temperature]),
+                filtered_c: Some([temperature; 6]),
+                lagged_c: None,
                 misfit: vec![],
                 not_axial_p: 0.4,
                 charted: (day >= 10).then_some(Charted {
@@ -282,17 +280,20 @@ pub fn rod(id: &str, count: usize, step: i64, seed: u64) -> RodReport {
                     expected_sd: 0.0022,
                     residual,
                     leverage: 0.03,
-                    at_reference: delta - thermal,
-                    at_reference_sd: 0.0022,
+                    at_reference: Some(delta - thermal),
+                    at_reference_sd: Some(0.0022),
                     temperature_c: Some(temperature),
-                    cusum: (day >= 40).then_some(sums),
+                    evidence: Evidence {
+                        compensated: Some(evidence),
+                        peers: None,
+                        blind: None,
+                    },
                 }),
             },
         ));
     }
     report.state = Some(RodState::Monitoring);
     report.motion_unit = Some("m".to_owned());
-    report.limits = Some([5.07, 11.3]);
     report.thermal = Some(ThermalLine {
         slope_per_k: SLOPE,
         slope_sd_per_k: 0.0001,
@@ -324,6 +325,7 @@ pub fn rod(id: &str, count: usize, step: i64, seed: u64) -> RodReport {
         report.state = Some(RodState::Alarm);
         let raised = onset + (end - onset) / 4;
         report.alarms.push(Alarm {
+            witness: None,
             id: "1a2b3c".to_owned(),
             rod: RodId(id.to_owned()),
             kind: Kind::NoData,
@@ -335,6 +337,7 @@ pub fn rod(id: &str, count: usize, step: i64, seed: u64) -> RodReport {
             told: time(172 * DAY),
         });
         report.alarms.push(Alarm {
+            witness: None,
             id: "4d5e6f".to_owned(),
             rod: RodId(id.to_owned()),
             kind: Kind::Drift,

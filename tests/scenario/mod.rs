@@ -2,7 +2,7 @@
 #![allow(dead_code, missing_docs)]
 
 use std::path::Path;
-use std::sync::{Arc, OnceLock};
+use std::sync::Arc;
 use tirante::analysis::AnalysisSettings;
 use tirante::config::Config;
 use tirante::emulator::ReducedModel;

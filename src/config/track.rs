@@ -15,6 +15,8 @@ const HOUR_S: f64 = 3600.0;
 /// The section.
 pub(super) fn read(table: &mut Table<'_>) -> TrackSettings {
     let default = TrackSettings::default();
+    // A key of versions before, which knew one lag: lags are learned, whatever they are.
+    table.ignore(&["thermal_lag_h"]);
     TrackSettings {
         baseline_records: table.integer(
             key("baseline_records", "accepted records that make up the baseline"),
@@ -25,7 +27,7 @@ pub(super) fn read(table: &mut Table<'_>) -> TrackSettings {
         learning_periods: table.integer(
             key(
                 "learning_periods",
-                "periods that teach the temperature regression before anything is charted, the baseline's included",
+                "periods that teach what temperature does, the baseline's included: the level of changes is their mean, and limits count from then on",
             ),
             10,
             10_000,
@@ -33,7 +35,7 @@ pub(super) fn read(table: &mut Table<'_>) -> TrackSettings {
         ) as usize,
         period_s: HOUR_S
             * table.number(
-                key("period_h", "length of a period: the records in it make one statistic of the charts [h]"),
+                key("period_h", "length of a period: the records in it make one statistic of the drift watch [h]"),
                 Range::within(1.0, 744.0),
                 default.period_s / HOUR_S,
             ),
@@ -60,7 +62,7 @@ pub(super) fn read(table: &mut Table<'_>) -> TrackSettings {
         temperature: table.choice(
             key(
                 "temperature",
-                "compensate: the force is referred to one temperature, and not charted without one; ignore: charted as it is",
+                "compensate: the force is referred to one temperature; ignore: watched as it is",
             ),
             &USES,
             default.temperature,
@@ -70,12 +72,6 @@ pub(super) fn read(table: &mut Table<'_>) -> TrackSettings {
             Range::within(-50.0, 80.0),
             "the baseline's mean",
         ),
-        thermal_lag_s: table.optional_number(
-            key("thermal_lag_h", "how far the rod's temperature lags behind its thermometer, as a time constant [h]"),
-            Range::within(0.0, 72.0),
-            "learned",
-        )
-        .map(|hours| hours * HOUR_S),
         expansion_per_k: table.number(
             key("expansion_per_k", "thermal expansion of the rod's material [1/K]"),
             Range::above(0.0, 1e-4),

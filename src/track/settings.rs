@@ -22,8 +22,6 @@ pub struct TrackSettings {
     pub temperature: TemperatureUse,
     /// Temperature to which force is referred \[degC\]; `None`: the baseline's mean.
     pub reference_temperature_c: Option<f64>,
-    /// Thermal lag of the rod behind its thermometer \[s\]; `None`: learned.
-    pub thermal_lag_s: Option<f64>,
     /// Thermal expansion of the rod \[1/K\].
     pub expansion_per_k: f64,
 }
@@ -72,7 +70,6 @@ impl Default for TrackSettings {
             particles: 512,
             temperature: TemperatureUse::Compensate,
             reference_temperature_c: None,
-            thermal_lag_s: None,
             expansion_per_k: 1.2e-5,
         }
     }

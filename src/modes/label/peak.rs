@@ -20,8 +20,7 @@ const STRONG_DB: f64 = 10.0;
 const STRONG_LOG_ODDS: f64 = -1.0;
 const WEAK_DB: f64 = 30.0;
 const WEAK_LOG_ODDS: f64 = 0.5;
-/// After a pull or a blow strong peaks are hardly ever foreign, since it is the rod that was struck; what a converter or a
-/// skirt makes of a pull is weak.
+/// After a pull or a blow peaks are hardly ever foreign, since it is the rod that was struck.
 const STRUCK_LOG_ODDS: f64 = -5.0;
 
 /// One peak of a record.
@@ -113,7 +112,7 @@ pub(super) fn peaks(
                 false => 0.0,
             },
             log_struck: match is_strong_or_weak && is_struck {
-                true => (1.0 - weakness) * STRUCK_LOG_ODDS,
+                true => STRUCK_LOG_ODDS,
                 false => 0.0,
             },
             likeness: Likeness::of(r),

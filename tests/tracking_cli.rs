@@ -91,8 +91,9 @@ fn swapped_channels_are_a_trouble_of_the_sensor() {
             .all(|named| alarms.iter().any(|alarm| alarm == named)),
         "{alarms:?}"
     );
+    // One channel alone may have a rod that changed: the first record of the exchange is taken back when the other channel shows it, too.
     for rod in ["north", "south"] {
-        assert_eq!(set_aside(&site, rod, 28), only("channel"));
+        assert_eq!(set_aside(&site, rod, 29), only("channel"));
     }
 }
 

@@ -130,9 +130,10 @@ impl Pair {
 
     /// Whether both channels show something now, and each further from what it showed before than the weather goes.
     pub fn both_changed(&self) -> bool {
+        let (mean, variance) = self.weather.shared;
         let is_beyond = |(rod, seen): (&Rod, &Rod)| {
-            let sd = (self.weather.variance + self.weather.apart + rod.variance_to(seen)).sqrt();
-            (rod.move_to(seen) - self.weather.mean).abs() > BEYOND * sd
+            let sd = (variance + self.weather.apart + rod.variance_to(seen)).sqrt();
+            (rod.move_to(seen) - mean).abs() > BEYOND * sd
         };
         self.now.len() == 2 && self.before.iter().zip(&self.now).all(is_beyond)
     }
@@ -208,6 +209,9 @@ struct Weather {
     variance: f64,
     /// Variance of what each moves by itself.
     apart: f64,
+    /// Mean and variance of what the two rods moved by together: where no other rod shows it, half of the sum of their moves,
+    /// in which an exchange cancels, and of a change of one rod half is left, which widens `apart`.
+    shared: (f64, f64),
 }
 
 impl Weather {
@@ -221,11 +225,17 @@ impl Weather {
                 (mean, WITNESS_SD[usize::from(count > 1)] + WITNESS * mean.abs())
             }
         };
-        let apart = APART_LEAST + APART * if moves.is_empty() { together } else { mean }.abs();
+        let shared = if moves.is_empty() {
+            (together, WITNESS_SD[0])
+        } else {
+            (mean, sd)
+        };
+        let apart = APART_LEAST + APART * shared.0.abs();
         Self {
             mean,
             variance: sd * sd,
             apart: apart * apart,
+            shared: (shared.0, shared.1 * shared.1),
         }
     }
 }

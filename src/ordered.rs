@@ -72,7 +72,7 @@ impl<T> Ordered<T> {
     }
 
     /// The next item, if no earlier one can come.
-    pub fn next(&mut self) -> Option<T> {
+    pub fn next_settled(&mut self) -> Option<T> {
         let (rod, at) = self.first()?;
         let newest = self.rods.values().filter_map(Waiting::newest).max();
         let may_be_earlier = |(name, other): (&RodId, &Waiting<T>)| {
@@ -141,7 +141,7 @@ mod tests {
 
     /// Takes what may go.
     fn drain(ordered: &mut Ordered<(i64, usize)>, to: &mut Vec<(i64, usize)>) {
-        to.extend(std::iter::from_fn(|| ordered.next()));
+        to.extend(std::iter::from_fn(|| ordered.next_settled()));
     }
 
     #[test]

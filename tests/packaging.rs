@@ -212,7 +212,7 @@ fn events(paths: &[PathBuf], config: &Config) -> Vec<String> {
                 ordered.note(&place.reached);
                 let rod = rod_of(&event).clone();
                 ordered.push(&rod, place.at, event);
-                found.extend(std::iter::from_fn(|| ordered.next()));
+                found.extend(std::iter::from_fn(|| ordered.next_settled()));
             }
         }
     }

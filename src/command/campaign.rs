@@ -197,7 +197,7 @@ pub fn run(
                         // Who follows a growing recording waits for nobody.
                         let mut next = || match reading.follow {
                             true => ordered.next_of_all(),
-                            false => ordered.next(),
+                            false => ordered.next_settled(),
                         };
                         while let Some((analysed, place)) = next() {
                             delivery.event(analysed, &place)?;

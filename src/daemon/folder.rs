@@ -345,6 +345,7 @@ impl Folder {
     }
 }
 
+#[expect(clippy::large_enum_variant, reason = "one at a time, moved on at once")]
 enum LaneStep {
     /// It is to be found again.
     Again,

@@ -88,7 +88,7 @@ impl Held {
     }
 
     fn release(&mut self, going: &mut Vec<Done>) {
-        while let Some(item) = self.events.next() {
+        while let Some(item) = self.events.next_settled() {
             self.gone(item, going);
         }
         self.release_files(going);

@@ -17,7 +17,7 @@ const STEPS: usize = 18;
 /// What a decay alone tells of its softening.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Softening {
-    /// Share by which the frequency is lower at the decay's beginning, with [`FIT_SD`] beforehand.
+    /// Share by which the frequency is lower at the decay's beginning, with `FIT_SD` beforehand.
     pub share: f64,
     /// Its variance.
     pub variance: f64,

@@ -20,6 +20,7 @@ use std::time::UNIX_EPOCH;
 
 /// What one step of reading brought.
 #[derive(Debug)]
+#[expect(clippy::large_enum_variant, reason = "one at a time, moved on at once")]
 pub enum SeriesPoll {
     /// An event.
     Event(Event, Place),

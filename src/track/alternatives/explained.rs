@@ -138,7 +138,7 @@ pub(super) fn is_axial(probability: f64) -> Option<bool> {
 }
 
 impl Explained {
-    /// Decision that the axial force and nothing else changed, or that it did not, if the odds are [`DECIDED`] or more.
+    /// Decision that the axial force and nothing else changed, or that it did not, if the odds are `DECIDED` or more.
     pub fn is_axial(&self) -> Option<bool> {
         is_axial(self.probability(Kind::Force))
     }

@@ -79,7 +79,7 @@ impl Filters {
     pub fn at(&self, day: f64) -> Option<[f64; FILTERS_D.len()]> {
         let passed = day - self.last?;
         let hold = (HOLD_GAPS * self.gap).clamp(HOLD_D[0], HOLD_D[1]);
-        if !(passed.abs() <= hold) {
+        if passed.is_nan() || passed.abs() > hold {
             return None;
         }
         let mut now = self.filtered;

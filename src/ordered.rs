@@ -50,7 +50,7 @@ impl<T> Ordered<T> {
         self.count
     }
 
-    /// Whether nothing waits.
+    /// True if nothing waits.
     pub fn is_empty(&self) -> bool {
         self.count == 0
     }

@@ -39,7 +39,7 @@ pub(super) struct Router {
     ready: VecDeque<Timed>,
     /// What the file had of each rod.
     counts: Vec<Count>,
-    /// Whether a record ends with its file.
+    /// True if a record ends with its file.
     ends_with_file: bool,
     ahead: Ahead,
 }
@@ -82,7 +82,7 @@ pub(super) struct Rod {
     pub(super) assembler: Assembler,
     /// The stream its last sample came with, and the one its last temperature came with: indices into the streams.
     fed_by: [Option<usize>; 2],
-    /// Whether it ever had samples.
+    /// True if it ever had samples.
     pub(super) is_followed: bool,
 }
 
@@ -236,7 +236,7 @@ impl Router {
         self.ahead.limit = Some(limit);
     }
 
-    /// Whether messages wait for their turn.
+    /// True if messages wait for their turn.
     pub fn waits(&self) -> bool {
         !self.ahead.waiting.is_empty()
     }

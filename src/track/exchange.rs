@@ -128,7 +128,7 @@ impl Pair {
         })
     }
 
-    /// Whether both channels show something now, and each further from what it showed before than the weather goes.
+    /// True if both channels show something now, and each further from what it showed before than the weather goes.
     pub fn both_changed(&self) -> bool {
         let (mean, variance) = self.weather.shared;
         let is_beyond = |(rod, seen): (&Rod, &Rod)| {

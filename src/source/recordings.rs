@@ -32,7 +32,7 @@ pub enum Step {
 /// Opens a file that stands by itself, whatever its format.
 pub type Opener = Box<dyn Fn(&Path, &Options) -> Result<Recording, SourceError> + Send>;
 
-/// What is read as one file.
+/// Parts that are read as one file.
 enum Input {
     Waiting(PathBuf),
     /// The recording, its name, and how many records it has given.

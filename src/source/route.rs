@@ -19,7 +19,7 @@ pub(super) struct Timed {
     pub event: Event,
     /// When it was complete, by the rod's own stamps.
     pub at: Timestamp,
-    /// How far the rods had been followed then.
+    /// Times up to which the rods had been followed then.
     pub reached: Reached,
 }
 
@@ -44,7 +44,7 @@ pub(super) struct Router {
     ahead: Ahead,
 }
 
-/// What a file had of one rod.
+/// Contents of a file for one rod.
 #[derive(Debug, Clone, Copy, Default)]
 struct Count {
     messages: u64,
@@ -493,7 +493,7 @@ impl Router {
         }
     }
 
-    /// How far the rods have been followed.
+    /// Times up to which the rods have been followed.
     pub fn reached(&self) -> Reached {
         self.rods
             .iter()

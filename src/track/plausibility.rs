@@ -36,7 +36,7 @@ pub struct Peer {
     swap: Option<Swap>,
 }
 
-/// What a channel showed at a time.
+/// Frequencies of a channel at a time.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 struct Shown {
     time: Timestamp,

@@ -231,7 +231,7 @@ impl Plan {
         self.infer(modes, seed)
     }
 
-    /// How far frequencies lie from everything the model can produce.
+    /// Distance of frequencies from everything the model can produce.
     ///
     /// # Errors
     /// No rod of the prior has them.

@@ -13,7 +13,7 @@ use std::sync::Arc;
 /// Most items that wait; beyond, they go in their order without being waited with.
 const MOST: usize = 4096;
 
-/// How far rods have been followed: no item complete before this time is still to come. `None` for one that ended.
+/// Time up to which a rod has been followed: no item complete before this time is still to come. `None` for one that ended.
 pub type Reached = Arc<[(RodId, Option<Timestamp>)]>;
 
 /// Items on their way into the order.
@@ -50,7 +50,7 @@ impl<T> Ordered<T> {
         self.count
     }
 
-    /// Whether nothing waits.
+    /// True if nothing waits.
     pub fn is_empty(&self) -> bool {
         self.count == 0
     }

@@ -35,7 +35,7 @@ pub struct Tabulated {
     pub readings: Vec<Reading>,
     /// Root mean square of its samples, in one unit throughout the table.
     pub rms: Option<f64>,
-    /// How far the frequencies lie from everything the model can produce.
+    /// Distance of the frequencies from everything the model can produce.
     pub conflict: Conflict,
 }
 

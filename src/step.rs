@@ -25,7 +25,7 @@ pub struct Place {
     pub records: u64,
     /// When the event was complete, by the rod's own stamps.
     pub at: Timestamp,
-    /// How far the rods had been followed then.
+    /// Times up to which the rods had been followed then.
     pub reached: Reached,
 }
 

@@ -216,7 +216,7 @@ fn first_hz(row: &FrequencyRow) -> f64 {
     row.modes.first().map_or(0.0, |mode| mode.frequency_hz)
 }
 
-/// What comes of a row: followed, or refused because no rod of the prior has its frequencies.
+/// Outcome of a row: followed, or refused because no rod of the prior has its frequencies.
 fn outcome_of(row: FrequencyRow, plan: &Plan, readings: Vec<Reading>) -> Outcome {
     let rod = plan.settings().rod.clone();
     match plan.conflict(&row.modes) {
@@ -280,7 +280,7 @@ impl Waiting {
         }
     }
 
-    /// What no record left with: rod, readings, the record before them.
+    /// Readings that no record left with: rod, readings, the record before them.
     fn rest(self) -> impl Iterator<Item = (RodId, Vec<Reading>, Option<[u8; 32]>)> {
         let rods = self.0.into_iter();
         rods.map(|(rod, (readings, after))| (rod, readings, after))

@@ -1,4 +1,4 @@
-//! What came out of the pipeline, until it is its turn: events in the order of their own times, files behind their events.
+//! Queue between the pipeline and the store: events in the order of their own times, files behind their events.
 
 use super::Job;
 use super::core::Done;
@@ -18,7 +18,7 @@ pub struct Held {
     /// Files that were read to their end, each behind the events before its number.
     files: VecDeque<(u64, Done)>,
     next: u64,
-    /// How far each rod has been followed, and since when.
+    /// Time up to which each rod has been followed, and since when.
     reached: BTreeMap<RodId, (Option<Timestamp>, Instant)>,
 }
 
@@ -106,7 +106,7 @@ impl Held {
         going.push(done);
     }
 
-    /// What a file left is in the store only behind its events.
+    /// Marks of files enter the store only behind the events of the file.
     fn release_files(&mut self, going: &mut Vec<Done>) {
         let first = self.waiting.first().copied().unwrap_or(u64::MAX);
         while self.files.front().is_some_and(|(number, _)| *number <= first) {

@@ -83,7 +83,7 @@ pub struct Assembler {
     onsets: usize,
     searched_s: f64,
     searched_from: Option<Timestamp>,
-    /// Whether samples come from data that could not be checked, and the latest stamp of one that did \[ns\].
+    /// True if samples come from data that could not be checked, and the latest stamp of one that did \[ns\].
     unverified: bool,
     unverified_until: i64,
     #[serde(with = "super::saved::records")]
@@ -92,7 +92,7 @@ pub struct Assembler {
     waiting_at: VecDeque<i64>,
     /// The latest stamp of the stretch that was cut last: when what came of it was complete \[ns\].
     at: i64,
-    /// Whether the stream ended and nothing has come since.
+    /// True if the stream ended and nothing has come since.
     is_over: bool,
     /// A run of stretches too short for a record, told as one.
     short: Option<Short>,
@@ -286,7 +286,7 @@ impl Assembler {
         self.renew(true);
     }
 
-    /// Whether there are events to be taken.
+    /// True if there are events to be taken.
     #[inline]
     pub fn has_events(&self) -> bool {
         !self.events.is_empty()

@@ -99,7 +99,7 @@ pub struct Recording {
     summary: Summary,
     /// Whether it is read while it may be written.
     is_live: bool,
-    /// Whether other files are read beside it, and go on where it ends.
+    /// True if other files are read beside it, and go on where it ends.
     is_joined: bool,
     /// What looks like damage while it may be a record that is being written.
     doubt: Option<Damage>,

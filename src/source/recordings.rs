@@ -32,7 +32,7 @@ pub enum Step {
 /// Opens a file that stands by itself, whatever its format.
 pub type Opener = Box<dyn Fn(&Path, &Options) -> Result<Recording, SourceError> + Send>;
 
-/// What is read as one file.
+/// Parts that are read as one file.
 enum Input {
     Waiting(PathBuf),
     /// The recording, its name, and how many records it has given.
@@ -56,7 +56,7 @@ struct Stream {
     left: usize,
     /// What is held at times that later files may share.
     spans: Vec<Span>,
-    /// Whether other files may join it.
+    /// True if other files may join it.
     is_open: bool,
 }
 
@@ -294,7 +294,7 @@ impl Recordings {
 }
 
 impl Stream {
-    /// Whether a file can be one stream with those that are in it already. Files come in the order of their first messages.
+    /// True if a file can be one stream with those that are in it already. Files come in the order of their first messages.
     fn takes(&mut self, span: &Span) -> bool {
         self.spans
             .retain(|known| known.to > span.from.saturating_add(SEAM_NS));

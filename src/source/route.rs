@@ -19,7 +19,7 @@ pub(super) struct Timed {
     pub event: Event,
     /// When it was complete, by the rod's own stamps.
     pub at: Timestamp,
-    /// How far the rods had been followed then.
+    /// Times up to which the rods had been followed then.
     pub reached: Reached,
 }
 
@@ -39,12 +39,12 @@ pub(super) struct Router {
     ready: VecDeque<Timed>,
     /// What the file had of each rod.
     counts: Vec<Count>,
-    /// Whether a record ends with its file.
+    /// True if a record ends with its file.
     ends_with_file: bool,
     ahead: Ahead,
 }
 
-/// What a file had of one rod.
+/// Contents of a file for one rod.
 #[derive(Debug, Clone, Copy, Default)]
 struct Count {
     messages: u64,
@@ -82,7 +82,7 @@ pub(super) struct Rod {
     pub(super) assembler: Assembler,
     /// The stream its last sample came with, and the one its last temperature came with: indices into the streams.
     fed_by: [Option<usize>; 2],
-    /// Whether it ever had samples.
+    /// True if it ever had samples.
     pub(super) is_followed: bool,
 }
 
@@ -236,7 +236,7 @@ impl Router {
         self.ahead.limit = Some(limit);
     }
 
-    /// Whether messages wait for their turn.
+    /// True if messages wait for their turn.
     pub fn waits(&self) -> bool {
         !self.ahead.waiting.is_empty()
     }
@@ -493,7 +493,7 @@ impl Router {
         }
     }
 
-    /// How far the rods have been followed.
+    /// Times up to which the rods have been followed.
     pub fn reached(&self) -> Reached {
         self.rods
             .iter()

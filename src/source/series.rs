@@ -165,7 +165,7 @@ impl Series {
         self.queue.drain(..).map(place).collect()
     }
 
-    /// How far the rods have been followed.
+    /// Times up to which the rods have been followed.
     pub fn reached(&self) -> Reached {
         self.router.reached()
     }

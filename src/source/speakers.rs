@@ -9,7 +9,7 @@ pub(super) struct Speakers {
     now: Option<Speaker>,
     /// Those that spoke before.
     before: Vec<Speaker>,
-    /// Whether several speak at once, and that was told.
+    /// True if several speak at once, and that was told.
     shared: Shared,
 }
 
@@ -64,7 +64,7 @@ impl Speakers {
         self.shared == Shared::No
     }
 
-    /// Whether it was found just now that several speak at once.
+    /// True if it was found just now that several speak at once.
     pub fn is_news(&self) -> bool {
         self.shared == Shared::News
     }

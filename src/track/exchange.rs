@@ -42,7 +42,7 @@ const WITNESS: f64 = 0.1;
 /// How far off it may be besides, as shown by one rod and by several.
 const WITNESS_SD: [f64; 2] = [0.008, 0.004];
 
-/// What one channel showed before, and shows now.
+/// Frequencies of one channel before and now.
 #[derive(Debug, Clone, Copy)]
 pub struct Channel<'a> {
     /// The modes of the rod it belongs to, as it showed them last.
@@ -128,7 +128,7 @@ impl Pair {
         })
     }
 
-    /// Whether both channels show something now, and each further from what it showed before than the weather goes.
+    /// True if both channels show something now, and each further from what it showed before than the weather goes.
     pub fn both_changed(&self) -> bool {
         let (mean, variance) = self.weather.shared;
         let is_beyond = |(rod, seen): (&Rod, &Rod)| {
@@ -194,7 +194,7 @@ pub fn moved(before: &[LogMode], now: &[LogMode]) -> Option<f64> {
     Some(Rod::of(before, &orders)?.move_to(&Rod::of(now, &orders)?))
 }
 
-/// How a rod may have changed.
+/// Change that a rod may have had.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Change {
     None,
@@ -202,7 +202,7 @@ enum Change {
     Any,
 }
 
-/// What the weather does to ln N.
+/// Effect of the weather on ln N.
 struct Weather {
     /// Mean and variance of what all rods move by together.
     mean: f64,

@@ -36,12 +36,12 @@ pub struct Peer {
     swap: Option<Swap>,
 }
 
-/// What a channel showed at a time.
+/// Frequencies of a channel at a time.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 struct Shown {
     time: Timestamp,
     modes: Vec<LogMode>,
-    /// Whether it was taken for the rod's own.
+    /// True if it was taken for the rod's own.
     is_own: bool,
 }
 
@@ -119,7 +119,7 @@ struct Swap {
 }
 
 impl Swap {
-    /// Whether a record goes on showing the other rod: weighed as an exchange back from what both channels showed last.
+    /// True if a record goes on showing the other rod: weighed as an exchange back from what both channels showed last.
     /// A rod whose channel shows its own modes again is not exchanged with this one any more.
     fn goes_on(&self, time: Timestamp, modes: &[LogMode], last: &Shown, peers: &[Peer]) -> bool {
         let Some(peer) = peers.iter().find(|peer| peer.rod == self.rod) else {

@@ -60,7 +60,7 @@ pub(super) struct Scene<'a> {
     pub(super) declared: Code,
     /// Orders with a window in which there is no peak: they are nowhere else.
     pub(super) absent: Orders,
-    /// Whether something was struck or let go.
+    /// True if something was struck or let go.
     pub(super) is_struck: bool,
     /// Whether the first mode is said to be among the peaks.
     pub(super) is_first_seen: bool,

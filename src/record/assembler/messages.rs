@@ -13,7 +13,7 @@ const AHEAD: f64 = 1.75;
 /// Scatter of the stamps from which on messages stay in the order they came in, over the message interval.
 const WOBBLY: f64 = 0.04;
 
-/// How one message relates to the running stretch.
+/// Place of one message beside the running stretch.
 pub(super) enum Place {
     Next,
     Late(usize),

@@ -70,7 +70,7 @@ pub struct ThermalPrior {
     pub slope_sd_per_k: f64,
     /// Standard deviation of the curvature: of the material, and of wrong static parameters that bend the ratio \[1/K^2\].
     pub curvature_sd_per_k2: f64,
-    /// Whether readings are too sparse to resolve the day (more than four hours apart).
+    /// True if readings are too sparse to resolve the day (more than four hours apart).
     pub is_sparse: bool,
 }
 

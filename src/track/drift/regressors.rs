@@ -89,7 +89,7 @@ impl Filters {
         Some(now)
     }
 
-    /// Whether readings are usually too far apart to resolve the day.
+    /// True if readings are usually too far apart to resolve the day.
     pub fn is_sparse(&self) -> bool {
         self.gap > SPARSE_D
     }

@@ -7,8 +7,9 @@ use crate::findings::{self, CERTAIN, Candidate, Peak};
 use crate::modes::{Mode, Motion};
 use crate::outcome::{Outcome, Rejected, Tabulated};
 use crate::record::{Flag, Rejection, RodId, Timestamp};
+use crate::track::alternatives::Explained;
 use crate::track::change::Change;
-use crate::track::{Interval, Kind, RodState, SetAside, Verdict, What};
+use crate::track::{Interval, Kind, RodState, SetAside, Verdict, What, Witness};
 use serde::Serialize;
 use std::collections::BTreeMap;
 
@@ -100,6 +101,8 @@ struct Standing<'a> {
     cleared: Option<Timestamp>,
     message: &'a str,
     change: Option<&'a Change>,
+    witness: Option<Witness>,
+    alternatives: Option<&'a Explained>,
 }
 
 /// What happened to an alarm with this record.
@@ -295,6 +298,8 @@ impl<'a> Line<'a> {
                 cleared: alarm.cleared,
                 message: &alarm.message,
                 change: alarm.change.as_ref(),
+                witness: alarm.witness,
+                alternatives: alarm.alternatives.as_ref(),
             })
             .collect();
         self.events = verdict

@@ -91,8 +91,7 @@ fn a_year_of_two_rods_shows_everything() {
     let html = checked(&site());
     for wanted in [
         "Change of axial force of rod north",
-        "Chart for steps",
-        "Chart for slow ramps",
+        "Evidence of a change, rod north",
         "Vibration spectrum",
         "Prior and posterior of the axial force",
         "Force of rod north against temperature",

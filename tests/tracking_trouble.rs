@@ -321,8 +321,12 @@ fn frequencies_out_of_range_are_told_and_forgotten_without_a_temperature_too() {
         }
     }
     let (_, verdicts) = scenario.follow(&observations);
-    assert_eq!(raised(&verdicts), [(52, Kind::OutsideTraining)]);
-    assert_eq!(told(&verdicts, What::Cleared), [(62, Kind::OutsideTraining)]);
+    // All modes fell by 45 %: at most 30 % of the force is left.
+    assert_eq!(
+        raised(&verdicts),
+        [(35, Kind::Sensor), (51, Kind::Limit), (52, Kind::OutsideTraining)]
+    );
+    assert!(told(&verdicts, What::Cleared).contains(&(62, Kind::OutsideTraining)));
 }
 
 #[test]
@@ -436,9 +440,9 @@ fn whatever_the_rhythm_of_records_periods_and_window_nothing_is_raised() {
         let size = serde_json::to_string(tracker.state())
             .expect("it serialises")
             .len();
-        // The particles (512 x 7 numbers) and the bank of regressions are most of it.
+        // As JSON text; the banks of filters are most of it, before members that fit badly are forgotten.
         println!("{every_h} {period_h} {window_h}: {size} bytes");
-        assert!(size < 400_000, "{size}");
+        assert!(size < 2_000_000, "{size}");
     }
 }
 

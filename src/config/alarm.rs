@@ -1,7 +1,7 @@
 //! `[alarm]`: when somebody is told.
 
 use super::range::Range;
-use super::reader::{Table, key};
+use super::reader::{Absent, Table, key};
 use crate::track::AlarmSettings;
 
 const HOUR_S: f64 = 3600.0;
@@ -18,6 +18,18 @@ pub(super) fn read(table: &mut Table<'_>) -> AlarmSettings {
             Range::within(0.1, 1000.0),
             default.arl0_years,
         ),
+        compare_rods: table
+            .take(
+                key(
+                    "compare_rods",
+                    "whether the site's rods bear witness for each other; false: each is watched alone, as where they are in different buildings",
+                ),
+                "true or false",
+                Absent::Default(default.compare_rods),
+                |value| value.boolean(),
+                bool::to_string,
+            )
+            .unwrap_or(default.compare_rods),
         limit_loss: table.number(
             key(
                 "limit_loss",

@@ -1,5 +1,6 @@
 //! Alarms: their kinds, and how they are raised, repeated, acknowledged and cleared.
 
+use super::alternatives::Explained;
 use super::change::Change;
 use super::plausibility::JUMP_S;
 use super::watch::Witness;
@@ -89,6 +90,9 @@ pub struct Alarm {
     /// Who says so, for a drift.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub witness: Option<Witness>,
+    /// The kinds of change that may have moved the modes, of a drift or where none is axial.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub alternatives: Option<Explained>,
     /// When it was acknowledged, if it was.
     pub acknowledged: Option<Timestamp>,
     /// When the condition ended, if it did.
@@ -115,6 +119,7 @@ impl Alarm {
             message,
             change: None,
             witness: None,
+            alternatives: None,
             acknowledged: None,
             cleared: None,
             told: raised,
@@ -279,6 +284,17 @@ impl Watches {
     }
 }
 
+/// What is known of the change an alarm is about.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Known {
+    /// Onset, size and rate.
+    pub change: Option<Change>,
+    /// Who says so.
+    pub witness: Option<Witness>,
+    /// The kinds of change that may have moved the modes.
+    pub alternatives: Option<Explained>,
+}
+
 /// The alarms of one rod that stand, and the news about them since the last look.
 pub struct Board<'a> {
     rod: &'a RodId,
@@ -315,8 +331,8 @@ impl<'a> Board<'a> {
 
     /// Raises an alarm unless one of its kind holds already; one that stands only because nobody acknowledged
     /// it is joined by the new one.
-    pub fn raise(&mut self, kind: Kind, time: Timestamp, message: String, change: Option<Change>) {
-        self.raise_late(kind, time, time, message, change);
+    pub fn raise(&mut self, kind: Kind, time: Timestamp, message: String, known: Known) {
+        self.raise_late(kind, time, time, message, known);
     }
 
     /// Raises an alarm of an earlier time than the one at which it is told.
@@ -326,7 +342,7 @@ impl<'a> Board<'a> {
         time: Timestamp,
         told: Timestamp,
         message: String,
-        change: Option<Change>,
+        known: Known,
     ) {
         if self.holds(kind) {
             return;
@@ -335,37 +351,31 @@ impl<'a> Board<'a> {
             Some(proviso) if kind.is_latched() => format!("{message}; {proviso}"),
             _ => message,
         };
-        let mut alarm = Alarm::new(self.rod, kind, self.segment, time, message);
-        alarm.change = change;
-        alarm.told = told;
-        self.tell(What::Raised, time, alarm.clone());
-        self.alarms.push(alarm);
-    }
-
-    /// Raises a drift, with who says so.
-    pub fn raise_drift(&mut self, time: Timestamp, message: String, change: Change, witness: Witness) {
-        if self.holds(Kind::Drift) {
-            return;
-        }
-        let mut alarm = Alarm::new(self.rod, Kind::Drift, self.segment, time, message);
-        alarm.change = Some(change);
-        alarm.witness = Some(witness);
-        self.tell(What::Raised, time, alarm.clone());
-        self.alarms.push(alarm);
-    }
-
-    /// Tells a drift again that the other rods confirm by now.
-    pub fn confirm_drift(&mut self, time: Timestamp, message: &str, change: &Change) {
-        let unconfirmed = |alarm: &&mut Alarm| {
-            alarm.kind == Kind::Drift
-                && alarm.cleared.is_none()
-                && alarm.witness == Some(Witness::Unconfirmed)
+        let alarm = Alarm {
+            change: known.change,
+            witness: known.witness,
+            alternatives: known.alternatives,
+            told,
+            ..Alarm::new(self.rod, kind, self.segment, time, message)
         };
+        self.tell(What::Raised, time, alarm.clone());
+        self.alarms.push(alarm);
+    }
+
+    /// Tells the alarms of which more is known by now again.
+    pub fn tell_again(
+        &mut self,
+        time: Timestamp,
+        message: &str,
+        known: &Known,
+        concerns: impl Fn(&Alarm) -> bool,
+    ) {
         let mut renewed = Vec::new();
-        for alarm in self.alarms.iter_mut().filter(unconfirmed) {
-            alarm.witness = Some(Witness::Confirmed);
+        for alarm in self.alarms.iter_mut().filter(|alarm| concerns(alarm)) {
             message.clone_into(&mut alarm.message);
-            alarm.change = Some(change.clone());
+            alarm.change.clone_from(&known.change);
+            alarm.witness = known.witness;
+            alarm.alternatives.clone_from(&known.alternatives);
             alarm.told = time;
             renewed.push(alarm.clone());
         }
@@ -456,9 +466,9 @@ mod tests {
         let rod = RodId("r".into());
         let mut alarms = Vec::new();
         let mut board = Board::new(&rod, 1, &mut alarms);
-        board.raise(Kind::Drift, day(1), "fell".into(), None);
-        board.raise(Kind::Drift, day(2), "fell more".into(), None);
-        board.raise(Kind::NoData, day(2), "silent".into(), None);
+        board.raise(Kind::Drift, day(1), "fell".into(), Known::default());
+        board.raise(Kind::Drift, day(2), "fell more".into(), Known::default());
+        board.raise(Kind::NoData, day(2), "silent".into(), Known::default());
         board.clear(Kind::Drift, day(3));
         board.clear(Kind::NoData, day(3));
         let events = board.into_events();
@@ -486,7 +496,7 @@ mod tests {
         let rod = RodId("r".into());
         let mut alarms = Vec::new();
         let mut board = Board::new(&rod, 1, &mut alarms);
-        board.raise(Kind::Limit, day(0), "loss".into(), None);
+        board.raise(Kind::Limit, day(0), "loss".into(), Known::default());
         for number in 1..=15 {
             board.repeat(day(number), 7.0 * DAY_S, |alarm| alarm.message += "!");
         }

@@ -4,6 +4,7 @@
 //! The first five records give a provisional baseline; a drift watch runs on the periods measured against it until the baseline
 //! is there. Both are forgotten then: the baseline's own watch begins with its first record.
 
+use super::alarm::Known;
 use super::baseline::Baseline;
 use super::change::Change;
 use super::drift::Filters;
@@ -133,7 +134,11 @@ impl Tracker {
         self.state.early = Some(early);
         if let Some(change) = found {
             let message = message(&change);
-            self.on_board(|board| board.raise(Kind::Drift, time, message, Some(change)));
+            let known = Known {
+                change: Some(change),
+                ..Known::default()
+            };
+            self.on_board(|board| board.raise(Kind::Drift, time, message, known));
         }
     }
 }

@@ -28,6 +28,7 @@
 //! * `early`         the watch over the records that will make the baseline
 //! * `reference`     force and relative force at the reference temperature
 //! * `monitor`       what a closed period says: detectors moved on, conditions looked at
+//! * `explain`       what an alarm may be about: the alternatives, asked for the periods since an onset
 //! * `loss`          losses so large that nothing else explains them
 
 pub mod alarm;
@@ -37,6 +38,7 @@ pub mod change;
 pub mod drift;
 mod early;
 mod exchange;
+mod explain;
 mod intake;
 mod levels;
 mod loss;

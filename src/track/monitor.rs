@@ -1,8 +1,10 @@
 //! What a closed period says: the drift watch moved on, conditions looked at, alarms raised and cleared.
 
 use super::Tracker;
-use super::alarm::{Cause, Finding, Kind};
+use super::alarm::{Alarm, Cause, Finding, Kind, Known};
+use super::alternatives::Explained;
 use super::change::Change;
+use super::explain::{explain, since};
 use super::others::Others;
 use super::period::{Period, combined_misfit};
 use super::relative::Shift;
@@ -17,6 +19,12 @@ const SIGNAL_NOT_AXIAL_P: f64 = 0.01;
 /// A drift is over if the change at the reference temperature lies within one standard deviation, or within this share of what was
 /// told.
 const OVER_SHARE: f64 = 0.25;
+
+/// The end is judged by the change only where its standard error is below this share of what was told.
+const KNOWN_SHARE: f64 = 0.5;
+
+/// A change is over, too, once no detector's evidence is above this share of its limit.
+const FAINT_EVIDENCE: f64 = 0.01;
 
 /// The condition of `not-axial` ends above this many times the probability that raised it.
 const NOT_AXIAL_OVER: f64 = 10.0;
@@ -117,7 +125,7 @@ fn look_at_misfit(tracker: &mut Tracker, period: &Period, time: Timestamp) {
     match tracker.find(Cause::Misfit, holds) {
         Finding::Holds => {
             let message = not_axial_message(period.not_axial_p);
-            tracker.on_board(|board| board.raise(Kind::NotAxial, time, message, None));
+            tracker.on_board(|board| board.raise(Kind::NotAxial, time, message, Known::default()));
         }
         Finding::Over => tracker.on_board(|board| board.clear(Kind::NotAxial, time)),
         Finding::Undecided => {}
@@ -132,34 +140,68 @@ fn look_at_finding(tracker: &mut Tracker, period: &Period, others: &Others, time
     let Some(change) = change_now(tracker) else { return };
     match finding {
         watch::Finding::Quiet => {}
-        watch::Finding::Drift(_) if state.holds(Kind::Drift) => confirm(tracker, finding, &change, time),
+        watch::Finding::Drift(_) if state.holds(Kind::Drift) => {
+            confirm(tracker, finding, &change, period, time)
+        }
         watch::Finding::Drift(_) if state.holds(Kind::NotAxial) => {}
         watch::Finding::Drift(witness) => {
+            let alternatives = explain(tracker, &change, Some(period));
             let p = axial_p(tracker, period, change.onset);
-            if p < SIGNAL_NOT_AXIAL_P {
-                let message = not_axial_message(p);
-                tracker.on_board(|board| board.raise(Kind::NotAxial, time, message, Some(change)));
+            let is_axial = alternatives.as_ref().and_then(Explained::is_axial);
+            let (kind, message) = if is_axial.unwrap_or(p >= SIGNAL_NOT_AXIAL_P) {
+                let message = drift_message(&change, witness, alternatives.as_ref());
+                (Kind::Drift, message)
             } else {
-                let message = drift_message(&change, witness);
-                tracker.on_board(|board| board.raise_drift(time, message, change, witness));
-            }
+                let message = match (is_axial, &alternatives) {
+                    (Some(_), Some(alternatives)) => alternatives.sentence(),
+                    _ => not_axial_message(p),
+                };
+                (Kind::NotAxial, message)
+            };
+            let known = Known {
+                change: Some(change),
+                witness: (kind == Kind::Drift).then_some(witness),
+                alternatives,
+            };
+            tracker.on_board(|board| board.raise(kind, time, message, known));
             tracker.find(Cause::Change, Some(true));
         }
         watch::Finding::Common if state.holds(Kind::Common) || others.has_told_common() => {}
         watch::Finding::Common => {
             let message = common_message(&change, others);
-            tracker.on_board(|board| board.raise(Kind::Common, time, message, Some(change)));
+            let known = Known {
+                change: Some(change),
+                ..Known::default()
+            };
+            tracker.on_board(|board| board.raise(Kind::Common, time, message, known));
         }
     }
 }
 
 /// The other rods confirm a drift that was told before they did: it is told again.
-fn confirm(tracker: &mut Tracker, finding: watch::Finding, change: &Change, time: Timestamp) {
-    if finding != watch::Finding::Drift(Witness::Confirmed) {
+fn confirm(
+    tracker: &mut Tracker,
+    finding: watch::Finding,
+    change: &Change,
+    period: &Period,
+    time: Timestamp,
+) {
+    let is_unconfirmed = |alarm: &Alarm| {
+        alarm.kind == Kind::Drift && alarm.cleared.is_none() && alarm.witness == Some(Witness::Unconfirmed)
+    };
+    if finding != watch::Finding::Drift(Witness::Confirmed)
+        || !tracker.state.alarms.iter().any(is_unconfirmed)
+    {
         return;
     }
-    let message = drift_message(change, Witness::Confirmed);
-    tracker.on_board(|board| board.confirm_drift(time, &message, change));
+    let alternatives = explain(tracker, change, Some(period));
+    let message = drift_message(change, Witness::Confirmed, alternatives.as_ref());
+    let known = Known {
+        change: Some(change.clone()),
+        witness: Some(Witness::Confirmed),
+        alternatives,
+    };
+    tracker.on_board(|board| board.tell_again(time, &message, &known, is_unconfirmed));
 }
 
 fn look_at_limit(tracker: &mut Tracker, period: &Period, time: Timestamp) {
@@ -233,7 +275,13 @@ fn look_at_end(tracker: &mut Tracker, period: &Period, time: Timestamp) {
         _ => (period.delta - charted.expected, charted.expected_sd),
     };
     let over = sd.max(OVER_SHARE * size);
-    let holds = beyond(change.abs(), 2.0 * over, over);
+    // An error as large as what was told says nothing of its end; the evidence may.
+    let is_faint = charted.evidence.most() < FAINT_EVIDENCE;
+    let holds = if is_faint {
+        Some(false)
+    } else {
+        beyond(change.abs(), 2.0 * over, over).filter(|holds| *holds || sd < KNOWN_SHARE * size)
+    };
     if tracker.find(Cause::Change, holds) == Finding::Over {
         tracker.on_board(|board| {
             board.clear(Kind::Drift, time);
@@ -262,8 +310,8 @@ pub(super) fn change_told(watch: &DriftWatch, shift: Option<&Shift>) -> Option<C
     Some(Change::told(&change, static_sd))
 }
 
-/// One sentence about a drift.
-pub(super) fn drift_message(change: &Change, witness: Witness) -> String {
+/// One sentence about a drift: as a fact where the modes leave no other kind of change, as one of several explanations where they do.
+pub(super) fn drift_message(change: &Change, witness: Witness, alternatives: Option<&Explained>) -> String {
     let size = &change.size;
     let verb = if size.mean < 0.0 { "fell" } else { "rose" };
     // Counted in the direction it went; below zero it may have gone the other way.
@@ -280,8 +328,15 @@ pub(super) fn drift_message(change: &Change, witness: Witness) -> String {
         Witness::Peers => "; there is no temperature, the other rods of the site stand in for it",
         Witness::Blind => "; there is no temperature: a sudden change of weather may look the same",
     };
+    let open = alternatives.filter(|alternatives| alternatives.is_axial().is_none());
+    let as_if = if open.is_some() {
+        "the frequencies changed as if "
+    } else {
+        ""
+    };
+    let rivals = open.map_or_else(String::new, |open| format!("; {}", open.rivals()));
     format!(
-        "the axial force{at} {verb} by {:.2} % (95 %: {:.2} to {:.2} %) since about {}{who}",
+        "{as_if}the axial force{at} {verb} by {:.2} % (95 %: {:.2} to {:.2} %) since about {}{who}{rivals}",
         toward(size.mean),
         one.min(other),
         one.max(other),
@@ -314,9 +369,7 @@ fn not_axial_message(p: f64) -> String {
 /// one: the last periods are asked too, and the smallest probability counts, times the number of questions.
 fn axial_p(tracker: &Tracker, period: &Period, onset: Timestamp) -> f64 {
     let Some(shift) = &tracker.shift else { return 1.0 };
-    let periods = &tracker.state.periods;
-    let first = periods.partition_point(|known| known.start < onset);
-    let since: Vec<&Period> = periods[first..].iter().chain(std::iter::once(period)).collect();
+    let since = since(tracker, onset, Some(period));
     let windows = [since.len(), tracker.plan.alarm.confirm.min(since.len()), 1];
     let smallest = windows.iter().map(|&count| {
         let (log_ratio, misfit) = combined_misfit(since[since.len() - count..].iter().copied());

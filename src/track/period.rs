@@ -97,6 +97,14 @@ pub struct Evidence {
     pub blind: Option<f64>,
 }
 
+impl Evidence {
+    /// The largest.
+    pub fn most(&self) -> f64 {
+        let known = [self.compensated, self.peers, self.blind];
+        known.into_iter().flatten().fold(0.0, f64::max)
+    }
+}
+
 /// The number of the period of `period_s` seconds that holds `time`, since 1970.
 pub fn index_of(time: Timestamp, period_s: f64) -> i64 {
     time.as_nanos().div_euclid(nanos(period_s))

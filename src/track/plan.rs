@@ -1,6 +1,7 @@
 //! What the tracking of one rod depends on besides its records.
 
 use super::Baseline;
+use super::alternatives::Alternatives;
 use super::baseline::BaselineFault;
 use super::drift::ThermalPrior;
 use super::relative::Shift;
@@ -120,6 +121,11 @@ impl TrackPlan {
     /// A baseline ready for records.
     pub(super) fn shift(&self, baseline: &Baseline) -> Shift {
         Shift::new(baseline, self.model.as_ref())
+    }
+
+    /// What changes of every kind do to the frequencies of a baseline's particles.
+    pub(super) fn alternatives(&self, baseline: &Baseline) -> Option<Alternatives> {
+        Alternatives::new(&baseline.particles, self.model.as_ref(), &self.discrepancy)
     }
 
     /// The seed of one record's relative force.

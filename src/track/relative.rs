@@ -164,6 +164,12 @@ impl Shift {
         chi_square_tail(q, freedom)
     }
 
+    /// ln f of a mode of the baseline once the force has changed to u = ln(N_t / N_0), by the particles' mean.
+    pub(super) fn log_frequency(&self, order: usize, u: f64) -> Option<f64> {
+        let mode = self.modes.iter().position(|mode| mode.order == order)?;
+        Some(self.modes[mode].log_frequency + mean_and_slope(&self.means[mode], u).0)
+    }
+
     /// Standard deviation of u that the particles' different slopes leave, however many records say that the force changed
     /// to u: what a change's interval must not fall below.
     pub(super) fn static_sd(&self, u: f64) -> f64 {

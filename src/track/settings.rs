@@ -41,6 +41,8 @@ pub enum TemperatureUse {
 pub struct AlarmSettings {
     /// Mean time between false drift alarms per rod \[years\].
     pub arl0_years: f64,
+    /// Whether the site's rods bear witness for each other.
+    pub compare_rods: bool,
     /// Relative loss of force at the reference temperature that must not be exceeded \[-\].
     pub limit_loss: f64,
     /// Probability from which on the limit counts as exceeded \[-\].
@@ -79,6 +81,7 @@ impl Default for AlarmSettings {
     fn default() -> Self {
         Self {
             arl0_years: 10.0,
+            compare_rods: true,
             limit_loss: 0.05,
             limit_probability: 0.95,
             not_axial_p: 0.001,

@@ -1,6 +1,7 @@
 //! The fold: one `step` per record, in the order records come.
 
-use super::alarm::{AlarmEvent, Board, Cause, Finding, Kind};
+use super::alarm::{AlarmEvent, Board, Cause, Finding, Kind, Known};
+use super::explain::explain;
 use super::monitor;
 use super::others::Others;
 use super::plan::TrackPlan;
@@ -16,7 +17,7 @@ use std::sync::Arc;
 const LOSS_RECORDS: usize = 2;
 
 /// Silence worth an alarm is at least this many times the usual distance between records.
-const SILENCE_INTERVALS: f64 = 3.0;
+const SILENCE_INTERVALS: f64 = 3.5;
 
 /// One rod's fold: what it remembers and what follows from it.
 pub struct Tracker {
@@ -131,6 +132,12 @@ impl Tracker {
 
     /// Takes one record of a rod beside the others of its site.
     pub fn step_beside(&mut self, input: &Input, peers: &[Peer], others: &Others) -> Verdict {
+        let alone = Others::default();
+        let others = if self.plan.alarm.compare_rods {
+            others
+        } else {
+            &alone
+        };
         let mut verdict = Verdict {
             state: RodState::Monitoring,
             segment: self.state.segment.number,
@@ -249,7 +256,9 @@ impl Tracker {
         message: impl FnOnce() -> String,
     ) {
         match self.find(cause, holds) {
-            Finding::Holds => self.on_board(|board| board.raise(cause.kind(), time, message(), None)),
+            Finding::Holds => {
+                self.on_board(|board| board.raise(cause.kind(), time, message(), Known::default()))
+            }
             Finding::Over => self.on_board(|board| board.clear(cause.kind(), time)),
             Finding::Undecided => {}
         }
@@ -281,7 +290,7 @@ impl Tracker {
         let from = latest.plus_seconds(self.plan.alarm.silence_s.max(SILENCE_INTERVALS * usual_s));
         if time > from {
             let message = format!("no usable record since {latest}");
-            self.on_board(|board| board.raise_late(Kind::NoData, from, time, message, None));
+            self.on_board(|board| board.raise_late(Kind::NoData, from, time, message, Known::default()));
         }
     }
 
@@ -294,15 +303,20 @@ impl Tracker {
         }
         let mut drifts = self.state.alarms.iter().filter(|alarm| alarm.kind == Kind::Drift);
         let renewed = if drifts.any(|alarm| alarm.is_due(time, repeat_s)) {
-            monitor::change_now(self)
+            monitor::change_now(self).map(|change| {
+                let alternatives = explain(self, &change, None);
+                (change, alternatives)
+            })
         } else {
             None
         };
         self.on_board(|board| {
             board.repeat(time, repeat_s, |alarm| {
-                if let (Kind::Drift, Some(change)) = (alarm.kind, &renewed) {
-                    alarm.message = monitor::drift_message(change, alarm.witness.unwrap_or(Witness::Alone));
+                if let (Kind::Drift, Some((change, alternatives))) = (alarm.kind, &renewed) {
+                    let witness = alarm.witness.unwrap_or(Witness::Alone);
+                    alarm.message = monitor::drift_message(change, witness, alternatives.as_ref());
                     alarm.change = Some(change.clone());
+                    alarm.alternatives.clone_from(alternatives);
                 }
             });
         });

@@ -45,6 +45,9 @@ pub struct DriftWatch {
     origin: f64,
     /// Typical stated error of a period's ratio.
     noise_sd: f64,
+    /// Periods between false alarms: one over the odds of an onset.
+    #[serde(default)]
+    limit: f64,
     compensated: Option<Compensated>,
     /// Temperature alone, beside a detector that knows the other rods, too: what a record shows must not wait for them.
     by_temperature: Option<Compensated>,
@@ -95,6 +98,12 @@ struct Above {
     blind: bool,
 }
 
+impl Above {
+    fn any(self) -> bool {
+        self.compensated || self.peers || self.blind
+    }
+}
+
 /// Who says that the force changed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -128,6 +137,7 @@ impl DriftWatch {
         Self {
             origin,
             noise_sd,
+            limit: 1.0,
             compensated: None,
             by_temperature: None,
             peers: None,
@@ -159,7 +169,7 @@ impl DriftWatch {
     pub fn slope(&self) -> Option<(f64, f64)> {
         let compensated = self.by_temperature.as_ref().or(self.compensated.as_ref())?;
         let compensated = Some(compensated).filter(|one| one.knows_temperature)?;
-        Some(compensated.detector.slope(FILTERS_D.len()))
+        Some(compensated.detector.slope(self.limit, FILTERS_D.len()))
     }
 
     /// Takes a period; `median`: that of the other rods' ratios.
@@ -171,6 +181,7 @@ impl DriftWatch {
         others: &Others,
         period_s: f64,
     ) -> Charted {
+        self.limit = terms.limit;
         let day = period.start.days();
         let median = self.companions.take(others.ratios(period.index, period_s));
         self.begin(terms, period, others);
@@ -187,24 +198,26 @@ impl DriftWatch {
             compensated
                 .detector
                 .set_sparse(is_sparse && compensated.knows_temperature);
+            let is_told = self.above.any();
             compensated
                 .level
-                .learn(day, period.delta, &columns, terms.learning_periods);
+                .learn(day, period.delta, &columns, terms.learning_periods, is_told);
             let seen = seen(period, &columns);
             law = compensated.detector.step(&seen);
-            at_reference = compensated.change(&seen);
+            at_reference = compensated.change(&seen, terms.limit);
             self.last.temperature = law.is_some();
         }
         if let Some(alone) = &mut self.by_temperature
             && let Some(columns) = alone.columns(day, period.filtered_c.as_ref(), None)
         {
             alone.detector.set_sparse(is_sparse);
+            let is_told = self.above.any();
             alone
                 .level
-                .learn(day, period.delta, &columns, terms.learning_periods);
+                .learn(day, period.delta, &columns, terms.learning_periods, is_told);
             let seen = seen(period, &columns);
-            alone.detector.learn_unwatched(&seen);
-            at_reference = alone.change(&seen);
+            alone.detector.step(&seen);
+            at_reference = alone.change(&seen, terms.limit);
         }
         if let Some(median) = median {
             let peers = self
@@ -338,12 +351,13 @@ impl DriftWatch {
     ) -> Option<(f64, f64)> {
         let compensated = self.by_temperature.as_ref().or(self.compensated.as_ref())?;
         let columns = compensated.columns(day, filtered_c, None)?;
-        compensated.change(&Seen {
+        let seen = Seen {
             day,
             ratio,
             sd,
             columns: &columns,
-        })
+        };
+        compensated.change(&seen, self.limit)
     }
 
     /// Predictive law of a record by nothing but the rod.
@@ -369,6 +383,9 @@ impl DriftWatch {
     pub(super) fn restart(&mut self) {
         if let Some(compensated) = &mut self.compensated {
             compensated.detector.restart();
+        }
+        if let Some(alone) = &mut self.by_temperature {
+            alone.detector.restart();
         }
         if let Some(peers) = &mut self.peers {
             peers.restart();
@@ -407,15 +424,15 @@ impl Compensated {
     }
 
     /// Change since commissioning at the same temperature: (y - y_0) - (X - X_0) b, with the means y_0, X_0 of commissioning.
-    fn change(&self, seen: &Seen) -> Option<(f64, f64)> {
-        self.level.change(&self.detector, seen)
+    fn change(&self, seen: &Seen, limit: f64) -> Option<(f64, f64)> {
+        self.level.change(&self.detector, seen, limit)
     }
 }
 
 impl Level {
-    /// Takes a period of commissioning.
-    fn learn(&mut self, day: f64, ratio: f64, columns: &[f64], periods: usize) {
-        if self.periods >= periods as f64 {
+    /// Takes a period of commissioning. One after a change that was told is none, if there are enough without it.
+    fn learn(&mut self, day: f64, ratio: f64, columns: &[f64], periods: usize, is_told: bool) {
+        if self.periods >= periods as f64 || (is_told && self.periods >= FEWEST_PERIODS) {
             return;
         }
         if self.periods == 0.0 {
@@ -431,7 +448,7 @@ impl Level {
         }
     }
 
-    fn change(&self, detector: &Detector, seen: &Seen) -> Option<(f64, f64)> {
+    fn change(&self, detector: &Detector, seen: &Seen, limit: f64) -> Option<(f64, f64)> {
         if self.periods < FEWEST_PERIODS {
             return None;
         }
@@ -447,6 +464,7 @@ impl Level {
                 columns: &columns,
                 ..*seen
             },
+            limit,
             self.periods,
             self.days[1] - self.days[0],
         )

@@ -270,7 +270,7 @@ pub fn raise(state: &mut State, kind: Kind, number: i64) -> Vec<AlarmEvent> {
         kind,
         hour(number),
         format!("the \"{kind}\" of record {number}"),
-        None,
+        tirante::track::alarm::Known::default(),
     );
     board.into_events()
 }

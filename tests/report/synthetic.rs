@@ -326,6 +326,7 @@ pub fn rod(id: &str, count: usize, step: i64, seed: u64) -> RodReport {
         let raised = onset + (end - onset) / 4;
         report.alarms.push(Alarm {
             witness: None,
+            alternatives: None,
             id: "1a2b3c".to_owned(),
             rod: RodId(id.to_owned()),
             kind: Kind::NoData,
@@ -338,6 +339,7 @@ pub fn rod(id: &str, count: usize, step: i64, seed: u64) -> RodReport {
         });
         report.alarms.push(Alarm {
             witness: None,
+            alternatives: None,
             id: "4d5e6f".to_owned(),
             rod: RodId(id.to_owned()),
             kind: Kind::Drift,

@@ -97,8 +97,8 @@ def judge(site, index, lines):
 
 
 def is_confirmed(alarm):
-    """Whether a drift is one that the other rods confirm; versions without that grade confirm none."""
-    return alarm["kind"] == "drift" and "the other rods confirm that" in alarm["message"]
+    """Whether a drift is one that the other rods confirm."""
+    return alarm["kind"] == "drift" and alarm.get("witness") == "confirmed"
 
 
 def claims_force(alarm):

@@ -153,17 +153,18 @@ impl Explained {
 
     /// One sentence for people, without a full stop.
     pub fn sentence(&self) -> String {
-        let Some((first, others)) = self.kinds.split_first() else {
+        let Some(first) = self.kinds.first() else {
             return String::new();
         };
         let went = if self.fell { "fell" } else { "rose" };
-        let over = format!("{}, {}", modes(&self.orders), counted(self.records, "record"));
         let force = self.probability(Kind::Force);
-        if let (Some(true), Some(change)) = (self.is_axial(), first.change) {
+        let is_axial = self.is_axial();
+        if let (Some(true), Some(change)) = (is_axial, first.change) {
             let odds = odds(force / (1.0 - force).max(f64::MIN_POSITIVE));
             return format!(
-                "the axial force {} (odds {odds} against every other change weighed; {over})",
-                verb(change)
+                "the axial force {} (odds {odds} against every other change weighed; {})",
+                verb(change),
+                self.over()
             );
         }
         let mut text = match first.change {
@@ -173,31 +174,60 @@ impl Explained {
                  changes together, a local mass, or an interfering line"
             ),
         };
-        for other in others {
-            let ratio = first.probability / other.probability.max(f64::MIN_POSITIVE);
+        self.add_rivals(&mut text, first);
+        if is_axial == Some(false) {
+            let odds = odds((1.0 - force) / force.max(f64::MIN_POSITIVE));
+            let _ = write!(
+                text,
+                "; not the axial force alone (odds {odds} against it; {})",
+                self.over()
+            );
+        } else {
+            self.add_needed(&mut text);
+        }
+        text
+    }
+
+    /// The explanations besides the axial force, as an addition to a sentence about it, without a full stop.
+    pub fn rivals(&self) -> String {
+        let Some(force) = self.kinds.iter().find(|one| one.kind == Kind::Force) else {
+            return String::new();
+        };
+        let mut text = "the axial force is one explanation".to_owned();
+        self.add_rivals(&mut text, force);
+        self.add_needed(&mut text);
+        text
+    }
+
+    /// The kinds that are not much less probable than `one`.
+    fn add_rivals(&self, text: &mut String, one: &Weighed) {
+        for other in self.kinds.iter().filter(|other| other.kind != one.kind) {
+            let ratio = one.probability / other.probability.max(f64::MIN_POSITIVE);
             if ratio > DECIDED {
                 break;
             }
-            let _ = if ratio < 1.5 {
-                write!(text, "; {} explains them as well", told(other))
-            } else {
+            let _ = if ratio > 1.5 {
                 write!(
                     text,
                     "; {} explains them, too (odds {} against it)",
                     told(other),
                     odds(ratio)
                 )
+            } else if ratio * 1.5 < 1.0 {
+                write!(
+                    text,
+                    "; {} explains them better (odds {} for it)",
+                    told(other),
+                    odds(ratio.recip())
+                )
+            } else {
+                write!(text, "; {} explains them as well", told(other))
             };
         }
-        if self.is_axial() == Some(false) {
-            let odds = odds((1.0 - force) / force.max(f64::MIN_POSITIVE));
-            let _ = write!(
-                text,
-                "; not the axial force alone (odds {odds} against it; {over})"
-            );
-            return text;
-        }
-        let _ = write!(text, "; these cannot be told apart with {over}");
+    }
+
+    fn add_needed(&self, text: &mut String) {
+        let _ = write!(text, "; these cannot be told apart with {}", self.over());
         let needed: Vec<String> = self
             .needed
             .iter()
@@ -213,7 +243,11 @@ impl Explained {
                 needed.join(", or ")
             );
         }
-        text
+    }
+
+    /// What the odds rest on.
+    fn over(&self) -> String {
+        format!("{}, {}", modes(&self.orders), counted(self.records, "record"))
     }
 }
 

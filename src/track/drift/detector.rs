@@ -175,16 +175,6 @@ impl Detector {
         Some(law)
     }
 
-    /// Learns a period as one without a change, for what the columns explain; R stays as it is.
-    pub fn learn_unwatched(&mut self, seen: &Seen) {
-        if let Some(row) = Row::new(&self.prior, seen) {
-            let passage = self.passage(seen.day);
-            self.null.advance(&self.prior, &passage);
-            self.null.learn(&self.prior, &row, &passage);
-            self.periods += 1;
-        }
-    }
-
     /// Passage of time from the last period.
     pub(super) fn passage(&self, day: f64) -> Passage {
         Passage::new(&self.prior, self.null.day, day)

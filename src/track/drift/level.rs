@@ -1,11 +1,14 @@
 //! Change from a level: what a period shows beyond what its columns explain, against the mean of earlier periods.
 
-use super::bank::{Row, Seen, quadratic};
+use super::bank::{Member, Row, Seen, ln_sum, quadratic};
 use super::detector::Detector;
 use super::prior::Fluctuation;
 
 /// Where columns begin in the state: after change and intercept.
 const COLUMNS: usize = 2;
+
+/// Share of the average from which on a bank counts.
+const NEGLIGIBLE: f64 = 1e-6;
 
 impl Detector {
     /// Change from a level and its standard deviation. `seen` holds ratio and columns less their means over `periods` periods
@@ -15,43 +18,66 @@ impl Detector {
     /// c = (y - y_0) - (X - X_0) b,    var c = sigma^2 (R + r + r2 + x'P x + (1 + r s(tau) + r2 s(tau2)) / level)
     /// ```
     ///
-    /// The fluctuation counts with its whole variance: what lasts for days only is no change. `None` for a period that cannot
-    /// be used.
-    pub fn change_from_level(&self, seen: &Seen, periods: f64, span_d: f64) -> Option<(f64, f64)> {
+    /// averaged over the members of the null bank and of the onset particles, with the odds of one onset in `limit` periods: a
+    /// change must not be learned as something the columns do. The fluctuation counts with its whole variance: what lasts for
+    /// days only is no change. `None` for a period that cannot be used.
+    pub fn change_from_level(
+        &self,
+        seen: &Seen,
+        limit: f64,
+        periods: f64,
+        span_d: f64,
+    ) -> Option<(f64, f64)> {
         let row = Row::new(&self.prior, seen)?;
         let x = row.columns();
         let width = x.len();
         let mut along = vec![0.0; width];
         along[COLUMNS..width - 2].copy_from_slice(&x[COLUMNS..width - 2]);
-        let (mut mean, mut square, mut variance) = (0.0, 0.0, 0.0);
-        for member in &self.null.members {
-            let weight = libm::exp(member.ln_weight);
-            let fluctuation = &self.prior.members[usize::from(member.which)];
-            let explained: f64 = along.iter().zip(&member.mean).map(|(x, mean)| x * mean).sum();
-            mean += weight * explained;
-            square += weight * explained * explained;
-            let own = row.error() + fluctuation.variance + fluctuation.slow_variance;
-            let level = periods.recip() + averaged(fluctuation, span_d);
-            variance += weight * member.noise() * (own + level + quadratic(&member.cov, &along, width));
-        }
-        let between = (square - mean * mean).max(0.0);
-        Some((seen.ratio - mean, (variance + between).sqrt()))
+        let levels: Vec<f64> = self
+            .prior
+            .members
+            .iter()
+            .map(|fluctuation| {
+                let level = periods.recip() + averaged(fluctuation, span_d);
+                row.error() + fluctuation.variance + fluctuation.slow_variance + level
+            })
+            .collect();
+        let (mean, sd) = self.average(limit, &along, |member| levels[usize::from(member.which)]);
+        Some((seen.ratio - mean, sd))
     }
 
     /// Slope of the ratio with a temperature that stays: the sum of the first `filters` coefficients, and its standard deviation.
-    pub fn slope(&self, filters: usize) -> (f64, f64) {
+    pub fn slope(&self, limit: f64, filters: usize) -> (f64, f64) {
         let width = self.prior.columns.len() + 4;
         let mut along = vec![0.0; width];
         along[COLUMNS..COLUMNS + filters.min(self.prior.columns.len())].fill(1.0);
-        let (mut mean, mut square, mut variance) = (0.0, 0.0, 0.0);
-        for member in &self.null.members {
-            let weight = libm::exp(member.ln_weight);
-            let slope: f64 = along.iter().zip(&member.mean).map(|(x, mean)| x * mean).sum();
-            mean += weight * slope;
-            square += weight * slope * slope;
-            variance += weight * member.noise() * quadratic(&member.cov, &along, width);
+        self.average(limit, &along, |_| 0.0)
+    }
+
+    /// Mean of x'b and the standard deviation of x'b + e, var e = sigma^2 `own`, over null bank and onset particles.
+    fn average(&self, limit: f64, x: &[f64], own: impl Fn(&Member) -> f64) -> (f64, f64) {
+        let null = libm::log(limit.max(1.0));
+        let total = ln_sum(self.weights().chain([null]));
+        let particles = self.particles.iter().map(|particle| &particle.bank);
+        let banks = particles
+            .zip(self.weights())
+            .chain([(&self.null, null)])
+            .map(|(bank, weight)| (bank, libm::exp(weight - total)))
+            .filter(|(_, share)| *share > NEGLIGIBLE);
+        let (mut sum, mut mean, mut square, mut variance) = (0.0, 0.0, 0.0, 0.0);
+        for (bank, share) in banks {
+            for member in &bank.members {
+                let weight = share * libm::exp(member.ln_weight);
+                let explained: f64 = x.iter().zip(&member.mean).map(|(x, mean)| x * mean).sum();
+                sum += weight;
+                mean += weight * explained;
+                square += weight * explained * explained;
+                variance += weight * member.noise() * (own(member) + quadratic(&member.cov, x, x.len()));
+            }
         }
-        (mean, (variance + (square - mean * mean).max(0.0)).sqrt())
+        mean /= sum;
+        let between = (square / sum - mean * mean).max(0.0);
+        (mean, (variance / sum + between).sqrt())
     }
 }
 

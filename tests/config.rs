@@ -595,7 +595,8 @@ fn prior(low: f64, high: f64) -> impl Strategy<Value = String> {
 
 fn configuration() -> impl Strategy<Value = String> {
     let rod = (
-        prior(1e3, 1e6),
+        // A chaos needs a quantity to expand.
+        prior(1e3, 1e6).prop_filter("an uncertain force", |law| law.starts_with('{')),
         prior(1e10, 3e11),
         prior(7000.0, 8000.0),
         prior(0.01, 0.1),

@@ -29,6 +29,7 @@ pub struct EarlyWatch {
     reference_c: Option<f64>,
     /// Records of the period that is still open.
     open: Vec<Pending>,
+    #[serde(default, with = "super::packed")]
     watch: Option<DriftWatch>,
     /// Records taken.
     taken: usize,

@@ -29,6 +29,7 @@
 //! * `reference`     force and relative force at the reference temperature
 //! * `monitor`       what a closed period says: detectors moved on, conditions looked at
 //! * `explain`       what an alarm may be about: the alternatives, asked for the periods since an onset
+//! * `packed`        filter banks as text
 //! * `loss`          losses so large that nothing else explains them
 
 pub mod alarm;
@@ -45,6 +46,7 @@ mod loss;
 mod monitor;
 pub mod observation;
 pub mod others;
+mod packed;
 mod particles;
 pub mod period;
 pub mod plan;

@@ -79,7 +79,11 @@ fn watch(tracker: &mut Tracker, period: &mut Period, others: &Others) {
         .watch
         .get_or_insert_with(|| DriftWatch::new(period.start.days(), noise_sd));
     let is_sparse = state.filters.is_sparse();
-    period.charted = Some(watch.step(&terms, period, is_sparse, others, plan.track.period_s));
+    let mut charted = watch.step(&terms, period, is_sparse, others, plan.track.period_s);
+    if let Some(sd) = &mut charted.at_reference_sd {
+        *sd = sd.hypot(state.common_size());
+    }
+    period.charted = Some(charted);
 }
 
 /// Median stated error of a period's ratio, by the records that wait with the first period.
@@ -328,15 +332,13 @@ pub(super) fn drift_message(change: &Change, witness: Witness, alternatives: Opt
         Witness::Peers => "; there is no temperature, the other rods of the site stand in for it",
         Witness::Blind => "; there is no temperature: a sudden change of weather may look the same",
     };
-    let open = alternatives.filter(|alternatives| alternatives.is_axial().is_none());
-    let as_if = if open.is_some() {
-        "the frequencies changed as if "
-    } else {
-        ""
+    let (as_if, explained) = match alternatives {
+        None => ("", String::new()),
+        Some(known) if known.is_axial() == Some(true) => ("", format!("; {}", known.certainty())),
+        Some(open) => ("the frequencies changed as if ", format!("; {}", open.rivals())),
     };
-    let rivals = open.map_or_else(String::new, |open| format!("; {}", open.rivals()));
     format!(
-        "{as_if}the axial force{at} {verb} by {:.2} % (95 %: {:.2} to {:.2} %) since about {}{who}{rivals}",
+        "{as_if}the axial force{at} {verb} by {:.2} % (95 %: {:.2} to {:.2} %) since about {}{who}{explained}",
         toward(size.mean),
         one.min(other),
         one.max(other),

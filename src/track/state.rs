@@ -74,7 +74,7 @@ pub struct State {
     #[serde(default)]
     pub filters: Filters,
     /// The drift watch, from the first period of the baseline.
-    #[serde(default)]
+    #[serde(default, with = "super::packed")]
     pub watch: Option<DriftWatch>,
     /// The watch over the records that will make the baseline.
     #[serde(default)]
@@ -123,6 +123,16 @@ impl State {
             thermometer: Thermometer::default(),
             latest: None,
         }
+    }
+
+    /// Size of the change that rods show together, as a share of the force; zero while none is told. It is the thermometer's or
+    /// the structure's: until that is known, a change at the reference temperature is uncertain by as much.
+    pub(super) fn common_size(&self) -> f64 {
+        if !self.holds(Kind::Common) {
+            return 0.0;
+        }
+        let change = self.watch.as_ref().and_then(DriftWatch::change);
+        change.map_or(0.0, |change| change.size.abs())
     }
 
     /// Whether an alarm of this kind stands and its condition holds.

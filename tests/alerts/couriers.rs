@@ -227,6 +227,12 @@ fn a_reload_sends_nothing_twice() {
         let alarm = desk.raise(hour);
         couriers.wake();
         eventually("it arrives", || fake.requests().len() == hour + 1);
+        // The answer, too: news whose answer is on its way are sent again.
+        eventually("it is marked", || {
+            unwritten
+                .try_iter()
+                .any(|job| matches!(job, Job::Delivered { sink, .. } if sink == "hook"))
+        });
         id("raised", &alarm)
     };
     eventually("the sink is known", || {

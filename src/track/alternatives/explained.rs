@@ -160,12 +160,7 @@ impl Explained {
         let force = self.probability(Kind::Force);
         let is_axial = self.is_axial();
         if let (Some(true), Some(change)) = (is_axial, first.change) {
-            let odds = odds(force / (1.0 - force).max(f64::MIN_POSITIVE));
-            return format!(
-                "the axial force {} (odds {odds} against every other change weighed; {})",
-                verb(change),
-                self.over()
-            );
+            return format!("the axial force {} ({})", verb(change), self.certainty());
         }
         let mut text = match first.change {
             Some(_) => format!("the frequencies {went} as {} would", told(first)),
@@ -186,6 +181,13 @@ impl Explained {
             self.add_needed(&mut text);
         }
         text
+    }
+
+    /// The odds for the axial force and what they rest on.
+    pub fn certainty(&self) -> String {
+        let force = self.probability(Kind::Force);
+        let odds = odds(force / (1.0 - force).max(f64::MIN_POSITIVE));
+        format!("odds {odds} against every other change weighed; {}", self.over())
     }
 
     /// The explanations besides the axial force, as an addition to a sentence about it, without a full stop.

@@ -100,7 +100,6 @@ fn a_year_of_two_rods_shows_everything() {
         "2025-03-01",
         "mode 3",
         "baseline</text>",
-        "limit h = ",
         "Refused records",
         "prefers-color-scheme:dark",
         "lang=\"en\"",

@@ -317,7 +317,7 @@ fn a_newer_format_is_refused_by_name_and_left_alone() {
                 error,
                 StoreError::Newer {
                     found: 99,
-                    known: 2,
+                    known: 3,
                     ..
                 }
             ),
@@ -465,16 +465,24 @@ fn a_store_of_the_first_format_is_read_as_it_is_and_brought_up_to_date_by_a_writ
         text
     };
     let expected = include_str!("fixtures/store-format-1.json");
+    // All but the names of the columns of periods, of which it has none.
+    let dumped = |reader: &Reader| {
+        let mut dump = reader.dump().unwrap();
+        let from = dump.find("# period:").unwrap();
+        let to = from + dump[from..].find('\n').unwrap();
+        dump.replace_range(from..to, "");
+        dump
+    };
     let reader = Reader::open(&path).unwrap();
     assert_eq!(history(&reader), expected);
-    let before = reader.dump().unwrap();
+    let before = dumped(&reader);
     drop(reader);
     let store = open(&path);
     assert_eq!(store.moved_aside(), None);
     assert_eq!(history(&store), expected);
-    assert_eq!(store.dump().unwrap(), before);
+    assert_eq!(dumped(&store), before);
     assert_eq!(store.files().unwrap().len(), 0);
     assert_eq!(store.delivered("mail").unwrap(), None);
     drop(store);
-    assert_eq!(Reader::open(&path).unwrap().dump().unwrap(), before);
+    assert_eq!(dumped(&Reader::open(&path).unwrap()), before);
 }

@@ -110,8 +110,8 @@ fn history_as_json_repeats_the_printed_lines() {
     let periods = listed(&reader, What::Periods, Format::Json);
     let period: Value = serde_json::from_str(periods.lines().next().unwrap()).unwrap();
     assert_eq!(
-        (&period["records"], &period["step_down"]),
-        (&24.into(), &1.0.into())
+        (&period["records"], &period["evidence"]),
+        (&24.into(), &0.25.into())
     );
     let table = listed(&reader, What::Records, Format::Table);
     assert!(

@@ -15,6 +15,7 @@ use super::drift::{BankPrior, Change, Companions, Detector, Law, Regressors, See
 use super::others::Others;
 use super::period::{Charted, Evidence, Period};
 use serde::{Deserialize, Serialize};
+use std::collections::VecDeque;
 
 /// Greatest share of the other rods that may move beside a rod that drifts.
 const MOVING_SHARE: f64 = 0.25;
@@ -83,6 +84,8 @@ struct Level {
     periods: f64,
     ratio: f64,
     columns: Vec<f64>,
+    /// The last of them: time, ratio, columns.
+    recent: VecDeque<(f64, f64, Vec<f64>)>,
 }
 
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -293,7 +296,9 @@ impl DriftWatch {
         self.compensated = Some(begun(prior, knows_others && terms.thermal.is_some()));
     }
 
+    /// Latches what passed its limit. Periods of commissioning since the onset of a change that is told now are none.
     fn latch(&mut self, limit: f64) {
+        let was_told = self.above.any();
         let is_above = |detector: &Detector| detector.statistic() > limit;
         self.above.compensated |= self
             .compensated
@@ -301,6 +306,17 @@ impl DriftWatch {
             .is_some_and(|one| is_above(&one.detector));
         self.above.peers |= self.peers.as_ref().is_some_and(is_above);
         self.above.blind |= is_above(&self.blind);
+        if !was_told
+            && self.above.any()
+            && let Some(change) = self.change()
+        {
+            for known in [&mut self.compensated, &mut self.by_temperature]
+                .into_iter()
+                .flatten()
+            {
+                known.level.withdraw(change.onset);
+            }
+        }
     }
 
     /// What the detectors say after the last period.
@@ -446,6 +462,27 @@ impl Level {
         for (mean, column) in self.columns.iter_mut().zip(columns) {
             *mean += share * (column - *mean);
         }
+        if self.recent.len() == WITHDRAWN_PERIODS {
+            self.recent.pop_front();
+        }
+        self.recent.push_back((day, ratio, columns.to_vec()));
+    }
+
+    /// Takes the latest periods since an onset out, as long as there are enough without them.
+    fn withdraw(&mut self, onset: f64) {
+        while self.periods > FEWEST_PERIODS
+            && let Some((_, ratio, columns)) = self.recent.pop_back_if(|(day, ..)| *day >= onset)
+        {
+            self.periods -= 1.0;
+            let share = self.periods.recip();
+            self.ratio += share * (self.ratio - ratio);
+            for (mean, column) in self.columns.iter_mut().zip(&columns) {
+                *mean += share * (*mean - column);
+            }
+            if let Some((day, ..)) = self.recent.back() {
+                self.days[1] = *day;
+            }
+        }
     }
 
     fn change(&self, detector: &Detector, seen: &Seen, limit: f64) -> Option<(f64, f64)> {
@@ -473,3 +510,6 @@ impl Level {
 
 /// Periods of commissioning that make a level at least.
 const FEWEST_PERIODS: f64 = 10.0;
+
+/// Latest periods that can be withdrawn: a change is told within so many, or is too small to matter to a mean.
+const WITHDRAWN_PERIODS: usize = 10;

@@ -1,7 +1,7 @@
 //! One rod: its segments, what temperature does, its charts, and what its records looked like.
 
 use super::days::Days;
-use super::standing::RodStatus;
+use super::standing::{Goals, RodStatus};
 use crate::config::Config;
 use crate::record::{RodId, Timestamp};
 use crate::snapshot::Snapshot;
@@ -87,7 +87,7 @@ impl RodAnswer {
             caveat: whiteness
                 .filter(|whiteness| !whiteness.is_white())
                 .map(|whiteness| whiteness.message()),
-            status: RodStatus::of(standing, days.counts(rod), whiteness)?,
+            status: RodStatus::of(standing, days.counts(rod), whiteness, Goals::of(reader)?)?,
         }))
     }
 }

@@ -1,7 +1,7 @@
 //! All rods of a site at a glance.
 
 use super::days::{DAY_NS, Days};
-use super::standing::RodStatus;
+use super::standing::{Goals, RodStatus};
 use crate::record::{RodId, Timestamp};
 use crate::store::{Reader, StoreError};
 use serde::Serialize;
@@ -62,11 +62,12 @@ impl SiteAnswer {
     /// The store cannot be read, or a row is damaged.
     pub fn of(reader: &Reader, days: &Days) -> Result<Self, StoreError> {
         let mut whiteness = reader.whiteness()?;
+        let goals = Goals::of(reader)?;
         let mut rods = Vec::new();
         for standing in reader.standings()? {
             let counts = days.counts(&standing.rod);
             let whiteness = whiteness.remove(&standing.rod);
-            let status = RodStatus::of(standing, counts, whiteness)?;
+            let status = RodStatus::of(standing, counts, whiteness, goals)?;
             rods.push(RodGlance {
                 recent: Recent::of(days, &status.rod),
                 trend: Trend::of(days, &status),

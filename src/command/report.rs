@@ -1,7 +1,10 @@
 //! `tirante report`: what the store knows as one page per site.
 
 use super::which_store::{WhichStore, check_rod};
-use crate::config::Config;
+use crate::bayes::Prior;
+use crate::beam::Quantity;
+use crate::config::{Config, RodConfig};
+use crate::findings::Doubt;
 use crate::plot;
 use crate::plot::view::{RecordPoint, RejectionCount, RodReport, SegmentReport, SiteReport, ThermalLine};
 use crate::record::{RodId, Timestamp};
@@ -134,6 +137,7 @@ pub fn load(reader: &Reader, rod: Option<&RodId>) -> anyhow::Result<SiteReport> 
     for report in &mut rods {
         let unit = config.as_ref().and_then(|config| config.rod(&report.rod));
         report.motion_unit = unit.map(|rod| rod.channels.displacement.unit.si().to_owned());
+        report.facts = unit.map(facts).unwrap_or_default();
     }
     let mut provenance = vec![(
         "program".to_owned(),
@@ -160,6 +164,41 @@ pub fn load(reader: &Reader, rod: Option<&RodId>) -> anyhow::Result<SiteReport> 
     })
 }
 
+/// Facts of a rod as its configuration has them: what is known of its quantities.
+fn facts(rod: &RodConfig) -> Vec<(String, String)> {
+    let prior = &rod.analysis.prior;
+    let mut facts = vec![(
+        "section".to_owned(),
+        prior.parameterisation().section().key().to_owned(),
+    )];
+    let quantities = prior.parameterisation().quantities().iter().zip(prior.priors());
+    for (quantity, known) in quantities {
+        let (name, unit, factor) = match plot::quantity(quantity.key()) {
+            (_, unit, factor) if *quantity == Quantity::AxialForce => ("force expected", unit, factor),
+            shown => shown,
+        };
+        let kept = |value: f64| {
+            let rounded: f64 = format!("{:.4e}", value * factor).parse().unwrap_or(value);
+            rounded
+        };
+        let value = match known {
+            Prior::Fixed { value } => format!("{} {unit}", kept(*value)),
+            Prior::Fixity(fixity) => {
+                format!("fixity {} to {} (0 hinge, 1 clamp)", fixity.low, fixity.high)
+            }
+            Prior::Uniform { low, high } | Prior::LogUniform { low, high } => {
+                format!("{} to {} {unit}", kept(*low), kept(*high))
+            }
+            other => {
+                let (mean, sd) = other.mean_and_sd();
+                format!("{} {unit} \u{b1} {:.1} %", kept(mean), 100.0 * sd / mean)
+            }
+        };
+        facts.push((name.to_owned(), value));
+    }
+    facts
+}
+
 /// What gave the numbers their meaning, over all records.
 #[derive(Default)]
 struct Meaning {
@@ -177,6 +216,8 @@ struct Line {
     modes: Vec<LineMode>,
     axial_force_n: Option<LineForce>,
     conflict: Option<f64>,
+    prior_tail: Option<f64>,
+    label_probability: Option<f64>,
     tracked_force_n: Option<Interval>,
     relative_force: Option<Interval>,
     temperature_c: Option<f64>,
@@ -312,6 +353,7 @@ impl Line {
                 .map(|mode| (mode.order, mode.frequency_hz, mode.sd_hz))
                 .collect(),
             conflict: self.conflict,
+            doubts: Doubt::all(self.conflict, self.prior_tail, self.label_probability),
             set_aside: self.set_aside,
         })
     }

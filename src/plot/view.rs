@@ -1,5 +1,6 @@
 //! What a report is about, as plain data: whoever fills it, a store or a test, the page is the same.
 
+use crate::findings::Doubt;
 use crate::record::Timestamp;
 use crate::snapshot::Snapshot;
 use crate::track::{Alarm, Interval, Period, RodState};
@@ -24,6 +25,8 @@ pub struct RodReport {
     pub state: Option<RodState>,
     /// Unit of its samples as written, if known: `m`, `m/s`.
     pub motion_unit: Option<String>,
+    /// What its configuration says of it, as name and value: length, section, material, supports.
+    pub facts: Vec<(String, String)>,
     /// Identified records, ascending in time.
     pub records: Vec<RecordPoint>,
     /// Refused records by reason, the most frequent first.
@@ -55,6 +58,7 @@ impl RodReport {
             rod: rod.to_owned(),
             state: None,
             motion_unit: None,
+            facts: Vec::new(),
             records: Vec::new(),
             rejections: Vec::new(),
             segments: Vec::new(),
@@ -72,6 +76,14 @@ impl RodReport {
     /// Alarms that are not over.
     pub fn standing(&self) -> impl Iterator<Item = &Alarm> {
         self.alarms.iter().filter(|alarm| !alarm.is_over())
+    }
+
+    /// The record of a rod measured once: there is nothing to compare it with.
+    pub fn only_record(&self) -> Option<&RecordPoint> {
+        match &self.records[..] {
+            [only] if only.ratio.is_none() => Some(only),
+            _ => None,
+        }
     }
 
     /// The present segment.
@@ -126,6 +138,8 @@ pub struct RecordPoint {
     pub modes: Vec<(usize, f64, f64)>,
     /// Conflict with the model, in standard deviations.
     pub conflict: Option<f64>,
+    /// Reasons to doubt the force of this record alone.
+    pub doubts: Vec<Doubt>,
     /// Why it does not count on the charts, if it does not.
     pub set_aside: Option<String>,
 }

@@ -84,7 +84,7 @@ fn the_first_command_of_the_readme_measures_a_rod() {
     let page = read(at, "aisle.html");
     for wanted in [
         &format!("<strong>{} kN</strong>", kn("mean")),
-        "45 mm \u{b1} 2.0 %",
+        "45 mm \u{b1} 2 %",
         "9.5 m",
         "2026-03-01 06:00 UTC",
         "Damping [%]",
@@ -92,7 +92,7 @@ fn the_first_command_of_the_readme_measures_a_rod() {
         "Waveform of rod aisle",
         "Signature",
         "What the force hangs on",
-        "Measured once, so there is no change to tell: learning",
+        "Measured once, so there is no change to tell: learning, baseline 1 of 30 records.",
     ] {
         assert!(page.contains(wanted), "no {wanted:?} in the report");
     }
@@ -108,6 +108,29 @@ fn the_first_command_of_the_readme_measures_a_rod() {
         err.contains("aisle.toml: exists") && err.contains("tirante identify"),
         "{err}"
     );
+}
+
+/// What the README prints below its first command is what the command prints.
+#[test]
+fn the_readme_shows_what_its_first_command_prints() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let readme = fs::read_to_string(root.join("README.md")).unwrap();
+    let (_, rest) = readme.split_once("cargo run -- ").unwrap();
+    let (command, rest) = rest.split_once('\n').unwrap();
+    let (_, rest) = rest.split_once("```text\n").unwrap();
+    let (shown, _) = rest.split_once("```").unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let mut words: Vec<&str> = command.split(' ').collect();
+    words.extend(["--plot", "always", "--out", folder.path().to_str().unwrap()]);
+    let (code, out, err) = tirante(root, &words);
+    assert_eq!(code, Some(0), "{err}");
+    assert!(shown.lines().count() > 20, "{shown}");
+    for line in shown.lines().filter(|line| *line != "...") {
+        assert!(
+            out.lines().any(|told| told.trim_end() == line.trim_end()),
+            "{line:?} is not in\n{out}"
+        );
+    }
 }
 
 #[test]

@@ -138,6 +138,7 @@ pub fn load(reader: &Reader, rod: Option<&RodId>) -> anyhow::Result<SiteReport> 
         let unit = config.as_ref().and_then(|config| config.rod(&report.rod));
         report.motion_unit = unit.map(|rod| rod.channels.displacement.unit.si().to_owned());
         report.facts = unit.map(facts).unwrap_or_default();
+        report.baseline_takes = config.as_ref().map(|config| config.track.baseline_records);
     }
     let mut provenance = vec![(
         "program".to_owned(),
@@ -168,35 +169,48 @@ pub fn load(reader: &Reader, rod: Option<&RodId>) -> anyhow::Result<SiteReport> 
 fn facts(rod: &RodConfig) -> Vec<(String, String)> {
     let prior = &rod.analysis.prior;
     let mut facts = vec![(
+        0,
         "section".to_owned(),
         prior.parameterisation().section().key().to_owned(),
     )];
-    let quantities = prior.parameterisation().quantities().iter().zip(prior.priors());
-    for (quantity, known) in quantities {
-        let (name, unit, factor) = match plot::quantity(quantity.key()) {
-            (_, unit, factor) if *quantity == Quantity::AxialForce => ("force expected", unit, factor),
-            shown => shown,
+    for (quantity, known) in prior.parameterisation().quantities().iter().zip(prior.priors()) {
+        let (name, unit, factor) = plot::quantity(quantity.key());
+        // The length first, the force last.
+        let (place, name) = match quantity {
+            Quantity::Length => (-1, name),
+            Quantity::AxialForce => (2, "force expected"),
+            Quantity::SpringLeft => (1, "left support"),
+            Quantity::SpringRight => (1, "right support"),
+            _ => (0, name),
         };
-        let kept = |value: f64| {
-            let rounded: f64 = format!("{:.4e}", value * factor).parse().unwrap_or(value);
-            rounded
-        };
+        let four = |value: f64| rounded(value * factor, 4);
         let value = match known {
-            Prior::Fixed { value } => format!("{} {unit}", kept(*value)),
-            Prior::Fixity(fixity) => {
-                format!("fixity {} to {} (0 hinge, 1 clamp)", fixity.low, fixity.high)
-            }
+            Prior::Fixed { value } => format!("{} {unit}", four(*value)),
+            Prior::Fixity(fixity) => format!("{} to {} (0 hinge, 1 clamp)", fixity.low, fixity.high),
             Prior::Uniform { low, high } | Prior::LogUniform { low, high } => {
-                format!("{} to {} {unit}", kept(*low), kept(*high))
+                format!("{} to {} {unit}", four(*low), four(*high))
+            }
+            // Its 95 % range.
+            Prior::LogNormal { median, log_sd } => {
+                let [low, high] = [-1.96, 1.96].map(|z| four(median * (z * log_sd).exp()));
+                format!("{low} to {high} {unit}")
             }
             other => {
                 let (mean, sd) = other.mean_and_sd();
-                format!("{} {unit} \u{b1} {:.1} %", kept(mean), 100.0 * sd / mean)
+                format!("{} {unit} \u{b1} {} %", four(mean), rounded(100.0 * sd / mean, 2))
             }
         };
-        facts.push((name.to_owned(), value));
+        facts.push((place, name.to_owned(), value));
     }
-    facts
+    facts.sort_by_key(|(place, ..)| *place);
+    facts.into_iter().map(|(_, name, value)| (name, value)).collect()
+}
+
+/// A number with so many significant digits.
+fn rounded(value: f64, digits: usize) -> f64 {
+    format!("{value:.*e}", digits.saturating_sub(1))
+        .parse()
+        .unwrap_or(value)
 }
 
 /// What gave the numbers their meaning, over all records.

@@ -21,7 +21,13 @@ pub fn page(report: &SiteReport) -> String {
                 _ => overview(main, report),
             }
             for (i, one) in report.rods.iter().enumerate() {
-                main.element("section", &[("id", &anchor(i))], |section| {
+                let id = anchor(i);
+                let attributes = [("id", id.as_str()), ("class", "sheet")];
+                let attributes = match one.only_record() {
+                    Some(_) => &attributes[..],
+                    None => &attributes[..1],
+                };
+                main.element("section", attributes, |section| {
                     rod::section(section, one, &anchor(i));
                 });
             }

@@ -9,6 +9,7 @@ use super::view::{RecordPoint, RodReport};
 use crate::findings::motion_said;
 use crate::record::Timestamp;
 use crate::snapshot::Snapshot;
+use crate::track::RodState;
 
 /// The rod's part of the page; `id` begins the ids of its figures.
 pub(super) fn section(html: &mut Markup, rod: &RodReport, only: &RecordPoint, id: &str) {
@@ -58,10 +59,13 @@ fn headline(html: &mut Markup, rod: &RodReport, only: &RecordPoint) {
         let sentence = format!("{}{rest}.", first.to_uppercase());
         html.leaf("p", &[("class", "note"), ("role", "note")], sentence);
     }
-    let state = format!(
-        "Measured once, so there is no change to tell: {}.",
-        state_text(rod)
-    );
+    let state = match (&rod.state, rod.baseline_takes) {
+        (Some(RodState::Learning { records, .. }), Some(takes)) => {
+            format!("learning, baseline {records} of {takes} records")
+        }
+        _ => state_text(rod),
+    };
+    let state = format!("Measured once, so there is no change to tell: {state}.");
     html.leaf("p", &[("class", "about")], state);
 }
 

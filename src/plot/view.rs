@@ -27,6 +27,8 @@ pub struct RodReport {
     pub motion_unit: Option<String>,
     /// What its configuration says of it, as name and value: length, section, material, supports.
     pub facts: Vec<(String, String)>,
+    /// Records that a baseline takes, if known.
+    pub baseline_takes: Option<usize>,
     /// Identified records, ascending in time.
     pub records: Vec<RecordPoint>,
     /// Refused records by reason, the most frequent first.
@@ -59,6 +61,7 @@ impl RodReport {
             state: None,
             motion_unit: None,
             facts: Vec::new(),
+            baseline_takes: None,
             records: Vec::new(),
             rejections: Vec::new(),
             segments: Vec::new(),

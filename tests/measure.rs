@@ -62,7 +62,7 @@ fn the_first_command_of_the_readme_measures_a_rod() {
         assert!(out.contains(wanted), "no {wanted:?} in\n{out}");
     }
     assert!(
-        err.contains("configuration: ./aisle.toml") && err.contains("report: ./aisle.html"),
+        err.contains("configuration: aisle.toml") && err.contains("report: aisle.html"),
         "{err}"
     );
     assert!(out.lines().all(|line| line.chars().count() <= 80), "{out}");
@@ -227,7 +227,12 @@ fn what_is_not_said_is_named_by_its_flags_and_nothing_is_written() {
         (&recording, &["--length", "9500"], 2, "9500 mm, or 9500 m"),
         (&recording, &["--section", "40 kg"], 2, "is no unit of length"),
         (&recording, &["--force", "20"], 2, "20 kN, or 20 N"),
-        ("bare.npy", &AISLE, 2, "--rate is needed"),
+        (
+            "bare.npy",
+            &AISLE,
+            2,
+            "--rate, or --time with the column of the stamps, is needed",
+        ),
         (
             "two.csv",
             &AISLE,

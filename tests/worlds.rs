@@ -87,6 +87,7 @@ fn users_who_say_length_section_and_material_get_a_force() {
                 "60",
                 "--every",
                 "2",
+                "--few",
                 "--look",
                 "--program",
                 env!("CARGO_BIN_EXE_tirante"),

@@ -14,7 +14,7 @@ use crate::config::Config;
 use crate::findings::{Candidate, Doubt};
 use crate::import::{self, Format, How};
 use crate::outcome::Outcome;
-use crate::record::Unit;
+use crate::record::{Rejection, Unit};
 use crate::site::Site;
 use crate::snapshot::Snapshot;
 use crate::source::contents::Content;
@@ -89,7 +89,13 @@ pub struct Args {
 /// Something is not said and nobody is there to ask, the file cannot be read, or an output cannot be written.
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let stem = args.file.file_stem().unwrap_or_default().to_string_lossy();
-    let named = |ending: &str| args.out.join(format!("{stem}.{ending}"));
+    let named = |ending: &str| {
+        let name = PathBuf::from(format!("{stem}.{ending}"));
+        match args.out == Path::new(".") {
+            true => name,
+            false => args.out.join(name),
+        }
+    };
     let (toml, page) = (named("toml"), named("html"));
     if toml.exists() {
         return Err(BadArguments(format!(
@@ -172,7 +178,11 @@ fn look<R: BufRead>(
 ) -> anyhow::Result<Vec<Content>> {
     if import::lacks_rate(file, how)? {
         let question = "sample rate in Hz, which the file does not say";
-        how.rate_hz = Some(questions.ask(question, "--rate", positive)?);
+        how.rate_hz = Some(questions.ask(
+            question,
+            "--rate, or --time with the column of the stamps,",
+            positive,
+        )?);
     }
     Ok(import::topics(file, how, &foreign::watch)?)
 }
@@ -235,7 +245,13 @@ fn told(config: &Config, outcome: &Outcome, width: Option<usize>) -> String {
         Outcome::Identified(identification) => identification,
         Outcome::Rejected(rejected) => {
             text += &findings::refused(rejected);
-            return text + "\n" + &plot;
+            if matches!(rejected.rejection, Rejection::NoLabel { .. }) {
+                text += "\n  A force expected may decide: --force '20..200 kN'\n";
+            }
+            if !plot.is_empty() {
+                text += &format!("\n{plot}");
+            }
+            return text;
         }
         // Rows of tables do not come here.
         Outcome::Tabulated(_) => return text,

@@ -85,7 +85,7 @@ fn facts(html: &mut Markup, rod: &RodReport, only: &RecordPoint, latest: Option<
         if let Some(probability) = latest.label_probability {
             add(
                 "orders of the modes",
-                format!("right with a probability of {}", super::percent_said(probability)),
+                format!("{} certain", super::percent_said(probability)),
             );
         }
     }

@@ -153,10 +153,12 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         |news, bar| {
             if let News::Outcome(outcome, place) = news {
                 records += 1;
-                let taken = site.take(outcome, Some(place))?;
-                let text = match taken {
-                    Some(taken) if args.json => taken.line + "\n",
-                    _ => told(&generation.config, outcome, args.plot.width()),
+                let Some(taken) = site.take(outcome, Some(place))? else {
+                    return Ok(Taken::Known);
+                };
+                let text = match args.json {
+                    true => taken.line + "\n",
+                    false => told(&generation.config, outcome, args.plot.width()),
                 };
                 bar.suspend(|| io::stdout().lock().write_all(text.as_bytes()))?;
             }
@@ -187,11 +189,15 @@ fn look<R: BufRead>(
     Ok(import::topics(file, how, &foreign::watch)?)
 }
 
-/// The file as it is read with the configuration. A recording says all of itself; the scale of samples moves no frequency, so one that
-/// nobody tells is 1.
+/// The file as it is read with the configuration. That of a recording has rate and unit; the scale of samples moves no frequency, so one
+/// that nobody tells is 1.
 fn as_read(file: &Path, how: How, sensor: &Sensor) -> anyhow::Result<How> {
     let Some(format) = import::format(file, &how)? else {
-        return Ok(How::default());
+        return Ok(How {
+            rate_hz: None,
+            unit: None,
+            ..how
+        });
     };
     Ok(How {
         full_scale: how.full_scale.or((format == Format::Wav).then_some(1.0)),

@@ -2,7 +2,7 @@
 
 use crate::command::{
     ack, alarm, backup, check, completions, emulator, frequencies, history, identify, import, init, manual,
-    rebaseline, replay, report, run, send, serve, simulate, spectrum, status, study, track,
+    measure, rebaseline, replay, report, run, send, serve, simulate, spectrum, status, study, track,
 };
 use crate::telemetry::log;
 use clap::{ArgAction, Parser, Subcommand};
@@ -31,6 +31,8 @@ pub struct Cli {
 /// The subcommands.
 #[derive(Debug, Subcommand)]
 pub enum Command {
+    /// Measure the axial force once: one file to force, configuration and report.
+    Measure(measure::Args),
     /// Recordings through the whole pipeline: frequencies, axial force, and what changed since the baseline.
     Replay(replay::Args),
     /// Tables of frequencies identified elsewhere: what changed since the baseline, and alarms.

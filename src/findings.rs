@@ -18,6 +18,62 @@ const DOUBT: f64 = 2.3;
 /// Probability of an assignment from which on the others are not shown beside a force.
 pub const CERTAIN: f64 = 0.99;
 
+/// Standard deviations of conflict from which on people are told that model and data disagree.
+pub const CONFLICT_SHOWN: f64 = 3.0;
+/// Share of the prior's own records as far out up to which people are told that the prior is doubtful.
+pub const PRIOR_TAIL_SHOWN: f64 = 0.01;
+
+/// Reason to doubt the force of a record.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Doubt {
+    /// Model and data disagree.
+    Conflict,
+    /// Prior and data disagree.
+    Prior,
+    /// The orders of the modes are not certain.
+    Orders,
+}
+
+impl Doubt {
+    /// All there are, the gravest first; what nobody knows of a record of an older program is no reason.
+    pub fn all(conflict: Option<f64>, prior_tail: Option<f64>, label_probability: Option<f64>) -> Vec<Self> {
+        let is_conflict = conflict.is_some_and(|score| score >= CONFLICT_SHOWN);
+        let is_prior = !is_conflict && prior_tail.is_some_and(|tail| tail <= PRIOR_TAIL_SHOWN);
+        let is_orders = label_probability.is_some_and(|probability| probability < CERTAIN);
+        [
+            (is_conflict, Self::Conflict),
+            (is_prior, Self::Prior),
+            (is_orders, Self::Orders),
+        ]
+        .into_iter()
+        .filter_map(|(is, doubt)| is.then_some(doubt))
+        .collect()
+    }
+
+    /// The mark before a force of which there are such doubts.
+    pub fn mark(doubts: &[Self]) -> &'static str {
+        match doubts {
+            [] => "",
+            [Self::Orders] => "? ",
+            _ => "! ",
+        }
+    }
+
+    /// In words.
+    pub fn said(self) -> &'static str {
+        match self {
+            Self::Conflict => {
+                "model and data disagree: the force may be wrong by more than its interval says"
+            }
+            Self::Prior => {
+                "hardly any rod of the prior has these frequencies: check length, section, material and expected force"
+            }
+            Self::Orders => "the orders of the modes are not certain: other orders give another force",
+        }
+    }
+}
+
 /// Meaning of a peak, as far as the record tells.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]

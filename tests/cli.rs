@@ -19,7 +19,7 @@ fn text(bytes: &[u8]) -> String {
 }
 
 #[test]
-fn the_first_command_of_the_readme_prints_the_papers_frequencies() {
+fn a_replay_without_a_configuration_prints_the_papers_frequencies() {
     let cache = tempfile::tempdir().unwrap();
     let output = tirante(&cache)
         .args(["replay", "recordings/todi-pull.mcap"])

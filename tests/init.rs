@@ -172,7 +172,10 @@ fn what_is_missing_or_impossible_is_named_and_nothing_is_written() {
     }
     let (code, said) = tirante(folder.path(), &["init", "--out", "site.toml"]);
     assert_eq!(code, Some(2));
-    assert!(said.contains("--length-m is needed"), "{said}");
+    assert!(
+        said.contains("--length, --section and --material are needed"),
+        "{said}"
+    );
 }
 
 /// The plan of what `init` writes of a rod of which nothing but size and material is known: 9.5 m, 50 mm square, iron.

@@ -514,6 +514,7 @@ fn the_shipped_recordings_are_what_their_commands_write() {
     let mut size = 0;
     for (config, recording) in [
         ("todi.toml", "todi-pull.mcap"),
+        ("aisle.toml", "aisle.mcap"),
         ("campaign.toml", "campaign-2025.mcap"),
     ] {
         let (config, out) = (root.join("config").join(config), folder.path().join(recording));
@@ -542,6 +543,7 @@ fn the_shipped_recordings_are_read_with_their_configurations() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     for (config, recording) in [
         ("todi.toml", "todi-pull.mcap"),
+        ("aisle.toml", "aisle.mcap"),
         ("campaign.toml", "campaign-2025.mcap"),
     ] {
         let config = Config::load(&root.join("config").join(config)).unwrap();

@@ -19,4 +19,4 @@ pub use history::History;
 pub use listing::{Alarms, Records};
 pub use rod::{Chart, Looks, RodAnswer};
 pub use site::SiteAnswer;
-pub use standing::RodStatus;
+pub use standing::{Goals, RodStatus};

@@ -1,7 +1,7 @@
 //! One rod: its segments, what temperature does, its charts, and what its records looked like.
 
 use super::days::Days;
-use super::standing::RodStatus;
+use super::standing::{Goals, RodStatus};
 use crate::config::Config;
 use crate::record::{RodId, Timestamp};
 use crate::snapshot::Snapshot;
@@ -79,7 +79,7 @@ impl RodAnswer {
             span: days.span(rod).map(|(first, last)| [first, last]),
             segments,
             thermal,
-            status: RodStatus::of(standing, days.counts(rod))?,
+            status: RodStatus::of(standing, days.counts(rod), Goals::of(reader)?)?,
         }))
     }
 }

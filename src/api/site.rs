@@ -1,7 +1,7 @@
 //! All rods of a site at a glance.
 
 use super::days::{DAY_NS, Days};
-use super::standing::RodStatus;
+use super::standing::{Goals, RodStatus};
 use crate::record::{RodId, Timestamp};
 use crate::store::{Reader, StoreError};
 use serde::Serialize;
@@ -61,10 +61,11 @@ impl SiteAnswer {
     /// # Errors
     /// The store cannot be read, or a row is damaged.
     pub fn of(reader: &Reader, days: &Days) -> Result<Self, StoreError> {
+        let goals = Goals::of(reader)?;
         let mut rods = Vec::new();
         for standing in reader.standings()? {
             let counts = days.counts(&standing.rod);
-            let status = RodStatus::of(standing, counts)?;
+            let status = RodStatus::of(standing, counts, goals)?;
             rods.push(RodGlance {
                 recent: Recent::of(days, &status.rod),
                 trend: Trend::of(days, &status),

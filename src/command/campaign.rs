@@ -155,6 +155,7 @@ pub fn run(
     );
     let done = Arc::new(AtomicU64::new(0));
     let channels: Vec<RodChannels> = config.rods.iter().map(|rod| rod.channels.clone()).collect();
+    let is_meant = others.is_meant;
     let open = opener(others, channels.clone(), config.record);
     let input =
         Recordings::new(files, channels, config.record, reading.follow, Arc::clone(&done)).opened_by(open);
@@ -203,7 +204,7 @@ pub fn run(
                             delivery.event(analysed, &place)?;
                         }
                     }
-                    Ok(Done::File(result)) => delivery.tally.file(&result, &bar),
+                    Ok(Done::File(result)) => delivery.tally.file(&result, is_meant, &bar),
                     Err(panic) => {
                         delivery.tally.broken += 1;
                         bar.say(&format!("error: the program broke on one event ({panic})"));
@@ -337,7 +338,8 @@ fn opener(others: Others, rods: Vec<RodChannels>, settings: RecordSettings) -> O
 }
 
 impl Tally {
-    fn file(&mut self, result: &Result<Summary, SourceError>, bar: &Progress) {
+    /// Counts a file and says what was wrong with it; without `is_meant` the rod looked for was the built-in one.
+    fn file(&mut self, result: &Result<Summary, SourceError>, is_meant: bool, bar: &Progress) {
         self.files += 1;
         let summary = match result {
             Ok(summary) => summary,
@@ -356,6 +358,12 @@ impl Tally {
             self.unreadable += 1;
             for absence in summary.absences() {
                 bar.say(&format!("error: {absence}"));
+            }
+            if !is_meant {
+                bar.say(
+                    "no --config was given, so the built-in rod of the paper was looked for: `tirante measure FILE` asks for yours, \
+                     `tirante init FILE` writes its configuration",
+                );
             }
         } else {
             self.with_losses += usize::from(summary.lost_data());

@@ -1,13 +1,111 @@
-//! What was found in a record, as text of at most 80 columns: its peaks, and what they may be.
+//! Findings of a record as text of at most 80 columns: its peaks and what they may be, marks of doubt, what the force hangs on.
 
-use crate::findings::{Candidate, three_digits};
-use crate::snapshot::PeakMark;
+use crate::analysis::Measurement;
+use crate::bayes::{Conflict, Marginal, VarianceShares};
+use crate::findings::{CONFLICT_SHOWN, Candidate, PRIOR_TAIL_SHOWN, motion_said, three_digits};
+use crate::outcome::Rejected;
+use crate::record::Timestamp;
+use crate::snapshot::{PeakMark, Snapshot};
 use std::fmt::Write;
 
 /// Most characters of a line.
 const WIDTH: usize = 80;
 /// Candidates listed.
 const CANDIDATES: usize = 5;
+
+/// Record, motion and what was noticed, a line each.
+pub fn opening(measurement: &Measurement) -> Vec<String> {
+    let mut lines = vec![
+        format!(
+            "  record of {:.1} s at {:.2} Hz, {}",
+            measurement.duration_s,
+            measurement.fs_hz,
+            began(measurement.start)
+        ),
+        format!("  {}", motion_said(&measurement.motion)),
+    ];
+    lines.extend(measurement.flags.iter().map(|flag| format!("  noticed: {flag}")));
+    lines
+}
+
+/// The beginning of a record; a file that does not say it begins in 1970 to the nanosecond.
+fn began(start: Timestamp) -> String {
+    match start.as_nanos() {
+        0 => "its time not said".to_owned(),
+        _ => format!("from {start}"),
+    }
+}
+
+/// Refusal of a record, with what was found in it.
+pub fn refused(rejected: &Rejected) -> String {
+    let rejection = &rejected.rejection;
+    let mut text = format!("{}: rejected ({}): {rejection}\n", rejected.rod, rejection.code());
+    let Some(measurement) = &rejected.measurement else {
+        return text;
+    };
+    for line in opening(measurement) {
+        text += &(line + "\n");
+    }
+    if let Some(picture) = Snapshot::of_rejected(rejected) {
+        if !picture.peaks.is_empty() {
+            text += &format!("\n{}", peaks(&picture.peaks));
+        }
+        if !picture.candidates.is_empty() {
+            text += &format!("\n{}", candidates(&picture.candidates));
+        }
+    }
+    text
+}
+
+/// Marks of a force that may be wrong, a line each: model or prior against the data.
+pub fn doubts(conflict: &Conflict) -> Vec<String> {
+    if conflict.score >= CONFLICT_SHOWN {
+        let reason = conflict
+            .violation
+            .map(|violation| format!(": {violation}"))
+            .unwrap_or_default();
+        vec![
+            format!("  ! model and data disagree{reason}"),
+            "    the force may be wrong by more than its interval says".to_owned(),
+        ]
+    } else if conflict.prior_tail <= PRIOR_TAIL_SHOWN {
+        vec![
+            format!(
+                "  ! prior and data disagree: {:.1} % of the rods the prior allows lie as far out; check length,",
+                conflict.prior_tail * 100.0
+            ),
+            "    section, material and the expected force".to_owned(),
+        ]
+    } else {
+        Vec::new()
+    }
+}
+
+/// Sources of the force's variance with their shares.
+pub fn hangs_on(shares: &VarianceShares) -> String {
+    let mut text = format!(
+        "  {:<24} {:>8}   {:>24}\n",
+        "what the force hangs on", "share", "less variance if known"
+    );
+    for part in &shares.sources {
+        text += &format!(
+            "  {:<24} {:>6.0} %   {:>22.0} %\n",
+            part.source.name(),
+            100.0 * part.share,
+            100.0 * part.if_known
+        );
+    }
+    for sentence in &shares.said {
+        text += &wrapped("  ", sentence);
+    }
+    text
+}
+
+/// A force with its 95 % interval: `560 kN (430 to 701)`.
+pub fn force(force: &Marginal) -> String {
+    let kn = |newtons: f64| three_digits(1e-3 * newtons);
+    format!("{} kN ({} to {})", kn(force.mean), kn(force.q025), kn(force.q975))
+}
 
 /// Every peak with its standard error, damping, level over the noise floor, and what it was taken for.
 pub fn peaks(peaks: &[PeakMark]) -> String {

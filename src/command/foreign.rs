@@ -105,7 +105,11 @@ pub fn watch(file: File, bytes: u64) -> Box<dyn Read> {
     Box::new(Watched::new(file, bytes))
 }
 
-fn unit(text: &str) -> Result<Unit, String> {
+/// A unit as people write it.
+///
+/// # Errors
+/// It is none.
+pub fn unit(text: &str) -> Result<Unit, String> {
     Unit::as_written(text).ok_or_else(|| import::unknown_unit(text))
 }
 

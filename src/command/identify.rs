@@ -3,16 +3,15 @@
 use super::campaign::{self, News, Reading, Taken};
 use super::findings;
 use super::foreign::Foreign;
-use super::render::{CONFLICT_SHOWN, PRIOR_TAIL_SHOWN};
 use super::setup::{self, Setup};
 use super::sketch::{self, When};
 use super::{BadArguments, WITH_LOSSES};
-use crate::analysis::{Identification, Measurement, Plan};
+use crate::analysis::{Identification, Plan};
 use crate::bayes::{Fixity, Posterior, Prior, diagnostics};
 use crate::beam::Quantity;
 use crate::config::Config;
 use crate::daemon::generation::provenance;
-use crate::findings::{CERTAIN, Candidate, motion_said};
+use crate::findings::{CERTAIN, Candidate};
 use crate::line;
 use crate::modes::Mode;
 use crate::outcome::{Outcome, Rejected};
@@ -177,7 +176,7 @@ fn show(args: &Args, config: &Config, plans: &BTreeMap<RodId, Plan>, outcome: &O
         // Rows of tables do not come here.
         Outcome::Tabulated(_) => String::new(),
         Outcome::Rejected(rejected) => {
-            describe_refused(rejected) + &plot(args, || Snapshot::of_rejected(rejected))
+            findings::refused(rejected) + &plot(args, || Snapshot::of_rejected(rejected))
         }
     };
     io::stdout().lock().write_all(text.as_bytes())
@@ -193,40 +192,6 @@ fn plot(args: &Args, picture: impl FnOnce() -> Option<Snapshot>) -> String {
     }
 }
 
-/// Record, motion and what was noticed, a line each.
-fn opening(measurement: &Measurement) -> Vec<String> {
-    let mut lines = vec![
-        format!(
-            "  record of {:.1} s at {:.2} Hz, from {}",
-            measurement.duration_s, measurement.fs_hz, measurement.start
-        ),
-        format!("  {}", motion_said(&measurement.motion)),
-    ];
-    lines.extend(measurement.flags.iter().map(|flag| format!("  noticed: {flag}")));
-    lines
-}
-
-/// Refusal of a record, with what was found in it.
-fn describe_refused(rejected: &Rejected) -> String {
-    let rejection = &rejected.rejection;
-    let mut text = format!("{}: rejected ({}): {rejection}\n", rejected.rod, rejection.code());
-    let Some(measurement) = &rejected.measurement else {
-        return text;
-    };
-    for line in opening(measurement) {
-        text += &(line + "\n");
-    }
-    if let Some(picture) = Snapshot::of_rejected(rejected) {
-        if !picture.peaks.is_empty() {
-            text += &format!("\n{}", findings::peaks(&picture.peaks));
-        }
-        if !picture.candidates.is_empty() {
-            text += &format!("\n{}", findings::candidates(&picture.candidates));
-        }
-    }
-    text
-}
-
 /// Prior and posterior of every uncertain parameter, and how much to believe them.
 fn describe(plan: &Plan, identification: &Identification) -> String {
     let mut text = String::new();
@@ -236,7 +201,7 @@ fn describe(plan: &Plan, identification: &Identification) -> String {
     };
     line(identification.rod.to_string());
     if let Some(measurement) = &identification.measurement {
-        opening(measurement).into_iter().for_each(&mut line);
+        findings::opening(measurement).into_iter().for_each(&mut line);
     }
     if let Some(labels) = &identification.labels {
         line(format!(
@@ -304,37 +269,12 @@ fn describe(plan: &Plan, identification: &Identification) -> String {
         "  conflict {:.1}: standard deviations from the nearest frequencies the model can produce",
         conflict.score
     ));
-    if conflict.score >= CONFLICT_SHOWN {
-        let reason = conflict
-            .violation
-            .map(|violation| format!(": {violation}"))
-            .unwrap_or_default();
-        line(format!("  ! model and data disagree{reason}"));
-        line("    the force may be wrong by more than its interval says".to_owned());
-    } else if conflict.prior_tail <= PRIOR_TAIL_SHOWN {
-        line(format!(
-            "  ! prior and data disagree: {:.1} % of the rods the prior allows lie as far out; check length,",
-            conflict.prior_tail * 100.0
-        ));
-        line("    section, material and the expected force".to_owned());
-    }
+    findings::doubts(conflict).into_iter().for_each(&mut line);
     if let Some(shares) = &identification.hangs_on {
         line(String::new());
-        line(format!(
-            "  {:<24} {:>8}   {:>24}",
-            "what the force hangs on", "share", "less variance if known"
-        ));
-        for part in &shares.sources {
-            line(format!(
-                "  {:<24} {:>6.0} %   {:>22.0} %",
-                part.source.name(),
-                100.0 * part.share,
-                100.0 * part.if_known
-            ));
-        }
-        for sentence in &shares.said {
-            line(format!("  {sentence}"));
-        }
+        findings::hangs_on(shares)
+            .lines()
+            .for_each(|row| line(row.to_owned()));
     }
     text
 }

@@ -25,15 +25,20 @@ pub mod import;
 pub mod init;
 mod listing;
 pub mod manual;
+pub mod measure;
 #[cfg(feature = "parquet")]
 pub mod parquet;
 mod progress;
+mod quantities;
+mod questions;
 pub mod rebaseline;
 mod render;
 pub mod replay;
 pub mod report;
+mod rod_flags;
 pub mod run;
 pub mod send;
+mod sensor;
 pub mod serve;
 mod setup;
 pub mod simulate;
@@ -41,6 +46,7 @@ pub mod sketch;
 pub mod spectrum;
 pub mod status;
 pub mod study;
+mod template;
 pub mod track;
 pub mod which_store;
 
@@ -66,6 +72,7 @@ pub fn run(command: &Command) -> anyhow::Result<ExitCode> {
         Command::Import(args) => import::run(args),
         Command::Spectrum(args) => spectrum::run(args),
         Command::Init(args) => init::run(args),
+        Command::Measure(args) => measure::run(args),
         Command::Simulate(args) => simulate::run(args),
         Command::Alarm(args) => alarm::run(args),
         Command::Status(args) => status::run(args),

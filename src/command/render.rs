@@ -4,18 +4,12 @@ use super::findings::probability;
 use crate::analysis::Identification;
 use crate::bayes::Conflict;
 use crate::beam::Quantity;
-use crate::findings::{CERTAIN, motion_mark};
+use crate::findings::{CERTAIN, CONFLICT_SHOWN, PRIOR_TAIL_SHOWN, motion_mark};
 use crate::modes::{Mode, MotionKind};
 use crate::outcome::{Outcome, Tabulated};
 use crate::record::{RodId, Timestamp};
 use crate::track::{Alarm, SetAside, Verdict, What};
 use std::fmt::Write;
-
-/// From this many standard deviations on, people are told that model and data disagree.
-pub const CONFLICT_SHOWN: f64 = 3.0;
-
-/// Up to this share of the prior's own records as far out, people are told that the prior is doubtful.
-pub const PRIOR_TAIL_SHOWN: f64 = 0.01;
 
 /// Columns of one mode: `17.3085 ± 0.0065`.
 const MODE_WIDTH: usize = 16;

@@ -1,7 +1,10 @@
 //! `tirante report`: what the store knows as one page per site.
 
 use super::which_store::{WhichStore, check_rod};
-use crate::config::Config;
+use crate::bayes::Prior;
+use crate::beam::Quantity;
+use crate::config::{Config, RodConfig};
+use crate::findings::Doubt;
 use crate::plot;
 use crate::plot::view::{RecordPoint, RejectionCount, RodReport, SegmentReport, SiteReport, ThermalLine};
 use crate::record::{RodId, Timestamp};
@@ -126,6 +129,8 @@ pub fn load(reader: &Reader, rod: Option<&RodId>) -> anyhow::Result<SiteReport> 
     for report in &mut rods {
         let unit = config.as_ref().and_then(|config| config.rod(&report.rod));
         report.motion_unit = unit.map(|rod| rod.channels.displacement.unit.si().to_owned());
+        report.facts = unit.map(facts).unwrap_or_default();
+        report.baseline_takes = config.as_ref().map(|config| config.track.baseline_records);
     }
     let mut provenance = vec![(
         "program".to_owned(),
@@ -152,6 +157,54 @@ pub fn load(reader: &Reader, rod: Option<&RodId>) -> anyhow::Result<SiteReport> 
     })
 }
 
+/// Facts of a rod as its configuration has them: what is known of its quantities.
+fn facts(rod: &RodConfig) -> Vec<(String, String)> {
+    let prior = &rod.analysis.prior;
+    let mut facts = vec![(
+        0,
+        "section".to_owned(),
+        prior.parameterisation().section().key().to_owned(),
+    )];
+    for (quantity, known) in prior.parameterisation().quantities().iter().zip(prior.priors()) {
+        let (name, unit, factor) = plot::quantity(quantity.key());
+        // The length first, the force last.
+        let (place, name) = match quantity {
+            Quantity::Length => (-1, name),
+            Quantity::AxialForce => (2, "force expected"),
+            Quantity::SpringLeft => (1, "left support"),
+            Quantity::SpringRight => (1, "right support"),
+            _ => (0, name),
+        };
+        let four = |value: f64| rounded(value * factor, 4);
+        let value = match known {
+            Prior::Fixed { value } => format!("{} {unit}", four(*value)),
+            Prior::Fixity(fixity) => format!("{} to {} (0 hinge, 1 clamp)", fixity.low, fixity.high),
+            Prior::Uniform { low, high } | Prior::LogUniform { low, high } => {
+                format!("{} to {} {unit}", four(*low), four(*high))
+            }
+            // Its 95 % range.
+            Prior::LogNormal { median, log_sd } => {
+                let [low, high] = [-1.96, 1.96].map(|z| four(median * (z * log_sd).exp()));
+                format!("{low} to {high} {unit}")
+            }
+            other => {
+                let (mean, sd) = other.mean_and_sd();
+                format!("{} {unit} \u{b1} {} %", four(mean), rounded(100.0 * sd / mean, 2))
+            }
+        };
+        facts.push((place, name.to_owned(), value));
+    }
+    facts.sort_by_key(|(place, ..)| *place);
+    facts.into_iter().map(|(_, name, value)| (name, value)).collect()
+}
+
+/// A number with so many significant digits.
+fn rounded(value: f64, digits: usize) -> f64 {
+    format!("{value:.*e}", digits.saturating_sub(1))
+        .parse()
+        .unwrap_or(value)
+}
+
 /// What gave the numbers their meaning, over all records.
 #[derive(Default)]
 struct Meaning {
@@ -169,6 +222,8 @@ struct Line {
     modes: Vec<LineMode>,
     axial_force_n: Option<LineForce>,
     conflict: Option<f64>,
+    prior_tail: Option<f64>,
+    label_probability: Option<f64>,
     tracked_force_n: Option<Interval>,
     relative_force: Option<Interval>,
     temperature_c: Option<f64>,
@@ -304,6 +359,7 @@ impl Line {
                 .map(|mode| (mode.order, mode.frequency_hz, mode.sd_hz))
                 .collect(),
             conflict: self.conflict,
+            doubts: Doubt::all(self.conflict, self.prior_tail, self.label_probability),
             set_aside: self.set_aside,
         })
     }

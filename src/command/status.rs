@@ -3,7 +3,8 @@
 use super::listing::{Aligned, csv, minutes};
 use super::render::signed_percent;
 use super::which_store::{Format, WhichStore, check_rod};
-use crate::api::RodStatus;
+use crate::api::{Goals, RodStatus};
+use crate::findings::Doubt;
 use crate::record::{RodId, Timestamp};
 use crate::store::Reader;
 use std::process::ExitCode;
@@ -18,7 +19,8 @@ use std::process::ExitCode;
   tirante status --config site.toml --rod north --format json
 
 Force and change (since the rod's baseline) are given at the reference temperature. A '~' says that they
-are not: they are those of the latest record at its own temperature, uncompensated. The exit code says
+are not: they are those of the latest record at its own temperature, uncompensated. Before there is a baseline the
+force is that of the latest record alone; '!' and '?' say that it may be wrong. The exit code says
 whether the store could be read, not whether an alarm stands: read `alarms` of --format json for that.")]
 pub struct Args {
     /// The store.
@@ -54,10 +56,11 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
 /// The store cannot be read.
 pub fn text(reader: &Reader, rod: Option<&RodId>, format: Format) -> anyhow::Result<String> {
     let mut rows = Vec::new();
+    let goals = Goals::of(reader)?;
     for standing in reader.standings()? {
         if rod.is_none_or(|rod| *rod == standing.rod) {
             let counts = reader.counts(&standing.rod)?;
-            rows.push(RodStatus::of(standing, counts)?);
+            rows.push(RodStatus::of(standing, counts, goals)?);
         }
     }
     if rows.is_empty() {
@@ -98,7 +101,14 @@ fn table(rows: &[RodStatus]) -> String {
     for row in rows {
         let mark = if row.compensated { "" } else { "~" };
         let dash = || "-".to_owned();
-        let force = row.force_n.as_ref();
+        // Before there is a baseline, the record's own force, with its marks.
+        let own = row.axial_force_n.as_ref().filter(|_| row.force_n.is_none());
+        let mark = if own.is_some() {
+            Doubt::mark(&row.doubts)
+        } else {
+            mark
+        };
+        let force = row.force_n.as_ref().or(own);
         table.push(vec![
             row.rod.0.clone(),
             row.state.to_owned(),
@@ -115,6 +125,12 @@ fn table(rows: &[RodStatus]) -> String {
             row.records.to_string(),
             format!("{:.1} %", row.rejected_share() * 100.0),
         ]);
+        if own.is_some() {
+            table.note("the force is that of the latest record alone".to_owned());
+            row.doubts
+                .iter()
+                .for_each(|doubt| table.note(doubt.said().to_owned()));
+        }
         if let Some(why) = row.why() {
             table.note(why);
         }
@@ -177,11 +193,15 @@ fn spreadsheet(rows: &[RodStatus]) -> String {
         "records",
         "rejected",
         "alarms",
+        "axial_force_n",
+        "axial_force_q025_n",
+        "axial_force_q975_n",
     ]);
     let number = |number: Option<f64>| number.map_or_else(String::new, |number| format!("{number:?}"));
     let time = |time: Option<Timestamp>| time.map_or_else(String::new, |time| time.to_string());
     for row in rows {
         let (force, relative) = (row.force_n.as_ref(), row.relative_force.as_ref());
+        let own = row.axial_force_n.as_ref();
         let alarms: Vec<String> = row
             .alarms
             .iter()
@@ -207,6 +227,9 @@ fn spreadsheet(rows: &[RodStatus]) -> String {
             row.records.to_string(),
             row.rejected.to_string(),
             alarms.join("; "),
+            number(own.map(|n| n.mean)),
+            number(own.map(|n| n.q025)),
+            number(own.map(|n| n.q975)),
         ];
         out += &csv(cells.iter().map(String::as_str));
     }

@@ -31,6 +31,7 @@ mod value;
 
 pub use effective::KeyReference;
 pub use fault::{ConfigError, Fault};
+pub use rod::rod_id;
 pub use setting::Setting;
 pub use simulation::{SimulationConfig, field_of};
 

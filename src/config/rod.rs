@@ -159,18 +159,26 @@ fn read(table: &mut Table<'_>, shared: &Shared) -> Option<RodConfig> {
 }
 
 pub(super) fn id(value: &Value<'_>) -> Option<String> {
-    let text = value.name_string()?;
-    let is_id = text.len() <= 64
+    let id = rod_id(value.name_string()?);
+    id.map_err(|why| value.fault(why)).ok()
+}
+
+/// The id of a rod.
+///
+/// # Errors
+/// It cannot be one: the reason.
+pub fn rod_id(text: &str) -> Result<String, String> {
+    let is_id = (1..=64).contains(&text.len())
         && !text.starts_with('.')
         && text
             .chars()
             .all(|c| c.is_ascii_alphanumeric() || "-_.".contains(c));
-    if !is_id {
-        value.fault(format!(
+    match is_id {
+        true => Ok(text.to_owned()),
+        false => Err(format!(
             "\"{text}\" is no id: 1 to 64 letters, digits, '-', '_' and '.', not starting with '.'"
-        ));
+        )),
     }
-    is_id.then(|| text.to_owned())
 }
 
 fn discrepancy(value: &Value<'_>, modes: usize) -> Option<Vec<f64>> {

@@ -126,7 +126,8 @@ fn of_rod(rods: &[RodChannels], topic: &str) -> String {
 
 fn of_nobody(signals: &[Signal]) -> ImportError {
     ImportError::new(format!(
-        "--config says which rod it is of (`tirante init` writes one); {}",
+        "no --config says which rod it is of: `tirante measure FILE` asks for the rod and writes one, `tirante import` makes a \
+         recording; {}",
         holds(signals)
     ))
 }

@@ -73,15 +73,26 @@ pub fn kind(head: &[u8], path: &Path) -> Result<Kind, ImportError> {
         .and_then(|ending| ending.to_str())
         .unwrap_or_default()
         .to_lowercase();
-    // Whatever is wrong with a recording, its own reader knows best.
-    if head.starts_with(b"\x89MCAP") || ending == "mcap" {
+    if head.starts_with(b"\x89MCAP") {
         return Ok(Kind::Mcap);
     }
-    if let Some(known) = by_content(head)? {
+    let is_text = !head.is_empty() && !head.contains(&0) && !head.starts_with(b"\x89");
+    let known = by_content(head)?;
+    if ending == "mcap" {
+        // Whatever else is wrong with a recording, its own reader knows best.
+        return match known.or(is_text.then_some(Format::Csv)) {
+            None => Ok(Kind::Mcap),
+            Some(format) => Err(ImportError::new(format!(
+                "is called .mcap and is no recording, but {}: give it its own ending, or make a recording of it with \
+                 `tirante import FILE --out FILE.mcap`",
+                format.name()
+            ))),
+        };
+    }
+    if let Some(known) = known {
         return Ok(Kind::Foreign(known));
     }
     let by_ending = Format::of_ending(&ending);
-    let is_text = !head.is_empty() && !head.contains(&0) && !head.starts_with(b"\x89");
     match by_ending {
         Some(format) => Ok(Kind::Foreign(format)),
         None if head.is_empty() => Err(ImportError::new("is empty")),
@@ -149,6 +160,14 @@ mod tests {
     fn content_decides_and_the_ending_helps() {
         assert_eq!(of(b"\x89MCAP0\r\n", "a.csv"), Ok(Kind::Mcap));
         assert_eq!(of(b"", "a.mcap"), Ok(Kind::Mcap));
+        assert_eq!(of(b"\0\x01\x02", "a.mcap"), Ok(Kind::Mcap));
+        for (head, name) in [
+            (&b"Time [s],Laser [mm]\n0,1\n"[..], "a text table"),
+            (b"\x93NUMPY", "a NumPy array"),
+        ] {
+            let said = of(head, "a.mcap").unwrap_err();
+            assert!(said.contains(name) && said.contains("tirante import"), "{said}");
+        }
         assert_eq!(of(b"RIFF\0\0\0\0WAVEfmt ", "a"), Ok(Kind::Foreign(Format::Wav)));
         assert_eq!(
             of(b"MATLAB 5.0 MAT-file", "a.txt"),

@@ -32,7 +32,7 @@ mod write;
 pub use self::asked::{Asked, Wanted, unknown_unit};
 pub use self::contents::{Contents, How, describe, read};
 pub use self::format::Format;
-pub use self::open::{Opened, Seen, Whose, begins, open, open_any, topics};
+pub use self::open::{Opened, Seen, Whose, begins, format, lacks_rate, open, open_any, topics};
 pub use self::plan::Plan;
 pub use self::stamp::{DateOrder, TimeUnit, utc_offset};
 pub use self::write::write;

@@ -2,9 +2,10 @@
 
 use super::choose::for_rods;
 use super::contents::{How, read};
+use super::format::{Format, Kind, LOOKED_AT, kind};
 use super::order::Blocks;
 use super::plan::{Plan, Planned};
-use super::{ImportError, Signal, ramp};
+use super::{ImportError, Signal, Timing, ramp};
 use crate::record::{Channel, RecordSettings, RodChannels, RodId, TimeSource, Timestamp, Unit};
 use crate::sink::{Encoding, Layout};
 use crate::source::contents::{Content, contents};
@@ -179,6 +180,47 @@ pub fn topics(
         array_fs_hz: Some(planned.fs_hz).filter(|_| matches!(planned.layout, Layout::Batch(_))),
     };
     Ok(plan.channels.iter().map(content).collect())
+}
+
+/// The format of another program's file; nothing of a recording.
+///
+/// # Errors
+/// The file cannot be read, or is of no format that is read.
+pub fn format(path: &Path, how: &How) -> Result<Option<Format>, SourceError> {
+    let failed = |source| SourceError::Io {
+        path: path.display().to_string(),
+        source,
+    };
+    let mut head = Vec::new();
+    if std::fs::metadata(path).map_err(failed)?.is_file() {
+        let file = File::open(path).map_err(failed)?;
+        file.take(LOOKED_AT as u64)
+            .read_to_end(&mut head)
+            .map_err(failed)?;
+    } else {
+        return Err(SourceError::NotAFile {
+            path: path.display().to_string(),
+        });
+    }
+    match (how.format, kind(&head, path)) {
+        (Some(format), _) => Ok(Some(format)),
+        (None, Ok(Kind::Mcap)) => Ok(None),
+        (None, Ok(Kind::Foreign(format))) => Ok(Some(format)),
+        (None, Err(error)) => Err(refused(path, &error)),
+    }
+}
+
+/// Whether none of the channels of another program's file has a rate, by stamps or otherwise.
+///
+/// # Errors
+/// As of [`open_any`].
+pub fn lacks_rate(path: &Path, how: &How) -> Result<bool, SourceError> {
+    let found = foreign(path, how, &|file, _| Box::new(file))?;
+    Ok(how.rate_hz.is_none()
+        && found.is_some_and(|(contents, _)| {
+            let mut signals = contents.signals.iter();
+            signals.all(|signal| signal.timing == Timing::Unknown)
+        }))
 }
 
 /// When the first sample of another program's file was taken, if the file says it; nothing of a recording.

@@ -9,8 +9,8 @@ use crate::snapshot::Density;
 /// Most points of the temperature figure: beyond, every n-th period is drawn.
 const SCATTER_POINTS: usize = 2000;
 
-/// How a quantity is shown: its name, the unit with its symbol, and units per SI unit.
-pub(super) fn quantity(key: &str) -> (&str, &'static str, f64) {
+/// Name of a quantity for people, the unit it is shown in, and how many of it are one SI unit.
+pub fn quantity(key: &str) -> (&str, &'static str, f64) {
     match key {
         "axial_force_n" => ("axial force", "kN", 1e-3),
         "youngs_modulus_pa" => ("Young's modulus", "GPa", 1e-9),

@@ -5,6 +5,7 @@
 //! * [`terminal`] a small plot in the terminal
 //! * [`study`](fn@study) the paper's study as a page
 //! * `rod`         one rod's part of it
+//! * `single`      that of a rod measured once: to hand in and to sign
 //! * `history`     figures over time: forces, temperature, frequencies, charts
 //! * `record`      one record: waveform, spectrum, peaks, candidates
 //! * [`spectra`](fn@spectra) records without a rod as a page
@@ -26,11 +27,13 @@ mod markup;
 pub mod page;
 mod record;
 mod rod;
+mod single;
 mod spectra;
 mod study;
 pub mod terminal;
 pub mod view;
 
+pub use distribution::quantity;
 pub use page::page;
 pub use spectra::spectra;
 pub use study::study;

@@ -2,6 +2,7 @@
 
 use super::markup::Markup;
 use super::rod::{self, Cell};
+use super::single;
 use super::view::{RodReport, SiteReport};
 use crate::record::Timestamp;
 use crate::track::RodState;
@@ -14,9 +15,19 @@ pub fn page(report: &SiteReport) -> String {
     document(&title, |body| {
         body.element("header", &[], |header| heading(header, report));
         body.element("main", &[], |main| {
-            overview(main, report);
+            // Of one rod measured once, its own part says it all.
+            match &report.rods[..] {
+                [rod] if rod.only_record().is_some() => {}
+                _ => overview(main, report),
+            }
             for (i, one) in report.rods.iter().enumerate() {
-                main.element("section", &[("id", &anchor(i))], |section| {
+                let id = anchor(i);
+                let attributes = [("id", id.as_str()), ("class", "sheet")];
+                let attributes = match one.only_record() {
+                    Some(_) => &attributes[..],
+                    None => &attributes[..1],
+                };
+                main.element("section", attributes, |section| {
                     rod::section(section, one, &anchor(i));
                 });
             }
@@ -70,9 +81,9 @@ fn heading(header: &mut Markup, report: &SiteReport) {
     };
     let text = match (times().min(), times().max()) {
         (Some(first), Some(last)) if first == last => format!(
-            "Axial force of {}, from a record of {}.",
+            "Axial force of {}, from a record taken {}.",
             counted(report.rods.len(), "tie-rod"),
-            moment(first)
+            single::began(first)
         ),
         (Some(first), Some(last)) => format!(
             "Axial force of {}, from records between {} and {}.",

@@ -6,14 +6,13 @@ use super::history::{self, Span};
 use super::markup::Markup;
 use super::page::{counted, day, moment, state_class, state_text};
 use super::record::{self, Drawn};
+use super::single;
 use super::view::RodReport;
 use crate::bayes::VarianceShares;
-use crate::findings::motion_said;
+use crate::findings::{CONFLICT_SHOWN, motion_said};
 use crate::snapshot::Snapshot;
 use crate::track::{Alarm, Interval};
 
-/// From this many standard deviations on, people are told that model and data disagree.
-const CONFLICT_SHOWN: f64 = 3.0;
 /// Alarms listed; the latest of more.
 const ALARMS_LISTED: usize = 200;
 
@@ -103,6 +102,14 @@ fn signed(value: f64) -> String {
 
 /// The rod's part of the page; `id` begins the ids of its figures.
 pub(super) fn section(html: &mut Markup, rod: &RodReport, id: &str) {
+    if let Some(only) = rod.only_record().filter(|_| rod.standing().next().is_none()) {
+        single::section(html, rod, only, id);
+        if !rod.rejections.is_empty() {
+            rejections(html, rod);
+            latest_refused(html, rod, id);
+        }
+        return;
+    }
     html.leaf("h2", &[], format!("Rod {}", rod.rod));
     html.element("p", &[], |p| {
         p.leaf(
@@ -254,9 +261,13 @@ fn over_time(html: &mut Markup, rod: &RodReport, id: &str) {
 
 fn last_record(html: &mut Markup, rod: &RodReport, id: &str) {
     latest_spectrum(html, rod, id);
-    let Some(latest) = rod.latest.as_ref().or(rod.baseline.as_ref()) else {
-        return;
-    };
+    if let Some(latest) = rod.latest.as_ref().or(rod.baseline.as_ref()) {
+        taught(html, rod, latest, id);
+    }
+}
+
+/// What was assumed of each quantity and what a record leaves possible, and what the force hangs on.
+pub(super) fn taught(html: &mut Markup, rod: &RodReport, latest: &Snapshot, id: &str) {
     if latest.densities.is_empty() {
         return;
     }
@@ -494,27 +505,32 @@ fn tables(html: &mut Markup, rod: &RodReport, id: &str) {
         );
     }
     if !rod.rejections.is_empty() {
-        html.leaf("h3", &[], "Refused records");
-        let rows: Vec<Vec<Cell>> = rod
-            .rejections
-            .iter()
-            .map(|rejection| {
-                vec![
-                    Cell::Line(rejection.code.clone()),
-                    Cell::Text(rejection.count.to_string()),
-                    Cell::Line(rejection.last.map_or_else(|| "time unknown".to_owned(), moment)),
-                    Cell::Text(rejection.message.clone()),
-                ]
-            })
-            .collect();
-        table(
-            html,
-            "Records that gave no force, by reason.",
-            &["Reason", "Records", "Last", "Said the last time"],
-            &rows,
-        );
+        rejections(html, rod);
     }
     latest_refused(html, rod, id);
+}
+
+/// Refused records by reason.
+fn rejections(html: &mut Markup, rod: &RodReport) {
+    html.leaf("h3", &[], "Refused records");
+    let rows: Vec<Vec<Cell>> = rod
+        .rejections
+        .iter()
+        .map(|rejection| {
+            vec![
+                Cell::Line(rejection.code.clone()),
+                Cell::Text(rejection.count.to_string()),
+                Cell::Line(rejection.last.map_or_else(|| "time unknown".to_owned(), moment)),
+                Cell::Text(rejection.message.clone()),
+            ]
+        })
+        .collect();
+    table(
+        html,
+        "Records that gave no force, by reason.",
+        &["Reason", "Records", "Last", "Said the last time"],
+        &rows,
+    );
 }
 
 fn alarm_row(alarm: &Alarm) -> Vec<Cell> {

@@ -1,5 +1,6 @@
 //! What a report is about, as plain data: whoever fills it, a store or a test, the page is the same.
 
+use crate::findings::Doubt;
 use crate::record::Timestamp;
 use crate::snapshot::Snapshot;
 use crate::track::{Alarm, Interval, Period, RodState};
@@ -24,6 +25,10 @@ pub struct RodReport {
     pub state: Option<RodState>,
     /// Unit of its samples as written, if known: `m`, `m/s`.
     pub motion_unit: Option<String>,
+    /// What its configuration says of it, as name and value: length, section, material, supports.
+    pub facts: Vec<(String, String)>,
+    /// Records that a baseline takes, if known.
+    pub baseline_takes: Option<usize>,
     /// Identified records, ascending in time.
     pub records: Vec<RecordPoint>,
     /// Refused records by reason, the most frequent first.
@@ -51,6 +56,8 @@ impl RodReport {
             rod: rod.to_owned(),
             state: None,
             motion_unit: None,
+            facts: Vec::new(),
+            baseline_takes: None,
             records: Vec::new(),
             rejections: Vec::new(),
             segments: Vec::new(),
@@ -66,6 +73,14 @@ impl RodReport {
     /// Alarms that are not over.
     pub fn standing(&self) -> impl Iterator<Item = &Alarm> {
         self.alarms.iter().filter(|alarm| !alarm.is_over())
+    }
+
+    /// The record of a rod measured once: there is nothing to compare it with.
+    pub fn only_record(&self) -> Option<&RecordPoint> {
+        match &self.records[..] {
+            [only] if only.ratio.is_none() => Some(only),
+            _ => None,
+        }
     }
 
     /// The present segment.
@@ -120,6 +135,8 @@ pub struct RecordPoint {
     pub modes: Vec<(usize, f64, f64)>,
     /// Conflict with the model, in standard deviations.
     pub conflict: Option<f64>,
+    /// Reasons to doubt the force of this record alone.
+    pub doubts: Vec<Doubt>,
     /// Why it does not count on the charts, if it does not.
     pub set_aside: Option<String>,
 }

@@ -216,7 +216,7 @@ fn irregular(jitter: f64, allowed: f64) -> String {
             .to_owned();
     }
     format!(
-        "irregular sampling: stamps scatter by {:.0} % of the interval between messages, at most {:.0} % allowed: let `time` name the sensor's own stamps, send arrays of samples, or raise max_jitter",
+        "irregular sampling: the stamps lie {:.0} % of an interval (rms) off an even grid, uneven intervals adding up; at most {:.0} % allowed: let `time` name the sensor's own stamps, send arrays of samples, or raise max_jitter",
         jitter * 100.0,
         allowed * 100.0
     )

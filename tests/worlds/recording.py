@@ -38,15 +38,17 @@ def messages(record, factor, start_ns, rng):
     return sorted(found, key=lambda message: message[0])
 
 
-def write(path, named, seed):
-    """Writes records, each on its own topic, one after the other. `named` holds (name, record, factor to its unit)."""
+def write(path, named, seed, unit=None):
+    """Writes records, each on its own topic, one after the other. `named` holds (name, record, factor to its unit); the channels say
+    the unit if there is one of all."""
     rng = np.random.RandomState(seed)
     with open(path, "wb") as stream:
         writer = Writer(stream)
         writer.start()
         schema = writer.register_schema("sample", "jsonschema", b'{"type":"object"}')
         for index, (name, record, factor) in enumerate(named):
-            channel = writer.register_channel(topic=f"/{name}", message_encoding="json", schema_id=schema)
+            metadata = {"unit": unit} if unit else {}
+            channel = writer.register_channel(topic=f"/{name}", message_encoding="json", schema_id=schema, metadata=metadata)
             start_ns = BEGIN_NS + index * APART_S * 1_000_000_000
             for stamp, body in messages(record, factor, start_ns, rng):
                 data = json.dumps(body, separators=(",", ":")).encode()

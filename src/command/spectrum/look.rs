@@ -178,7 +178,7 @@ impl Looker {
                     told.labels.as_ref(),
                     high_hz,
                 ));
-                look.force = told.force.as_ref().map(in_words);
+                look.force = told.force.as_ref().map(crate::command::findings::force);
                 look.axial_force_n = told.force;
                 look.rejection = told.rejection;
             }
@@ -315,10 +315,4 @@ impl Look {
             fault,
         }
     }
-}
-
-/// `560 kN (430 to 701)`.
-fn in_words(force: &Marginal) -> String {
-    let kn = |newtons: f64| findings::three_digits(1e-3 * newtons);
-    format!("{} kN ({} to {})", kn(force.mean), kn(force.q025), kn(force.q975))
 }

@@ -56,13 +56,28 @@ export function ago(text) {
 export const interval = (values, show) =>
   values ? [show(values.mean), el("small", {}, `${show(values.q025)} to ${show(values.q975)}`)] : ["-"];
 
+// The force that stands for a rod, with its mark: given the baseline, else that of the latest record alone.
+const DOUBTS = {
+  conflict: "model and data disagree: the force may be wrong by more than its interval says",
+  prior: "hardly any rod of the prior has these frequencies: check length, section, material and expected force",
+  orders: "the orders of the modes are not certain: other orders give another force",
+};
+export const isAlone = (status) => !status.force_n && Boolean(status.axial_force_n);
+export const doubts = (status) => (isAlone(status) ? status.doubts.map((doubt) => DOUBTS[doubt] ?? doubt) : []);
+export function force(status, show) {
+  if (!isAlone(status)) return [status.compensated || !status.relative_force ? "" : "~", ...interval(status.force_n, show)];
+  const mark = status.doubts.length === 0 ? "" : status.doubts.every((doubt) => doubt === "orders") ? "? " : "! ";
+  return [mark, ...interval(status.axial_force_n, show)];
+}
+
 export const rodLink = (rod) => `/rod?id=${encodeURIComponent(rod)}`;
 
 export const state = (status) => el("span", { class: `state ${status.state}` }, status.state.replace("-", " "));
 
 export function why(status) {
   if (status.baseline_records !== null) {
-    return `${status.baseline_records} records for the baseline, ${status.learned_periods} periods for the charts so far`;
+    const goals = status.learning_takes;
+    return `baseline ${status.baseline_records}${goals ? ` of ${goals.records}` : ""} records, charts ${status.learned_periods}${goals ? ` of ${goals.periods}` : ""} periods`;
   }
   return status.state_reason;
 }

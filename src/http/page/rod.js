@@ -1,6 +1,6 @@
 // One rod: its forces over time, its charts, its latest record, its records.
 
-import { alarmNote, ask, el, fixed, interval, kilonewtons, live, percent, show, state, table, time, why } from "./common.js";
+import { alarmNote, ask, doubts, el, fixed, force, interval, isAlone, kilonewtons, live, percent, show, state, table, time, why } from "./common.js";
 import * as figures from "./figures.js";
 
 const id = new URLSearchParams(location.search).get("id") ?? "";
@@ -222,11 +222,13 @@ function drawFacts() {
   const share = rod.records ? 100 * rod.rejected / rod.records : 0;
   const segment = rod.segments.at(-1);
   notes.replaceChildren(...rod.alarms.map((alarm) => alarmNote(alarm)),
+    ...doubts(rod).map((doubt) => el("p", { class: "note" }, doubt)),
     ...rod.waiting.map((request) => el("p", { class: "note calm" }, `asked for, waits for the next record: ${request}`)));
   facts.replaceChildren(
+    ...(isAlone(rod) ? [fact("axial force [kN]", ...force(rod, kilonewtons), el("small", {}, "of the latest record alone"))] : []),
     fact("state", state(rod), el("small", {}, why(rod) ?? (rod.since ? `since ${time(rod.since)}` : ""))),
     fact("change since the baseline [%]", mark, ...interval(rod.relative_force, (r) => percent(r))),
-    fact("force given the baseline [kN]", mark, ...interval(rod.force_n, kilonewtons)),
+    ...(isAlone(rod) ? [] : [fact("force given the baseline [kN]", ...force(rod, kilonewtons))]),
     fact("last record", time(rod.latest_record), el("small", {}, `${fixed(rod.records, 0)} records, ${fixed(share, 1)} % rejected`)),
     fact("baseline", segment?.baseline ? time(segment.baseline[0]) : "-", el("small", {}, segment
       ? `segment ${segment.number} (${segment.reason})${segment.baseline ? `, ${segment.baseline_records} records` : ""}${segment.fault ? `; ${segment.fault}` : ""}` : "")),

@@ -1,6 +1,6 @@
 // The overview: one row per rod.
 
-import { ago, alarmNote, ask, el, fixed, interval, kilonewtons, live, percent, rodLink, show, state, table, time, why } from "./common.js";
+import { ago, alarmNote, ask, el, fixed, force, interval, isAlone, kilonewtons, live, percent, rodLink, show, state, table, time, why } from "./common.js";
 
 const content = document.getElementById("content");
 
@@ -32,7 +32,7 @@ function row(rod) {
   return el("tr", { "data-rod": rod.rod },
     el("th", { scope: "row" }, el("a", { href: rodLink(rod.rod) }, rod.rod)),
     cell("state", "", state(rod), el("small", {}, why(rod) ?? (rod.since ? `since ${time(rod.since)}` : ""))),
-    cell("force [kN]", "n", mark, ...interval(rod.force_n, kilonewtons)),
+    cell("force [kN]", "n", ...force(rod, kilonewtons), isAlone(rod) ? el("small", {}, "of one record alone") : null),
     cell("change [%]", "n", mark, ...interval(rod.relative_force, (r) => percent(r))),
     cell("last year", "", spark(rod.trend)),
     cell("last record", "nowrap", time(rod.latest_record), el("small", {}, ago(rod.latest_record))),

@@ -1,0 +1,318 @@
+//! `tirante measure`: one file to a force, a configuration and a report.
+
+use super::campaign::{self, News, Reading, Taken};
+use super::foreign::{self, Foreign};
+use super::questions::Questions;
+use super::rod_flags::{Rod, RodFlags, positive};
+use super::sensor::{Sensor, Wanted};
+use super::setup::{self, Prepared};
+use super::sketch::{self, When};
+use super::template::{self, Template};
+use super::{BadArguments, findings, report};
+use crate::beam::Quantity;
+use crate::config::Config;
+use crate::findings::{Candidate, Doubt};
+use crate::import::{self, Format, How};
+use crate::outcome::Outcome;
+use crate::record::{Rejection, Unit};
+use crate::site::Site;
+use crate::snapshot::Snapshot;
+use crate::source::contents::Content;
+use anyhow::Context;
+use std::fs;
+use std::io::{self, BufRead, Write};
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+/// Measures the axial force once: reads a file of any format, asks for length, section and material, recognises the motion, and shows
+/// the spectrum's peaks, the force with its 95 % interval and what it hangs on.
+///
+/// It writes a configuration, to be corrected and used again by `identify`, `replay` and `run`, and a report to print and sign. What
+/// flags say is not asked. A mark stands before every force that may be wrong: '!' where model or prior and data disagree, '?' where
+/// the orders of the modes are not certain.
+#[derive(Debug, Clone, clap::Args)]
+#[command(after_help = "Examples:
+  tirante measure laser.csv
+  tirante measure laser.csv --length 14 --section s70 --material iron
+  tirante measure hammer.wav --length '9.5 m' --section d45 --material steel --force '20..200 kN'
+  tirante measure camera.npy --rate 250 --length 950cm --section 40x60mm --material iron --json
+
+Files: laser.toml and laser.html in --out. A configuration that exists is never overwritten.
+
+Exit codes: 0 a force was told, marked or not (read the marks, or conflict, prior_tail and label_probability of --json);
+1 the file cannot be read; 2 something is not said or makes no sense; 3 a record was refused, or data were lost.")]
+pub struct Args {
+    /// A recording (MCAP), or a file of another program (CSV, UFF, WAV, MATLAB, LabVIEW, NumPy).
+    #[arg(value_name = "FILE")]
+    pub file: PathBuf,
+
+    /// The rod.
+    #[command(flatten)]
+    pub rod: RodFlags,
+
+    /// The name of the rod; without it that of the file.
+    #[arg(long, value_parser = crate::config::rod_id)]
+    pub id: Option<String>,
+
+    /// The name of the site, which heads the report; without it that of the file.
+    #[arg(long)]
+    pub site: Option<String>,
+
+    /// The channel of its motion, if the file has several.
+    #[arg(long)]
+    pub topic: Option<String>,
+
+    /// The field of a message that holds the samples, if it is none of the usual ones; of recordings alone.
+    #[arg(long, value_name = "PATH")]
+    pub field: Option<String>,
+
+    /// The folder for configuration and report.
+    #[arg(long, value_name = "DIR", default_value = ".")]
+    pub out: PathBuf,
+
+    /// One JSON object per record on stdout instead of the text.
+    #[arg(long)]
+    pub json: bool,
+
+    /// Whether a small plot of the spectrum is drawn.
+    #[arg(long, value_name = "WHEN", value_enum, default_value_t)]
+    pub plot: When,
+
+    /// What another program's file does not say.
+    #[command(flatten)]
+    pub foreign: Foreign,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// Something is not said and nobody is there to ask, the file cannot be read, or an output cannot be written.
+pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
+    let stem = args.file.file_stem().unwrap_or_default().to_string_lossy();
+    let named = |ending: &str| {
+        let name = PathBuf::from(format!("{stem}.{ending}"));
+        match args.out == Path::new(".") {
+            true => name,
+            false => args.out.join(name),
+        }
+    };
+    let (toml, page) = (named("toml"), named("html"));
+    if toml.exists() {
+        return Err(BadArguments(format!(
+            "{0}: exists, and is not overwritten: `tirante identify {1} --config {0}` uses it, or give another --out",
+            toml.display(),
+            args.file.display()
+        ))
+        .into());
+    }
+    let mut questions = Questions::here();
+    let mut how = args.foreign.how();
+    let found = look(&args.file, &mut how, &mut questions)?;
+    let rod = Rod::of(&args.rod, false, &mut questions)?;
+    let wanted = Wanted {
+        topic: args.topic.as_deref(),
+        field: args.field.as_deref(),
+        unit: how.unit,
+        fs_hz: how.rate_hz,
+        needs_unit: false,
+    };
+    let sensor = Sensor::of(&wanted, Some(&found), &mut questions)?;
+    if !sensor.says_unit {
+        tell!(
+            "the file does not say its unit: its samples pass for metres, which changes no frequency and no force (--unit)"
+        );
+    }
+    let text = Template {
+        command: "measure",
+        site: args.site.as_deref().unwrap_or(&stem),
+        id: args.id.as_deref().unwrap_or(&id_of(&stem)),
+        rod: &rod,
+        sensor: &sensor,
+        thermometer: template::thermometer(Some(&found)),
+    }
+    .text();
+    let config = Config::parse(&text, &toml.display().to_string())?;
+    let how = as_read(&args.file, how, &sensor)?;
+    let Prepared { generation, mut site } = setup::site(config, None)?;
+    let others = campaign::Others {
+        how,
+        is_meant: true,
+        any_start: true,
+    };
+    if !args.json {
+        super::print(format!("{}: {}\n", args.file.display(), rod.said()).as_bytes())?;
+    }
+    let mut records = 0;
+    let tally = campaign::run(
+        std::slice::from_ref(&args.file),
+        &generation.config,
+        &generation.plans,
+        &Reading::default(),
+        others,
+        &site.store().all_known().clone(),
+        |news, bar| {
+            if let News::Outcome(outcome, place) = news {
+                records += 1;
+                let Some(taken) = site.take(outcome, Some(place))? else {
+                    return Ok(Taken::Known);
+                };
+                let text = match args.json {
+                    true => taken.line + "\n",
+                    false => told(&generation.config, outcome, args.plot.width()),
+                };
+                bar.suspend(|| io::stdout().lock().write_all(text.as_bytes()))?;
+            }
+            Ok(Taken::New)
+        },
+    )?;
+    let code = campaign::conclude(tally);
+    if records > 0 {
+        keep(&toml, &text, &site, &page)?;
+    }
+    Ok(code)
+}
+
+/// The channels of a file; its rate is asked for if it says none.
+fn look<R: BufRead>(
+    file: &Path,
+    how: &mut How,
+    questions: &mut Questions<R>,
+) -> anyhow::Result<Vec<Content>> {
+    if import::lacks_rate(file, how)? {
+        let question = "sample rate in Hz, which the file does not say";
+        how.rate_hz = Some(questions.ask(
+            question,
+            "--rate, or --time with the column of the stamps,",
+            positive,
+        )?);
+    }
+    Ok(import::topics(file, how, &foreign::watch)?)
+}
+
+/// The file as it is read with the configuration. That of a recording has rate and unit; the scale of samples moves no frequency, so one
+/// that nobody tells is 1.
+fn as_read(file: &Path, how: How, sensor: &Sensor) -> anyhow::Result<How> {
+    let Some(format) = import::format(file, &how)? else {
+        return Ok(How {
+            rate_hz: None,
+            unit: None,
+            ..how
+        });
+    };
+    Ok(How {
+        full_scale: how.full_scale.or((format == Format::Wav).then_some(1.0)),
+        unit: how.unit.or((!sensor.says_unit).then_some(Unit::Metre)),
+        ..how
+    })
+}
+
+/// A rod's id from the name of a file.
+fn id_of(stem: &str) -> String {
+    let id: String = stem
+        .trim_start_matches('.')
+        .chars()
+        .map(|c| {
+            if c.is_ascii_alphanumeric() || "-_.".contains(c) {
+                c
+            } else {
+                '-'
+            }
+        })
+        .take(64)
+        .collect();
+    match id.is_empty() {
+        true => "rod-1".to_owned(),
+        false => id,
+    }
+}
+
+/// Writes configuration and report, and says so.
+fn keep(toml: &Path, text: &str, site: &Site, page: &Path) -> anyhow::Result<()> {
+    let folder = toml.parent().filter(|folder| !folder.as_os_str().is_empty());
+    if let Some(folder) = folder {
+        fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
+    }
+    template::save(toml, text).with_context(|| format!("cannot write {}", toml.display()))?;
+    report::write(site.store(), None, page)?;
+    tell!("configuration: {}\nreport: {}", toml.display(), page.display());
+    Ok(())
+}
+
+/// A record in words: peaks, spectrum, force with its marks, and what it hangs on; of a refused one the reason.
+fn told(config: &Config, outcome: &Outcome, width: Option<usize>) -> String {
+    let prior = config.rod(&outcome.rod().0).map(|rod| &rod.analysis.prior);
+    let picture = prior.and_then(|prior| Snapshot::of_outcome(prior, outcome));
+    let plot = match (width, &picture) {
+        (Some(width), Some(picture)) => sketch::spectrum(picture, width),
+        _ => String::new(),
+    };
+    let mut text = "\n".to_owned();
+    let identification = match outcome {
+        Outcome::Identified(identification) => identification,
+        Outcome::Rejected(rejected) => {
+            text += &findings::refused(rejected);
+            if matches!(rejected.rejection, Rejection::NoLabel { .. }) {
+                text += "\n  A force expected may decide: --force '20..200 kN'\n";
+            }
+            if !plot.is_empty() {
+                text += &format!("\n{plot}");
+            }
+            return text;
+        }
+        // Rows of tables do not come here.
+        Outcome::Tabulated(_) => return text,
+    };
+    for line in identification.measurement.iter().flat_map(findings::opening) {
+        text += &(line + "\n");
+    }
+    if let Some(picture) = &picture {
+        text += &format!("\n{}", findings::peaks(&picture.peaks));
+    }
+    if !plot.is_empty() {
+        text += &format!("\n{plot}");
+    }
+    let labels = identification.labels.as_ref();
+    let conflict = &identification.conflict;
+    let doubts = Doubt::all(
+        Some(conflict.score),
+        Some(conflict.prior_tail),
+        labels.map(|labels| labels.probability),
+    );
+    if let Some(force) = identification.posterior.marginal(Quantity::AxialForce) {
+        text += &format!(
+            "\n  {}axial force {}, 95 % interval in brackets\n",
+            Doubt::mark(&doubts),
+            findings::force(&force)
+        );
+    }
+    for line in findings::doubts(conflict) {
+        text += &(line + "\n");
+    }
+    if let Some(labels) = labels.filter(|_| doubts.contains(&Doubt::Orders)) {
+        text += &format!(
+            "  ? {}\n    (they are right with {:.1} %); the peaks may be\n{}",
+            Doubt::Orders.said(),
+            100.0 * labels.probability,
+            findings::candidates(&Candidate::all(labels))
+        );
+    }
+    if let Some(shares) = &identification.hangs_on {
+        text += &format!("\n{}", findings::hangs_on(shares));
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_of_any_name_names_its_rod() {
+        assert_eq!(id_of("nave-3"), "nave-3");
+        assert_eq!(id_of("Navata nord (1)"), "Navata-nord--1-");
+        assert_eq!(id_of(".."), "rod-1");
+        for name in ["\u{e0}\u{e8}", "x", &"y".repeat(300), "a b"] {
+            assert!(crate::config::rod_id(&id_of(name)).is_ok(), "{name}");
+        }
+    }
+}

@@ -1,0 +1,391 @@
+//! Lengths, sections and forces as people write them: `14 m`, `d40`, `40x60 mm`, `2 in`, `20..200 kN`.
+
+use std::f64::consts::PI;
+
+/// Sizes without a unit from here on are millimetres; no section is that many metres.
+const LEAST_BARE_MM: f64 = 1.0;
+/// Sizes without a unit up to here are metres \[m\]; no section is that few millimetres.
+const MOST_BARE_M: f64 = 0.5;
+/// The largest section believed \[m\].
+const LARGEST_M: f64 = 0.5;
+/// The longest rod believed of a length without a unit \[m\].
+const LONGEST_BARE_M: f64 = 100.0;
+
+/// A cross-section with its dimensions \[m\].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Profile {
+    /// A square by its side.
+    Square(f64),
+    /// A circle by its diameter.
+    Round(f64),
+    /// A rectangle by its width across and its height in the plane of vibration.
+    Rectangle(f64, f64),
+}
+
+/// A section as somebody wrote it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Section {
+    /// All of it.
+    Known(Profile),
+    /// A size \[m\] that may be a diameter or a side.
+    Size(f64),
+}
+
+/// A force expected beforehand \[N\].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Expected {
+    /// About so much, give or take 30 %.
+    About(f64),
+    /// Between these with a probability of 95 %.
+    Between(f64, f64),
+}
+
+impl Profile {
+    /// The key of the section in the configuration.
+    pub fn key(self) -> &'static str {
+        match self {
+            Self::Square(_) => "square",
+            Self::Round(_) => "round",
+            Self::Rectangle(..) => "rectangle",
+        }
+    }
+
+    /// Keys and values of its dimensions \[m\].
+    pub fn dimensions(self) -> Vec<(&'static str, f64)> {
+        match self {
+            Self::Square(side) => vec![("side_m", side)],
+            Self::Round(diameter) => vec![("diameter_m", diameter)],
+            Self::Rectangle(width, height) => vec![("width_m", width), ("height_m", height)],
+        }
+    }
+
+    /// Its area \[m^2\].
+    pub fn area_m2(self) -> f64 {
+        match self {
+            Self::Square(side) => side * side,
+            Self::Round(diameter) => 0.25 * PI * diameter * diameter,
+            Self::Rectangle(width, height) => width * height,
+        }
+    }
+
+    /// In words, with its units.
+    pub fn said(self) -> String {
+        match self {
+            Self::Square(side) => format!("square, side {}", millimetres(side)),
+            Self::Round(diameter) => format!("round, diameter {}", millimetres(diameter)),
+            Self::Rectangle(width, height) => format!(
+                "rectangle, {} wide and {} high in the plane of vibration",
+                millimetres(width),
+                millimetres(height)
+            ),
+        }
+    }
+}
+
+impl Expected {
+    /// In words, with its units.
+    pub fn said(self) -> String {
+        let kn = |newtons: f64| number_said(1e-3 * newtons);
+        match self {
+            Self::About(newtons) => format!("about {} kN, give or take 30 %", kn(newtons)),
+            Self::Between(low, high) => format!("{} to {} kN with 95 % probability", kn(low), kn(high)),
+        }
+    }
+}
+
+/// A size in millimetres.
+pub fn millimetres(metres: f64) -> String {
+    format!("{} mm", number_said(1e3 * metres))
+}
+
+/// A length in metres.
+pub fn metres(metres: f64) -> String {
+    format!("{} m", number_said(metres))
+}
+
+/// A number with at most six digits.
+fn number_said(value: f64) -> String {
+    let rounded: f64 = format!("{value:.5e}").parse().unwrap_or(value);
+    rounded.to_string()
+}
+
+/// A number and what follows it; the reason if there is none. A comma is a decimal comma, unless it may separate thousands.
+fn number(text: &str) -> Result<(f64, &str), String> {
+    let end = text
+        .char_indices()
+        .find(|(i, c)| {
+            // An exponent is one only before a digit or a sign: `40 e` is none.
+            let next = text.as_bytes().get(i + 1);
+            let is_exponent = *i > 0
+                && matches!(c, 'e' | 'E')
+                && next.is_some_and(|c| c.is_ascii_digit() || b"+-".contains(c));
+            let is_sign = matches!(c, '+' | '-') && (*i == 0 || text[..*i].ends_with(['e', 'E']));
+            !(c.is_ascii_digit() || matches!(c, '.' | ',') || is_exponent || is_sign)
+        })
+        .map_or(text.len(), |(i, _)| i);
+    let (digits, rest) = text.split_at(end);
+    if let Some((whole, behind)) = digits.split_once(',')
+        && behind.len() == 3
+        && !whole.trim_start_matches('0').is_empty()
+    {
+        return Err(format!(
+            "{digits} may be {whole}{behind} or {whole}.{behind}: write it without the comma"
+        ));
+    }
+    let value: f64 = digits
+        .replace(',', ".")
+        .parse()
+        .map_err(|_| format!("{:?} does not begin with a number", text.trim()))?;
+    match value.is_finite() && value > 0.0 {
+        true => Ok((value, rest.trim())),
+        false => Err("a number above 0 is expected".to_owned()),
+    }
+}
+
+/// A value in a unit of length \[m\]; nothing without a unit.
+fn in_unit(value: f64, unit: &str) -> Result<Option<f64>, String> {
+    Ok(Some(match unit {
+        "" => return Ok(None),
+        "m" => value,
+        "cm" => value / 1e2,
+        "mm" => value / 1e3,
+        "um" | "\u{b5}m" | "\u{3bc}m" => value / 1e6,
+        "in" | "inch" | "inches" | "\"" | "\u{2033}" => value * 0.0254,
+        "ft" | "foot" | "feet" | "'" | "\u{2032}" => value * 0.3048,
+        other => {
+            return Err(format!(
+                "{other:?} is no unit of length known here: mm, cm, m, in, ft"
+            ));
+        }
+    }))
+}
+
+/// A length \[m\]; without a unit in metres.
+///
+/// # Errors
+/// The reason why it is none.
+pub fn length(text: &str) -> Result<f64, String> {
+    let text = text.trim().to_lowercase();
+    let (value, unit) = number(&text)?;
+    let length_m = match in_unit(value, unit)? {
+        Some(length_m) => length_m,
+        None if value > LONGEST_BARE_M => {
+            return Err(format!("{text} of which unit? {text} mm, or {text} m"));
+        }
+        None => value,
+    };
+    match (0.01..=2000.0).contains(&length_m) {
+        true => Ok(length_m),
+        false => Err(format!("{} is no length of a rod", metres(length_m))),
+    }
+}
+
+/// A size of a section \[m\], as far as it can be told from its unit or from being a sensible size of one unit alone.
+fn size(value: f64, unit: &str) -> Result<f64, String> {
+    let size_m = match in_unit(value, unit)? {
+        Some(size_m) => size_m,
+        None if value >= LEAST_BARE_MM => value / 1e3,
+        None if value <= MOST_BARE_M => value,
+        None => return Err(format!("{value} of which unit? {value} mm, or {value} m")),
+    };
+    match (1e-6..=LARGEST_M).contains(&size_m) {
+        true => Ok(size_m),
+        false => Err(format!(
+            "{} is no size of a tie-rod's section",
+            millimetres(size_m)
+        )),
+    }
+}
+
+/// Words for shapes, the longest first.
+const SHAPES: [(&str, fn(f64) -> Profile); 14] = [
+    ("diameter", Profile::Round),
+    ("square", Profile::Square),
+    ("round", Profile::Round),
+    ("diam", Profile::Round),
+    ("side", Profile::Square),
+    ("dia", Profile::Round),
+    ("sq", Profile::Square),
+    ("\u{f8}", Profile::Round),
+    ("\u{2300}", Profile::Round),
+    ("\u{3c6}", Profile::Round),
+    ("\u{25a1}", Profile::Square),
+    ("d", Profile::Round),
+    ("s", Profile::Square),
+    ("a", Profile::Square),
+];
+
+/// A section: `d40`, `square 40 mm`, `40x60 mm` (width x height in the plane of vibration), or a bare size. Sizes without a unit are
+/// millimetres from 1 on, metres up to 0.5.
+///
+/// # Errors
+/// The reason why it is none.
+pub fn section(text: &str) -> Result<Section, String> {
+    let text = text.trim().to_lowercase();
+    if let Some((width, height)) = text.split_once(['x', '\u{d7}', '*']) {
+        let (width, width_unit) = number(width.trim())?;
+        let (height, unit) = number(height.trim())?;
+        // One unit at the end serves both; two bare sizes must be of one.
+        if width_unit.is_empty() && unit.is_empty() && (width < LEAST_BARE_MM) != (height < LEAST_BARE_MM) {
+            return Err(format!("{text} of which unit? {text} mm, or {text} m"));
+        }
+        let width_unit = if width_unit.is_empty() { unit } else { width_unit };
+        let (width, height) = (size(width, width_unit)?, size(height, unit)?);
+        return Ok(Section::Known(match width == height {
+            true => Profile::Square(width),
+            false => Profile::Rectangle(width, height),
+        }));
+    }
+    for (word, shape) in SHAPES {
+        let before = text.strip_prefix(word);
+        // Behind the number whole words alone: `40 mm round`.
+        let behind = text.strip_suffix(word).filter(|_| word.len() > 2);
+        if let Some(rest) = before.or(behind) {
+            let (value, unit) = number(rest.trim_matches([' ', '=', ':', ',']))?;
+            return Ok(Section::Known(shape(size(value, unit)?)));
+        }
+    }
+    let (value, unit) = number(&text)?;
+    Ok(Section::Size(size(value, unit)?))
+}
+
+/// A force, or a range of it: `150 kN`, `20..200 kN`, `20 to 200 kN`, `0.8-1.2 MN`.
+///
+/// # Errors
+/// The reason why it is none.
+pub fn force(text: &str) -> Result<Expected, String> {
+    let text = text
+        .trim()
+        .to_lowercase()
+        .replace("..", " to ")
+        .replace('\u{2013}', " to ");
+    let ends = text.split_once("to").or_else(|| text.split_once('-'));
+    let newtons = |value: f64, unit: &str| match unit {
+        "n" => Ok(value),
+        "kn" => Ok(value * 1e3),
+        "mn" => Ok(value * 1e6),
+        "" => Err(format!("{value} of which unit? {value} kN, or {value} N")),
+        other => Err(format!("{other:?} is no unit of force known here: N, kN, MN")),
+    };
+    let Some((low, high)) = ends else {
+        let (value, unit) = number(&text)?;
+        return Ok(Expected::About(newtons(value, unit)?));
+    };
+    let (low, low_unit) = number(low.trim())?;
+    let (high, unit) = number(high.trim())?;
+    let low_unit = if low_unit.is_empty() { unit } else { low_unit };
+    let (low, high) = (newtons(low, low_unit)?, newtons(high, unit)?);
+    match low < high {
+        true => Ok(Expected::Between(low, high)),
+        false => Err("the smaller force comes first".to_owned()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lengths_are_metres_unless_a_unit_says_otherwise() {
+        for (text, metres) in [
+            ("14", 14.0),
+            ("9,5", 9.5),
+            ("14 m", 14.0),
+            ("14500 mm", 14.5),
+            ("950cm", 9.5),
+            ("31 ft", 9.4488),
+            ("1.2e1m", 12.0),
+            ("0,950 m", 0.95),
+        ] {
+            assert!((length(text).unwrap() - metres).abs() < 1e-12, "{text}");
+        }
+        for (text, reason) in [
+            ("14500", "14500 mm, or 14500 m"),
+            ("long", "does not begin with a number"),
+            ("", "does not begin with a number"),
+            ("-3", "above 0"),
+            ("0", "above 0"),
+            ("3 km", "is no unit of length"),
+            ("1 mm", "is no length"),
+            ("1e400", "above 0"),
+            ("1,250", "1250 or 1.250"),
+            ("1.250,5", "does not begin"),
+        ] {
+            let said = length(text).unwrap_err();
+            assert!(said.contains(reason), "{text}: {said}");
+        }
+    }
+
+    #[test]
+    fn sections_are_told_from_shape_and_size() {
+        let known = |profile| Ok(Section::Known(profile));
+        for (text, section_) in [
+            ("d40", known(Profile::Round(0.04))),
+            ("D = 40 mm", known(Profile::Round(0.04))),
+            ("d 0,045", known(Profile::Round(0.045))),
+            ("\u{d8}40", known(Profile::Round(0.04))),
+            ("40 mm round", known(Profile::Round(0.04))),
+            ("diameter 2 in", known(Profile::Round(0.0508))),
+            ("square 71.5", known(Profile::Square(0.0715))),
+            ("s40", known(Profile::Square(0.04))),
+            ("40x40 mm", known(Profile::Square(0.04))),
+            ("40x60 mm", known(Profile::Rectangle(0.04, 0.06))),
+            ("40 mm x 6 cm", known(Profile::Rectangle(0.04, 0.06))),
+            ("0.06x0.02", known(Profile::Rectangle(0.06, 0.02))),
+            ("60 \u{d7} 20", known(Profile::Rectangle(0.06, 0.02))),
+            ("40 mm", Ok(Section::Size(0.04))),
+            ("0.04", Ok(Section::Size(0.04))),
+            ("2 in", Ok(Section::Size(0.0508))),
+            ("2\"", Ok(Section::Size(0.0508))),
+            ("8", Ok(Section::Size(0.008))),
+            ("0.9mm", Ok(Section::Size(0.0009))),
+        ] {
+            assert_eq!(section(text), section_, "{text}");
+        }
+        for (text, reason) in [
+            ("0.9", "0.9 mm, or 0.9 m"),
+            ("0.5x60", "of which unit"),
+            ("d", "number"),
+            ("40 kg", "is no unit"),
+            ("2 m", "is no size"),
+            ("900", "is no size"),
+            ("40x", "number"),
+            ("1,200 mm", "1200 or 1.200"),
+        ] {
+            let said = section(text).unwrap_err();
+            assert!(said.contains(reason), "{text}: {said}");
+        }
+    }
+
+    #[test]
+    fn forces_need_a_unit() {
+        assert_eq!(force("150 kN"), Ok(Expected::About(150e3)));
+        assert_eq!(force("20..200 kN"), Ok(Expected::Between(20e3, 200e3)));
+        assert_eq!(force("900 N to 1,5 kN"), Ok(Expected::Between(900.0, 1500.0)));
+        assert_eq!(force("0.8-1.2 MN"), Ok(Expected::Between(0.8e6, 1.2e6)));
+        for (text, reason) in [
+            ("150", "150 kN, or 150 N"),
+            ("200..20 kN", "smaller"),
+            ("5 t", "no unit of force"),
+            ("-5 kN", "number"),
+            ("", "number"),
+        ] {
+            let said = force(text).unwrap_err();
+            assert!(said.contains(reason), "{text}: {said}");
+        }
+    }
+
+    #[test]
+    fn what_was_understood_is_said_with_its_unit() {
+        assert_eq!(Profile::Round(0.0508).said(), "round, diameter 50.8 mm");
+        assert_eq!(
+            Profile::Rectangle(0.04, 0.06).said(),
+            "rectangle, 40 mm wide and 60 mm high in the plane of vibration"
+        );
+        assert_eq!(metres(9.4488), "9.4488 m");
+        assert_eq!(
+            Expected::Between(20e3, 200e3).said(),
+            "20 to 200 kN with 95 % probability"
+        );
+    }
+}

@@ -1,0 +1,214 @@
+//! The channel of a rod's samples: from flags, from what a file holds, from answers.
+
+use super::BadArguments;
+use super::questions::Questions;
+use crate::record::Unit;
+use crate::source::contents::Content;
+use std::io::BufRead;
+
+/// Words of flags about the channel.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Wanted<'a> {
+    /// Its topic or name.
+    pub topic: Option<&'a str>,
+    /// The field of a message that holds the samples.
+    pub field: Option<&'a str>,
+    /// The unit of the samples.
+    pub unit: Option<Unit>,
+    /// The sample rate \[Hz\].
+    pub fs_hz: Option<f64>,
+    /// Whether a unit must be told; without one samples pass for metres, which changes no frequency.
+    pub needs_unit: bool,
+}
+
+/// Place and unit of the samples.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Sensor {
+    /// Topic or name of the channel.
+    pub topic: String,
+    /// The field of a message that holds them.
+    pub field: String,
+    /// Their unit.
+    pub unit: Unit,
+    /// Whether file, flag or answer told the unit.
+    pub says_unit: bool,
+    /// The sample rate \[Hz\], where it is not in the stamps.
+    pub fs_hz: Option<f64>,
+}
+
+impl Sensor {
+    /// Of the channels a file holds; of none if there is no file.
+    ///
+    /// # Errors
+    /// There is no such channel, its field or unit cannot be told, or nobody is there to choose.
+    pub fn of<R: BufRead>(
+        wanted: &Wanted<'_>,
+        found: Option<&[Content]>,
+        questions: &mut Questions<R>,
+    ) -> anyhow::Result<Self> {
+        let topic = topic(wanted.topic, found, questions)?;
+        let content = found
+            .unwrap_or_default()
+            .iter()
+            .find(|content| content.topic == topic);
+        let field = match (wanted.field, content.map(|content| &content.field)) {
+            (Some(field), _) => field.to_owned(),
+            (None, Some(Ok(field))) => field.clone(),
+            (None, Some(Err(fault))) => {
+                return Err(BadArguments(format!(
+                    "--field is needed: of {topic} none of the usual fields can be read ({fault})"
+                ))
+                .into());
+            }
+            (None, None) => "value".to_owned(),
+        };
+        let unit = match (wanted.unit, content.and_then(|content| content.unit)) {
+            (Some(unit), Some(said)) if unit != said => {
+                return Err(BadArguments(format!(
+                    "--unit {}: the recording says {}",
+                    unit.key(),
+                    said.key()
+                ))
+                .into());
+            }
+            (None, None) if wanted.needs_unit => {
+                let question = "unit of the samples (m, mm, um, mm/s, m/s2, g ...)";
+                Some(questions.ask(question, "--unit", |answer| {
+                    Unit::as_written(answer)
+                        .filter(|unit| Unit::MOTION.contains(unit))
+                        .ok_or_else(|| format!("{answer:?} is no unit of motion known here"))
+                })?)
+            }
+            (unit, said) => unit.or(said),
+        };
+        Ok(Self {
+            topic,
+            field,
+            unit: unit.unwrap_or(Unit::Metre),
+            says_unit: unit.is_some(),
+            fs_hz: wanted
+                .fs_hz
+                .or_else(|| content.and_then(|content| content.array_fs_hz)),
+        })
+    }
+}
+
+/// The topic wanted, the only one that can be motion, the only one that says it is, or an answer.
+fn topic<R: BufRead>(
+    wanted: Option<&str>,
+    found: Option<&[Content]>,
+    questions: &mut Questions<R>,
+) -> anyhow::Result<String> {
+    let Some(found) = found else {
+        return match wanted {
+            Some(topic) => Ok(topic.to_owned()),
+            None => questions.ask(
+                "topic of the samples",
+                "--topic or a recording",
+                |answer| match answer.is_empty() {
+                    true => Err("a name is expected".to_owned()),
+                    false => Ok(answer.to_owned()),
+                },
+            ),
+        };
+    };
+    let is_motion = |content: &&Content| content.unit.is_none_or(|unit| Unit::MOTION.contains(&unit));
+    let topics: Vec<&str> = found
+        .iter()
+        .filter(is_motion)
+        .map(|content| content.topic.as_str())
+        .collect();
+    if let Some(wanted) = wanted {
+        return match found.iter().any(|content| content.topic == wanted) {
+            true => Ok(wanted.to_owned()),
+            false => Err(BadArguments(format!(
+                "--topic {wanted}: the recording has {}",
+                topics.join(", ")
+            ))
+            .into()),
+        };
+    }
+    let telling: Vec<&str> = found
+        .iter()
+        .filter(|content| content.unit.is_some())
+        .filter(is_motion)
+        .map(|content| content.topic.as_str())
+        .collect();
+    match (&topics[..], &telling[..]) {
+        ([], _) => {
+            Err(BadArguments("the recording has no channel of motion with messages".to_owned()).into())
+        }
+        ([only], _) | (_, [only]) => Ok((*only).to_owned()),
+        (several, _) => {
+            let list = several.join(", ");
+            let question = format!("topic of the samples, one of {list}");
+            questions.ask(&question, "--topic", |answer| match several.contains(&answer) {
+                true => Ok(answer.to_owned()),
+                false => Err(format!("{answer:?} is none of {list}")),
+            })
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn content(topic: &str, unit: Option<Unit>) -> Content {
+        Content {
+            topic: topic.into(),
+            field: Ok("values".into()),
+            unit,
+            array_fs_hz: Some(200.0),
+        }
+    }
+
+    fn chosen(wanted: &Wanted<'_>, found: Option<&[Content]>, answers: &str) -> anyhow::Result<Sensor> {
+        let mut questions = Questions {
+            answers: answers.as_bytes(),
+            is_terminal: !answers.is_empty(),
+        };
+        Sensor::of(wanted, found, &mut questions)
+    }
+
+    #[test]
+    fn the_only_channel_of_motion_is_taken_and_of_several_one_is_asked_for() {
+        let (mm, celsius) = (Some(Unit::Millimetre), Some(Unit::Celsius));
+        let any = Wanted::default();
+        let one = [content("/rod", mm), content("/air", celsius)];
+        let sensor = chosen(&any, Some(&one), "").unwrap();
+        assert_eq!(
+            (sensor.topic.as_str(), sensor.unit, sensor.fs_hz),
+            ("/rod", Unit::Millimetre, Some(200.0))
+        );
+        // A hammer's volts beside it are no motion that anybody says.
+        let telling = [content("hammer", None), content("laser", mm)];
+        assert_eq!(chosen(&any, Some(&telling), "").unwrap().topic, "laser");
+        let several = [content("a", mm), content("b", mm)];
+        let said = chosen(&any, Some(&several), "").unwrap_err().to_string();
+        assert!(
+            said.contains("--topic is needed") && said.contains("a, b"),
+            "{said}"
+        );
+        assert_eq!(chosen(&any, Some(&several), "c\nb\n").unwrap().topic, "b");
+    }
+
+    #[test]
+    fn a_unit_is_asked_for_only_where_it_matters() {
+        let bare = [content("[:]", None)];
+        let sensor = chosen(&Wanted::default(), Some(&bare), "").unwrap();
+        assert_eq!((sensor.unit, sensor.says_unit), (Unit::Metre, false));
+        let must = Wanted {
+            needs_unit: true,
+            ..Wanted::default()
+        };
+        assert!(
+            chosen(&must, Some(&bare), "")
+                .unwrap_err()
+                .to_string()
+                .contains("--unit is needed")
+        );
+        let sensor = chosen(&must, None, "\n/rod\nV\ndegC\num\n").unwrap();
+        assert_eq!((sensor.topic.as_str(), sensor.unit), ("/rod", Unit::Micrometre));
+    }
+}

@@ -1,0 +1,491 @@
+//! `tirante measure` as users run it: one file to a force with its marks, a configuration and a report; questions on a terminal; the
+//! words of what goes wrong at first contact.
+#![allow(clippy::unwrap_used)] // helpers of tests are tests
+
+use assert_cmd::Command;
+use serde_json::Value;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// The axial force simulated in `recordings/aisle.mcap` \[N\] (config/aisle.toml).
+const TRUTH_N: f64 = 140e3;
+const AISLE: [&str; 6] = ["--length", "9.5", "--section", "d45", "--material", "iron"];
+const PULL: [&str; 6] = ["--length", "14", "--section", "s71.5", "--material", "iron"];
+
+fn shipped(name: &str) -> String {
+    format!("{}/recordings/{name}", env!("CARGO_MANIFEST_DIR"))
+}
+
+/// Exit code, stdout and stderr of the program in `folder`; nobody answers questions.
+fn tirante(folder: &Path, words: &[&str]) -> (Option<i32>, String, String) {
+    let output = Command::cargo_bin("tirante")
+        .unwrap()
+        .current_dir(folder)
+        .env(
+            "TIRANTE_CACHE_DIR",
+            std::env::temp_dir().join("tirante-test-measure"),
+        )
+        .env_remove("TIRANTE_LOG")
+        .args(words)
+        .output()
+        .unwrap();
+    let text = |bytes| String::from_utf8(bytes).unwrap();
+    (output.status.code(), text(output.stdout), text(output.stderr))
+}
+
+fn measure(folder: &Path, file: &str, flags: &[&str]) -> (Option<i32>, String, String) {
+    let words: Vec<&str> = ["measure", file].iter().chain(flags).copied().collect();
+    tirante(folder, &words)
+}
+
+fn read(folder: &Path, name: &str) -> String {
+    fs::read_to_string(folder.join(name)).unwrap()
+}
+
+#[test]
+fn the_first_command_of_the_readme_measures_a_rod() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let recording = shipped("aisle.mcap");
+    let flags: Vec<&str> = AISLE.iter().copied().chain(["--plot", "always"]).collect();
+    let (code, out, err) = measure(at, &recording, &flags);
+    assert_eq!(code, Some(0), "{err}");
+    for wanted in [
+        "9.5 m long, round, diameter 45 mm, wrought iron",
+        "ambient vibration",
+        "mode 1",
+        "mode 3",
+        "power spectral density [dB] over frequency [Hz]",
+        "\n  axial force 14",
+        "what the force hangs on",
+    ] {
+        assert!(out.contains(wanted), "no {wanted:?} in\n{out}");
+    }
+    assert!(
+        err.contains("configuration: aisle.toml") && err.contains("report: aisle.html"),
+        "{err}"
+    );
+    assert!(out.lines().all(|line| line.chars().count() <= 80), "{out}");
+
+    // The configuration is used as it is, and says what was measured.
+    assert_eq!(tirante(at, &["check", "--quiet", "aisle.toml"]).0, Some(0));
+    let (code, line, err) = tirante(at, &["identify", &recording, "--config", "aisle.toml", "--json"]);
+    assert_eq!(code, Some(0), "{err}");
+    let line: Value = serde_json::from_str(&line).unwrap();
+    let force = &line["axial_force_n"];
+    assert!(
+        force["q025"].as_f64().unwrap() < TRUTH_N && TRUTH_N < force["q975"].as_f64().unwrap(),
+        "{force}"
+    );
+    let kn = |key: &str| format!("{:.0}", 1e-3 * force[key].as_f64().unwrap());
+    let told = format!("axial force {} kN ({} to {})", kn("mean"), kn("q025"), kn("q975"));
+    assert!(out.contains(&told), "no {told} in\n{out}");
+
+    let page = read(at, "aisle.html");
+    for wanted in [
+        &format!("<strong>{} kN</strong>", kn("mean")),
+        "45 mm \u{b1} 2 %",
+        "9.5 m",
+        "2026-03-01 06:00 UTC",
+        "Damping [%]",
+        "Vibration spectrum of rod aisle",
+        "Waveform of rod aisle",
+        "Signature",
+        "What the force hangs on",
+        "Measured once, so there is no change to tell: learning, baseline 1 of 30 records.",
+    ] {
+        assert!(page.contains(wanted), "no {wanted:?} in the report");
+    }
+    assert!(
+        !page.contains("All rods") && !page.contains("class=\"note\""),
+        "nothing to compare, nothing to doubt"
+    );
+
+    // A configuration is never overwritten, and nothing is asked before that is said.
+    let (code, _, err) = measure(at, &recording, &[]);
+    assert_eq!(code, Some(2));
+    assert!(
+        err.contains("aisle.toml: exists") && err.contains("tirante identify"),
+        "{err}"
+    );
+}
+
+/// What the README prints below its first command is what the command prints.
+#[test]
+fn the_readme_shows_what_its_first_command_prints() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let readme = fs::read_to_string(root.join("README.md")).unwrap();
+    let (_, rest) = readme.split_once("cargo run -- ").unwrap();
+    let (command, rest) = rest.split_once('\n').unwrap();
+    let (_, rest) = rest.split_once("```text\n").unwrap();
+    let (shown, _) = rest.split_once("```").unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let mut words: Vec<&str> = command.split(' ').collect();
+    words.extend(["--plot", "always", "--out", folder.path().to_str().unwrap()]);
+    let (code, out, err) = tirante(root, &words);
+    assert_eq!(code, Some(0), "{err}");
+    assert!(shown.lines().count() > 20, "{shown}");
+    for line in shown.lines().filter(|line| *line != "...") {
+        assert!(
+            out.lines().any(|told| told.trim_end() == line.trim_end()),
+            "{line:?} is not in\n{out}"
+        );
+    }
+}
+
+#[test]
+fn json_is_the_record_line_and_the_same_twice() {
+    let folder = tempfile::tempdir().unwrap();
+    let recording = shipped("aisle.mcap");
+    let lines = |out: &str| {
+        let flags: Vec<&str> = AISLE
+            .iter()
+            .copied()
+            .chain(["--json", "--id", "aisle-1", "--out", out])
+            .collect();
+        let (code, line, err) = measure(folder.path(), &recording, &flags);
+        assert_eq!(code, Some(0), "{err}");
+        line
+    };
+    let one = lines("a");
+    assert_eq!(one, lines("b"));
+    let line: Value = serde_json::from_str(&one).unwrap();
+    assert_eq!(line["rod"], "aisle-1");
+    assert!(line["label_probability"].as_f64().unwrap() > 0.99);
+    assert_eq!(
+        fs::read(folder.path().join("a/aisle.html")).unwrap(),
+        fs::read(folder.path().join("b/aisle.html")).unwrap()
+    );
+}
+
+/// The paper's record lies beside every beam: a force of it bears a mark wherever it is told, and without a force expected there is none.
+#[test]
+fn a_force_in_doubt_bears_its_mark_and_orders_in_doubt_give_none() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let recording = shipped("todi-pull.mcap");
+    let flags: Vec<&str> = PULL.iter().copied().chain(["--force", "600 kN"]).collect();
+    let (code, out, err) = measure(at, &recording, &flags);
+    assert_eq!(code, Some(0), "{err}");
+    assert!(
+        out.contains("\n  ! axial force ") && out.contains("! model and data disagree"),
+        "{out}"
+    );
+    assert!(read(at, "todi-pull.html").contains("<p class=\"note\" role=\"note\">Model and data disagree"));
+
+    let flags: Vec<&str> = PULL.iter().copied().chain(["--out", "unknown"]).collect();
+    let (code, out, err) = measure(at, &recording, &flags);
+    assert_eq!(code, Some(3), "{err}");
+    assert!(!out.contains("axial force"), "{out}");
+    assert!(
+        out.contains("rejected (no-label)") && out.contains("probability"),
+        "{out}"
+    );
+    // To be corrected and tried again.
+    assert!(at.join("unknown/todi-pull.toml").exists() && at.join("unknown/todi-pull.html").exists());
+}
+
+#[test]
+fn what_is_not_said_is_named_by_its_flags_and_nothing_is_written() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let recording = shipped("aisle.mcap");
+    let mut array = b"\x93NUMPY\x01\x00\x46\x00".to_vec();
+    array.extend(
+        format!(
+            "{:<69}\n",
+            "{'descr': '<f8', 'fortran_order': False, 'shape': (2,), }"
+        )
+        .bytes(),
+    );
+    array.extend([0; 16]);
+    fs::write(at.join("bare.npy"), array).unwrap();
+    fs::write(
+        at.join("two.csv"),
+        "Time [s],North [mm],South [mm]\n0,1,1\n0.01,2,0\n0.02,1,1\n",
+    )
+    .unwrap();
+    for (file, flags, code, wanted) in [
+        (
+            recording.as_str(),
+            &[][..],
+            2,
+            "--length, --section and --material are needed",
+        ),
+        (
+            &recording,
+            &["--length", "9.5", "--section", "d45"],
+            2,
+            "--material is needed",
+        ),
+        (
+            &recording,
+            &["--section", "40 mm", "--length", "3", "--material", "iron"],
+            2,
+            "--section 'd 40 mm'",
+        ),
+        (&recording, &["--length", "9500"], 2, "9500 mm, or 9500 m"),
+        (&recording, &["--section", "40 kg"], 2, "is no unit of length"),
+        (&recording, &["--force", "20"], 2, "20 kN, or 20 N"),
+        (
+            "bare.npy",
+            &AISLE,
+            2,
+            "--rate, or --time with the column of the stamps, is needed",
+        ),
+        (
+            "two.csv",
+            &AISLE,
+            2,
+            "--topic is needed (topic of the samples, one of North, South)",
+        ),
+        ("nothing.csv", &AISLE, 1, "nothing.csv"),
+    ] {
+        let (found, out, err) = measure(at, file, flags);
+        assert_eq!(found, Some(code), "{file} {flags:?}: {err}");
+        assert!(err.contains(wanted), "{file} {flags:?}: {err}");
+        assert!(out.is_empty(), "{out}");
+    }
+    let mut left: Vec<PathBuf> = fs::read_dir(at)
+        .unwrap()
+        .map(|entry| entry.unwrap().path())
+        .collect();
+    left.sort();
+    assert_eq!(left, [at.join("bare.npy"), at.join("two.csv")]);
+}
+
+/// A person at a terminal: wrong answers are asked again with the reason, and what was said before is kept.
+#[test]
+fn questions_on_a_terminal_are_asked_until_they_are_understood() {
+    let script = r#"
+import os, pty, subprocess, sys, time
+program, file, out = sys.argv[1:4]
+parent, child = pty.openpty()
+running = subprocess.Popen([program, "measure", file, "--out", out], stdin=child, stderr=child, stdout=subprocess.PIPE)
+os.close(child)
+seen = b""
+for answer in sys.argv[4:]:
+    asked = seen.count(b"): ") + seen.count(b"square: ")
+    while seen.count(b"): ") + seen.count(b"square: ") == asked:
+        seen += os.read(parent, 1024)
+    os.write(parent, b"\x04" if answer == "END" else answer.encode() + b"\n")
+    # Its echo is no question.
+    time.sleep(0.05)
+said = running.stdout.read()
+while True:
+    try:
+        more = os.read(parent, 1024)
+    except OSError:
+        break
+    if not more:
+        break
+    seen += more
+sys.stdout.buffer.write(seen + b"\n---\n" + said)
+sys.exit(running.wait())
+"#;
+    let has_python = std::process::Command::new("python3")
+        .args(["-c", "import pty"])
+        .output();
+    if !has_python.is_ok_and(|output| output.status.success()) {
+        eprintln!("left out: no python3");
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let play = |out: &str, answers: &[&str]| {
+        let output = std::process::Command::new("python3")
+            .env(
+                "TIRANTE_CACHE_DIR",
+                std::env::temp_dir().join("tirante-test-measure"),
+            )
+            .args([
+                "-c",
+                script,
+                env!("CARGO_BIN_EXE_tirante"),
+                &shipped("aisle.mcap"),
+            ])
+            .arg(folder.path().join(out))
+            .args(answers)
+            .output()
+            .unwrap();
+        let said = String::from_utf8_lossy(&output.stdout).into_owned();
+        (
+            output.status.code(),
+            said + &String::from_utf8_lossy(&output.stderr),
+        )
+    };
+    let (code, said) = play(
+        "a",
+        &["long", "9500", "9,5 m", "45 mm", "oval", "round", "wood", "iron"],
+    );
+    assert_eq!(code, Some(0), "{said}");
+    for wanted in [
+        "does not begin with a number",
+        "9500 mm, or 9500 m",
+        "= 9.5 m",
+        "45 mm: round or square",
+        "neither round nor square",
+        "= round, diameter 45 mm",
+        "neither iron nor steel",
+        "axial force 14",
+    ] {
+        assert!(said.contains(wanted), "no {wanted:?} in\n{said}");
+    }
+    let (code, said) = play("b", &["9.5", "END"]);
+    assert_eq!(code, Some(2), "{said}");
+    assert!(said.contains("no answer: --section is needed"), "{said}");
+    assert!(!folder.path().join("b").exists());
+}
+
+#[test]
+fn a_rod_measured_once_has_its_force_first_in_status_and_report() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let recording = shipped("aisle.mcap");
+    assert_eq!(measure(at, &recording, &AISLE).0, Some(0));
+    let replay = [
+        "replay",
+        &recording,
+        "--config",
+        "aisle.toml",
+        "--store",
+        "site.db",
+        "--report",
+        "site.html",
+    ];
+    let (code, _, err) = tirante(at, &replay);
+    assert_eq!(code, Some(0), "{err}");
+    let (_, table, _) = tirante(at, &["status", "--store", "site.db"]);
+    let lines: Vec<&str> = table.lines().collect();
+    assert!(
+        lines[2].contains("learning") && lines[2].contains("14") && lines[2].contains(" to "),
+        "{table}"
+    );
+    assert!(
+        lines[3].contains("the force is that of the latest record alone"),
+        "{table}"
+    );
+    assert!(
+        lines[4].contains("learning: baseline 1 of 30 records, charts 0 of 30 periods"),
+        "{table}"
+    );
+    let (_, json, _) = tirante(at, &["status", "--store", "site.db", "--format", "json"]);
+    let status: Value = serde_json::from_str(&json).unwrap();
+    assert!(status["force_n"].is_null());
+    assert_eq!(status["doubts"], serde_json::json!([]));
+    assert_eq!(status["learning_takes"]["records"], 30);
+    assert!((status["axial_force_n"]["mean"].as_f64().unwrap() / TRUTH_N - 1.0).abs() < 0.2);
+    assert!(read(at, "site.html").contains("class=\"headline\""));
+}
+
+/// The samples do not say their unit, which a force does not need; a hammer's channel beside them is not taken for motion.
+#[test]
+fn other_programs_files_are_measured_as_they_are() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let (code, rows, err) = tirante(at, &["spectrum", &shipped("aisle.mcap"), "--json"]);
+    assert_eq!(code, Some(0), "{err}");
+    assert!(!rows.is_empty());
+    let samples = samples(&shipped("aisle.mcap"));
+    let table = |unit: &str, decimal: char| {
+        let rows = samples.iter().enumerate().map(|(i, value)| {
+            let row = format!("{:.2};{:.6};{}", i as f64 / 100.0, 1e3 * value, i % 7);
+            row.replace('.', &decimal.to_string())
+        });
+        format!(
+            "Zeit;Laser;Hammer\ns;{unit};V\n{}\n",
+            rows.collect::<Vec<_>>().join("\n")
+        )
+    };
+    fs::write(at.join("comma.csv"), table("mm", ',')).unwrap();
+    let (code, out, err) = measure(at, "comma.csv", &AISLE);
+    assert_eq!(code, Some(0), "{err}");
+    assert!(out.contains("axial force 14"), "{out}");
+    assert!(read(at, "comma.toml").contains("topic = \"Laser\""));
+    assert!(
+        out.contains("its time not said")
+            && read(at, "comma.html").contains("at a time the file does not say")
+    );
+
+    let single = samples
+        .iter()
+        .map(|value| format!("{value:e}\n"))
+        .collect::<String>();
+    fs::write(at.join("bare.txt"), single).unwrap();
+    let flags: Vec<&str> = AISLE.iter().copied().chain(["--rate", "100"]).collect();
+    let (code, out, err) = measure(at, "bare.txt", &flags);
+    assert_eq!(code, Some(0), "{err}");
+    assert!(
+        out.contains("axial force 14") && err.contains("does not say its unit"),
+        "{out}{err}"
+    );
+}
+
+/// The samples of the shipped record \[m\].
+fn samples(path: &str) -> Vec<f64> {
+    use tirante::record::{Event, RecordSettings};
+    let how = tirante::import::How::default();
+    let opened = tirante::import::open_any(Path::new(path), &how, &RecordSettings::default(), &|file, _| {
+        Box::new(file)
+    });
+    let records = opened.unwrap().recording.filter_map(|event| match event {
+        Event::Record(record) => Some(record.samples.clone()),
+        _ => None,
+    });
+    records.flatten().collect()
+}
+
+/// First contact gone wrong: each message names cause and remedy.
+#[test]
+fn messages_name_cause_and_remedy() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    fs::write(at.join("laser.csv"), "Time [s],Laser [mm]\n0,1\n0.01,2\n0.02,1\n").unwrap();
+    fs::copy(at.join("laser.csv"), at.join("laser.mcap")).unwrap();
+    let commas = "Weg\nmm\n".to_owned() + &"0,125\n0,250\n".repeat(100);
+    fs::write(at.join("commas.csv"), commas).unwrap();
+    let todi = fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/config/todi.toml")).unwrap();
+    let field = todi.replace("field = \"value\"", "field = \"nothing\"");
+    let field = field.split("[simulation]").next().unwrap();
+    assert!(field.contains("\"nothing\""));
+    fs::write(at.join("field.toml"), field).unwrap();
+    let pull = shipped("todi-pull.mcap");
+    let aisle = shipped("aisle.mcap");
+    for (words, wanted, unwanted) in [
+        (
+            &["replay", "laser.csv"][..],
+            &["tirante measure", "tirante import", "--config"][..],
+            "recorder",
+        ),
+        (
+            &["replay", "laser.mcap"],
+            &["is no recording, but a text table", "tirante import"],
+            "recorder",
+        ),
+        (
+            &["replay", &aisle],
+            &[
+                "no topic /todi/displacement",
+                "built-in rod of the paper",
+                "tirante measure",
+            ],
+            "100 %",
+        ),
+        (
+            &["replay", &pull, "--config", "field.toml"],
+            &["no field `nothing`; there is: value"],
+            "at most 0.0 %",
+        ),
+        (
+            &["measure", "commas.csv"],
+            &["--decimal-comma", "--delimiter"],
+            "panic",
+        ),
+    ] {
+        let (code, out, err) = tirante(at, words);
+        assert_ne!(code, Some(0), "{words:?}");
+        for wanted in wanted {
+            assert!(err.contains(wanted), "{words:?}: no {wanted:?} in {err}");
+        }
+        assert!(!(out.clone() + &err).contains(unwanted), "{words:?}: {out}{err}");
+    }
+}

@@ -372,6 +372,7 @@ fn no_two_steps_of_a_file_have_one_name_and_they_are_the_same_the_next_time() {
         let watch = Watch {
             working_on: Box::new(move |step| noted.lock().unwrap().extend(step.map(str::to_owned))),
             deaths: Box::new(|_| 0),
+            is_read: Box::new(|_| {}),
         };
         let mut run = Run::with(folder.path(), 600.0, Remembered::default(), watch);
         run.until("it", |run| run.done("a.mcap"));
@@ -395,6 +396,7 @@ fn what_twice_ended_the_program_alone_is_set_aside_and_the_rest_goes_on() {
     let watch = Watch {
         working_on: Box::new(|_| {}),
         deaths: Box::new(|step| if step.starts_with("bad.mcap@") { 2 } else { 1 }),
+        is_read: Box::new(|_| {}),
     };
     let mut run = Run::with(folder.path(), 600.0, Remembered::default(), watch);
     run.until("both", |run| run.done("bad.mcap") && run.done("good.mcap"));
@@ -403,6 +405,32 @@ fn what_twice_ended_the_program_alone_is_set_aside_and_the_rest_goes_on() {
     );
     assert_eq!(run.remembered.files["good.mcap"].state, FileState::Done);
     assert_eq!((run.records.len(), run.health.count(Fault::Quarantined)), (2, 1));
+}
+
+#[test]
+fn a_file_whose_beginning_is_deadly_too_is_set_aside_as_a_whole() {
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("bad.mcap"), measured(0.0, 20.0)).unwrap();
+    fs::write(folder.path().join("good.mcap"), measured(100.0, 20.0)).unwrap();
+    let watch = Watch {
+        working_on: Box::new(|step| assert!(step.is_none_or(|step| !step.starts_with("bad.mcap")))),
+        deaths: Box::new(|step| if step == "file bad.mcap" { 3 } else { 0 }),
+        is_read: Box::new(|_| {}),
+    };
+    let mut run = Run::with(folder.path(), 600.0, Remembered::default(), watch);
+    run.until("both", |run| run.done("bad.mcap") && run.done("good.mcap"));
+    assert!(
+        matches!(&run.remembered.files["bad.mcap"].state, FileState::Quarantined(why) if why.contains("whole file"))
+    );
+    assert!(run.records.iter().all(|(file, _)| file == "good.mcap") && !run.records.is_empty());
+    let conditions = run.health.conditions();
+    assert!(
+        conditions.iter().any(|one| one.fault == Fault::Quarantined),
+        "{conditions:?}"
+    );
+    // Gone, it is no condition any more.
+    fs::remove_file(folder.path().join("bad.mcap")).unwrap();
+    run.until("the condition is over", |run| run.health.conditions().is_empty());
 }
 
 #[test]
@@ -472,7 +500,7 @@ fn send(live: &Live, bytes: &[u8], rotate_every: usize, end: bool) {
                 id: message.channel.id,
                 topic: message.channel.topic.clone(),
                 encoding: message.channel.message_encoding.clone(),
-                schema: schema.map(|s| (s.name.clone(), s.encoding.clone(), s.data.to_vec())),
+                schema: schema.map(|s| Arc::new((s.name.clone(), s.encoding.clone(), s.data.to_vec()))),
             };
             let content = Entry::Message {
                 channel: message.channel.id,

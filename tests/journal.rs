@@ -60,11 +60,9 @@ fn sent(bytes: &[u8]) -> Sent {
                 id: message.channel.id,
                 topic: message.channel.topic.clone(),
                 encoding: message.channel.message_encoding.clone(),
-                schema: message
-                    .channel
-                    .schema
-                    .as_ref()
-                    .map(|schema| (schema.name.clone(), schema.encoding.clone(), schema.data.to_vec())),
+                schema: message.channel.schema.as_ref().map(|schema| {
+                    Arc::new((schema.name.clone(), schema.encoding.clone(), schema.data.to_vec()))
+                }),
             });
         messages.push(Entry::Message {
             channel: message.channel.id,

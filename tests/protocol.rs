@@ -50,7 +50,7 @@ fn hear<'a>(parts: impl IntoIterator<Item = &'a [u8]>) -> Heard {
                 last = 100;
                 protocol.welcome(100);
             }
-            Ok(Some(Step::End { messages })) => {
+            Ok(Some(Step::End { messages, .. })) => {
                 last = 0;
                 heard.ends.push(messages);
             }

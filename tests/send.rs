@@ -277,3 +277,172 @@ fn send_goes_on_after_every_cut() {
     assert!(output.status.success(), "{output:?}");
     assert_eq!(daemon.ledger.streams().pop().unwrap().messages().len(), 590);
 }
+
+/// What `tirante send` says of a file, and its exit code.
+fn sent(daemon: &Daemon, folder: &std::path::Path, bytes: &[u8]) -> (String, i32) {
+    let file = folder.join("sent.mcap");
+    std::fs::write(&file, bytes).unwrap();
+    let to = format!("unix://{}", daemon.path.display());
+    let output = tirante_send(&[
+        file.as_os_str(),
+        "--to".as_ref(),
+        to.as_ref(),
+        "--speed".as_ref(),
+        "max".as_ref(),
+    ]);
+    let told = [&output.stdout[..], &output.stderr[..]].concat();
+    (
+        String::from_utf8_lossy(&told).into_owned(),
+        output.status.code().unwrap(),
+    )
+}
+
+#[test]
+fn a_large_message_is_kept_and_what_is_not_kept_is_told() {
+    let daemon = Daemon::start(settings());
+    let folder = tempfile::tempdir().unwrap();
+    let arrays = |samples| {
+        recording(
+            Encoding::Ros2,
+            Layout::Batch(samples),
+            WriterOptions::default(),
+            2_400_000,
+        )
+    };
+    // 4.8 MB each: over the socket they were acknowledged and left out.
+    let (told, code) = sent(&daemon, folder.path(), &arrays(600_000));
+    assert_eq!((told.as_str(), code), ("4 messages are durable\n", 0));
+    let kept = daemon.ledger.streams().pop().unwrap().messages();
+    assert!(kept.len() == 4 && kept.iter().all(|(_, _, data)| data.len() > 4_800_000));
+    // Beyond 8 MiB it says so itself.
+    let (told, code) = sent(&daemon, folder.path(), &arrays(1_200_000));
+    assert!(
+        told.contains("larger than 8388608 bytes") && code == 3,
+        "{code}: {told}"
+    );
+    // A topic that no rod has.
+    let mut writer = tirante::sink::RecordingWriter::new(std::io::Cursor::new(Vec::new()), small()).unwrap();
+    let id = writer
+        .add_channel(spec("/lasr", Encoding::Json, Layout::Sample))
+        .unwrap();
+    writer.write_samples(id, START, FS, &motion(300)).unwrap();
+    let (told, code) = sent(&daemon, folder.path(), &writer.finish().unwrap().into_inner());
+    assert!(
+        told.contains("no rod reads their topics") && code == 3,
+        "{code}: {told}"
+    );
+    assert!(
+        told.contains("0 messages are durable, 300 were left out"),
+        "{told}"
+    );
+}
+
+#[test]
+fn a_message_too_large_for_the_daemon_is_answered_with_the_reason() {
+    let daemon = Daemon::start(settings());
+    let mut writer = mcap::WriteOptions::new()
+        .chunk_size(None)
+        .use_chunks(false)
+        .create(std::io::Cursor::new(Vec::new()))
+        .unwrap();
+    let channel = writer
+        .add_channel(0, "/laser", "json", &Default::default())
+        .unwrap();
+    for (sequence, data) in [vec![b' '; 9 << 20], b"{\"value\":1}".to_vec()]
+        .iter()
+        .enumerate()
+    {
+        let header = mcap::records::MessageHeader {
+            channel_id: channel,
+            sequence: sequence as u32,
+            log_time: 1 + sequence as u64,
+            publish_time: 1,
+        };
+        writer.write_to_known_channel(&header, data).unwrap();
+    }
+    writer.finish().unwrap();
+    let mut client = daemon.client();
+    client.send(HELLO);
+    assert!(client.answer().contains("welcome"));
+    client.send(writer.into_inner().into_inner());
+    let told = client.answer();
+    assert!(
+        told.contains("\"left_out\":{\"messages\":1") && told.contains("8388608"),
+        "{told}"
+    );
+    let done = client.answer();
+    assert!(
+        done.starts_with("{\"done\":{\"left_out\":[{\"messages\":1") && done.ends_with("\"messages\":2}}"),
+        "{done}"
+    );
+    assert_eq!(daemon.ledger.streams().pop().unwrap().messages().len(), 1);
+    assert_eq!(daemon.count(Fault::Client), 1);
+}
+
+#[test]
+fn a_crowd_at_the_tls_port_does_not_keep_a_certified_sender_out() {
+    let folder = tempfile::tempdir().unwrap();
+    let ours = Authority::new();
+    let [ca, certificate, key] = ours.write(folder.path(), "daemon");
+    let [_, mine, my_key] = ours.write(folder.path(), "client");
+    let daemon = Daemon::start(IngestSettings {
+        tls: Some(tirante::ingest::TlsSettings {
+            certificate,
+            key,
+            client_ca: ca.clone(),
+        }),
+        ..settings()
+    });
+    // Bare connections that say nothing, each made anew as soon as it is closed.
+    let address = daemon.address;
+    let is_over = std::sync::Arc::new(std::sync::atomic::AtomicBool::new(false));
+    let crowd: Vec<_> = (0..90)
+        .map(|_| {
+            let is_over = std::sync::Arc::clone(&is_over);
+            std::thread::spawn(move || {
+                while !is_over.load(std::sync::atomic::Ordering::Relaxed) {
+                    let Ok(mut stream) = TcpStream::connect(address) else {
+                        continue;
+                    };
+                    let _ = stream.set_read_timeout(Some(Duration::from_millis(500)));
+                    let _ = stream.read(&mut [0; 1]);
+                }
+            })
+        })
+        .collect();
+    wait_for("the crowd is there", || {
+        daemon
+            .counts
+            .connections
+            .load(std::sync::atomic::Ordering::Relaxed)
+            >= 90
+    });
+    let file = folder.path().join("a.mcap");
+    std::fs::write(&file, mcap(100)).unwrap();
+    let to = format!("tcp://{address}");
+    for round in 0..20 {
+        let output = tirante_send(&[
+            file.as_os_str(),
+            "--to".as_ref(),
+            to.as_ref(),
+            "--speed".as_ref(),
+            "max".as_ref(),
+            "--tls-ca".as_ref(),
+            ca.as_os_str(),
+            "--tls-certificate".as_ref(),
+            mine.as_os_str(),
+            "--tls-key".as_ref(),
+            my_key.as_os_str(),
+        ]);
+        assert!(
+            output.status.success(),
+            "{round}: {}",
+            String::from_utf8_lossy(&output.stderr)
+        );
+    }
+    is_over.store(true, std::sync::atomic::Ordering::Relaxed);
+    for client in crowd {
+        client.join().unwrap();
+    }
+    assert_eq!(daemon.ledger.streams().len(), 20);
+}

@@ -33,7 +33,7 @@ fuzz_target!(|bytes: &[u8]| {
                     assert!((1..=64).contains(&name.len()));
                     protocol.welcome(0);
                 }
-                Ok(Some(Step::End { messages })) => {
+                Ok(Some(Step::End { messages, .. })) => {
                     assert_eq!(messages, counted);
                     (through, counted) = (0, 0);
                 }

@@ -230,6 +230,9 @@ impl Core {
         match result {
             Err(error) => self.health.fault(Fault::Recording, error),
             Ok(summary) => {
+                for note in &summary.notes {
+                    tracing::info!("{note}");
+                }
                 for fault in summary.faults() {
                     self.health.fault(Fault::Recording, fault);
                 }

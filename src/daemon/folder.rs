@@ -1,6 +1,6 @@
 //! The watched folder: which recordings in it are to be read, and reading them a step at a time.
 
-use super::steps::{Steps, Watch};
+use super::steps::{Blame, Steps, Watch};
 use crate::record::{Event, RecordSettings, RodChannels};
 use crate::source::folder::first_time;
 use crate::source::series::modified_ns;
@@ -9,7 +9,7 @@ use crate::step::Place;
 use crate::store::{FileMark, FileState};
 use crate::telemetry::{Fault, Health};
 use rustix::fs::{Mode, OFlags};
-use std::collections::{BTreeMap, BTreeSet, HashMap, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet, VecDeque};
 use std::ffi::{OsStr, OsString};
 use std::fs::{self, File, Metadata};
 use std::io::{self, Read, Seek, SeekFrom};
@@ -26,6 +26,8 @@ const SCAN_EVERY: Duration = Duration::from_secs(1);
 const SCAN_SHARE: u32 = 20;
 /// Growing recordings read at once.
 const MOST_GROWING: usize = 64;
+/// Bytes growing recordings may hold together; beyond, the largest is read when it is finished.
+const GROWING_BYTES: usize = 64 << 20;
 /// Pause before a file that cannot be opened is tried again.
 const RETRY: Duration = Duration::from_secs(60);
 /// How an MCAP file ends.
@@ -52,6 +54,10 @@ pub(super) struct Folder {
     queued: HashMap<OsString, Stamp>,
     /// Files that could not be opened, or are quarantined, and when to look again.
     failed: HashMap<OsString, Instant>,
+    /// Growing files that are read when they are finished, since all of them held too much.
+    postponed: HashSet<OsString>,
+    /// Files that are set aside, each a condition.
+    set_aside: BTreeSet<OsString>,
     finished: Option<Lane>,
     growing: VecDeque<Lane>,
     next_scan: Instant,
@@ -76,6 +82,8 @@ struct Lane {
     /// Whether another file has its name now.
     is_replaced: bool,
     quarantined: Option<String>,
+    /// Bytes in memory after its latest step.
+    held: usize,
 }
 
 /// What a step brought.
@@ -95,6 +103,13 @@ impl Folder {
         marks: &BTreeMap<String, FileMark>,
         health: Arc<Health>,
     ) -> Self {
+        let mut set_aside = BTreeSet::new();
+        for mark in marks.values() {
+            if let (FileState::Quarantined(why), Some(name)) = (&mark.state, name_of(&mark.name)) {
+                health.hold(Fault::Quarantined, &mark.name, why);
+                set_aside.insert(name);
+            }
+        }
         let done = marks
             .values()
             .filter_map(|mark| Some((name_of(&mark.name)?, (mark.size, mark.modified_ns))));
@@ -108,6 +123,8 @@ impl Folder {
             queue: BTreeSet::new(),
             queued: HashMap::new(),
             failed: HashMap::new(),
+            postponed: HashSet::new(),
+            set_aside,
             finished: None,
             growing: VecDeque::new(),
             next_scan: Instant::now(),
@@ -156,7 +173,7 @@ impl Folder {
             }
             let step = lane.step(watch, self.settle, &self.health);
             return match step {
-                LaneStep::End => self.close(lane),
+                LaneStep::End => self.close(lane, watch),
                 LaneStep::Event(event, place) => {
                     self.finished = Some(lane);
                     FolderStep::Event(event, place)
@@ -181,11 +198,12 @@ impl Folder {
             let mut lane = self.growing.pop_front()?;
             let step = lane.step(watch, self.settle, &self.health);
             match step {
-                LaneStep::End => return Some(self.close(lane)),
+                LaneStep::End => return Some(self.close(lane, watch)),
                 LaneStep::Wait => self.growing.push_back(lane),
                 LaneStep::Again => self.next_scan = Instant::now(),
                 LaneStep::More => {
                     self.growing.push_back(lane);
+                    self.make_room();
                     return Some(FolderStep::More);
                 }
                 LaneStep::Event(event, place) => {
@@ -198,9 +216,28 @@ impl Folder {
         None
     }
 
-    fn close(&mut self, lane: Lane) -> FolderStep {
+    /// Gives up the largest growing files while all together hold too much: they are begun again when they are finished.
+    fn make_room(&mut self) {
+        while self.growing.len() > 1
+            && self.growing.iter().map(|lane| lane.held).sum::<usize>() > GROWING_BYTES
+            && let Some(at) = (0..self.growing.len()).max_by_key(|at| self.growing[*at].held)
+            && let Some(lane) = self.growing.remove(at)
+        {
+            let detail = format!(
+                "{}: growing files together hold more than {} MiB; it is read when it is finished",
+                lane.label,
+                GROWING_BYTES >> 20
+            );
+            self.health.fault(Fault::Folder, detail);
+            self.postponed.insert(lane.name);
+        }
+    }
+
+    fn close(&mut self, lane: Lane, watch: &Watch) -> FolderStep {
         let (size, modified_ns) = lane.stamp;
+        (watch.is_read)(&lane.label);
         if lane.quarantined.is_some() {
+            self.set_aside.insert(lane.name.clone());
             // One that goes on growing is not worth every scan.
             self.failed.insert(lane.name.clone(), Instant::now() + RETRY);
         }
@@ -243,6 +280,12 @@ impl Folder {
         }
         // What is gone may come back as another file.
         self.failed.retain(|name, _| there.contains(name));
+        self.postponed.retain(|name| there.contains(name));
+        let gone: Vec<OsString> = self.set_aside.difference(&there).cloned().collect();
+        for name in gone {
+            self.health.over(Fault::Quarantined, &label(&name));
+            self.set_aside.remove(&name);
+        }
         self.done.retain(|name, _| there.contains(name));
     }
 
@@ -274,7 +317,7 @@ impl Folder {
             let time = first_time(&file).unwrap_or(u64::MAX);
             self.queue.insert((time, name.to_owned()));
             self.queued.insert(name.to_owned(), stamp);
-        } else if self.growing.len() < MOST_GROWING {
+        } else if self.growing.len() < MOST_GROWING && !self.postponed.contains(name) {
             match self.lane(name, file, true) {
                 Ok(lane) => self.growing.push_back(lane),
                 Err(error) => self.health.fault(Fault::Folder, error),
@@ -341,6 +384,7 @@ impl Folder {
             grew: Instant::now(),
             is_replaced: false,
             quarantined: None,
+            held: 0,
         })
     }
 }
@@ -358,14 +402,20 @@ enum LaneStep {
 impl Lane {
     fn step(&mut self, watch: &mut Watch, settle: Duration, health: &Health) -> LaneStep {
         if self.quarantined.is_none()
-            && let Some(why) = watch.begin(&self.label, self.recording.offset(), &mut self.steps)
+            && let Some(Blame { why, is_whole }) =
+                watch.begin(&self.label, self.recording.offset(), &mut self.steps)
         {
-            health.fault(Fault::Quarantined, &why);
-            self.recording.abandon(&why);
+            health.hold(Fault::Quarantined, &self.label, &why);
+            if is_whole {
+                self.recording.discard(&why);
+            } else {
+                self.recording.abandon(&why);
+            }
             self.quarantined = Some(why);
         }
         let polled = self.recording.poll();
         watch.end();
+        self.held = self.recording.held();
         if matches!(polled, Poll::More | Poll::Event(_)) {
             self.steps.brought_something();
         }
@@ -413,6 +463,10 @@ impl Lane {
             }
         }
         if shrank || self.is_replaced || self.grew.elapsed() >= settle {
+            // What looked like a record in the making is damage: read as a finished file, only that is lost.
+            if self.recording.is_in_doubt() && !shrank && !self.is_replaced {
+                return LaneStep::Again;
+            }
             self.recording.give_up();
             return LaneStep::More;
         }

@@ -7,6 +7,43 @@ use crate::source::{SourceError, Summary};
 use crate::step::Place;
 use crate::store::{Carry, FileMark};
 use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+/// Most samples of records between the reader and the end of their analysis (8 bytes each); a record with more goes alone.
+const SAMPLES: usize = 2 << 20;
+
+/// Samples of all records between the reader and the end of their analysis.
+#[derive(Debug, Clone, Default)]
+pub struct Loads(Arc<AtomicUsize>);
+
+/// A record's samples among all of them, until it is dropped.
+#[derive(Debug)]
+pub struct Load {
+    all: Loads,
+    samples: usize,
+}
+
+impl Loads {
+    /// Takes so many samples more; nothing while there is no room for them.
+    pub fn take(&self, samples: usize) -> Option<Load> {
+        // Only the reader adds to it.
+        let held = self.0.load(Ordering::Acquire);
+        if held > 0 && held + samples > SAMPLES {
+            return None;
+        }
+        self.0.fetch_add(samples, Ordering::AcqRel);
+        Some(Load {
+            all: self.clone(),
+            samples,
+        })
+    }
+}
+
+impl Drop for Load {
+    fn drop(&mut self) {
+        self.all.0.fetch_sub(self.samples, Ordering::AcqRel);
+    }
+}
 
 /// One item of work.
 pub enum Job {
@@ -18,6 +55,8 @@ pub enum Job {
         place: Place,
         /// The configuration.
         generation: Arc<Generation>,
+        /// What it weighs, until it is analysed.
+        load: Load,
     },
     /// A file was read to its end: every event of it came before.
     File {
@@ -45,4 +84,21 @@ pub enum Job {
         /// Whether the reader had read everything there was when this was sent: only then is silence a silence.
         is_caught_up: bool,
     },
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_heavy_record_goes_alone() {
+        let loads = Loads::default();
+        let heavy = loads.take(SAMPLES + 1).unwrap();
+        assert!(loads.take(1).is_none());
+        drop(heavy);
+        let all = loads.take(SAMPLES).unwrap();
+        assert!(loads.take(0).is_some() && loads.take(1).is_none());
+        drop(all);
+        assert!(loads.take(1).is_some());
+    }
 }

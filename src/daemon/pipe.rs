@@ -14,7 +14,7 @@ use std::time::Duration;
 /// Jobs between the reader and the pipeline. Few: each may be a record of millions of samples.
 pub const JOBS: usize = 4;
 /// Samples of records in the pipeline (8 bytes each); a record with more goes alone.
-const SAMPLES_IN_FLIGHT: usize = 4 << 20;
+const SAMPLES_IN_FLIGHT: usize = 2 << 20;
 /// How soon a pipeline without work sees that it is to end.
 const LOOK: Duration = Duration::from_millis(50);
 

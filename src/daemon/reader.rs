@@ -4,7 +4,8 @@
 //! it stops: what was not committed is read again at the next start.
 
 use super::folder::{Folder, FolderStep};
-use super::steps::{Steps, Watch};
+use super::job::Loads;
+use super::steps::{Blame, Steps, Watch};
 use super::{Generation, Job};
 use crate::journal::{self, Bell, part};
 use crate::record::{Event, RodChannels};
@@ -154,6 +155,7 @@ struct Work {
     /// When an event was sent last, and when it was said last that there is nothing more to read.
     last_event: Option<Instant>,
     last_look: Option<Instant>,
+    loads: Loads,
     around: Surroundings,
     stop: Arc<AtomicBool>,
 }
@@ -257,6 +259,7 @@ impl Work {
             waiting: None,
             last_event: None,
             last_look: None,
+            loads: Loads::default(),
             around,
             stop,
         }
@@ -322,10 +325,24 @@ impl Work {
 
     fn send_event(&mut self, event: Event, place: Place) -> Result<(), Stopped> {
         self.last_event = Some(Instant::now());
+        let samples = match &event {
+            Event::Record(record) => record.samples.len(),
+            Event::Rejected { .. } | Event::Readings { .. } => 0,
+        };
+        let load = loop {
+            if let Some(load) = self.loads.take(samples) {
+                break load;
+            }
+            if self.stop.load(Ordering::Relaxed) {
+                return Err(Stopped);
+            }
+            thread::sleep(PUSH_BACK);
+        };
         self.send(Job::Event {
             event,
             place,
             generation: Arc::clone(&self.generation),
+            load,
         })
     }
 
@@ -355,9 +372,15 @@ impl Work {
         if let Some((number, offset)) = lane.series.position() {
             let is_set_aside = lane.quarantined.as_ref().is_some_and(|(part, _)| *part == number);
             let name = part::mark_name(number);
-            if !is_set_aside && let Some(why) = self.around.watch.begin(&name, offset, &mut lane.steps) {
-                self.around.health.fault(Fault::Quarantined, &why);
-                lane.series.abandon(&why);
+            if !is_set_aside
+                && let Some(Blame { why, is_whole }) = self.around.watch.begin(&name, offset, &mut lane.steps)
+            {
+                self.around.health.hold(Fault::Quarantined, &name, &why);
+                if is_whole {
+                    lane.series.discard(&why);
+                } else {
+                    lane.series.abandon(&why);
+                }
                 lane.quarantined = Some((number, why));
             }
         }
@@ -406,6 +429,7 @@ impl Work {
             part,
             body,
         });
+        (self.around.watch.is_read)(&part::mark_name(end.part));
         let mark = FileMark {
             name: part::mark_name(end.part),
             size: end.size,

@@ -249,13 +249,14 @@ fn draw_tables(generation: &Arc<Generation>, ending: &Ending) -> std::io::Result
 /// Marks what the reader is at among the suspects.
 fn watch(suspects: &Arc<Suspects>) -> Watch {
     let mut slot = suspects.slot();
-    let suspects = Arc::clone(suspects);
+    let (suspects, reads) = (Arc::clone(suspects), Arc::clone(suspects));
     Watch {
         working_on: Box::new(move |step| match step {
             Some(step) => slot.working_on(step),
             None => slot.idle(),
         }),
         deaths: Box::new(move |step| suspects.deaths(step)),
+        is_read: Box::new(move |file| reads.is_read(file)),
     }
 }
 

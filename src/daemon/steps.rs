@@ -1,6 +1,6 @@
 //! What the reader is at, step by step, so that an end of the program can be laid to a step of an input.
 
-use super::suspects::CONDEMNED;
+use super::suspects::{CONDEMNED, FILE_CONDEMNED, file_step, last_step};
 
 /// Takes note of what is worked on.
 pub type TakeNote = Box<dyn FnMut(Option<&str>) + Send>;
@@ -11,6 +11,16 @@ pub struct Watch {
     pub working_on: TakeNote,
     /// How often that ended the program.
     pub deaths: Box<dyn Fn(&str) -> u32 + Send>,
+    /// Notes that a file was read to its end, which clears it of all that it was suspected of.
+    pub is_read: Box<dyn Fn(&str) + Send>,
+}
+
+/// Why an input is not read any further.
+pub(super) struct Blame {
+    /// In one sentence.
+    pub why: String,
+    /// Whether nothing of it may be used, not even what came before.
+    pub is_whole: bool,
 }
 
 impl Watch {
@@ -19,17 +29,35 @@ impl Watch {
         Self {
             working_on: Box::new(|_| {}),
             deaths: Box::new(|_| 0),
+            is_read: Box::new(|_| {}),
         }
     }
 
     /// The next step of the input `name` begins; why it must not, if it must not.
-    pub(super) fn begin(&mut self, name: &str, offset: u64, steps: &mut Steps) -> Option<String> {
+    pub(super) fn begin(&mut self, name: &str, offset: u64, steps: &mut Steps) -> Option<Blame> {
+        if steps.is_first() {
+            let deaths = (self.deaths)(&file_step(name));
+            if deaths >= FILE_CONDEMNED {
+                return Some(Blame {
+                    why: format!(
+                        "{name}: reading it ended the program, and so did what came before that place: the whole file is set \
+                         aside"
+                    ),
+                    is_whole: true,
+                });
+            }
+        }
         let step = steps.next(name, offset);
         let deaths = (self.deaths)(&step);
         if deaths >= CONDEMNED {
-            return Some(format!(
-                "{name}: reading it at byte {offset} ended the program {deaths} times; it is set aside"
-            ));
+            // What came before a place that is set aside may be what the program dies of: that is a step too.
+            (self.working_on)(Some(&last_step(name, offset)));
+            return Some(Blame {
+                why: format!(
+                    "{name}: reading it at byte {offset} ended the program {deaths} times; it is set aside"
+                ),
+                is_whole: false,
+            });
         }
         (self.working_on)(Some(&step));
         None
@@ -48,12 +76,18 @@ pub(super) struct Steps {
     offset: u64,
     /// Those at this offset that brought something.
     taken: u64,
+    has_begun: bool,
 }
 
 impl Steps {
+    /// Whether none was taken yet.
+    fn is_first(&mut self) -> bool {
+        !std::mem::replace(&mut self.has_begun, true)
+    }
+
     fn next(&mut self, name: &str, offset: u64) -> String {
         if offset != self.offset {
-            *self = Self { offset, taken: 0 };
+            (self.offset, self.taken) = (offset, 0);
         }
         format!("{name}@{offset}+{}", self.taken)
     }

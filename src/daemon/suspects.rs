@@ -20,6 +20,13 @@ use std::time::Duration;
 /// systemd must not give up before (docs/daemon.md).
 pub const CONDEMNED: u32 = 2;
 
+/// So many deaths of a file, and nothing of it is used any more: those alone at one place, and one more when what came before
+/// that place was brought to its end.
+pub const FILE_CONDEMNED: u32 = CONDEMNED + 1;
+
+/// How the step of a file is called that brings what came before a condemned place to its end.
+const END: &str = "end";
+
 /// Bytes of a slot.
 const SLOT: usize = 1024;
 /// Most slots: more than any machine has workers.
@@ -87,6 +94,9 @@ impl Suspects {
         };
         let had_any = !left.is_empty();
         for (name, is_alone) in left {
+            if let Some((file, step)) = file_of(&name) {
+                *deaths.entry(file_step(file)).or_insert(0) += u32::from(is_alone || step == END);
+            }
             let deaths = deaths.entry(name).or_insert(0);
             *deaths += u32::from(is_alone);
         }
@@ -120,6 +130,22 @@ impl Suspects {
     /// Whether a step is not to be tried any more.
     pub fn is_condemned(&self, step: &str) -> bool {
         self.deaths(step) >= CONDEMNED
+    }
+
+    /// A file was read to its end: it is suspected of nothing any more.
+    pub fn is_read(&self, file: &str) {
+        self.forget(&file_step(file));
+    }
+
+    fn forget(&self, step: &str) {
+        let mut inner = self.lock();
+        let cleared = inner.deaths.remove(step).map(|_| inner.deaths.clone());
+        drop(inner);
+        if let Some(deaths) = cleared
+            && let Err(error) = remember(&self.memory, &deaths)
+        {
+            tracing::warn!("{}: cannot be written: {error}", self.memory.display());
+        }
     }
 
     /// A slot for one thread.
@@ -165,14 +191,9 @@ impl Suspects {
         let mut inner = self.lock();
         inner.busy -= 1;
         inner.is_alone &= !step.is_alone;
-        let cleared = inner.deaths.remove(&step.name).map(|_| inner.deaths.clone());
         drop(inner);
         self.changed.notify_all();
-        if let Some(deaths) = cleared
-            && let Err(error) = remember(&self.memory, &deaths)
-        {
-            tracing::warn!("{}: cannot be written: {error}", self.memory.display());
-        }
+        self.forget(&step.name);
     }
 
     /// Best effort: a mark that cannot be written is a death that is not counted.
@@ -218,6 +239,22 @@ impl Drop for Slot {
     fn drop(&mut self) {
         self.idle();
     }
+}
+
+/// The name of all steps of a file together.
+pub fn file_step(file: &str) -> String {
+    format!("file {file}")
+}
+
+/// The step that brings to its end what came before a place of a file.
+pub fn last_step(file: &str, offset: u64) -> String {
+    format!("{file}@{offset}+{END}")
+}
+
+/// The file of a step of reading, `NAME@PLACE+STEP`, and which step it is.
+fn file_of(name: &str) -> Option<(&str, &str)> {
+    let (file, place) = name.rsplit_once('@')?;
+    place.split_once('+').map(|(_, step)| (file, step))
 }
 
 /// The steps a file of slots holds, and whether each was alone.
@@ -281,6 +318,26 @@ mod tests {
         let suspects = Arc::new(Suspects::open(&store).unwrap());
         assert!(suspects.is_condemned("bad"));
         assert_eq!(suspects.deaths("good"), 0);
+    }
+
+    #[test]
+    fn a_file_whose_beginning_is_deadly_too_is_condemned_as_a_whole_until_it_is_read() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = folder.path().join("site.db");
+        let deaths = || Suspects::open(&store).unwrap().deaths(&file_step("a@b.mcap"));
+        // What a kill from outside happens to meet blames nobody.
+        for place in 0..10 {
+            dies_at(&store, &[&format!("a@b.mcap@{place}+0")]);
+        }
+        assert_eq!(deaths(), 0);
+        for _ in 0..=CONDEMNED {
+            dies_at(&store, &["a@b.mcap@77+0"]);
+        }
+        assert_eq!(deaths(), CONDEMNED);
+        dies_at(&store, &[&last_step("a@b.mcap", 77)]);
+        assert_eq!(deaths(), FILE_CONDEMNED);
+        Suspects::open(&store).unwrap().is_read("a@b.mcap");
+        assert_eq!(deaths(), 0);
     }
 
     #[test]

@@ -36,11 +36,17 @@ impl Workers {
                 event: Event::Record(record),
                 place,
                 generation,
-            } => self.record(record, place, &generation),
+                load,
+            } => {
+                let done = self.record(record, place, &generation);
+                drop(load);
+                done
+            }
             Job::Event {
                 event,
                 place,
                 generation,
+                ..
             } => Done::Event(step::analyse(event, &generation.plans, &self.known), place),
             other => Done::Job(other),
         }

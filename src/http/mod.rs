@@ -8,6 +8,7 @@
 //! * `viewer`  `/viewer`, for robotics viewers
 //! * `shown`   the store behind both
 //! * `access`  who may ask, who may change something
+//! * `seats`   which connection may stay when there are many
 //! * `problem` what is answered when there is no answer
 
 mod access;
@@ -16,6 +17,7 @@ mod live;
 mod page;
 mod problem;
 mod routes;
+mod seats;
 mod serve;
 pub mod settings;
 mod shown;

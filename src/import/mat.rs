@@ -148,8 +148,7 @@ fn element(from: &mut impl Read, is_little: bool) -> Result<Option<Option<Vec<u8
             if unpacked.len() as u64 > MOST_BYTES {
                 return Err(format!("unpacks to more than {MOST_BYTES} bytes"));
             }
-            let mut inner = unpacked.as_slice();
-            let inner = element_once(&mut inner, is_little)?;
+            let inner = element_once(unpacked, is_little)?;
             std::io::copy(&mut raw, &mut std::io::sink()).map_err(|error| error.to_string())?;
             inner
         }
@@ -166,13 +165,18 @@ fn element(from: &mut impl Read, is_little: bool) -> Result<Option<Option<Vec<u8
 }
 
 /// The matrix in an unpacked element, which packs nothing in turn.
-fn element_once(from: &mut &[u8], is_little: bool) -> Result<Option<Vec<u8>>, String> {
+fn element_once(mut unpacked: Vec<u8>, is_little: bool) -> Result<Option<Vec<u8>>, String> {
     let mut cursor = Cursor {
-        bytes: from,
+        bytes: &unpacked,
         is_little,
     };
-    let (kind, bytes) = cursor.part()?;
-    Ok((kind == MATRIX).then(|| bytes.to_vec()))
+    let (kind, inner) = cursor.part()?;
+    // In place: a second copy would be as large as the limit.
+    let begin = inner.as_ptr() as usize - unpacked.as_ptr() as usize;
+    let end = begin + inner.len();
+    unpacked.truncate(end);
+    unpacked.drain(..begin);
+    Ok((kind == MATRIX).then_some(unpacked))
 }
 
 fn exactly(from: &mut impl Read, wanted: u64) -> Result<Vec<u8>, String> {
@@ -321,6 +325,9 @@ fn numbers(kind: u32, bytes: &[u8], is_little: bool) -> Result<Vec<f64>, String>
     if !bytes.len().is_multiple_of(kind.size()) {
         return Err("its bytes are no whole number of numbers: damaged".to_owned());
     }
+    if bytes.len() / kind.size() > MOST_VALUES {
+        return Err(ImportError::too_long().to_string());
+    }
     let mut values = Vec::with_capacity(bytes.len() / kind.size());
     kind.each(bytes, is_little, |value| values.push(value))
         .map_err(|inexact| inexact.to_string())?;
@@ -359,6 +366,7 @@ fn spread(array: Array, stamps: Option<&Arc<Stamps>>, to: &mut Variables) -> Res
         None => Timing::Unknown,
     };
     let is_long = rows >= columns;
+    let mut values = values;
     for channel in 0..count {
         let at = |sample: usize| {
             if is_long {
@@ -368,7 +376,7 @@ fn spread(array: Array, stamps: Option<&Arc<Stamps>>, to: &mut Variables) -> Res
             }
         };
         let (label, values) = match (count, is_long) {
-            (1, _) => (name.clone(), values.clone()),
+            (1, _) => (name.clone(), std::mem::take(&mut values)),
             (_, true) => (format!("{name}(:,{})", channel + 1), gather(&values, length, at)),
             (_, false) => (format!("{name}({},:)", channel + 1), gather(&values, length, at)),
         };

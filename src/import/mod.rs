@@ -41,8 +41,8 @@ use crate::record::Timestamp;
 use std::sync::Arc;
 use thiserror::Error;
 
-/// The most values one file may hold, stamps among them: 256 MB in memory.
-pub const MOST_VALUES: usize = 1 << 25;
+/// The most values one file may hold, stamps among them: 64 MiB in memory, and about twice that on the way to records.
+pub const MOST_VALUES: usize = 1 << 23;
 
 /// What is wrong with a file or with what is asked of it, and where: the line, the record, the channel.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]

@@ -1,5 +1,6 @@
 //! One client from its first byte to its last: read, understood, handed to the journal, answered.
 
+use super::entrance::Stay;
 use super::intake::{Intake, IntakeLine};
 use super::protocol::{Protocol, Refusal, Step};
 use super::reply::Reply;
@@ -9,10 +10,10 @@ use crate::journal::{Closed, End, Entry};
 use crate::telemetry::Fault;
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
-use std::sync::{MutexGuard, PoisonError};
+use std::sync::{Arc, MutexGuard, PoisonError};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 use tokio::io::{AsyncRead, AsyncReadExt};
-use tokio::sync::{mpsc, watch};
+use tokio::sync::{OwnedSemaphorePermit, mpsc, watch};
 use tokio::time::{Instant, timeout, timeout_at};
 
 /// Bytes read at once.
@@ -35,6 +36,10 @@ enum Farewell {
     Idle(Duration),
     /// All clients together hold too much.
     Crowded,
+    /// All places are taken.
+    Full,
+    /// It said nothing that makes sense, and others came.
+    Pushed,
     /// Its connection broke.
     Gone(String),
     /// The journal takes nothing more of it.
@@ -51,6 +56,7 @@ impl From<Closed> for Farewell {
 pub(super) async fn attend<I: Intake>(
     socket: Box<dyn Socket>,
     let_in: Instant,
+    stay: Stay,
     peer: &str,
     server: &Server<I>,
     mut stop: watch::Receiver<bool>,
@@ -70,6 +76,7 @@ pub(super) async fn attend<I: Intake>(
         name: None,
         line: None,
         place: None,
+        standing: Standing::Entering(stay),
         held: Held {
             all: &server.held,
             mine: 0,
@@ -99,7 +106,24 @@ struct Client<'a, I: Intake> {
     line: Option<I::Line>,
     /// Closed when a newer connection has this sender's name.
     place: Option<watch::Receiver<()>>,
+    standing: Standing,
     held: Held<'a>,
+}
+
+/// Whether a client has a place.
+enum Standing {
+    /// It has said nothing yet that makes sense.
+    Entering(Stay),
+    /// It has one, until it goes.
+    In(#[expect(dead_code, reason = "held")] OwnedSemaphorePermit),
+}
+
+/// Comes true when a client in the entrance must make room.
+async fn pushed(standing: &Standing) {
+    match standing {
+        Standing::Entering(stay) => stay.must_leave().await,
+        Standing::In(_) => std::future::pending().await,
+    }
 }
 
 impl<I: Intake> Client<'_, I> {
@@ -120,6 +144,7 @@ impl<I: Intake> Client<'_, I> {
             };
             let read = tokio::select! {
                 () = replaced(&mut self.place) => return Err(Closed::TakenOver.into()),
+                () = pushed(&self.standing) => return Err(Farewell::Pushed),
                 read = timeout_at(alive + patience, input.read(&mut buffer)) => read,
             };
             let count = match read {
@@ -158,9 +183,21 @@ impl<I: Intake> Client<'_, I> {
                 turn = Some(self.server.turns.acquire().await);
             }
             let step = self.protocol.next(now_ns());
+            if matches!(self.standing, Standing::Entering(_)) && self.protocol.has_spoken() {
+                let place = Arc::clone(&self.server.clients).try_acquire_owned();
+                self.standing = Standing::In(place.map_err(|_| Farewell::Full)?);
+            }
             let foreign = self.protocol.take_foreign();
             self.server.counts.add(|counts| &counts.foreign, foreign);
             self.server.counts.add(|counts| &counts.messages, foreign);
+            if let Some(left_out) = self.protocol.take_left_out() {
+                let who = self.name.as_deref().unwrap_or("a client without a name");
+                self.server.health.fault(
+                    Fault::Client,
+                    format_args!("{who}: messages are left out: {}", left_out.reason),
+                );
+                self.say(Said::Reply(Reply::LeftOut(left_out)));
+            }
             match step.map_err(Farewell::Garbage)? {
                 None => return Ok(()),
                 Some(Step::Batch(batch)) => {
@@ -181,14 +218,14 @@ impl<I: Intake> Client<'_, I> {
                     turn = None;
                     self.hello(name).await?;
                 }
-                Some(Step::End { messages }) => {
+                Some(Step::End { messages, left_out }) => {
                     turn = None;
                     if let Some(line) = self.line.take() {
                         line.end(End::Complete).await?;
                     }
                     self.server.counts.add(|counts| &counts.completed, 1);
                     self.say(Said::Unfollow);
-                    self.say(Said::Reply(Reply::Done { messages }));
+                    self.say(Said::Reply(Reply::Done { messages, left_out }));
                     self.forget();
                 }
                 Some(Step::Cut) => {
@@ -270,6 +307,13 @@ impl<I: Intake> Client<'_, I> {
                 health.fault(Fault::Refused, format_args!("{who}: {what}; closed"));
                 Some((what, true))
             }
+            Err(Farewell::Full) => {
+                let what = self.server.full();
+                health.fault(Fault::Refused, format_args!("{who}: turned away, {what}"));
+                Some((what, true))
+            }
+            // Told where it was let out.
+            Err(Farewell::Pushed) => Some(("it said nothing, and others came".to_owned(), true)),
             Err(Farewell::Gone(what)) => {
                 if is_amid && !is_named {
                     health.fault(

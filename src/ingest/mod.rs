@@ -3,7 +3,7 @@
 //! A client's bytes go one way:
 //!
 //! ```text
-//! listener -> (tls) -> connection -> protocol (bytes to batches, no socket) -> intake (the journal)
+//! listener -> entrance (tls) -> connection -> protocol (bytes to batches, no socket) -> intake (the journal)
 //!                          '<------- replies: welcome, ack, done, error <----- what is durable
 //! ```
 //!
@@ -11,6 +11,7 @@
 
 mod connection;
 pub mod counts;
+mod entrance;
 pub mod intake;
 mod line;
 pub mod listener;
@@ -27,6 +28,6 @@ pub use counts::Counts;
 pub use intake::{Intake, IntakeLine};
 pub use listener::{ListenError, Listener};
 pub use protocol::{Protocol, Refusal, Step};
-pub use reply::Reply;
+pub use reply::{LeftOut, Reply};
 pub use server::{Server, TopicSet, Topics, serve, topics_of};
 pub use settings::{IngestSettings, Listen, TlsSettings};

@@ -2,6 +2,7 @@
 
 use super::line::{self, Line};
 use super::queue::Queue;
+use super::reply::LeftOut;
 use super::server::TopicSet;
 use super::stream::Stream;
 use crate::journal::Batch;
@@ -30,6 +31,8 @@ pub enum Step {
     End {
         /// Its messages.
         messages: u64,
+        /// What of them was not kept.
+        left_out: Vec<LeftOut>,
     },
     /// The client went away in the middle of a stream.
     Cut,
@@ -146,6 +149,11 @@ impl Protocol {
     /// Messages of no rod's topic since it was asked last.
     pub fn take_foreign(&mut self) -> u64 {
         mem::take(&mut self.stream.foreign)
+    }
+
+    /// What was left out for the first time since it was asked last.
+    pub fn take_left_out(&mut self) -> Option<LeftOut> {
+        self.stream.take_news()
     }
 
     /// What the bytes so far mean, one step at a time; `None` until more come. `now_ns` is the time of lines that have
@@ -274,6 +282,7 @@ impl Protocol {
         self.stream.foreign = ended.foreign;
         Step::End {
             messages: ended.messages,
+            left_out: ended.left_out(),
         }
     }
 

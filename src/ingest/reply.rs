@@ -1,5 +1,6 @@
 //! What the daemon answers a client: one JSON object a line.
 
+use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::fmt;
 use std::str::FromStr;
@@ -19,11 +20,15 @@ pub enum Reply {
         /// Messages.
         messages: u64,
     },
-    /// A stream that ended is durable as a whole.
+    /// A stream that ended is durable as a whole, but for what was left out.
     Done {
-        /// Messages.
+        /// Messages, those left out included.
         messages: u64,
+        /// What of this connection's messages was not kept.
+        left_out: Vec<LeftOut>,
     },
+    /// Messages are not kept, and the stream goes on; told with the first of them.
+    LeftOut(LeftOut),
     /// The connection is closed.
     Error {
         /// Why.
@@ -33,6 +38,15 @@ pub enum Reply {
     },
 }
 
+/// Messages that are not kept.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct LeftOut {
+    /// How many.
+    pub messages: u64,
+    /// Why.
+    pub reason: String,
+}
+
 impl fmt::Display for Reply {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let value = match self {
@@ -40,7 +54,13 @@ impl fmt::Display for Reply {
                 json!({"welcome": {"sender": sender, "messages": messages}})
             }
             Self::Ack { messages } => json!({"ack": {"messages": messages}}),
-            Self::Done { messages } => json!({"done": {"messages": messages}}),
+            Self::Done { messages, left_out } if left_out.is_empty() => {
+                json!({"done": {"messages": messages}})
+            }
+            Self::Done { messages, left_out } => {
+                json!({"done": {"messages": messages, "left_out": left_out}})
+            }
+            Self::LeftOut(left_out) => json!({"left_out": left_out}),
             Self::Error { reason, again: false } => json!({"error": reason}),
             Self::Error { reason, again: true } => json!({"error": reason, "again": true}),
         };
@@ -77,9 +97,18 @@ impl FromStr for Reply {
             });
         }
         if let Some(done) = value.get("done") {
+            let left_out = match done.get("left_out") {
+                Some(list) => Vec::deserialize(list).map_err(|_| unknown())?,
+                None => Vec::new(),
+            };
             return Ok(Self::Done {
                 messages: messages(done)?,
+                left_out,
             });
+        }
+        if let Some(left_out) = value.get("left_out") {
+            let left_out = LeftOut::deserialize(left_out).map_err(|_| unknown())?;
+            return Ok(Self::LeftOut(left_out));
         }
         let reason = value
             .get("error")
@@ -106,7 +135,30 @@ mod tests {
                 r#"{"welcome":{"messages":3,"sender":"a"}}"#,
             ),
             (Reply::Ack { messages: 3 }, r#"{"ack":{"messages":3}}"#),
-            (Reply::Done { messages: 3 }, r#"{"done":{"messages":3}}"#),
+            (
+                Reply::Done {
+                    messages: 3,
+                    left_out: Vec::new(),
+                },
+                r#"{"done":{"messages":3}}"#,
+            ),
+            (
+                Reply::Done {
+                    messages: 3,
+                    left_out: vec![LeftOut {
+                        messages: 1,
+                        reason: "large".into(),
+                    }],
+                },
+                r#"{"done":{"left_out":[{"messages":1,"reason":"large"}],"messages":3}}"#,
+            ),
+            (
+                Reply::LeftOut(LeftOut {
+                    messages: 2,
+                    reason: "large".into(),
+                }),
+                r#"{"left_out":{"messages":2,"reason":"large"}}"#,
+            ),
             (
                 Reply::Error {
                     reason: "a \"b\"\n".into(),

@@ -2,6 +2,7 @@
 
 use super::connection;
 use super::counts::Counts;
+use super::entrance::{Entrance, Stay};
 use super::intake::Intake;
 use super::listener::{ListenError, Listener};
 use super::reply::Reply;
@@ -11,6 +12,7 @@ use crate::config::RodConfig;
 use crate::telemetry::{Fault, Health};
 use std::collections::{BTreeSet, HashMap};
 use std::io;
+use std::net::SocketAddr;
 use std::sync::atomic::AtomicUsize;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
@@ -62,6 +64,8 @@ pub struct Server<I> {
     pub(super) counts: Arc<Counts>,
     tls: Option<TlsAcceptor>,
     pub(super) turns: Semaphore,
+    /// Places of clients that have said something that makes sense.
+    pub(super) clients: Arc<Semaphore>,
     /// Bytes all clients together hold.
     pub(super) held: AtomicUsize,
     /// The connection of each sender: when a newer one takes its place, the older one ends.
@@ -82,6 +86,7 @@ impl<I: Intake> Server<I> {
     ) -> Result<Self, ListenError> {
         let tls = settings.tls.as_ref().map(tls::acceptor).transpose()?;
         Ok(Self {
+            clients: Arc::new(Semaphore::new(settings.clients)),
             settings,
             topics,
             intake,
@@ -92,6 +97,11 @@ impl<I: Intake> Server<I> {
             held: AtomicUsize::new(0),
             senders: Mutex::default(),
         })
+    }
+
+    /// Why nobody else can be served.
+    pub(super) fn full(&self) -> String {
+        format!("{} clients are connected already", self.settings.clients)
     }
 }
 
@@ -111,7 +121,6 @@ pub async fn serve<I: Intake>(
         return Err(ListenError::Open(open.address()));
     }
     let shared = Arc::new(server);
-    let clients = Arc::new(Semaphore::new(shared.settings.clients));
     let mut doors = JoinSet::new();
     for listener in listeners {
         let address = listener.address();
@@ -120,13 +129,7 @@ pub async fn serve<I: Intake>(
             source,
         })?;
         tracing::info!("listening at {address}");
-        doors.spawn(attend(
-            door,
-            address,
-            Arc::clone(&shared),
-            Arc::clone(&clients),
-            stop.clone(),
-        ));
+        doors.spawn(attend(door, address, Arc::clone(&shared), stop.clone()));
     }
     while doors.join_next().await.is_some() {}
     Ok(())
@@ -155,12 +158,12 @@ impl Door {
     }
 
     /// The next client, and its address if it has one.
-    async fn accept(&self) -> io::Result<(Box<dyn Socket>, Option<String>)> {
+    async fn accept(&self) -> io::Result<(Box<dyn Socket>, Option<SocketAddr>)> {
         match self {
             Self::Tcp(listener) => {
                 let (stream, peer) = listener.accept().await?;
                 stream.set_nodelay(true)?;
-                Ok((Box::new(stream), Some(format!("tcp://{peer}"))))
+                Ok((Box::new(stream), Some(peer)))
             }
             Self::Unix(listener) => Ok((Box::new(listener.accept().await?.0), None)),
         }
@@ -172,10 +175,10 @@ async fn attend<I: Intake>(
     door: Door,
     address: String,
     shared: Arc<Server<I>>,
-    clients: Arc<Semaphore>,
     mut stop: watch::Receiver<bool>,
 ) {
     let told = Arc::new(Semaphore::new(TOLD_AT_ONCE));
+    let entrance = Arc::<Entrance>::default();
     let mut tasks = JoinSet::new();
     loop {
         let accepted = tokio::select! {
@@ -199,45 +202,38 @@ async fn attend<I: Intake>(
             }
         };
         shared.counts.add(|counts| &counts.connections, 1);
-        let peer = peer.unwrap_or_else(|| format!("a client of {address}"));
+        let name = match peer {
+            Some(peer) => format!("tcp://{peer}"),
+            None => format!("a client of {address}"),
+        };
         let is_tls = matches!(door, Door::Tcp(_)) && shared.tls.is_some();
-        let Ok(place) = Arc::clone(&clients).try_acquire_owned() else {
-            let reason = format!("{} clients are connected already", shared.settings.clients);
+        // Without TLS it is told at once; with TLS it is told inside, for the words to be understood.
+        if !is_tls && shared.clients.available_permits() == 0 {
+            let reason = shared.full();
             shared
                 .health
-                .fault(Fault::Refused, format_args!("{peer}: turned away, {reason}"));
-            if let (false, Ok(telling)) = (is_tls, Arc::clone(&told).try_acquire_owned()) {
+                .fault(Fault::Refused, format_args!("{name}: turned away, {reason}"));
+            if let Ok(telling) = Arc::clone(&told).try_acquire_owned() {
                 tasks.spawn(async move {
                     turn_away(socket, reason).await;
                     drop(telling);
                 });
             }
             continue;
+        }
+        let entering = entrance.enter(peer.map(|peer| peer.ip()));
+        let (stay, has_left) = tokio::select! {
+            _ = stop.wait_for(|stop| *stop) => break,
+            entered = entering => entered,
         };
+        if has_left {
+            let what = "many connections that say nothing: the oldest is closed";
+            shared
+                .health
+                .fault(Fault::Refused, format_args!("{address}: {what}"));
+        }
         let (shared, stop) = (Arc::clone(&shared), stop.clone());
-        let let_in = Instant::now();
-        tasks.spawn(async move {
-            match shared.tls.as_ref().filter(|_| is_tls) {
-                None => connection::attend(socket, let_in, &peer, &shared, stop).await,
-                Some(tls) => match timeout_at(let_in + GREETING, tls.accept(socket)).await {
-                    Ok(Ok(socket)) => {
-                        connection::attend(Box::new(socket), let_in, &peer, &shared, stop).await;
-                    }
-                    Ok(Err(fault)) => {
-                        shared
-                            .health
-                            .fault(Fault::Refused, format_args!("{peer}: no TLS connection: {fault}"));
-                    }
-                    Err(_) => {
-                        shared.health.fault(
-                            Fault::Idle,
-                            format_args!("{peer}: no TLS handshake in {GREETING:?}"),
-                        );
-                    }
-                },
-            }
-            drop(place);
-        });
+        tasks.spawn(async move { greet(socket, is_tls, stay, &name, &shared, stop).await });
     }
     drop(door);
     let farewell = async {
@@ -247,6 +243,39 @@ async fn attend<I: Intake>(
     };
     let _ = timeout(FAREWELL, farewell).await;
     tasks.abort_all();
+}
+
+/// Serves a client that is in the entrance, first its TLS handshake if there must be one.
+async fn greet<I: Intake>(
+    socket: Box<dyn Socket>,
+    is_tls: bool,
+    stay: Stay,
+    peer: &str,
+    shared: &Server<I>,
+    stop: watch::Receiver<bool>,
+) {
+    let let_in = Instant::now();
+    let Some(tls) = shared.tls.as_ref().filter(|_| is_tls) else {
+        return connection::attend(socket, let_in, stay, peer, shared, stop).await;
+    };
+    let shaken = tokio::select! {
+        () = stay.must_leave() => return,
+        shaken = timeout_at(let_in + GREETING, tls.accept(socket)) => shaken,
+    };
+    match shaken {
+        Ok(Ok(socket)) => connection::attend(Box::new(socket), let_in, stay, peer, shared, stop).await,
+        Ok(Err(fault)) => {
+            shared
+                .health
+                .fault(Fault::Refused, format_args!("{peer}: no TLS connection: {fault}"));
+        }
+        Err(_) => {
+            shared.health.fault(
+                Fault::Idle,
+                format_args!("{peer}: no TLS handshake in {GREETING:?}"),
+            );
+        }
+    }
 }
 
 /// A connection that broke the program took nobody with it.

@@ -19,6 +19,12 @@ pub enum Closed {
     TakenOver,
 }
 
+/// Largest message that is kept \[bytes\]: with a batch before it, it fits the records and chunks that are read.
+pub const MAX_MESSAGE: usize = 8 << 20;
+
+/// Name, encoding and content of a schema; the channels of one connection share it.
+pub type Definition = Arc<(String, String, Vec<u8>)>;
+
 /// What goes into the journal.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Entry {
@@ -30,10 +36,10 @@ pub enum Entry {
         topic: String,
         /// How its messages are encoded.
         encoding: String,
-        /// Name, encoding and content of its schema.
-        schema: Option<(String, String, Vec<u8>)>,
+        /// Its schema.
+        schema: Option<Definition>,
     },
-    /// A message.
+    /// A message, of [`MAX_MESSAGE`] bytes at most.
     Message {
         /// Its channel.
         channel: u16,
@@ -51,7 +57,7 @@ impl Entry {
     pub(super) fn bytes(&self) -> usize {
         64 + match self {
             Self::Channel { topic, schema, .. } => {
-                topic.len() + schema.as_ref().map_or(0, |(_, _, data)| data.len())
+                topic.len() + schema.as_ref().map_or(0, |schema| schema.2.len())
             }
             Self::Message { data, .. } => data.len(),
         }

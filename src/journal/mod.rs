@@ -17,7 +17,7 @@ mod streams;
 mod writer;
 
 pub use bell::Bell;
-pub use handle::{Batch, Closed, End, Entry, Handle, Line};
+pub use handle::{Batch, Closed, Definition, End, Entry, Handle, Line, MAX_MESSAGE};
 pub use settings::JournalSettings;
 
 use crate::telemetry::{Fault, Health};

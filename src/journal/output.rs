@@ -1,5 +1,6 @@
 //! The part that is written: an MCAP file whose bytes are made in memory and put on disk chunk by chunk.
 
+use super::Definition;
 use super::note::{Note, TOPIC};
 use super::part;
 use mcap::records::MessageHeader;
@@ -22,7 +23,7 @@ const MAX_HELD: usize = 8 << 20;
 pub(super) struct Channel {
     pub topic: String,
     pub encoding: String,
-    pub schema: Option<(String, String, Vec<u8>)>,
+    pub schema: Option<Definition>,
 }
 
 /// Bytes the MCAP writer has made.
@@ -133,7 +134,7 @@ impl Output {
 
     /// Registers a stream's channel; its id in this part.
     pub fn channel(&mut self, stream: &str, channel: &Channel) -> io::Result<u16> {
-        let schema = match &channel.schema {
+        let schema = match channel.schema.as_deref() {
             None => 0,
             Some((name, encoding, data)) => {
                 self.held += data.len();

@@ -1,7 +1,7 @@
 //! The journal's thread: takes batches in, closes chunks, makes them durable, tells the senders.
 
 use super::handle::{Batch, Closed, Command, End, Entry};
-use super::note::{Begins, State, TOPIC};
+use super::note::{Begins, State};
 use super::output::{Channel, Output};
 use super::streams::{Streams, is_named};
 use super::{Bell, JournalError, JournalSettings, retention};
@@ -25,12 +25,6 @@ const SYNC_AFTER: Duration = Duration::from_millis(800);
 const RETRY: Duration = Duration::from_secs(1);
 /// Pause between two looks at what is too old.
 const CLEAN_EVERY: Duration = Duration::from_secs(60);
-/// Largest message that is kept \[bytes\].
-const MAX_MESSAGE: usize = 4 << 20;
-/// Most bytes of schemas and topics of one connection.
-const MAX_DEFINITIONS: usize = 4 << 20;
-/// Largest schema that is kept \[bytes\]; a longer one cannot be read anyway, and is cut so that it is refused as too long.
-const MAX_SCHEMA: usize = (1 << 20) + 1;
 
 /// What the thread works with.
 pub(super) struct Writer {
@@ -70,8 +64,6 @@ struct LineState {
     stream: String,
     /// By their ids: the connection's own, and the one in a part of the journal.
     channels: HashMap<u16, (Channel, Option<(u32, u16)>)>,
-    /// Bytes of schemas and topics.
-    definitions: usize,
     closed: watch::Sender<Option<Closed>>,
 }
 
@@ -208,7 +200,6 @@ impl Writer {
         let state = LineState {
             stream,
             channels: HashMap::new(),
-            definitions: 0,
             closed,
         };
         self.state.lines.insert(line, state);
@@ -249,21 +240,8 @@ impl Writer {
                     id,
                     topic,
                     encoding,
-                    mut schema,
+                    schema,
                 } => {
-                    if let Some((_, _, data)) = &mut schema {
-                        data.truncate(MAX_SCHEMA);
-                    }
-                    let data = schema.as_ref().map_or(0, |(_, _, data)| data.len());
-                    line.definitions += data + 8 * (topic.len() + encoding.len());
-                    if line.definitions > MAX_DEFINITIONS {
-                        let detail = format!(
-                            "{}: more schemas and channels than any recorder writes; topic {topic} is left out",
-                            line.stream
-                        );
-                        self.health.fault(Fault::Client, detail);
-                        continue;
-                    }
                     let channel = Channel {
                         topic,
                         encoding,
@@ -284,17 +262,6 @@ impl Writer {
                         );
                         continue;
                     };
-                    if data.len() > MAX_MESSAGE || channel.topic == TOPIC {
-                        let detail = format!(
-                            "{}: a message of {} bytes on {} is left out (at most {MAX_MESSAGE} bytes, and {TOPIC} is the \
-                             journal's own)",
-                            line.stream,
-                            data.len(),
-                            channel.topic
-                        );
-                        self.health.fault(Fault::Client, detail);
-                        continue;
-                    }
                     let id = match *known {
                         Some((part, id)) if part == output.number => id,
                         _ => {

@@ -47,6 +47,13 @@ pub enum Event {
 /// Most samples in one record, whatever its length; bounds memory.
 pub const MAX_SAMPLES: usize = 1 << 22;
 
+/// Most bytes of a stretch: as many samples, or fewer with a stamp each. Where onsets are searched for, half: the search takes
+/// several times the stretch.
+const MAX_BYTES: usize = 8 * MAX_SAMPLES;
+const MAX_SEARCHED: usize = MAX_BYTES / 2;
+/// Bytes of messages that wait to be understood, beyond which fewer of them must do.
+const MAX_ASIDE: usize = 4 << 20;
+
 /// How far back a late message may belong, in messages.
 const LATE: usize = 64;
 /// Messages a window waits for late ones, and how long at most \[s\], but for one message at least.
@@ -223,6 +230,33 @@ impl Assembler {
         }
     }
 
+    /// Bytes of samples that are no record yet, and of records that wait.
+    pub fn held(&self) -> usize {
+        let waiting = self.waiting.iter().map(|record| 8 * record.samples.len());
+        self.open.bytes() + bytes_of(&self.warm) + bytes_of(&self.astray) + waiting.sum::<usize>()
+    }
+
+    /// Ends the stretch here to make room: what is there becomes a record, and the next one begins.
+    pub fn cut_off(&mut self) {
+        if self.interval.is_none() {
+            self.settle(false);
+        } else {
+            let seen_until = self.open.times.last().copied();
+            let open = std::mem::take(&mut self.open);
+            self.close(open, false, None);
+            // What goes on is no decay that begins.
+            self.seen_until = seen_until.unwrap_or(self.seen_until);
+        }
+        self.release(true);
+    }
+
+    /// Tells of samples that were lost before they came here, from `start` on if that is known.
+    pub fn tell_lost(&mut self, start: Option<Timestamp>, duration_s: f64, rejection: Rejection) {
+        let newest = self.open.times.last().copied();
+        self.at = newest.map_or(self.at, |newest| newest.max(self.at));
+        self.reject(start, duration_s, rejection);
+    }
+
     /// Takes a temperature \[degC\].
     pub fn push_temperature(&mut self, time: Timestamp, celsius: f64) {
         if let Some(temperature) = &mut self.temperature {
@@ -382,7 +416,11 @@ impl Assembler {
         let message = interval * values.len() as f64 * 1e-9;
         let lag = (LAG as f64 * message).min(message.max(LAG_S));
         let longest = self.settings.max_duration_s;
-        let full = self.open.values.len() >= MAX_SAMPLES;
+        let most = match self.settings.cut {
+            Cut::FreeDecay { .. } => MAX_SEARCHED,
+            Cut::Auto | Cut::File | Cut::Window { .. } => MAX_BYTES,
+        };
+        let full = self.open.bytes() >= most;
         match self.settings.cut {
             Cut::Auto | Cut::File if span >= longest || full => {
                 self.cut_at(start, longest.min(span), interval)
@@ -401,10 +439,19 @@ impl Assembler {
                 let searched = self.open.clone();
                 self.close(searched, false, Some(until));
                 let quiet = nanos(onset::context(1e9 / interval) as f64 * interval * 1e-9);
-                self.open.split_front(until.saturating_sub(quiet), interval);
+                let kept_from = until.saturating_sub(quiet);
+                // At rates so high that the quiet before an onset fills the stretch, half of it must do.
+                let half = start.saturating_add(nanos(0.5 * span));
+                let kept_from = if full { kept_from.max(half) } else { kept_from };
+                self.open.split_front(kept_from, interval);
                 self.seen_until = until;
             }
             Cut::Auto | Cut::File | Cut::FreeDecay { .. } => {}
+        }
+        // Stamps that stand still give no place to cut at.
+        if full && self.open.bytes() >= most {
+            let open = std::mem::take(&mut self.open);
+            self.close(open, false, None);
         }
     }
 
@@ -417,4 +464,12 @@ impl Assembler {
 
 fn nanos(seconds: f64) -> i64 {
     (seconds * 1e9).round() as i64
+}
+
+/// What messages take \[bytes\].
+fn bytes_of(messages: &[Message]) -> usize {
+    messages
+        .iter()
+        .map(|(_, values)| size_of::<Message>() + 8 * values.len())
+        .sum()
 }

@@ -69,6 +69,11 @@ impl Stretch {
         self.values.extend_from_slice(values);
     }
 
+    /// What it takes in memory \[bytes\].
+    pub fn bytes(&self) -> usize {
+        8 * self.values.len() + (size_of::<i64>() + size_of::<u32>()) * self.times.len()
+    }
+
     /// Puts a late message in its place; `back` messages are younger.
     pub fn insert(&mut self, back: usize, time: i64, values: &[f64]) {
         let at = self.times.len() - back;
@@ -124,6 +129,10 @@ impl Stretch {
         }
         let back = self.values.split_off(first);
         front.values = std::mem::replace(&mut self.values, back);
+        // A short record does not keep the room of the stretch it was cut from.
+        if front.values.capacity() > 2 * front.values.len() {
+            front.values.shrink_to_fit();
+        }
         self.times.drain(..at);
         self.sizes.drain(..at);
         if let Some((time, moved)) = rest {

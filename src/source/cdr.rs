@@ -107,6 +107,20 @@ impl CdrPlan {
         })
     }
 
+    /// About what it takes in memory \[bytes\].
+    pub(super) fn bytes(&self) -> usize {
+        fn of(ops: &[Op]) -> usize {
+            let inner = |op: &Op| match op {
+                Op::Repeat { each, special, .. } => {
+                    of(each) + special.iter().map(|(_, ops)| of(ops)).sum::<usize>()
+                }
+                _ => 0,
+            };
+            size_of_val(ops) + ops.iter().map(inner).sum::<usize>()
+        }
+        of(&self.ops)
+    }
+
     /// Appends the samples in `message` to `out`.
     pub fn decode(&self, message: &[u8], out: &mut Vec<f64>) -> Result<Decoded, DecodeError> {
         let (header, body) = message

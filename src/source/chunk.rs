@@ -4,7 +4,10 @@ use super::wire::Fields;
 use std::io::Read;
 
 /// Largest uncompressed chunk accepted \[bytes\]; recorders write about one MiB.
-pub const MAX_CHUNK: u64 = 64 << 20;
+pub const MAX_CHUNK: u64 = 32 << 20;
+
+/// A buffer larger than this is given back after its chunk \[bytes\]: of many files at once few hold much.
+const KEPT: usize = 4 << 20;
 
 /// Decompresses chunks, one at a time, into the same buffer.
 #[derive(Default)]
@@ -13,66 +16,98 @@ pub struct ChunkReader {
     zstd: Option<zstd::bulk::Decompressor<'static>>,
 }
 
-/// The records of a chunk.
-pub struct Chunk<'a> {
-    /// The records, one after another.
-    pub records: &'a [u8],
-    /// Whether the chunk has a checksum (and it is right).
-    pub checked: bool,
+/// Why a chunk is not believed.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum BadChunk {
+    /// It is not built as a chunk, or beyond the limits: where the next record begins is doubtful too.
+    Broken(String),
+    /// It begins and ends where it says, but its content is not what was written.
+    Spoilt {
+        /// What is wrong.
+        what: String,
+        /// Log times of its first and last message, by its head \[ns since 1970\].
+        from: u64,
+        to: u64,
+    },
+}
+
+impl From<&str> for BadChunk {
+    fn from(what: &str) -> Self {
+        Self::Broken(what.to_owned())
+    }
 }
 
 impl ChunkReader {
-    /// Decompresses and checks a chunk record of at most `most` bytes uncompressed.
-    pub fn read<'a>(&'a mut self, record: &'a [u8], most: u64) -> Result<Chunk<'a>, String> {
+    /// Decompresses and checks a chunk record of at most `most` bytes uncompressed; whether it has a checksum (which is
+    /// right then).
+    pub fn read(&mut self, record: &[u8], most: u64) -> Result<bool, BadChunk> {
         let mut fields = Fields(record);
-        let (_start, _end) = (fields.u64()?, fields.u64()?);
+        let (from, to) = (fields.u64()?, fields.u64()?);
         let size = fields.u64()?;
         let crc = fields.u32()?;
         let compression = fields.text()?;
         let compressed_size = fields.u64()?;
         let compressed = fields.bytes(compressed_size)?;
         if !fields.0.is_empty() {
-            return Err("a chunk is longer than its content".to_owned());
+            return Err("a chunk is longer than its content".into());
         }
         if size > most {
-            return Err(format!("a chunk of {size} bytes, at most {most} are read"));
+            let what = format!("a chunk of {size} bytes, at most {most} are read");
+            return Err(BadChunk::Broken(what));
         }
-        // Bounded by the limit above.
+        self.fill(compression, compressed, size, crc)
+            .map(|()| crc != 0)
+            .map_err(|what| match compression {
+                "" | "zstd" | "lz4" => BadChunk::Spoilt { what, from, to },
+                _ => BadChunk::Broken(what),
+            })
+    }
+
+    /// The records of the chunk that was read last, one after another.
+    pub fn records(&self) -> &[u8] {
+        &self.records
+    }
+
+    /// Gives the buffer back if it is large, or without `keep` whatever its size.
+    pub fn release(&mut self, keep: bool) {
+        if keep && self.records.capacity() <= KEPT {
+            self.records.clear();
+        } else {
+            self.records = Vec::new();
+        }
+    }
+
+    /// Bytes of the buffer.
+    pub fn held(&self) -> usize {
+        self.records.capacity()
+    }
+
+    fn fill(&mut self, compression: &str, compressed: &[u8], size: u64, crc: u32) -> Result<(), String> {
+        // Bounded by the limit of the caller.
         let size = size as usize;
-        let records = match compression {
-            "" => compressed,
-            "zstd" => {
-                self.zstd(compressed, size)?;
-                &self.records
+        match compression {
+            "" => {
+                self.records.clear();
+                self.records.extend_from_slice(compressed);
             }
-            "lz4" => {
-                self.lz4(compressed, size)?;
-                &self.records
-            }
+            "zstd" => self.zstd(compressed, size)?,
+            "lz4" => self.lz4(compressed, size)?,
             other => {
                 return Err(format!(
                     "chunk compression `{other}` cannot be read; zstd, lz4 and none can"
                 ));
             }
-        };
-        if records.len() != size {
+        }
+        if self.records.len() != size {
             return Err(format!(
                 "a chunk decompresses to {} bytes, not {size}",
-                records.len()
+                self.records.len()
             ));
         }
-        if crc != 0 && crc32fast::hash(records) != crc {
+        if crc != 0 && crc32fast::hash(&self.records) != crc {
             return Err("the checksum of a chunk is wrong".to_owned());
         }
-        Ok(Chunk {
-            records,
-            checked: crc != 0,
-        })
-    }
-
-    /// Gives the buffer back.
-    pub fn release(&mut self) {
-        self.records = Vec::new();
+        Ok(())
     }
 
     fn zstd(&mut self, compressed: &[u8], size: usize) -> Result<(), String> {

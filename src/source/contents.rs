@@ -3,14 +3,17 @@
 use super::decode::{Decoder, SchemaRef};
 use super::mcap::{Item, Progress, Reader};
 use crate::record::{TimeSource, Unit};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap};
 use std::io;
 use std::path::Path;
+use std::sync::Arc;
 
 /// Messages looked at of each channel.
 const ENOUGH: usize = 200;
 /// Messages after which no more are read.
 const MOST: u64 = 200_000;
+/// Message definitions looked at.
+const MOST_DEFINITIONS: usize = 256;
 /// Fields that hold samples in recordings of ours and in the usual message types.
 const FIELDS: [&str; 4] = ["value", "values", "data", "displacement"];
 
@@ -32,14 +35,22 @@ pub struct Content {
     pub array_fs_hz: Option<f64>,
 }
 
+/// What may read the messages of a definition.
+#[derive(Default, Clone)]
+struct Readers {
+    /// The fields that may hold the samples, with what reads them.
+    decoders: Vec<(&'static str, Arc<Decoder>)>,
+    rate: Option<Arc<Decoder>>,
+    fault: String,
+}
+
 /// A channel while it is looked at.
 #[derive(Default)]
 struct Looked {
     topic: String,
     unit: Option<Unit>,
-    /// The fields that may be it, with what reads them.
-    decoders: Vec<(&'static str, Decoder)>,
-    rate: Option<Decoder>,
+    decoders: Vec<(&'static str, Arc<Decoder>)>,
+    rate: Option<Arc<Decoder>>,
     fault: String,
     said_fs_hz: Option<f64>,
     stamps: Vec<u64>,
@@ -54,12 +65,17 @@ struct Looked {
 pub fn contents(path: &Path) -> io::Result<Vec<Content>> {
     let mut reader = Reader::open(path)?;
     let mut channels: BTreeMap<u16, Looked> = BTreeMap::new();
+    let mut known: HashMap<(String, u16), Readers> = HashMap::new();
     let mut messages = 0;
     loop {
         let step = reader.step(&mut |item| match item {
             Item::Channel(id, channel, schema) => {
                 let unit = channel.metadata("unit").and_then(Unit::as_written);
-                channels.insert(id, Looked::new(&channel.topic, unit, &channel.encoding, schema));
+                let count = known.len();
+                let readers = known
+                    .entry((channel.encoding.clone(), channel.schema))
+                    .or_insert_with(|| Readers::new(&channel.encoding, schema, count));
+                channels.insert(id, Looked::new(&channel.topic, unit, readers.clone()));
             }
             Item::Message(message) => {
                 messages += 1;
@@ -67,7 +83,7 @@ pub fn contents(path: &Path) -> io::Result<Vec<Content>> {
                     looked.message(message.log_time, message.data);
                 }
             }
-            Item::Unverified => {}
+            Item::Unverified | Item::Hole(_) => {}
         });
         let progress = step.map_err(|damage| {
             io::Error::other(format!("damaged at byte {}: {}", damage.offset, damage.what))
@@ -87,22 +103,41 @@ pub fn contents(path: &Path) -> io::Result<Vec<Content>> {
     Ok(found)
 }
 
-impl Looked {
-    fn new(topic: &str, unit: Option<Unit>, encoding: &str, schema: Option<SchemaRef<'_>>) -> Self {
-        let compile = |field: &str| Decoder::compile(encoding, schema, field, &TimeSource::Log);
-        let mut looked = Self {
-            topic: topic.to_owned(),
-            unit,
-            rate: compile("fs_hz").ok(),
-            ..Self::default()
-        };
+impl Readers {
+    /// Behind `count` definitions that were looked at before.
+    fn new(encoding: &str, schema: Option<SchemaRef<'_>>, count: usize) -> Self {
+        let mut readers = Self::default();
+        if count >= MOST_DEFINITIONS {
+            readers.fault = format!("more than {MOST_DEFINITIONS} message definitions");
+            return readers;
+        }
+        let compile = |field: &str| Decoder::compile(encoding, schema, field, &TimeSource::Log).map(Arc::new);
+        readers.rate = compile("fs_hz").ok();
         for field in FIELDS {
             match compile(field) {
-                Ok(decoder) => looked.decoders.push((field, decoder)),
-                Err(fault) => looked.fault = fault.to_string(),
+                Ok(decoder) => readers.decoders.push((field, decoder)),
+                Err(fault) => readers.fault = fault.to_string(),
             }
         }
-        looked
+        readers
+    }
+}
+
+impl Looked {
+    fn new(topic: &str, unit: Option<Unit>, readers: Readers) -> Self {
+        let Readers {
+            decoders,
+            rate,
+            fault,
+        } = readers;
+        Self {
+            topic: topic.to_owned(),
+            unit,
+            decoders,
+            rate,
+            fault,
+            ..Self::default()
+        }
     }
 
     fn message(&mut self, log_time: u64, data: &[u8]) {

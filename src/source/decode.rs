@@ -50,6 +50,15 @@ pub enum DecodeError {
         /// The path.
         path: String,
     },
+    /// More bytes than a message is read with.
+    #[error("a message of {bytes} bytes, at most {MAX_MESSAGE} are read: send its samples in several")]
+    TooLarge {
+        /// Its length.
+        bytes: usize,
+    },
+    /// More samples than a message is read with.
+    #[error("more than {MAX_VALUES} samples in one message: send them in several")]
+    TooMany,
     /// Nobody knows whose samples they are.
     #[error(
         "channels {channels} have this topic at once, and nothing says which is the rod's; give each sensor a topic of its own"
@@ -89,6 +98,12 @@ impl DecodeError {
     }
 }
 
+/// Largest message that is decoded \[bytes\], as large as the largest record.
+pub const MAX_MESSAGE: usize = 16 << 20;
+
+/// Most samples of one message, as many doubles as the largest one holds.
+pub const MAX_VALUES: usize = MAX_MESSAGE / 8;
+
 /// The time of a message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Time {
@@ -116,6 +131,13 @@ pub struct SchemaRef<'a> {
     pub encoding: &'a str,
     /// Its text or bytes.
     pub data: &'a [u8],
+}
+
+impl SchemaRef<'_> {
+    /// Its name, encoding and content.
+    pub fn owned(&self) -> (String, String, Vec<u8>) {
+        (self.name.to_owned(), self.encoding.to_owned(), self.data.to_vec())
+    }
 }
 
 /// How one field of one channel's messages is read.
@@ -177,16 +199,28 @@ impl Decoder {
                 let schema = schema_in("ros2msg")?;
                 guarded(&|| CdrPlan::compile(schema, &value, time.as_ref()).map(Self::Cdr))
             }
-            other => Err(DecodeError::Encoding(other.to_owned())),
+            other => Err(DecodeError::Encoding(other.chars().take(40).collect())),
         }
     }
 
     /// Appends the samples in `message` to `out`. On an error, what was appended is meaningless.
     pub fn decode(&self, message: &[u8], out: &mut Vec<f64>) -> Result<Decoded, DecodeError> {
+        if message.len() > MAX_MESSAGE {
+            return Err(DecodeError::TooLarge { bytes: message.len() });
+        }
         match self {
             Self::Json(plan) => plan.decode(message, out),
             Self::Protobuf(plan) => plan.decode(message, out),
             Self::Cdr(plan) => plan.decode(message, out),
+        }
+    }
+
+    /// About what the plan takes in memory \[bytes\].
+    pub(super) fn bytes(&self) -> usize {
+        match self {
+            Self::Json(_) => size_of::<JsonPlan>(),
+            Self::Protobuf(_) => size_of::<ProtobufPlan>(),
+            Self::Cdr(plan) => plan.bytes(),
         }
     }
 }

@@ -3,12 +3,17 @@
 //! One pass over the bytes checks the whole message against RFC 8259 and picks up the numbers at the
 //! path on the way; nothing is allocated for the rest. Numbers are rounded correctly.
 
-use super::decode::{DecodeError, Decoded, Time};
+use super::decode::{DecodeError, Decoded, MAX_VALUES, Time};
 use super::path::{FieldPath, Found, Step, into_field, into_item};
 use super::stamp;
 
 /// Nesting that is followed; deeper messages are refused, so that no message can exhaust the stack.
 const MAX_DEPTH: usize = 128;
+
+/// Longest message of which is said what stands in it, and longest time made of parts \[bytes\]: both are built as values,
+/// which take many times their text.
+const MAX_SHOWN: usize = 64 << 10;
+const MAX_TIME: usize = 1 << 10;
 
 /// Where the value and its time stand.
 #[derive(Debug, Clone)]
@@ -46,6 +51,7 @@ impl JsonPlan {
                 path: self.value.to_string(),
                 found: what,
             }),
+            (Err(Fault::TooMany), _) => Err(DecodeError::TooMany),
             (Err(Fault::Time), _) => Err(DecodeError::Time {
                 path: self.time.as_ref().map(FieldPath::to_string).unwrap_or_default(),
             }),
@@ -68,7 +74,9 @@ fn malformed(what: &'static str, at: usize) -> DecodeError {
 /// Says where a path ends and what is there instead. Slow, for errors only.
 fn missing(path: &FieldPath, text: &str) -> DecodeError {
     let mut has = Vec::new();
-    if let Ok(root) = serde_json::from_str::<serde_json::Value>(text) {
+    if text.len() > MAX_SHOWN {
+        has.push(format!("a message of {} bytes", text.len()));
+    } else if let Ok(root) = serde_json::from_str::<serde_json::Value>(text) {
         let mut here = &root;
         for step in path.steps() {
             let next = match step {
@@ -92,6 +100,7 @@ fn missing(path: &FieldPath, text: &str) -> DecodeError {
 enum Fault {
     Malformed(&'static str, usize),
     Type(&'static str),
+    TooMany,
     Time,
 }
 
@@ -229,6 +238,9 @@ impl<'a> Scan<'a, '_> {
             return Ok(());
         }
         loop {
+            if self.out.len() >= MAX_VALUES {
+                return Err(Fault::TooMany);
+            }
             self.space();
             self.sample()?;
             self.space();
@@ -490,6 +502,9 @@ const POWERS: [f64; 23] = [
 
 /// Nanoseconds from `{"sec": …, "nanosec": …}` or `{"seconds": …, "nanos": …}`.
 fn stamp_object(text: &str) -> Option<i64> {
+    if text.len() > MAX_TIME {
+        return None;
+    }
     let fields: serde_json::Map<String, serde_json::Value> = serde_json::from_str(text).ok()?;
     let get = |names: [&str; 4]| names.iter().find_map(|name| fields.get(*name)?.as_i64());
     stamp::from_parts(

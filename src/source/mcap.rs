@@ -3,10 +3,12 @@
 //! The framing is the `mcap` crate's reader; chunks are decompressed and checked here before anything
 //! in them is handed out. Besides broken framing and wrong checksums, these are refused: a message
 //! before its channel, a channel or schema that changes under its id, names that are not UTF-8,
-//! a chunk in a chunk, messages behind the data section, and sizes beyond any recorder's.
+//! a chunk in a chunk, messages behind the data section, and sizes beyond any recorder's. A chunk that begins and ends where
+//! it says, but holds other bytes than were written, is a hole: it is told, and reading goes on behind it.
 
-use super::chunk::{ChunkReader, MAX_CHUNK};
+use super::chunk::{BadChunk, ChunkReader, MAX_CHUNK};
 use super::decode::SchemaRef;
+use super::hole::Hole;
 use super::verify::{self, Trust};
 use super::wire::Fields;
 use mcap::McapError;
@@ -21,14 +23,20 @@ use std::path::Path;
 /// Largest record accepted, compressed chunks included \[bytes\].
 pub const MAX_RECORD: usize = 16 << 20;
 
-/// Largest uncompressed chunk accepted from a socket \[bytes\].
-pub const MAX_LIVE_CHUNK: u64 = 8 << 20;
+/// Largest uncompressed chunk accepted from a socket \[bytes\]: the largest message, and what describes it.
+pub const MAX_LIVE_CHUNK: u64 = 12 << 20;
 
 /// Most bytes of schemas and channels held.
 const MAX_HELD: usize = 16 << 20;
 
 /// Most bytes of schemas and channels held of a socket's stream.
 const MAX_LIVE_HELD: usize = 4 << 20;
+
+/// Bytes of a chunk's records handed out in one step: what comes of them is taken before more follow.
+const HANDED_OUT: usize = 256 << 10;
+
+/// Most holes of a file; one with more is not worth reading on.
+const MOST_HOLES: usize = 100;
 
 /// Where and why a file cannot be believed any further.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -59,7 +67,8 @@ pub struct ChannelInfo {
     pub topic: String,
     /// The message encoding.
     pub encoding: String,
-    schema: u16,
+    /// The id of its schema, 0 for none; its content does not change within a file.
+    pub schema: u16,
     metadata: BTreeMap<String, String>,
 }
 
@@ -79,6 +88,8 @@ pub enum Item<'a> {
     Message(Message<'a>),
     /// What follows could not be checked.
     Unverified,
+    /// Something is lost here; what follows can be believed as what came before.
+    Hole(&'a Hole),
 }
 
 /// A message.
@@ -109,6 +120,13 @@ pub struct Reader<R> {
 struct Contents {
     trust: Trust,
     chunk: ChunkReader,
+    /// A chunk that is not handed out to its end.
+    under_way: Option<UnderWay>,
+    /// Whether a spoilt chunk is passed over.
+    passes_holes: bool,
+    /// A hole that is not told yet: indices behind it may say whose it is.
+    hole: Option<Hole>,
+    holes: usize,
     schemas: HashMap<u16, Schema>,
     channels: HashMap<u16, ChannelInfo>,
     /// Which channel ids are known; asked for every message.
@@ -124,6 +142,15 @@ struct Contents {
     held: usize,
     max_held: usize,
     max_chunk: u64,
+}
+
+/// How far a chunk was handed out.
+#[derive(Clone, Copy)]
+struct UnderWay {
+    /// Where in its records the next one begins.
+    at: usize,
+    /// Bytes the chunk takes in the file.
+    bytes: u64,
 }
 
 impl Reader<File> {
@@ -164,6 +191,10 @@ impl<R: Read> Reader<R> {
             contents: Contents {
                 trust,
                 chunk: ChunkReader::default(),
+                under_way: None,
+                passes_holes: !live,
+                hole: None,
+                holes: 0,
                 schemas: HashMap::new(),
                 channels: HashMap::new(),
                 known: vec![false; 1 << 16],
@@ -193,7 +224,13 @@ impl<R: Read> Reader<R> {
         reader
     }
 
-    /// Reads on, at most to the end of one record or chunk, and hands out what it held.
+    /// Passes over spoilt chunks of a file that is still written too: its writer never goes back.
+    pub fn passing_holes(mut self) -> Self {
+        self.contents.passes_holes = true;
+        self
+    }
+
+    /// Reads on, at most to the end of one record or some way into one chunk, and hands out what it held.
     pub fn step(&mut self, each: &mut dyn FnMut(Item<'_>)) -> Result<Progress, Damage> {
         // The framing is not ours: a panic in it ends the file, not the program.
         let offset = self.contents.offset;
@@ -214,14 +251,41 @@ impl<R: Read> Reader<R> {
         } = self;
         let offset = contents.offset;
         let damage = |what: String| Damage { offset, what };
+        if let Some(under_way) = contents.under_way {
+            contents.hand_out(under_way, each).map_err(damage)?;
+            if contents.under_way.is_none() {
+                contents.offset += under_way.bytes;
+            }
+            return Ok(Progress::More);
+        }
         let mut wanted = 0;
-        match framing.next_event() {
+        let event = framing.next_event();
+        let is_index = matches!(
+            event,
+            Some(Ok(LinearReadEvent::ReadRequest(_)
+                | LinearReadEvent::Record {
+                    opcode: op::MESSAGE_INDEX,
+                    ..
+                }))
+        );
+        if !is_index && let Some(hole) = contents.hole.take() {
+            each(Item::Hole(&hole));
+        }
+        match event {
             None => return contents.end(),
             Some(Err(McapError::UnexpectedEof)) => return Ok(Progress::Truncated),
+            // The holes are what is wrong with it, and were told.
+            Some(Err(McapError::BadDataCrc { .. })) if contents.holes > 0 => return Ok(Progress::Complete),
             Some(Err(fault)) => return Err(damage(sentence(&fault))),
             Some(Ok(LinearReadEvent::Record { opcode, data })) => {
-                contents.record(opcode, data, each).map_err(damage)?;
-                contents.offset += 9 + data.len() as u64;
+                let bytes = 9 + data.len() as u64;
+                match opcode {
+                    op::CHUNK => contents.begin_chunk(bytes, data, each).map_err(damage)?,
+                    _ => contents.record(opcode, data, each).map_err(damage)?,
+                }
+                if contents.under_way.is_none() {
+                    contents.offset += bytes;
+                }
             }
             Some(Ok(LinearReadEvent::ReadRequest(count))) => wanted = count,
         }
@@ -262,7 +326,7 @@ impl<R: Read> Reader<R> {
     /// Bytes in memory: a record that is not whole yet, and the definitions.
     pub fn held(&self) -> usize {
         let pending = self.bytes_read.saturating_sub(self.contents.offset);
-        pending as usize + self.contents.held
+        pending as usize + self.contents.held + self.contents.chunk.held()
     }
 
     /// Messages handed out so far.
@@ -280,7 +344,7 @@ impl Contents {
     /// What the end of the file says.
     fn end(&self) -> Result<Progress, Damage> {
         match self.counted {
-            Some(counted) if counted != self.messages => Err(Damage {
+            Some(counted) if counted != self.messages && self.holes == 0 => Err(Damage {
                 offset: self.offset,
                 what: format!(
                     "the file counts {counted} messages in itself, but holds {}",
@@ -291,12 +355,18 @@ impl Contents {
         }
     }
 
-    /// A record of the file itself.
-    fn record(&mut self, opcode: u8, data: &[u8], each: &mut dyn FnMut(Item<'_>)) -> Result<(), String> {
+    /// Notes the kind of the next record; the kind of the one before.
+    fn next_is(&mut self, opcode: u8) -> Result<u8, String> {
         let previous = std::mem::replace(&mut self.previous, opcode);
         if previous == 0 && opcode != op::HEADER {
             return Err("the first record is not a header".to_owned());
         }
+        Ok(previous)
+    }
+
+    /// A record of the file itself, but for chunks.
+    fn record(&mut self, opcode: u8, data: &[u8], each: &mut dyn FnMut(Item<'_>)) -> Result<(), String> {
+        let previous = self.next_is(opcode)?;
         let loose = matches!(opcode, op::SCHEMA | op::CHANNEL | op::MESSAGE);
         if loose && !self.data_ended {
             match self.trust {
@@ -314,14 +384,12 @@ impl Contents {
             op::SCHEMA => self.schema(Fields(data)).map_err(str::to_owned),
             op::CHANNEL => self.channel(Fields(data), each).map_err(str::to_owned),
             op::MESSAGE if self.data_ended => Err("a message behind the end of the data".to_owned()),
-            op::CHUNK if self.data_ended => Err("a chunk behind the end of the data".to_owned()),
             op::MESSAGE => {
                 let message = self.message(Fields(data))?;
                 self.messages += 1;
                 each(Item::Message(message));
                 Ok(())
             }
-            op::CHUNK => self.chunk(data, each),
             op::DATA_END => {
                 self.data_ended = true;
                 Ok(())
@@ -330,7 +398,9 @@ impl Contents {
                 self.counted = Some(Fields(data).u64()?);
                 Ok(())
             }
-            op::MESSAGE_INDEX => self.message_index(previous, Fields(data)),
+            op::MESSAGE_INDEX => self
+                .message_index(previous, Fields(data))
+                .or_else(|what| self.lose(what, None)),
             op::HEADER | op::FOOTER | op::ATTACHMENT | op::METADATA => Ok(()),
             op::CHUNK_INDEX | op::ATTACHMENT_INDEX | op::METADATA_INDEX | op::SUMMARY_OFFSET
                 if self.data_ended =>
@@ -340,8 +410,21 @@ impl Contents {
             _ if self.trust == Trust::Verified || self.data_ended => Ok(()),
             // Extensions of others; but in a damaged file this may have been a chunk.
             0x80.. if self.trust == Trust::Unverified => Ok(()),
-            other => Err(format!("a record of unknown kind {other:#04x}")),
+            // It may have been a chunk.
+            other => self.lose(format!("a record of unknown kind {other:#04x}"), None),
         }
+    }
+
+    /// Passes over a record that ends where it says but cannot be believed; `span`: first and last log time of what it held.
+    fn lose(&mut self, what: String, span: Option<(u64, u64)>) -> Result<(), String> {
+        if !self.passes_holes || self.holes >= MOST_HOLES {
+            return Err(what);
+        }
+        self.holes += 1;
+        let offset = self.offset;
+        // An odd index behind a spoilt chunk belongs to that one's hole.
+        self.hole.get_or_insert_with(|| Hole::new(offset, what, span));
+        Ok(())
     }
 
     fn unverified(&mut self, each: &mut dyn FnMut(Item<'_>)) {
@@ -350,53 +433,65 @@ impl Contents {
         }
     }
 
-    /// Index records are not needed, but an odd one may be a damaged chunk.
-    fn message_index(&self, previous: u8, mut fields: Fields<'_>) -> Result<(), String> {
-        if self.trust == Trust::Verified {
+    /// Index records are not needed, but an odd one may be a damaged chunk. Behind a hole they say whose messages it held.
+    fn message_index(&mut self, previous: u8, mut fields: Fields<'_>) -> Result<(), String> {
+        if self.trust == Trust::Verified && self.hole.is_none() {
             return Ok(());
         }
         let channel = fields.u16()?;
         let length = fields.u32()?;
         let entries = fields.bytes(u64::from(length))?;
         let sound = matches!(previous, op::CHUNK | op::MESSAGE_INDEX)
-            && self.channels.contains_key(&channel)
+            && (self.known[usize::from(channel)] || self.hole.is_some())
             && fields.0.is_empty()
             && entries.len() % 16 == 0;
-        if sound {
-            Ok(())
-        } else {
-            Err("an index that belongs to no chunk".to_owned())
+        if !sound {
+            return Err("an index that belongs to no chunk".to_owned());
         }
+        if let Some(hole) = &mut self.hole {
+            hole.channels.insert(channel);
+        }
+        Ok(())
     }
 
-    fn chunk(&mut self, data: &[u8], each: &mut dyn FnMut(Item<'_>)) -> Result<(), String> {
+    /// Reads and looks through a chunk that takes so many bytes in the file.
+    fn begin_chunk(&mut self, bytes: u64, data: &[u8], each: &mut dyn FnMut(Item<'_>)) -> Result<(), String> {
+        self.next_is(op::CHUNK)?;
+        if self.data_ended {
+            return Err("a chunk behind the end of the data".to_owned());
+        }
         // Taken out while its buffer is borrowed.
         let mut reader = std::mem::take(&mut self.chunk);
-        let outcome = self.chunk_records(&mut reader, data, each);
-        // Of many streams at once none keeps a buffer.
-        if self.max_chunk < MAX_CHUNK {
-            reader.release();
-        }
+        let outcome = match reader.read(data, self.max_chunk) {
+            Ok(is_checked) => self.look_through(is_checked, &reader, each).map(|()| true),
+            Err(BadChunk::Broken(what)) => Err(what),
+            Err(BadChunk::Spoilt { what, from, to }) => self.lose(what, Some((from, to))).map(|()| false),
+        };
         self.chunk = reader;
-        outcome
+        match outcome? {
+            true => self.hand_out(UnderWay { at: 0, bytes }, each),
+            false => {
+                self.chunk.release(true);
+                Ok(())
+            }
+        }
     }
 
-    fn chunk_records(
+    /// The whole chunk is looked through before any of its messages is handed out.
+    fn look_through(
         &mut self,
-        reader: &mut ChunkReader,
-        data: &[u8],
+        is_checked: bool,
+        reader: &ChunkReader,
         each: &mut dyn FnMut(Item<'_>),
     ) -> Result<(), String> {
-        let chunk = reader.read(data, self.max_chunk)?;
-        match (chunk.checked, self.trust) {
+        match (is_checked, self.trust) {
             (true, _) | (false, Trust::Verified) => {}
             (false, Trust::Unverified) => self.unverified(each),
             (false, Trust::Damaged) => {
                 return Err("the checksum of the data is wrong, and this chunk has none".to_owned());
             }
         }
-        // The whole chunk is looked through before any of its messages is handed out.
-        let mut records = Fields(chunk.records);
+        let mut records = Fields(reader.records());
         while let Some((opcode, fields)) = records.record()? {
             match opcode {
                 op::SCHEMA => self.schema(fields)?,
@@ -409,15 +504,48 @@ impl Contents {
                 other => return Err(format!("a record of kind {other:#04x} in a chunk")),
             }
         }
-        let mut records = Fields(chunk.records);
-        while let Some((opcode, fields)) = records.record()? {
-            if opcode == op::MESSAGE {
-                let message = self.message(fields)?;
-                self.messages += 1;
-                each(Item::Message(message));
+        Ok(())
+    }
+
+    /// Hands out some more of the chunk under way.
+    fn hand_out(
+        &mut self,
+        UnderWay { at, bytes }: UnderWay,
+        each: &mut dyn FnMut(Item<'_>),
+    ) -> Result<(), String> {
+        let reader = std::mem::take(&mut self.chunk);
+        let whole = reader.records();
+        let mut records = Fields(whole.get(at..).unwrap_or_default());
+        let until = records.0.len().saturating_sub(HANDED_OUT);
+        let mut outcome = Ok(());
+        while records.0.len() > until {
+            match records.record() {
+                Ok(Some((op::MESSAGE, fields))) => match self.message(fields) {
+                    Ok(message) => {
+                        self.messages += 1;
+                        each(Item::Message(message));
+                    }
+                    Err(what) => outcome = Err(what.to_owned()),
+                },
+                Ok(Some(_)) => {}
+                Ok(None) => break,
+                Err(what) => outcome = Err(what.to_owned()),
+            }
+            if outcome.is_err() {
+                break;
             }
         }
-        Ok(())
+        let is_over = records.0.is_empty() || outcome.is_err();
+        self.under_way = (!is_over).then_some(UnderWay {
+            at: whole.len() - records.0.len(),
+            bytes,
+        });
+        self.chunk = reader;
+        if is_over {
+            // Of many streams at once none keeps a buffer.
+            self.chunk.release(self.max_chunk >= MAX_CHUNK);
+        }
+        outcome
     }
 
     fn schema(&mut self, mut fields: Fields<'_>) -> Result<(), &'static str> {

@@ -4,7 +4,7 @@
 //! being built. Semantics are proto3's: the last value of a singular field counts, a field without
 //! presence that is absent is its default, packed and unpacked lists are the same.
 
-use super::decode::{DecodeError, Decoded, SchemaRef, Time};
+use super::decode::{DecodeError, Decoded, MAX_VALUES, SchemaRef, Time};
 use super::path::{FieldPath, Step};
 use super::stamp;
 use prost_reflect::prost::Message as _;
@@ -116,7 +116,16 @@ impl ProtobufPlan {
         let target = &self.value;
         let array = target.shape == Shape::List;
         if array {
-            target.walk(message, &mut |number| out.push(number.float()))?;
+            let mut count = 0;
+            target.walk(message, &mut |number| {
+                count += 1;
+                if count <= MAX_VALUES {
+                    out.push(number.float());
+                }
+            })?;
+            if count > MAX_VALUES {
+                return Err(DecodeError::TooMany);
+            }
         } else {
             let number = target.single(message)?;
             out.push(number.float());

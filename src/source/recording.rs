@@ -241,7 +241,7 @@ impl Recording {
         self.summary.notes.push(sentence);
     }
 
-    /// One step: at most one record or chunk of the file is read.
+    /// One step: at most one record of the file is read, or some way into one chunk.
     pub fn poll(&mut self) -> Poll {
         if let Some(event) = self.pop() {
             return Poll::Event(event);
@@ -353,6 +353,24 @@ impl Recording {
             offset: self.offset,
             what: why.to_owned(),
         }));
+    }
+
+    /// Ends a recording as if nothing of it had been read; there are no events to be taken any more.
+    pub fn discard(&mut self, why: &str) {
+        self.stage = Stage::Ended;
+        self.doubt = None;
+        self.queue.clear();
+        self.router = Router::of(Vec::new());
+        self.summary.damage = Some(format!("{}: {why}; nothing of it was used", self.summary.file));
+    }
+
+    /// Bytes in memory: samples that are no record yet, and what was read of the file and not handed on.
+    pub fn held(&self) -> usize {
+        let reading = match &self.stage {
+            Stage::Reading(reader) => reader.held(),
+            Stage::Checking(..) | Stage::Given(_) | Stage::Ended => 0,
+        };
+        self.router.held() + reading
     }
 
     /// Where the record or chunk stands that the next step goes on with \[bytes\].

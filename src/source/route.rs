@@ -1,7 +1,9 @@
 //! From a file's channels to the rods: which messages mean what, decoded and handed to the assemblers.
 
-use super::decode::{DecodeError, Decoded, Decoder, SchemaRef, Time};
+use super::decode::{DecodeError, Decoded, SchemaRef, Time};
+use super::hole::Hole;
 use super::mcap::{ChannelInfo, Item, Message};
+use super::plans::{Plans, Route};
 use super::recording::Block;
 use super::speakers::Speakers;
 use super::summary::{Summary, TopicSummary};
@@ -10,8 +12,16 @@ use crate::ordered::Reached;
 use crate::record::{
     Assembler, Channel, Cut, Event, RecordSettings, Rejection, RodChannels, TimeSource, Timestamp,
 };
-use std::collections::VecDeque;
+use std::cmp::Reverse;
+use std::collections::{BTreeMap, BTreeSet, HashMap, VecDeque};
 use std::sync::Arc;
+
+/// Bytes all rods' samples that are no record yet may take together; beyond, the longest stretch becomes a record.
+const HELD: usize = 96 << 20;
+/// The rods are weighed again when their samples may have grown by so much \[bytes\].
+const WEIGHED_EVERY: usize = 1 << 20;
+/// Samples of a message the buffer between two messages keeps room for.
+const SCRATCH: usize = 1 << 17;
 
 /// An event of a rod, and when it came.
 #[derive(Debug)]
@@ -30,9 +40,12 @@ pub(super) struct Router {
     channels: Vec<Listed>,
     scratch: Vec<f64>,
     topics: Vec<Topic>,
+    topic_numbers: HashMap<String, usize>,
+    plans: Plans,
     pub(super) unverified: bool,
     /// The streams of a journal that channels belong to.
     streams: Vec<String>,
+    stream_numbers: HashMap<String, usize>,
     /// The journal that is read.
     pub(super) journal: Option<String>,
     /// Events until they are taken.
@@ -42,6 +55,12 @@ pub(super) struct Router {
     /// True if a record ends with its file.
     ends_with_file: bool,
     ahead: Ahead,
+    /// Bytes the rods' samples may have grown by since they were weighed.
+    grown: usize,
+    /// Records of each rod that ended because all rods together held too much.
+    cuts: BTreeMap<usize, u64>,
+    /// What the file lost, a clause each.
+    holes: Vec<String>,
 }
 
 /// Contents of a file for one rod.
@@ -91,18 +110,11 @@ struct Listed {
     /// Index into the topics.
     topic: usize,
     known: bool,
-    routes: Vec<Route>,
+    routes: Option<Arc<[Route]>>,
     /// The stream it belongs to, in a journal.
     stream: Option<usize>,
     /// Whether it holds the notes of a journal.
     notes: bool,
-}
-
-/// One quantity of one rod on one channel.
-struct Route {
-    rod: usize,
-    temperature: bool,
-    decoder: Result<Decoder, DecodeError>,
 }
 
 impl Router {
@@ -132,11 +144,17 @@ impl Router {
             rods,
             ends_with_file: false,
             ahead: Ahead::default(),
+            grown: 0,
+            cuts: BTreeMap::new(),
+            holes: Vec::new(),
             channels: Vec::new(),
             scratch: Vec::new(),
             topics: Vec::new(),
+            topic_numbers: HashMap::new(),
+            plans: Plans::default(),
             unverified: false,
             streams: Vec::new(),
+            stream_numbers: HashMap::new(),
             journal: None,
             ready: VecDeque::new(),
         }
@@ -148,6 +166,7 @@ impl Router {
             Item::Message(message) => self.in_turn(message),
             Item::Channel(id, channel, schema) => self.channel(id, channel, schema),
             Item::Unverified => self.unverified = true,
+            Item::Hole(hole) => self.hole(hole),
         }
     }
 
@@ -164,24 +183,8 @@ impl Router {
             return;
         }
         let topic = self.topic(&channel.topic, &channel.encoding);
-        let mut routes = Vec::new();
-        for (rod, Rod { config, .. }) in self.rods.iter().enumerate() {
-            let quantities = [
-                (Some(&config.displacement), false),
-                (config.temperature.as_ref(), true),
-            ];
-            for (wanted, temperature) in quantities {
-                let Some(wanted) = wanted.filter(|wanted| wanted.topic == channel.topic) else {
-                    continue;
-                };
-                let decoder = Decoder::compile(&channel.encoding, schema, &wanted.field, &wanted.time);
-                routes.push(Route {
-                    rod,
-                    temperature,
-                    decoder,
-                });
-            }
-        }
+        let rods = self.rods.iter().map(|rod| &rod.config);
+        let routes = self.plans.routes(rods, channel, schema);
         let stream = channel.metadata(note::STREAM).map(|name| self.stream(name));
         self.channels[id] = Listed {
             topic,
@@ -194,8 +197,8 @@ impl Router {
 
     /// The number of a topic.
     fn topic(&mut self, name: &str, encoding: &str) -> usize {
-        let known = self.topics.iter().position(|topic| topic.name == name);
-        known.unwrap_or_else(|| {
+        self.topic_numbers.get(name).copied().unwrap_or_else(|| {
+            self.topic_numbers.insert(name.to_owned(), self.topics.len());
             self.topics.push(Topic {
                 name: name.to_owned(),
                 summary: TopicSummary {
@@ -272,6 +275,7 @@ impl Router {
             channels,
             scratch,
             topics,
+            grown,
             ..
         } = self;
         let Some(listed) = channels.get(usize::from(message.channel)) else {
@@ -294,10 +298,10 @@ impl Router {
         summary.messages += 1;
         let mut fault = None;
         let mut has_events = false;
-        if !listed.routes.is_empty() && !speakers.may_speak(message.channel, listed.stream, message.log_time)
-        {
+        let routes = listed.routes.as_deref().unwrap_or_default();
+        if !routes.is_empty() && !speakers.may_speak(message.channel, listed.stream, message.log_time) {
             let channels = speakers.names();
-            for route in listed.routes.iter().filter(|route| !route.temperature) {
+            for route in routes.iter().filter(|route| !route.temperature) {
                 if let Some(rod) = rods.get_mut(route.rod)
                     && speakers.is_news()
                 {
@@ -310,7 +314,7 @@ impl Router {
             }
             fault = Some(DecodeError::SharedTopic { channels });
         } else {
-            for route in &listed.routes {
+            for route in routes {
                 let Some(rod) = rods.get_mut(route.rod) else {
                     continue;
                 };
@@ -323,8 +327,14 @@ impl Router {
                 if let Err(found) = route.take(rod, count, &message, scratch) {
                     fault.get_or_insert(found);
                 }
+                // A stamp takes as much as two samples, and a single one is the least that is kept.
+                *grown += 24 + 8 * scratch.len();
                 has_events |= rod.assembler.has_events();
             }
+        }
+        if scratch.capacity() > SCRATCH {
+            scratch.clear();
+            scratch.shrink_to(SCRATCH);
         }
         if let Some(fault) = fault {
             summary.undecodable += 1;
@@ -334,6 +344,72 @@ impl Router {
         if has_events {
             self.collect();
         }
+        if self.grown > WEIGHED_EVERY {
+            self.weigh();
+        }
+    }
+
+    /// Bytes of samples that are no record yet, of all rods.
+    pub fn held(&self) -> usize {
+        self.rods.iter().map(|rod| rod.assembler.held()).sum()
+    }
+
+    /// Ends the longest stretches while all rods together hold too much.
+    fn weigh(&mut self) {
+        self.grown = 0;
+        let mut held = self.held();
+        while held > HELD {
+            let rods = self.rods.iter().map(|rod| rod.assembler.held());
+            // Of equal ones the first.
+            let Some((_, Reverse(at))) = rods.enumerate().map(|(at, held)| (held, Reverse(at))).max() else {
+                return;
+            };
+            let Some(rod) = self.rods.get_mut(at) else { return };
+            let before = rod.assembler.held();
+            rod.assembler.cut_off();
+            *self.cuts.entry(at).or_insert(0) += 1;
+            self.collect();
+            let now = self.rods.get(at).map_or(0, |rod| rod.assembler.held());
+            held = held.saturating_sub(before - now.min(before));
+            if now >= before {
+                return;
+            }
+        }
+    }
+
+    /// Tells what the file lost, and refuses it to each rod that may have had messages in it.
+    fn hole(&mut self, hole: &Hole) {
+        let is_lost = |id: usize| {
+            hole.channels.is_empty() || u16::try_from(id).is_ok_and(|id| hole.channels.contains(&id))
+        };
+        let (mut topics, mut rods) = (BTreeSet::new(), BTreeSet::new());
+        let channels = self.channels.iter().enumerate();
+        for (_, listed) in channels.filter(|(id, listed)| listed.known && is_lost(*id)) {
+            topics.insert(listed.topic);
+            let routes = listed.routes.as_deref().unwrap_or_default();
+            rods.extend(
+                routes
+                    .iter()
+                    .filter(|route| !route.temperature)
+                    .map(|route| route.rod),
+            );
+        }
+        let names: Vec<&str> = topics
+            .iter()
+            .filter_map(|topic| Some(self.topics.get(*topic)?.name.as_str()))
+            .collect();
+        let detail = hole.sentence(names.into_iter());
+        for at in rods {
+            if let Some(rod) = self.rods.get_mut(at) {
+                let rejection = Rejection::Damaged {
+                    detail: detail.clone(),
+                };
+                rod.assembler
+                    .tell_lost(hole.start(), hole.duration_s(), rejection);
+            }
+        }
+        self.holes.push(detail);
+        self.collect();
     }
 
     /// Takes samples that need no decoding.
@@ -356,6 +432,7 @@ impl Router {
                 rod.is_followed = true;
                 scratch.clear();
                 scratch.extend(block.samples.iter().map(|raw| channel.unit.convert(*raw)));
+                self.grown += 24 + 8 * scratch.len();
                 rod.assembler.push(block.time, scratch);
             }
             if let Some(channel) = &rod.config.temperature
@@ -368,6 +445,9 @@ impl Router {
             }
         }
         self.collect();
+        if self.grown > WEIGHED_EVERY {
+            self.weigh();
+        }
     }
 
     /// Messages of all topics.
@@ -400,7 +480,7 @@ impl Router {
 
     /// A stream ended: so do the records of the rods that were last fed by it.
     fn end_of(&mut self, stream: &str, cut_short: bool) {
-        let Some(stream) = self.streams.iter().position(|name| name == stream) else {
+        let Some(stream) = self.stream_numbers.get(stream).copied() else {
             return;
         };
         for at in 0..self.rods.len() {
@@ -428,8 +508,8 @@ impl Router {
 
     /// The number of a stream.
     pub(super) fn stream(&mut self, name: &str) -> usize {
-        let known = self.streams.iter().position(|stream| stream == name);
-        known.unwrap_or_else(|| {
+        self.stream_numbers.get(name).copied().unwrap_or_else(|| {
+            self.stream_numbers.insert(name.to_owned(), self.streams.len());
             self.streams.push(name.to_owned());
             self.streams.len() - 1
         })
@@ -469,7 +549,12 @@ impl Router {
         let fed_by: Vec<_> = self.rods.iter().map(|rod| self.fed_by(rod)).collect();
         self.channels.clear();
         self.topics.clear();
+        self.topic_numbers.clear();
+        self.plans = Plans::default();
         self.streams.clear();
+        self.stream_numbers.clear();
+        self.holes.clear();
+        self.cuts.clear();
         for (at, names) in fed_by.into_iter().enumerate() {
             self.set_fed_by(at, names);
         }
@@ -540,6 +625,18 @@ impl Router {
         summary.topics = topics
             .map(|topic| (topic.name.clone(), topic.summary.clone()))
             .collect();
+        summary.holes = self.holes.clone();
+        for (at, times) in &self.cuts {
+            let Some(Rod { config, .. }) = self.rods.get(*at) else {
+                continue;
+            };
+            summary.notes.push(format!(
+                "{}: rod {}: {times} records end early: the samples of all rods together took more than {} MiB",
+                summary.file,
+                config.rod,
+                HELD >> 20
+            ));
+        }
         summary.missing.clear();
         summary.wanted = 0;
         for (Rod { config, .. }, count) in self.rods.iter().zip(&self.counts) {
@@ -594,8 +691,8 @@ impl Route {
             _ => &rod.config.displacement,
         };
         count.messages += u64::from(!self.temperature);
-        let decoder = self.decoder.as_ref().map_err(Clone::clone)?;
         scratch.clear();
+        let decoder = self.decoder.as_ref().map_err(Clone::clone)?;
         let Decoded { array, time } = decoder.decode(message.data, scratch)?;
         let time = match (time, &channel.time) {
             (Time::Nanos(nanos), _) => nanos,

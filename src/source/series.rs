@@ -200,7 +200,19 @@ impl Series {
         }
     }
 
-    /// One step: at most one record or chunk is read.
+    /// Reads nothing more of the part that is open, and forgets what was read of it: the samples that are no record yet are lost.
+    pub fn discard(&mut self, why: &str) {
+        if let Some(open) = &mut self.open {
+            open.fail(Damage {
+                offset: open.offset,
+                what: why.to_owned(),
+            });
+            self.queue.clear();
+            self.begin_anew();
+        }
+    }
+
+    /// One step: at most one record is read, or some way into one chunk.
     pub fn poll(&mut self) -> SeriesPoll {
         if let Some(event) = self.queue.pop_front() {
             return self.event(event);
@@ -393,7 +405,7 @@ impl Open {
                     Some(check) => Stage::Checking(file, check),
                     None => Stage::Reading(
                         file.try_clone()?,
-                        Box::new(Reader::new(file, Trust::Unverified, live)),
+                        Box::new(Reader::new(file, Trust::Unverified, live).passing_holes()),
                     ),
                 })
             })

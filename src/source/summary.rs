@@ -14,6 +14,8 @@ pub struct Summary {
     pub samples: BTreeMap<RodId, u64>,
     /// Where and why the file could not be believed any further.
     pub damage: Option<String>,
+    /// What was lost between two places that can be believed, a clause each.
+    pub holes: Vec<String>,
     /// Whether it ended in the middle.
     pub truncated: bool,
     /// Whether some of it has no checksum.
@@ -42,9 +44,11 @@ pub struct TopicSummary {
 }
 
 impl Summary {
-    /// Whether any data was lost: damage, or messages that could not be decoded.
+    /// Whether any data was lost: damage, holes, or messages that could not be decoded.
     pub fn lost_data(&self) -> bool {
-        self.damage.is_some() || self.topics.values().any(|topic| topic.undecodable > 0)
+        self.damage.is_some()
+            || !self.holes.is_empty()
+            || self.topics.values().any(|topic| topic.undecodable > 0)
     }
 
     /// Whether the file has none of the configured topics.
@@ -62,7 +66,11 @@ impl Summary {
     /// One sentence per configured topic that the file does not have; normal where every rod has files
     /// of its own.
     pub fn absences(&self) -> Vec<String> {
-        let topics: Vec<&str> = self.topics.keys().map(String::as_str).collect();
+        const NAMED: usize = 40;
+        let mut topics: Vec<String> = self.topics.keys().take(NAMED).cloned().collect();
+        if self.topics.len() > NAMED {
+            topics.push(format!("and {} more", self.topics.len() - NAMED));
+        }
         let has = if topics.is_empty() {
             "no topics at all".to_owned()
         } else {
@@ -80,6 +88,11 @@ impl Summary {
         let mut sentences = Vec::new();
         if let Some(damage) = &self.damage {
             sentences.push(damage.clone());
+        }
+        for hole in &self.holes {
+            sentences.push(format!(
+                "{file}: {hole}; what follows was used; copy the file again from the recorder"
+            ));
         }
         for (name, topic) in &self.topics {
             if let Some(fault) = &topic.fault {

@@ -6,6 +6,7 @@ use serde_json::Value as Json;
 use std::fs;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::{SocketAddr, TcpStream};
+use std::os::unix::fs::PermissionsExt;
 use std::process::{Child, Stdio};
 use std::time::Duration;
 
@@ -23,6 +24,7 @@ pub struct Server {
 impl Server {
     pub fn of(site: &Site, store: &str) -> Self {
         fs::write(site.path("token"), format!("{TOKEN}\n")).unwrap();
+        fs::set_permissions(site.path("token"), fs::Permissions::from_mode(0o600)).unwrap();
         let words = [
             "serve",
             "--store",

@@ -3,6 +3,9 @@
 use super::campaign::{Campaign, Material, RODS, huge};
 use super::process::Process;
 use std::fs;
+use std::io::Cursor;
+use tirante::record::{Timestamp, Unit};
+use tirante::sink::{ChannelSpec, Encoding, Layout, Precision, RecordingWriter, WriterOptions};
 
 /// Memory beyond what a daemon takes that reads what is harmless \[kB\].
 const MORE_KB: u64 = 24 << 10;
@@ -56,5 +59,69 @@ fn a_recording_the_program_dies_of_is_set_aside_and_the_rest_goes_on() {
     let sql = "SELECT count(*) FROM record WHERE rod = 'north' AND rejection IS NULL";
     let north: i64 = store.query_row(sql, (), |row| row.get(0)).unwrap();
     assert_eq!(usize::try_from(north).unwrap(), material.days + 2);
+    daemon.stop("-TERM");
+}
+
+/// An hour of the rod `east` at 400 Hz, a message a sample: its stretch grows by doubling, and closing it takes several times as much.
+fn growing_stretch() -> Vec<u8> {
+    let mut writer = RecordingWriter::new(Cursor::new(Vec::new()), WriterOptions::default()).unwrap();
+    let spec = ChannelSpec {
+        topic: "/east".to_owned(),
+        encoding: Encoding::Json,
+        layout: Layout::Sample,
+        precision: Precision::Double,
+        unit: Unit::Metre,
+    };
+    let id = writer.add_channel(spec).unwrap();
+    let start = Timestamp::from_nanos(1_767_268_800_000_000_000);
+    let values: Vec<f64> = (0..1_400_000).map(|i| f64::from(i % 1000) * 1e-6).collect();
+    writer.write_samples(id, start, 400.0, &values).unwrap();
+    // The rods of the campaign read `values`.
+    writer.finish().unwrap().into_inner()
+}
+
+#[test]
+fn a_recording_that_is_deadly_before_its_bad_place_too_does_not_keep_the_daemon_down() {
+    let material = Material::short();
+    let campaign = Campaign::new(material, "[record]\nmax_duration_s = 43_200\n");
+    let config = fs::read_to_string(campaign.path("site.toml")).unwrap();
+    let east = "topic = \"/east\"\nfield = \"values\"\nunit = \"m\"\nfs_hz = 100.0";
+    assert!(config.contains(east));
+    let config = config.replace(east, "topic = \"/east\"\nfield = \"value\"\nunit = \"m\"");
+    fs::write(campaign.path("site.toml"), config).unwrap();
+    let mut feed = campaign.feed();
+    feed.offer(1.0);
+    let mut daemon = Process::with(campaign.folder.path(), &[], &VARIABLES);
+    // The rod `east` reads another field here: three rods have records.
+    let all = material.days * (RODS.len() - 1);
+    daemon.wait_until("everything is in", |_| campaign.records() >= all);
+    let limit = format!("--as={}", (peak_kb(daemon.pid()) + MORE_KB) << 10);
+    daemon.stop("-TERM");
+
+    for (name, bytes) in [
+        ("stretch", growing_stretch()),
+        ("later", Material::long().files[3].clone()),
+    ] {
+        fs::write(campaign.path("coming"), bytes).unwrap();
+        let to = campaign.path(&format!("archive/{name}.mcap"));
+        fs::rename(campaign.path("coming"), to).unwrap();
+    }
+    let (mut deaths, mut logs) = (0, String::new());
+    let daemon = loop {
+        let mut daemon = Process::with(campaign.folder.path(), &["prlimit", &limit], &VARIABLES);
+        let goes_on = daemon.becomes(|log| log.contains("later.mcap is read"));
+        logs.push_str(&daemon.log());
+        if goes_on {
+            break daemon;
+        }
+        assert!(!daemon.wait().success(), "{}", daemon.log());
+        deaths += 1;
+        assert!(deaths <= 7, "{logs}");
+    };
+    println!("{deaths} deaths");
+    assert!(
+        deaths >= 3 && logs.contains("stretch.mcap") && logs.contains("set aside"),
+        "{deaths}: {logs}"
+    );
     daemon.stop("-TERM");
 }

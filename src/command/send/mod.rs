@@ -6,11 +6,13 @@ mod stream;
 
 use super::BadArguments;
 use super::progress::Progress;
-use crate::ingest::Reply;
+use crate::ingest::{LeftOut, Reply};
+use crate::journal::MAX_MESSAGE;
 use crate::source;
 use link::{Address, Link, TlsArgs};
 use playback::{Message, Piece, Playback};
-use std::cell::Cell;
+use std::cell::{Cell, RefCell};
+use std::collections::BTreeMap;
 use std::io;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -45,7 +47,8 @@ const BACK_OFF: (Duration, Duration) = (Duration::from_secs(1), Duration::from_s
 
 Log times decide when a message is sent. With --sender the daemon acknowledges what is on its disk; after a cut
 the command connects again (after 1 s, then longer, up to 30 s) and goes on from there. Without --sender a cut is
-the end. Exit code 0 says that everything is durable; 1 that it is not, or that a recording is damaged.")]
+the end. Exit code 0 says that everything is durable; 1 that it is not, or that a recording is damaged; 3 that some was
+left out, with the reason.")]
 pub struct Args {
     /// MCAP recordings, or folders of them; sent in the order of their data.
     #[arg(value_name = "FILE", required = true)]
@@ -135,6 +138,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         shift_ns: Cell::new(None),
         durable: Cell::new(0),
         losses: Cell::new(0),
+        left_out: RefCell::default(),
     };
     let runtime = tokio::runtime::Builder::new_current_thread()
         .enable_all()
@@ -147,6 +151,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     });
     let durable = errand.durable.get();
     let losses = errand.losses.get();
+    let left_out: u64 = errand.left_out.take().into_values().sum();
     drop(errand);
     let messages = outcome.map_err(|error| match &args.sender {
         Some(sender) => error.context(format!(
@@ -154,11 +159,18 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         )),
         None => error.context("not everything was sent"),
     })?;
-    super::print(format!("{messages} messages are durable\n").as_bytes())?;
-    Ok(if losses == 0 {
-        ExitCode::SUCCESS
-    } else {
-        ExitCode::FAILURE
+    let told = match left_out {
+        0 => format!("{messages} messages are durable\n"),
+        _ => format!(
+            "{} messages are durable, {left_out} were left out\n",
+            messages - left_out.min(messages)
+        ),
+    };
+    super::print(told.as_bytes())?;
+    Ok(match (losses, left_out) {
+        (0, 0) => ExitCode::SUCCESS,
+        (0, _) => ExitCode::from(super::WITH_LOSSES),
+        _ => ExitCode::FAILURE,
     })
 }
 
@@ -178,6 +190,8 @@ struct Errand<'a> {
     durable: Cell<u64>,
     /// Recordings that are damaged.
     losses: Cell<usize>,
+    /// Messages that were not kept, by the reason.
+    left_out: RefCell<BTreeMap<String, u64>>,
 }
 
 /// Why an attempt failed.
@@ -247,6 +261,7 @@ impl Errand<'_> {
         let mut stream = Stream::new()?;
         let mut messages = 0;
         let mut losses = 0;
+        let mut too_large = 0;
         // When the chunk under way is to be closed.
         let mut flush_at = None;
         let mut on_answer = |reply| self.heard(reply);
@@ -264,8 +279,14 @@ impl Errand<'_> {
                     losses += 1;
                     if losses > self.losses.get() {
                         self.losses.set(losses);
-                        self.bar.say(&format!("error: {what}; what came before is sent"));
+                        self.bar.say(&format!("error: {what}"));
                     }
+                    continue;
+                }
+                Piece::Message(message) if message.data.len() > MAX_MESSAGE => {
+                    too_large += 1;
+                    let reason = format!("larger than {MAX_MESSAGE} bytes, too large for a socket");
+                    self.leave_out(&reason, too_large);
                     continue;
                 }
                 Piece::Message(message) => message,
@@ -278,7 +299,9 @@ impl Errand<'_> {
             let due = self.due(message.log_time);
             loop {
                 let now = Instant::now();
-                if stream.pending() >= FLUSH_BYTES || flush_at.is_some_and(|at| at <= now) {
+                let is_full = stream.pending() >= FLUSH_BYTES
+                    || (stream.pending() > 0 && message.data.len() >= FLUSH_BYTES);
+                if is_full || flush_at.is_some_and(|at| at <= now) {
                     stream.flush()?;
                     flush_at = None;
                     link.send(&stream.take(), &mut on_answer).await?;
@@ -314,8 +337,18 @@ impl Errand<'_> {
         self.bar.set(playback.bytes(), self.total);
         loop {
             match timeout(PATIENCE, link.answer()).await {
-                Ok(Some(Reply::Done { messages: durable })) if durable == messages => return Ok(messages),
-                Ok(Some(Reply::Done { messages: durable })) => {
+                Ok(Some(Reply::Done {
+                    messages: durable,
+                    left_out,
+                })) if durable == messages => {
+                    for LeftOut { messages, reason } in left_out {
+                        self.leave_out(&reason, messages);
+                    }
+                    return Ok(messages);
+                }
+                Ok(Some(Reply::Done {
+                    messages: durable, ..
+                })) => {
                     return Err(Failure::Final(anyhow::anyhow!(
                         "{messages} messages were sent, the daemon has {durable}"
                     )));
@@ -325,6 +358,16 @@ impl Errand<'_> {
                 Err(_) => return Err(Failure::Again("the daemon does not answer".to_owned())),
             }
         }
+    }
+
+    /// Notes so many messages in all that were not kept, and says so with the first.
+    fn leave_out(&self, reason: &str, messages: u64) {
+        let mut left_out = self.left_out.borrow_mut();
+        let known = left_out.entry(reason.to_owned()).or_insert(0);
+        if *known == 0 {
+            self.bar.say(&format!("error: messages are left out: {reason}"));
+        }
+        *known = messages.max(*known);
     }
 
     /// Moves a message to now, if that is wanted.
@@ -360,6 +403,10 @@ impl Errand<'_> {
         match reply {
             Reply::Ack { messages } => {
                 self.durable.set(messages);
+                Ok(())
+            }
+            Reply::LeftOut(LeftOut { messages, reason }) => {
+                self.leave_out(&reason, messages);
                 Ok(())
             }
             other => Err(refused(other)),

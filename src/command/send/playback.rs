@@ -1,9 +1,11 @@
 //! Recordings as one series of channels and messages, in the order of their data.
 
+use crate::journal::Definition;
 use crate::source::mcap::{Item, Progress, Reader};
-use std::collections::VecDeque;
+use std::collections::{HashMap, VecDeque};
 use std::fs::File;
 use std::path::PathBuf;
+use std::sync::Arc;
 
 /// A channel as its recording declares it.
 #[derive(Debug, Clone)]
@@ -12,8 +14,7 @@ pub(super) struct Channel {
     pub id: u16,
     pub topic: String,
     pub encoding: String,
-    /// Name, encoding and content.
-    pub schema: Option<(String, String, Vec<u8>)>,
+    pub schema: Option<Definition>,
 }
 
 /// A message as it stands in its recording.
@@ -42,6 +43,8 @@ pub(super) struct Playback {
     files: std::vec::IntoIter<PathBuf>,
     open: Option<(PathBuf, Reader<File>)>,
     pieces: VecDeque<Piece>,
+    /// Schemas of the open recording, by their ids.
+    definitions: HashMap<u16, Definition>,
     bytes_of_closed: u64,
 }
 
@@ -51,6 +54,7 @@ impl Playback {
             files: files.into_iter(),
             open: None,
             pieces: VecDeque::new(),
+            definitions: HashMap::new(),
             bytes_of_closed: 0,
         }
     }
@@ -74,6 +78,7 @@ impl Iterator for Playback {
                 match Reader::open(&path) {
                     Ok(reader) => {
                         self.open = Some((path, reader));
+                        self.definitions.clear();
                         return Some(Piece::File);
                     }
                     Err(fault) => {
@@ -84,18 +89,15 @@ impl Iterator for Playback {
                     }
                 }
             };
-            let pieces = &mut self.pieces;
+            let (pieces, definitions) = (&mut self.pieces, &mut self.definitions);
             let outcome = reader.step(&mut |item| match item {
                 Item::Channel(id, channel, schema) => pieces.push_back(Piece::Channel(Channel {
                     id,
                     topic: channel.topic.clone(),
                     encoding: channel.encoding.clone(),
                     schema: schema.map(|schema| {
-                        (
-                            schema.name.to_owned(),
-                            schema.encoding.to_owned(),
-                            schema.data.to_vec(),
-                        )
+                        let known = definitions.entry(channel.schema);
+                        Arc::clone(known.or_insert_with(|| Arc::new(schema.owned())))
                     }),
                 })),
                 Item::Message(message) => pieces.push_back(Piece::Message(Message {
@@ -105,6 +107,11 @@ impl Iterator for Playback {
                     data: message.data.to_vec(),
                 })),
                 Item::Unverified => {}
+                Item::Hole(hole) => pieces.push_back(Piece::Loss(format!(
+                    "{}: {}; what follows is sent",
+                    path.display(),
+                    hole.sentence(std::iter::empty())
+                ))),
             });
             let loss = match outcome {
                 Ok(Progress::More) => continue,
@@ -113,7 +120,10 @@ impl Iterator for Playback {
                 Err(damage) => Some(format!("at byte {}: {}", damage.offset, damage.what)),
             };
             if let Some(what) = loss {
-                pieces.push_back(Piece::Loss(format!("{}: {what}", path.display())));
+                pieces.push_back(Piece::Loss(format!(
+                    "{}: {what}; what came before is sent",
+                    path.display()
+                )));
             }
             self.bytes_of_closed += reader.bytes_read();
             self.open = None;

@@ -47,7 +47,7 @@ impl Stream {
     }
 
     pub fn channel(&mut self, channel: &Channel) -> McapResult<()> {
-        let schema = match &channel.schema {
+        let schema = match channel.schema.as_deref() {
             Some((name, encoding, data)) => self.writer.add_schema(name, encoding, data)?,
             None => 0,
         };

@@ -1,6 +1,6 @@
 //! Messages into their order: what comes twice, late, or stamped late.
 
-use super::{Ahead, Assembler, LATE, Message};
+use super::{Ahead, Assembler, LATE, MAX_ASIDE, Message, bytes_of};
 use crate::record::{clock, timing};
 use std::collections::VecDeque;
 
@@ -27,7 +27,8 @@ impl Assembler {
     pub(super) fn take(&mut self, (time, values): Message, queue: &mut VecDeque<Message>) {
         if self.interval.is_none() {
             self.warm.push((time, values));
-            if self.warm.len() >= WARM {
+            let is_much = self.warm.len() > 1 && bytes_of(&self.warm) > MAX_ASIDE;
+            if self.warm.len() >= WARM || is_much {
                 self.warmed(queue);
             }
             return;
@@ -47,7 +48,8 @@ impl Assembler {
             }
             Some(Place::Astray) | None => {
                 self.astray.push((time, values));
-                if self.astray.len() > ASTRAY {
+                let is_much = self.astray.len() > 1 && bytes_of(&self.astray) > MAX_ASIDE;
+                if self.astray.len() > ASTRAY || is_much {
                     self.cut_rest();
                     let open = std::mem::take(&mut self.open);
                     self.close(open, false, None);

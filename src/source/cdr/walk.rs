@@ -1,6 +1,6 @@
 //! Walks one CDR message by the operations of a plan and picks up samples and time on the way.
 
-use super::super::decode::DecodeError;
+use super::super::decode::{DecodeError, MAX_VALUES};
 use super::super::stamp;
 use super::{Op, Primitive, Use};
 use re_cdr::{ByteOrder, CdrReader};
@@ -72,6 +72,9 @@ pub(super) fn walk<B: ByteOrder>(
             Op::TakeArray(primitive, count) => {
                 let count = length(*count, reader)?;
                 let bytes = array(*primitive, count, reader)?;
+                if count > MAX_VALUES {
+                    return Err(DecodeError::TooMany);
+                }
                 taken.array = Some(true);
                 floats::<B>(*primitive, bytes, taken.out);
             }

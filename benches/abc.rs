@@ -4,13 +4,14 @@
 
 use divan::{Bencher, black_box};
 use std::sync::Arc;
-use tirante::bayes::{
-    AbcSettings, Accept, Adjustment, Inference, Method, Observation, RodPrior, Table, Tables,
+use tirante::analysis::inference::{
+    AbcSettings, Accept, Adjustment, Inference, Method, Observation, Table, Tables,
 };
-use tirante::beam::Quantity;
-use tirante::beam::exact::Exact;
-use tirante::emulator::fallback::OrExact;
-use tirante::emulator::reduced::ReducedModel;
+use tirante::analysis::rod::beam::Quantity;
+use tirante::analysis::rod::beam::exact::Exact;
+use tirante::analysis::rod::emulator::fallback::OrExact;
+use tirante::analysis::rod::emulator::reduced::ReducedModel;
+use tirante::analysis::rod::prior::RodPrior;
 
 fn main() {
     divan::main();

@@ -1,9 +1,9 @@
 //! Speed of the two beam solvers; `cargo bench --bench beam`.
 
 use divan::{Bencher, black_box};
-use tirante::bayes::RodPrior;
-use tirante::beam::{Beam, exact, finite_elements};
-use tirante::random;
+use tirante::analysis::numerics::random;
+use tirante::analysis::rod::beam::{Beam, exact, finite_elements};
+use tirante::analysis::rod::prior::RodPrior;
 
 fn main() {
     divan::main();

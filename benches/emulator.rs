@@ -3,11 +3,12 @@
 use divan::counter::ItemsCount;
 use divan::{Bencher, black_box};
 use std::sync::LazyLock;
-use tirante::bayes::RodPrior;
-use tirante::emulator::fit::Weighting;
-use tirante::emulator::{Ann, Pce, Reduced, ReducedModel, Training, ann};
-use tirante::forward::ForwardModel;
-use tirante::random;
+use tirante::analysis::lab::ann::{self, Ann};
+use tirante::analysis::numerics::random;
+use tirante::analysis::rod::beam::forward::ForwardModel;
+use tirante::analysis::rod::emulator::fit::Weighting;
+use tirante::analysis::rod::emulator::{Pce, Reduced, ReducedModel, Training};
+use tirante::analysis::rod::prior::RodPrior;
 
 fn main() {
     divan::main();

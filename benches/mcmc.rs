@@ -1,11 +1,13 @@
 //! Speed of Metropolis-Hastings, 450 000 steps as in the paper; `RAYON_NUM_THREADS=1 cargo bench --bench mcmc`.
 
 use divan::{Bencher, black_box};
-use tirante::bayes::mcmc::{self, Problem};
-use tirante::bayes::{Chains, McmcError, McmcSettings, Observation, RodPrior, chains};
-use tirante::beam::{Exact, FiniteElements, Quantity, finite_elements};
-use tirante::emulator::{OrExact, Pce, ReducedModel};
-use tirante::forward::ForwardModel;
+use tirante::analysis::inference::Observation;
+use tirante::analysis::lab::chains::{self, Chains};
+use tirante::analysis::lab::mcmc::{self, McmcError, McmcSettings, Problem};
+use tirante::analysis::rod::beam::forward::ForwardModel;
+use tirante::analysis::rod::beam::{Exact, FiniteElements, Quantity, finite_elements};
+use tirante::analysis::rod::emulator::{OrExact, Pce, ReducedModel};
+use tirante::analysis::rod::prior::RodPrior;
 
 fn main() {
     divan::main();

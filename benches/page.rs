@@ -13,11 +13,11 @@ use std::env;
 use std::path::PathBuf;
 use std::sync::{Arc, LazyLock};
 use std::time::Instant;
-use tirante::api::{Chart, Days, History, Records, SiteAnswer};
-use tirante::http::{Shown, Unanswered};
-use tirante::record::{RodId, Timestamp};
-use tirante::store::{Commit, Durability, Reader, RecordRow, RodRow, Store, StoreError};
-use tirante::track::{Period, RodState};
+use tirante::analysis::signal::record::{RodId, Timestamp};
+use tirante::analysis::track::{Period, RodState};
+use tirante::service::api::{Chart, Days, History, Records, SiteAnswer};
+use tirante::service::http::{Shown, Unanswered};
+use tirante::site::store::{Commit, Durability, Reader, RecordRow, RodRow, Store, StoreError};
 
 const RODS: i64 = 20;
 const HOURS: i64 = 8760;

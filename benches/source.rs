@@ -8,9 +8,13 @@
 use divan::Bencher;
 use divan::counter::ItemsCount;
 use std::io::Cursor;
-use tirante::record::{Channel, Cut, Event, RecordSettings, RodChannels, RodId, TimeSource, Timestamp, Unit};
-use tirante::sink::{ChannelSpec, Compression, Encoding, Layout, Precision, RecordingWriter, WriterOptions};
-use tirante::source::{Options, Recording};
+use tirante::analysis::signal::record::{
+    Channel, Cut, Event, RecordSettings, RodChannels, RodId, TimeSource, Timestamp, Unit,
+};
+use tirante::recording::read::{Options, Recording};
+use tirante::recording::write::{
+    ChannelSpec, Compression, Encoding, Layout, Precision, RecordingWriter, WriterOptions,
+};
 
 fn main() {
     divan::main();

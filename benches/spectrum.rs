@@ -4,10 +4,14 @@
 #![allow(clippy::unwrap_used)]
 
 use divan::{Bencher, black_box};
-use tirante::bayes::RodPrior;
-use tirante::modes::{LabelPlan, ModalPlan, ModeSettings, MotionKind, Parts, Search, refine};
-use tirante::record::{Excitation, Record};
-use tirante::spectrum::{PeakSettings, Spectrum, Transforms, Welch, WelchSettings, Window, pick_peaks};
+use tirante::analysis::rod::prior::RodPrior;
+use tirante::analysis::signal::modes::{
+    LabelPlan, ModalPlan, ModeSettings, MotionKind, Parts, Search, refine,
+};
+use tirante::analysis::signal::record::{Excitation, Record};
+use tirante::analysis::signal::spectrum::{
+    PeakSettings, Spectrum, Transforms, Welch, WelchSettings, Window, pick_peaks,
+};
 
 #[path = "../tests/simulator/mod.rs"]
 mod simulator;

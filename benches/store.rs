@@ -7,7 +7,7 @@ mod archive;
 
 use archive::fill;
 use divan::Bencher;
-use tirante::store::{Durability, Reader, Store};
+use tirante::site::store::{Durability, Reader, Store};
 
 fn main() {
     divan::main();

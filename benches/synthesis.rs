@@ -1,8 +1,8 @@
 //! How long a configuration takes to read and a simulated record to make, by size.
 
 use divan::{Bencher, black_box};
+use tirante::analysis::lab::synthesis::Synthesis;
 use tirante::config::Config;
-use tirante::synthesis::Synthesis;
 
 fn main() {
     divan::main();

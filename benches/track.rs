@@ -2,15 +2,15 @@
 
 use divan::{Bencher, black_box};
 use rand_distr::{Distribution, StandardNormal};
-use tirante::bayes::RodPrior;
-use tirante::beam::Exact;
-use tirante::emulator::ReducedModel;
-use tirante::forward::ForwardModel;
-use tirante::random;
-use tirante::record::Timestamp;
-use tirante::track::alternatives::{Alternatives, Shifted};
-use tirante::track::relative::Shift;
-use tirante::track::{Baseline, LogMode, Observation};
+use tirante::analysis::numerics::random;
+use tirante::analysis::rod::beam::Exact;
+use tirante::analysis::rod::beam::forward::ForwardModel;
+use tirante::analysis::rod::emulator::ReducedModel;
+use tirante::analysis::rod::prior::RodPrior;
+use tirante::analysis::signal::record::Timestamp;
+use tirante::analysis::track::alternatives::{Alternatives, Shifted};
+use tirante::analysis::track::relative::Shift;
+use tirante::analysis::track::{Baseline, LogMode, Observation};
 
 fn main() {
     divan::main();

@@ -3,8 +3,8 @@
 
 use std::fs;
 use std::io::Cursor;
-use tirante::record::{Timestamp, Unit};
-use tirante::sink::{ChannelSpec, Compression, Encoding, Layout, Precision, RecordingWriter, WriterOptions, message};
+use tirante::analysis::signal::record::{Timestamp, Unit};
+use tirante::recording::write::{ChannelSpec, Compression, Encoding, Layout, Precision, RecordingWriter, WriterOptions, message};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let start = Timestamp::from_nanos(1_700_000_000_000_000_000);

@@ -2,8 +2,8 @@
 
 use clap::Parser;
 use std::process::ExitCode;
-use tirante::cli::Cli;
 use tirante::command;
+use tirante::command::cli::Cli;
 
 fn main() -> ExitCode {
     let cli = Cli::parse();

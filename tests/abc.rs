@@ -5,16 +5,18 @@ mod doubles;
 
 use doubles::{Hinged, Linear};
 use std::sync::Arc;
-use tirante::bayes::{
-    AbcSettings, Accept, Adjustment, Conflict, Distance, Fixity, Inference, Method, Noise, Observation,
-    PlanError, Posterior, Prior, RodPrior, Source, Stop, Tables,
+use tirante::analysis::inference::{
+    AbcSettings, Accept, Adjustment, Conflict, Distance, Inference, Method, Noise, Observation, PlanError,
+    Posterior, Source, Stop, Tables,
 };
-use tirante::beam::exact::Exact;
-use tirante::beam::{Parameterisation, Quantity, Section};
-use tirante::emulator::fallback::OrExact;
-use tirante::emulator::reduced::ReducedModel;
-use tirante::forward::ForwardModel;
-use tirante::record::Rejection;
+use tirante::analysis::rod::beam::exact::Exact;
+use tirante::analysis::rod::beam::forward::ForwardModel;
+use tirante::analysis::rod::beam::{Parameterisation, Quantity, Section};
+use tirante::analysis::rod::emulator::fallback::OrExact;
+use tirante::analysis::rod::emulator::reduced::ReducedModel;
+use tirante::analysis::rod::fixity::Fixity;
+use tirante::analysis::rod::prior::{Prior, RodPrior};
+use tirante::analysis::signal::record::Rejection;
 
 const FORCE: Quantity = Quantity::AxialForce;
 const RIGIDITY: Quantity = Quantity::FlexuralRigidity;
@@ -738,7 +740,7 @@ fn frequencies_of_the_rod(modes: usize) -> Observation {
 
 fn log_variance(posterior: &Posterior) -> f64 {
     let logs: Vec<f64> = posterior.values(FORCE).unwrap().iter().map(|n| n.ln()).collect();
-    tirante::bayes::diagnostics::sd(&logs, &posterior.weights).powi(2)
+    tirante::analysis::numerics::diagnostics::sd(&logs, &posterior.weights).powi(2)
 }
 
 /// What the sentence promises: with a source fixed at the places the posterior gives it, one after the other, the variance of ln N
@@ -807,7 +809,7 @@ fn one_frequency_does_not_check_the_mass_and_that_is_said() {
         let posterior = inference.run(&observation, 3).unwrap();
         let shares = inference.variance_shares(&observation, &posterior).unwrap();
         let logs: Vec<f64> = posterior.values(FORCE).unwrap().iter().map(|n| n.ln()).collect();
-        let mean = tirante::bayes::diagnostics::mean(&logs, &posterior.weights);
+        let mean = tirante::analysis::numerics::diagnostics::mean(&logs, &posterior.weights);
         (mean, log_variance(&posterior).sqrt(), shares)
     };
     let (right, sd, shares) = run(7650.0);
@@ -839,7 +841,7 @@ fn frequencies_of_no_rod_lie_outside_the_prior() {
         // A unit mistaken the other way round.
         let slow = Observation::first(&[0.005, 0.01, 0.015], 0.0).unwrap();
         assert!(inference.conflict(&slow).unwrap().prior_distance > Conflict::OUTSIDE);
-        let mut generator = tirante::random::stream(0x0d, 0);
+        let mut generator = tirante::analysis::numerics::random::stream(0x0d, 0);
         let mut theta = vec![0.0; 7];
         let mut f = [0.0; 3];
         let mut farthest = 0.0f64;

@@ -8,14 +8,14 @@ use rand_distr::{Distribution, StandardNormal};
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::process::Command;
-use tirante::bayes::{Prior, RodPrior};
-use tirante::beam::Exact;
-use tirante::emulator::ReducedModel;
-use tirante::forward::ForwardModel;
-use tirante::random;
-use tirante::record::Timestamp;
-use tirante::track::alternatives::{Alternatives, Explained, Kind, MeanShift, Needed, Shifted};
-use tirante::track::{Baseline, LogMode, Observation};
+use tirante::analysis::numerics::random;
+use tirante::analysis::rod::beam::forward::ForwardModel;
+use tirante::analysis::rod::beam::{Exact, Parameterisation, Section};
+use tirante::analysis::rod::emulator::ReducedModel;
+use tirante::analysis::rod::prior::{Prior, RodPrior};
+use tirante::analysis::signal::record::Timestamp;
+use tirante::analysis::track::alternatives::{Alternatives, Explained, Kind, MeanShift, Needed, Shifted};
+use tirante::analysis::track::{Baseline, LogMode, Observation};
 
 /// Static discrepancy of each mode.
 const DISCREPANCY: [f64; 5] = [0.01; 5];
@@ -266,7 +266,6 @@ fn the_sentence_says_no_more_than_the_odds() {
 /// A section given as rigidity and mass knows the same changes.
 #[test]
 fn a_rod_given_by_its_rigidity_has_the_same_alternatives() {
-    use tirante::beam::{Parameterisation, Section};
     let (prior, baseline, _) = centre(3, 128);
     let square = ReducedModel::new(*prior.parameterisation());
     let direct = ReducedModel::new(Parameterisation::new(Section::Direct));

@@ -7,7 +7,7 @@ use archive::*;
 use std::fs;
 use std::path::Path;
 use std::process::{Command, Output};
-use tirante::store::{Durability, Reader, Store};
+use tirante::site::store::{Durability, Reader, Store};
 
 fn backup(store: &Path, target: &Path) -> Output {
     Command::new(env!("CARGO_BIN_EXE_tirante"))

@@ -2,8 +2,8 @@
 
 use rand::RngExt;
 use std::f64::consts::PI;
-use tirante::beam::{Beam, exact, finite_elements};
-use tirante::random;
+use tirante::analysis::numerics::random;
+use tirante::analysis::rod::beam::{Beam, exact, finite_elements};
 
 #[test]
 #[ignore = "campaign: 300 000 beams from string to stub, a minute; run with --release --ignored"]

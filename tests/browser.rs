@@ -13,7 +13,7 @@ use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::thread;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
-use tirante::store::Reader;
+use tirante::site::store::Reader;
 
 /// How long a page may take on a machine that is busy with other things.
 const PATIENCE: Duration = Duration::from_secs(90);

@@ -9,13 +9,14 @@ mod doubles;
 use doubles::metropolis::{metropolis, moments};
 use rayon::prelude::*;
 use std::sync::Arc;
-use tirante::bayes::{
-    AbcSettings, Accept, Adjustment, Distance, Inference, Method, Noise, Observation, RodPrior, Tables,
+use tirante::analysis::inference::{
+    AbcSettings, Accept, Adjustment, Distance, Inference, Method, Noise, Observation, Tables,
 };
-use tirante::beam::Quantity;
-use tirante::beam::exact::Exact;
-use tirante::forward::ForwardModel;
-use tirante::random;
+use tirante::analysis::numerics::random;
+use tirante::analysis::rod::beam::exact::Exact;
+use tirante::analysis::rod::beam::forward::ForwardModel;
+use tirante::analysis::rod::beam::{Parameterisation, Quantity, Section};
+use tirante::analysis::rod::prior::{Prior, RodPrior};
 
 /// Records drawn from prior and model, with equal standard errors.
 fn records(count: usize, modes: usize, sd: f64, seed: u64) -> Vec<Observation> {
@@ -190,7 +191,7 @@ fn rms(values: impl Iterator<Item = f64>) -> f64 {
 fn todi(density: f64) -> RodPrior {
     let todi = RodPrior::todi();
     let mut priors = todi.priors().to_vec();
-    priors[2] = tirante::bayes::Prior::TruncatedNormal {
+    priors[2] = tirante::analysis::rod::prior::Prior::TruncatedNormal {
         mean: density,
         sd: 0.1 * density,
     };
@@ -433,8 +434,7 @@ fn edge() {
 
 /// A rod as `init` describes it, 9.5 m and 50 mm square, with stresses of a band \[Pa\].
 fn unknown_rod(stress: (f64, f64)) -> RodPrior {
-    use tirante::bayes::{Fixity, Prior};
-    use tirante::beam::{Parameterisation, Section};
+    use tirante::analysis::rod::fixity::Fixity;
     let normal = |mean: f64, cv: f64| Prior::TruncatedNormal { mean, sd: cv * mean };
     let support = Prior::Fixity(Fixity {
         low: 0.0,

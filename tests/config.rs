@@ -2,12 +2,13 @@
 
 use proptest::prelude::*;
 use std::path::Path;
-use tirante::bayes::{Accept, Noise, Prior, RodPrior};
-use tirante::beam::Quantity;
+use tirante::analysis::inference::{Accept, Noise};
+use tirante::analysis::lab::synthesis::Truth;
+use tirante::analysis::rod::beam::Quantity;
+use tirante::analysis::rod::emulator::ModelSettings;
+use tirante::analysis::rod::prior::{Prior, RodPrior};
+use tirante::analysis::signal::record::{Cut, RecordSettings, RodId, TimeSource, Unit};
 use tirante::config::{Config, ConfigError, Fault, KeyReference, LONGEST, Setting};
-use tirante::emulator::ModelSettings;
-use tirante::record::{Cut, RecordSettings, RodId, TimeSource, Unit};
-use tirante::synthesis::Truth;
 
 const MINIMAL: &str = include_str!("../config/minimal.toml");
 const TODI: &str = include_str!("../config/todi.toml");

@@ -14,9 +14,9 @@ use std::path::PathBuf;
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::thread;
 use std::time::{Duration, Instant};
-use tirante::random;
-use tirante::record::RodId;
-use tirante::store::Reader;
+use tirante::analysis::numerics::random;
+use tirante::analysis::signal::record::RodId;
+use tirante::site::store::Reader;
 
 /// What the daemon's configuration has besides the site: no fixed port, so that daemons run side by side.
 const OPERATION: &str =

@@ -1,12 +1,12 @@
 //! Campaigns: the emulators' errors over whole ranges, for docs/emulators.md.
 
 use rand::RngExt;
-use tirante::bayes::RodPrior;
-use tirante::beam::{Beam, exact};
-use tirante::emulator::fit::Weighting;
-use tirante::emulator::validate::Spread;
-use tirante::emulator::{Pce, Reduced, Training};
-use tirante::random;
+use tirante::analysis::numerics::random;
+use tirante::analysis::rod::beam::{Beam, exact};
+use tirante::analysis::rod::emulator::fit::Weighting;
+use tirante::analysis::rod::emulator::validate::Spread;
+use tirante::analysis::rod::emulator::{Pce, Reduced, Training};
+use tirante::analysis::rod::prior::RodPrior;
 
 #[test]
 #[ignore = "campaign: errors over a million beams, half a minute; run with --release --ignored --nocapture"]

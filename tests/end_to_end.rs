@@ -12,7 +12,7 @@ use serde_json::Value;
 use std::fmt::Write;
 use std::fs;
 use std::path::Path;
-use tirante::random;
+use tirante::analysis::numerics::random;
 
 const SECTIONS: [&str; 4] = ["square", "round", "rectangle", "direct"];
 

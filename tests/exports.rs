@@ -9,7 +9,7 @@ use std::path::Path;
 use std::process::{Command, Output};
 use tirante::command::history::{self, What};
 use tirante::command::which_store::Format;
-use tirante::store::{Durability, Filter, Reader, Store};
+use tirante::site::store::{Durability, Filter, Reader, Store};
 
 #[cfg(feature = "parquet")]
 const WHAT: [(What, &str); 4] = [
@@ -249,7 +249,7 @@ mod parquet_file {
     use super::*;
     use parquet::file::reader::{FileReader, SerializedFileReader};
     use parquet::record::Field;
-    use tirante::record::Timestamp;
+    use tirante::analysis::signal::record::Timestamp;
 
     #[test]
     fn parquet_says_what_csv_says() {

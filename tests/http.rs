@@ -6,8 +6,9 @@ use std::net::{SocketAddr, TcpStream};
 use std::sync::Arc;
 use std::thread;
 use std::time::{Duration, Instant};
-use tirante::http::{HttpSettings, listen, routes, serve};
-use tirante::telemetry::{Fault, Phase, Telemetry};
+use tirante::config::settings::http::HttpSettings;
+use tirante::service::http::{listen, routes, serve};
+use tirante::service::telemetry::{Fault, Phase, Telemetry};
 use tokio::sync::watch;
 
 /// How long anything may take here before the test fails.

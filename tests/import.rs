@@ -10,14 +10,13 @@ use proptest::test_runner::{Config, TestRunner};
 use std::collections::BTreeMap;
 use std::io::Cursor;
 use std::path::PathBuf;
-use tirante::import::csv::Table;
-use tirante::import::{
-    Asked, ImportError, MOST_VALUES, Plan, Signal, TimeUnit, Timing, csv, lvm, mat, npy, tdms, uff, wav,
-    write,
+use tirante::analysis::signal::record::{Event, TimeSource, Timestamp, Unit};
+use tirante::recording::import::csv::{self, Table};
+use tirante::recording::import::{
+    Asked, ImportError, MOST_VALUES, Plan, Signal, TimeUnit, Timing, lvm, mat, npy, tdms, uff, wav, write,
 };
-use tirante::record::{Event, TimeSource, Timestamp, Unit};
-use tirante::sink::{Encoding, Layout, RecordingWriter, WriterOptions};
-use tirante::source::{Decoder, SchemaRef};
+use tirante::recording::read::{Decoder, SchemaRef};
+use tirante::recording::write::{Encoding, Layout, RecordingWriter, WriterOptions};
 
 fn fixture(name: &str) -> Vec<u8> {
     let path = PathBuf::from(env!("CARGO_MANIFEST_DIR"))

@@ -325,7 +325,7 @@ fn every_format_gives_the_force_of_the_recording_as_it_is() {
     };
     let (expected, _) = identify(recording.to_str().unwrap(), &[]);
     // The record begins later, at the onset of its decay.
-    let start = tirante::record::Timestamp::from_nanos(first_ns as i64).to_string();
+    let start = tirante::analysis::signal::record::Timestamp::from_nanos(first_ns as i64).to_string();
     assert!(expected["axial_force_n"]["mean"].as_f64().unwrap() > 0.0);
     for (name, bytes, flags) in [
         ("pull.lvm", as_lvm(&values), vec!["--start", &start]),

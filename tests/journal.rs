@@ -11,11 +11,15 @@ use std::io::Cursor;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
-use tirante::journal::{Batch, Closed, End, Entry, Handle, Journal, JournalSettings, Line, part};
-use tirante::record::{Assembler, Cut, Event, Flag, RecordSettings, RodChannels, RodId, Timestamp};
-use tirante::sink::{Encoding, Layout, RecordingWriter, WriterOptions};
-use tirante::source::{self, Recordings, Step};
-use tirante::telemetry::{Fault, Health};
+use tirante::analysis::signal::record::{
+    Assembler, Cut, Event, Flag, RecordSettings, RodChannels, RodId, Timestamp,
+};
+use tirante::config::settings::journal::JournalSettings;
+use tirante::recording::part;
+use tirante::recording::read::{self, Recordings, Step};
+use tirante::recording::write::{Encoding, Layout, RecordingWriter, WriterOptions};
+use tirante::service::journal::{Batch, Closed, End, Entry, Handle, Journal, Line};
+use tirante::service::telemetry::{Fault, Health};
 
 const LAYOUT: Layout = Layout::Batch(50);
 const RESUME_S: f64 = 3600.0;
@@ -110,7 +114,7 @@ async fn send_all(handle: &Handle, sender: Option<&str>, sent: &Sent, how: End) 
 
 /// The events of a replay of the folder, and whether it was told of any fault.
 fn replay(folder: &Path, rods: &[RodChannels], settings: &RecordSettings) -> (Vec<Event>, Vec<String>) {
-    let files = source::recordings(&[folder.to_owned()]);
+    let files = read::recordings(&[folder.to_owned()]);
     let steps = Recordings::new(files, rods.to_vec(), *settings, false, Arc::default());
     let (mut events, mut faults) = (Vec::new(), Vec::new());
     for step in steps {
@@ -332,7 +336,7 @@ fn one_daemon_at_a_time() {
 }
 
 fn truncated(events: &[Event]) -> Vec<bool> {
-    let is = |record: &&tirante::record::Record| record.flags.contains(&Flag::Truncated);
+    let is = |record: &&tirante::analysis::signal::record::Record| record.flags.contains(&Flag::Truncated);
     common::records(events).iter().map(is).collect()
 }
 

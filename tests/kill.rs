@@ -12,7 +12,7 @@ use std::io::{BufRead, BufReader};
 use std::process::Stdio;
 use std::thread;
 use std::time::Duration;
-use tirante::random;
+use tirante::analysis::numerics::random;
 
 /// Kills so many replays, each at another point, then lets one finish.
 fn killed(site: &Site, store: &str, threads: &str, kills: usize, stream: u64) -> i32 {

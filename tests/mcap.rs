@@ -13,9 +13,13 @@ use std::io::{Cursor, Write};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
-use tirante::record::{Assembler, Flag, RecordSettings, Rejection, RodChannels, TimeSource, Timestamp, Unit};
-use tirante::sink::{ChannelSpec, Compression, Encoding, Layout, Precision, RecordingWriter, WriterOptions};
-use tirante::source::{Event, Follow, Options, Recording};
+use tirante::analysis::signal::record::{
+    Assembler, Flag, RecordSettings, Rejection, RodChannels, TimeSource, Timestamp, Unit,
+};
+use tirante::recording::read::{Event, Follow, Options, Recording};
+use tirante::recording::write::{
+    ChannelSpec, Compression, Encoding, Layout, Precision, RecordingWriter, WriterOptions,
+};
 
 const ENCODINGS: [Encoding; 3] = [Encoding::Json, Encoding::Protobuf, Encoding::Ros2];
 const LAYOUTS: [Layout; 2] = [Layout::Sample, Layout::Batch(100)];
@@ -119,7 +123,7 @@ fn several_rods_a_temperature_and_time_in_the_message() {
         .unwrap();
     let bytes = writer.finish().unwrap().into_inner();
     let temperature = || {
-        Some(tirante::record::Channel {
+        Some(tirante::analysis::signal::record::Channel {
             unit: Unit::Kelvin,
             fs_hz: None,
             ..channel("/t", "value")
@@ -159,7 +163,12 @@ fn readings_since_the_record_before_come_with_each_record() {
     // rejected, and twenty more towards the end.
     let run = |piecemeal: bool| {
         let settings = windows(20.0);
-        let mut assembler = Assembler::new(tirante::record::RodId("r".into()), settings, Some(FS), true);
+        let mut assembler = Assembler::new(
+            tirante::analysis::signal::record::RodId("r".into()),
+            settings,
+            Some(FS),
+            true,
+        );
         let mut events = Vec::new();
         let moving = motion(4000);
         for second in 0..1800usize {
@@ -384,7 +393,7 @@ fn without_checksums_is_unverified() {
 }
 
 /// Whether a record holds what [`motion`] has at its time, to the bit.
-fn is_true(record: &tirante::record::Record) -> bool {
+fn is_true(record: &tirante::analysis::signal::record::Record) -> bool {
     let first = (record.start.seconds_since(START) * FS).round() as usize;
     let all = motion(first + record.samples.len());
     record.fs_hz == FS
@@ -700,7 +709,7 @@ fn folders_are_read_in_the_order_of_their_data() {
     std::fs::create_dir(folder.path().join("deep.mcap")).unwrap();
     #[cfg(unix)]
     std::os::unix::fs::symlink("/etc/hostname", folder.path().join("link.mcap")).unwrap();
-    let found = tirante::source::recordings(&[folder.path().to_owned()])
+    let found = tirante::recording::read::recordings(&[folder.path().to_owned()])
         .into_iter()
         .collect::<Result<Vec<_>, _>>()
         .unwrap();
@@ -711,13 +720,13 @@ fn folders_are_read_in_the_order_of_their_data() {
     assert_eq!(names, ["c.MCAP", "b.mcap", "a.mcap", "z.mcap"]);
     let empty = tempfile::tempdir().unwrap();
     assert!(
-        tirante::source::recordings(&[empty.path().to_owned()])
+        tirante::recording::read::recordings(&[empty.path().to_owned()])
             .remove(0)
             .unwrap_err()
             .to_string()
             .contains("no recordings")
     );
-    assert!(tirante::source::recordings(&[empty.path().join("absent")])[0].is_err());
+    assert!(tirante::recording::read::recordings(&[empty.path().join("absent")])[0].is_err());
     let told = Recording::open(empty.path(), &[], &RecordSettings::default(), Options::default())
         .map(|_| ())
         .unwrap_err();

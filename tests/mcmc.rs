@@ -7,12 +7,14 @@ use doubles::Linear;
 use doubles::metropolis::{metropolis, moments};
 use rand_distr::{Distribution as _, StandardNormal};
 use rayon::prelude::*;
-use tirante::bayes::mcmc::{self, GROUP, Problem};
-use tirante::bayes::{Chains, McmcSettings, Observation, Prior, RodPrior, diagnostics};
-use tirante::beam::{Exact, Quantity};
-use tirante::emulator::ReducedModel;
-use tirante::forward::ForwardModel;
-use tirante::random;
+use tirante::analysis::inference::Observation;
+use tirante::analysis::lab::chains::Chains;
+use tirante::analysis::lab::mcmc::{self, GROUP, McmcSettings, Problem};
+use tirante::analysis::numerics::{diagnostics, random};
+use tirante::analysis::rod::beam::forward::ForwardModel;
+use tirante::analysis::rod::beam::{Exact, Quantity};
+use tirante::analysis::rod::emulator::ReducedModel;
+use tirante::analysis::rod::prior::{Prior, RodPrior};
 
 fn run(
     prior: &RodPrior,

@@ -422,11 +422,14 @@ fn other_programs_files_are_measured_as_they_are() {
 
 /// The samples of the shipped record \[m\].
 fn samples(path: &str) -> Vec<f64> {
-    use tirante::record::{Event, RecordSettings};
-    let how = tirante::import::How::default();
-    let opened = tirante::import::open_any(Path::new(path), &how, &RecordSettings::default(), &|file, _| {
-        Box::new(file)
-    });
+    use tirante::analysis::signal::record::{Event, RecordSettings};
+    let how = tirante::recording::import::How::default();
+    let opened = tirante::recording::import::open_any(
+        Path::new(path),
+        &how,
+        &RecordSettings::default(),
+        &|file, _| Box::new(file),
+    );
     let records = opened.unwrap().recording.filter_map(|event| match event {
         Event::Record(record) => Some(record.samples.clone()),
         _ => None,

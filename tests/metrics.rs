@@ -8,13 +8,13 @@ use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::path::Path;
 use std::time::{Duration, SystemTime};
-use tirante::outcome::Outcome;
-use tirante::record::{RodId, Timestamp};
-use tirante::store::{Durability, Store};
-use tirante::telemetry::metrics::Delivery;
-use tirante::telemetry::{Fault, Phase, Telemetry};
-use tirante::track::relative::Interval;
-use tirante::track::{Alarm, AtReference, Kind, RodState, SetAside, Verdict};
+use tirante::analysis::outcome::Outcome;
+use tirante::analysis::signal::record::{RodId, Timestamp};
+use tirante::analysis::track::relative::Interval;
+use tirante::analysis::track::{Alarm, AtReference, Kind, RodState, SetAside, Verdict};
+use tirante::service::telemetry::metrics::Delivery;
+use tirante::service::telemetry::{Fault, Phase, Telemetry};
+use tirante::site::store::{Durability, Store};
 
 fn rod() -> RodId {
     RodId("nave-3".into())

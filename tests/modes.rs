@@ -12,12 +12,14 @@ use rayon::prelude::*;
 use simulator::scene::{Hum, Pull, Scene};
 use simulator::{SimulatedMode, ambient_sd, normal, simulate};
 use std::f64::consts::PI;
-use tirante::bayes::{Prior, RodPrior};
-use tirante::beam::{Parameterisation, Section};
-use tirante::modes::{Evidence, LabelPlan, Mask, ModalPlan, ModeSettings, ModeWindow, MotionKind, Resonance};
-use tirante::random;
-use tirante::record::{Excitation, Record, Rejection};
-use tirante::spectrum::{PeakSettings, WelchSettings};
+use tirante::analysis::numerics::random;
+use tirante::analysis::rod::beam::{Parameterisation, Section};
+use tirante::analysis::rod::prior::{Prior, RodPrior};
+use tirante::analysis::signal::modes::{
+    Evidence, LabelPlan, Mask, ModalPlan, ModeSettings, ModeWindow, MotionKind, Resonance,
+};
+use tirante::analysis::signal::record::{Excitation, Record, Rejection};
+use tirante::analysis::signal::spectrum::{PeakSettings, WelchSettings};
 
 const TODI: [f64; 3] = [4.492, 9.288, 13.252];
 const FS: f64 = 100.0;

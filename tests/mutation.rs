@@ -5,9 +5,9 @@ mod common;
 
 use common::*;
 use std::collections::HashSet;
-use tirante::record::{Rejection, TimeSource};
-use tirante::sink::{Compression, Encoding, Layout, WriterOptions};
-use tirante::source::{Decoder, Event, SchemaRef};
+use tirante::analysis::signal::record::{Rejection, TimeSource};
+use tirante::recording::read::{Decoder, Event, SchemaRef};
+use tirante::recording::write::{Compression, Encoding, Layout, WriterOptions};
 
 fn next(state: &mut u64) -> u64 {
     *state ^= *state << 13;
@@ -42,7 +42,7 @@ fn forms() -> impl Iterator<Item = (Encoding, Layout, WriterOptions)> {
 }
 
 /// Whether a record holds what [`motion`] has at its time, to the bit; it may be cut short.
-fn is_true(record: &tirante::record::Record) -> bool {
+fn is_true(record: &tirante::analysis::signal::record::Record) -> bool {
     let first = (record.start.seconds_since(START) * FS).round() as usize;
     let all = motion(first + record.samples.len());
     record.fs_hz == FS
@@ -54,7 +54,7 @@ fn is_true(record: &tirante::record::Record) -> bool {
 }
 
 /// Records of a fifth of a second, so that damage has records before it.
-fn short() -> tirante::record::RecordSettings {
+fn short() -> tirante::analysis::signal::record::RecordSettings {
     windows(0.2)
 }
 
@@ -168,20 +168,24 @@ fn damaged_messages_and_schemas_never_panic() {
     let mut state = 3;
     for encoding in [Encoding::Json, Encoding::Protobuf, Encoding::Ros2] {
         for layout in [Layout::Sample, Layout::Batch(4)] {
-            let schema = tirante::sink::message::schema(encoding, layout, tirante::sink::Precision::Double);
+            let schema = tirante::recording::write::message::schema(
+                encoding,
+                layout,
+                tirante::recording::write::Precision::Double,
+            );
             let mut message = Vec::new();
-            let head = (START, FS, tirante::record::Unit::Millimetre);
+            let head = (START, FS, tirante::analysis::signal::record::Unit::Millimetre);
             match layout {
-                Layout::Sample => tirante::sink::message::encode_sample(
+                Layout::Sample => tirante::recording::write::message::encode_sample(
                     &mut message,
                     encoding,
-                    tirante::sink::Precision::Double,
+                    tirante::recording::write::Precision::Double,
                     1.5,
                 ),
-                Layout::Batch(_) => tirante::sink::message::encode_batch(
+                Layout::Batch(_) => tirante::recording::write::message::encode_batch(
                     &mut message,
                     encoding,
-                    tirante::sink::Precision::Double,
+                    tirante::recording::write::Precision::Double,
                     head,
                     &[1.0, -2.0],
                 ),

@@ -4,8 +4,8 @@
 use std::os::unix::net::UnixDatagram;
 use std::process::{Child, Command};
 use std::time::{Duration, Instant};
-use tirante::daemon::notify::{self, Watchdog};
-use tirante::telemetry::{Fault, Phase, Telemetry};
+use tirante::service::daemon::notify::{self, Watchdog};
+use tirante::service::telemetry::{Fault, Phase, Telemetry};
 
 const PATIENCE: Duration = Duration::from_secs(30);
 

@@ -13,12 +13,12 @@ use std::process::Child;
 use std::sync::Arc;
 use std::thread;
 use std::time::{Duration, Instant};
+use tirante::analysis::numerics::random;
+use tirante::analysis::signal::record::{Event, RodChannels, RodId};
+use tirante::analysis::track::ordered::Ordered;
 use tirante::config::Config;
-use tirante::ordered::Ordered;
-use tirante::random;
-use tirante::record::{Event, RodChannels, RodId};
-use tirante::source::{self, Recordings, Step};
-use tirante::store::Reader;
+use tirante::recording::read::{self, Recordings, Step};
+use tirante::site::store::Reader;
 
 /// How long a daemon may take on a machine that is busy with other things.
 const DEADLINE: Duration = Duration::from_secs(120);
@@ -199,7 +199,7 @@ fn packaged(folder: &Path, messages: &[mcap::Message<'static>], seed: u64) -> Ve
 /// The events of recordings in the order a site takes them, samples to the bit.
 fn events(paths: &[PathBuf], config: &Config) -> Vec<String> {
     let channels: Vec<RodChannels> = config.rods.iter().map(|rod| rod.channels.clone()).collect();
-    let files = source::recordings(paths);
+    let files = read::recordings(paths);
     let mut ordered = Ordered::new(config.track.reorder_window_s);
     let mut found = Vec::new();
     for step in Recordings::new(files, channels, config.record, false, Arc::default()) {

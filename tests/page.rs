@@ -11,13 +11,13 @@ use server::{Server, TOKEN};
 use site::{Part, SITE, Site, campaign, lines, noon};
 use std::io::{BufRead, BufReader};
 use std::sync::LazyLock;
-use tirante::api::{Days, Looks, Records, SiteAnswer};
-use tirante::findings::{Assigned, Candidate, Multiple, Nature, Quantiles};
-use tirante::http::{Shown, Unanswered};
-use tirante::modes::{Motion, MotionKind};
-use tirante::record::{RodId, Timestamp};
-use tirante::snapshot::{PeakMark, Reason, Snapshot};
-use tirante::store::{Commit, Durability, RecordRow, SnapshotRow, Store};
+use tirante::analysis::findings::{Assigned, Candidate, Multiple, Nature, Quantiles};
+use tirante::analysis::record_view::{PeakMark, Reason, Snapshot};
+use tirante::analysis::signal::modes::{Motion, MotionKind};
+use tirante::analysis::signal::record::{RodId, Timestamp};
+use tirante::service::api::{Days, Looks, Records, SiteAnswer};
+use tirante::service::http::{Shown, Unanswered};
+use tirante::site::store::{Commit, Durability, RecordRow, SnapshotRow, Store};
 
 /// The campaign's store, made once.
 static CAMPAIGN: LazyLock<Site> = LazyLock::new(|| {

@@ -7,10 +7,10 @@ mod common;
 use common::*;
 use rand::{Rng, RngExt};
 use std::sync::Arc;
-use tirante::ingest::{Protocol, Step, TopicSet};
-use tirante::journal::Entry;
-use tirante::random;
-use tirante::sink::{Compression, Encoding, Layout, WriterOptions};
+use tirante::analysis::numerics::random;
+use tirante::recording::write::{Compression, Encoding, Layout, WriterOptions};
+use tirante::service::ingest::{Protocol, Step, TopicSet};
+use tirante::service::journal::Entry;
 
 fn topics() -> Arc<TopicSet> {
     Arc::new(["/laser", "/air"].map(str::to_owned).into())

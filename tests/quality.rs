@@ -1,7 +1,9 @@
 //! Faults injected at five levels into clean ambient and free-decay records: heavy ones never pass
 //! unnoticed, clean ones are never refused.
 
-use tirante::record::{Assembler, Cut, Event, Flag, Record, RecordSettings, Rejection, RodId, Timestamp};
+use tirante::analysis::signal::record::{
+    Assembler, Cut, Event, Flag, Record, RecordSettings, Rejection, RodId, Timestamp,
+};
 
 /// SplitMix64: seeded noise that needs no generator crate's stability.
 struct Noise(u64);

@@ -4,15 +4,15 @@
 
 use rand::rngs::ChaCha8Rng;
 use rand_distr::{Distribution as _, StandardNormal};
-use tirante::bayes::{Prior, RodPrior};
-use tirante::beam::Exact;
-use tirante::emulator::ReducedModel;
-use tirante::forward::ForwardModel;
-use tirante::random;
-use tirante::record::Timestamp;
-use tirante::track::baseline::BaselineFault;
-use tirante::track::relative::{NoRelative, Relative, Shift};
-use tirante::track::{Baseline, LogMode, Observation};
+use tirante::analysis::numerics::random;
+use tirante::analysis::rod::beam::Exact;
+use tirante::analysis::rod::beam::forward::ForwardModel;
+use tirante::analysis::rod::emulator::ReducedModel;
+use tirante::analysis::rod::prior::{Prior, RodPrior};
+use tirante::analysis::signal::record::Timestamp;
+use tirante::analysis::track::baseline::BaselineFault;
+use tirante::analysis::track::relative::{NoRelative, Relative, Shift};
+use tirante::analysis::track::{Baseline, LogMode, Observation};
 
 const LOG_SD: f64 = 1e-3;
 
@@ -212,7 +212,7 @@ fn by_grid(baseline: &Baseline, observation: &Observation, from: f64, to: f64) -
     let (force, _) = moments(&forces, &weights);
     let sum: f64 = weights.iter().sum();
     weights.iter_mut().for_each(|weight| *weight /= sum);
-    let quantiles = tirante::bayes::diagnostics::quantiles(&us, &weights, &[0.025, 0.975]);
+    let quantiles = tirante::analysis::numerics::diagnostics::quantiles(&us, &weights, &[0.025, 0.975]);
     [mean, sd, quantiles[0], quantiles[1], force]
 }
 
@@ -396,7 +396,7 @@ fn many_records_together_are_axial_if_each_is() {
         }
     }
     let misfit = |extra: [f64; 3]| {
-        std::array::from_fn::<_, 3, _>(|n| tirante::track::relative::Misfit {
+        std::array::from_fn::<_, 3, _>(|n| tirante::analysis::track::relative::Misfit {
             order: n + 1,
             residual: sums[n] + extra[n],
             sd: LOG_SD / f64::from(count as u32).sqrt(),

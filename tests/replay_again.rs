@@ -5,8 +5,8 @@ mod site;
 
 use site::*;
 use std::fs;
-use tirante::record::RodId;
-use tirante::store::{Asked, Durability, Reader, Store};
+use tirante::analysis::signal::record::RodId;
+use tirante::site::store::{Asked, Durability, Reader, Store};
 
 fn said(output: &std::process::Output) -> String {
     text(&output.stderr)

@@ -7,12 +7,12 @@ mod synthetic;
 
 use std::fs;
 use synthetic::{HOUR, refused, rod, site, time};
+use tirante::analysis::signal::record::RodId;
+use tirante::analysis::track::RodState;
 use tirante::command::report;
-use tirante::plot::page;
-use tirante::plot::view::{RejectionCount, RodReport, SiteReport};
-use tirante::record::RodId;
-use tirante::store::Store;
-use tirante::track::RodState;
+use tirante::command::report_page::page;
+use tirante::command::report_page::view::{RejectionCount, RodReport, SiteReport};
+use tirante::site::store::Store;
 
 /// Every element is closed in order, attributes are quoted, ids are unique.
 fn assert_well_formed(html: &str) {

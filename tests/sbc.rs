@@ -5,14 +5,15 @@
 use rand_distr::{Distribution as _, StandardNormal};
 use rayon::prelude::*;
 use std::sync::Arc;
-use tirante::bayes::{
-    AbcSettings, Accept, Adjustment, Distance, Fixity, Inference, Method, Noise, Observation, Prior,
-    RodPrior, Tables, diagnostics,
+use tirante::analysis::inference::{
+    AbcSettings, Accept, Adjustment, Distance, Inference, Method, Noise, Observation, Tables,
 };
-use tirante::beam::exact::Exact;
-use tirante::beam::{Parameterisation, Quantity, Section};
-use tirante::forward::ForwardModel;
-use tirante::random;
+use tirante::analysis::numerics::{diagnostics, random};
+use tirante::analysis::rod::beam::exact::Exact;
+use tirante::analysis::rod::beam::forward::ForwardModel;
+use tirante::analysis::rod::beam::{Parameterisation, Quantity, Section};
+use tirante::analysis::rod::fixity::Fixity;
+use tirante::analysis::rod::prior::{Prior, RodPrior};
 
 /// A campaign: how records are made and how they are judged.
 #[derive(Clone, Copy)]

@@ -11,10 +11,10 @@ use std::io::Read;
 use std::net::{Shutdown, TcpListener, TcpStream};
 use std::process::Command;
 use std::time::{Duration, Instant};
-use tirante::ingest::IngestSettings;
-use tirante::journal::End;
-use tirante::sink::{Encoding, Layout, WriterOptions};
-use tirante::telemetry::Fault;
+use tirante::config::settings::ingest::IngestSettings;
+use tirante::recording::write::{Encoding, Layout, WriterOptions};
+use tirante::service::journal::End;
+use tirante::service::telemetry::Fault;
 
 fn settings() -> IngestSettings {
     IngestSettings::default()
@@ -81,7 +81,7 @@ fn with_tls_only_the_right_certificate_comes_in() {
     let [ca, certificate, key] = ours.write(folder.path(), "daemon");
     let good = ours.write(folder.path(), "client");
     let foreign = theirs.write(folder.path(), "foreign");
-    let tls = tirante::ingest::TlsSettings {
+    let tls = tirante::config::settings::ingest::TlsSettings {
         certificate,
         key,
         client_ca: ca.clone(),
@@ -321,7 +321,8 @@ fn a_large_message_is_kept_and_what_is_not_kept_is_told() {
         "{code}: {told}"
     );
     // A topic that no rod has.
-    let mut writer = tirante::sink::RecordingWriter::new(std::io::Cursor::new(Vec::new()), small()).unwrap();
+    let mut writer =
+        tirante::recording::write::RecordingWriter::new(std::io::Cursor::new(Vec::new()), small()).unwrap();
     let id = writer
         .add_channel(spec("/lasr", Encoding::Json, Layout::Sample))
         .unwrap();
@@ -386,7 +387,7 @@ fn a_crowd_at_the_tls_port_does_not_keep_a_certified_sender_out() {
     let [ca, certificate, key] = ours.write(folder.path(), "daemon");
     let [_, mine, my_key] = ours.write(folder.path(), "client");
     let daemon = Daemon::start(IngestSettings {
-        tls: Some(tirante::ingest::TlsSettings {
+        tls: Some(tirante::config::settings::ingest::TlsSettings {
             certificate,
             key,
             client_ca: ca.clone(),

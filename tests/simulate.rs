@@ -5,13 +5,12 @@
 use std::f64::consts::PI;
 use std::fs;
 use std::path::Path;
-use tirante::beam::exact;
-use tirante::beam::{Parameterisation, Section};
+use tirante::analysis::lab::synthesis::{SimulatedRecord, Synthesis, SynthesisError};
+use tirante::analysis::rod::beam::{Parameterisation, Section, exact};
+use tirante::analysis::signal::record::{Cut, Event};
 use tirante::command::simulate;
 use tirante::config::{Config, SimulationConfig};
-use tirante::record::{Cut, Event};
-use tirante::source::{Options, Recording};
-use tirante::synthesis::{SimulatedRecord, Synthesis, SynthesisError};
+use tirante::recording::read::{Options, Recording};
 
 const ROD: &str = r#"
 [[rod]]

@@ -14,11 +14,12 @@ use std::os::unix::net::UnixStream;
 use std::process::{Command, Stdio};
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
+use tirante::config::settings::ingest::{IngestSettings, Listen};
 use tirante::config::{Config, ConfigError};
-use tirante::ingest::{IngestSettings, Listen, ListenError, Listener};
-use tirante::journal::End;
-use tirante::sink::{Compression, Encoding, Layout, WriterOptions};
-use tirante::telemetry::Fault;
+use tirante::recording::write::{Compression, Encoding, Layout, WriterOptions};
+use tirante::service::ingest::{ListenError, Listener};
+use tirante::service::journal::End;
+use tirante::service::telemetry::Fault;
 
 fn settings() -> IngestSettings {
     IngestSettings::default()
@@ -482,7 +483,7 @@ fn a_client_that_never_reads_is_served_all_the_same() {
 fn garbage_is_closed_at_once_with_one_reason() {
     use rand::{Rng, RngExt};
     let daemon = Daemon::start(settings());
-    let mut rng = tirante::random::stream(3, 0);
+    let mut rng = tirante::analysis::numerics::random::stream(3, 0);
     let mut faults = 0;
     for i in 0..300 {
         let mut bytes = vec![0u8; rng.random_range(1..4000)];
@@ -628,7 +629,7 @@ fn an_open_socket_without_tls_is_a_fault_of_the_configuration_and_of_the_server(
         tokio::sync::watch::channel(Default::default()).1,
         tokio::sync::watch::channel(false).1,
     );
-    let server = tirante::ingest::Server::new(
+    let server = tirante::service::ingest::Server::new(
         settings(),
         topics,
         Ledger::new(),
@@ -640,7 +641,7 @@ fn an_open_socket_without_tls_is_a_fault_of_the_configuration_and_of_the_server(
         .enable_all()
         .build()
         .unwrap();
-    let outcome = runtime.block_on(tirante::ingest::serve(vec![listener], server, stop));
+    let outcome = runtime.block_on(tirante::service::ingest::serve(vec![listener], server, stop));
     assert!(matches!(outcome, Err(ListenError::Open(_))));
 }
 

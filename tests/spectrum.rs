@@ -6,8 +6,8 @@
 use proptest::prelude::*;
 use rand_distr::{Distribution, StandardNormal};
 use std::f64::consts::{PI, TAU};
-use tirante::random;
-use tirante::spectrum::{
+use tirante::analysis::numerics::random;
+use tirante::analysis::signal::spectrum::{
     PeakSettings, Spectrum, Welch, WelchError, WelchSettings, Window, find_peaks, pick_peaks,
 };
 
@@ -124,7 +124,7 @@ fn white_noise_has_its_level_and_its_power() {
         .unwrap()
         .run(part)
         .unwrap();
-    let (mean, slope) = tirante::spectrum::window::line(part);
+    let (mean, slope) = tirante::analysis::signal::spectrum::window::line(part);
     let residual: f64 = part
         .iter()
         .enumerate()

@@ -285,9 +285,9 @@ fn store_report_and_results_keep_the_picture_of_a_refused_record() {
     ] {
         assert!(html.contains(wanted), "no {wanted}");
     }
-    let reader = tirante::store::Reader::open(Path::new(&store)).unwrap();
+    let reader = tirante::site::store::Reader::open(Path::new(&store)).unwrap();
     let kept = reader
-        .snapshots(&tirante::record::RodId("todi".to_owned()))
+        .snapshots(&tirante::analysis::signal::record::RodId("todi".to_owned()))
         .unwrap();
     let refused = kept.refused.unwrap();
     assert!(kept.latest.is_none() && refused.densities.is_empty() && refused.waveform.is_some());

@@ -1,7 +1,9 @@
 //! Stamps as real loggers write them: late blocks, jitter, stalls, holes. No sample is invented or moved for a stamp that the
 //! later ones contradict, and a hole that they confirm is filled to the sample.
 
-use tirante::record::{Assembler, Cut, Event, Flag, Record, RecordSettings, RodId, Timestamp};
+use tirante::analysis::signal::record::{
+    Assembler, Cut, Event, Flag, Record, RecordSettings, RodId, Timestamp,
+};
 
 /// A permuted congruential generator, so that the stamps are made by nobody else's code.
 struct Noise(u64);

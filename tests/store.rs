@@ -7,12 +7,12 @@ use archive::*;
 use rusqlite::Connection;
 use std::collections::BTreeMap;
 use std::path::Path;
-use tirante::record::RodId;
-use tirante::store::{
+use tirante::analysis::signal::record::RodId;
+use tirante::analysis::track::{Kind, RodState, State};
+use tirante::site::store::{
     Asked, Commit, Durability, Filter, Listing, Reader, RecordRow, RodRow, Store, StoreError,
     request_of_writer,
 };
-use tirante::track::{Kind, RodState, State};
 
 fn open(path: &Path) -> Store {
     Store::open(path, Durability::Replay).unwrap()

@@ -9,11 +9,11 @@ use serde_json::Value;
 use std::os::unix::fs::MetadataExt;
 use std::path::Path;
 use std::process::ExitCode;
+use tirante::analysis::signal::record::RodId;
 use tirante::command::history::{self, What};
 use tirante::command::which_store::Format;
 use tirante::command::{BadArguments, ack, rebaseline, status};
-use tirante::record::RodId;
-use tirante::store::{Asked, Durability, Filter, Reader, Store};
+use tirante::site::store::{Asked, Durability, Filter, Reader, Store};
 
 #[derive(Parser)]
 enum Command {

@@ -4,8 +4,8 @@
 
 use std::collections::HashMap;
 use std::path::Path;
-use tirante::plot;
-use tirante::study::{self, Effort, Study};
+use tirante::analysis::lab::study::{self, Effort, Study};
+use tirante::command::report_page;
 
 /// The least that runs every part.
 const LITTLE: Effort = Effort {
@@ -29,8 +29,8 @@ fn study(threads: usize, seed: u64) -> Study {
 #[test]
 fn the_same_seed_gives_the_same_page_at_any_number_of_threads() {
     let one = study(1, 3);
-    let page = plot::study(&one);
-    assert_eq!(page, plot::study(&study(3, 3)));
+    let page = report_page::study(&one);
+    assert_eq!(page, report_page::study(&study(3, 3)));
     assert!(!page.contains("NaN"), "a figure without a value is shown");
     let count = |tag: &str| {
         (

@@ -5,10 +5,10 @@ mod scenario;
 
 use scenario::{DAY_S, Scenario, follow_on, raised, told};
 use std::sync::Arc;
-use tirante::record::Timestamp;
-use tirante::synthesis::{AddedMass, Truth};
-use tirante::track::settings::TemperatureUse;
-use tirante::track::{Input, Kind, Observation, RodState, SetAside, State, Tracker, Verdict, What};
+use tirante::analysis::lab::synthesis::{AddedMass, Truth};
+use tirante::analysis::signal::record::Timestamp;
+use tirante::analysis::track::settings::TemperatureUse;
+use tirante::analysis::track::{Input, Kind, Observation, RodState, SetAside, State, Tracker, Verdict, What};
 
 #[test]
 fn a_year_of_seasons_without_a_change_raises_nothing() {

@@ -4,10 +4,10 @@
 mod scenario;
 
 use scenario::{DAY_S, Scenario, follow_on, raised, told};
-use tirante::record::{RodId, Timestamp};
-use tirante::synthesis::Change;
-use tirante::track::state::Opening;
-use tirante::track::{Input, Kind, Observation, Peer, RodState, SetAside, Tracker, Verdict, What};
+use tirante::analysis::lab::synthesis::Change;
+use tirante::analysis::signal::record::{RodId, Timestamp};
+use tirante::analysis::track::fold::state::Opening;
+use tirante::analysis::track::{Input, Kind, Observation, Peer, RodState, SetAside, Tracker, Verdict, What};
 
 fn latched(verdicts: &[Verdict]) -> Vec<(usize, Kind)> {
     let all = raised(verdicts).into_iter();
@@ -91,7 +91,7 @@ fn follow_site(
 ) -> [Vec<Verdict>; 4] {
     let scenarios = [1.0, 0.9, 0.81, 0.73].map(|factor| {
         let mut scenario = Scenario::new(days);
-        if let tirante::synthesis::Truth::Beam { theta, .. } = &mut scenario.rod.truth {
+        if let tirante::analysis::lab::synthesis::Truth::Beam { theta, .. } = &mut scenario.rod.truth {
             theta[0] *= factor;
         }
         scenario.analysis.rod = RodId(format!("rod at {factor}"));
@@ -251,7 +251,7 @@ fn what_a_rejected_record_of_2100_says_mutes_no_alarm() {
     let wrong = Input::Rejected {
         start: Some(observations[80].start.plus_seconds(27_000.0 * DAY_S)),
         reason: "too short".to_owned(),
-        readings: vec![tirante::record::Reading {
+        readings: vec![tirante::analysis::signal::record::Reading {
             time: observations[80].start.plus_seconds(27_000.0 * DAY_S),
             celsius: 10.0,
         }],
@@ -381,7 +381,7 @@ fn a_second_change_after_one_that_recovered_is_told_with_its_own_onset_and_size(
     let onset_d = change.onset.seconds_since(scenario.simulation.start) / DAY_S;
     assert!((onset_d - 400.0).abs() < 3.0, "{onset_d}");
     let baseline_n = history[..30].iter().map(|one| one.axial_force_n).sum::<f64>() / 30.0;
-    let tirante::synthesis::Truth::Beam { theta, .. } = &scenario.rod.truth else {
+    let tirante::analysis::lab::synthesis::Truth::Beam { theta, .. } = &scenario.rod.truth else {
         panic!("a beam")
     };
     let truth = -0.03 * theta[0] / baseline_n;

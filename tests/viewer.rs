@@ -13,9 +13,9 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::io::ErrorKind;
 use std::net::TcpStream;
 use std::time::{Duration, Instant};
-use tirante::record::RodId;
-use tirante::store::{Durability, Reader, Store};
-use tirante::viewer::{self, Feed, Topic};
+use tirante::analysis::signal::record::RodId;
+use tirante::service::viewer::{self, Feed, Topic};
+use tirante::site::store::{Durability, Reader, Store};
 use tungstenite::client::IntoClientRequest;
 use tungstenite::{Message as Frame, WebSocket};
 
@@ -151,7 +151,9 @@ fn last_record(site: &Site, rod: &str) -> Json {
 }
 
 fn assert_force(force: &Json, record: &Json) {
-    let start = serde_json::from_value::<tirante::record::Timestamp>(record["start"].clone()).unwrap();
+    let start =
+        serde_json::from_value::<tirante::analysis::signal::record::Timestamp>(record["start"].clone())
+            .unwrap();
     let nanos = force["timestamp"]["sec"].as_i64().unwrap() * 1_000_000_000
         + force["timestamp"]["nsec"].as_i64().unwrap();
     assert_eq!(nanos, start.as_nanos());

@@ -4,8 +4,8 @@
 
 use libfuzzer_sys::fuzz_target;
 use std::path::Path;
-use tirante::import::{How, MOST_VALUES, Plan, read};
-use tirante::sink::Encoding;
+use tirante::recording::import::{How, MOST_VALUES, Plan, read};
+use tirante::recording::write::Encoding;
 
 /// Found from the content, or claimed by a name.
 const NAMES: [&str; 8] = ["x", "x.csv", "x.uff", "x.wav", "x.mat", "x.lvm", "x.tdms", "x.npy"];

@@ -3,8 +3,8 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use tirante::record::TimeSource;
-use tirante::source::{Decoder, SchemaRef};
+use tirante::analysis::signal::record::TimeSource;
+use tirante::recording::read::{Decoder, SchemaRef};
 
 /// encoding byte, then path, schema and message parted by the first two 0xFE bytes.
 fuzz_target!(init: {

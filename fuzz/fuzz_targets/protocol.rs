@@ -3,8 +3,8 @@
 
 use libfuzzer_sys::fuzz_target;
 use std::sync::Arc;
-use tirante::ingest::{Protocol, Step, TopicSet};
-use tirante::journal::Entry;
+use tirante::service::ingest::{Protocol, Step, TopicSet};
+use tirante::service::journal::Entry;
 
 fuzz_target!(|bytes: &[u8]| {
     let Some((&step, bytes)) = bytes.split_first() else { return };

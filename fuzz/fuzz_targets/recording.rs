@@ -3,8 +3,8 @@
 
 use libfuzzer_sys::fuzz_target;
 use std::io::Cursor;
-use tirante::record::{Channel, Cut, Event, RecordSettings, RodChannels, RodId, TimeSource, Unit};
-use tirante::source::{Options, Recording};
+use tirante::analysis::signal::record::{Channel, Cut, Event, RecordSettings, RodChannels, RodId, TimeSource, Unit};
+use tirante::recording::read::{Options, Recording};
 
 fn rod(field: &str, time: TimeSource) -> RodChannels {
     let channel = |field: &str, fs_hz| Channel {

@@ -2,7 +2,7 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use tirante::record::{Assembler, Cut, Event, RecordSettings, RodId, Timestamp};
+use tirante::analysis::signal::record::{Assembler, Cut, Event, RecordSettings, RodId, Timestamp};
 
 fuzz_target!(|bytes: &[u8]| {
     let Some((&kind, rest)) = bytes.split_first() else { return };

@@ -2,10 +2,10 @@
 
 use super::BadArguments;
 use super::which_store::{WhichStore, ask, check_rod};
-use crate::clock;
-use crate::record::RodId;
-use crate::store::{Asked, Filter, Reader};
-use crate::track::Alarm;
+use crate::analysis::signal::record::RodId;
+use crate::analysis::track::Alarm;
+use crate::site::clock;
+use crate::site::store::{Asked, Filter, Reader};
 use std::fmt::Write;
 use std::process::ExitCode;
 

@@ -1,7 +1,7 @@
 //! `tirante backup`: a copy of a store, while the daemon writes to it.
 
 use super::which_store::WhichStore;
-use crate::store::Reader;
+use crate::site::store::Reader;
 use std::fs;
 use std::path::PathBuf;
 use std::process::ExitCode;

@@ -3,17 +3,19 @@
 use super::foreign;
 use super::progress::Progress;
 use super::{BadArguments, WITH_LOSSES};
-use crate::analysis::Plan;
+use crate::analysis::identify::Plan;
+use crate::analysis::outcome::Outcome;
+use crate::analysis::signal::record::{
+    Reading as Temperature, RecordSettings, Rejection, RodChannels, RodId,
+};
+use crate::analysis::track::ordered::Ordered;
 use crate::config::Config;
-use crate::import::{self, How, Whose};
-use crate::ordered::Ordered;
-use crate::outcome::Outcome;
-use crate::pipeline::{Limits, map_in_order};
-use crate::record::{Reading as Temperature, RecordSettings, Rejection, RodChannels, RodId};
-use crate::source::folder::first_time;
-use crate::source::{self, Event, Opener, Recordings, SourceError, Step, Summary};
-use crate::step::{Analysed, Known, Passed, Place, analyse};
-use crate::store::Position;
+use crate::recording::import::{self, How, Whose};
+use crate::recording::read::folder::first_time;
+use crate::recording::read::{self, Event, Opener, Recordings, SourceError, Step, Summary};
+use crate::site::analyse::{Analysed, Known, Passed, Place, analyse};
+use crate::site::ordered_map::{Limits, map_in_order};
+use crate::site::store::Position;
 use std::collections::{BTreeMap, HashSet};
 use std::fmt::{self, Display};
 use std::fs::File;
@@ -138,7 +140,7 @@ pub fn run(
     known: &Known,
     on_news: impl FnMut(News<'_>, &Progress) -> anyhow::Result<Taken>,
 ) -> anyhow::Result<Option<Tally>> {
-    let files = in_order(source::recordings(paths), &others.how);
+    let files = in_order(read::recordings(paths), &others.how);
     if others.how.start.is_some() && files.len() > 1 {
         let why = "--start says when one file began, and several are given: replay them one by one";
         return Err(BadArguments(why.to_owned()).into());

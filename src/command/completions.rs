@@ -1,6 +1,6 @@
 //! `tirante completions`: what a shell completes after `tirante`.
 
-use crate::cli::Cli;
+use crate::command::cli::Cli;
 use clap::CommandFactory;
 use clap_complete::Shell;
 use std::process::ExitCode;

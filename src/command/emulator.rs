@@ -2,13 +2,13 @@
 
 use super::progress::Progress;
 use super::{USAGE, print, setup};
-use crate::bayes::RodPrior;
-use crate::beam::{Exact, FiniteElements, finite_elements};
-use crate::cache::{Cache, Origin};
+use crate::analysis::rod::beam::forward::ForwardModel;
+use crate::analysis::rod::beam::{Exact, FiniteElements, finite_elements};
+use crate::analysis::rod::emulator::validate::{self, ErrorReport, GridErrors, ModeErrors, Spread};
+use crate::analysis::rod::emulator::{FitError, Pce, ReducedModel};
+use crate::analysis::rod::prior::RodPrior;
 use crate::config::Config;
-use crate::emulator::validate::{self, ErrorReport, GridErrors, ModeErrors, Spread};
-use crate::emulator::{FitError, Pce, ReducedModel};
-use crate::forward::ForwardModel;
+use crate::site::emulator_cache::{Cache, Origin};
 use std::io::{self, Write};
 use std::path::PathBuf;
 use std::process::ExitCode;

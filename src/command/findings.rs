@@ -1,11 +1,11 @@
 //! Findings of a record as text of at most 80 columns: its peaks and what they may be, marks of doubt, what the force hangs on.
 
-use crate::analysis::Measurement;
-use crate::bayes::{Conflict, Marginal, VarianceShares};
-use crate::findings::{CONFLICT_SHOWN, Candidate, PRIOR_TAIL_SHOWN, motion_said, three_digits};
-use crate::outcome::Rejected;
-use crate::record::Timestamp;
-use crate::snapshot::{PeakMark, Snapshot};
+use crate::analysis::findings::{CONFLICT_SHOWN, Candidate, PRIOR_TAIL_SHOWN, motion_said, three_digits};
+use crate::analysis::identify::Measurement;
+use crate::analysis::inference::{Conflict, Marginal, VarianceShares};
+use crate::analysis::outcome::Rejected;
+use crate::analysis::record_view::{PeakMark, Snapshot};
+use crate::analysis::signal::record::Timestamp;
 use std::fmt::Write;
 
 /// Most characters of a line.
@@ -198,7 +198,7 @@ pub fn wrapped(opening: &str, text: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::findings::{Assigned, Multiple, Nature, Quantiles};
+    use crate::analysis::findings::{Assigned, Multiple, Nature, Quantiles};
 
     #[test]
     fn tables_hold_within_eighty_columns() {

@@ -3,8 +3,8 @@
 use super::campaign::Others;
 use super::progress::Watched;
 use super::setup::Setup;
-use crate::import::{self, DateOrder, Format, How, TimeUnit, Wanted, csv};
-use crate::record::{Timestamp, Unit};
+use crate::analysis::signal::record::{Timestamp, Unit};
+use crate::recording::import::{self, DateOrder, Format, How, TimeUnit, Wanted, csv};
 use std::fs::File;
 use std::io::Read;
 

@@ -1,10 +1,12 @@
 //! `tirante frequencies`: the natural frequencies of a given rod, by every forward model side by side.
 
-use crate::bayes::RodPrior;
-use crate::beam::{Exact, FiniteElements, Parameterisation, Quantity, Section, finite_elements};
-use crate::cache::Cache;
-use crate::emulator::ReducedModel;
-use crate::forward::{ForwardModel, MAX_MODES};
+use crate::analysis::rod::beam::forward::{ForwardModel, MAX_MODES};
+use crate::analysis::rod::beam::{
+    Exact, FiniteElements, Parameterisation, Quantity, Section, finite_elements,
+};
+use crate::analysis::rod::emulator::ReducedModel;
+use crate::analysis::rod::prior::RodPrior;
+use crate::site::emulator_cache::Cache;
 use std::io::Write;
 use std::process::ExitCode;
 

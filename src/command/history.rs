@@ -4,11 +4,11 @@ use super::BadArguments;
 use super::listing::{Aligned, cell, csv, object, seconds};
 use super::render::percent;
 use super::which_store::{Format, WhichStore, check_rod};
-use crate::api;
-use crate::record::Timestamp;
-use crate::snapshot::Snapshot;
-use crate::store::{Filter, Listing, Reader};
-use crate::viewer::{Message, ResultsWriter};
+use crate::analysis::record_view::Snapshot;
+use crate::analysis::signal::record::Timestamp;
+use crate::service::api;
+use crate::service::viewer::{Message, ResultsWriter};
+use crate::site::store::{Filter, Listing, Reader};
 use anyhow::Context;
 use rusqlite::types::Value;
 use serde_json::Value as Json;
@@ -437,11 +437,11 @@ impl Row<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::bayes::Marginal;
-    use crate::outcome::{Outcome, Rejected};
-    use crate::record::{Rejection, RodId};
-    use crate::store::columns;
-    use crate::track::Interval;
+    use crate::analysis::inference::Marginal;
+    use crate::analysis::outcome::{Outcome, Rejected};
+    use crate::analysis::signal::record::{Rejection, RodId};
+    use crate::analysis::track::Interval;
+    use crate::site::store::columns;
 
     /// The store's columns are taken out of the printed line: each must find its field there.
     #[test]
@@ -458,7 +458,7 @@ mod tests {
             labels: None,
             waveform: None,
         }));
-        let line: Json = serde_json::from_str(&crate::line::json(&outcome, None, "0")).unwrap();
+        let line: Json = serde_json::from_str(&crate::site::record_json::json(&outcome, None, "0")).unwrap();
         let interval = serde_json::to_value(Interval {
             mean: 1.0,
             sd: 1.0,

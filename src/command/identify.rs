@@ -6,18 +6,21 @@ use super::foreign::Foreign;
 use super::setup::{self, Setup};
 use super::sketch::{self, When};
 use super::{BadArguments, WITH_LOSSES};
-use crate::analysis::{Identification, Plan};
-use crate::bayes::{Fixity, Posterior, Prior, diagnostics};
-use crate::beam::Quantity;
+use crate::analysis::findings::{CERTAIN, Candidate};
+use crate::analysis::identify::{Identification, Plan};
+use crate::analysis::inference::Posterior;
+use crate::analysis::numerics::diagnostics;
+use crate::analysis::outcome::{Outcome, Rejected};
+use crate::analysis::record_view::Snapshot;
+use crate::analysis::rod::beam::Quantity;
+use crate::analysis::rod::fixity::Fixity;
+use crate::analysis::rod::prior::Prior;
+use crate::analysis::signal::modes::Mode;
+use crate::analysis::signal::record::RodId;
 use crate::config::Config;
-use crate::daemon::generation::provenance;
-use crate::findings::{CERTAIN, Candidate};
-use crate::line;
-use crate::modes::Mode;
-use crate::outcome::{Outcome, Rejected};
-use crate::record::RodId;
-use crate::snapshot::Snapshot;
-use crate::step::Known;
+use crate::site::analyse::Known;
+use crate::site::prepared::provenance;
+use crate::site::record_json;
 use anyhow::anyhow;
 use std::collections::BTreeMap;
 use std::io::{self, Write};
@@ -165,7 +168,7 @@ fn from_recording(args: &Args, path: &PathBuf) -> anyhow::Result<ExitCode> {
 
 fn show(args: &Args, config: &Config, plans: &BTreeMap<RodId, Plan>, outcome: &Outcome) -> io::Result<()> {
     let text = match outcome {
-        _ if args.json => line::json(outcome, None, &provenance(config)) + "\n",
+        _ if args.json => record_json::json(outcome, None, &provenance(config)) + "\n",
         Outcome::Identified(identification) => match plans.get(&identification.rod) {
             Some(plan) => {
                 describe(plan, identification)
@@ -347,11 +350,11 @@ fn parse_modes(frequencies: &str, sd: Option<&str>) -> anyhow::Result<Vec<Mode>>
         return Err(BadArguments("--frequencies: no mode was measured".to_owned()).into());
     }
     if let Some(mode) = modes.last()
-        && mode.order > crate::forward::MAX_MODES
+        && mode.order > crate::analysis::rod::beam::forward::MAX_MODES
     {
         let message = format!(
             "--frequencies: at most {} modes are used",
-            crate::forward::MAX_MODES
+            crate::analysis::rod::beam::forward::MAX_MODES
         );
         return Err(BadArguments(message).into());
     }

@@ -2,10 +2,10 @@
 
 use super::foreign::{self, Foreign};
 use super::{BadArguments, print};
+use crate::analysis::signal::record::{RodChannels, Unit};
 use crate::config::Config;
-use crate::import::{self, Contents, ImportError, Plan};
-use crate::record::{RodChannels, Unit};
-use crate::sink::{Encoding, Layout, RecordingWriter, WriterOptions};
+use crate::recording::import::{self, Contents, ImportError, Plan};
+use crate::recording::write::{Encoding, Layout, RecordingWriter, WriterOptions};
 use anyhow::Context;
 use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;

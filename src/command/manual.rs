@@ -1,6 +1,6 @@
 //! `tirante manual`: man pages and shell completions, for packages.
 
-use crate::cli::Cli;
+use crate::command::cli::Cli;
 use anyhow::Context;
 use clap::CommandFactory;
 use clap_complete::Shell;

@@ -1,8 +1,8 @@
 //! Listings as Parquet, for data frames: the columns of the CSV, typed; times in nanoseconds, UTC.
 
 use super::history::What;
-use crate::record::Timestamp;
-use crate::store::{ColumnKind, Filter, Reader};
+use crate::analysis::signal::record::Timestamp;
+use crate::site::store::{ColumnKind, Filter, Reader};
 use anyhow::{Context, bail};
 use parquet::basic::Compression;
 use parquet::data_type::{ByteArray, ByteArrayType, DoubleType, Int64Type};

@@ -1,8 +1,8 @@
 //! `tirante rebaseline`: a rod's force is compared with a new baseline from now on.
 
 use super::which_store::{WhichStore, ask, check_rod};
-use crate::clock;
-use crate::store::{Asked, Reader};
+use crate::site::clock;
+use crate::site::store::{Asked, Reader};
 use std::process::ExitCode;
 
 /// Asks for a new baseline of a rod, after work on it: retensioning, a repair, another sensor.

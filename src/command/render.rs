@@ -1,14 +1,14 @@
 //! A record as one row of a table for people, and the alarms it raised under it.
 
 use super::findings::probability;
-use crate::analysis::Identification;
-use crate::bayes::Conflict;
-use crate::beam::Quantity;
-use crate::findings::{CERTAIN, CONFLICT_SHOWN, PRIOR_TAIL_SHOWN, motion_mark};
-use crate::modes::{Mode, MotionKind};
-use crate::outcome::{Outcome, Tabulated};
-use crate::record::{RodId, Timestamp};
-use crate::track::{Alarm, SetAside, Verdict, What};
+use crate::analysis::findings::{CERTAIN, CONFLICT_SHOWN, PRIOR_TAIL_SHOWN, motion_mark};
+use crate::analysis::identify::Identification;
+use crate::analysis::inference::Conflict;
+use crate::analysis::outcome::{Outcome, Tabulated};
+use crate::analysis::rod::beam::Quantity;
+use crate::analysis::signal::modes::{Mode, MotionKind};
+use crate::analysis::signal::record::{RodId, Timestamp};
+use crate::analysis::track::{Alarm, SetAside, Verdict, What};
 use std::fmt::Write;
 
 /// Columns of one mode: `17.3085 ± 0.0065`.

@@ -1,17 +1,19 @@
 //! `tirante report`: what the store knows as one page per site.
 
 use super::which_store::{WhichStore, check_rod};
-use crate::bayes::Prior;
-use crate::beam::Quantity;
+use crate::analysis::findings::Doubt;
+use crate::analysis::rod::beam::Quantity;
+use crate::analysis::rod::prior::Prior;
+use crate::analysis::signal::record::{RodId, Timestamp};
+use crate::analysis::track::Interval;
+use crate::analysis::track::fold::state::Opening;
+use crate::command::report_page;
+use crate::command::report_page::view::{
+    RecordPoint, RejectionCount, RodReport, SegmentReport, SiteReport, ThermalLine,
+};
 use crate::config::{Config, RodConfig};
-use crate::findings::Doubt;
-use crate::plot;
-use crate::plot::view::{RecordPoint, RejectionCount, RodReport, SegmentReport, SiteReport, ThermalLine};
-use crate::record::{RodId, Timestamp};
-use crate::sink::AtomicFile;
-use crate::store::{Filter, Listing, Reader, Standing};
-use crate::track::Interval;
-use crate::track::state::Opening;
+use crate::recording::atomic::AtomicFile;
+use crate::site::store::{Filter, Listing, Reader, Standing};
 use anyhow::Context;
 use serde::Deserialize;
 use std::collections::{BTreeMap, BTreeSet};
@@ -73,7 +75,8 @@ pub fn write(reader: &Reader, rod: Option<&RodId>, out: &Path) -> anyhow::Result
         fs::create_dir_all(folder).with_context(at)?;
     }
     let mut file = AtomicFile::create(&page).with_context(at)?;
-    file.write_all(plot::page(&report).as_bytes()).with_context(at)?;
+    file.write_all(report_page::page(&report).as_bytes())
+        .with_context(at)?;
     file.commit().with_context(at)?;
     Ok(page)
 }
@@ -166,7 +169,7 @@ fn facts(rod: &RodConfig) -> Vec<(String, String)> {
         prior.parameterisation().section().key().to_owned(),
     )];
     for (quantity, known) in prior.parameterisation().quantities().iter().zip(prior.priors()) {
-        let (name, unit, factor) = plot::quantity(quantity.key());
+        let (name, unit, factor) = report_page::quantity(quantity.key());
         // The length first, the force last.
         let (place, name) = match quantity {
             Quantity::Length => (-1, name),

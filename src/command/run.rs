@@ -1,7 +1,7 @@
 //! `tirante run`: the daemon.
 
 use crate::config::Setting;
-use crate::daemon::{self, Options};
+use crate::service::daemon::{self, Options};
 use std::path::PathBuf;
 use std::process::ExitCode;
 

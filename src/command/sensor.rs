@@ -2,8 +2,8 @@
 
 use super::BadArguments;
 use super::questions::Questions;
-use crate::record::Unit;
-use crate::source::contents::Content;
+use crate::analysis::signal::record::Unit;
+use crate::recording::read::contents::Content;
 use std::io::BufRead;
 
 /// Words of flags about the channel.

@@ -2,12 +2,13 @@
 
 use super::BadArguments;
 use super::which_store::{WhichStore, ask};
-use crate::alert::credential::CredentialPath;
-use crate::clock;
 use crate::config::Config;
-use crate::http::{self, Api, HttpSettings, Shown};
-use crate::store::Reader;
-use crate::telemetry::Health;
+use crate::config::settings::credential::CredentialPath;
+use crate::config::settings::http::HttpSettings;
+use crate::service::http::{self, Api, Shown};
+use crate::service::telemetry::Health;
+use crate::site::clock;
+use crate::site::store::Reader;
 use std::net::SocketAddr;
 use std::process::ExitCode;
 use std::sync::Arc;

@@ -2,12 +2,12 @@
 
 use super::BadArguments;
 use super::progress::Progress;
-use crate::analysis::Plan;
+use crate::analysis::identify::Plan;
+use crate::analysis::signal::record::RodId;
 use crate::config::{Config, ConfigError, RodConfig, Setting};
-use crate::daemon::generation::{self, Generation};
-use crate::record::RodId;
-use crate::site::{self, Site};
-use crate::store::{Durability, Store};
+use crate::site::prepared::{self, Generation};
+use crate::site::store::{Durability, Store};
+use crate::site::trackers::{self, Site};
 use clap::Args;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -77,7 +77,7 @@ impl Setup {
 /// # Errors
 /// As [`generation::plans`].
 pub fn plans(config: &Config) -> anyhow::Result<BTreeMap<RodId, Plan>> {
-    generation::plans(config, solves_of)
+    prepared::plans(config, solves_of)
 }
 
 fn solves_of(_rod: &RodId) -> impl Fn(usize, usize) + Sync + use<> {
@@ -110,7 +110,7 @@ pub fn site(config: Config, store: Option<&Path>) -> anyhow::Result<Prepared> {
     }
     let generation = Generation::prepare(config, solves_of)?;
     let name = &generation.config.site;
-    let others = site::others_in(&store, name)?;
+    let others = trackers::others_in(&store, name)?;
     if !others.is_empty() {
         tell!(
             "warning: {} holds records of {}; those of {name} are added to it",

@@ -1,10 +1,10 @@
 //! The small plots that `identify` and `replay` end with when a person looks at them.
 
-use crate::findings::hertz;
-use crate::plot::terminal::Sketch;
-use crate::record::{RodId, Timestamp};
-use crate::snapshot::Snapshot;
-use crate::store::{Reader, StoreError};
+use crate::analysis::findings::hertz;
+use crate::analysis::record_view::Snapshot;
+use crate::analysis::signal::record::{RodId, Timestamp};
+use crate::command::report_page::terminal::Sketch;
+use crate::site::store::{Reader, StoreError};
 use std::io::{self, IsTerminal};
 
 /// Characters of a line when nobody says how many there are.
@@ -74,7 +74,7 @@ pub fn force(reader: &Reader, rod: &RodId, width: usize) -> Result<String, Store
     let always = (Timestamp::from_nanos(i64::MIN), Timestamp::MAX);
     let found = reader.points_between(rod, always.0, always.1, MOST)?;
     let counted = || found.iter().filter(|point| point.set_aside.is_none());
-    let column = |value: fn(&crate::store::Point) -> Option<f64>| -> Vec<(f64, f64)> {
+    let column = |value: fn(&crate::site::store::Point) -> Option<f64>| -> Vec<(f64, f64)> {
         counted()
             .filter_map(|point| Some((point.start?.as_nanos() as f64 * 1e-9, value(point)?)))
             .collect()

@@ -7,14 +7,13 @@ use super::foreign::Foreign;
 use super::progress::Progress;
 use super::sketch::{self, When};
 use super::{BadArguments, WITH_LOSSES, findings};
+use crate::analysis::findings::motion_said;
+use crate::command::report_page;
+use crate::command::report_page::view::SpectrumReport;
 use crate::config::Config;
-use crate::findings::motion_said;
-use crate::import;
-use crate::pipeline::{Limits, map_in_order};
-use crate::plot;
-use crate::plot::view::SpectrumReport;
-use crate::sink::AtomicFile;
-use crate::source;
+use crate::recording::atomic::AtomicFile;
+use crate::recording::{import, read};
+use crate::site::ordered_map::{Limits, map_in_order};
 use anyhow::Context;
 use input::{Inputs, Step, Wanted};
 use look::{Look, Looker};
@@ -164,7 +163,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         field: args.field.as_deref(),
         how: foreign.how(),
     };
-    let files = source::recordings(&args.paths);
+    let files = read::recordings(&args.paths);
     let total: u64 = files
         .iter()
         .flatten()
@@ -369,7 +368,7 @@ impl<'a> Shown<'a> {
             several => format!("{} files", several.len()),
         };
         let mut file = AtomicFile::create(page).with_context(at)?;
-        let text = plot::spectra(&title, &self.page, self.left_out);
+        let text = report_page::spectra(&title, &self.page, self.left_out);
         file.write_all(text.as_bytes()).with_context(at)?;
         file.commit().with_context(at)?;
         tell!("page: {}", page.display());

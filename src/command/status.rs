@@ -3,10 +3,10 @@
 use super::listing::{Aligned, csv, minutes};
 use super::render::signed_percent;
 use super::which_store::{Format, WhichStore, check_rod};
-use crate::api::{Goals, RodStatus};
-use crate::findings::Doubt;
-use crate::record::{RodId, Timestamp};
-use crate::store::Reader;
+use crate::analysis::findings::Doubt;
+use crate::analysis::signal::record::{RodId, Timestamp};
+use crate::service::api::{Goals, RodStatus};
+use crate::site::store::Reader;
 use std::process::ExitCode;
 
 /// Says how every rod stands: its state and since when, the force with its 95 % interval, the change since the

@@ -2,15 +2,15 @@
 
 use super::print;
 use super::progress::Progress;
-use crate::beam::Quantity;
-use crate::plot;
-use crate::sink::AtomicFile;
-use crate::study::claims::Claim;
-use crate::study::density::Grid;
-use crate::study::estimate::{Comparison, DISAGREE};
-use crate::study::paper::{self, INFERRED};
-use crate::study::times::Time;
-use crate::study::{self, Effort, Score, Study};
+use crate::analysis::lab::study::claims::Claim;
+use crate::analysis::lab::study::density::Grid;
+use crate::analysis::lab::study::estimate::{Comparison, DISAGREE};
+use crate::analysis::lab::study::paper::{self, INFERRED};
+use crate::analysis::lab::study::times::Time;
+use crate::analysis::lab::study::{self, Effort, Score, Study};
+use crate::analysis::rod::beam::Quantity;
+use crate::command::report_page;
+use crate::recording::atomic::AtomicFile;
 use anyhow::Context;
 use serde::Serialize;
 use std::fmt::Write as _;
@@ -100,7 +100,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     }
     let json = serde_json::to_string(&Document::of(&study))? + "\n";
     if let Some(out) = &args.out {
-        write(&out.join("study.html"), &plot::study(&study))?;
+        write(&out.join("study.html"), &report_page::study(&study))?;
         write(&out.join("study.json"), &json)?;
         write(&out.join("numbers.csv"), &numbers(&study.comparisons()))?;
         write(&out.join("curves.csv"), &curves(&study))?;

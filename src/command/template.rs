@@ -3,8 +3,8 @@
 use super::quantities::Expected;
 use super::rod_flags::Rod;
 use super::sensor::Sensor;
-use crate::record::Unit;
-use crate::source::contents::Content;
+use crate::analysis::signal::record::Unit;
+use crate::recording::read::contents::Content;
 use std::fmt::Write as _;
 use std::io::{self, Write};
 use std::path::Path;
@@ -157,8 +157,8 @@ pub fn save(path: &Path, text: &str) -> io::Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::bayes::Prior;
-    use crate::beam::Quantity;
+    use crate::analysis::rod::beam::Quantity;
+    use crate::analysis::rod::prior::Prior;
     use crate::command::quantities::Profile;
     use crate::command::rod_flags::Material;
     use crate::config::Config;

@@ -1,9 +1,9 @@
 //! Which store a command means, and in which format it answers.
 
 use super::BadArguments;
+use crate::analysis::signal::record::{RodId, Timestamp};
 use crate::config::Config;
-use crate::record::{RodId, Timestamp};
-use crate::store::{Asked, Durability, Reader, Store, StoreError, request_of_writer};
+use crate::site::store::{Asked, Durability, Reader, Store, StoreError, request_of_writer};
 use std::path::{Path, PathBuf};
 
 /// The store of a command.

@@ -3,7 +3,7 @@
 use super::range::{Range, toml_float};
 use super::reader::{Absent, Table, key};
 use super::value::Value;
-use crate::bayes::{AbcSettings, Accept, Adjustment, Distance, Method, Noise};
+use crate::analysis::inference::{AbcSettings, Accept, Adjustment, Distance, Method, Noise};
 
 const DISTANCES: [(&str, Distance); 3] = [
     ("euclidean", Distance::Euclidean),

@@ -2,7 +2,7 @@
 
 use super::range::Range;
 use super::reader::{Absent, Table, key};
-use crate::track::AlarmSettings;
+use crate::analysis::track::AlarmSettings;
 
 const HOUR_S: f64 = 3600.0;
 const DAY_S: f64 = 86_400.0;

@@ -3,8 +3,8 @@
 use super::range::{Range, toml_string};
 use super::reader::{Absent, Table, key};
 use super::value::Value;
-use crate::record::{Channel, TimeSource, Unit};
-use crate::source::FieldPath;
+use crate::analysis::signal::record::{Channel, TimeSource, Unit};
+use crate::recording::read::FieldPath;
 
 /// One channel; `field` and `unit` are the defaults, `units` what is allowed.
 pub(super) fn read(table: &mut Table<'_>, field: &str, units: &[Unit], unit: Unit) -> Option<Channel> {

@@ -2,8 +2,8 @@
 
 use super::RodConfig;
 use super::reader::{Table, key};
-use crate::emulator::ModelSettings;
-use crate::emulator::pce::{MAX_ORDER, MAX_POINTS};
+use crate::analysis::rod::emulator::ModelSettings;
+use crate::analysis::rod::emulator::pce::{MAX_ORDER, MAX_POINTS};
 
 #[derive(Clone, Copy, PartialEq)]
 enum Kind {

@@ -4,7 +4,8 @@ use super::range::toml_string;
 use super::reader::{Absent, Table, key};
 use super::sink::{file, list, strings};
 use super::value::Value;
-use crate::http::{self, HttpSettings};
+use crate::config::settings::http::HttpSettings;
+use crate::service::http;
 use std::net::SocketAddr;
 
 /// The section.

@@ -3,7 +3,7 @@
 use super::range::{Range, toml_string};
 use super::reader::{Absent, Key, Table, key};
 use super::value::Value;
-use crate::ingest::{IngestSettings, Listen, TlsSettings};
+use crate::config::settings::ingest::{IngestSettings, Listen, TlsSettings};
 use std::path::PathBuf;
 
 /// Most sockets that are listened at.

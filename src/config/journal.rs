@@ -2,7 +2,7 @@
 
 use super::range::{Range, toml_string};
 use super::reader::{Absent, Table, key};
-use crate::journal::JournalSettings;
+use crate::config::settings::journal::JournalSettings;
 use std::path::PathBuf;
 
 const MB: f64 = (1u64 << 20) as f64;

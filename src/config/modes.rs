@@ -3,8 +3,8 @@
 use super::range::{Range, toml_float};
 use super::reader::{Absent, Table, key};
 use super::value::{Value, toml_floats};
-use crate::forward::{MAX_MODES, MAX_ORDERS};
-use crate::modes::{Mask, ModeSettings, ModeWindow};
+use crate::analysis::rod::beam::forward::{MAX_MODES, MAX_ORDERS};
+use crate::analysis::signal::modes::{Mask, ModeSettings, ModeWindow};
 
 /// The section.
 pub(super) fn read(table: &mut Table<'_>) -> ModeSettings {

@@ -3,8 +3,9 @@
 use super::range::{Range, toml_float};
 use super::reader::{Absent, Key, Table, key};
 use super::value::Value;
-use crate::bayes::{Fixity, Prior};
-use crate::beam::Quantity;
+use crate::analysis::rod::beam::Quantity;
+use crate::analysis::rod::fixity::Fixity;
+use crate::analysis::rod::prior::Prior;
 
 /// What the quantity is, with its unit.
 pub(super) fn meaning(quantity: Quantity) -> &'static str {

@@ -2,7 +2,7 @@
 
 use super::range::Range;
 use super::reader::{Table, key};
-use crate::record::{Cut, RecordSettings};
+use crate::analysis::signal::record::{Cut, RecordSettings};
 
 #[derive(Clone, Copy, PartialEq)]
 enum Kind {

@@ -5,14 +5,15 @@ use super::range::{Range, toml_float, toml_string};
 use super::reader::{Absent, Table, key};
 use super::value::{Value, toml_floats};
 use super::{channel, modes, prior};
-use crate::analysis::AnalysisSettings;
-use crate::bayes::{AbcSettings, Prior, RodPrior};
-use crate::beam::{Parameterisation, Quantity, Section};
-use crate::emulator::ModelSettings;
-use crate::forward::MAX_MODES;
-use crate::modes::ModeSettings;
-use crate::record::{RodChannels, RodId, Unit};
-use crate::spectrum::{PeakSettings, WelchSettings};
+use crate::analysis::identify::AnalysisSettings;
+use crate::analysis::inference::AbcSettings;
+use crate::analysis::rod::beam::forward::MAX_MODES;
+use crate::analysis::rod::beam::{Parameterisation, Quantity, Section};
+use crate::analysis::rod::emulator::ModelSettings;
+use crate::analysis::rod::prior::{Prior, RodPrior};
+use crate::analysis::signal::modes::ModeSettings;
+use crate::analysis::signal::record::{RodChannels, RodId, Unit};
+use crate::analysis::signal::spectrum::{PeakSettings, WelchSettings};
 
 /// What all rods of a site share.
 pub(super) struct Shared {

@@ -6,13 +6,13 @@ use super::RodConfig;
 use super::range::{Range, toml_string};
 use super::reader::{Absent, Key, Table, key};
 use super::value::{Value, quoted};
-use crate::alert::credential::CredentialPath;
-use crate::alert::settings::{
+use crate::analysis::signal::record::RodId;
+use crate::analysis::track::Kind as AlarmKind;
+use crate::config::settings::alert::{
     AlertmanagerSettings, EmailSettings, HttpTarget, LOG, Login, MailSecurity, MqttSettings, SinkKind,
     SinkSettings, WebhookSettings,
 };
-use crate::record::RodId;
-use crate::track::Kind as AlarmKind;
+use crate::config::settings::credential::CredentialPath;
 use lettre::message::Mailbox;
 use text::{Address, address, header, mailbox, topic};
 

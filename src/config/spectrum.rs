@@ -2,7 +2,7 @@
 
 use super::range::Range;
 use super::reader::{Absent, Table, key};
-use crate::spectrum::{PeakSettings, WelchSettings, Window};
+use crate::analysis::signal::spectrum::{PeakSettings, WelchSettings, Window};
 
 const WINDOWS: [(&str, Window); 4] = [
     ("hann", Window::Hann),

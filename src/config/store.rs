@@ -2,7 +2,7 @@
 
 use super::range::{Range, toml_string};
 use super::reader::{Absent, Table, key};
-use crate::store::StoreSettings;
+use crate::config::settings::store::StoreSettings;
 use std::path::PathBuf;
 
 const DAY_S: f64 = 86_400.0;

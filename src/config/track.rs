@@ -2,8 +2,8 @@
 
 use super::range::Range;
 use super::reader::{Table, key};
-use crate::track::TrackSettings;
-use crate::track::settings::TemperatureUse;
+use crate::analysis::track::TrackSettings;
+use crate::analysis::track::settings::TemperatureUse;
 
 const USES: [(&str, TemperatureUse); 2] = [
     ("compensate", TemperatureUse::Compensate),

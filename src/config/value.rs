@@ -4,7 +4,7 @@ use super::effective::Node;
 use super::fault::Faults;
 use super::range::Range;
 use super::reader::Table;
-use crate::record::Timestamp;
+use crate::analysis::signal::record::Timestamp;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 

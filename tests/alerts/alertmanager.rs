@@ -6,7 +6,7 @@ use crate::peers::{Server, program};
 use serde_json::Value;
 use std::fs;
 use std::path::Path;
-use tirante::track::{Kind, What};
+use tirante::analysis::track::{Kind, What};
 
 fn start(program: &Path, desk: &Desk, storage: &str) -> Server {
     Server::start_anywhere(program, |address| arguments(desk, storage, &address.to_string()))

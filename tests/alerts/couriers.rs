@@ -6,9 +6,10 @@ use std::collections::BTreeSet;
 use std::net::TcpListener;
 use std::sync::mpsc::sync_channel;
 use std::time::{Duration, Instant};
-use tirante::alert::{Message, SinkSettings};
-use tirante::daemon::Job;
-use tirante::track::{Kind, What};
+use tirante::analysis::track::{Kind, What};
+use tirante::config::settings::alert::SinkSettings;
+use tirante::service::alert::Message;
+use tirante::service::daemon::Job;
 
 fn hook(url: &str) -> String {
     format!("\n[[sink]]\nid = \"hook\"\nkind = \"webhook\"\nurl = \"{url}\"\n")
@@ -28,7 +29,7 @@ fn firsts(fake: &Fake) -> Vec<String> {
     ids.filter(|id| seen.insert(id.clone())).collect()
 }
 
-fn id(what: &str, alarm: &tirante::track::Alarm) -> String {
+fn id(what: &str, alarm: &tirante::analysis::track::Alarm) -> String {
     let time = alarm.cleared.unwrap_or(alarm.raised);
     format!("{}-{what}-{}", alarm.id, time.as_nanos() / 1_000_000_000)
 }
@@ -223,7 +224,7 @@ fn a_reload_sends_nothing_twice() {
     // No mark reaches the store: only the couriers themselves know how far they are.
     let (jobs, unwritten) = sync_channel(100);
     let mut couriers = desk.start_with(&to(&fake), jobs);
-    let next = |couriers: &tirante::alert::Couriers, hour| {
+    let next = |couriers: &tirante::service::alert::Couriers, hour| {
         let alarm = desk.raise(hour);
         couriers.wake();
         eventually("it arrives", || fake.requests().len() == hour + 1);
@@ -369,12 +370,18 @@ fn a_store_that_cannot_be_read_is_told_and_tried_again() {
     let (desk, fake) = (Desk::new(), Fake::new(&[]));
     let missing = desk.path("none.db");
     let (jobs, _received) = sync_channel(10);
-    let couriers =
-        tirante::alert::Couriers::start_at(FAST, &to(&fake), SITE, &missing, jobs, desk.telemetry.clone());
+    let couriers = tirante::service::alert::Couriers::start_at(
+        FAST,
+        &to(&fake),
+        SITE,
+        &missing,
+        jobs,
+        desk.telemetry.clone(),
+    );
     eventually("it is told", || {
         desk.condition("hook").is_some() && desk.condition("log").is_some()
     });
-    drop(tirante::store::Store::open(&missing, tirante::store::Durability::Replay).unwrap());
+    drop(tirante::site::store::Store::open(&missing, tirante::site::store::Durability::Replay).unwrap());
     eventually("it is over", || desk.condition("hook").is_none());
     couriers.stop();
 }

@@ -7,13 +7,14 @@ use std::sync::{Arc, Mutex};
 use std::thread;
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
-use tirante::alert::{Couriers, Pace, SinkSettings};
+use tirante::analysis::signal::record::{RodId, Timestamp};
+use tirante::analysis::track::{Alarm, AlarmEvent, Kind, RodState, State, What};
 use tirante::config::Config;
-use tirante::daemon::Job;
-use tirante::record::{RodId, Timestamp};
-use tirante::store::{Commit, Durability, RodRow, Store};
-use tirante::telemetry::{Fault, Health, Telemetry};
-use tirante::track::{Alarm, AlarmEvent, Kind, RodState, State, What};
+use tirante::config::settings::alert::SinkSettings;
+use tirante::service::alert::{Couriers, Pace};
+use tirante::service::daemon::Job;
+use tirante::service::telemetry::{Fault, Health, Telemetry};
+use tirante::site::store::{Commit, Durability, RodRow, Store};
 
 pub const SITE: &str = "Duomo";
 

@@ -8,8 +8,8 @@ use std::io::{BufRead, BufReader};
 use std::process::{Child, Command, Stdio};
 use std::sync::{Arc, Mutex};
 use std::time::Instant;
-use tirante::alert::{self, Failure, Message, Pace};
-use tirante::track::{Kind, What};
+use tirante::analysis::track::{Kind, What};
+use tirante::service::alert::{self, Failure, Message, Pace};
 
 struct Mailer {
     child: Child,

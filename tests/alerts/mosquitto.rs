@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
-use tirante::alert::{self, Message, Pace};
+use tirante::service::alert::{self, Message, Pace};
 
 struct Broker {
     program: PathBuf,

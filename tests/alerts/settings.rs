@@ -1,7 +1,7 @@
 //! What `[[sink]]` refuses, with key and line.
 
 use crate::desk::{config_text, sinks};
-use tirante::alert::settings::{MailSecurity, SinkKind};
+use tirante::config::settings::alert::{MailSecurity, SinkKind};
 use tirante::config::{Config, ConfigError};
 
 /// The faults of one sink, without their places.

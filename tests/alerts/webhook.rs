@@ -6,7 +6,7 @@ use assert_cmd::Command;
 use std::fs;
 use std::path::Path;
 use std::sync::Arc;
-use tirante::alert::{self, Message};
+use tirante::service::alert::{self, Message};
 use tokio_rustls::rustls::ServerConfig;
 use tokio_rustls::rustls::crypto::ring;
 use tokio_rustls::rustls::pki_types::PrivateKeyDer;

@@ -1,26 +1,25 @@
 //! A site of two rods with made-up results: what a store is filled with.
 
 #![allow(clippy::unwrap_used, dead_code)] // helpers of tests are tests; not every test uses all of them
-
-use tirante::analysis::{Identification, Measurement};
-use tirante::bayes::{Adjustment, Conflict, Method, Posterior};
-use tirante::bayes::{Prior, RodPrior};
-use tirante::beam::{Parameterisation, Section};
-use tirante::modes::{Mode, Motion, MotionKind};
-use tirante::outcome::{Outcome, Rejected};
-use tirante::record::{Envelope, Reading, Rejection, RodId, Timestamp};
-use tirante::snapshot::Snapshot;
-use tirante::spectrum::Spectrum;
-use tirante::store::{Commit, Position, RecordRow, RodRow, SnapshotRow, Store};
-use tirante::track::alarm::{Board, Watches};
-use tirante::track::baseline::BaselineMode;
-use tirante::track::drift::Filters;
-use tirante::track::period::{Charted, Evidence, Pending};
-use tirante::track::plausibility::Plausibility;
-use tirante::track::relative::Misfit;
-use tirante::track::state::Opening;
-use tirante::track::thermometer::Thermometer;
-use tirante::track::{AlarmEvent, Baseline, Kind, Period, RodState, Segment, State};
+use tirante::analysis::identify::{Identification, Measurement};
+use tirante::analysis::inference::{Adjustment, Conflict, Method, Posterior};
+use tirante::analysis::outcome::{Outcome, Rejected};
+use tirante::analysis::record_view::Snapshot;
+use tirante::analysis::rod::beam::{Parameterisation, Section};
+use tirante::analysis::rod::prior::{Prior, RodPrior};
+use tirante::analysis::signal::modes::{Mode, Motion, MotionKind};
+use tirante::analysis::signal::record::{Envelope, Reading, Rejection, RodId, Timestamp};
+use tirante::analysis::signal::spectrum::Spectrum;
+use tirante::analysis::track::alarm::{Board, Watches};
+use tirante::analysis::track::baseline::BaselineMode;
+use tirante::analysis::track::drift::Filters;
+use tirante::analysis::track::drift::period::{Charted, Evidence, Pending};
+use tirante::analysis::track::fold::state::Opening;
+use tirante::analysis::track::plausibility::Plausibility;
+use tirante::analysis::track::relative::Misfit;
+use tirante::analysis::track::thermometer::Thermometer;
+use tirante::analysis::track::{AlarmEvent, Baseline, Kind, Period, RodState, Segment, State};
+use tirante::site::store::{Commit, Position, RecordRow, RodRow, SnapshotRow, Store};
 
 pub const HOUR_NS: i64 = 3_600_000_000_000;
 pub const CONFIG: &str = "0123456789abcdef";
@@ -270,7 +269,7 @@ pub fn raise(state: &mut State, kind: Kind, number: i64) -> Vec<AlarmEvent> {
         kind,
         hour(number),
         format!("the \"{kind}\" of record {number}"),
-        tirante::track::alarm::Known::default(),
+        tirante::analysis::track::alarm::Known::default(),
     );
     board.into_events()
 }

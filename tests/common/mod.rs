@@ -6,11 +6,11 @@
 )]
 
 use std::io::Cursor;
-use tirante::record::{
+use tirante::analysis::signal::record::{
     Channel, Cut, Record, RecordSettings, RodChannels, RodId, TimeSource, Timestamp, Unit,
 };
-use tirante::sink::{ChannelSpec, Encoding, Layout, Precision, RecordingWriter, WriterOptions};
-use tirante::source::{Event, Options, Recording, Summary};
+use tirante::recording::read::{Event, Options, Recording, Summary};
+use tirante::recording::write::{ChannelSpec, Encoding, Layout, Precision, RecordingWriter, WriterOptions};
 
 pub const FS: f64 = 200.0;
 pub const START: Timestamp = Timestamp::from_nanos(1_772_344_800_000_000_000);

@@ -3,9 +3,10 @@
 
 use rand::RngExt;
 use rand_distr::{Distribution, StandardNormal};
-use tirante::bayes::{Observation, RodPrior};
-use tirante::forward::ForwardModel;
-use tirante::random;
+use tirante::analysis::inference::Observation;
+use tirante::analysis::numerics::random;
+use tirante::analysis::rod::beam::forward::ForwardModel;
+use tirante::analysis::rod::prior::RodPrior;
 
 /// Draws of all quantities, row-major, after a quarter of the steps for adaptation.
 pub fn metropolis(

@@ -4,9 +4,9 @@
 pub mod metropolis;
 
 use std::f64::consts::PI;
-use tirante::bayes::{Prior, RodPrior};
-use tirante::beam::{Parameterisation, Section};
-use tirante::forward::{ForwardModel, OutsideRange};
+use tirante::analysis::rod::beam::forward::ForwardModel;
+use tirante::analysis::rod::beam::{OutsideRange, Parameterisation, Section};
+use tirante::analysis::rod::prior::{Prior, RodPrior};
 
 /// Frequencies linear in axial force and flexural rigidity: with normal priors and normal errors the
 /// posterior is normal, with mean and covariance in closed form.

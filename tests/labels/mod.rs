@@ -7,10 +7,11 @@ use rand::rngs::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use rayon::prelude::*;
 use std::f64::consts::PI;
-use tirante::bayes::{Fixity, Prior, RodPrior};
-use tirante::beam::{Parameterisation, Section, exact};
-use tirante::modes::{LabelPlan, ModeSettings, MotionKind, Resonance};
-use tirante::random;
+use tirante::analysis::numerics::random;
+use tirante::analysis::rod::beam::{Parameterisation, Section, exact};
+use tirante::analysis::rod::fixity::Fixity;
+use tirante::analysis::rod::prior::{Prior, RodPrior};
+use tirante::analysis::signal::modes::{LabelPlan, ModeSettings, MotionKind, Resonance};
 
 /// What a record shows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -9,11 +9,10 @@ use std::path::PathBuf;
 use std::sync::atomic::Ordering;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
-use tirante::ingest::{
-    Counts, IngestSettings, Intake, IntakeLine, Listen, Listener, Server, TopicSet, serve,
-};
-use tirante::journal::{Batch, Closed, End, Entry};
-use tirante::telemetry::{Fault, Health};
+use tirante::config::settings::ingest::{IngestSettings, Listen};
+use tirante::service::ingest::{Counts, Intake, IntakeLine, Listener, Server, TopicSet, serve};
+use tirante::service::journal::{Batch, Closed, End, Entry};
+use tirante::service::telemetry::{Fault, Health};
 use tokio::sync::watch;
 
 /// What came of one stream.

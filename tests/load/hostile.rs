@@ -11,9 +11,11 @@ use std::os::unix::net::UnixStream;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
-use tirante::random;
-use tirante::record::{Timestamp, Unit};
-use tirante::sink::{ChannelSpec, Compression, Encoding, Layout, Precision, RecordingWriter, WriterOptions};
+use tirante::analysis::numerics::random;
+use tirante::analysis::signal::record::{Timestamp, Unit};
+use tirante::recording::write::{
+    ChannelSpec, Compression, Encoding, Layout, Precision, RecordingWriter, WriterOptions,
+};
 
 const PEAK_MB: f64 = 256.0;
 /// What the well-behaved client may wait \[s\].

@@ -5,8 +5,8 @@ use super::plant::{Plan, Plant};
 use super::process::Process;
 use std::path::Path;
 use std::time::{Duration, Instant};
-use tirante::record::RodId;
-use tirante::store::{Commit, Durability, RecordRow, Store};
+use tirante::analysis::signal::record::RodId;
+use tirante::site::store::{Commit, Durability, RecordRow, Store};
 
 const RODS: usize = 100;
 const RECORDS: i64 = 100_000;

@@ -1,14 +1,16 @@
 //! Histories made up for the report's tests: a rod under the seasons that loses force late in the year.
 
-use tirante::bayes::{MassDependence, Source, SourceShare, VarianceShares};
-use tirante::findings::{Assigned, Candidate, Multiple, Nature, Quantiles};
-use tirante::modes::{Motion, MotionKind};
-use tirante::plot::view::{RecordPoint, RejectionCount, RodReport, SegmentReport, SiteReport, ThermalLine};
-use tirante::record::{Envelope, RodId, Timestamp};
-use tirante::snapshot::{Curve, Density, PeakMark, Reason, Snapshot};
-use tirante::track::change::Change;
-use tirante::track::period::{Charted, Evidence};
-use tirante::track::{Alarm, Interval, Kind, Period, RodState};
+use tirante::analysis::findings::{Assigned, Candidate, Multiple, Nature, Quantiles};
+use tirante::analysis::inference::{MassDependence, Source, SourceShare, VarianceShares};
+use tirante::analysis::record_view::{Curve, Density, PeakMark, Reason, Snapshot};
+use tirante::analysis::signal::modes::{Motion, MotionKind};
+use tirante::analysis::signal::record::{Envelope, RodId, Timestamp};
+use tirante::analysis::track::alarm::change::Change;
+use tirante::analysis::track::drift::period::{Charted, Evidence};
+use tirante::analysis::track::{Alarm, Interval, Kind, Period, RodState};
+use tirante::command::report_page::view::{
+    RecordPoint, RejectionCount, RodReport, SegmentReport, SiteReport, ThermalLine,
+};
 
 pub const HOUR: i64 = 3600;
 const DAY: i64 = 24 * HOUR;

@@ -3,13 +3,15 @@
 
 use std::path::Path;
 use std::sync::Arc;
-use tirante::analysis::AnalysisSettings;
-use tirante::config::Config;
-use tirante::emulator::ReducedModel;
-use tirante::synthesis::{Change, FrequencyErrors, Measured, SimulatedRod, Simulation, history};
-use tirante::track::{
+use tirante::analysis::identify::AnalysisSettings;
+use tirante::analysis::lab::synthesis::{
+    Change, FrequencyErrors, Measured, SimulatedRod, Simulation, history,
+};
+use tirante::analysis::rod::emulator::ReducedModel;
+use tirante::analysis::track::{
     AlarmSettings, Input, Kind, Observation, TrackPlan, TrackSettings, Tracker, Verdict, What,
 };
+use tirante::config::Config;
 
 pub const DAY_S: f64 = 86_400.0;
 

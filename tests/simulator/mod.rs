@@ -15,8 +15,8 @@ pub mod scene;
 use rand::Rng;
 use rand_distr::{Distribution, StandardNormal};
 use std::f64::consts::{PI, TAU};
-use tirante::random;
-use tirante::record::{Excitation, Record, RodId, Timestamp};
+use tirante::analysis::numerics::random;
+use tirante::analysis::signal::record::{Excitation, Record, RodId, Timestamp};
 
 #[derive(Debug, Clone, Copy)]
 pub struct SimulatedMode {

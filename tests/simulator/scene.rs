@@ -6,8 +6,8 @@
 use super::{SimulatedMode, normal, record};
 use rand::{Rng, RngExt};
 use std::f64::consts::TAU;
-use tirante::random;
-use tirante::record::Record;
+use tirante::analysis::numerics::random;
+use tirante::analysis::signal::record::Record;
 
 /// A pull and release, or a blow.
 #[derive(Debug, Clone, Copy)]
@@ -128,7 +128,11 @@ impl Scene {
                 *sample = (*sample / self.step).round() * self.step;
             }
         }
-        let mut record = record(self.fs_hz, samples, tirante::record::Excitation::Ambient);
+        let mut record = record(
+            self.fs_hz,
+            samples,
+            tirante::analysis::signal::record::Excitation::Ambient,
+        );
         record.excitation = None;
         record
     }

@@ -6,8 +6,8 @@ use serde_json::Value;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
-use tirante::record::Timestamp;
-use tirante::store::Reader;
+use tirante::analysis::signal::record::Timestamp;
+use tirante::site::store::Reader;
 
 /// Two rods, a baseline and learning as short as they may be.
 pub const SITE: &str = r#"

@@ -71,7 +71,7 @@ unit = "degC"
 
 fn simulation(id: &str, first_day: usize, days: usize, has_lost: bool, encoding: &str) -> String {
     let start = 1_767_268_800_000_000_000 + first_day as i64 * 86_400_000_000_000;
-    let start = tirante::record::Timestamp::from_nanos(start);
+    let start = tirante::analysis::signal::record::Timestamp::from_nanos(start);
     let change = if has_lost {
         "[[simulation.rod.change]]\nstart_d = 0.0\nrelative = -0.10\n"
     } else {
@@ -280,7 +280,7 @@ impl Campaign {
     }
 
     pub fn records(&self) -> usize {
-        let Ok(reader) = tirante::store::Reader::open(&self.path("state/site.db")) else {
+        let Ok(reader) = tirante::site::store::Reader::open(&self.path("state/site.db")) else {
             return 0;
         };
         let rods = reader.rods().unwrap_or_default();

@@ -5,7 +5,7 @@ use super::campaign::{Campaign, Material};
 use rand::RngExt;
 use std::thread;
 use std::time::{Duration, Instant};
-use tirante::random;
+use tirante::analysis::numerics::random;
 
 #[test]
 fn killed_at_random_moments_it_loses_nothing_doubles_nothing_and_says_the_same() {

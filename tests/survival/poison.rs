@@ -4,8 +4,8 @@ use super::campaign::{Campaign, Material, RODS, huge};
 use super::process::Process;
 use std::fs;
 use std::io::Cursor;
-use tirante::record::{Timestamp, Unit};
-use tirante::sink::{ChannelSpec, Encoding, Layout, Precision, RecordingWriter, WriterOptions};
+use tirante::analysis::signal::record::{Timestamp, Unit};
+use tirante::recording::write::{ChannelSpec, Encoding, Layout, Precision, RecordingWriter, WriterOptions};
 
 /// Memory beyond what a daemon takes that reads what is harmless \[kB\].
 const MORE_KB: u64 = 24 << 10;

@@ -5,7 +5,7 @@ use rand::RngExt;
 use std::fs;
 use std::thread;
 use std::time::Duration;
-use tirante::random;
+use tirante::analysis::numerics::random;
 
 /// A dozen; more with `SIGNALS=300`.
 #[test]

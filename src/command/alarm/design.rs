@@ -1,15 +1,15 @@
 //! `tirante alarm design`: false-alarm rate, delays by simulation of this rod, and the smallest change that is told.
 
-use crate::bayes::RodPrior;
-use crate::beam::Exact;
+use crate::analysis::lab::synthesis::{Outlook, Told, Tried, World};
+use crate::analysis::numerics::random;
+use crate::analysis::rod::beam::Exact;
+use crate::analysis::rod::beam::forward::ForwardModel;
+use crate::analysis::rod::prior::RodPrior;
+use crate::analysis::track::drift::ThermalPrior;
+use crate::analysis::track::fold::plan::YEAR_S;
 use crate::command::setup::choose_rod;
 use crate::command::{BadArguments, print};
 use crate::config::{Config, Setting};
-use crate::forward::ForwardModel;
-use crate::random;
-use crate::synthesis::{Outlook, Told, Tried, World};
-use crate::track::drift::ThermalPrior;
-use crate::track::plan::YEAR_S;
 use rayon::prelude::*;
 use serde::Serialize;
 use std::fmt::Write as _;

@@ -1,14 +1,14 @@
 //! `tirante alarm prove`: simulated years of whole sites through the real trackers, and how often they told something.
 
-use crate::cache::{self, Cache};
+use crate::analysis::lab::synthesis::{Change, Outcome, Raised, Trial, World};
+use crate::analysis::numerics::random;
+use crate::analysis::signal::record::{RodId, Timestamp};
+use crate::analysis::track::{Kind, TrackPlan, Witness};
 use crate::command::progress::Progress;
 use crate::command::setup::choose_rod;
 use crate::command::{BadArguments, print};
 use crate::config::{Config, Setting};
-use crate::random;
-use crate::record::{RodId, Timestamp};
-use crate::synthesis::{Change, Outcome, Raised, Trial, World};
-use crate::track::{Kind, TrackPlan, Witness};
+use crate::site::emulator_cache::{self, Cache};
 use anyhow::Context;
 use rayon::prelude::*;
 use serde::Serialize;
@@ -212,7 +212,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     }
     let rod = choose_rod(&config, args.rod.as_deref())?;
     let analysis = &rod.analysis;
-    let model = cache::model(&analysis.model, &analysis.prior, &Cache::of_user(), &|_, _| ())?;
+    let model = emulator_cache::model(&analysis.model, &analysis.prior, &Cache::of_user(), &|_, _| ())?;
     let (track, alarm) = (config.track.clone(), config.alarm.clone());
     let learned = track.baseline_records.max(track.learning_periods);
     // One more, with which the last period closes.

@@ -1,9 +1,10 @@
 //! `tirante alarm test`: a message to every sink, to see whether alarms would arrive.
 
-use crate::alert::{self, Message, Pace, SinkSettings};
-use crate::clock;
 use crate::command::BadArguments;
+use crate::config::settings::alert::SinkSettings;
 use crate::config::{Config, Setting};
+use crate::service::alert::{self, Message, Pace};
+use crate::site::clock;
 use std::path::PathBuf;
 use std::process::ExitCode;
 

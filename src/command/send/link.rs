@@ -1,6 +1,6 @@
 //! The connection to the daemon: bytes there, answers back.
 
-use crate::ingest::{Reply, tls};
+use crate::service::ingest::{Reply, tls};
 use anyhow::{Context, bail};
 use std::fmt;
 use std::path::PathBuf;
@@ -139,7 +139,7 @@ impl Link {
             while let Ok(Some(line)) = lines.next_line().await {
                 let reply = line
                     .parse()
-                    .unwrap_or_else(|fault: crate::ingest::reply::Unknown| Reply::Error {
+                    .unwrap_or_else(|fault: crate::service::ingest::reply::Unknown| Reply::Error {
                         reason: fault.to_string(),
                         again: false,
                     });

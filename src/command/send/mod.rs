@@ -6,9 +6,9 @@ mod stream;
 
 use super::BadArguments;
 use super::progress::Progress;
-use crate::ingest::{LeftOut, Reply};
-use crate::journal::MAX_MESSAGE;
-use crate::source;
+use crate::recording::read;
+use crate::service::ingest::{LeftOut, Reply};
+use crate::service::journal::MAX_MESSAGE;
 use link::{Address, Link, TlsArgs};
 use playback::{Message, Piece, Playback};
 use std::cell::{Cell, RefCell};
@@ -115,7 +115,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
             return Err(BadArguments(text).into());
         }
     }
-    let files = source::recordings(&args.files)
+    let files = read::recordings(&args.files)
         .into_iter()
         .collect::<Result<Vec<_>, _>>()
         // Its words hold the cause already.

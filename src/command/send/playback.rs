@@ -1,7 +1,7 @@
 //! Recordings as one series of channels and messages, in the order of their data.
 
-use crate::journal::Definition;
-use crate::source::mcap::{Item, Progress, Reader};
+use crate::recording::read::mcap::{Item, Progress, Reader};
+use crate::service::journal::Definition;
 use std::collections::{HashMap, VecDeque};
 use std::fs::File;
 use std::path::PathBuf;

@@ -1,11 +1,13 @@
 //! Records of files, channel by channel, without a configuration or with one.
 
+use crate::analysis::signal::record::{
+    Channel, Cut, Event, RecordSettings, RodChannels, RodId, TimeSource, Unit,
+};
 use crate::command::foreign;
 use crate::config::Config;
-use crate::import::{self, How, Opened, Whose};
-use crate::record::{Channel, Cut, Event, RecordSettings, RodChannels, RodId, TimeSource, Unit};
-use crate::source::contents::{Content, contents};
-use crate::source::{Options, Recording, SourceError, Summary};
+use crate::recording::import::{self, How, Opened, Whose};
+use crate::recording::read::contents::{Content, contents};
+use crate::recording::read::{Options, Recording, SourceError, Summary};
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::Read;

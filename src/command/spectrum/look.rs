@@ -2,18 +2,18 @@
 
 use super::Band;
 use super::input::Source;
-use crate::analysis::{Measurement, Plan};
-use crate::bayes::Marginal;
-use crate::beam::Quantity;
+use crate::analysis::findings::{self, Candidate, Peak};
+use crate::analysis::identify::{Measurement, Plan};
+use crate::analysis::inference::Marginal;
+use crate::analysis::outcome::Rejected;
+use crate::analysis::record_view::Snapshot;
+use crate::analysis::rod::beam::Quantity;
+use crate::analysis::signal::modes::{Labels, Mode, Motion, PeakSearch, searchable_hz};
+use crate::analysis::signal::record::{Envelope, Event, Flag, Record, Rejection, RodId, Timestamp};
+use crate::analysis::signal::spectrum::{PeakSettings, WelchSettings};
+use crate::command::report_page::view::SpectrumReport;
 use crate::command::setup;
 use crate::config::Config;
-use crate::findings::{self, Candidate, Peak};
-use crate::modes::{Labels, Mode, Motion, PeakSearch, searchable_hz};
-use crate::outcome::Rejected;
-use crate::plot::view::SpectrumReport;
-use crate::record::{Envelope, Event, Flag, Record, Rejection, RodId, Timestamp};
-use crate::snapshot::Snapshot;
-use crate::spectrum::{PeakSettings, WelchSettings};
 use serde::Serialize;
 use std::collections::BTreeMap;
 

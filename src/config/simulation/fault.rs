@@ -3,7 +3,7 @@
 use super::super::range::Range;
 use super::super::reader::{Absent, Key, Table, key};
 use super::super::value::Value;
-use crate::synthesis::{Fault, FaultKind};
+use crate::analysis::lab::synthesis::{Fault, FaultKind};
 
 #[derive(Clone, Copy, PartialEq)]
 enum Kind {

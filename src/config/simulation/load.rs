@@ -3,7 +3,7 @@
 use super::super::range::Range;
 use super::super::reader::{Absent, Table, key};
 use super::rod::share_of_length;
-use crate::synthesis::{Gusts, Knocks, Neighbour, Pull, PullKind, Resonance};
+use crate::analysis::lab::synthesis::{Gusts, Knocks, Neighbour, Pull, PullKind, Resonance};
 
 const PULLS: [(&str, PullKind); 2] = [("release", PullKind::Release), ("blow", PullKind::Blow)];
 

@@ -7,9 +7,9 @@ mod rod;
 use super::RodConfig;
 use super::range::Range;
 use super::reader::{Absent, Table, key};
-use crate::record::{Channel, TimeSource, Timestamp, Unit};
-use crate::sink::{Compression, Encoding, Precision};
-use crate::synthesis::{Climate, SimulatedRod, Simulation};
+use crate::analysis::lab::synthesis::{Climate, SimulatedRod, Simulation};
+use crate::analysis::signal::record::{Channel, TimeSource, Timestamp, Unit};
+use crate::recording::write::{Compression, Encoding, Precision};
 
 /// A simulation and how it is written.
 #[derive(Debug, Clone, PartialEq)]
@@ -289,7 +289,7 @@ fn check_channels(table: &Table<'_>, rods: &[SimulatedRod], written: Written) {
     }
 }
 
-/// The field of a message that holds the samples, as [`crate::sink`] writes it.
+/// The field of a message that holds the samples, as [`crate::recording::write`] writes it.
 pub fn field_of(encoding: Encoding, is_batch: bool) -> &'static str {
     match (encoding, is_batch) {
         (_, true) => "values",

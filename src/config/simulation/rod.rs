@@ -6,9 +6,9 @@ use super::super::range::{Range, toml_float, toml_string};
 use super::super::reader::{Absent, Table, key};
 use super::super::value::toml_floats;
 use super::{fault, load};
-use crate::beam::Section;
-use crate::forward::{MAX_MODES, MAX_ORDERS};
-use crate::synthesis::{AddedMass, Change, Line, Sensor, SimulatedRod, Thermal, Truth};
+use crate::analysis::lab::synthesis::{AddedMass, Change, Line, Sensor, SimulatedRod, Thermal, Truth};
+use crate::analysis::rod::beam::Section;
+use crate::analysis::rod::beam::forward::{MAX_MODES, MAX_ORDERS};
 
 /// Damping ratio of a rod that states none: iron between masonry walls.
 const DAMPING: f64 = 0.002;

@@ -1,0 +1,465 @@
+//! Findings of a record besides its force: its peaks and what each was taken for, the motion that was recognised, the
+//! assignments of peaks to modes that were weighed. JSON lines, pictures, pages and `spectrum` show the same.
+
+use crate::analysis::identify::Measurement;
+use crate::analysis::signal::modes::{Labels, Mode, Motion, MotionKind, Resonance};
+use serde::{Deserialize, Serialize};
+
+/// Damping ratio above which a peak is no vibration of a rod, support losses included: filtered noise, a swaying stand.
+const BROAD: f64 = 0.1;
+/// Periods within the record below which a broad peak is slow drift.
+const DRIFT_PERIODS: f64 = 40.0;
+/// Most orders of a harmonic that are looked for.
+const MOST_TIMES: u32 = 20;
+/// Largest tolerance of a harmonic as a share of its fundamental: 40 orders of chance agreement in a thousand.
+const HARMONIC_TOLERANCE: f64 = 0.02;
+/// Least log odds of the fit itself against a mode that make a peak doubtful: ten to one.
+const DOUBT: f64 = 2.3;
+/// Probability of an assignment from which on the others are not shown beside a force.
+pub const CERTAIN: f64 = 0.99;
+
+/// Standard deviations of conflict from which on people are told that model and data disagree.
+pub const CONFLICT_SHOWN: f64 = 3.0;
+/// Share of the prior's own records as far out up to which people are told that the prior is doubtful.
+pub const PRIOR_TAIL_SHOWN: f64 = 0.01;
+
+/// Reason to doubt the force of a record.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Doubt {
+    /// Model and data disagree.
+    Conflict,
+    /// Prior and data disagree.
+    Prior,
+    /// The orders of the modes are not certain.
+    Orders,
+}
+
+impl Doubt {
+    /// All there are, the gravest first; what nobody knows of a record of an older program is no reason.
+    pub fn all(conflict: Option<f64>, prior_tail: Option<f64>, label_probability: Option<f64>) -> Vec<Self> {
+        let is_conflict = conflict.is_some_and(|score| score >= CONFLICT_SHOWN);
+        let is_prior = !is_conflict && prior_tail.is_some_and(|tail| tail <= PRIOR_TAIL_SHOWN);
+        let is_orders = label_probability.is_some_and(|probability| probability < CERTAIN);
+        [
+            (is_conflict, Self::Conflict),
+            (is_prior, Self::Prior),
+            (is_orders, Self::Orders),
+        ]
+        .into_iter()
+        .filter_map(|(is, doubt)| is.then_some(doubt))
+        .collect()
+    }
+
+    /// The mark before a force of which there are such doubts.
+    pub fn mark(doubts: &[Self]) -> &'static str {
+        match doubts {
+            [] => "",
+            [Self::Orders] => "? ",
+            _ => "! ",
+        }
+    }
+
+    /// In words.
+    pub fn said(self) -> &'static str {
+        match self {
+            Self::Conflict => {
+                "model and data disagree: the force may be wrong by more than its interval says"
+            }
+            Self::Prior => {
+                "hardly any rod of the prior has these frequencies: check length, section, material and expected force"
+            }
+            Self::Orders => "the orders of the modes are not certain: other orders give another force",
+        }
+    }
+}
+
+/// Meaning of a peak, as far as the record tells.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Nature {
+    /// A mode of the rod, with its order.
+    Mode,
+    /// A resonance that may be a mode.
+    Candidate,
+    /// A resonance whose fit speaks against a mode.
+    Doubtful,
+    /// A pure sine: mains, a motor, a pump.
+    Tone,
+    /// A multiple of a tone, and a tone itself.
+    Harmonic,
+    /// Broader than any rod vibrates.
+    Broad,
+    /// Slow drift: broad, and at the low end of what the record resolves.
+    Drift,
+}
+
+/// An integer multiple of another peak's frequency. The modes of a taut string are multiples too.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Multiple {
+    /// The factor, from 2.
+    pub times: u32,
+    /// Frequency of the other peak \[Hz\].
+    pub frequency_hz: f64,
+}
+
+/// One peak of a spectrum.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Peak {
+    /// Frequency \[Hz\].
+    pub frequency_hz: f64,
+    /// Standard error of the frequency \[Hz\].
+    pub sd_hz: f64,
+    /// Damping ratio \[-\].
+    pub damping: f64,
+    /// Height of the fitted peak over the fitted noise floor \[dB\].
+    pub level_db: f64,
+    /// Meaning.
+    pub taken_for: Nature,
+    /// Mode order, if it was given one.
+    pub order: Option<usize>,
+    /// The peak it is an integer multiple of, if there is one.
+    pub multiple_of: Option<Multiple>,
+}
+
+/// One assignment of peaks to mode orders.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Candidate {
+    /// The modes of the assignment, ascending in order.
+    pub modes: Vec<Assigned>,
+    /// Probability of the assignment.
+    pub probability: f64,
+    /// Force it would give \[N\], if it was computed.
+    pub axial_force_n: Option<Quantiles>,
+}
+
+/// A peak as a mode.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Assigned {
+    /// Mode order, from 1.
+    pub order: usize,
+    /// Frequency \[Hz\].
+    pub frequency_hz: f64,
+}
+
+/// Median and 95 % interval.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Quantiles {
+    /// 2.5 % quantile.
+    pub q025: f64,
+    /// Median.
+    pub q50: f64,
+    /// 97.5 % quantile.
+    pub q975: f64,
+}
+
+/// A motion in a word, for tables.
+pub fn motion_mark(motion: &Motion) -> &'static str {
+    match motion.kind {
+        MotionKind::Ambient => "ambient",
+        MotionKind::FreeDecay => "decay",
+        MotionKind::FreeDecays => "decays",
+        MotionKind::Blow => "blow",
+    }
+}
+
+/// A motion in words: `a free decay from 2.31 s`.
+pub fn motion_said(motion: &Motion) -> String {
+    const SHOWN: usize = 4;
+    let (name, word) = match motion.kind {
+        MotionKind::Ambient => ("ambient vibration", "from"),
+        MotionKind::FreeDecay => ("a free decay", "from"),
+        MotionKind::FreeDecays => ("several free decays", "from"),
+        MotionKind::Blow => ("ambient vibration with blows", "at"),
+    };
+    let onsets = motion.onsets_s.iter().take(SHOWN);
+    let shown: Vec<String> = onsets.map(|onset| format!("{onset:.2}")).collect();
+    match motion.onsets_s.len().saturating_sub(SHOWN) {
+        _ if shown.is_empty() => name.to_owned(),
+        0 => format!("{name} {word} {} s", shown.join(", ")),
+        more => format!("{name} {word} {} s and {more} more", shown.join(", ")),
+    }
+}
+
+impl Candidate {
+    /// The assignments that were weighed, likeliest first.
+    pub fn all(labels: &Labels) -> Vec<Self> {
+        labels
+            .candidates
+            .iter()
+            .map(|candidate| Self {
+                modes: candidate
+                    .modes
+                    .iter()
+                    .map(|&(order, frequency_hz)| Assigned { order, frequency_hz })
+                    .collect(),
+                probability: candidate.probability,
+                axial_force_n: candidate
+                    .axial_force_n
+                    .map(|[q025, q50, q975]| Quantiles { q025, q50, q975 }),
+            })
+            .collect()
+    }
+
+    /// The assignment in words: `1 at 9.85, 3 at 30.2 Hz`.
+    pub fn said(&self) -> String {
+        let modes: Vec<String> = self
+            .modes
+            .iter()
+            .map(|mode| format!("{} at {}", mode.order, hertz(mode.frequency_hz)))
+            .collect();
+        match modes.is_empty() {
+            true => "no peak is a mode of the rod".to_owned(),
+            false => format!("{} Hz", modes.join(", ")),
+        }
+    }
+}
+
+/// The peaks of a record, ascending in frequency, with what each was taken for; `modes` are those that were labelled.
+pub fn peaks(measurement: &Measurement, modes: &[Mode]) -> Vec<Peak> {
+    of_resonances(
+        &measurement.resonances,
+        modes,
+        0.5 * measurement.spectrum.df_hz,
+        measurement.duration_s,
+    )
+}
+
+/// The peaks of some resonances; a mode is the nearest one within `near_hz` \[Hz\].
+pub fn of_resonances(resonances: &[Resonance], modes: &[Mode], near_hz: f64, duration_s: f64) -> Vec<Peak> {
+    let order = |i: usize| {
+        let is_this = |mode: &&Mode| {
+            nearest(resonances, mode.frequency_hz) == Some(i)
+                && (mode.frequency_hz - resonances[i].frequency_hz).abs() < near_hz
+        };
+        modes.iter().find(is_this).map(|mode| mode.order)
+    };
+    (0..resonances.len())
+        .map(|i| {
+            let resonance = &resonances[i];
+            let multiple = multiple(resonances, i, duration_s);
+            let order = order(i);
+            let is_multiple_of_tone = multiple.is_some_and(|(_, is_tone)| is_tone);
+            Peak {
+                frequency_hz: resonance.frequency_hz,
+                sd_hz: significant(resonance.frequency_sd_hz),
+                damping: significant(resonance.damping),
+                level_db: rounded(10.0 * libm::log10(resonance.peak_to_noise.max(1e-30)), 100.0),
+                taken_for: nature(resonance, order, is_multiple_of_tone, duration_s),
+                order,
+                multiple_of: multiple.map(|(multiple, _)| multiple),
+            }
+        })
+        .collect()
+}
+
+/// The index of the resonance nearest to a frequency \[Hz\].
+pub fn nearest(resonances: &[Resonance], frequency_hz: f64) -> Option<usize> {
+    let distance = |i: &usize| (resonances[*i].frequency_hz - frequency_hz).abs();
+    (0..resonances.len()).min_by(|a, b| distance(a).total_cmp(&distance(b)))
+}
+
+fn nature(resonance: &Resonance, order: Option<usize>, is_multiple_of_tone: bool, duration_s: f64) -> Nature {
+    if order.is_some() {
+        Nature::Mode
+    } else if resonance.line && is_multiple_of_tone {
+        Nature::Harmonic
+    } else if resonance.line {
+        Nature::Tone
+    } else if resonance.damping > BROAD && resonance.frequency_hz * duration_s < DRIFT_PERIODS {
+        Nature::Drift
+    } else if resonance.damping > BROAD {
+        Nature::Broad
+    } else if resonance.foreign_log_odds > DOUBT {
+        Nature::Doubtful
+    } else {
+        Nature::Candidate
+    }
+}
+
+/// The lowest resonance of which one is an integer multiple within its errors, and whether that is a tone. A tone's
+/// multiples are looked for first.
+fn multiple(resonances: &[Resonance], i: usize, duration_s: f64) -> Option<(Multiple, bool)> {
+    let one = &resonances[i];
+    let of = |other: &Resonance| {
+        let times = libm::round(one.frequency_hz / other.frequency_hz);
+        if !(2.0..=f64::from(MOST_TIMES)).contains(&times) {
+            return None;
+        }
+        // A peak is told from its neighbours no better than by a fraction of the record's line.
+        let sd_hz = libm::hypot(one.frequency_sd_hz, times * other.frequency_sd_hz);
+        let tolerance_hz = 3.0 * sd_hz + 0.1 / duration_s;
+        let is_near = (one.frequency_hz - times * other.frequency_hz).abs() < tolerance_hz
+            && tolerance_hz < HARMONIC_TOLERANCE * other.frequency_hz
+            && other.damping < BROAD;
+        is_near.then_some(Multiple {
+            times: times as u32,
+            frequency_hz: other.frequency_hz,
+        })
+    };
+    let found = |is_tone: bool| {
+        let fundamentals = resonances.iter().filter(|other| other.line == is_tone);
+        fundamentals
+            .filter_map(of)
+            .next()
+            .map(|multiple| (multiple, is_tone))
+    };
+    found(true).or_else(|| found(false))
+}
+
+/// What a peak was taken for, in words: `mode 2`, `candidate, 2 x 4.492`.
+pub fn said(taken_for: Nature, order: Option<usize>, multiple_of: Option<Multiple>) -> String {
+    let name = match (taken_for, order) {
+        (Nature::Mode, Some(order)) => format!("mode {order}"),
+        (nature, _) => nature.name().to_owned(),
+    };
+    match multiple_of {
+        Some(Multiple { times, frequency_hz }) => format!("{name}, {times} x {}", hertz(frequency_hz)),
+        None => name,
+    }
+}
+
+impl Nature {
+    /// The name, for tables.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Mode => "mode",
+            Self::Candidate => "candidate",
+            Self::Doubtful => "doubtful",
+            Self::Tone => "tone",
+            Self::Harmonic => "harmonic",
+            Self::Broad => "broad",
+            Self::Drift => "drift",
+        }
+    }
+}
+
+/// A frequency to four digits or millihertz.
+pub fn hertz(frequency_hz: f64) -> String {
+    match frequency_hz.abs() {
+        size if size >= 1000.0 => format!("{frequency_hz:.1}"),
+        size if size >= 100.0 => format!("{frequency_hz:.2}"),
+        _ => format!("{frequency_hz:.3}"),
+    }
+}
+
+/// About three digits, for people.
+pub fn three_digits(value: f64) -> String {
+    match value.abs() {
+        size if size >= 100.0 => format!("{value:.0}"),
+        size if size >= 10.0 => format!("{value:.1}"),
+        size if size >= 1.0 => format!("{value:.2}"),
+        _ => format!("{value:.3}"),
+    }
+}
+
+/// Four significant digits, so that a line stays short.
+fn significant(value: f64) -> f64 {
+    if value == 0.0 || !value.is_finite() {
+        return value;
+    }
+    let decimals = 3.0 - libm::floor(libm::log10(value.abs()));
+    // A power of ten that is exact keeps what is printed short.
+    let scale = libm::pow(10.0, decimals.abs());
+    match decimals >= 0.0 {
+        true => (value * scale).round() / scale,
+        false => (value / scale).round() * scale,
+    }
+}
+
+fn rounded(value: f64, per_unit: f64) -> f64 {
+    (value * per_unit).round() / per_unit
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn resonance(frequency_hz: f64, damping: f64, line: bool) -> Resonance {
+        Resonance {
+            frequency_hz,
+            frequency_sd_hz: 1e-3,
+            damping,
+            damping_log_sd: 0.1,
+            peak_to_noise: 1000.0,
+            evidence: 100.0,
+            line,
+            misfit: 0.0,
+            foreign_log_odds: 0.0,
+        }
+    }
+
+    #[test]
+    fn a_peak_is_taken_for_what_its_shape_and_neighbours_say() {
+        let resonances = [
+            resonance(0.3, 0.2, false),
+            resonance(4.492, 0.002, false),
+            resonance(8.984, 0.002, false),
+            resonance(9.288, 0.002, false),
+            resonance(30.0, 0.2, false),
+            resonance(50.0, 1e-5, true),
+            resonance(150.0, 1e-5, true),
+            Resonance {
+                foreign_log_odds: 3.0,
+                ..resonance(170.3, 0.002, false)
+            },
+        ];
+        let mode = Mode {
+            order: 2,
+            frequency_hz: 9.288,
+            sd_hz: 1e-3,
+            damping: None,
+        };
+        let found = of_resonances(&resonances, &[mode], 0.05, 60.0);
+        let said: Vec<String> = found
+            .iter()
+            .map(|peak| said(peak.taken_for, peak.order, peak.multiple_of))
+            .collect();
+        assert_eq!(
+            said,
+            [
+                "drift",
+                "candidate",
+                "candidate, 2 x 4.492",
+                "mode 2",
+                "broad",
+                "tone",
+                "harmonic, 3 x 50.000",
+                "doubtful"
+            ]
+        );
+        assert_eq!(found[0].level_db, 30.0);
+    }
+
+    #[test]
+    fn a_mode_beside_another_peak_is_the_nearest_one() {
+        let resonances = [resonance(9.27, 0.002, false), resonance(9.29, 0.002, false)];
+        let mode = Mode {
+            order: 1,
+            frequency_hz: 9.29,
+            sd_hz: 1e-3,
+            damping: None,
+        };
+        let orders: Vec<Option<usize>> = of_resonances(&resonances, &[mode], 0.05, 60.0)
+            .iter()
+            .map(|peak| peak.order)
+            .collect();
+        assert_eq!(orders, [None, Some(1)]);
+    }
+
+    #[test]
+    fn a_motion_is_said_in_words() {
+        let said = |kind, onsets_s: &[f64]| {
+            motion_said(&Motion {
+                kind,
+                onsets_s: onsets_s.to_vec(),
+            })
+        };
+        assert_eq!(said(MotionKind::Ambient, &[]), "ambient vibration");
+        assert_eq!(said(MotionKind::FreeDecay, &[2.314]), "a free decay from 2.31 s");
+        assert_eq!(
+            said(MotionKind::Blow, &[1.0, 2.0, 3.0, 4.0, 5.0]),
+            "ambient vibration with blows at 1.00, 2.00, 3.00, 4.00 s and 1 more"
+        );
+    }
+}

@@ -1,0 +1,285 @@
+//! A plan once per rod, then one pure `run` per record: displacement to axial force.
+
+use crate::analysis::inference::{
+    AbcSettings, Conflict, Inference, Observation, PlanError, Posterior, Table, Tables, VarianceShares,
+};
+use crate::analysis::numerics::random;
+use crate::analysis::rod::beam::forward::ForwardModel;
+use crate::analysis::rod::emulator::ModelSettings;
+use crate::analysis::rod::prior::RodPrior;
+use crate::analysis::signal::modes::{
+    Evidence, LabelPlan, Labels, ModalPlan, Mode, ModeSettings, Motion, Resonance,
+};
+use crate::analysis::signal::record::{Envelope, Flag, Reading, Record, Rejection, RodId, Timestamp};
+use crate::analysis::signal::spectrum::{PeakSettings, Spectrum, WelchSettings};
+use std::sync::Arc;
+
+/// Raised whenever the same record and configuration may give other numbers than before.
+pub const VERSION: u32 = 2;
+
+/// Everything the analysis of one rod depends on.
+#[derive(Debug, Clone, PartialEq)]
+pub struct AnalysisSettings {
+    /// The rod.
+    pub rod: RodId,
+    /// What is known about it beforehand.
+    pub prior: RodPrior,
+    /// Relative model discrepancy per mode order (standard deviation of b_n / y_n), one entry per
+    /// mode looked for; zeros are the paper's setting.
+    pub discrepancy: Vec<f64>,
+    /// How the spectrum is estimated.
+    pub welch: WelchSettings,
+    /// Which maxima count as peaks.
+    pub peaks: PeakSettings,
+    /// Which modes are looked for.
+    pub modes: ModeSettings,
+    /// How the force is inferred.
+    pub abc: AbcSettings,
+    /// Which forward model answers.
+    pub model: ModelSettings,
+    /// Seed of the whole site; each record's seed follows from it, the rod and the record.
+    pub seed: u64,
+}
+
+/// What one record says about its rod.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Identification {
+    /// The rod.
+    pub rod: RodId,
+    /// Where and when it was measured; `None` for frequencies measured elsewhere.
+    pub measurement: Option<Measurement>,
+    /// The measured modes, ascending in order.
+    pub modes: Vec<Mode>,
+    /// Certainty of their orders; `None` where the orders were given.
+    pub labels: Option<Labels>,
+    /// The absolute force, per record: a weighted sample of the rod's parameters.
+    pub posterior: Posterior,
+    /// How far the observed frequencies lie from everything the model can produce.
+    pub conflict: Conflict,
+    /// The sources of the force's variance; `None` where the posterior is too small a sample to tell.
+    pub hangs_on: Option<VarianceShares>,
+}
+
+/// The record behind an identification.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Measurement {
+    /// The record's [identity](Record::identity): the same data, the same identity.
+    pub identity: [u8; 32],
+    /// Time of the first sample.
+    pub start: Timestamp,
+    /// Length of the record \[s\].
+    pub duration_s: f64,
+    /// Sample rate \[Hz\].
+    pub fs_hz: f64,
+    /// Mean temperature during the record \[degC\], if measured.
+    pub temperature_c: Option<f64>,
+    /// Temperature readings since the rod's record before this one, ascending in time.
+    pub readings: Vec<Reading>,
+    /// Root mean square of the samples, SI of their unit.
+    pub rms: f64,
+    /// The samples as the columns of a drawing.
+    pub waveform: Envelope,
+    /// What the quality checks noticed.
+    pub flags: Vec<Flag>,
+    /// Welch's spectrum.
+    pub spectrum: Spectrum,
+    /// Every resonance and line found in the spectrum, whether it became a mode or not.
+    pub resonances: Vec<Resonance>,
+    /// Motion that was recognised.
+    pub motion: Motion,
+}
+
+/// A record that gives no force, with as much as was found in it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Refusal {
+    /// The reason.
+    pub rejection: Rejection,
+    /// Spectrum and resonances, if the record has any.
+    pub measurement: Option<Box<Measurement>>,
+    /// Assignments of its peaks to orders, if there are peaks.
+    pub labels: Option<Labels>,
+}
+
+impl From<Rejection> for Refusal {
+    fn from(rejection: Rejection) -> Self {
+        Self {
+            rejection,
+            measurement: None,
+            labels: None,
+        }
+    }
+}
+
+impl Measurement {
+    /// Of a record and what was found in it.
+    pub fn new(record: &Record, identity: [u8; 32], evidence: Evidence) -> Self {
+        Self {
+            identity,
+            start: record.start,
+            duration_s: record.duration_s(),
+            fs_hz: record.fs_hz,
+            temperature_c: record.temperature_c,
+            readings: record.readings.clone(),
+            rms: record.rms(),
+            waveform: Envelope::of(&record.samples, record.fs_hz),
+            flags: record.flags.clone(),
+            spectrum: evidence.spectrum,
+            resonances: evidence.resonances,
+            motion: evidence.motion,
+        }
+    }
+}
+
+/// What is prepared once per rod: its pattern of modes and its simulated table.
+pub struct Plan {
+    settings: AnalysisSettings,
+    modal: ModalPlan,
+    inference: Inference,
+}
+
+impl Plan {
+    /// Prepares one rod; `model` answers for its frequencies, `tables` are shared between rods.
+    ///
+    /// # Errors
+    /// Settings that contradict each other or ask for what the model cannot give.
+    pub fn new(
+        settings: AnalysisSettings,
+        model: Arc<dyn ForwardModel>,
+        tables: &Tables,
+    ) -> Result<Self, PlanError> {
+        let (inference, (labels, ())) = rayon::join(
+            || {
+                Inference::plan(
+                    settings.prior.clone(),
+                    model,
+                    settings.discrepancy.clone(),
+                    settings.abc,
+                    settings.modes.count,
+                    tables,
+                )
+            },
+            || {
+                rayon::join(
+                    || LabelPlan::new(&settings.prior, &settings.discrepancy, settings.modes.clone()),
+                    Conflict::prepare,
+                )
+            },
+        );
+        let inference = inference?;
+        let labels = labels.ok_or(PlanError::Unpredictable)?;
+        let modal = ModalPlan::new(settings.welch, settings.peaks, labels);
+        Ok(Self {
+            settings,
+            modal,
+            inference,
+        })
+    }
+
+    /// The table of simulated draws: drawn now, not with the first record.
+    pub fn table(&self) -> &Table {
+        self.inference.table()
+    }
+
+    /// What the plan was made from.
+    pub fn settings(&self) -> &AnalysisSettings {
+        &self.settings
+    }
+
+    /// The forward model that answers for the rod's frequencies.
+    pub fn model(&self) -> Arc<dyn ForwardModel> {
+        Arc::clone(self.inference.model())
+    }
+
+    /// One record to the posterior of its rod's axial force. A pure function of plan and record: the
+    /// same record gives the same bits on any number of threads.
+    ///
+    /// # Errors
+    /// The reason why the record gives no force, with what was found in it.
+    pub fn run(&self, record: &Record) -> Result<Identification, Refusal> {
+        let identity = record.identity();
+        let measured = |evidence| Measurement::new(record, identity, evidence);
+        let estimate = self.modal.identify(record).map_err(|found| Refusal {
+            rejection: found.rejection,
+            measurement: found.evidence.map(|evidence| Box::new(measured(*evidence))),
+            labels: found.labels,
+        })?;
+        let measurement = measured(estimate.evidence);
+        match self.infer(estimate.modes, self.seed_of(&identity)) {
+            Ok(identification) => Ok(Identification {
+                measurement: Some(measurement),
+                labels: Some(estimate.labels),
+                ..identification
+            }),
+            Err(rejection) => Err(Refusal {
+                rejection,
+                measurement: Some(Box::new(measurement)),
+                labels: Some(estimate.labels),
+            }),
+        }
+    }
+
+    /// Frequencies measured elsewhere to the posterior of the axial force.
+    ///
+    /// # Errors
+    /// The reason why they give no force.
+    pub fn run_frequencies(&self, modes: Vec<Mode>) -> Result<Identification, Rejection> {
+        let mut identity = Vec::with_capacity(modes.len() * 24);
+        for mode in &modes {
+            identity.extend_from_slice(&(mode.order as u64).to_le_bytes());
+            identity.extend_from_slice(&mode.frequency_hz.to_bits().to_le_bytes());
+            identity.extend_from_slice(&mode.sd_hz.to_bits().to_le_bytes());
+        }
+        let seed = self.seed_of(&identity);
+        self.infer(modes, seed)
+    }
+
+    /// Distance of frequencies from everything the model can produce.
+    ///
+    /// # Errors
+    /// No rod of the prior has them.
+    pub fn conflict(&self, modes: &[Mode]) -> Result<Conflict, Rejection> {
+        self.conflict_of(&observed(modes))
+    }
+
+    fn conflict_of(&self, observation: &Observation) -> Result<Conflict, Rejection> {
+        let conflict = self.inference.conflict(observation)?;
+        if conflict.prior_distance >= Conflict::OUTSIDE {
+            return Err(Rejection::OutsidePrior {
+                distance: conflict.prior_distance,
+            });
+        }
+        Ok(conflict)
+    }
+
+    fn infer(&self, modes: Vec<Mode>, seed: u64) -> Result<Identification, Rejection> {
+        let observation = observed(&modes);
+        let conflict = self.conflict_of(&observation)?;
+        let posterior = self.inference.run(&observation, seed)?;
+        Ok(Identification {
+            rod: self.settings.rod.clone(),
+            measurement: None,
+            modes,
+            labels: None,
+            hangs_on: self.inference.variance_shares(&observation, &posterior),
+            posterior,
+            conflict,
+        })
+    }
+
+    fn seed_of(&self, identity: &[u8]) -> u64 {
+        random::seed(&[
+            &self.settings.seed.to_le_bytes(),
+            self.settings.rod.0.as_bytes(),
+            identity,
+        ])
+    }
+}
+
+/// Modes as the inference takes them.
+fn observed(modes: &[Mode]) -> Observation {
+    Observation {
+        orders: modes.iter().map(|mode| mode.order).collect(),
+        frequency_hz: modes.iter().map(|mode| mode.frequency_hz).collect(),
+        sd_hz: modes.iter().map(|mode| mode.sd_hz).collect(),
+    }
+}

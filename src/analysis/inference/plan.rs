@@ -1,0 +1,424 @@
+//! Inference of one rod: planned once, then a pure function of observation and seed.
+
+use super::abc::{self, Accepted};
+use super::conflict::{self, Conflict};
+use super::distance::{self, Target};
+use super::posterior::Posterior;
+use super::prior_place::prior_place;
+use super::sequential::{self, SequentialSettings};
+use super::table::{LaterTable, NoiseTable, Table, Tables};
+use super::variance_shares::{VarianceShares, variance_shares};
+use super::{AbcSettings, Accept, Adjustment, Distance, Method, Noise, Observation, adjust};
+use crate::analysis::numerics::diagnostics;
+use crate::analysis::rod::beam::forward::{ForwardModel, MAX_MODES};
+use crate::analysis::rod::prior::RodPrior;
+use crate::analysis::signal::record::Rejection;
+use std::sync::Arc;
+use thiserror::Error;
+
+/// Fewest accepted draws that make a posterior: its 2.5 % quantile is then more than a guess.
+pub const MIN_ACCEPTED: usize = 50;
+
+/// Largest share of draws without a model answer. The posterior treats such draws as impossible, so
+/// this much of the prior may go missing unseen.
+pub const MAX_INVALID_SHARE: f64 = 0.001;
+
+/// Fewest and most draws of a table.
+pub const DRAWS: std::ops::RangeInclusive<usize> = 1_000..=50_000_000;
+
+/// Why an inference cannot be planned.
+#[derive(Debug, Clone, PartialEq, Error)]
+pub enum PlanError {
+    /// Prior and model speak of different quantities.
+    #[error("the prior describes a {prior} section, the model a {model} section")]
+    Section {
+        /// The prior's section.
+        prior: &'static str,
+        /// The model's section.
+        model: &'static str,
+    },
+    /// A prior is none.
+    #[error("prior of {quantity}: {fault}")]
+    Prior {
+        /// The quantity's key.
+        quantity: &'static str,
+        /// What is wrong with it.
+        fault: &'static str,
+    },
+    /// Every quantity has a fixed value.
+    #[error("every quantity is fixed: nothing is left to infer")]
+    NothingUncertain,
+    /// More modes are wanted than the model gives, or none.
+    #[error("{wanted} modes wanted; the model {model} gives 1 to {given}")]
+    Modes {
+        /// Wanted.
+        wanted: usize,
+        /// The model.
+        model: &'static str,
+        /// What it gives.
+        given: usize,
+    },
+    /// One discrepancy per mode is needed, each at least zero and below one.
+    #[error("discrepancy {discrepancy:?}: one number from 0 to below 1 for each of {modes} modes is needed")]
+    Discrepancy {
+        /// As given.
+        discrepancy: Vec<f64>,
+        /// How many modes.
+        modes: usize,
+    },
+    /// Hardly any draw from the prior has natural frequencies.
+    #[error("the prior allows almost no rod that can vibrate; check its values and units")]
+    Unpredictable,
+    /// The number of draws is out of range.
+    #[error("{draws} draws: between {} and {} are possible", DRAWS.start(), DRAWS.end())]
+    Draws {
+        /// As given.
+        draws: usize,
+    },
+    /// The share accepted is no share, or accepts too few draws for a posterior.
+    #[error(
+        "accepting a share of {alpha} of {draws} draws: it must lie in (0, 1] and accept at least {MIN_ACCEPTED}"
+    )]
+    Quantile {
+        /// As given.
+        alpha: f64,
+        /// Of how many draws.
+        draws: usize,
+    },
+    /// The tolerance is not positive.
+    #[error("tolerance epsilon = {epsilon}: it must be positive")]
+    Epsilon {
+        /// As given.
+        epsilon: f64,
+    },
+    /// The fixed measurement error is negative or not a number.
+    #[error("fixed measurement error {sd_hz} Hz: it must be zero or positive")]
+    Noise {
+        /// As given.
+        sd_hz: f64,
+    },
+}
+
+/// Everything the inference of one rod needs, ready for any number of records.
+#[derive(Clone)]
+pub struct Inference {
+    prior: RodPrior,
+    model: Arc<dyn ForwardModel>,
+    discrepancy: Vec<f64>,
+    settings: AbcSettings,
+    table: Arc<LaterTable>,
+    noise: NoiseTable,
+}
+
+impl Inference {
+    /// Checks the choices and finds the table (or shares an equal one of `tables`); it is drawn when it is first needed.
+    ///
+    /// `discrepancy` holds the relative standard deviation of the model discrepancy, one entry for
+    /// each of the mode orders 1 to `modes`.
+    pub fn plan(
+        prior: RodPrior,
+        model: Arc<dyn ForwardModel>,
+        discrepancy: Vec<f64>,
+        settings: AbcSettings,
+        modes: usize,
+        tables: &Tables,
+    ) -> Result<Self, PlanError> {
+        check(&prior, model.as_ref(), &discrepancy, &settings, modes)?;
+        let draws = match settings.method {
+            Method::Rejection => settings.draws,
+            // The sequence of populations draws for itself; the table serves the prior check alone.
+            Method::Sequential => settings.draws.min(10_000),
+        };
+        Ok(Self {
+            table: tables.simulated(&prior, &model, modes, draws),
+            noise: tables.noise(draws, modes),
+            prior,
+            model,
+            discrepancy,
+            settings,
+        })
+    }
+
+    /// The posterior given an observation. The same observation and seed give the same bits.
+    ///
+    /// Rejections: `NoLabel` for an observation that is none, `OutsideEmulator` for an order beyond the
+    /// planned modes or a prior that reaches beyond the model's range, `NothingAccepted` for fewer than
+    /// [`MIN_ACCEPTED`] accepted draws.
+    pub fn run(&self, observation: &Observation, seed: u64) -> Result<Posterior, Rejection> {
+        let target = self.target(observation)?;
+        let table = self.table();
+        let invalid = table.invalid();
+        if invalid as f64 > MAX_INVALID_SHARE * table.draws() as f64 {
+            return Err(Rejection::OutsideEmulator {
+                detail: format!(
+                    "{invalid} of {} draws of the prior lie outside the range of the model {}, at most {} % may: narrow the priors, or \
+                     set emulator.model = \"exact\"",
+                    table.draws(),
+                    self.model.name(),
+                    MAX_INVALID_SHARE * 100.0
+                ),
+            });
+        }
+        match self.settings.method {
+            Method::Rejection => self.reject(&target, seed),
+            Method::Sequential => self.sequence(&target, seed),
+        }
+    }
+
+    /// How far the observed frequencies lie from everything the beam can produce, and how far out in
+    /// what the prior produces. Rejects what [`Inference::run`] rejects as no observation.
+    pub fn conflict(&self, observation: &Observation) -> Result<Conflict, Rejection> {
+        check_observation(observation, self.table.modes())?;
+        let target = Target::new(
+            observation,
+            &self.discrepancy,
+            self.settings.noise,
+            Distance::Euclidean,
+        )
+        .ok_or_else(|| no_label(observation, "no finite weights"))?;
+        let Observation {
+            orders, frequency_hz, ..
+        } = observation;
+        let sd_hz: Vec<f64> = distance::error_sds(observation, self.settings.noise)
+            .zip(orders.iter().zip(frequency_hz))
+            .map(|(sd, (&order, frequency))| sd.hypot(self.discrepancy[order - 1] * frequency))
+            .collect();
+        let place = prior_place(&target, self.table(), &self.noise);
+        let conflict::Nearest {
+            score,
+            nearest_hz,
+            residuals,
+        } = conflict::nearest(orders, frequency_hz, &sd_hz);
+        Ok(Conflict {
+            score,
+            nearest_hz,
+            residuals,
+            violation: conflict::violation(orders, frequency_hz, &sd_hz),
+            prior_tail: place.tail,
+            prior_distance: place.distance,
+        })
+    }
+
+    /// Which source carries how much of the posterior's variance; `None` where the sample is too small to tell.
+    pub fn variance_shares(
+        &self,
+        observation: &Observation,
+        posterior: &Posterior,
+    ) -> Option<VarianceShares> {
+        let measured: Vec<f64> = distance::error_sds(observation, self.settings.noise).collect();
+        let modelled: Vec<f64> = observation
+            .orders
+            .iter()
+            .zip(&observation.frequency_hz)
+            .map(|(&order, frequency)| self.discrepancy.get(order - 1).copied().unwrap_or(0.0) * frequency)
+            .collect();
+        let larger = measured.iter().zip(&modelled).filter(|(e, b)| b > e).count();
+        let sds: Vec<f64> = measured.iter().zip(&modelled).map(|(e, b)| e.hypot(*b)).collect();
+        variance_shares(
+            &self.prior,
+            self.model.as_ref(),
+            posterior,
+            observation,
+            &sds,
+            2 * larger > sds.len(),
+        )
+    }
+
+    /// The table of simulated draws, drawn now if it is not yet.
+    pub fn table(&self) -> &Table {
+        self.table.get()
+    }
+
+    /// The prior.
+    pub fn prior(&self) -> &RodPrior {
+        &self.prior
+    }
+
+    /// The forward model.
+    pub fn model(&self) -> &Arc<dyn ForwardModel> {
+        &self.model
+    }
+
+    /// Relative model discrepancy per mode order from the first.
+    pub fn discrepancy(&self) -> &[f64] {
+        &self.discrepancy
+    }
+
+    /// How the force is inferred.
+    pub fn settings(&self) -> &AbcSettings {
+        &self.settings
+    }
+
+    fn target(&self, observation: &Observation) -> Result<Target, Rejection> {
+        check_observation(observation, self.table.modes())?;
+        Target::new(
+            observation,
+            &self.discrepancy,
+            self.settings.noise,
+            self.settings.distance,
+        )
+        .ok_or_else(|| {
+            no_label(
+                observation,
+                "a Mahalanobis distance needs a standard error for every mode",
+            )
+        })
+    }
+
+    fn reject(&self, target: &Target, seed: u64) -> Result<Posterior, Rejection> {
+        let table = self.table();
+        let draws = table.draws();
+        let shift = (seed % draws as u64) as usize;
+        let accepted = abc::reject(target, table, &self.noise, shift, self.settings.accept);
+        let weights = vec![1.0 / accepted.distances.len() as f64; accepted.distances.len()];
+        self.posterior(target, accepted, weights, draws, table.invalid(), seed)
+    }
+
+    fn sequence(&self, target: &Target, seed: u64) -> Result<Posterior, Rejection> {
+        let settings = SequentialSettings::from(&self.settings);
+        let run = sequential::run(&self.prior, self.model.as_ref(), target, &settings, seed);
+        let mut posterior =
+            self.posterior(target, run.accepted, run.weights, run.draws, run.invalid, seed)?;
+        posterior.stop = Some(run.stop);
+        Ok(posterior)
+    }
+
+    fn posterior(
+        &self,
+        target: &Target,
+        accepted: Accepted,
+        mut weights: Vec<f64>,
+        draws: usize,
+        invalid: usize,
+        seed: u64,
+    ) -> Result<Posterior, Rejection> {
+        let Accepted {
+            mut particles,
+            mut simulated,
+            distances,
+            epsilon,
+        } = accepted;
+        if distances.len() < MIN_ACCEPTED {
+            return Err(Rejection::NothingAccepted {
+                accepted: distances.len(),
+                draws,
+                epsilon,
+                needed: MIN_ACCEPTED,
+            });
+        }
+        let adjusted = (self.settings.adjustment == Adjustment::Linear).then(|| {
+            for row in simulated.chunks_exact_mut(target.terms().len()) {
+                for (y, term) in row.iter_mut().zip(target.terms()) {
+                    *y -= f64::from(term.observed);
+                }
+            }
+            adjust::linear(
+                &self.prior,
+                &mut particles,
+                &simulated,
+                &distances,
+                epsilon,
+                &mut weights,
+            )
+        });
+        Ok(Posterior {
+            parameterisation: *self.prior.parameterisation(),
+            accepted: distances.len(),
+            ess: diagnostics::effective_sample_size(&weights),
+            particles,
+            weights,
+            epsilon,
+            draws,
+            invalid,
+            seed,
+            method: self.settings.method,
+            adjustment: match adjusted {
+                Some(Ok(())) => Adjustment::Linear,
+                _ => Adjustment::None,
+            },
+            withheld: adjusted.and_then(Result::err),
+            stop: None,
+        })
+    }
+}
+
+pub(super) fn no_label(observation: &Observation, detail: &str) -> Rejection {
+    Rejection::NoLabel {
+        peaks: observation.frequency_hz.len(),
+        detail: detail.to_string(),
+    }
+}
+
+fn check_observation(observation: &Observation, modes: usize) -> Result<(), Rejection> {
+    observation
+        .check()
+        .map_err(|error| no_label(observation, &error.to_string()))?;
+    match observation.orders.iter().find(|&&order| order > modes) {
+        Some(order) => Err(Rejection::OutsideEmulator {
+            detail: format!("mode order {order} was observed, the plan holds {modes}: raise modes.count"),
+        }),
+        None => Ok(()),
+    }
+}
+
+fn check(
+    prior: &RodPrior,
+    model: &dyn ForwardModel,
+    discrepancy: &[f64],
+    settings: &AbcSettings,
+    modes: usize,
+) -> Result<(), PlanError> {
+    if prior.parameterisation() != model.parameterisation() {
+        return Err(PlanError::Section {
+            prior: prior.parameterisation().section().key(),
+            model: model.parameterisation().section().key(),
+        });
+    }
+    for (quantity, one) in prior.parameterisation().quantities().iter().zip(prior.priors()) {
+        if let Some(fault) = one.fault() {
+            return Err(PlanError::Prior {
+                quantity: quantity.key(),
+                fault,
+            });
+        }
+    }
+    if prior
+        .priors()
+        .iter()
+        .all(crate::analysis::rod::prior::Prior::is_fixed)
+    {
+        return Err(PlanError::NothingUncertain);
+    }
+    if modes == 0 || modes > model.modes().min(MAX_MODES) {
+        return Err(PlanError::Modes {
+            wanted: modes,
+            model: model.name(),
+            given: model.modes().min(MAX_MODES),
+        });
+    }
+    if discrepancy.len() != modes || discrepancy.iter().any(|d| !(0.0..1.0).contains(d)) {
+        return Err(PlanError::Discrepancy {
+            discrepancy: discrepancy.to_vec(),
+            modes,
+        });
+    }
+    let draws = settings.draws;
+    if !DRAWS.contains(&draws) {
+        return Err(PlanError::Draws { draws });
+    }
+    match settings.accept {
+        Accept::Quantile(alpha)
+            if !(alpha > 0.0 && alpha <= 1.0) || abc::count_of(alpha, draws) < MIN_ACCEPTED =>
+        {
+            return Err(PlanError::Quantile { alpha, draws });
+        }
+        Accept::Epsilon(epsilon) if !(epsilon > 0.0 && epsilon.is_finite()) => {
+            return Err(PlanError::Epsilon { epsilon });
+        }
+        _ => {}
+    }
+    match settings.noise {
+        Noise::Fixed(sd_hz) if !(sd_hz >= 0.0 && sd_hz.is_finite()) => Err(PlanError::Noise { sd_hz }),
+        _ => Ok(()),
+    }
+}

@@ -1,0 +1,126 @@
+//! A posterior as a weighted sample of parameter vectors, with what is needed to judge and repeat it.
+
+use super::{Adjustment, Method, Withheld};
+use crate::analysis::numerics::diagnostics;
+use crate::analysis::rod::beam::{Parameterisation, Quantity};
+use serde::Serialize;
+
+/// Why a sequence of populations ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Stop {
+    /// The wanted tolerance was reached.
+    TargetReached,
+    /// Too few proposals were accepted to go on.
+    AcceptanceTooLow,
+    /// The allowed number of model evaluations was used up.
+    BudgetUsed,
+    /// The allowed number of populations was reached.
+    MaxGenerations,
+    /// The tolerance no longer shrank noticeably.
+    Stalled,
+}
+
+/// A weighted sample from the posterior of a rod's parameters.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Posterior {
+    /// What the entries of a particle mean.
+    pub parameterisation: Parameterisation,
+    /// Parameter vectors, row-major (accepted x quantities), SI.
+    pub particles: Vec<f64>,
+    /// One weight per particle; they sum to one.
+    pub weights: Vec<f64>,
+    /// The tolerance: largest accepted distance, in the unit of the distance.
+    pub epsilon: f64,
+    /// Draws of the generative model.
+    pub draws: usize,
+    /// Accepted draws: the number of particles.
+    pub accepted: usize,
+    /// Draws the forward model had no answer for.
+    pub invalid: usize,
+    /// Effective sample size 1 / sum w^2.
+    pub ess: f64,
+    /// The record's seed.
+    pub seed: u64,
+    /// How draws were proposed.
+    pub method: Method,
+    /// Adjustment made to the accepted draws.
+    pub adjustment: Adjustment,
+    /// Reason for a wanted adjustment to be withheld.
+    pub withheld: Option<Withheld>,
+    /// Why a sequence of populations ended; rejection has no such reason.
+    pub stop: Option<Stop>,
+}
+
+/// Mean, spread and quantiles of one quantity.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Marginal {
+    /// Mean, SI.
+    pub mean: f64,
+    /// Standard deviation, SI.
+    pub sd: f64,
+    /// Coefficient of variation sd / mean.
+    pub cv: f64,
+    /// 2.5 % quantile, SI.
+    pub q025: f64,
+    /// Median, SI.
+    pub q50: f64,
+    /// 97.5 % quantile, SI.
+    pub q975: f64,
+    /// Monte Carlo standard error of the mean, SI.
+    pub mean_error: f64,
+}
+
+impl Posterior {
+    /// Values of one quantity, one per particle; `None` if the section does not have it.
+    pub fn values(&self, quantity: Quantity) -> Option<Vec<f64>> {
+        let column = self.parameterisation.index(quantity)?;
+        let width = self.parameterisation.len();
+        Some(
+            self.particles
+                .iter()
+                .skip(column)
+                .step_by(width)
+                .copied()
+                .collect(),
+        )
+    }
+
+    /// Posterior mean of one quantity.
+    pub fn mean(&self, quantity: Quantity) -> Option<f64> {
+        Some(diagnostics::mean(&self.values(quantity)?, &self.weights))
+    }
+
+    /// Posterior standard deviation of one quantity.
+    pub fn sd(&self, quantity: Quantity) -> Option<f64> {
+        Some(diagnostics::sd(&self.values(quantity)?, &self.weights))
+    }
+
+    /// Posterior coefficient of variation of one quantity.
+    pub fn cv(&self, quantity: Quantity) -> Option<f64> {
+        Some(self.sd(quantity)? / self.mean(quantity)?)
+    }
+
+    /// Posterior quantile of one quantity, `share` from 0 to 1.
+    pub fn quantile(&self, quantity: Quantity, share: f64) -> Option<f64> {
+        let values = self.values(quantity)?;
+        Some(diagnostics::quantiles(&values, &self.weights, &[share])[0])
+    }
+
+    /// Mean, spread and quantiles of one quantity at once.
+    pub fn marginal(&self, quantity: Quantity) -> Option<Marginal> {
+        let values = self.values(quantity)?;
+        let mean = diagnostics::mean(&values, &self.weights);
+        let sd = diagnostics::sd(&values, &self.weights);
+        let quantiles = diagnostics::quantiles(&values, &self.weights, &[0.025, 0.5, 0.975]);
+        Some(Marginal {
+            mean,
+            sd,
+            cv: sd / mean,
+            q025: quantiles[0],
+            q50: quantiles[1],
+            q975: quantiles[2],
+            mean_error: diagnostics::mean_error(&values, &self.weights),
+        })
+    }
+}

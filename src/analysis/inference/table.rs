@@ -1,0 +1,338 @@
+//! The simulated table: parameter vectors drawn from the prior with their model frequencies, drawn once
+//! and reused for every record, and the standard normal noise every record reuses with it.
+
+use crate::analysis::numerics::random::{self, BLOCK};
+use crate::analysis::rod::beam::forward::ForwardModel;
+use crate::analysis::rod::prior::RodPrior;
+use rand_distr::{Distribution, StandardNormal};
+use rayon::prelude::*;
+use std::sync::{Arc, Mutex, OnceLock, PoisonError, Weak};
+
+/// Draws (theta, y_M) of prior and model.
+///
+/// Frequencies are kept as `f32`, block by block of [`BLOCK`] draws and within a block mode by mode;
+/// their rounding, 6e-8 of the value, is a thousandth of the smallest standard error a record has.
+/// Parameters are kept as `f32` rows of the uncertain quantities only; fixed ones stay exact.
+/// A draw for which the model gives no answer has NaN in all modes.
+#[derive(Debug)]
+pub struct Table {
+    fixed: Vec<f64>,
+    uncertain: Vec<usize>,
+    draws: usize,
+    modes: usize,
+    invalid: usize,
+    parameters: Vec<f32>,
+    frequencies: Vec<f32>,
+}
+
+impl Table {
+    /// Draws `draws` parameter vectors from the prior and asks the model for `modes` frequencies of
+    /// each. Block b uses stream b of `seed`, so the bits do not depend on the number of threads.
+    pub fn draw(prior: &RodPrior, model: &dyn ForwardModel, modes: usize, draws: usize, seed: u64) -> Self {
+        let width = prior.priors().len();
+        let uncertain: Vec<usize> = (0..width).filter(|&i| !prior.priors()[i].is_fixed()).collect();
+        let blocks = draws.div_ceil(BLOCK);
+        let mut parameters = vec![0f32; blocks * BLOCK * uncertain.len().max(1)];
+        // Rows beyond the last draw stay NaN: like invalid rows they are never accepted.
+        let mut frequencies = vec![f32::NAN; blocks * BLOCK * modes];
+        let invalid = parameters
+            .par_chunks_mut(BLOCK * uncertain.len().max(1))
+            .zip(frequencies.par_chunks_mut(BLOCK * modes))
+            .enumerate()
+            .map_init(
+                || (vec![0f64; BLOCK * width], vec![0f64; BLOCK * modes]),
+                |(thetas, answers), (block, (parameters, frequencies))| {
+                    let rows = BLOCK.min(draws - block * BLOCK);
+                    let thetas = &mut thetas[..rows * width];
+                    let answers = &mut answers[..rows * modes];
+                    let mut generator = random::stream(seed, block as u64);
+                    for theta in thetas.chunks_exact_mut(width) {
+                        prior.sample(&mut generator, theta);
+                    }
+                    model.frequencies_of_many(thetas, modes, answers);
+                    for (row, theta) in thetas.chunks_exact(width).enumerate() {
+                        for (slot, &quantity) in uncertain.iter().enumerate() {
+                            parameters[row * uncertain.len() + slot] = theta[quantity] as f32;
+                        }
+                    }
+                    let mut invalid = 0;
+                    for (row, answer) in answers.chunks_exact(modes).enumerate() {
+                        if answer.iter().all(|f| f.is_finite() && *f > 0.0) {
+                            for (mode, &frequency) in answer.iter().enumerate() {
+                                frequencies[mode * BLOCK + row] = frequency as f32;
+                            }
+                        } else {
+                            invalid += 1;
+                        }
+                    }
+                    invalid
+                },
+            )
+            .sum();
+        Self {
+            fixed: prior.centre(),
+            uncertain,
+            draws,
+            modes,
+            invalid,
+            parameters,
+            frequencies,
+        }
+    }
+
+    /// How many draws.
+    pub fn draws(&self) -> usize {
+        self.draws
+    }
+
+    /// How many mode orders, from the first.
+    pub fn modes(&self) -> usize {
+        self.modes
+    }
+
+    /// How many draws the model has no answer for.
+    pub fn invalid(&self) -> usize {
+        self.invalid
+    }
+
+    /// How many entries a parameter vector has.
+    pub fn width(&self) -> usize {
+        self.fixed.len()
+    }
+
+    /// Bytes held.
+    pub fn bytes(&self) -> usize {
+        4 * (self.parameters.len() + self.frequencies.len())
+    }
+
+    /// Parameter vector of one draw.
+    pub fn theta(&self, draw: usize, theta: &mut [f64]) {
+        theta.copy_from_slice(&self.fixed);
+        let row = &self.parameters[draw * self.uncertain.len()..][..self.uncertain.len()];
+        for (&quantity, &value) in self.uncertain.iter().zip(row) {
+            theta[quantity] = f64::from(value);
+        }
+    }
+
+    /// Model frequency of one draw \[Hz\], `mode` counted from zero; NaN for an invalid draw.
+    pub fn frequency(&self, draw: usize, mode: usize) -> f32 {
+        self.block(draw / BLOCK, mode)[draw % BLOCK]
+    }
+
+    /// Model frequencies of one block in one mode (counted from zero), [`BLOCK`] entries; NaN where
+    /// the draw is invalid or beyond the last.
+    #[inline]
+    pub fn block(&self, block: usize, mode: usize) -> &[f32] {
+        &self.frequencies[(block * self.modes + mode) * BLOCK..][..BLOCK]
+    }
+
+    /// How many blocks.
+    pub fn blocks(&self) -> usize {
+        self.draws.div_ceil(BLOCK)
+    }
+}
+
+/// Standard normal numbers, one column per mode and one entry per draw of a table, read cyclically.
+///
+/// A record with shift s pairs draw i with entry (i + s) mod S. For any fixed s this is a one-to-one
+/// pairing of two independent samples, so the pairs (theta_i, z_(i+s)) are independent draws from the
+/// generative model, and rejection on them is rejection ABC exactly. Only *between* records the same
+/// numbers return: their Monte Carlo errors are dependent, their posteriors are each right.
+#[derive(Debug, Clone)]
+pub struct NoiseTable {
+    draws: usize,
+    columns: Vec<Arc<Vec<f32>>>,
+}
+
+impl NoiseTable {
+    fn column(draws: usize, mode: usize, seed: u64) -> Vec<f32> {
+        let mut column = vec![0f32; draws];
+        column
+            .par_chunks_mut(BLOCK)
+            .enumerate()
+            .for_each(|(block, values)| {
+                let mut generator = random::stream(seed, ((mode as u64) << 32) | block as u64);
+                for value in values {
+                    let z: f64 = StandardNormal.sample(&mut generator);
+                    *value = z as f32;
+                }
+            });
+        // A block that starts before the end and reaches beyond it finds the beginning again here.
+        for i in 0..BLOCK {
+            column.push(column[i % draws]);
+        }
+        column
+    }
+
+    /// The [`BLOCK`] numbers of one mode (counted from zero) that belong to one block under a shift.
+    #[inline]
+    pub fn block(&self, block: usize, mode: usize, shift: usize) -> &[f32] {
+        &self.columns[mode][(block * BLOCK + shift) % self.draws..][..BLOCK]
+    }
+
+    /// The number that belongs to one draw and mode (counted from zero) under a shift.
+    pub fn at(&self, draw: usize, mode: usize, shift: usize) -> f32 {
+        self.columns[mode][(draw + shift) % self.draws]
+    }
+}
+
+/// What a table depends on; equal keys mean equal tables.
+#[derive(Debug, PartialEq)]
+struct Key {
+    prior: RodPrior,
+    model: &'static str,
+    /// The model's answers at the first draws of the table, to the bit: two models of one name but
+    /// with another order or number of elements differ here.
+    probe: Vec<u64>,
+    modes: usize,
+    draws: usize,
+}
+
+/// A column of noise that some rod may still hold.
+#[derive(Debug)]
+struct KnownColumn {
+    draws: usize,
+    mode: usize,
+    values: Weak<Vec<f32>>,
+}
+
+/// A table that is drawn when it is first asked for. Nothing of a plan depends on what is in it, so a site of many rods is
+/// ready before all of theirs are drawn.
+pub struct LaterTable {
+    drawn: OnceLock<Table>,
+    prior: RodPrior,
+    model: Arc<dyn ForwardModel>,
+    modes: usize,
+    draws: usize,
+    seed: u64,
+}
+
+impl LaterTable {
+    /// The table, drawn now if it is not yet.
+    pub fn get(&self) -> &Table {
+        if let Some(table) = self.drawn.get() {
+            return table;
+        }
+        // Nothing is held while drawing: a thread of the pool that waits for its share of the work could pick up another
+        // record of the same rod and wait for itself. Drawn twice, it has the same bits.
+        let table = Table::draw(
+            &self.prior,
+            self.model.as_ref(),
+            self.modes,
+            self.draws,
+            self.seed,
+        );
+        self.drawn.get_or_init(|| table)
+    }
+
+    /// Modes in each draw.
+    pub fn modes(&self) -> usize {
+        self.modes
+    }
+}
+
+/// The tables of one site, shared between rods of equal prior, model, modes and number of draws.
+pub struct Tables {
+    seed: u64,
+    simulated: Mutex<Vec<(Key, Weak<LaterTable>)>>,
+    noise: Mutex<Vec<KnownColumn>>,
+}
+
+impl Tables {
+    /// No tables yet; those to come are drawn from `seed`.
+    pub fn new(seed: u64) -> Self {
+        Self {
+            seed,
+            simulated: Mutex::default(),
+            noise: Mutex::default(),
+        }
+    }
+
+    /// The seed all tables are drawn from.
+    pub fn seed(&self) -> u64 {
+        self.seed
+    }
+
+    fn stream_seed(&self, use_: &[u8]) -> u64 {
+        random::seed(&[use_, &self.seed.to_le_bytes()])
+    }
+
+    /// The table of this prior and model: one that is to be drawn, unless a rod still holds an equal one.
+    pub fn simulated(
+        &self,
+        prior: &RodPrior,
+        model: &Arc<dyn ForwardModel>,
+        modes: usize,
+        draws: usize,
+    ) -> Arc<LaterTable> {
+        let seed = self.stream_seed(b"simulated table");
+        let key = Key {
+            prior: prior.clone(),
+            model: model.name(),
+            probe: probe(prior, model.as_ref(), modes, seed),
+            modes,
+            draws,
+        };
+        let mut known = self.simulated.lock().unwrap_or_else(PoisonError::into_inner);
+        known.retain(|(_, table)| table.strong_count() > 0);
+        let equal = known.iter().find(|(other, _)| *other == key);
+        if let Some(table) = equal.and_then(|(_, table)| table.upgrade()) {
+            return table;
+        }
+        let table = Arc::new(LaterTable {
+            drawn: OnceLock::new(),
+            prior: prior.clone(),
+            model: Arc::clone(model),
+            modes,
+            draws,
+            seed,
+        });
+        known.push((key, Arc::downgrade(&table)));
+        table
+    }
+
+    /// Noise for tables of this many draws and modes, drawn now unless still held.
+    pub fn noise(&self, draws: usize, modes: usize) -> NoiseTable {
+        let seed = self.stream_seed(b"noise table");
+        let columns = (0..modes)
+            .map(|mode| {
+                let same = |known: &KnownColumn| known.draws == draws && known.mode == mode;
+                if let Some(column) = find(&self.noise, same, |known| known.values.upgrade()) {
+                    return column;
+                }
+                let column = Arc::new(NoiseTable::column(draws, mode, seed));
+                let mut known = self.noise.lock().unwrap_or_else(PoisonError::into_inner);
+                known.retain(|known| known.values.strong_count() > 0);
+                known.push(KnownColumn {
+                    draws,
+                    mode,
+                    values: Arc::downgrade(&column),
+                });
+                column
+            })
+            .collect();
+        NoiseTable { draws, columns }
+    }
+}
+
+fn find<E, T>(
+    entries: &Mutex<Vec<E>>,
+    same: impl Fn(&E) -> bool,
+    held: impl Fn(&E) -> Option<Arc<T>>,
+) -> Option<Arc<T>> {
+    let entries = entries.lock().unwrap_or_else(PoisonError::into_inner);
+    entries.iter().filter(|entry| same(entry)).find_map(held)
+}
+
+/// The model's answers at the first four draws, to the bit.
+fn probe(prior: &RodPrior, model: &dyn ForwardModel, modes: usize, seed: u64) -> Vec<u64> {
+    let width = prior.priors().len();
+    let mut generator = random::stream(seed, 0);
+    let mut thetas = vec![0f64; 4 * width];
+    for theta in thetas.chunks_exact_mut(width) {
+        prior.sample(&mut generator, theta);
+    }
+    let mut answers = vec![0f64; 4 * modes];
+    model.frequencies_of_many(&thetas, modes, &mut answers);
+    answers.iter().map(|f| f.to_bits()).collect()
+}

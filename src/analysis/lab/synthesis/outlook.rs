@@ -1,0 +1,228 @@
+//! Delays of one rod's drift detector, by simulation at the level of force ratios: no frequencies are made.
+
+use super::Change;
+use super::oscillator::normal;
+use super::site_years::{Fate, Moment, SiteYears};
+use super::world::World;
+use crate::analysis::numerics::random;
+use crate::analysis::signal::record::Timestamp;
+use crate::analysis::track::drift::{
+    BankPrior, Companions, Detector, Filters, Regressors, Seen, Shape, ThermalPrior,
+};
+
+const DAY_S: f64 = 86_400.0;
+const YEAR_D: f64 = 365.25;
+/// Days after their beginning for which steps and ramps are followed.
+pub const HORIZON_D: [usize; 2] = [60, 730];
+/// Periods that the reference of ratios is the mean of.
+const REFERENCE: usize = 30;
+/// Fewest rods with which a detector knows the others.
+const FEWEST: usize = 3;
+
+/// A change that is tried.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Tried {
+    /// Whether it grows with time.
+    pub is_ramp: bool,
+    /// Share of the force: at once, or in a year.
+    pub relative: f64,
+}
+
+/// A rod and its site, as far as the detector's delays depend on them.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Outlook {
+    /// The world, with the rod's own slopes.
+    pub world: World,
+    /// Rods of the site.
+    pub rods: usize,
+    /// Standard error of a period's ratio.
+    pub noise_sd: f64,
+    /// Knowledge of the rod's slope.
+    pub thermal: ThermalPrior,
+    /// R of the alarm.
+    pub limit: f64,
+}
+
+/// What one simulated site shows.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Told {
+    /// Days from each change to the record that told it, `None` beyond the horizon.
+    pub delays_d: Vec<Option<f64>>,
+    /// Smallest step told within each of the times asked for, as the posterior stood before the change.
+    pub steps: Vec<Option<f64>>,
+    /// Smallest ramp, per year.
+    pub ramps: Vec<Option<f64>>,
+}
+
+/// A period made ready.
+struct Ready {
+    day: f64,
+    ratio: f64,
+    columns: Vec<f64>,
+}
+
+impl Outlook {
+    /// Follows the first rod of site number `index` for `learned` days, then once more with each change. `within`: the
+    /// times for which the smallest change is asked \[d\].
+    pub fn follow(&self, learned: usize, changes: &[Tried], within: &[usize], index: u64, seed: u64) -> Told {
+        let longest = HORIZON_D[usize::from(changes.iter().any(|change| change.is_ramp))];
+        let days = learned + longest.max(within.iter().copied().max().unwrap_or(0)) + 1;
+        let seed = random::seed(&[b"outlook", &seed.to_le_bytes(), &index.to_le_bytes()]);
+        let periods = self.periods(days, seed);
+        let mut detector = Detector::new(if self.rods < FEWEST {
+            BankPrior::thermal(self.noise_sd, self.thermal)
+        } else {
+            BankPrior::thermal_and_peers(self.noise_sd, self.thermal)
+        });
+        let begin = learned as f64;
+        let split = periods.partition_point(|period| period.day < begin);
+        let (before, after) = periods.split_at(split);
+        for period in before {
+            self.step(&mut detector, period, 0.0);
+        }
+        let delays = changes.iter().map(|tried| {
+            let mut detector = detector.clone();
+            let change = self.change(*tried, begin);
+            let horizon = begin + HORIZON_D[usize::from(tried.is_ramp)] as f64;
+            let followed = after.iter().take_while(|period| period.day < horizon);
+            for period in followed {
+                self.step(&mut detector, period, change.after(period.day));
+                if detector.statistic() > self.limit {
+                    return Some(period.day - begin);
+                }
+            }
+            None
+        });
+        let delays_d = delays.collect();
+        let ahead: Vec<(f64, Vec<f64>)> = after
+            .iter()
+            .map(|period| (period.day, period.columns.clone()))
+            .collect();
+        let least = |shape: Shape| {
+            let of = |&days: &usize| {
+                let count = ahead.partition_point(|(day, _)| *day < begin + days as f64);
+                detector.least_told(shape, &ahead[..count], self.limit)
+            };
+            within.iter().map(of).collect()
+        };
+        Told {
+            steps: least(Shape::Small),
+            ramps: least(Shape::Ramp),
+            delays_d,
+        }
+    }
+
+    fn step(&self, detector: &mut Detector, period: &Ready, change: f64) {
+        detector.step(&Seen {
+            day: period.day,
+            ratio: period.ratio + change,
+            sd: self.noise_sd,
+            columns: &period.columns,
+        });
+    }
+
+    fn change(&self, tried: Tried, begin: f64) -> Change {
+        let over_d = if tried.is_ramp { HORIZON_D[1] as f64 } else { 0.0 };
+        let years = if tried.is_ramp { over_d / YEAR_D } else { 1.0 };
+        Change {
+            start_d: begin,
+            over_d,
+            relative: tried.relative * years,
+        }
+    }
+
+    /// Periods of the first rod, with their columns.
+    fn periods(&self, days: usize, seed: u64) -> Vec<Ready> {
+        let midnight = Timestamp::from_nanos(0);
+        let site = SiteYears::new(&self.world, self.rods, days, midnight, None, seed);
+        let mut generator = random::stream(seed, 1);
+        let ratios: Vec<Vec<Option<f64>>> = (site.rods.iter())
+            .map(|moments| {
+                let learned = moments
+                    .iter()
+                    .filter(|moment| moment.fate == Fate::Measured)
+                    .take(REFERENCE);
+                let forces: Vec<f64> = learned.map(Moment::force).collect();
+                let reference = forces.iter().sum::<f64>() / forces.len().max(1) as f64;
+                let ratio = |moment: &Moment| {
+                    let error = self.noise_sd * normal(&mut generator);
+                    (moment.fate == Fate::Measured).then(|| moment.force() / reference - 1.0 + error)
+                };
+                moments.iter().map(ratio).collect()
+            })
+            .collect();
+        let mut filters = Filters::default();
+        let mut readings = site.readings.iter().peekable();
+        let names: Vec<String> = (1..self.rods).map(|rod| rod.to_string()).collect();
+        let mut companions = Companions::default();
+        let mut regressors: Option<Regressors> = None;
+        let mut periods = Vec::new();
+        for (index, moment) in site.rods[0].iter().enumerate() {
+            let day = moment.start.seconds_since(midnight) / DAY_S;
+            while let Some(reading) = readings.next_if(|reading| reading.time <= moment.start) {
+                filters.push(reading.time.seconds_since(midnight) / DAY_S, reading.celsius);
+            }
+            let others = names
+                .iter()
+                .zip(&ratios[1..])
+                .map(|(name, own)| (name.as_str(), own[index]));
+            let median = companions.take(others);
+            let (Some(ratio), Some(filtered)) = (ratios[0][index], filters.at(day)) else {
+                continue;
+            };
+            let regressors = regressors.get_or_insert(Regressors {
+                reference_c: filtered[filtered.len() - 1],
+                origin: day,
+            });
+            let columns = if self.rods < FEWEST {
+                regressors.thermal(day, &filtered)
+            } else {
+                let Some(median) = median else { continue };
+                regressors.thermal_and_peers(day, &filtered, median)
+            };
+            periods.push(Ready { day, ratio, columns });
+        }
+        periods
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn outlook(rods: usize) -> Outlook {
+        Outlook {
+            world: World::named("benign", &mut random::stream(0, 0)).unwrap(),
+            rods,
+            noise_sd: 0.002,
+            thermal: ThermalPrior {
+                slope_mean_per_k: -0.005,
+                slope_sd_per_k: 0.01,
+                curvature_sd_per_k2: 1e-5,
+                is_sparse: false,
+            },
+            limit: 3652.0,
+        }
+    }
+
+    #[test]
+    fn large_steps_are_told_at_the_second_record_and_none_is_told_of_nothing() {
+        let tried = |relative| Tried {
+            is_ramp: false,
+            relative,
+        };
+        for rods in [1, 3] {
+            for index in 0..4 {
+                let told = outlook(rods).follow(60, &[tried(-0.05), tried(-1e-5)], &[4, 30], index, 1);
+                let delay = told.delays_d[0].unwrap();
+                // A missing record takes a day more, rarely two.
+                assert!((1.0..4.6).contains(&delay), "{delay}");
+                assert_eq!(told.delays_d[1], None);
+                let (soon, later) = (told.steps[0].unwrap(), told.steps[1].unwrap());
+                assert!(later < soon && soon < 0.05 && later > 0.001, "{soon} {later}");
+            }
+        }
+        let again = outlook(3).follow(60, &[tried(-0.05)], &[30], 2, 1);
+        assert_eq!(again, outlook(3).follow(60, &[tried(-0.05)], &[30], 2, 1));
+    }
+}

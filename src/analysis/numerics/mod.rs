@@ -1,0 +1,15 @@
+//! Numerical tools that know nothing of rods: they import from no other module.
+//!
+//! * [`random`]      seeds and counter-based streams
+//! * `simd`          inner loops on the widest vectors a processor has
+//! * [`orthogonal`]  orthogonal polynomials and their quadratures
+//! * [`optimum`]     minima of smooth functions
+//! * [`diagnostics`] Monte Carlo errors, effective sample size, tests of calibration
+//! * `tail`          the normal distribution far out
+
+pub mod diagnostics;
+pub mod optimum;
+pub mod orthogonal;
+pub mod random;
+pub(crate) mod simd;
+pub(crate) mod tail;

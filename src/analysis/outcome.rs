@@ -1,0 +1,143 @@
+//! What came of one record: a force, or a reason why there is none.
+
+use crate::analysis::identify::{Identification, Measurement};
+use crate::analysis::inference::Conflict;
+use crate::analysis::signal::modes::{Labels, Mode};
+use crate::analysis::signal::record::{Envelope, Reading, Rejection, RodId, Timestamp};
+use crate::analysis::track::{Input, LogMode, Observation};
+use sha2::{Digest, Sha256};
+
+/// What came of one record.
+#[derive(Debug, Clone)]
+pub enum Outcome {
+    /// It gave a force.
+    Identified(Box<Identification>),
+    /// Its frequencies were identified elsewhere: it is followed, without a force of its own.
+    Tabulated(Box<Tabulated>),
+    /// It gave none, for a stated reason.
+    Rejected(Box<Rejected>),
+}
+
+/// A record of which a table holds the natural frequencies, and nobody here the samples.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Tabulated {
+    /// The rod.
+    pub rod: RodId,
+    /// Time of the record.
+    pub start: Timestamp,
+    /// Length \[s\]; zero if the table does not say it.
+    pub duration_s: f64,
+    /// The measured modes, ascending in order.
+    pub modes: Vec<Mode>,
+    /// Temperature in its row \[degC\].
+    pub temperature_c: Option<f64>,
+    /// Temperature readings since the rod's record before this one, ascending in time.
+    pub readings: Vec<Reading>,
+    /// Root mean square of its samples, in one unit throughout the table.
+    pub rms: Option<f64>,
+    /// Distance of the frequencies from everything the model can produce.
+    pub conflict: Conflict,
+}
+
+/// A record that gave no force.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Rejected {
+    /// The rod.
+    pub rod: RodId,
+    /// Time of the first sample, if it is known.
+    pub start: Option<Timestamp>,
+    /// Length \[s\], if it is known.
+    pub duration_s: Option<f64>,
+    /// Sample rate \[Hz\], if it is known.
+    pub fs_hz: Option<f64>,
+    /// The record's identity by content, if it has samples.
+    pub identity: Option<[u8; 32]>,
+    /// Temperature readings that came with it.
+    pub readings: Vec<Reading>,
+    /// The reason.
+    pub rejection: Rejection,
+    /// Waveform, spectrum and resonances, if the analysis came that far.
+    pub measurement: Option<Box<Measurement>>,
+    /// Assignments of its peaks to orders, if there are peaks.
+    pub labels: Option<Labels>,
+    /// Its samples as the columns of a drawing, if it was refused before there was a spectrum.
+    pub waveform: Option<Envelope>,
+}
+
+impl Outcome {
+    /// The rod.
+    pub fn rod(&self) -> &RodId {
+        match self {
+            Self::Identified(identification) => &identification.rod,
+            Self::Tabulated(row) => &row.rod,
+            Self::Rejected(rejected) => &rejected.rod,
+        }
+    }
+
+    /// Identity of the record by content; what has no samples is known by rod, time, length and reason or frequencies.
+    /// `None` for frequencies measured elsewhere that have no time.
+    pub fn identity(&self) -> Option<[u8; 32]> {
+        match self {
+            Self::Identified(identification) => identification.measurement.as_ref().map(|m| m.identity),
+            Self::Tabulated(row) => Some(tabulated_identity(&row.rod, row.start, &row.modes)),
+            Self::Rejected(rejected) => {
+                Some(rejected.identity.unwrap_or_else(|| rejected.derived_identity()))
+            }
+        }
+    }
+
+    /// What tracking takes from it; `None` for frequencies measured elsewhere that have no time.
+    pub fn input(&self) -> Option<Input> {
+        match self {
+            Self::Identified(identification) => Observation::of(identification).map(Input::Identified),
+            Self::Tabulated(row) => Some(Input::Identified(row.observation())),
+            Self::Rejected(rejected) => Some(Input::Rejected {
+                start: rejected.start,
+                reason: rejected.rejection.to_string(),
+                readings: rejected.readings.clone(),
+            }),
+        }
+    }
+}
+
+/// The identity of a row of a table: its rod, time and frequencies with their errors.
+pub fn tabulated_identity(rod: &RodId, start: Timestamp, modes: &[Mode]) -> [u8; 32] {
+    let mut hash = Sha256::new();
+    hash.update(b"tabulated\0");
+    hash.update(rod.0.as_bytes());
+    hash.update([0]);
+    hash.update(start.as_nanos().to_le_bytes());
+    for mode in modes {
+        hash.update((mode.order as u64).to_le_bytes());
+        hash.update(mode.frequency_hz.to_bits().to_le_bytes());
+        hash.update(mode.sd_hz.to_bits().to_le_bytes());
+    }
+    hash.finalize().into()
+}
+
+impl Tabulated {
+    /// What tracking takes from it. Without a root mean square the amplitude is not judged.
+    fn observation(&self) -> Observation {
+        Observation {
+            start: self.start,
+            duration_s: self.duration_s,
+            modes: self.modes.iter().map(LogMode::from).collect(),
+            readings: self.readings.clone(),
+            rms: self.rms.unwrap_or(0.0),
+            conflict: self.conflict.score,
+        }
+    }
+}
+
+impl Rejected {
+    fn derived_identity(&self) -> [u8; 32] {
+        let mut hash = Sha256::new();
+        hash.update(b"rejected\0");
+        hash.update(self.rod.0.as_bytes());
+        hash.update([0]);
+        hash.update(self.start.map_or(i64::MIN, Timestamp::as_nanos).to_le_bytes());
+        hash.update(self.duration_s.unwrap_or(-1.0).to_bits().to_le_bytes());
+        hash.update(self.rejection.code().as_bytes());
+        hash.finalize().into()
+    }
+}

@@ -1,0 +1,231 @@
+//! The Fourier coefficients of a whole record, and a band of them around one peak.
+
+use super::Mask;
+use crate::analysis::signal::spectrum::welch::transform;
+use crate::analysis::signal::spectrum::window::line;
+use crate::analysis::signal::spectrum::{Transforms, fast_length};
+use realfft::num_complex::Complex;
+
+/// The Fourier coefficients `J_k = dt / sqrt(T) sum_t x_t e^(-2 pi i k t / n)` of a record less its
+/// straight line, without taper: `|J_k|^2` is the two-sided raw periodogram \[unit^2/Hz\].
+#[derive(Debug, Clone)]
+pub struct Coefficients {
+    /// Length of the stretch transformed, T \[s\]; line `k` stands at `k / T`.
+    pub duration_s: f64,
+    /// The coefficients from 0 Hz to the Nyquist frequency.
+    pub lines: Vec<Complex<f64>>,
+}
+
+impl Coefficients {
+    /// Transforms the first samples of a record; at most 2.5 % at its end is left out, so that the
+    /// length is one the transform is fast at.
+    pub fn of(transforms: &Transforms, fs_hz: f64, samples: &[f64]) -> Self {
+        let n = fast_length(samples.len());
+        let samples = &samples[..n];
+        let plan = transforms.plan(n);
+        let mut input = plan.make_input_vec();
+        let mut lines = plan.make_output_vec();
+        let mut scratch = plan.make_scratch_vec();
+        let (mean, slope) = line(samples);
+        let middle = 0.5 * (n as f64 - 1.0);
+        for (i, (slot, x)) in input.iter_mut().zip(samples).enumerate() {
+            *slot = x - (mean + slope * (i as f64 - middle));
+        }
+        transform(&*plan, &mut input, &mut lines, &mut scratch);
+        let duration_s = n as f64 / fs_hz;
+        let scale = 1.0 / (fs_hz * duration_s.sqrt());
+        for value in &mut lines {
+            *value *= scale;
+        }
+        Self { duration_s, lines }
+    }
+
+    /// The band `low_hz` to `high_hz` without masked lines; abscissae relative to its middle.
+    ///
+    /// Neighbouring lines are added up into one cell as long as the cell stays narrower than
+    /// `width_hz` of its frequency; a zero keeps every line for itself. The likelihood's sums over
+    /// lines need only each cell's number of lines, sum of coefficients and sum of powers wherever
+    /// the response does not change across the cell, so that the cost stops growing with the length
+    /// of the record.
+    pub fn band(&self, low_hz: f64, high_hz: f64, masks: &[Mask], width_hz: impl Fn(f64) -> f64) -> Band {
+        let n = self.lines.len();
+        // Neither 0 Hz nor the Nyquist line: their coefficients are real.
+        let first = (low_hz * self.duration_s).ceil().max(1.0) as usize;
+        let end = ((high_hz * self.duration_s).floor().max(0.0) as usize + 1).min(n.saturating_sub(1));
+        let mut band = Band {
+            duration_s: self.duration_s,
+            middle_hz: 0.5 * (low_hz + high_hz),
+            half_width_hz: 0.5 * (high_hz - low_hz),
+            ..Band::default()
+        };
+        let mut k = first;
+        while k < end {
+            let start_hz = k as f64 / self.duration_s;
+            let most = (width_hz(start_hz) * self.duration_s).max(1.0) as usize;
+            let mut cell = Cell::default();
+            for (line, value) in self.lines.iter().enumerate().take(end.min(k + most)).skip(k) {
+                let f = line as f64 / self.duration_s;
+                if masks.iter().any(|m| (m.low_hz..=m.high_hz).contains(&f)) {
+                    continue;
+                }
+                cell.lines += 1.0;
+                cell.frequency_hz += f;
+                cell.re += value.re;
+                cell.im += value.im;
+                let power = value.norm_sqr();
+                cell.power += power;
+                band.largest = band.largest.max(power);
+            }
+            if cell.lines > 0.0 {
+                cell.frequency_hz /= cell.lines;
+                cell.x = (cell.frequency_hz - band.middle_hz) / band.half_width_hz;
+                cell.floor = 1.0;
+                band.push(&cell);
+            }
+            k += most;
+        }
+        band
+    }
+}
+
+/// One or several neighbouring Fourier coefficients.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Cell {
+    /// How many.
+    pub lines: f64,
+    /// Their mean frequency \[Hz\].
+    pub frequency_hz: f64,
+    /// The same as -1 to 1 across the band.
+    pub x: f64,
+    /// Sum of the real parts.
+    pub re: f64,
+    /// Sum of the imaginary parts.
+    pub im: f64,
+    /// Sum of the squared magnitudes.
+    pub power: f64,
+    /// Shape of the noise floor: 1, or more where the skirts of other modes lie.
+    pub floor: f64,
+}
+
+/// Cells side by side: what the likelihood adds up at once. Lanes beyond the last cell hold no lines.
+pub const LANES: usize = 8;
+
+/// [`LANES`] neighbouring cells, quantity by quantity.
+#[derive(Debug, Clone, Copy)]
+pub struct Block {
+    /// As in [`Cell`], one entry per lane.
+    pub lines: [f64; LANES],
+    /// Mean frequencies \[Hz\].
+    pub frequency_hz: [f64; LANES],
+    /// The same as -1 to 1 across the band.
+    pub x: [f64; LANES],
+    /// Sums of the real parts.
+    pub re: [f64; LANES],
+    /// Sums of the imaginary parts.
+    pub im: [f64; LANES],
+    /// Sums of the squared magnitudes.
+    pub power: [f64; LANES],
+    /// Shape of the noise floor.
+    pub floor: [f64; LANES],
+}
+
+impl Block {
+    /// No lines at all, at a frequency where every response is finite.
+    fn empty(frequency_hz: f64) -> Self {
+        Self {
+            lines: [0.0; LANES],
+            frequency_hz: [frequency_hz; LANES],
+            x: [0.0; LANES],
+            re: [0.0; LANES],
+            im: [0.0; LANES],
+            power: [0.0; LANES],
+            floor: [1.0; LANES],
+        }
+    }
+
+    fn get(&self, lane: usize) -> Cell {
+        Cell {
+            lines: self.lines[lane],
+            frequency_hz: self.frequency_hz[lane],
+            x: self.x[lane],
+            re: self.re[lane],
+            im: self.im[lane],
+            power: self.power[lane],
+            floor: self.floor[lane],
+        }
+    }
+
+    fn set(&mut self, lane: usize, cell: &Cell) {
+        self.lines[lane] = cell.lines;
+        self.frequency_hz[lane] = cell.frequency_hz;
+        self.x[lane] = cell.x;
+        self.re[lane] = cell.re;
+        self.im[lane] = cell.im;
+        self.power[lane] = cell.power;
+        self.floor[lane] = cell.floor;
+    }
+}
+
+/// The coefficients of one record in a narrow band.
+#[derive(Debug, Clone, Default)]
+pub struct Band {
+    /// Length of the record, T \[s\].
+    pub duration_s: f64,
+    /// The band's middle \[Hz\].
+    pub middle_hz: f64,
+    /// Half its width \[Hz\].
+    pub half_width_hz: f64,
+    /// How many coefficients.
+    pub lines: f64,
+    /// Largest raw periodogram ordinate.
+    pub largest: f64,
+    /// How many cells.
+    cells: usize,
+    blocks: Vec<Block>,
+}
+
+impl Band {
+    fn push(&mut self, cell: &Cell) {
+        let lane = self.cells % LANES;
+        if lane == 0 {
+            self.blocks.push(Block::empty(cell.frequency_hz));
+        }
+        if let Some(block) = self.blocks.last_mut() {
+            block.set(lane, cell);
+        }
+        self.cells += 1;
+        self.lines += cell.lines;
+    }
+
+    /// The cells side by side, in ascending frequency.
+    pub fn blocks(&self) -> &[Block] {
+        &self.blocks
+    }
+
+    /// The cells one by one, in ascending frequency.
+    pub fn cells(&self) -> impl Iterator<Item = Cell> {
+        (0..self.cells).map(|i| self.blocks[i / LANES].get(i % LANES))
+    }
+
+    /// Changes the content of every cell, not its number of lines.
+    pub fn for_each(&mut self, mut change: impl FnMut(&mut Cell)) {
+        for i in 0..self.cells {
+            let block = &mut self.blocks[i / LANES];
+            let mut cell = block.get(i % LANES);
+            change(&mut cell);
+            block.set(i % LANES, &cell);
+        }
+    }
+
+    /// The noise floor as the quietest fifth of the cells suggests it: the lower quintile of an
+    /// exponential distribution is 0.223 of its mean (a cell of several lines scatters less).
+    pub fn quiet_level(&self) -> f64 {
+        let mut powers: Vec<f64> = self.cells().map(|c| c.power / c.lines).collect();
+        let fifth = powers.len() / 5;
+        if powers.is_empty() {
+            return f64::MIN_POSITIVE;
+        }
+        let (_, value, _) = powers.select_nth_unstable_by(fifth, f64::total_cmp);
+        (*value / 0.223).max(f64::MIN_POSITIVE)
+    }
+}

@@ -1,0 +1,325 @@
+//! One stretch of a record: a resonance fitted to the raw Fourier coefficients around each peak.
+
+use super::band::{Band, Coefficients};
+use super::dispersion::{Dispersion, dispersion};
+use super::likelihood::{self, Parameters, Start, Value};
+use super::maximum::Found;
+use super::parts::Beginning;
+use super::softened::Softened;
+use super::softening::Softening;
+use super::subband::{Pole, Subband};
+use super::tone::{Tone, tone};
+use super::{Mask, Resonance};
+use crate::analysis::numerics::optimum::golden;
+use crate::analysis::signal::spectrum::Transforms;
+use realfft::num_complex::Complex;
+
+/// Half width of a band in half-power half-widths of its peak: beyond 8 the band holds less than a
+/// tenth more of what there is to know about the frequency (bandwidth factor 0.84, Au 2014).
+pub(super) const HALF_WIDTHS: f64 = 8.0;
+/// Fewest lines to either side of the peak: the noise floor must be known from lines that the mode does
+/// not reach, or excitation that goes on during a decay is taken for noise.
+pub(super) const LEAST_LINES: f64 = 40.0;
+/// A band never reaches further than this share of the peak's frequency.
+const WIDEST: f64 = 0.35;
+/// Twice the log-likelihood gain over noise that a peak needs beyond that of the search over lines.
+const LEAST_EVIDENCE: f64 = 16.0;
+/// Where a resonance is, before its errors.
+pub struct Place {
+    /// The fit with the errors its curvature promises.
+    pub fit: Fit,
+    found: Found,
+}
+
+/// One fitted peak.
+#[derive(Debug, Clone, Copy)]
+pub struct Fit {
+    /// What it says.
+    pub resonance: Resonance,
+    /// Where the likelihood is highest.
+    pub parameters: Parameters,
+    /// The state it began with.
+    pub start: Start,
+    pub(super) value: Value,
+    half_width_hz: f64,
+    /// What gusts make a log-likelihood gain larger by.
+    pub(super) spread: f64,
+    /// What a decay tells of its softening, and its transient with it.
+    pub(super) softening: Option<Softening>,
+    softened: Option<Softened>,
+    /// Part of the frequency's error that all decays of the mode share \[Hz\].
+    pub(super) shared_sd_hz: f64,
+    /// Middle and half width of the band fitted \[Hz\].
+    band_hz: (f64, f64),
+}
+
+impl Fit {
+    /// The fitted pole.
+    pub fn pole(&self) -> Pole {
+        Pole {
+            frequency_hz: self.resonance.frequency_hz,
+            damping: self.resonance.damping,
+        }
+    }
+
+    /// What a softened decay's transient has beyond a linear one's of the same beginning, at `f`.
+    fn beyond_linear(&self, f: f64) -> Complex<f64> {
+        self.softened.map_or(Complex::default(), |softened| {
+            let phase = self.parameters.softening / self.resonance.damping;
+            let linear = likelihood::shape(self.resonance.frequency_hz, self.resonance.damping, f);
+            self.value.transient * (softened.at(f) - Complex::from_polar(1.0, phase) * linear)
+        })
+    }
+}
+
+/// Where a resonance is looked for.
+#[derive(Debug, Clone, Copy)]
+pub struct Aim {
+    /// The peak \[Hz\].
+    pub peak_hz: f64,
+    /// What a fit to another stretch of the record found.
+    pub before: Option<Parameters>,
+}
+
+/// One stretch of a record, its Fourier coefficients, and what is known before any fit.
+pub struct Stretch<'a> {
+    /// Transforms planned before.
+    pub transforms: &'a Transforms,
+    /// The stretch itself.
+    pub coefficients: Coefficients,
+    /// Its beginning.
+    pub beginning: Beginning,
+    /// Bands not looked at.
+    pub masks: &'a [Mask],
+    /// Line distance of the spectrum the peaks were picked from \[Hz\].
+    pub line_hz: f64,
+    /// Half the sample rate \[Hz\].
+    pub nyquist_hz: f64,
+}
+
+impl Stretch<'_> {
+    /// Where the resonances are, by curvature alone: one entry per aim, `None` where a peak is noise or part
+    /// of a resonance already fitted. Aims come in descending height: what a lower one shows must stand
+    /// above the skirts of those before.
+    pub fn places(&self, aims: &[Aim]) -> Vec<Option<Place>> {
+        let mut fits: Vec<Fit> = Vec::new();
+        let mut places = Vec::with_capacity(aims.len());
+        for &aim in aims {
+            let place = if fits.iter().any(|fit| self.same(fit, aim.peak_hz)) {
+                None
+            } else {
+                self.best(aim, &fits)
+                    .and_then(|found| Some((self.provisional(&found)?, found)))
+                    .filter(|(fit, _)| {
+                        !fits
+                            .iter()
+                            .any(|other| self.same(other, fit.resonance.frequency_hz))
+                    })
+            };
+            places.push(place.map(|(fit, found)| {
+                fits.push(fit);
+                Place { fit, found }
+            }));
+        }
+        places
+    }
+
+    /// The resonances found, each beside all others, with their errors.
+    pub fn with_errors(&self, places: &[Option<Place>]) -> Vec<Option<Fit>> {
+        let fits: Vec<(usize, Fit)> = places
+            .iter()
+            .enumerate()
+            .filter_map(|(n, place)| Some((n, place.as_ref()?.fit)))
+            .collect();
+        places
+            .iter()
+            .enumerate()
+            .map(|(n, place)| {
+                let place = place.as_ref()?;
+                let others: Vec<Fit> = fits
+                    .iter()
+                    .filter(|(m, _)| *m != n)
+                    .map(|(_, fit)| *fit)
+                    .collect();
+                if self.disturbed(&place.fit, &others) {
+                    let aim = Aim {
+                        peak_hz: place.fit.parameters.frequency_hz,
+                        before: Some(place.fit.parameters),
+                    };
+                    let level = Some(place.fit.value.noise);
+                    self.judged(&self.maximum(aim, place.found.start, &others, level)?, &others)
+                } else {
+                    self.judged(&place.found, &others)
+                }
+            })
+            .collect()
+    }
+
+    /// The series of a resonance, less the transients of the others and what is smooth across its band; `half_hz` to either side as far as its
+    /// neighbours and masks allow.
+    pub fn subband(&self, fit: &Fit, half_hz: f64, others: &[Fit]) -> Option<Subband> {
+        let (middle, half) = fit.band_hz;
+        let [level, slope] = fit.value.smooth;
+        self.band_series(fit, half_hz, others, |f| {
+            level + slope * ((f - middle) / half) + fit.beyond_linear(f)
+        })
+    }
+
+    /// The series of a band about a resonance, less the transients of `others` and `smooth`.
+    pub(super) fn band_series(
+        &self,
+        fit: &Fit,
+        half_hz: f64,
+        others: &[Fit],
+        smooth: impl Fn(f64) -> Complex<f64>,
+    ) -> Option<Subband> {
+        let f = fit.resonance.frequency_hz;
+        let limits = self.limits(f, others);
+        let half = half_hz.max(LEAST_LINES / self.coefficients.duration_s);
+        let (low, high) = ((f - half).max(limits.0), (f + half).min(limits.1));
+        if self.masks.iter().any(|m| m.low_hz < high && m.high_hz > low) {
+            return None;
+        }
+        Subband::of(
+            self.transforms,
+            &self.coefficients,
+            (low, high),
+            fit.pole(),
+            |f| others.iter().map(|other| pull(other, f)).sum::<Complex<f64>>() + smooth(f),
+        )
+    }
+
+    /// Whether a peak at `frequency_hz` is part of a resonance already fitted.
+    pub fn same(&self, fit: &Fit, frequency_hz: f64) -> bool {
+        let r = &fit.resonance;
+        let near = (1.5 * r.damping * r.frequency_hz).max(1.5 * self.line_hz);
+        (frequency_hz - r.frequency_hz).abs() < near
+    }
+
+    /// How far the band of a peak may reach: half way to the nearest resonances already fitted.
+    pub(super) fn limits(&self, peak_hz: f64, others: &[Fit]) -> (f64, f64) {
+        let (mut low, mut high) = ((1.0 - WIDEST) * peak_hz, (1.0 + WIDEST) * peak_hz);
+        for other in others {
+            let middle = 0.5 * (other.resonance.frequency_hz + peak_hz);
+            if middle < peak_hz {
+                low = low.max(middle);
+            } else {
+                high = high.min(middle);
+            }
+        }
+        (low, high.min(0.98 * self.nyquist_hz))
+    }
+
+    /// The fit at a maximum with the errors that its curvature promises.
+    pub(super) fn provisional(&self, found: &Found) -> Option<Fit> {
+        let sd = |i: usize| found.covariance()[(i, i)].sqrt();
+        self.credible(found, found.parameters(), sd(0), sd(1))
+    }
+
+    /// The fit at a maximum with its standard errors, and what it was taken for.
+    fn judged(&self, found: &Found, others: &[Fit]) -> Option<Fit> {
+        let (p, sd, log_sd, softening) = self.errors(found);
+        let mut fit = self.credible(found, p, sd, log_sd)?;
+        let gamma = p.log_damping.exp() * p.frequency_hz;
+        let series = self.subband(&fit, HALF_WIDTHS * gamma, others);
+        let scatter = series
+            .as_ref()
+            .and_then(|series| dispersion(series, fit.pole(), fit.value.noise, p.log_ratio.exp()))
+            .unwrap_or(Dispersion::UNKNOWN);
+        fit.resonance.frequency_sd_hz *= scatter.factor;
+        fit.resonance.misfit = scatter.misfit;
+        fit.spread = scatter.factor * scatter.factor;
+        fit.softening = softening.map(|s| Softening {
+            variance: fit.spread * s.variance,
+            ..s
+        });
+        let over_sine = self.over_sine(&found.band, &fit)?;
+        let verdict = tone(
+            over_sine,
+            p.log_damping,
+            log_sd,
+            series.map_or(1.0, |s| s.unevenness(fit.pole())),
+        );
+        fit.resonance.line = verdict == Tone::Sure;
+        fit.resonance.foreign_log_odds = verdict.log_odds();
+        Some(fit)
+    }
+
+    /// The fit at parameters `p` unless noise explains the peak as well.
+    fn credible(&self, found: &Found, p: Parameters, sd: f64, log_sd: f64) -> Option<Fit> {
+        let band = &found.band;
+        let value = likelihood::resonance(band, found.start, &p)?;
+        let noise = likelihood::noise_only(band, p.slope)?.max(likelihood::noise_only(band, 0.0)?);
+        let evidence = 2.0 * (value.log_profile - noise);
+        let lines_searched = self.nyquist_hz * band.duration_s;
+        if !(evidence > LEAST_EVIDENCE + 2.0 * lines_searched.ln() && sd.is_finite()) {
+            return None;
+        }
+        let damping = p.log_damping.exp();
+        let transient = value.transient.norm_sqr() / value.noise;
+        Some(Fit {
+            resonance: Resonance {
+                frequency_hz: p.frequency_hz,
+                frequency_sd_hz: sd,
+                damping,
+                damping_log_sd: log_sd,
+                peak_to_noise: p.log_ratio.exp() + transient,
+                evidence,
+                line: false,
+                misfit: 0.0,
+                foreign_log_odds: 0.0,
+            },
+            parameters: p,
+            start: found.start,
+            value,
+            spread: 1.0,
+            softening: None,
+            softened: (p.softening != 0.0)
+                .then(|| Softened::new(p.frequency_hz, damping, p.softening, self.coefficients.duration_s))
+                .flatten(),
+            shared_sd_hz: 0.0,
+            half_width_hz: found.half_width_hz.max(2.0 * damping * p.frequency_hz),
+            band_hz: (band.middle_hz, band.half_width_hz),
+        })
+    }
+
+    /// Twice the log-likelihood gain of a fit over a pure sine at its best.
+    fn over_sine(&self, band: &Band, fit: &Fit) -> Option<f64> {
+        let p = &fit.parameters;
+        let reach = 0.75 / band.duration_s;
+        let sine_at = |f: f64| {
+            let flat = likelihood::sine(band, f, 0.0);
+            let sloped = likelihood::sine(band, f, p.slope);
+            flat.into_iter().chain(sloped).reduce(f64::max)
+        };
+        let sine_hz = golden(sine_at, p.frequency_hz - reach, p.frequency_hz + reach, 20);
+        Some(2.0 * (fit.value.log_profile - sine_at(sine_hz)?))
+    }
+
+    /// Whether other modes lift the band of `fit` by more than a fifth of its noise floor.
+    fn disturbed(&self, fit: &Fit, others: &[Fit]) -> bool {
+        let f = fit.resonance.frequency_hz;
+        [f - fit.half_width_hz, f, f + fit.half_width_hz]
+            .iter()
+            .any(|&f| {
+                let lifted: f64 = others.iter().map(|other| skirt(other, f)).sum();
+                let pulled: f64 = others.iter().map(|other| pull(other, f).norm_sqr()).sum();
+                lifted + pulled > 0.2 * fit.value.noise
+            })
+    }
+}
+
+/// The random part of another mode's spectrum at `f`.
+pub(super) fn skirt(other: &Fit, f: f64) -> f64 {
+    let h = likelihood::shape(other.resonance.frequency_hz, other.resonance.damping, f);
+    other.value.noise * other.parameters.log_ratio.exp() * h.norm_sqr()
+}
+
+/// The transient of another mode at `f`.
+pub(super) fn pull(other: &Fit, f: f64) -> Complex<f64> {
+    let shape = match &other.softened {
+        Some(softened) => softened.at(f),
+        None => likelihood::shape(other.resonance.frequency_hz, other.resonance.damping, f),
+    };
+    other.value.transient * shape
+}

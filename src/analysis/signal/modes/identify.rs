@@ -1,0 +1,289 @@
+//! One record to labelled natural frequencies: spectrum, peaks, refinement, labels.
+
+use super::label::{LabelPlan, Labelling, Unlabelled};
+use super::parts::Parts;
+use super::refine::{Search, refine};
+use super::{Labels, Mask, Mode, Motion, Resonance};
+use crate::analysis::signal::record::rejection::UNDERSAMPLED;
+use crate::analysis::signal::record::{Record, Rejection};
+use crate::analysis::signal::spectrum::{
+    Peak, PeakSettings, Spectrum, Transforms, Welch, WelchError, WelchSettings, Window, pick_peaks,
+};
+
+/// Fewest periods of a frequency in a record for it to be searched.
+const LEAST_PERIODS: f64 = 15.0;
+/// Highest frequency searched, as a share of the sample rate.
+const HIGHEST: f64 = 0.48;
+/// Stretches from the onset in which the peaks of a free decay are looked for \[s\]: a quickly
+/// damped mode drowns in the noise of a long one.
+const DECAY_STRETCHES_S: [f64; 4] = [4.0, 12.0, 36.0, 108.0];
+
+/// Spectrum and resonances of a record: what its labels rest on.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Evidence {
+    /// Welch's spectrum, for plots.
+    pub spectrum: Spectrum,
+    /// Every resonance and line found in the search band, ascending in frequency, labelled or not.
+    pub resonances: Vec<Resonance>,
+    /// Motion that was recognised.
+    pub motion: Motion,
+}
+
+/// What a record says about a rod's natural frequencies.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ModalEstimate {
+    /// The labelled modes that the force uses, ascending in order.
+    pub modes: Vec<Mode>,
+    /// Probability of each mode's peak over all assignments, in the same order.
+    pub label_probability: Vec<f64>,
+    /// Joint certainty of the labels.
+    pub labels: Labels,
+    /// What they rest on.
+    pub evidence: Evidence,
+}
+
+/// A record that gives no labelled frequencies, with as much as was found in it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Unidentified {
+    /// The reason.
+    pub rejection: Rejection,
+    /// Spectrum and resonances, if the record has any.
+    pub evidence: Option<Box<Evidence>>,
+    /// What the peaks may be, if there are peaks.
+    pub labels: Option<Labels>,
+}
+
+impl From<Rejection> for Unidentified {
+    fn from(rejection: Rejection) -> Self {
+        Self {
+            rejection,
+            evidence: None,
+            labels: None,
+        }
+    }
+}
+
+/// How the records of one rod are searched for its modes; made once per rod.
+#[derive(Debug)]
+pub struct ModalPlan {
+    search: PeakSearch,
+    labels: LabelPlan,
+}
+
+/// Search of records for resonances, of whatever rod.
+#[derive(Debug)]
+pub struct PeakSearch {
+    welch: WelchSettings,
+    peaks: PeakSettings,
+    masks: Vec<Mask>,
+    transforms: Transforms,
+}
+
+impl ModalPlan {
+    /// From the settings and what the rod's labels are inferred from.
+    pub fn new(welch: WelchSettings, peaks: PeakSettings, labels: LabelPlan) -> Self {
+        let masks = labels.settings().masks.clone();
+        Self {
+            search: PeakSearch::new(welch, peaks, masks),
+            labels,
+        }
+    }
+
+    /// Search for resonances.
+    pub fn search(&self) -> &PeakSearch {
+        &self.search
+    }
+
+    /// Plan that labels are inferred from.
+    pub fn labels(&self) -> &LabelPlan {
+        &self.labels
+    }
+
+    /// The labelled natural frequencies of a record, or why there are none. A pure function of the
+    /// plan and the record.
+    pub fn identify(&self, record: &Record) -> Result<ModalEstimate, Unidentified> {
+        let (low_hz, high_hz) = self.labels.band_hz();
+        let evidence = self.search.evidence(record, low_hz, high_hz)?;
+        let labelled = if evidence.resonances.is_empty() {
+            Err((Rejection::NoPeak { low_hz, high_hz }, None))
+        } else {
+            self.labels
+                .label(&evidence.resonances, searchable_hz(record), evidence.motion.kind)
+                .map_err(|Unlabelled { rejection, labels }| (rejection, Some(labels)))
+        };
+        match labelled {
+            Ok(Labelling {
+                mut modes,
+                mut probability,
+                labels,
+            }) => {
+                let used = modes.partition_point(|mode| mode.order <= self.labels.settings().count);
+                modes.truncate(used);
+                probability.truncate(used);
+                Ok(ModalEstimate {
+                    modes,
+                    label_probability: probability,
+                    labels,
+                    evidence,
+                })
+            }
+            Err((rejection, labels)) => {
+                // Where the lowest mode may lie above the band there is nothing to wonder about.
+                let needed_hz = self.labels.first_mode_below_hz();
+                let nothing_seen = matches!(rejection, Rejection::NoPeak { .. });
+                let lowest_hz = searchable_hz(record).0;
+                let rejection = if lowest_hz > needed_hz || (nothing_seen && lowest_hz > low_hz) {
+                    Rejection::TooShort {
+                        duration_s: record.duration_s(),
+                        needed_s: LEAST_PERIODS / low_hz,
+                    }
+                } else if UNDERSAMPLED * record.fs_hz < needed_hz {
+                    Rejection::Undersampled {
+                        fs_hz: record.fs_hz,
+                        needed_hz,
+                    }
+                } else {
+                    rejection
+                };
+                Err(Unidentified {
+                    rejection,
+                    evidence: Some(Box::new(evidence)),
+                    labels,
+                })
+            }
+        }
+    }
+}
+
+impl PeakSearch {
+    /// From the settings and the bands in which no peak is believed.
+    pub fn new(welch: WelchSettings, peaks: PeakSettings, masks: Vec<Mask>) -> Self {
+        Self {
+            welch,
+            peaks,
+            masks,
+            transforms: Transforms::default(),
+        }
+    }
+
+    /// Welch's spectrum of a record and its refined resonances between two frequencies \[Hz\], as far as they are
+    /// [searchable](searchable_hz).
+    pub fn evidence(&self, record: &Record, low_hz: f64, high_hz: f64) -> Result<Evidence, Rejection> {
+        check(record, LEAST_PERIODS / high_hz.min(HIGHEST * record.fs_hz))?;
+        let (lowest_hz, highest_hz) = searchable_hz(record);
+        if low_hz >= highest_hz {
+            return Err(Rejection::Undersampled {
+                fs_hz: record.fs_hz,
+                needed_hz: low_hz,
+            });
+        }
+        let (low_hz, high_hz) = (low_hz.max(lowest_hz), high_hz.min(highest_hz));
+        let n = record.samples.len();
+        let too_short = |_| Rejection::TooShort {
+            duration_s: record.duration_s(),
+            needed_s: LEAST_PERIODS / high_hz,
+        };
+        let nperseg = self.welch.nperseg(record.fs_hz, n);
+        let welch = self.welch(record.fs_hz, nperseg).map_err(too_short)?;
+        let spectrum = welch.run(&record.samples).map_err(too_short)?;
+        let mut peaks = pick_peaks(&spectrum, &self.peaks, low_hz, high_hz);
+        let strongest = peaks.iter().max_by(|a, b| a.height_db.total_cmp(&b.height_db));
+        let parts = Parts::of(record, strongest.map(|peak| peak.frequency_hz));
+        if !parts.releases.is_empty() {
+            // A segment across an onset has skirts, and peaks on them, that no mode made.
+            let part = &record.samples[parts.main.from..parts.main.to];
+            let nperseg = self.welch.nperseg(record.fs_hz, part.len());
+            let clean = self
+                .welch(record.fs_hz, nperseg)
+                .and_then(|welch| welch.run(part));
+            peaks = pick_peaks(&clean.map_err(too_short)?, &self.peaks, low_hz, high_hz);
+        }
+        if let Some(decay) = parts.decay(&record.samples) {
+            for stretch_s in DECAY_STRETCHES_S {
+                self.add_decay_peaks(&mut peaks, record.fs_hz, decay, stretch_s, (low_hz, high_hz));
+            }
+        }
+        peaks.retain(|p| {
+            !self
+                .masks
+                .iter()
+                .any(|m| (m.low_hz..=m.high_hz).contains(&p.frequency_hz))
+        });
+        let search = Search {
+            masks: &self.masks,
+            line_hz: spectrum.df_hz,
+            parts: &parts,
+        };
+        let refined = refine(&self.transforms, record, &peaks, &search);
+        Ok(Evidence {
+            spectrum,
+            resonances: refined.resonances,
+            motion: refined.motion,
+        })
+    }
+
+    /// Welch's method with the plan's window and overlap.
+    fn welch(&self, fs_hz: f64, nperseg: usize) -> Result<Welch, WelchError> {
+        let noverlap = self.welch.noverlap(nperseg);
+        Welch::plan_with(&self.transforms, fs_hz, nperseg, noverlap, self.welch.window)
+    }
+
+    /// Peaks of the first `stretch_s` seconds of a decay, untapered, unless a peak stands there already.
+    fn add_decay_peaks(
+        &self,
+        peaks: &mut Vec<Peak>,
+        fs_hz: f64,
+        decay: &[f64],
+        stretch_s: f64,
+        band_hz: (f64, f64),
+    ) {
+        let n = (stretch_s * fs_hz) as usize;
+        let Some(stretch) = decay.get(..n) else {
+            return;
+        };
+        let spectrum = Welch::plan_with(&self.transforms, fs_hz, n, 0, Window::Rectangular)
+            .and_then(|welch| welch.run(stretch));
+        let Ok(spectrum) = spectrum else { return };
+        let near = 2.0 * spectrum.df_hz;
+        // A single segment scatters: noise exceeds its median by 10 dB on one line in a thousand, by
+        // 14 dB on one in thirty million.
+        let settings = PeakSettings {
+            prominence_db: self.peaks.prominence_db + 4.0,
+            ..self.peaks
+        };
+        for peak in pick_peaks(&spectrum, &settings, band_hz.0, band_hz.1) {
+            if !peaks
+                .iter()
+                .any(|p| (p.frequency_hz - peak.frequency_hz).abs() < near)
+            {
+                peaks.push(peak);
+            }
+        }
+        peaks.sort_by(|a, b| a.frequency_hz.total_cmp(&b.frequency_hz));
+    }
+}
+
+/// The frequencies of which a record holds enough periods, and enough samples a period \[Hz\].
+pub fn searchable_hz(record: &Record) -> (f64, f64) {
+    (LEAST_PERIODS / record.duration_s(), HIGHEST * record.fs_hz)
+}
+
+/// What no spectrum can be made of.
+fn check(record: &Record, needed_s: f64) -> Result<(), Rejection> {
+    let samples = &record.samples;
+    let duration_s = record.duration_s();
+    if duration_s.is_nan() || duration_s < needed_s || samples.len() < 64 {
+        return Err(Rejection::TooShort { duration_s, needed_s });
+    }
+    let missing = samples.iter().filter(|x| !x.is_finite()).count();
+    if missing > 0 {
+        return Err(Rejection::Missing {
+            share: missing as f64 / samples.len() as f64,
+            allowed: 0.0,
+        });
+    }
+    if samples.iter().all(|&x| x == samples[0]) {
+        return Err(Rejection::Constant { value: samples[0] });
+    }
+    Ok(())
+}

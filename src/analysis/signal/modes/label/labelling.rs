@@ -1,0 +1,374 @@
+//! The orders told, or why none are.
+
+use super::super::{Candidate, Labels, Mode, ModeSettings, MotionKind, Resonance};
+use super::code::Code;
+use super::evidence::Scene;
+use super::force::axial_force_n;
+use super::peak::{Peak, peaks};
+use super::posterior::Posterior;
+use super::rod::Rod;
+use super::search::Grid;
+use crate::analysis::rod::prior::RodPrior;
+use crate::analysis::signal::record::Rejection;
+
+/// Most probability that a peak told has another order: worse than a foreign peak beside right ones, since
+/// the force is then another one altogether.
+const MOST_WRONG_ORDER: f64 = 0.04;
+/// Orders that the force does not use are left out until the rest is this sure.
+const SURE: f64 = 0.995;
+/// Most probability that no rod is seen: where the force is hardly known beforehand, and where it is.
+const MOST_NO_ROD: f64 = 0.006;
+const MOST_NO_ROD_KNOWN: f64 = 0.001;
+/// A rod whose first mode is known beforehand to this standard deviation of ln f counts as known: by a force stated to 30 %
+/// where section and material are known.
+const KNOWN_LOG_SD: f64 = 0.21;
+/// The same where a person says that the first mode is among the peaks.
+const MOST_NO_ROD_DECLARED: f64 = 0.5;
+/// Candidates told, and the least probability of one after the first.
+const CANDIDATES: usize = 5;
+const LEAST_CANDIDATE: f64 = 0.01;
+/// Peaks beyond the range of the prior by this factor are still looked for.
+const WIDER: f64 = 1.15;
+
+/// What the labels of one rod's records are inferred from; made once per rod.
+#[derive(Debug, Clone)]
+pub struct LabelPlan {
+    rod: Rod,
+    grid: Grid,
+    discrepancy: Vec<f64>,
+    settings: ModeSettings,
+    is_known: bool,
+}
+
+/// The labelled modes of a record.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Labelling {
+    /// Every mode told, ascending in order; also those above the orders that the force uses.
+    pub modes: Vec<Mode>,
+    /// Probability of each, in the same order.
+    pub probability: Vec<f64>,
+    /// Their joint probability, and the candidates.
+    pub labels: Labels,
+}
+
+/// Peaks without credible orders.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Unlabelled {
+    /// The reason, with what would decide.
+    pub rejection: Rejection,
+    /// The candidates.
+    pub labels: Labels,
+}
+
+impl LabelPlan {
+    /// From what is known of the rod beforehand, the model's relative discrepancy per order (beyond its
+    /// end the last entry; never below 1 %) and the settings. `None` if the prior holds no tensioned rod.
+    pub fn new(prior: &RodPrior, discrepancy: &[f64], settings: ModeSettings) -> Option<Self> {
+        let rod = Rod::new(prior)?;
+        let grid = Grid::new(&rod);
+        // In the string limit; less with bending.
+        let force_sd = 0.25 * (rod.force.at(1.0).0 - rod.force.at(-1.0).0);
+        let is_known = (rod.level.1 * rod.level.1 + force_sd * force_sd).sqrt() < KNOWN_LOG_SD;
+        Some(Self {
+            rod,
+            grid,
+            discrepancy: discrepancy.to_vec(),
+            settings,
+            is_known,
+        })
+    }
+
+    /// Which modes are looked for, and where.
+    pub fn settings(&self) -> &ModeSettings {
+        &self.settings
+    }
+
+    /// The band in which the rod's peaks are looked for \[Hz\]: as configured, else all orders of all rods
+    /// that the prior holds.
+    pub fn band_hz(&self) -> (f64, f64) {
+        let ((low, high), _) = self.grid.range();
+        self.settings.band_hz.map_or(
+            (libm::exp(low) / WIDER, libm::exp(high) * WIDER),
+            |[low_hz, high_hz]| (low_hz, high_hz),
+        )
+    }
+
+    /// The highest frequency the first mode is expected to have \[Hz\].
+    pub fn first_mode_below_hz(&self) -> f64 {
+        libm::exp(self.grid.range().1)
+    }
+
+    /// The orders of resonances (ascending in frequency) of a record in which peaks can be seen between the
+    /// frequencies `seen_hz`, and the rod moved as `kind` says.
+    ///
+    /// # Errors
+    /// No assignment is probable enough.
+    pub fn label(
+        &self,
+        resonances: &[Resonance],
+        seen_hz: (f64, f64),
+        kind: MotionKind,
+    ) -> Result<Labelling, Unlabelled> {
+        let (low_hz, high_hz) = self.band_hz();
+        let low_hz = low_hz.max(seen_hz.0);
+        let high_hz = high_hz.min(seen_hz.1).max(1.001 * low_hz);
+        let masks = &self.settings.masks;
+        let is_masked = |hz: f64| {
+            masks
+                .iter()
+                .any(|mask| (mask.low_hz..=mask.high_hz).contains(&hz))
+        };
+        let is_searched = |hz: f64| (low_hz..=high_hz).contains(&hz) && !is_masked(hz);
+        let log_band = libm::log(high_hz / low_hz).max(0.1);
+        let is_struck = matches!(kind, MotionKind::FreeDecay | MotionKind::FreeDecays);
+        let peaks = peaks(resonances, is_searched, log_band, is_struck);
+        let log_masks: Vec<(f64, f64)> = masks
+            .iter()
+            .map(|mask| (libm::log(mask.low_hz), libm::log(mask.high_hz)))
+            .collect();
+        let declared = self.declared(&peaks, resonances);
+        let windows = self.settings.windows.iter();
+        let absent = windows
+            .filter(|window| declared.peak_of(window.order).is_none())
+            .fold(0, |orders, window| orders | 1 << (window.order - 1));
+        let scene = Scene {
+            rod: &self.rod,
+            peaks: &peaks,
+            discrepancy: &self.discrepancy,
+            band: (libm::log(low_hz), libm::log(high_hz)),
+            masks: &log_masks,
+            declared,
+            absent,
+            is_struck,
+            is_first_seen: self.settings.count == 1,
+        };
+        let told = Told {
+            plan: self,
+            scene: &scene,
+            resonances,
+            posterior: Posterior::of(&scene, &self.grid),
+        };
+        told.choose()
+    }
+
+    /// The peak of most evidence in each window.
+    fn declared(&self, peaks: &[Peak], resonances: &[Resonance]) -> Code {
+        let mut declared = Code::default();
+        for window in &self.settings.windows {
+            let evidence = |i: &usize| resonances[peaks[*i].resonance].evidence;
+            let inside = (0..peaks.len()).filter(|&i| {
+                let hz = resonances[peaks[i].resonance].frequency_hz;
+                (window.low_hz..=window.high_hz).contains(&hz)
+            });
+            let best = inside.max_by(|a, b| evidence(a).total_cmp(&evidence(b)));
+            declared = declared.with(window.order, best);
+        }
+        declared
+    }
+}
+
+/// The inference of one record on its way to an answer.
+struct Told<'a> {
+    plan: &'a LabelPlan,
+    scene: &'a Scene<'a>,
+    resonances: &'a [Resonance],
+    posterior: Posterior,
+}
+
+impl Told<'_> {
+    fn choose(&self) -> Result<Labelling, Unlabelled> {
+        let posterior = &self.posterior;
+        let settings = &self.plan.settings;
+        let Some(best) = posterior.fits.first() else {
+            let reason =
+                "no order of a rod of this prior fits any of them: correct [rod.priors], or narrow band_hz";
+            return Err(self.refused(Code::default(), reason.to_owned()));
+        };
+        let most_no_rod = match () {
+            () if self.scene.is_first_seen => MOST_NO_ROD_DECLARED,
+            () if self.plan.is_known => MOST_NO_ROD_KNOWN,
+            () => MOST_NO_ROD,
+        };
+        if posterior.no_rod > most_no_rod {
+            let reason = format!(
+                "with probability {:.4} none of them is the rod's, at most {most_no_rod} is allowed; {}",
+                posterior.no_rod,
+                self.deciding(best.code)
+            );
+            return Err(self.refused(Code::default(), reason));
+        }
+        let told = self.told(best.code);
+        let is_declared = self.scene.is_first_seen
+            || told
+                .pairs()
+                .any(|(order, _)| self.scene.declared.peak_of(order).is_some());
+        let mut pairs = told.pairs();
+        if let (Some((order, peak)), None, false) = (pairs.next(), pairs.next(), is_declared) {
+            let reason = format!(
+                "only {:.4} Hz is certain, as mode {order}, and one peak alone proves nothing; {}, or modes.count = 1",
+                self.hz(peak),
+                self.deciding(best.code)
+            );
+            return Err(self.refused(told, reason));
+        }
+        if told.pairs().all(|(order, _)| order > settings.count) {
+            let certain = told
+                .pairs()
+                .map(|(order, peak)| format!("{:.4} Hz is mode {order}", self.hz(peak)))
+                .collect::<Vec<_>>();
+            let reason = if certain.is_empty() {
+                format!("{}; {}", self.rivals(), self.deciding(best.code))
+            } else {
+                format!(
+                    "{}, but no mode up to modes.count = {}",
+                    certain.join(", "),
+                    settings.count
+                )
+            };
+            return Err(self.refused(told, reason));
+        }
+        let (modes, probability) = told
+            .pairs()
+            .map(|(order, peak)| {
+                let resonance = &self.resonances[self.scene.peaks[peak].resonance];
+                let mode = Mode {
+                    order,
+                    frequency_hz: resonance.frequency_hz,
+                    sd_hz: resonance.frequency_sd_hz,
+                    damping: Some(resonance.damping),
+                };
+                (
+                    mode,
+                    self.posterior
+                        .probability(|code| code.peak_of(order) == Some(peak)),
+                )
+            })
+            .unzip();
+        Ok(Labelling {
+            modes,
+            probability,
+            labels: self.labels(told),
+        })
+    }
+
+    /// The part of an assignment that is probable enough: without its least certain pairs until the rest reaches the
+    /// level wanted, then without pairs that the force does not use until the rest is sure.
+    fn told(&self, best: Code) -> Code {
+        let settings = &self.plan.settings;
+        let declared = self.scene.declared;
+        let least_certain = |told: Code, from: usize| {
+            // What a person declared stays whatever the rest says.
+            told.pairs()
+                .filter(|&(order, _)| order >= from && declared.peak_of(order).is_none())
+                .map(|(order, peak)| {
+                    (
+                        order,
+                        self.posterior
+                            .probability(|code| code.peak_of(order) == Some(peak)),
+                    )
+                })
+                .min_by(|a, b| a.1.total_cmp(&b.1))
+        };
+        let right = |told: Code| self.posterior.probability(|code| code.contains(told));
+        let wrong = |told: Code| self.posterior.probability(|code| code.contradicts(told));
+        let mut told = best;
+        while right(told) < settings.least_probability || wrong(told) > MOST_WRONG_ORDER {
+            let Some((order, _)) = least_certain(told, 1) else {
+                return declared;
+            };
+            told = told.with(order, None);
+        }
+        while right(told) < SURE
+            && let Some((order, _)) = least_certain(told, settings.count + 1)
+        {
+            told = told.with(order, None);
+        }
+        told
+    }
+
+    fn hz(&self, peak: usize) -> f64 {
+        self.resonances[self.scene.peaks[peak].resonance].frequency_hz
+    }
+
+    fn refused(&self, told: Code, detail: String) -> Unlabelled {
+        let labels = self.labels(told);
+        Unlabelled {
+            rejection: Rejection::NoLabel {
+                peaks: self.resonances.len(),
+                detail,
+            },
+            labels,
+        }
+    }
+
+    fn labels(&self, told: Code) -> Labels {
+        let fits = self.posterior.fits.iter().zip(&self.posterior.probabilities);
+        let candidates = fits
+            .take(CANDIDATES)
+            .enumerate()
+            .filter(|(i, (_, probability))| *i == 0 || **probability >= LEAST_CANDIDATE)
+            .map(|(_, (fit, &probability))| Candidate {
+                modes: fit
+                    .code
+                    .pairs()
+                    .map(|(order, peak)| (order, self.hz(peak)))
+                    .collect(),
+                probability,
+                axial_force_n: axial_force_n(self.scene, fit),
+            })
+            .collect();
+        let probability = if told == Code::default() {
+            0.0
+        } else {
+            self.posterior.probability(|code| code.contains(told))
+        };
+        Labels {
+            probability,
+            told: told.pairs().map(|(order, peak)| (order, self.hz(peak))).collect(),
+            candidates,
+        }
+    }
+
+    /// The likeliest two assignments in words.
+    fn rivals(&self) -> String {
+        let fits = self.posterior.fits.iter().zip(&self.posterior.probabilities);
+        let one = |(fit, probability): (&super::evidence::Fit, &f64)| {
+            let modes: Vec<String> = fit
+                .code
+                .pairs()
+                .map(|(order, peak)| format!("{order} at {:.2}", self.hz(peak)))
+                .collect();
+            let force = axial_force_n(self.scene, fit).map_or(String::new(), |[low, _, high]| {
+                format!(", {:.3e} to {:.3e} N", low, high)
+            });
+            format!("{} Hz ({:.0} %{force})", modes.join(", "), 100.0 * probability)
+        };
+        let told: Vec<String> = fits.take(2).map(one).collect();
+        format!("the likeliest are {}", told.join(" or "))
+    }
+
+    /// What a person can do to decide between the candidates.
+    fn deciding(&self, best: Code) -> String {
+        let posterior = &self.posterior;
+        let shifted = posterior.probability(|code| code.contradicts(best));
+        let foreign: Vec<String> = (0..self.scene.peaks.len())
+            .filter(|&peak| best.order_of(peak).is_none())
+            .map(|peak| format!("{:.2} Hz", self.hz(peak)))
+            .collect();
+        let mut remedies = Vec::new();
+        if shifted > MOST_WRONG_ORDER {
+            remedies.push("a narrower prior of axial_force_n".to_owned());
+        }
+        if !foreign.is_empty() {
+            remedies.push(format!(
+                "a mask over what is not the rod's ({})",
+                foreign.join(", ")
+            ));
+        }
+        if self.scene.peaks.len() < 3 {
+            remedies.push("a record in which more modes stand out".to_owned());
+        }
+        remedies.push("a window per mode in [rod.modes]".to_owned());
+        format!("what would decide: {}", remedies.join(", or "))
+    }
+}

@@ -1,0 +1,328 @@
+//! The likelihood's maximum at a peak, with the band and the start that it calls for.
+
+use super::band::Band;
+use super::fit::{Aim, Fit, HALF_WIDTHS, LEAST_LINES, Stretch, pull, skirt};
+use super::likelihood::{self, Parameters, Start};
+use super::parts::Beginning;
+use super::posterior::moments;
+use super::softening::{FIT_SD, Softening};
+use crate::analysis::numerics::optimum::{Optimum, golden, maximise, maximise_from};
+use nalgebra::Matrix4;
+
+/// Width of a cell of lines as a share of its distance from the peak (at least the core's half width):
+/// the mean of a Lorentzian over such a cell is its value at the middle to 0.3 %.
+const CELL: f64 = 0.1;
+/// Power at the beginning of a stretch over a stationary response's, beyond which a free start is tried: a
+/// stationary one reaches it once in 50 times, a decay worth a free start has ten times as much.
+const START_EXCESS: f64 = 4.0;
+/// Log-posterior gain a free start must bring.
+const FREE_GAIN: f64 = 10.0;
+
+/// Relative error of a frequency below which softening can matter: what is believed of it moves the frequency by some 1e-4.
+const SOFTENING_MATTERS: f64 = 5e-4;
+
+/// A maximum of the likelihood, with the band it was found in.
+pub struct Found {
+    /// The band.
+    pub band: Band,
+    /// The maximum.
+    pub top: Optimum,
+    /// The start it was found with.
+    pub start: Start,
+    /// Half the width wanted of the band \[Hz\].
+    pub half_width_hz: f64,
+    /// The maximum of a decay over frequency, ln damping, ln ratio and softening (in [`FIT_SD`]), the slope as in `top`:
+    /// where the frequency is known so well that softening matters.
+    pub softened: Option<Optimum>,
+}
+
+impl Found {
+    /// The parameters at the maximum.
+    pub fn parameters(&self) -> Parameters {
+        let linear = Parameters::from_array(self.top.at, 0.0);
+        self.softened.map_or(linear, |top| softened_at(&top.at, linear))
+    }
+
+    /// The covariance at the maximum.
+    pub fn covariance(&self) -> &Matrix4<f64> {
+        &self.softened.as_ref().unwrap_or(&self.top).covariance
+    }
+}
+
+impl Stretch<'_> {
+    /// The maximum with the start that the stretch itself calls for.
+    pub(super) fn best(&self, aim: Aim, others: &[Fit]) -> Option<Found> {
+        match self.beginning {
+            Beginning::Known(start) => self.maximum(aim, start, others, None),
+            Beginning::Tested => {
+                let Some(stationary) = self.maximum(aim, Start::Stationary, others, None) else {
+                    return self.maximum(aim, Start::Free, others, None);
+                };
+                Some(self.free(&stationary, others).unwrap_or(stationary))
+            }
+        }
+    }
+
+    /// The fit with a free start if it is worth more than the stationary one.
+    fn free(&self, stationary: &Found, others: &[Fit]) -> Option<Found> {
+        let fit = self.provisional(stationary)?;
+        let series = self.subband(
+            &fit,
+            HALF_WIDTHS * fit.resonance.damping * fit.resonance.frequency_hz,
+            others,
+        )?;
+        if series.start_excess()? < START_EXCESS {
+            return None;
+        }
+        let parameters = stationary.parameters();
+        let start = self.start(&stationary.band, parameters.frequency_hz, Start::Free)?;
+        let top = self.climb(&stationary.band, start, Start::Free)?;
+        let p = Parameters::from_array(top.at, 0.0);
+        let value = likelihood::resonance(&stationary.band, Start::Free, &p)?;
+        // The free start has one datum less: its density lacks one factor of the noise level.
+        let gain = value.log_posterior - value.quad.ln() - stationary.top.value;
+        if gain < FREE_GAIN {
+            return None;
+        }
+        let aim = Aim {
+            peak_hz: p.frequency_hz,
+            before: Some(p),
+        };
+        self.maximum(aim, Start::Free, others, Some(value.noise))
+    }
+
+    /// The band around `centre`; `core` is the half width within which it must stay fine.
+    fn band(
+        &self,
+        (centre, half, core): (f64, f64, f64),
+        limits: (f64, f64),
+        others: &[Fit],
+        (level, start): (Option<f64>, Start),
+    ) -> Band {
+        let half = half.max(LEAST_LINES / self.coefficients.duration_s);
+        let (low, high) = ((centre - half).max(limits.0), (centre + half).min(limits.1));
+        // A pull stands far above the noise: what a cell smooths would look like noise.
+        let decays = start == Start::Free || others.iter().any(|other| other.start == Start::Free);
+        let width = |f: f64| match decays {
+            false => CELL * (f - centre).abs().max(core),
+            true => 0.0,
+        };
+        let mut band = self.coefficients.band(low, high, self.masks, width);
+        let level = level.unwrap_or_else(|| band.quiet_level());
+        for other in others {
+            subtract(&mut band, other, level);
+        }
+        band
+    }
+
+    /// The likelihood's maximum at a peak; `before` and `level` are its place and the noise floor if an
+    /// earlier fit found them.
+    pub(super) fn maximum(
+        &self,
+        Aim { peak_hz, before }: Aim,
+        start_of: Start,
+        others: &[Fit],
+        level: Option<f64>,
+    ) -> Option<Found> {
+        let limits = self.limits(peak_hz, others);
+        let mut half = HALF_WIDTHS * 0.01 * peak_hz;
+        let mut core = 0.5 * self.line_hz;
+        if let Some(before) = before {
+            core = before.log_damping.exp() * before.frequency_hz;
+            half = HALF_WIDTHS * core;
+        }
+        let mut band = self.band((peak_hz, half, core), limits, others, (level, start_of));
+        let mut start = match before {
+            Some(before) => before,
+            None => self.start(&band, peak_hz, start_of)?,
+        };
+        for last in [false, false, true] {
+            let top = self.climb(&band, start, start_of)?;
+            let p = Parameters::from_array(top.at, start.softening);
+            let gamma = p.log_damping.exp() * p.frequency_hz;
+            let wanted = HALF_WIDTHS * gamma;
+            let next = self.band((p.frequency_hz, wanted, gamma), limits, others, (level, start_of));
+            let ratio = next.lines / band.lines.max(1.0);
+            if last || (0.45..1.6).contains(&ratio) {
+                let found = Found {
+                    band,
+                    top,
+                    start: start_of,
+                    half_width_hz: half,
+                    softened: None,
+                };
+                return Some(match start_of {
+                    Start::Stationary => found,
+                    Start::Free => self.softened(found, start.softening),
+                });
+            }
+            (half, band, start) = (wanted, next, p);
+        }
+        None
+    }
+
+    /// The best of a coarse grid of parameters around a picked peak.
+    fn start(&self, band: &Band, peak_hz: f64, start: Start) -> Option<Parameters> {
+        let near = 1.5 * self.line_hz;
+        let highest = band
+            .cells()
+            .filter(|c| (c.frequency_hz - peak_hz).abs() <= near)
+            .max_by(|a, b| (a.power / a.lines).total_cmp(&(b.power / b.lines)))
+            .map_or(peak_hz, |c| c.frequency_hz);
+        let ratios = match start {
+            Start::Stationary => [2.0, 6.0, 10.0],
+            Start::Free => [-1.0, 3.0, 7.0],
+        };
+        let mut best: Option<(f64, Parameters)> = None;
+        for log_damping in [-7.4, -6.0, -4.8, -3.7] {
+            for log_ratio in ratios {
+                for frequency_hz in [peak_hz, highest, 0.5 * (peak_hz + highest)] {
+                    let p = Parameters {
+                        frequency_hz,
+                        log_damping,
+                        log_ratio,
+                        slope: 0.0,
+                        softening: 0.0,
+                    };
+                    let Some(value) = likelihood::resonance(band, start, &p) else {
+                        continue;
+                    };
+                    if best.is_none_or(|(b, _)| value.log_posterior > b) {
+                        best = Some((value.log_posterior, p));
+                    }
+                }
+            }
+        }
+        let (_, mut p) = best?;
+        let gamma = p.log_damping.exp() * p.frequency_hz;
+        let reach = gamma.max(0.6 / band.duration_s);
+        p.frequency_hz = golden(
+            |frequency_hz| {
+                let p = Parameters { frequency_hz, ..p };
+                likelihood::resonance(band, start, &p).map(|v| v.log_posterior)
+            },
+            p.frequency_hz - reach,
+            p.frequency_hz + reach,
+            12,
+        );
+        Some(p)
+    }
+
+    /// The posterior's maximum near `from`.
+    fn climb(&self, band: &Band, from: Parameters, start: Start) -> Option<Optimum> {
+        let gamma = from.log_damping.exp() * from.frequency_hz;
+        let reach = [gamma.max(0.5 / band.duration_s), 1.0, 2.0, 1.0];
+        maximise(
+            |x| log_posterior(band, start, x, from.softening),
+            from.to_array(),
+            reach,
+        )
+    }
+
+    /// A decay with its softening at its best; `before` is what an earlier fit found.
+    fn softened(&self, found: Found, before: f64) -> Found {
+        let p = Parameters::from_array(found.top.at, before);
+        let sd = |i: usize| found.top.covariance[(i, i)].sqrt();
+        if sd(0) > SOFTENING_MATTERS * p.frequency_hz {
+            return found;
+        }
+        let gamma = p.log_damping.exp() * p.frequency_hz;
+        let reach = [gamma.max(0.5 / found.band.duration_s), 1.0, 2.0, 1.0];
+        // Steps of about half a standard deviation; the error of the softening is some three of the frequency's.
+        let step = [
+            0.5 * sd(0),
+            (0.5 * sd(1)).min(0.2),
+            (0.5 * sd(2)).min(0.4),
+            (1.5 * sd(0) / p.frequency_hz / FIT_SD).min(0.2),
+        ];
+        let start = [p.frequency_hz, p.log_damping, p.log_ratio, p.softening / FIT_SD];
+        let softened = maximise_from(|x| softened_posterior(&found.band, x, p), start, reach, step, 3.0);
+        Found { softened, ..found }
+    }
+
+    /// The parameters and the standard errors of frequency and log damping: the optimum with its
+    /// curvature where the record determines damping and excitation well, else the posterior's mean
+    /// and standard deviation (few independent fluctuations: the curvature alone would promise too
+    /// much). Of a decay that may soften the error is that at its softening, which comes beside it.
+    pub(super) fn errors(&self, found: &Found) -> (Parameters, f64, f64, Option<Softening>) {
+        if let Some(top) = &found.softened {
+            let linear = Parameters::from_array(found.top.at, 0.0);
+            let posterior = moments(|x| softened_posterior(&found.band, x, linear), top);
+            let (at, covariance) = posterior.map_or((top.at, top.covariance), |p| (p.mean, p.covariance));
+            let wider = 1.0 + 0.6 * covariance[(2, 2)].min(0.15);
+            let slope = covariance[(0, 3)] / covariance[(3, 3)];
+            let at_softening = (covariance[(0, 0)] - slope * covariance[(0, 3)]).max(0.0);
+            let softening = Softening {
+                share: FIT_SD * at[3],
+                variance: (wider * FIT_SD).powi(2) * covariance[(3, 3)],
+                slope_hz: slope / FIT_SD,
+            };
+            return (
+                softened_at(&at, linear),
+                wider * at_softening.sqrt(),
+                covariance[(1, 1)].sqrt(),
+                Some(softening),
+            );
+        }
+        let log_posterior = |x: &[f64; 4]| log_posterior(&found.band, found.start, x, 0.0);
+        let top = &found.top;
+        let (mut at, mut covariance) = (top.at, top.covariance);
+        let wide = |i: usize, limit: f64| top.covariance[(i, i)] > limit * limit;
+        let posterior = match found.start {
+            Start::Free => moments(log_posterior, top),
+            Start::Stationary if wide(1, 0.12) || wide(2, 0.7) => moments(log_posterior, top),
+            Start::Stationary => None,
+        };
+        if let Some(posterior) = posterior {
+            (at, covariance) = (posterior.mean, posterior.covariance);
+        }
+        // The frequency's error scales with a variance known only as well as `scale` (of its logarithm):
+        // the 95 % point of a t with 2/scale degrees of freedom over the normal's, to first order.
+        let scale = match found.start {
+            Start::Stationary => covariance[(1, 1)].min(0.5),
+            Start::Free => covariance[(2, 2)].min(0.15),
+        };
+        let sd = |i: usize| covariance[(i, i)].sqrt();
+        (
+            Parameters::from_array(at, 0.0),
+            sd(0) * (1.0 + 0.6 * scale),
+            sd(1),
+            None,
+        )
+    }
+}
+
+/// Takes another mode out of a band: its transient (free decays) from the coefficients, its random
+/// skirt into the shape of the noise floor, of which `level` is the height without it.
+fn subtract(band: &mut Band, other: &Fit, level: f64) {
+    band.for_each(|cell| {
+        if other.start == Start::Free {
+            // The cells beside a free decay hold one line each.
+            let c = pull(other, cell.frequency_hz);
+            cell.re -= c.re;
+            cell.im -= c.im;
+            cell.power = cell.re * cell.re + cell.im * cell.im;
+        }
+        cell.floor += skirt(other, cell.frequency_hz) / level;
+    });
+}
+
+fn log_posterior(band: &Band, start: Start, x: &[f64; 4], softening: f64) -> Option<f64> {
+    likelihood::resonance(band, start, &Parameters::from_array(*x, softening)).map(|v| v.log_posterior)
+}
+
+/// The parameters of a decay at frequency, ln damping, ln ratio and softening (in [`FIT_SD`]); the rest as in `p`.
+fn softened_at(x: &[f64; 4], p: Parameters) -> Parameters {
+    Parameters {
+        frequency_hz: x[0],
+        log_damping: x[1],
+        log_ratio: x[2],
+        softening: FIT_SD * x[3],
+        ..p
+    }
+}
+
+fn softened_posterior(band: &Band, x: &[f64; 4], p: Parameters) -> Option<f64> {
+    let value = likelihood::resonance(band, Start::Free, &softened_at(x, p))?;
+    Some(value.log_posterior - 0.5 * x[3] * x[3])
+}

@@ -1,0 +1,208 @@
+//! Onsets of free decays and blows within a record.
+//!
+//! A release or a blow that stands out of everything is seen in the samples themselves ([`releases`]): the level
+//! of the smoothed slope, which a slow pull before a release hardly moves, just after an instant over that
+//! before it. A weaker one is seen in the innovations of the fitted modes ([`blows`]), where the
+//! motion that goes on anyway is taken out.
+
+use super::subband::{Pole, Subband};
+use crate::analysis::signal::record::slope::Slope;
+
+/// Half width of the smoothed slope, in periods of the strongest peak.
+const HALF: f64 = 0.12;
+/// Stretches compared: after, before at most, before at least; in periods.
+const AFTER: f64 = 2.0;
+const BEFORE: f64 = 10.0;
+const BEFORE_LEAST: f64 = 0.5;
+/// Ratio of the mean squared slopes that makes an onset.
+const RATIO: f64 = 25.0;
+/// Share of it at which motion must go on after the stretch, or it was a spike.
+const PERSISTS: f64 = 0.1;
+/// Share of the mean squared slope that a steady one may have, or it was the beginning of a pull.
+const STEADY: f64 = 0.3;
+
+/// A motion that begins within a record.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Release {
+    /// A sample surely before it.
+    pub before: usize,
+    /// A sample surely after it.
+    pub after: usize,
+}
+
+/// The motions that begin within a record, in time order; `scale_hz` is the frequency of its strongest peak.
+pub fn releases(samples: &[f64], fs_hz: f64, scale_hz: f64) -> Vec<Release> {
+    let count = |periods: f64| (periods * fs_hz / scale_hz).round().max(1.0) as usize;
+    let half = count(HALF);
+    let after = count(AFTER).max(4 * half);
+    let least = count(BEFORE_LEAST).max(2 * half);
+    let total = samples.len();
+    if total < 2 * half + least + 2 * after {
+        return Vec::new();
+    }
+    let slope = Slope::of(samples, half);
+    let mean = |from: usize, to: usize| slope.mean_square(from, to);
+    let floor = slope.floor();
+    let mut found = Vec::new();
+    // The instant of the highest ratio in a run of instants above the limit.
+    let mut best: Option<(f64, usize)> = None;
+    let last = total - half - 2 * after;
+    for at in (half + least..last).step_by(half.div_ceil(2)) {
+        let quiet = mean(at.saturating_sub(count(BEFORE)).max(half), at).max(floor);
+        let level = mean(at, at + after);
+        let goes_on = mean(at + after, at + 2 * after);
+        let ratio = level / quiet;
+        let swings = || {
+            let later = &slope.values()[at + after..at + 2 * after];
+            let drift = later.iter().sum::<f64>() / after as f64;
+            drift * drift < STEADY * goes_on
+        };
+        if ratio > RATIO && goes_on > PERSISTS * level && goes_on > 4.0 * quiet && swings() {
+            if best.is_none_or(|(highest, _)| ratio > highest) {
+                best = Some((ratio, at));
+            }
+        } else if let Some((_, at)) = best.take() {
+            found.push(at);
+        }
+    }
+    found.extend(best.map(|(_, at)| at));
+    let period = count(1.0);
+    let place = |at: usize| {
+        let window = at..at + after;
+        let first = slope
+            .first_above(window.clone(), 0.25 * slope.peak(window))
+            .unwrap_or(at);
+        // The slope looks `half` samples to either side.
+        let (before, after) = (first.saturating_sub(half + 1), first + half);
+        Release {
+            before: pull_began(samples, before, after, period),
+            after,
+        }
+    };
+    found.into_iter().map(place).collect()
+}
+
+/// The sample at which the rod begins to be pulled before a release, or `before` if it is not held.
+///
+/// The mean over a period is the static part. It is compared with the one about which the rod swings after the
+/// release, and followed back until it is a two-hundredth of what is let go.
+fn pull_began(samples: &[f64], before: usize, after: usize, period: usize) -> usize {
+    let mean = |from: usize, to: usize| samples[from..to].iter().sum::<f64>() / (to - from).max(1) as f64;
+    let later = |n: usize| (after + n * period).min(samples.len());
+    if before < period || later(16) < later(6) + period {
+        return before;
+    }
+    let rest = mean(later(6), later(16));
+    let (mut ripple, mut windows) = (0.0, 0.0);
+    for from in (later(6)..later(16) - period).step_by(period.div_ceil(4)) {
+        ripple += (mean(from, from + period) - rest).powi(2);
+        windows += 1.0;
+    }
+    let ripple = (ripple / f64::max(windows, 1.0)).sqrt();
+    let held = |to: usize| (mean(to - period, to) - rest).abs();
+    let least = (0.005 * held(before)).max(3.0 * ripple);
+    let mut at = before;
+    while at >= period && held(at) > least {
+        at = at.saturating_sub(period.div_ceil(4));
+    }
+    at
+}
+
+/// Innovation power over its neighbours' that makes a blow: exponential deviates reach it once in 1e8.
+const BLOW: f64 = 40.0;
+/// Neighbours compared with, nearest and farthest; a blow off the grid leaks into the nearest.
+const NEAREST: usize = 3;
+const FARTHEST: usize = 8;
+/// Innovations not looked at, at either end: the record's ends meet there.
+const ENDS: usize = 3;
+/// Median of an exponential deviate of mean 1.
+const MEDIAN: f64 = 0.693;
+
+/// A blow in the innovations.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Blow {
+    /// Time that is surely before it \[s\].
+    pub before_s: f64,
+    /// Time that is surely after it \[s\].
+    pub after_s: f64,
+    /// Its ratio of powers.
+    pub ratio: f64,
+}
+
+/// Blows in the innovations of all modes, at least `apart_s` from each other.
+pub fn blows(series: &[(Subband, Pole)], apart_s: f64) -> Vec<Blow> {
+    let ratios: Vec<(f64, Vec<f64>)> = series
+        .iter()
+        .map(|(series, pole)| (series.rate_hz, innovation_ratios(series, *pole)))
+        .collect();
+    let Some((finest, instants)) = ratios
+        .iter()
+        .map(|(rate, ratios)| (*rate, ratios.len()))
+        .max_by(|a, b| a.0.total_cmp(&b.0))
+    else {
+        return Vec::new();
+    };
+    let mut found: Vec<Blow> = (1..instants)
+        .filter_map(|m| {
+            let at = m as f64 / finest;
+            let sum: f64 = ratios
+                .iter()
+                .map(|(rate, ratios)| {
+                    let reach = 0.5 / rate + 0.25 / finest;
+                    let first = ((at - reach) * rate).ceil().max(0.0) as usize;
+                    let end = (((at + reach) * rate).floor() as usize + 1).min(ratios.len());
+                    ratios[first.min(end)..end]
+                        .iter()
+                        .fold(0.0, |a: f64, &b| a.max(b))
+                })
+                .sum();
+            let ratio = sum / ratios.len() as f64;
+            (ratio > BLOW).then_some(Blow {
+                before_s: at - 1.25 / finest,
+                after_s: at + 0.5 / finest,
+                ratio,
+            })
+        })
+        .collect();
+    found.sort_by(|a, b| b.ratio.total_cmp(&a.ratio));
+    let mut kept: Vec<Blow> = Vec::new();
+    for blow in found {
+        if kept
+            .iter()
+            .all(|other| (other.after_s - blow.after_s).abs() >= apart_s)
+        {
+            kept.push(blow);
+        }
+    }
+    kept.sort_by(|a, b| a.after_s.total_cmp(&b.after_s));
+    kept
+}
+
+/// Each innovation's power over the median of its neighbours'; 0 at both ends, which hold what is smooth across
+/// the band.
+fn innovation_ratios(series: &Subband, pole: Pole) -> Vec<f64> {
+    let factor = series.factor(pole);
+    let mut powers = vec![0.0; series.samples.len()];
+    for (m, pair) in series.samples.windows(2).enumerate() {
+        powers[m + 1] = (pair[1] - factor * pair[0]).norm_sqr();
+    }
+    let mut around = Vec::with_capacity(2 * (FARTHEST - NEAREST + 1));
+    (0..powers.len())
+        .map(|m| {
+            if m < ENDS || m + ENDS > powers.len() {
+                return 0.0;
+            }
+            around.clear();
+            for l in NEAREST..=FARTHEST {
+                around.extend(m.checked_sub(l).filter(|&i| i >= ENDS).map(|i| powers[i]));
+                around.extend(powers.get(m + l).filter(|_| m + l + ENDS <= powers.len()));
+            }
+            let middle = around.len() / 2;
+            if around.len() < FARTHEST - NEAREST {
+                return 0.0;
+            }
+            let (_, median, _) = around.select_nth_unstable_by(middle, f64::total_cmp);
+            powers[m] * MEDIAN / median.max(f64::MIN_POSITIVE)
+        })
+        .collect()
+}

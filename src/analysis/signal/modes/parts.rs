@@ -1,0 +1,138 @@
+//! The parts of a record between its onsets, each with what is known of its beginning.
+
+use super::likelihood::Start;
+use super::onsets::{Release, releases};
+use crate::analysis::signal::record::{Excitation, Record};
+
+/// Shortest part that is fitted, in periods of the strongest peak: its band then holds two dozen lines.
+const LEAST_PERIODS: f64 = 36.0;
+/// How much more the first quarter of a decay moves than the last, in mean square.
+const FALLS: f64 = 4.0;
+
+/// How a part of a record is taken to begin.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Beginning {
+    /// As known.
+    Known(Start),
+    /// As the part itself says, mode by mode.
+    Tested,
+}
+
+/// A part of a record, in samples.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Part {
+    /// Its first sample.
+    pub from: usize,
+    /// The first sample after it.
+    pub to: usize,
+    /// How it begins.
+    pub beginning: Beginning,
+}
+
+/// How a record falls into parts.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Parts {
+    /// Motions that begin within it, in time order.
+    pub releases: Vec<Release>,
+    /// The part that moves most: where the peaks are fitted first.
+    pub main: Part,
+    /// Length of the record, and the shortest part worth a fit, in samples.
+    total: usize,
+    least: usize,
+}
+
+impl Parts {
+    /// A declared record is one part: all of it, or from its largest deflection on. Else it falls apart at its
+    /// releases. `scale_hz` is the frequency of its strongest peak.
+    pub fn of(record: &Record, scale_hz: Option<f64>) -> Self {
+        let samples = &record.samples;
+        let total = samples.len();
+        let known = |from, start| Part {
+            from,
+            to: total,
+            beginning: Beginning::Known(start),
+        };
+        let whole = Part {
+            from: 0,
+            to: total,
+            beginning: Beginning::Tested,
+        };
+        let mut parts = Self {
+            releases: Vec::new(),
+            main: whole,
+            total,
+            least: scale_hz.map_or(total, |f| (LEAST_PERIODS * record.fs_hz / f).ceil() as usize),
+        };
+        match (record.excitation, scale_hz) {
+            (Some(Excitation::Ambient), _) => parts.main = known(0, Start::Stationary),
+            (Some(Excitation::FreeDecay), _) => {
+                parts.main = known(largest_deflection(samples), Start::Free);
+            }
+            (None, Some(scale_hz)) => {
+                parts.releases = releases(samples, record.fs_hz, scale_hz);
+                let cuts: Vec<(usize, usize)> = parts.releases.iter().map(|r| (r.before, r.after)).collect();
+                let most = parts.between(&cuts).into_iter().max_by(|a, b| {
+                    let motion = |part: &Part| motion(&samples[part.from..part.to]);
+                    motion(a).total_cmp(&motion(b))
+                });
+                parts.main = most.unwrap_or(whole);
+            }
+            (None, None) => {}
+        }
+        parts
+    }
+
+    /// The parts that are long enough between cuts, each a last sample before and a first sample after an onset.
+    pub fn between(&self, cuts: &[(usize, usize)]) -> Vec<Part> {
+        let mut cuts = cuts.to_vec();
+        cuts.sort_unstable();
+        let (mut from, mut beginning) = (0, Beginning::Tested);
+        let mut parts = Vec::new();
+        for (before, after) in cuts.into_iter().chain([(self.total, self.total)]) {
+            if before >= from + self.least {
+                parts.push(Part {
+                    from,
+                    to: before,
+                    beginning,
+                });
+            }
+            (from, beginning) = (after.max(from), Beginning::Known(Start::Free));
+        }
+        parts
+    }
+
+    /// Shortest part worth a fit, in samples.
+    pub fn least(&self) -> usize {
+        self.least
+    }
+
+    /// The samples of the main part if it decays, so that quickly damped modes are looked for near its beginning.
+    pub fn decay<'a>(&self, samples: &'a [f64]) -> Option<&'a [f64]> {
+        let part = &samples[self.main.from..self.main.to];
+        let quarter = part.len() / 4;
+        let falls = || motion(&part[..quarter]) > FALLS * motion(&part[part.len() - quarter..]);
+        let decays = match self.main.beginning {
+            Beginning::Known(Start::Stationary) => false,
+            Beginning::Known(Start::Free) => true,
+            Beginning::Tested => falls(),
+        };
+        decays.then_some(part)
+    }
+}
+
+/// Sum of the squared differences of neighbouring samples.
+fn motion(samples: &[f64]) -> f64 {
+    samples.windows(2).map(|pair| (pair[1] - pair[0]).powi(2)).sum()
+}
+
+/// Where the first half of the samples deviates most from the mean of all.
+fn largest_deflection(samples: &[f64]) -> usize {
+    let mean = samples.iter().sum::<f64>() / samples.len().max(1) as f64;
+    let (mut at, mut largest) = (0, 0.0);
+    for (i, x) in samples[..samples.len() / 2].iter().enumerate() {
+        if (x - mean).abs() > largest {
+            (at, largest) = (i, (x - mean).abs());
+        }
+    }
+    at
+}

@@ -1,0 +1,69 @@
+//! How records that wait inside an assembler are saved.
+
+/// For `#[serde(with)]`: records as plain fields, flags as JSON because they carry their name inside.
+pub(super) mod records {
+    use crate::analysis::signal::record::{Excitation, Flag, Reading, Record, RodId, Timestamp};
+    use serde::{Deserialize, Deserializer, Serialize, Serializer, de, ser};
+    use std::collections::VecDeque;
+
+    #[derive(Serialize, Deserialize)]
+    struct Saved {
+        rod: RodId,
+        start_ns: i64,
+        fs_hz: f64,
+        samples: Vec<f64>,
+        temperature_c: Option<f64>,
+        readings: Vec<(i64, f64)>,
+        excitation: Option<Excitation>,
+        clock_sd: f64,
+        flags: String,
+    }
+
+    pub fn serialize<S: Serializer>(records: &VecDeque<Record>, serializer: S) -> Result<S::Ok, S::Error> {
+        let saved = |record: &Record| {
+            Ok(Saved {
+                rod: record.rod.clone(),
+                start_ns: record.start.as_nanos(),
+                fs_hz: record.fs_hz,
+                samples: record.samples.clone(),
+                temperature_c: record.temperature_c,
+                readings: record
+                    .readings
+                    .iter()
+                    .map(|reading| (reading.time.as_nanos(), reading.celsius))
+                    .collect(),
+                excitation: record.excitation,
+                clock_sd: record.clock_sd,
+                flags: serde_json::to_string(&record.flags).map_err(ser::Error::custom)?,
+            })
+        };
+        let saved: Vec<Saved> = records.iter().map(saved).collect::<Result<_, S::Error>>()?;
+        saved.serialize(serializer)
+    }
+
+    pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<VecDeque<Record>, D::Error> {
+        let record = |saved: Saved| {
+            let flags: Vec<Flag> = serde_json::from_str(&saved.flags).map_err(de::Error::custom)?;
+            Ok(Record {
+                rod: saved.rod,
+                start: Timestamp::from_nanos(saved.start_ns),
+                fs_hz: saved.fs_hz,
+                samples: saved.samples,
+                temperature_c: saved.temperature_c,
+                readings: saved
+                    .readings
+                    .into_iter()
+                    .map(|(nanos, celsius)| Reading {
+                        time: Timestamp::from_nanos(nanos),
+                        celsius,
+                    })
+                    .collect(),
+                excitation: saved.excitation,
+                clock_sd: saved.clock_sd,
+                flags,
+            })
+        };
+        let saved = Vec::<Saved>::deserialize(deserializer)?;
+        saved.into_iter().map(record).collect()
+    }
+}

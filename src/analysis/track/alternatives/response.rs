@@ -1,0 +1,194 @@
+//! What changes of every kind and size do to the frequencies of every particle.
+
+use super::kind::{Kind, probability_below};
+use crate::analysis::rod::beam::Quantity;
+use crate::analysis::rod::beam::forward::{ForwardModel, MAX_MODES};
+
+/// Particles that are kept, at most, evenly from those of the baseline.
+const PARTICLES: usize = 192;
+
+/// Spacing of the nodes in asinh(x / unit), with the unit a share of the scale of sizes: dense where changes are small.
+const SPACING: f64 = 0.3;
+const UNIT: f64 = 0.4;
+
+/// Relative error of the model's answer to a change, in discrepancies of its frequencies, and at least: what a frequency lacks comes
+/// from masses or a section the model does not know, and these move the answer by a share of the same size.
+const ANSWER: f64 = 1.5;
+const LEAST_ERROR: f64 = 0.003;
+
+/// One entry per mode order from 1; those that are not used are zero.
+pub(super) type Modes = [f64; MAX_MODES];
+
+/// The answers to one kind of change: of one side, where there are two.
+#[derive(Debug, Clone)]
+pub(super) struct Curve {
+    pub kind: Kind,
+    /// Sizes, ascending.
+    pub nodes: Vec<f64>,
+    /// Probability beforehand of a size between a node and the next.
+    pub mass: Vec<f64>,
+    /// Shifts of ln f, node by node and within a node particle by particle.
+    pub answers: Vec<Modes>,
+    /// Particles; one if all answer alike.
+    pub count: usize,
+    /// Mean answer at each node.
+    pub means: Vec<Modes>,
+}
+
+/// Answers of one rod to changes of every kind, ready for its shifts.
+#[derive(Debug, Clone)]
+pub struct Alternatives {
+    pub(super) curves: Vec<Curve>,
+    /// Relative error of an answer, per order from 1.
+    pub(super) error: Modes,
+    /// Number of orders the model gives.
+    pub(super) modes: usize,
+}
+
+impl Alternatives {
+    /// Prepares. `particles` row-major as in a baseline, `discrepancy` relative, per mode order from 1. Particles of which the
+    /// model does not know the answer to every change are left out; `None` if that leaves none.
+    pub fn new(particles: &[f64], model: &dyn ForwardModel, discrepancy: &[f64]) -> Option<Self> {
+        let parameterisation = model.parameterisation();
+        let width = parameterisation.len();
+        let modes = model.modes().min(MAX_MODES);
+        let count = particles.len() / width;
+        let kept = count.min(PARTICLES);
+        let thetas: Vec<&[f64]> = (0..kept)
+            .filter_map(|i| particles.chunks_exact(width).nth(i * count / kept))
+            .collect();
+        let at = |quantity| parameterisation.index(quantity);
+        let rigidity = at(Quantity::YoungsModulus).or(at(Quantity::FlexuralRigidity))?;
+        let (left, right) = (at(Quantity::SpringLeft)?, at(Quantity::SpringRight)?);
+        let force = at(Quantity::AxialForce)?;
+        let scaled = |kind: Kind, entries: &[usize], power: f64, mass: f64| {
+            let nodes = nodes(kind);
+            let mut moved = Vec::with_capacity(nodes.len() * thetas.len() * width);
+            for x in nodes.iter().chain([&0.0]) {
+                for theta in &thetas {
+                    let first = moved.len();
+                    moved.extend_from_slice(theta);
+                    entries
+                        .iter()
+                        .for_each(|entry| moved[first + entry] *= libm::exp(power * x));
+                }
+            }
+            let mut logs = vec![0.0; moved.len() / width * modes];
+            model.frequencies_of_many(&moved, modes, &mut logs);
+            logs.iter_mut().for_each(|f| *f = libm::log(*f));
+            let (logs, still) = logs.split_at(nodes.len() * thetas.len() * modes);
+            let mut answers = Vec::with_capacity(nodes.len() * thetas.len());
+            for (x, logs) in nodes.iter().zip(logs.chunks_exact(thetas.len() * modes)) {
+                for (log, still) in logs.chunks_exact(modes).zip(still.chunks_exact(modes)) {
+                    let mut answer = [0.0; MAX_MODES];
+                    for n in 0..modes {
+                        answer[n] = log[n] - still[n] - 0.5 * mass * x;
+                    }
+                    answers.push(answer);
+                }
+            }
+            (kind, nodes, answers)
+        };
+        let mut curves = vec![
+            scaled(Kind::Force, &[force], 1.0, 0.0),
+            scaled(Kind::BothSupports, &[left, right], 1.0, 0.0),
+            scaled(Kind::OneSupport, &[left], 1.0, 0.0),
+            scaled(Kind::OneSupport, &[right], 1.0, 0.0),
+            scaled(Kind::Modulus, &[rigidity], 1.0, 0.0),
+            scaled(Kind::Section, &[rigidity], 4.0, 2.0),
+        ];
+        let known: Vec<usize> = (0..thetas.len())
+            .filter(|&i| {
+                curves.iter().all(|(_, nodes, answers)| {
+                    (0..nodes.len()).all(|k| answers[k * thetas.len() + i].iter().all(|r| r.is_finite()))
+                })
+            })
+            .collect();
+        if known.is_empty() {
+            return None;
+        }
+        for (_, _, answers) in &mut curves {
+            *answers = answers
+                .chunks_exact(thetas.len())
+                .flat_map(|answers| known.iter().map(|&i| answers[i]))
+                .collect();
+        }
+        // f goes with mass^-1/2 in every mode of every rod.
+        let masses = nodes(Kind::Mass);
+        let answers = masses
+            .iter()
+            .map(|x| std::array::from_fn(|n| if n < modes { -0.5 * x } else { 0.0 }))
+            .collect();
+        curves.push((Kind::Mass, masses, answers));
+        Some(Self {
+            curves: curves.into_iter().map(|curve| Curve::new(curve, modes)).collect(),
+            error: std::array::from_fn(|n| {
+                let stated = discrepancy.get(n).copied().unwrap_or(0.0);
+                (ANSWER * stated).max(LEAST_ERROR)
+            }),
+            modes,
+        })
+    }
+
+    /// The mean shift of ln f by ln(N / N_0) = `u`, straight between nodes.
+    pub(super) fn of_force(&self, u: f64) -> Modes {
+        let Some(curve) = self.curves.first() else {
+            return [0.0; MAX_MODES];
+        };
+        let last = curve.nodes.len() - 2;
+        let k = curve
+            .nodes
+            .partition_point(|x| *x <= u)
+            .saturating_sub(1)
+            .min(last);
+        let share = (u - curve.nodes[k]) / (curve.nodes[k + 1] - curve.nodes[k]);
+        std::array::from_fn(|n| curve.means[k][n] + share * (curve.means[k + 1][n] - curve.means[k][n]))
+    }
+}
+
+impl Curve {
+    fn new((kind, nodes, answers): (Kind, Vec<f64>, Vec<Modes>), modes: usize) -> Self {
+        let (low, high, scale) = kind.sizes();
+        let below = |x: f64| probability_below(x, scale);
+        let whole = below(high) - below(low);
+        let mass = nodes
+            .windows(2)
+            .map(|pair| (below(pair[1]) - below(pair[0])) / whole)
+            .collect();
+        let count = answers.len() / nodes.len();
+        let means = answers
+            .chunks_exact(count)
+            .map(|answers| {
+                let mut mean = [0.0; MAX_MODES];
+                for n in 0..modes {
+                    mean[n] = answers.iter().map(|answer| answer[n]).sum::<f64>() / count as f64;
+                }
+                mean
+            })
+            .collect();
+        Self {
+            kind,
+            nodes,
+            mass,
+            answers,
+            count,
+            means,
+        }
+    }
+}
+
+/// The sizes at which answers are known: both ends, zero, and evenly in asinh(x / unit) between.
+fn nodes(kind: Kind) -> Vec<f64> {
+    let (low, high, scale) = kind.sizes();
+    let unit = UNIT * scale;
+    let side = |end: f64| {
+        let reach = libm::asinh(end.abs() / unit);
+        let steps = (reach / SPACING).ceil().max(0.0);
+        (1..=steps as usize).map(move |k| end.signum() * unit * libm::sinh(reach * k as f64 / steps))
+    };
+    let mut nodes: Vec<f64> = side(low).collect();
+    nodes.reverse();
+    nodes.push(0.0);
+    nodes.extend(side(high).filter(|_| high > 0.0));
+    nodes
+}

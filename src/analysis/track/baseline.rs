@@ -1,0 +1,227 @@
+//! The baseline: mean log-frequencies of the first records and particles of the static parameters.
+
+pub(super) mod levels;
+pub(super) mod particles;
+
+use super::baseline::levels::{Column, LEAST_LOG_SD, Slopes, Square};
+use super::baseline::particles::{Population, Target};
+use super::observation::Observation;
+use crate::analysis::numerics::random;
+use crate::analysis::rod::beam::forward::{ForwardModel, MAX_MODES};
+use crate::analysis::rod::prior::RodPrior;
+use crate::analysis::signal::record::Timestamp;
+use serde::{Deserialize, Serialize};
+use thiserror::Error;
+
+/// Particles from which the slopes are taken that the levels need.
+const PILOTS: usize = 64;
+
+/// Standard error of the plain mean of ln f that finds the pilots.
+const ROUGH: f64 = 0.01;
+
+/// Half the interval of ln N over which a slope's derivative is taken.
+const BEND: f64 = 0.05;
+
+/// The mean log-frequency of one mode over the baseline.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct BaselineMode {
+    /// Mode order, from 1.
+    pub order: usize,
+    /// ybar_n: ln f at the baseline's mean force, f in Hz.
+    pub log_frequency: f64,
+    /// Its standard error.
+    pub log_sd: f64,
+    /// Records of the baseline in which the mode was measured.
+    pub records: usize,
+}
+
+/// What later records are compared with (design 4.5).
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Baseline {
+    /// Start of the first record.
+    pub first: Timestamp,
+    /// Start of the last record.
+    pub last: Timestamp,
+    /// How many records.
+    pub records: usize,
+    /// The modes, ascending in order.
+    pub modes: Vec<BaselineMode>,
+    /// By how much the scatter of the frequencies exceeds their standard errors, as a factor on the
+    /// standard error, at least one.
+    pub overdispersion: f64,
+    /// Parameter vectors of equal weight, row-major (particles x quantities), SI: the posterior of the
+    /// static parameters and of N_0 given the mean frequencies.
+    pub particles: Vec<f64>,
+    /// Smallest and largest root mean square of the records' samples, SI of their unit.
+    pub rms: (f64, f64),
+    /// How far the mean frequencies lie from what the model can produce within its discrepancy, as
+    /// the smallest chi over the particles.
+    pub misfit: f64,
+}
+
+/// Why records give no baseline.
+#[derive(Debug, Clone, PartialEq, Error)]
+pub enum BaselineFault {
+    /// No mode was measured often enough.
+    #[error("no mode was measured in at least a third of {records} records")]
+    NoMode {
+        /// How many records.
+        records: usize,
+    },
+    /// No parameters of the rod give such frequencies.
+    #[error("no rod the prior allows has these frequencies")]
+    NoParticle,
+}
+
+impl Baseline {
+    /// Learns from records in event order. `discrepancy`: relative, one per mode order from 1; a mode
+    /// beyond it has none. A mode that fewer than a third of the records have is left out.
+    ///
+    /// The levels ybar_n follow from the two-way fit of `levels`; the particles are the posterior of (theta, x, N_0) for
+    ///
+    /// ```text
+    /// ybar_n = ln f_n(theta, x, N_0) + b_n + e_n,   b_n ~ N(0, discrepancy_n^2),  e_n ~ N(0, sd_ybar_n^2).
+    /// ```
+    ///
+    /// # Errors
+    /// The records do not agree on any mode, or no rod has such frequencies.
+    pub fn learn(
+        observations: &[Observation],
+        prior: &RodPrior,
+        model: &dyn ForwardModel,
+        discrepancy: &[f64],
+        particles: usize,
+        seed: u64,
+    ) -> Result<Self, BaselineFault> {
+        let records = observations.len();
+        let counts = counts(observations, model.modes().min(MAX_MODES));
+        let used = counts.map(|count| count > 0 && 3 * count >= records);
+        let modes = used.iter().rposition(|used| *used).map_or(0, |slot| slot + 1);
+        let (Some(first), Some(last), 1..) = (observations.first(), observations.last(), modes) else {
+            return Err(BaselineFault::NoMode { records });
+        };
+        let of = |purpose: &[u8]| random::seed(&[purpose, &seed.to_le_bytes()]);
+        let draws = Population::of_prior(prior, model, modes, of(b"prior"));
+        let pilots = draws
+            .pilot(
+                &rough_targets(observations, &used, discrepancy),
+                PILOTS,
+                of(b"pilot"),
+            )
+            .ok_or(BaselineFault::NoParticle)?;
+        let levels = levels::fit(observations, &used, &slopes(&pilots, model, modes));
+        let known: Vec<BaselineMode> = (0..modes)
+            .filter(|&slot| used[slot])
+            .map(|slot| BaselineMode {
+                order: slot + 1,
+                log_frequency: levels.level[slot],
+                log_sd: levels.sd[slot],
+                records: counts[slot],
+            })
+            .collect();
+        let targets: Vec<Target> = known
+            .iter()
+            .map(|mode| Target {
+                order: mode.order,
+                level: mode.log_frequency,
+                variance: stated(discrepancy, mode.order).powi(2) + mode.log_sd.max(LEAST_LOG_SD).powi(2),
+            })
+            .collect();
+        let (population, misfit) = draws
+            .posterior(&targets, prior, model, particles.max(1), of(b"posterior"))
+            .ok_or(BaselineFault::NoParticle)?;
+        let rms = observations
+            .iter()
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), observation| {
+                (low.min(observation.rms), high.max(observation.rms))
+            });
+        Ok(Self {
+            first: first.start,
+            last: last.start,
+            records,
+            modes: known,
+            overdispersion: levels.overdispersion,
+            particles: population.thetas,
+            rms,
+            misfit,
+        })
+    }
+}
+
+/// In how many records each of the first `modes` orders was measured.
+fn counts(observations: &[Observation], modes: usize) -> [usize; MAX_MODES] {
+    std::array::from_fn(|slot| {
+        let measured = |observation: &&Observation| {
+            slot < modes
+                && observation
+                    .mode(slot + 1)
+                    .is_some_and(|mode| levels::usable(mode.log_frequency, mode.log_sd))
+        };
+        observations.iter().filter(measured).count()
+    })
+}
+
+fn stated(discrepancy: &[f64], order: usize) -> f64 {
+    discrepancy.get(order - 1).copied().unwrap_or(0.0)
+}
+
+/// Plain means of the log-frequencies, with room for what a moving force and missing modes do to them.
+fn rough_targets(observations: &[Observation], used: &[bool; MAX_MODES], discrepancy: &[f64]) -> Vec<Target> {
+    let mean = |order: usize| {
+        let (mut sum, mut weights) = (0.0, 0.0);
+        for mode in observations
+            .iter()
+            .filter_map(|observation| observation.mode(order))
+        {
+            if levels::usable(mode.log_frequency, mode.log_sd) {
+                let weight = (mode.log_sd * mode.log_sd + ROUGH * ROUGH).recip();
+                sum += weight * mode.log_frequency;
+                weights += weight;
+            }
+        }
+        sum / weights
+    };
+    (1..=MAX_MODES)
+        .filter(|order| used[order - 1])
+        .map(|order| Target {
+            order,
+            level: mean(order),
+            variance: stated(discrepancy, order).powi(2) + ROUGH * ROUGH,
+        })
+        .collect()
+}
+
+/// Mean, covariance and mean derivative of the slopes d ln f_n / d ln N over a few particles.
+fn slopes(pilots: &Population, model: &dyn ForwardModel, modes: usize) -> Slopes {
+    let width = model.parameterisation().len();
+    let at = |theta: &[f64], u: f64| {
+        let mut moved = theta.to_vec();
+        moved[0] *= libm::exp(u);
+        let mut slopes = [0.0; MAX_MODES];
+        model
+            .log_slopes(&moved, &mut slopes[..modes])
+            .ok()
+            .map(|()| Column::from(slopes))
+    };
+    let rows: Vec<(Column, Column)> = pilots
+        .thetas
+        .chunks_exact(width)
+        .filter_map(|theta| {
+            let (below, above) = (at(theta, -BEND)?, at(theta, BEND)?);
+            Some(((below + above) * 0.5, (above - below) / (2.0 * BEND)))
+        })
+        .collect();
+    let count = rows.len().max(1) as f64;
+    let mean = rows.iter().map(|row| row.0).sum::<Column>() / count;
+    let covariance = rows
+        .iter()
+        .map(|row| (row.0 - mean) * (row.0 - mean).transpose())
+        .sum::<Square>()
+        / count;
+    let curvature = rows.iter().map(|row| row.1).sum::<Column>() / count;
+    Slopes {
+        mean,
+        covariance,
+        curvature,
+    }
+}

@@ -1,0 +1,835 @@
+//! One bank of Kalman filters with unknown noise: the conjugate law of coefficients, fluctuation and noise variance for every
+//! member, and the mixture of their predictive laws.
+//!
+//! For a period with ratio y, stated error s and columns X, and an onset's regressor h (0 without one, 1 for a step, years
+//! since the onset for a ramp), a member holds the state x = (c, a, b_1.., v, u):
+//!
+//! ```text
+//! y = c h + a + X b + v + u + sigma sqrt(R) e,       R = 0.3 + 0.7 (s / s0)^2,     e ~ N(0, 1)
+//! u <- f u + sigma sqrt(r (1 - f^2)) n,              f = exp(-gap / tau);           v likewise with r2, tau2
+//! sigma^2 ~ inverse gamma(alpha, beta),              cov(x) = sigma^2 P
+//! ```
+//!
+//! so that y has Student's t law with 2 alpha degrees of freedom, S = R + H P H' and scale^2 = S beta / alpha. Two more terms
+//! keep wild readings and sudden weather from being learned as something else:
+//!
+//! ```text
+//! p(y) = (1 - 0.01 - k) t(e; S) + 0.01 t_3(e; 0.06^2 + 9 S) + k t(e; S + 24 r (1 - f^2))
+//! ```
+//!
+//! The largest decides: the first is learned as it is, the second not at all, the third after P_uu grew by 24 r (1 - f^2).
+
+use super::prior::{BankPrior, Fluctuation};
+use rand::{Rng, RngExt};
+use rand_distr::{ChiSquared, Distribution, StandardNormal};
+use serde::{Deserialize, Serialize};
+use std::f64::consts::PI;
+
+/// Share of the noise variance that does not follow the stated error.
+const UNSTATED: f64 = 0.3;
+/// Shape of the prior law of the noise variance: four degrees of freedom; its mean is 2 s0^2.
+const SHAPE: f64 = 2.0;
+/// Probability of a wild reading, its spread \[-\], the widening of the rest, and its degrees of freedom.
+const WILD: f64 = 0.01;
+const WILD_SD: f64 = 0.06;
+const WILD_WIDER: f64 = 9.0;
+const WILD_SHAPE: f64 = 1.5;
+/// Growth of the fluctuation's variance in a jump, in the variance a period adds.
+const KICK: f64 = 24.0;
+/// Least ln weight in a bank that must stay open to every member: one may come back.
+const LEAST_LN_WEIGHT: f64 = -60.0;
+/// Least ln weight a copy keeps.
+pub(super) const NEGLIGIBLE_LN_WEIGHT: f64 = -13.8;
+/// Columns beyond are faults.
+const GREATEST: f64 = 1e6;
+/// Ratios are taken as within these.
+const RATIOS: [f64; 2] = [-1.0, 10.0];
+/// Stated errors are taken as at most so many typical ones.
+const GREATEST_ERROR: f64 = 1e6;
+
+/// One period of one rod as a bank sees it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Seen<'a> {
+    /// Event time \[d\]; real gaps count.
+    pub day: f64,
+    /// N_t / N_0 - 1.
+    pub ratio: f64,
+    /// Its stated standard error.
+    pub sd: f64,
+    /// Regressors, as many as the prior has columns.
+    pub columns: &'a [f64],
+}
+
+/// Predictive law of a period.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Law {
+    /// Mean of the ratio.
+    pub mean: f64,
+    /// Standard deviation.
+    pub sd: f64,
+    /// Share of the variance that is uncertainty of the coefficients, of the level with them.
+    pub leverage: f64,
+}
+
+impl Law {
+    /// The ratio in standard deviations from the mean.
+    pub fn residual(&self, ratio: f64) -> f64 {
+        (ratio - self.mean) / self.sd
+    }
+}
+
+/// A period made ready: regressors of the whole state, response, variance of its error in noise variances.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Row {
+    pub ratio: f64,
+    error: f64,
+    x: Vec<f64>,
+}
+
+impl Row {
+    /// `None` for what no filter can take: not finite, wrong number of columns, regressors beyond reason.
+    pub fn new(prior: &BankPrior, seen: &Seen) -> Option<Self> {
+        let is_sane = seen.day.is_finite()
+            && seen.ratio.is_finite()
+            && seen.sd.is_finite()
+            && seen.columns.len() == prior.columns.len()
+            && seen.columns.iter().all(|x| x.abs() <= GREATEST);
+        if !is_sane {
+            return None;
+        }
+        let share = (seen.sd / prior.noise_sd).clamp(0.0, GREATEST_ERROR);
+        let mut x = Vec::with_capacity(seen.columns.len() + 4);
+        x.extend([0.0, 1.0]);
+        x.extend_from_slice(seen.columns);
+        x.extend([1.0, 1.0]);
+        Some(Self {
+            ratio: seen.ratio.clamp(RATIOS[0], RATIOS[1]),
+            error: UNSTATED + (1.0 - UNSTATED) * share * share,
+            x,
+        })
+    }
+
+    /// Regressors of the whole state.
+    pub fn columns(&self) -> &[f64] {
+        &self.x
+    }
+
+    /// Variance of its error, in noise variances.
+    pub fn error(&self) -> f64 {
+        self.error
+    }
+
+    /// Puts an onset's regressor in.
+    pub fn with_onset(&mut self, h: f64) -> &Self {
+        self.x[0] = h;
+        self
+    }
+}
+
+/// State of one member.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(super) struct Member {
+    /// Place in the prior's members.
+    pub which: u8,
+    /// ln of the weight; weights sum to one.
+    pub ln_weight: f64,
+    /// alpha and beta of the noise variance's inverse gamma law.
+    pub shape: f64,
+    pub rate: f64,
+    /// Mean of the state: change, intercept, columns, slow fluctuation, fluctuation.
+    pub mean: Vec<f64>,
+    /// Covariance over the noise variance: upper triangle by rows.
+    pub cov: Vec<f64>,
+}
+
+/// Decay of a member's fluctuations from one period to the next.
+#[derive(Debug, Clone, Copy)]
+struct Decay {
+    fast: f64,
+    slow: f64,
+    /// Variance the first fluctuation gains, in noise variances.
+    added: f64,
+}
+
+/// Passage of time to a period, for every member of the prior.
+#[derive(Debug, Clone)]
+pub(super) struct Passage {
+    day: f64,
+    gap: f64,
+    decays: Vec<Decay>,
+}
+
+impl Passage {
+    /// From the last period, if any, to `day`; a day before the last is the last.
+    pub fn new(prior: &BankPrior, last: Option<f64>, day: f64) -> Self {
+        let gap = last.map_or(0.0, |last| (day - last).max(0.0));
+        let decay = |fluctuation: &Fluctuation| Decay {
+            fast: libm::exp(-gap / fluctuation.memory_d),
+            slow: libm::exp(-gap / fluctuation.slow_memory_d),
+            added: -fluctuation.variance * libm::expm1(-2.0 * gap / fluctuation.memory_d),
+        };
+        Self {
+            day: last.map_or(day, |last| last.max(day)),
+            gap,
+            decays: prior.members.iter().map(decay).collect(),
+        }
+    }
+
+    /// Days passed.
+    pub fn gap(&self) -> f64 {
+        self.gap
+    }
+
+    fn of(&self, member: &Member) -> &Decay {
+        &self.decays[usize::from(member.which)]
+    }
+}
+
+/// Prediction of one member.
+#[derive(Debug, Clone, Copy)]
+struct Ahead {
+    error: f64,
+    /// S.
+    total: f64,
+}
+
+/// The term of the predictive law that a reading was learned by.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Term {
+    Usual,
+    Wild,
+    Kick,
+}
+
+impl Member {
+    /// Before the first period.
+    fn new(prior: &BankPrior, which: usize) -> Self {
+        let fluctuation = &prior.members[which];
+        let noise = prior.noise_sd * prior.noise_sd;
+        let width = prior.columns.len() + 4;
+        let mut mean = vec![0.0, 0.0];
+        mean.extend(prior.columns.iter().map(|law| law.mean));
+        mean.extend([0.0, 0.0]);
+        let mut variances = vec![0.0, prior.intercept_sd * prior.intercept_sd / noise];
+        variances.extend(prior.columns.iter().map(|law| law.sd * law.sd / noise));
+        variances.extend([fluctuation.slow_variance, fluctuation.variance]);
+        let mut cov = vec![0.0; width * (width + 1) / 2];
+        for (row, variance) in variances.into_iter().enumerate() {
+            cov[place(width, row, row)] = variance;
+        }
+        Self {
+            which: which as u8,
+            ln_weight: libm::log(fluctuation.probability),
+            shape: SHAPE,
+            rate: 2.0 * (SHAPE - 1.0) * noise,
+            mean,
+            cov,
+        }
+    }
+
+    /// beta / alpha.
+    pub fn scale2(&self) -> f64 {
+        self.rate / self.shape
+    }
+
+    /// Posterior mean of the noise variance.
+    pub fn noise(&self) -> f64 {
+        self.rate / (self.shape - 1.0)
+    }
+
+    /// Lets the fluctuations decay.
+    fn advance(&mut self, fluctuation: &Fluctuation, decay: &Decay) {
+        let width = self.mean.len();
+        let (slow, fast) = (width - 2, width - 1);
+        let (f, g) = (decay.fast, decay.slow);
+        for row in 0..slow {
+            let at = place(width, row, slow);
+            self.cov[at] *= g;
+            self.cov[at + 1] *= f;
+        }
+        let at = place(width, slow, slow);
+        self.cov[at] = g * g * self.cov[at] + fluctuation.slow_variance * (1.0 - g * g);
+        self.cov[at + 1] *= f * g;
+        self.cov[at + 2] = f * f * self.cov[at + 2] + decay.added;
+        self.mean[slow] *= g;
+        self.mean[fast] *= f;
+    }
+
+    /// Prediction of a row; `along` becomes P H'.
+    fn ahead(&self, row: &Row, along: &mut [f64]) -> Ahead {
+        times(&self.cov, &row.x, along);
+        Ahead {
+            error: row.ratio - dot(&row.x, &self.mean),
+            total: row.error + dot(&row.x, along).max(0.0),
+        }
+    }
+
+    /// Kalman and inverse gamma step.
+    fn learn(&mut self, ahead: Ahead, along: &[f64]) {
+        let gain = ahead.error / ahead.total;
+        for (mean, along) in self.mean.iter_mut().zip(along) {
+            *mean += along * gain;
+        }
+        self.narrow(ahead.total, along);
+        self.rate += 0.5 * ahead.error * gain;
+        self.shape += 0.5;
+    }
+
+    /// Covariance after a row with P H' = `along` and S = `total`.
+    fn narrow(&mut self, total: f64, along: &[f64]) {
+        let width = along.len();
+        let mut at = 0;
+        for row in 0..width {
+            let share = along[row] / total;
+            let entries = &mut self.cov[at..at + width - row];
+            for (entry, along) in entries.iter_mut().zip(&along[row..]) {
+                *entry -= share * along;
+            }
+            entries[0] = entries[0].max(0.0);
+            at += width - row;
+        }
+    }
+}
+
+/// Filters side by side, one per member.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(super) struct Bank {
+    /// Time of the last period.
+    pub day: Option<f64>,
+    pub members: Vec<Member>,
+}
+
+impl Bank {
+    /// Before the first period.
+    pub fn new(prior: &BankPrior) -> Self {
+        let members = (0..prior.members.len().min(256)).map(|which| Member::new(prior, which));
+        let mut bank = Self {
+            day: None,
+            members: members.collect(),
+        };
+        bank.normalise();
+        bank
+    }
+
+    /// A copy in which the change has standard deviation `size`, without negligible members.
+    pub fn with_change(&self, size: f64) -> Self {
+        let members = self
+            .members
+            .iter()
+            .filter(|member| member.ln_weight >= NEGLIGIBLE_LN_WEIGHT);
+        let mut bank = Self {
+            day: self.day,
+            members: members.cloned().collect(),
+        };
+        bank.wander(size * size);
+        bank.normalise();
+        bank
+    }
+
+    /// Adds to the variance of the change.
+    pub fn wander(&mut self, variance: f64) {
+        for member in &mut self.members {
+            member.cov[0] += variance / member.scale2();
+        }
+    }
+
+    /// Makes weights sum to one.
+    fn normalise(&mut self) {
+        let total = ln_sum(self.members.iter().map(|member| member.ln_weight));
+        self.members
+            .iter_mut()
+            .for_each(|member| member.ln_weight -= total);
+    }
+
+    /// Forgets members whose weight is negligible.
+    pub fn prune(&mut self) {
+        self.members
+            .retain(|member| member.ln_weight >= NEGLIGIBLE_LN_WEIGHT);
+        self.normalise();
+    }
+
+    /// Lets time run on.
+    pub fn advance(&mut self, prior: &BankPrior, passage: &Passage) {
+        for member in &mut self.members {
+            member.advance(&prior.members[usize::from(member.which)], passage.of(member));
+        }
+        self.day = Some(passage.day);
+    }
+
+    /// Learns a row after the passage to it; returns ln p(y).
+    pub fn learn(&mut self, prior: &BankPrior, row: &Row, passage: &Passage) -> f64 {
+        let mut along = vec![0.0; row.x.len()];
+        let mut gammas = Gammas::default();
+        let usual = libm::log(1.0 - WILD - prior.kick);
+        let (wild, kick) = (libm::log(WILD), libm::log(prior.kick));
+        for member in &mut self.members {
+            let ahead = member.ahead(row, &mut along);
+            let (scale2, kicked) = (member.scale2(), KICK * passage.of(member).added);
+            let constant = gammas.of(member.shape);
+            let density = |total: f64| constant + student(ahead.error, total * scale2, member.shape);
+            let usual = usual + density(ahead.total);
+            let spread2 = WILD_SD * WILD_SD + WILD_WIDER * ahead.total * scale2;
+            let wild = wild + ln_gammas(WILD_SHAPE) + student(ahead.error, spread2, WILD_SHAPE);
+            let kick = kick + density(ahead.total + kicked);
+            let terms = [(Term::Usual, usual), (Term::Wild, wild), (Term::Kick, kick)];
+            let chosen = terms
+                .iter()
+                .fold(terms[0], |best, term| if term.1 > best.1 { *term } else { best });
+            member.ln_weight += ln_sum(terms.iter().map(|term| term.1));
+            match chosen.0 {
+                Term::Wild => {}
+                Term::Kick => {
+                    if let Some(variance) = member.cov.last_mut() {
+                        *variance += kicked;
+                    }
+                    let ahead = member.ahead(row, &mut along);
+                    member.learn(ahead, &along);
+                }
+                Term::Usual => member.learn(ahead, &along),
+            }
+        }
+        let ln_density = ln_sum(self.members.iter().map(|member| member.ln_weight));
+        for member in &mut self.members {
+            member.ln_weight = (member.ln_weight - ln_density).max(LEAST_LN_WEIGHT);
+        }
+        ln_density
+    }
+
+    /// Narrows the covariances as any ratio of a row would; means, noise and weights stay.
+    pub fn narrow(&mut self, row: &Row) {
+        let mut along = vec![0.0; row.x.len()];
+        for member in &mut self.members {
+            let ahead = member.ahead(row, &mut along);
+            member.narrow(ahead.total, &along);
+        }
+    }
+
+    /// A ratio drawn from the predictive law after the passage to a row.
+    pub fn draw<R: Rng>(&self, prior: &BankPrior, row: &Row, passage: &Passage, generator: &mut R) -> f64 {
+        let mut along = vec![0.0; row.x.len()];
+        let mut left: f64 = generator.random();
+        let mut chosen = 0;
+        for (at, member) in self.members.iter().enumerate() {
+            chosen = at;
+            left -= libm::exp(member.ln_weight);
+            if left < 0.0 {
+                break;
+            }
+        }
+        let member = &self.members[chosen];
+        let ahead = member.ahead(row, &mut along);
+        let scale2 = member.scale2();
+        let term: f64 = generator.random();
+        let (scale2, shape) = if term < WILD {
+            (WILD_SD * WILD_SD + WILD_WIDER * ahead.total * scale2, WILD_SHAPE)
+        } else if term < WILD + prior.kick {
+            let kicked = KICK * passage.of(member).added;
+            ((ahead.total + kicked) * scale2, member.shape)
+        } else {
+            (ahead.total * scale2, member.shape)
+        };
+        let normal: f64 = StandardNormal.sample(generator);
+        let divisor = ChiSquared::new(2.0 * shape).map_or(1.0, |law| law.sample(generator) / (2.0 * shape));
+        row.ratio - ahead.error + normal * (scale2 / divisor).sqrt()
+    }
+
+    /// Predictive law of the usual term at the time the bank was advanced to.
+    pub fn law(&self, row: &Row) -> Law {
+        let mut along = vec![0.0; row.x.len()];
+        let fixed = row.x.len() - 2;
+        let (mut mean, mut square, mut variance, mut of_coefficients) = (0.0, 0.0, 0.0, 0.0);
+        for member in &self.members {
+            let weight = libm::exp(member.ln_weight);
+            let ahead = member.ahead(row, &mut along);
+            let location = row.ratio - ahead.error;
+            let noise = member.noise();
+            mean += weight * location;
+            square += weight * location * location;
+            variance += weight * noise * ahead.total;
+            of_coefficients += weight * noise * quadratic(&member.cov, &row.x, fixed);
+        }
+        let between = (square - mean * mean).max(0.0);
+        let variance = variance + between;
+        Law {
+            mean,
+            sd: variance.sqrt(),
+            leverage: ((of_coefficients + between) / variance).clamp(0.0, 1.0),
+        }
+    }
+
+    /// Makes the level as unknown as before the first period.
+    pub fn loosen(&mut self, prior: &BankPrior) {
+        for member in &mut self.members {
+            let at = place(member.mean.len(), 1, 1);
+            member.cov[at] += prior.intercept_sd * prior.intercept_sd / member.scale2();
+        }
+    }
+
+    /// What the columns explain of a row: mean, and standard deviation of the row's ratio less it and less the level.
+    pub fn explained(&self, row: &Row) -> (f64, f64) {
+        let mut along = vec![0.0; row.x.len()];
+        let mut x = row.x.clone();
+        (x[0], x[1]) = (0.0, 0.0);
+        let slow = x.len() - 2;
+        let (mut mean, mut square, mut variance) = (0.0, 0.0, 0.0);
+        for member in &self.members {
+            let weight = libm::exp(member.ln_weight);
+            times(&member.cov, &x, &mut along);
+            let spread = dot(&x, &along);
+            let location = dot(&x[..slow], &member.mean[..slow]);
+            mean += weight * location;
+            square += weight * location * location;
+            variance += weight * member.noise() * (row.error + spread.max(0.0));
+        }
+        (mean, (variance + (square - mean * mean).max(0.0)).sqrt())
+    }
+
+    /// Mean and standard deviation of the change c.
+    pub fn change(&self) -> (f64, f64) {
+        let (mut mean, mut square, mut variance) = (0.0, 0.0, 0.0);
+        for member in &self.members {
+            let weight = libm::exp(member.ln_weight);
+            mean += weight * member.mean[0];
+            square += weight * member.mean[0] * member.mean[0];
+            variance += weight * member.noise() * member.cov[0];
+        }
+        (mean, (variance + (square - mean * mean).max(0.0)).sqrt())
+    }
+}
+
+/// Place of an entry of the upper triangle.
+const fn place(width: usize, row: usize, column: usize) -> usize {
+    row * width - row * (row + 1) / 2 + column
+}
+
+/// Product of a symmetric matrix and a vector.
+fn times(cov: &[f64], x: &[f64], product: &mut [f64]) {
+    product.fill(0.0);
+    let mut left = cov;
+    for row in 0..x.len() {
+        let (entries, rest) = left.split_at(x.len() - row);
+        left = rest;
+        let head = x[row];
+        product[row] += entries[0] * head + dot(&entries[1..], &x[row + 1..]);
+        for (product, entry) in product[row + 1..].iter_mut().zip(&entries[1..]) {
+            *product += entry * head;
+        }
+    }
+}
+
+/// Scalar product, in four sums that do not wait for one another.
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    let mut sums = [0.0; 4];
+    let (a, b) = (a.chunks_exact(4), b.chunks_exact(4));
+    let tail: f64 = a.remainder().iter().zip(b.remainder()).map(|(a, b)| a * b).sum();
+    for (a, b) in a.zip(b) {
+        for lane in 0..4 {
+            sums[lane] += a[lane] * b[lane];
+        }
+    }
+    (sums[0] + sums[1]) + (sums[2] + sums[3]) + tail
+}
+
+/// x'P x over the first `count` entries.
+pub(super) fn quadratic(cov: &[f64], x: &[f64], count: usize) -> f64 {
+    let mut sum = 0.0;
+    for row in 0..count {
+        let at = place(x.len(), row, row);
+        sum += x[row] * x[row] * cov[at];
+        for column in row + 1..count {
+            sum += 2.0 * x[row] * x[column] * cov[at + column - row];
+        }
+    }
+    sum.max(0.0)
+}
+
+/// ln of the sum of exponentials.
+pub(super) fn ln_sum(terms: impl Iterator<Item = f64> + Clone) -> f64 {
+    let greatest = terms.clone().fold(f64::NEG_INFINITY, f64::max);
+    if greatest == f64::NEG_INFINITY {
+        return greatest;
+    }
+    greatest + libm::log(terms.map(|term| libm::exp(term - greatest)).sum())
+}
+
+/// ln of Student's t density of 2 `shape` degrees of freedom without its gamma functions.
+fn student(error: f64, scale2: f64, shape: f64) -> f64 {
+    let dof = 2.0 * shape;
+    -0.5 * libm::log(dof * PI * scale2) - (shape + 0.5) * libm::log1p(error * error / (dof * scale2))
+}
+
+/// ln Gamma(shape + 1/2) - ln Gamma(shape).
+fn ln_gammas(shape: f64) -> f64 {
+    libm::lgamma(shape + 0.5) - libm::lgamma(shape)
+}
+
+/// The last value of [`ln_gammas`]: most members share a shape.
+#[derive(Default)]
+struct Gammas {
+    shape: f64,
+    value: f64,
+}
+
+impl Gammas {
+    fn of(&mut self, shape: f64) -> f64 {
+        if self.shape != shape {
+            *self = Self {
+                shape,
+                value: ln_gammas(shape),
+            };
+        }
+        self.value
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::Coefficient;
+    use super::*;
+    use crate::analysis::numerics::random;
+    use nalgebra::{DMatrix, DVector};
+
+    /// A prior of two columns and a single member that remembers.
+    fn single() -> BankPrior {
+        BankPrior {
+            noise_sd: 0.002,
+            intercept_sd: 0.03,
+            columns: vec![
+                Coefficient {
+                    mean: -0.005,
+                    sd: 0.01,
+                },
+                Coefficient { mean: 0.0, sd: 0.002 },
+            ],
+            members: vec![Fluctuation {
+                variance: 2.0,
+                memory_d: 4.0,
+                slow_variance: 0.5,
+                slow_memory_d: 25.0,
+                probability: 1.0,
+            }],
+            kick: 0.002,
+        }
+    }
+
+    /// Periods with gaps, other stated errors, and a change of -1 % from the twentieth on.
+    fn periods(count: usize) -> Vec<(f64, f64, f64, [f64; 2])> {
+        let mut generator = random::stream(5, 0);
+        let mut day = 100.0;
+        let mut normal = move || -> f64 { StandardNormal.sample(&mut generator) };
+        (0..count)
+            .map(|k| {
+                day += [1.0, 1.0, 0.5, 3.0, 0.0, 9.0][k % 6];
+                let columns = [8.0 * (day / 20.0_f64).sin() + normal(), (day / 60.0_f64).cos()];
+                let change = if k < 20 { 0.0 } else { -0.01 };
+                let ratio = 0.004 - 0.006 * columns[0] + 0.001 * columns[1] + change + 0.003 * normal();
+                (day, ratio, 0.002 * (1.0 + 0.3 * (k % 3) as f64), columns)
+            })
+            .collect()
+    }
+
+    /// The whole series at once by dense linear algebra: mean and covariance of (c, a, b_1, b_2), and the noise's law.
+    #[test]
+    fn a_member_equals_the_batch_posterior() {
+        let prior = single();
+        let data = periods(60);
+        let mut bank = Bank::new(&prior);
+        let mut change: Option<Bank> = None;
+        for (k, (day, ratio, sd, columns)) in data.iter().enumerate() {
+            let seen = Seen {
+                day: *day,
+                ratio: *ratio,
+                sd: *sd,
+                columns,
+            };
+            let mut row = Row::new(&prior, &seen).unwrap();
+            let passage = Passage::new(&prior, bank.day, *day);
+            bank.advance(&prior, &passage);
+            if k == 20 {
+                // In noise variances, so that the batch may take it as known beforehand.
+                let mut copy = bank.clone();
+                copy.members[0].cov[0] = 30.0;
+                change = Some(copy);
+            } else if let Some(change) = &mut change {
+                change.advance(&prior, &passage);
+            }
+            bank.learn(&prior, &row, &passage);
+            if let Some(change) = &mut change {
+                change.learn(&prior, row.with_onset(1.0), &passage);
+            }
+        }
+        let found = &change.unwrap().members[0];
+
+        let n = data.len();
+        let s0 = prior.noise_sd;
+        let design = DMatrix::from_fn(n, 4, |k, j| match j {
+            0 => f64::from(u8::from(k >= 20)),
+            1 => 1.0,
+            _ => data[k].3[j - 2],
+        });
+        let before = DMatrix::from_diagonal(&DVector::from_vec(vec![
+            30.0,
+            (0.03 / s0) * (0.03 / s0),
+            (0.01 / s0) * (0.01 / s0),
+            (0.002 / s0) * (0.002 / s0),
+        ]));
+        let fluctuation = &prior.members[0];
+        let cov = DMatrix::from_fn(n, n, |i, j| {
+            let gap = (data[i].0 - data[j].0).abs();
+            let error = if i == j {
+                0.3 + 0.7 * (data[i].2 / s0) * (data[i].2 / s0)
+            } else {
+                0.0
+            };
+            error
+                + fluctuation.variance * (-gap / fluctuation.memory_d).exp()
+                + fluctuation.slow_variance * (-gap / fluctuation.slow_memory_d).exp()
+        });
+        let expected = DVector::from_vec(vec![0.0, 0.0, -0.005, 0.0]);
+        let off = DVector::from_iterator(n, data.iter().map(|period| period.1)) - &design * &expected;
+        let inverse = (&cov + &design * &before * design.transpose())
+            .try_inverse()
+            .unwrap();
+        let gain = &before * design.transpose() * &inverse;
+        let mean = &expected + &gain * &off;
+        let after = &before - &gain * &design * &before;
+        let rate = 2.0 * s0 * s0 + 0.5 * (off.transpose() * &inverse * &off)[(0, 0)];
+
+        assert_eq!(found.shape, 2.0 + 0.5 * n as f64);
+        assert!((found.rate / rate - 1.0).abs() < 1e-9, "{} {rate}", found.rate);
+        for i in 0..4 {
+            // The dense inverse has a condition near 1e6, and the state 60 steps of rounding.
+            let sd = after[(i, i)].sqrt();
+            assert!(
+                (found.mean[i] - mean[i]).abs() < 1e-8 * s0 * sd,
+                "{i}: {} {}",
+                found.mean[i],
+                mean[i]
+            );
+            for j in i..4 {
+                let entry = found.cov[place(6, i, j)];
+                let scale = sd * after[(j, j)].sqrt();
+                assert!(
+                    (entry - after[(i, j)]).abs() < 1e-8 * scale,
+                    "{i} {j}: {entry} {}",
+                    after[(i, j)]
+                );
+            }
+        }
+    }
+
+    /// The predictive density integrates to one: what makes R less the number of periods a martingale.
+    #[test]
+    fn the_predictive_density_is_a_density() {
+        let prior = BankPrior::peers(0.002);
+        let mut bank = Bank::new(&prior);
+        for (k, (day, ratio, sd, columns)) in periods(40).iter().enumerate() {
+            let columns = [0.01 * columns[0], 1e-4 * columns[0] * columns[0], 0.0, 0.1];
+            let seen = Seen {
+                day: *day,
+                ratio: *ratio,
+                sd: *sd,
+                columns: &columns,
+            };
+            let mut row = Row::new(&prior, &seen).unwrap();
+            let passage = Passage::new(&prior, bank.day, *day);
+            bank.advance(&prior, &passage);
+            if k % 13 == 12 {
+                for copy in [bank.clone(), bank.with_change(0.015)] {
+                    let h = 1.0;
+                    let law = copy.law(&row);
+                    let density = |z: f64| {
+                        // Substitution y = mean + sd sinh(z): the tail of t_3 to 1e4 standard deviations, within the clamp.
+                        row.ratio = law.mean + law.sd * z.sinh();
+                        libm::exp(copy.clone().learn(&prior, row.clone().with_onset(h), &passage))
+                            * law.sd
+                            * z.cosh()
+                    };
+                    // Trapezoids of a smooth function; what lies beyond 60 sd is 0.01 of t_3 beyond some 5 scales.
+                    let reach = (60.0_f64).asinh();
+                    let (mut density, steps) = (density, 1200);
+                    let width = 2.0 * reach / f64::from(steps);
+                    let sum: f64 = (0..=steps)
+                        .map(|step| density(-reach + width * f64::from(step)) * width)
+                        .sum();
+                    assert!((sum - 1.0).abs() < 1e-3, "period {k}: {sum}");
+                }
+            }
+            let row = Row::new(&prior, &seen).unwrap();
+            bank.learn(&prior, &row, &passage);
+        }
+    }
+
+    /// Ten years of hourly periods leave covariances symmetric by storage and positive on the diagonal.
+    #[test]
+    fn covariances_stay_positive() {
+        let prior = single();
+        let mut bank = Bank::new(&prior);
+        for hour in 0..87_660_u32 {
+            let day = f64::from(hour) / 24.0;
+            let columns = [15.0 * (day / 58.0).sin(), (day / 58.1).cos()];
+            let ratio = -0.005 * columns[0] + 0.001 * f64::from(hour % 5);
+            let seen = Seen {
+                day,
+                ratio,
+                sd: 0.002,
+                columns: &columns,
+            };
+            let row = Row::new(&prior, &seen).unwrap();
+            let passage = Passage::new(&prior, bank.day, day);
+            bank.advance(&prior, &passage);
+            assert!(bank.learn(&prior, &row, &passage).is_finite());
+        }
+        let member = &bank.members[0];
+        let width = member.mean.len();
+        let dense = DMatrix::from_fn(width - 1, width - 1, |i, j| {
+            member.cov[place(width, i.min(j) + 1, i.max(j) + 1)]
+        });
+        let least = dense.symmetric_eigenvalues().min();
+        assert!(least > 0.0, "{least}");
+    }
+
+    #[test]
+    fn what_no_filter_can_take_is_refused_and_the_rest_is_survived() {
+        let prior = single();
+        let seen = |day, ratio, sd, columns| Seen {
+            day,
+            ratio,
+            sd,
+            columns,
+        };
+        for bad in [
+            seen(f64::NAN, 0.0, 0.002, &[0.0, 0.0]),
+            seen(0.0, f64::INFINITY, 0.002, &[0.0, 0.0]),
+            seen(0.0, 0.0, f64::NAN, &[0.0, 0.0]),
+            seen(0.0, 0.0, 0.002, &[0.0, f64::NAN]),
+            seen(0.0, 0.0, 0.002, &[0.0, 1e9]),
+            seen(0.0, 0.0, 0.002, &[0.0]),
+        ] {
+            assert_eq!(Row::new(&prior, &bad), None);
+        }
+        let mut bank = Bank::new(&prior);
+        let odd = [
+            (0.0, 0.0, 0.0),
+            (0.0, -1.0, 0.002),
+            (1e5, 0.001, 0.002),
+            (5.0, 1e300, 0.002),
+            (1e5, 0.0, 1e300),
+            (1e9, 0.001, -0.002),
+        ];
+        for (day, ratio, sd) in odd {
+            let row = Row::new(&prior, &seen(day, ratio, sd, &[1.0, 1.0])).unwrap();
+            let passage = Passage::new(&prior, bank.day, day);
+            bank.advance(&prior, &passage);
+            assert!(
+                bank.learn(&prior, &row, &passage).is_finite(),
+                "{day} {ratio} {sd}"
+            );
+            let law = bank.law(&row);
+            assert!(
+                law.mean.abs() < 0.1 && law.sd > 0.0 && law.sd.is_finite(),
+                "{law:?}"
+            );
+        }
+    }
+}

@@ -1,0 +1,486 @@
+//! Shiryaev-Roberts detection over onset particles: each is a copy of the null bank in which the force has changed since.
+//!
+//! Every period, before its ratio is learned, a small step, a large step and, once a week, a ramp are born. With p_0 the
+//! predictive density of the null bank and p_k that of particle k,
+//!
+//! ```text
+//! W_k <- W_k p_k(y) / p_0(y),     R = 0.375 sum W_small + 0.25 sum W_large + 0.375 sum W_ramp
+//! ```
+//!
+//! where a step is born with weight 1 and a ramp with the periods since the last. Under the null bank's own predictive law each W_k
+//! is a martingale, so R less the number of periods is a supermartingale, for any sizes, onsets and merging. For the first
+//! time T with R > A hence E T >= A and P(T <= n) <= n / A (Polunchenko, Sokolov, Du 2013; Shin, Ramdas, Rinaldo 2024).
+//! Neither white residuals nor tables are supposed.
+
+use super::bank::{Bank, Law, Passage, Row, Seen, ln_sum};
+use super::prior::BankPrior;
+use serde::{Deserialize, Serialize};
+
+/// Periods before the first onset is looked for.
+const BEFORE: usize = 4;
+/// Days between the births of ramps.
+const RAMP_EVERY_D: f64 = 7.0;
+/// Days in a year.
+pub(super) const YEAR_D: f64 = 365.25;
+/// Prior standard deviation of a change at the end of commissioning, and of the change of a year by small steps.
+const SINCE_SIZE: f64 = 0.007;
+const SINCE_YEAR: f64 = 0.007;
+/// Least age in the spacing of onsets \[d\].
+const LEAST_AGE_D: f64 = 0.01;
+/// Greatest ln R that is told: beyond, it is infinite for every purpose.
+const GREATEST_LN: f64 = 300.0;
+
+/// Shape of a change.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Shape {
+    /// At once, of a few per cent.
+    Small,
+    /// At once, of tens of per cent.
+    Large,
+    /// So much a year.
+    Ramp,
+}
+
+impl Shape {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Small, Self::Large, Self::Ramp];
+
+    /// Prior standard deviation: share of the force, a year for ramps.
+    pub(super) const fn size(self) -> f64 {
+        match self {
+            Self::Small => 0.015,
+            Self::Large => 0.12,
+            Self::Ramp => 0.05,
+        }
+    }
+
+    /// Particles kept.
+    const fn slots(self) -> usize {
+        match self {
+            Self::Small => 10,
+            Self::Large => 4,
+            Self::Ramp => 6,
+        }
+    }
+
+    /// Share of births.
+    pub(super) const fn share(self) -> f64 {
+        match self {
+            Self::Large => 0.25,
+            Self::Small | Self::Ramp => 0.375,
+        }
+    }
+
+    /// Regressor of a change that began `age_d` days ago.
+    pub(super) fn regressor(self, age_d: f64) -> f64 {
+        match self {
+            Self::Small | Self::Large => 1.0,
+            Self::Ramp => age_d / YEAR_D,
+        }
+    }
+}
+
+/// A bank in which the force has changed since an onset.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(super) struct Particle {
+    pub shape: Shape,
+    /// Onset of its bank \[d\]: the first period with the change.
+    pub onset: f64,
+    /// Onsets it stands for.
+    pub onsets: [f64; 2],
+    /// ln W.
+    pub ln_weight: f64,
+    pub bank: Bank,
+}
+
+/// A bank in which the level wanders since commissioning ended.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(super) struct Since {
+    /// End of commissioning \[d\].
+    pub day: f64,
+    /// ln of its evidence over the null bank's.
+    pub ln_weight: f64,
+    pub bank: Bank,
+}
+
+/// Null bank, onset particles, and the bank that measures the change since commissioning.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Detector {
+    pub(super) prior: BankPrior,
+    pub(super) null: Bank,
+    pub(super) particles: Vec<Particle>,
+    pub(super) since: Option<Since>,
+    periods: usize,
+    /// Periods since the null bank began or began again.
+    fresh: usize,
+    /// Birth of the last ramp \[d\], and periods since.
+    ramp: Option<f64>,
+    ramp_periods: usize,
+}
+
+impl Detector {
+    /// Before the first period.
+    pub fn new(prior: BankPrior) -> Self {
+        Self {
+            null: Bank::new(&prior),
+            prior,
+            particles: Vec::new(),
+            since: None,
+            periods: 0,
+            fresh: 0,
+            ramp: None,
+            ramp_periods: 0,
+        }
+    }
+
+    /// Predictive law of a period under no change; `None` for a period that cannot be used.
+    pub fn predict(&self, seen: &Seen) -> Option<Law> {
+        let row = Row::new(&self.prior, seen)?;
+        let mut null = self.null.clone();
+        null.advance(&self.prior, &self.passage(seen.day));
+        Some(null.law(&row))
+    }
+
+    /// Learns a period; returns its predictive law before it was learned, or `None` for a period that cannot be used (not
+    /// finite, another number of columns), which changes nothing.
+    pub fn step(&mut self, seen: &Seen) -> Option<Law> {
+        let mut row = Row::new(&self.prior, seen)?;
+        let passage = self.passage(seen.day);
+        self.null.advance(&self.prior, &passage);
+        let law = self.null.law(&row);
+        let day = self.null.day.unwrap_or(seen.day);
+        for particle in &mut self.particles {
+            particle.bank.advance(&self.prior, &passage);
+        }
+        if self.fresh >= BEFORE {
+            self.bear(day);
+        }
+        let under_null = self.null.learn(&self.prior, &row, &passage);
+        for particle in &mut self.particles {
+            let h = particle.shape.regressor(day - particle.onset);
+            let under_change = particle.bank.learn(&self.prior, row.with_onset(h), &passage);
+            particle.bank.prune();
+            particle.ln_weight += under_change - under_null;
+        }
+        if let Some(since) = &mut self.since {
+            since
+                .bank
+                .wander(SINCE_YEAR * SINCE_YEAR * passage.gap() / YEAR_D);
+            since.bank.advance(&self.prior, &passage);
+            since.ln_weight += since.bank.learn(&self.prior, row.with_onset(1.0), &passage) - under_null;
+            since.bank.prune();
+        }
+        self.periods += 1;
+        self.fresh += 1;
+        Some(law)
+    }
+
+    /// Passage of time from the last period.
+    pub(super) fn passage(&self, day: f64) -> Passage {
+        Passage::new(&self.prior, self.null.day, day)
+    }
+
+    /// Births of a period.
+    fn bear(&mut self, day: f64) {
+        self.ramp_periods += 1;
+        for shape in Shape::ALL {
+            let weight = match shape {
+                Shape::Small | Shape::Large => 1.0,
+                Shape::Ramp if self.ramp.is_some_and(|last| day - last < RAMP_EVERY_D) => continue,
+                Shape::Ramp => self.ramp_periods as f64,
+            };
+            if shape == Shape::Ramp {
+                (self.ramp, self.ramp_periods) = (Some(day), 0);
+            }
+            self.make_room(shape, day);
+            self.particles.push(Particle {
+                shape,
+                onset: day,
+                onsets: [day, day],
+                ln_weight: libm::log(weight),
+                bank: self.null.with_change(shape.size()),
+            });
+        }
+    }
+
+    /// Merges two particles of a shape if its slots are full: of the neighbours closest in ln(age), not the newest, the
+    /// heavier stays with the weight of both.
+    fn make_room(&mut self, shape: Shape, day: f64) {
+        let places: Vec<usize> = (0..self.particles.len())
+            .filter(|&at| self.particles[at].shape == shape)
+            .collect();
+        if places.len() < shape.slots() {
+            return;
+        }
+        let ln_age = |at: usize| libm::log((day - self.particles[at].onset).max(LEAST_AGE_D));
+        let mut closest: Option<(f64, usize, usize)> = None;
+        for pair in places[..places.len() - 1].windows(2) {
+            let distance = ln_age(pair[0]) - ln_age(pair[1]);
+            if closest.is_none_or(|(least, ..)| distance < least) {
+                closest = Some((distance, pair[0], pair[1]));
+            }
+        }
+        let Some((_, older, newer)) = closest else { return };
+        let weights = [self.particles[older].ln_weight, self.particles[newer].ln_weight];
+        let onsets = [self.particles[older].onsets[0], self.particles[newer].onsets[1]];
+        let (stays, goes) = if weights[0] >= weights[1] {
+            (older, newer)
+        } else {
+            (newer, older)
+        };
+        self.particles[stays].ln_weight = ln_sum(weights.into_iter());
+        self.particles[stays].onsets = onsets;
+        self.particles.remove(goes);
+    }
+
+    /// R of Shiryaev and Roberts; alarm where it exceeds the average run length to a false alarm, in periods.
+    pub fn statistic(&self) -> f64 {
+        libm::exp(ln_sum(self.weights()).min(GREATEST_LN))
+    }
+
+    /// ln of each particle's part of R.
+    pub(super) fn weights(&self) -> impl Iterator<Item = f64> + Clone {
+        self.particles
+            .iter()
+            .map(|particle| particle.ln_weight + libm::log(particle.shape.share()))
+    }
+
+    /// Periods learned.
+    pub fn periods(&self) -> usize {
+        self.periods
+    }
+
+    /// Time of the last period \[d\].
+    pub fn last_day(&self) -> Option<f64> {
+        self.null.day
+    }
+
+    /// Prior of the bank.
+    pub fn prior(&self) -> &BankPrior {
+        &self.prior
+    }
+
+    /// A ratio drawn from the predictive law of a period under no change; `None` for a period that cannot be used.
+    pub fn draw<R: rand::Rng>(&self, seen: &Seen, generator: &mut R) -> Option<f64> {
+        let row = Row::new(&self.prior, seen)?;
+        let mut null = self.null.clone();
+        let passage = self.passage(seen.day);
+        null.advance(&self.prior, &passage);
+        Some(null.draw(&self.prior, &row, &passage, generator))
+    }
+
+    /// Sets the probability of a jump of the residual force in a period, as readings become sparse or dense.
+    pub fn set_sparse(&mut self, is_sparse: bool) {
+        self.prior.set_sparse(is_sparse);
+    }
+
+    /// Ends commissioning: the change [`Detector::since`] tells is counted from here.
+    pub fn commission(&mut self) {
+        self.since = self.null.day.map(|day| Since {
+            day,
+            ln_weight: 0.0,
+            bank: self.null.with_change(SINCE_SIZE),
+        });
+    }
+
+    /// Begins again after a change that somebody accepted: coefficients stay known, the level is learned anew, R is zero.
+    pub fn restart(&mut self) {
+        self.null.loosen(&self.prior);
+        self.particles.clear();
+        (self.fresh, self.ramp, self.ramp_periods) = (0, None, 0);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::analysis::numerics::random;
+    use rand_distr::{Distribution, StandardNormal};
+
+    const NOISE: f64 = 0.002;
+
+    fn seen(day: f64, ratio: f64, columns: &[f64]) -> Seen<'_> {
+        Seen {
+            day,
+            ratio,
+            sd: NOISE,
+            columns,
+        }
+    }
+
+    fn columns(day: f64) -> [f64; 4] {
+        let median = 0.01 * (day / 9.0).sin();
+        [
+            median,
+            median * median,
+            (day / 58.0).cos() - 1.0,
+            (day / 58.0).sin(),
+        ]
+    }
+
+    /// Under the bank's own predictive law R passes a limit within n periods with a probability of at most n over the limit.
+    ///
+    /// The mean of R itself is no use to a simulation: it lies in events too rare to be drawn. That every factor of it has
+    /// mean one is the test of `bank` that densities integrate to one.
+    #[test]
+    fn false_alarms_are_as_rare_as_promised() {
+        let (runs, periods, limit) = (200, 44, 200.0);
+        let (mut alarms, mut greatest) = (0, 0.0_f64);
+        for run in 0..runs {
+            let mut generator = random::stream(11, run);
+            let mut detector = Detector::new(BankPrior::peers(NOISE));
+            let mut is_over = false;
+            for day in 0..periods {
+                let day = f64::from(day);
+                let columns = columns(day);
+                let ratio = detector.draw(&seen(day, 0.0, &columns), &mut generator).unwrap();
+                detector.step(&seen(day, ratio, &columns)).unwrap();
+                is_over |= detector.statistic() > limit;
+                greatest = greatest.max(detector.statistic());
+            }
+            alarms += usize::from(is_over);
+        }
+        // 40 births: at most 20 %, and two standard errors of 2.8 % above it.
+        assert!(alarms <= 51, "{alarms} of {runs}");
+        assert!(greatest > limit / 4.0, "R never moved: {greatest}");
+    }
+
+    fn run(detector: &mut Detector, seed: u64, days: std::ops::Range<u32>, change: f64) {
+        for day in days {
+            let mut generator = random::stream(seed, u64::from(day));
+            let noise: f64 = StandardNormal.sample(&mut generator);
+            let day = f64::from(day);
+            let columns = columns(day);
+            let ratio = 0.8 * columns[0] + NOISE * noise + change;
+            detector.step(&seen(day, ratio, &columns)).unwrap();
+        }
+    }
+
+    #[test]
+    fn a_loss_is_told_sized_and_dated() {
+        let (mut dated, mut sized, seeds) = (0, 0, 40);
+        for seed in 0..seeds {
+            let mut detector = Detector::new(BankPrior::peers(NOISE));
+            run(&mut detector, seed, 0..100, 0.0);
+            assert!(detector.statistic() < 3652.0, "{seed}: {}", detector.statistic());
+            run(&mut detector, seed, 100..102, -0.03);
+            assert!(detector.statistic() > 3652.0, "{seed}: {}", detector.statistic());
+            run(&mut detector, seed, 102..110, -0.03);
+            let change = detector.change().unwrap();
+            assert!(
+                change.size_sd < 0.004 && change.ramp_probability < 0.1,
+                "{change:?}"
+            );
+            dated += u32::from(change.onset_interval[0] <= 100.0 && 100.0 <= change.onset_interval[1]);
+            sized += u32::from(change.size_interval[0] <= -0.03 && -0.03 <= change.size_interval[1]);
+        }
+        // 95 % intervals: fewer than 34 of 40 has a probability of 0.3 %.
+        assert!(dated >= 34 && sized >= 34, "{dated} and {sized} of {seeds}");
+    }
+
+    #[test]
+    fn merging_keeps_the_sum_of_weights_and_memory_stays_fixed() {
+        let mut detector = Detector::new(BankPrior::peers(NOISE));
+        run(&mut detector, 3, 0..400, 0.0);
+        let slots: usize = Shape::ALL.iter().map(|shape| shape.slots()).sum();
+        assert_eq!(detector.particles.len(), slots);
+        let before = detector.statistic();
+        let mut merged = detector.clone();
+        merged.make_room(Shape::Small, 400.0);
+        assert_eq!(merged.particles.len(), slots - 1);
+        // One sum in another order.
+        assert!((merged.statistic() / before - 1.0).abs() < 1e-12);
+        for pair in detector
+            .particles
+            .iter()
+            .filter(|particle| particle.shape == Shape::Small)
+            .collect::<Vec<_>>()
+            .windows(2)
+        {
+            assert!(pair[0].onset < pair[1].onset && pair[0].onsets[1] < pair[1].onsets[0]);
+        }
+        let bytes = postcard::to_stdvec(&detector).unwrap().len();
+        assert!(bytes < 300_000, "{bytes}");
+    }
+
+    #[test]
+    fn kept_and_restored_goes_on_to_the_bit() {
+        let mut detector = Detector::new(BankPrior::blind(NOISE));
+        let step = |detector: &mut Detector, day: u32| {
+            let columns = [0.0, (f64::from(day) / 58.0).sin()];
+            detector.step(&seen(f64::from(day), 0.001 * f64::from(day % 7), &columns));
+        };
+        (0..40).for_each(|day| step(&mut detector, day));
+        detector.commission();
+        let bytes = postcard::to_stdvec(&detector).unwrap();
+        let text = serde_json::to_string(&detector).unwrap();
+        let mut restored: [Detector; 2] = [
+            postcard::from_bytes(&bytes).unwrap(),
+            serde_json::from_str(&text).unwrap(),
+        ];
+        (40..80).for_each(|day| step(&mut detector, day));
+        for restored in &mut restored {
+            (40..80).for_each(|day| step(restored, day));
+            assert_eq!(*restored, detector);
+            assert_eq!(restored.statistic().to_bits(), detector.statistic().to_bits());
+        }
+    }
+
+    #[test]
+    fn a_gap_of_any_length_is_no_change() {
+        let mut detector = Detector::new(BankPrior::peers(NOISE));
+        run(&mut detector, 3, 0..100, 0.0);
+        run(&mut detector, 3, 5000..5003, 0.0);
+        assert!(
+            detector.statistic() < 1000.0 && detector.periods() == 103,
+            "{}",
+            detector.statistic()
+        );
+        let before = detector.clone();
+        assert_eq!(detector.step(&seen(f64::NAN, 0.0, &columns(1.0))), None);
+        assert_eq!(detector.step(&seen(5004.0, 0.0, &[0.0])), None);
+        assert_eq!(detector, before);
+    }
+
+    /// No typical error, however absurd, makes a detector give anything but numbers.
+    #[test]
+    fn absurd_errors_are_survived() {
+        for noise_sd in [0.0, f64::MIN_POSITIVE, -1.0, 1e300, f64::NAN] {
+            let mut detector = Detector::new(BankPrior::peers(noise_sd));
+            for day in 0..30 {
+                let day = f64::from(day);
+                let sd = if day == 7.0 { 0.0 } else { noise_sd.clamp(0.0, 1.0) };
+                let columns = columns(day);
+                let ratio = if day == 20.0 { -1.0 } else { 0.8 * columns[0] };
+                let law = detector.step(&Seen {
+                    day,
+                    ratio,
+                    sd,
+                    columns: &columns,
+                });
+                assert!(
+                    law.is_none_or(|law| law.mean.is_finite() && law.sd > 0.0 && law.sd.is_finite()),
+                    "{law:?}"
+                );
+                assert!(detector.statistic().is_finite(), "{noise_sd}");
+            }
+        }
+    }
+
+    #[test]
+    fn an_accepted_change_is_the_new_level() {
+        let mut detector = Detector::new(BankPrior::peers(NOISE));
+        run(&mut detector, 3, 0..150, 0.0);
+        run(&mut detector, 3, 150..170, -0.03);
+        assert!(detector.statistic() > 3652.0);
+        detector.restart();
+        assert_eq!(detector.statistic(), 0.0);
+        run(&mut detector, 3, 170..250, -0.03);
+        assert!(detector.statistic() < 1000.0, "{}", detector.statistic());
+        let law = detector.predict(&seen(250.0, 0.0, &columns(250.0))).unwrap();
+        assert!(
+            (law.mean - 0.8 * columns(250.0)[0] + 0.03).abs() < 3.0 * law.sd && law.sd < 0.004,
+            "{law:?}"
+        );
+    }
+}

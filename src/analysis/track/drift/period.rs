@@ -1,0 +1,230 @@
+//! The records of one period as one statistic, and what the drift watch made of it.
+
+use super::Filters;
+use super::regressors::FILTERS_D;
+use crate::analysis::signal::record::{Reading, Timestamp};
+use crate::analysis::track::observation::Observation;
+use crate::analysis::track::relative::{Misfit, Relative};
+use serde::{Deserialize, Serialize};
+
+/// A record of a period that is still open.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Pending {
+    /// Time of its first sample.
+    pub start: Timestamp,
+    /// Time of its end: its temperature is asked for then.
+    pub end: Timestamp,
+    /// N_t / N_0 - 1.
+    pub delta: f64,
+    /// Standard error of delta from the record's frequency errors alone.
+    pub sd: f64,
+    /// The misfit of its modes.
+    pub misfit: Vec<Misfit>,
+}
+
+impl Pending {
+    /// Of an observation and its relative force.
+    pub fn new(observation: &Observation, relative: &Relative) -> Self {
+        Self {
+            start: observation.start,
+            end: observation.start.plus_seconds(observation.duration_s),
+            delta: libm::expm1(relative.estimate),
+            sd: relative.record_sd * libm::exp(relative.estimate),
+            misfit: relative.misfit.clone(),
+        }
+    }
+}
+
+/// One period of one rod.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Period {
+    /// Periods since 1970.
+    pub index: i64,
+    /// Its beginning.
+    pub start: Timestamp,
+    /// Records in it.
+    pub records: usize,
+    /// delta: the records' N_t / N_0 - 1, weighted by their precision.
+    pub delta: f64,
+    /// Standard error of delta from the frequency errors of its records.
+    pub delta_sd: f64,
+    /// Low-passed temperatures beside delta \[degC\], as [`Filters`] has them; `None` if not known.
+    #[serde(default)]
+    pub filtered_c: Option<[f64; FILTERS_D.len()]>,
+    /// Temperatures at the lags of versions before, from which a store of theirs goes on \[degC\].
+    #[serde(default, skip_serializing)]
+    pub lagged_c: Option<Vec<f64>>,
+    /// The misfit of the modes, combined.
+    pub misfit: Vec<Misfit>,
+    /// P(misfit at least this large | the change is axial).
+    pub not_axial_p: f64,
+    /// What the drift watch made of it; `None` before there is one.
+    pub charted: Option<Charted>,
+}
+
+/// A period as the drift watch sees it.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Charted {
+    /// Predictive mean of delta from all periods before.
+    pub expected: f64,
+    /// Predictive standard deviation.
+    pub expected_sd: f64,
+    /// r: standard normal without a change.
+    pub residual: f64,
+    /// Share of the predictive variance that is uncertainty of what temperature does rather than noise.
+    pub leverage: f64,
+    /// N_t / N_0 - 1 at the reference temperature: delta less what temperature explains, counted from the baseline; `None`
+    /// without a temperature.
+    pub at_reference: Option<f64>,
+    /// Its standard error: noise, fluctuation and what is not known of the temperature's share.
+    pub at_reference_sd: Option<f64>,
+    /// The rod's temperature: the low pass of six hours, or of the lag that was declared \[degC\]; `None` without compensation.
+    pub temperature_c: Option<f64>,
+    /// Evidence of a change after this period.
+    #[serde(default)]
+    pub evidence: Evidence,
+}
+
+/// Evidence of a change: each detector's statistic over its limit, so that an alarm is above one; `None` where a detector has
+/// not begun.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct Evidence {
+    /// Of the detector that knows the temperature, and the other rods of the site if there are two at least.
+    pub compensated: Option<f64>,
+    /// Of the detector that knows the other rods alone.
+    pub peers: Option<f64>,
+    /// Of the detector that knows nothing but the rod.
+    pub blind: Option<f64>,
+}
+
+impl Evidence {
+    /// The largest.
+    pub fn most(&self) -> f64 {
+        let known = [self.compensated, self.peers, self.blind];
+        known.into_iter().flatten().fold(0.0, f64::max)
+    }
+}
+
+/// The number of the period of `period_s` seconds that holds `time`, since 1970.
+pub fn index_of(time: Timestamp, period_s: f64) -> i64 {
+    time.as_nanos().div_euclid(nanos(period_s))
+}
+
+/// The beginning of a period; saturates at the ends of time.
+pub fn start_of(index: i64, period_s: f64) -> Timestamp {
+    Timestamp::from_nanos(index.saturating_mul(nanos(period_s)))
+}
+
+fn nanos(period_s: f64) -> i64 {
+    ((period_s * 1e9) as i64).max(1)
+}
+
+/// Combines the records of one period, ascending in time. `filters` are run along `readings` up to the end of the last
+/// record, but not beyond those that are trusted; the readings used are taken out. `not_axial_p(ln(1 + delta), misfit)` judges the combined misfit.
+///
+/// delta = sum w_i delta_i / sum w_i with w_i = 1 / sd_i^2, and the temperatures with the same weights,
+/// since delta is linear in them. Records without a temperature are left out if others have one.
+pub fn combine(
+    index: i64,
+    period_s: f64,
+    records: &[Pending],
+    filters: &mut Filters,
+    readings: &mut Vec<Reading>,
+    trusted_until: Option<Timestamp>,
+    not_axial_p: impl Fn(f64, &[Misfit]) -> f64,
+) -> Period {
+    let temperatures: Vec<Option<[f64; FILTERS_D.len()]>> = records
+        .iter()
+        .map(|record| {
+            let until = trusted_until.map_or(record.end, |trusted| trusted.min(record.end));
+            let used = readings.partition_point(|reading| reading.time <= until);
+            for reading in readings.drain(..used) {
+                filters.push(reading.time.days(), reading.celsius);
+            }
+            filters.at(record.end.days())
+        })
+        .collect();
+    let compensated = temperatures.iter().any(Option::is_some);
+    let mut weight = 0.0;
+    let mut delta = 0.0;
+    let mut filtered_c = [0.0; FILTERS_D.len()];
+    let mut misfit: Vec<(Misfit, f64)> = Vec::new();
+    for (record, temperature) in records.iter().zip(&temperatures) {
+        if compensated && temperature.is_none() {
+            continue;
+        }
+        let w = 1.0 / (record.sd * record.sd);
+        weight += w;
+        delta += w * record.delta;
+        for (sum, celsius) in filtered_c.iter_mut().zip(temperature.iter().flatten()) {
+            *sum += w * celsius;
+        }
+        for one in &record.misfit {
+            add(&mut misfit, one);
+        }
+    }
+    delta /= weight;
+    filtered_c.iter_mut().for_each(|sum| *sum /= weight);
+    let misfit = averaged(misfit);
+    Period {
+        index,
+        start: start_of(index, period_s),
+        records: records.len(),
+        delta,
+        delta_sd: weight.sqrt().recip(),
+        filtered_c: compensated.then_some(filtered_c),
+        lagged_c: None,
+        not_axial_p: not_axial_p(libm::log1p(delta.max(-1.0 + 1e-9)), &misfit),
+        misfit,
+        charted: None,
+    }
+}
+
+/// The misfit of several periods together, with ln(1 + delta) of the root mean square of their deltas, signed as their mean:
+/// what wrong static parameters do to the misfit grows with delta, and periods of summer and winter must not cancel.
+pub fn combined_misfit<'a>(periods: impl Iterator<Item = &'a Period>) -> (f64, Vec<Misfit>) {
+    let mut misfit = Vec::new();
+    let (mut weight, mut delta, mut square) = (0.0, 0.0, 0.0);
+    for period in periods {
+        let w = 1.0 / (period.delta_sd * period.delta_sd);
+        weight += w;
+        delta += w * period.delta;
+        square += w * period.delta * period.delta;
+        for one in &period.misfit {
+            add(&mut misfit, one);
+        }
+    }
+    let typical = (square / weight).sqrt().copysign(delta);
+    (libm::log1p(typical.max(-1.0 + 1e-9)), averaged(misfit))
+}
+
+/// Adds one mode's misfit to the precision-weighted sums (residual: sum w r; second: sum w).
+fn add(sums: &mut Vec<(Misfit, f64)>, one: &Misfit) {
+    let w = 1.0 / (one.sd * one.sd);
+    match sums.iter_mut().find(|(sum, _)| sum.order == one.order) {
+        Some((sum, weight)) => {
+            sum.residual += w * one.residual;
+            *weight += w;
+        }
+        None => sums.push((
+            Misfit {
+                residual: w * one.residual,
+                ..*one
+            },
+            w,
+        )),
+    }
+}
+
+fn averaged(sums: Vec<(Misfit, f64)>) -> Vec<Misfit> {
+    let mut misfit: Vec<Misfit> = sums
+        .into_iter()
+        .map(|(sum, weight)| Misfit {
+            order: sum.order,
+            residual: sum.residual / weight,
+            sd: weight.sqrt().recip(),
+        })
+        .collect();
+    misfit.sort_by_key(|one| one.order);
+    misfit
+}

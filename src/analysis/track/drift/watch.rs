@@ -1,0 +1,515 @@
+//! The drift watch of one rod: detectors that know the temperature, the other rods, or nothing but the rod, on the same
+//! periods, and what they say together.
+//!
+//! ```text
+//! compensated   temperature, and the median of the other rods if there are two at least   drift
+//! peers         the other rods alone                                                      confirms, or stands in
+//! blind         nothing but the rod                                                       stands in
+//! ```
+//!
+//! A thermometer that drifts moves every rod's compensated detector, but not what rods show beside each other: a drift that
+//! `peers` sees, too, is confirmed; rods whose compensated detectors move together are one notice of the site.
+
+use super::others::Others;
+use super::period::{Charted, Evidence, Period};
+use super::regressors::FILTERS_D;
+use super::{BankPrior, Change, Companions, Detector, Law, Regressors, Seen, ThermalPrior};
+use serde::{Deserialize, Serialize};
+use std::collections::VecDeque;
+
+/// Greatest share of the other rods that may move beside a rod that drifts.
+const MOVING_SHARE: f64 = 0.25;
+
+/// Evidence beyond counts as this: R grows without bound while a change lasts.
+const MOST_EVIDENCE: f64 = 1e12;
+
+/// Standard deviations of the predictive law from which on a sudden change is told at once.
+const TOLD_SD: f64 = 4.0;
+
+/// What a watch depends on besides its periods.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Terms {
+    /// R that raises an alarm: the mean number of periods between false alarms.
+    pub limit: f64,
+    /// Action of temperature on the rod; `None` if the force is watched as it is.
+    pub thermal: Option<ThermalPrior>,
+    /// Temperature to which force is referred \[degC\], once known.
+    pub reference_c: Option<f64>,
+    /// Periods before the change since commissioning is measured.
+    pub learning_periods: usize,
+}
+
+/// Detectors of one rod.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct DriftWatch {
+    /// Time of the first period \[d\].
+    origin: f64,
+    /// Typical stated error of a period's ratio.
+    noise_sd: f64,
+    /// Periods between false alarms: one over the odds of an onset.
+    #[serde(default)]
+    limit: f64,
+    compensated: Option<Compensated>,
+    /// Temperature alone, beside a detector that knows the other rods, too: what a record shows must not wait for them.
+    by_temperature: Option<Compensated>,
+    peers: Option<Detector>,
+    blind: Detector,
+    /// Last ratios of the other rods.
+    #[serde(default)]
+    companions: Companions,
+    /// Whether the last period came with a temperature, and with the other rods.
+    last: Sources,
+    /// Alarms latched since the last restart.
+    above: Above,
+}
+
+/// The detector that knows the temperature.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+struct Compensated {
+    detector: Detector,
+    regressors: Regressors,
+    /// Whether the other rods are among its columns.
+    knows_others: bool,
+    /// Whether temperature is.
+    knows_temperature: bool,
+    /// Mean ratio and columns over the periods of commissioning.
+    level: Level,
+}
+
+/// Means over the periods of commissioning.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+struct Level {
+    /// Times of the first and the last \[d\].
+    days: [f64; 2],
+    periods: f64,
+    ratio: f64,
+    columns: Vec<f64>,
+    /// The last of them: time, ratio, columns.
+    recent: VecDeque<(f64, f64, Vec<f64>)>,
+}
+
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+struct Sources {
+    temperature: bool,
+    others: bool,
+}
+
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+struct Above {
+    compensated: bool,
+    peers: bool,
+    blind: bool,
+}
+
+impl Above {
+    fn any(self) -> bool {
+        self.compensated || self.peers || self.blind
+    }
+}
+
+/// Who says that the force changed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Witness {
+    /// Temperature is taken out, and the other rods confirm it.
+    Confirmed,
+    /// Temperature is taken out; the other rods do not confirm it yet.
+    Unconfirmed,
+    /// Temperature is taken out; there are too few rods to tell force from thermometer.
+    Alone,
+    /// The other rods; there is no temperature.
+    Peers,
+    /// Nothing but the rod itself: there is neither temperature nor other rods.
+    Blind,
+}
+
+/// What the detectors say together after a period.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Finding {
+    /// No change.
+    Quiet,
+    /// The rod's force changed.
+    Drift(Witness),
+    /// It moved together with other rods: thermometer, weather, or the whole structure.
+    Common,
+}
+
+impl DriftWatch {
+    /// Before its first period, of day `origin`.
+    pub(crate) fn new(origin: f64, noise_sd: f64) -> Self {
+        Self {
+            origin,
+            noise_sd,
+            limit: 1.0,
+            compensated: None,
+            by_temperature: None,
+            peers: None,
+            blind: Detector::new(BankPrior::blind(noise_sd)),
+            companions: Companions::default(),
+            last: Sources::default(),
+            above: Above::default(),
+        }
+    }
+
+    /// Periods seen.
+    pub fn periods(&self) -> usize {
+        self.blind.periods()
+    }
+
+    /// Whether a temperature has ever come, or none is needed.
+    pub fn is_compensated(&self) -> bool {
+        self.compensated.is_some()
+    }
+
+    /// R of the detector that knows the temperature; zero without one.
+    pub fn evidence(&self) -> f64 {
+        self.compensated
+            .as_ref()
+            .map_or(0.0, |compensated| compensated.detector.statistic())
+    }
+
+    /// Slope of N_t / N_0 with a temperature that stays, and its standard deviation \[1/K\]; `None` without a temperature.
+    pub fn slope(&self) -> Option<(f64, f64)> {
+        let compensated = self.by_temperature.as_ref().or(self.compensated.as_ref())?;
+        let compensated = Some(compensated).filter(|one| one.knows_temperature)?;
+        Some(compensated.detector.slope(self.limit, FILTERS_D.len()))
+    }
+
+    /// Takes a period; `median`: that of the other rods' ratios.
+    pub(crate) fn step(
+        &mut self,
+        terms: &Terms,
+        period: &Period,
+        is_sparse: bool,
+        others: &Others,
+        period_s: f64,
+    ) -> Charted {
+        self.limit = terms.limit;
+        let day = period.start.days();
+        let median = self.companions.take(others.ratios(period.index, period_s));
+        self.begin(terms, period, others);
+        let regressors = Regressors {
+            reference_c: 0.0,
+            origin: self.origin,
+        };
+        let mut law = None;
+        let mut at_reference = None;
+        self.last = Sources::default();
+        if let Some(compensated) = &mut self.compensated
+            && let Some(columns) = compensated.columns(day, period.filtered_c.as_ref(), median)
+        {
+            compensated
+                .detector
+                .set_sparse(is_sparse && compensated.knows_temperature);
+            let is_told = self.above.any();
+            compensated
+                .level
+                .learn(day, period.delta, &columns, terms.learning_periods, is_told);
+            let seen = seen(period, &columns);
+            law = compensated.detector.step(&seen);
+            at_reference = compensated.change(&seen, terms.limit);
+            self.last.temperature = law.is_some();
+        }
+        if let Some(alone) = &mut self.by_temperature
+            && let Some(columns) = alone.columns(day, period.filtered_c.as_ref(), None)
+        {
+            alone.detector.set_sparse(is_sparse);
+            let is_told = self.above.any();
+            alone
+                .level
+                .learn(day, period.delta, &columns, terms.learning_periods, is_told);
+            let seen = seen(period, &columns);
+            alone.detector.step(&seen);
+            at_reference = alone.change(&seen, terms.limit);
+        }
+        if let Some(median) = median {
+            let peers = self
+                .peers
+                .get_or_insert_with(|| Detector::new(BankPrior::peers(self.noise_sd)));
+            let seen_law = peers.step(&seen(period, &regressors.peers(day, median)));
+            self.last.others = seen_law.is_some();
+            law = law.or(seen_law);
+        }
+        let blind_law = self.blind.step(&seen(period, &regressors.blind(day)));
+        self.latch(terms.limit);
+        let law = law.or(blind_law).unwrap_or(Law {
+            mean: period.delta,
+            sd: period.delta_sd,
+            leverage: 1.0,
+        });
+        let over = |statistic: f64| (statistic / terms.limit).min(MOST_EVIDENCE);
+        Charted {
+            expected: law.mean,
+            expected_sd: law.sd,
+            residual: law.residual(period.delta),
+            leverage: law.leverage,
+            at_reference: at_reference.map(|change| change.0),
+            at_reference_sd: at_reference.map(|change| change.1),
+            temperature_c: period
+                .filtered_c
+                .map(|filtered| filtered[SHOWN])
+                .filter(|_| terms.thermal.is_some()),
+            evidence: Evidence {
+                compensated: self
+                    .compensated
+                    .as_ref()
+                    .map(|one| over(one.detector.statistic())),
+                peers: self.peers.as_ref().map(|one| over(one.statistic())),
+                blind: Some(over(self.blind.statistic())),
+            },
+        }
+    }
+
+    /// Begins the compensated detector with the first period that has what it needs.
+    fn begin(&mut self, terms: &Terms, period: &Period, others: &Others) {
+        if self.compensated.is_some() {
+            return;
+        }
+        let knows_others = others.count() >= 2;
+        let (prior, reference_c) = match terms.thermal {
+            None => (BankPrior::unmoved(self.noise_sd), 0.0),
+            Some(thermal) => {
+                let (Some(reference_c), Some(_)) = (terms.reference_c, period.filtered_c) else {
+                    return;
+                };
+                let prior = if knows_others {
+                    BankPrior::thermal_and_peers(self.noise_sd, thermal)
+                } else {
+                    BankPrior::thermal(self.noise_sd, thermal)
+                };
+                (prior, reference_c)
+            }
+        };
+        let begun = |prior, knows_others| Compensated {
+            detector: Detector::new(prior),
+            regressors: Regressors {
+                reference_c,
+                origin: period.start.days(),
+            },
+            knows_others,
+            knows_temperature: terms.thermal.is_some(),
+            level: Level::default(),
+        };
+        if let Some(thermal) = terms.thermal.filter(|_| knows_others) {
+            self.by_temperature = Some(begun(BankPrior::thermal(self.noise_sd, thermal), false));
+        }
+        self.compensated = Some(begun(prior, knows_others && terms.thermal.is_some()));
+    }
+
+    /// Latches what passed its limit. Periods of commissioning since the onset of a change that is told now are none.
+    fn latch(&mut self, limit: f64) {
+        let was_told = self.above.any();
+        let is_above = |detector: &Detector| detector.statistic() > limit;
+        self.above.compensated |= self
+            .compensated
+            .as_ref()
+            .is_some_and(|one| is_above(&one.detector));
+        self.above.peers |= self.peers.as_ref().is_some_and(is_above);
+        self.above.blind |= is_above(&self.blind);
+        if !was_told
+            && self.above.any()
+            && let Some(change) = self.change()
+        {
+            for known in [&mut self.compensated, &mut self.by_temperature]
+                .into_iter()
+                .flatten()
+            {
+                known.level.withdraw(change.onset);
+            }
+        }
+    }
+
+    /// What the detectors say after the last period.
+    pub(crate) fn finding(&self, others: &Others) -> Finding {
+        let has_witnesses = self.compensated.as_ref().is_some_and(|one| one.knows_others);
+        if self.above.compensated {
+            if !has_witnesses {
+                Finding::Drift(Witness::Alone)
+            } else if self.above.peers {
+                Finding::Drift(Witness::Confirmed)
+            } else if others.moving() as f64 <= MOVING_SHARE * others.count() as f64 {
+                Finding::Drift(Witness::Unconfirmed)
+            } else {
+                Finding::Common
+            }
+        } else if self.last.temperature {
+            Finding::Quiet
+        } else if self.last.others {
+            if self.above.peers {
+                Finding::Drift(Witness::Peers)
+            } else {
+                Finding::Quiet
+            }
+        } else if self.above.blind {
+            Finding::Drift(Witness::Blind)
+        } else {
+            Finding::Quiet
+        }
+    }
+
+    /// Onset, size and shape of the change, by the detector that knows most about the last period.
+    pub(crate) fn change(&self) -> Option<Change> {
+        let compensated = self.compensated.as_ref().map(|one| &one.detector);
+        let by = |witness: bool, detector: Option<&Detector>| detector.filter(|_| witness)?.change();
+        by(self.last.temperature || self.above.compensated, compensated)
+            .or_else(|| by(self.last.others, self.peers.as_ref()))
+            .or_else(|| self.blind.change())
+    }
+
+    /// Change of the ratio of a record since commissioning at the reference temperature, and its standard deviation; `None`
+    /// without its temperature.
+    pub(crate) fn change_of(
+        &self,
+        day: f64,
+        ratio: f64,
+        sd: f64,
+        filtered_c: Option<&[f64; FILTERS_D.len()]>,
+    ) -> Option<(f64, f64)> {
+        let compensated = self.by_temperature.as_ref().or(self.compensated.as_ref())?;
+        let columns = compensated.columns(day, filtered_c, None)?;
+        let seen = Seen {
+            day,
+            ratio,
+            sd,
+            columns: &columns,
+        };
+        compensated.change(&seen, self.limit)
+    }
+
+    /// Predictive law of a record by nothing but the rod.
+    pub(crate) fn blind_law(&self, day: f64, ratio: f64, sd: f64) -> Option<Law> {
+        let regressors = Regressors {
+            reference_c: 0.0,
+            origin: self.origin,
+        };
+        self.blind.predict(&Seen {
+            day,
+            ratio,
+            sd,
+            columns: &regressors.blind(day),
+        })
+    }
+
+    /// Sudden change that would be told at the next period without a temperature, as a share of the force.
+    pub(crate) fn least_told_blind(&self, day: f64) -> Option<f64> {
+        Some(TOLD_SD * self.blind_law(day, 0.0, self.noise_sd)?.sd)
+    }
+
+    /// Begins again after a change that ended: what temperature does stays known.
+    pub(crate) fn restart(&mut self) {
+        if let Some(compensated) = &mut self.compensated {
+            compensated.detector.restart();
+        }
+        if let Some(alone) = &mut self.by_temperature {
+            alone.detector.restart();
+        }
+        if let Some(peers) = &mut self.peers {
+            peers.restart();
+        }
+        self.blind.restart();
+        self.above = Above::default();
+    }
+}
+
+/// A period as a detector takes it.
+fn seen<'a>(period: &Period, columns: &'a [f64]) -> Seen<'a> {
+    Seen {
+        day: period.start.days(),
+        ratio: period.delta,
+        sd: period.delta_sd,
+        columns,
+    }
+}
+
+/// The filter that is shown as the rod's temperature: six hours.
+const SHOWN: usize = 1;
+
+impl Compensated {
+    /// Regressors of a period or record; `None` without its temperature, or without the other rods where they are needed.
+    fn columns(
+        &self,
+        day: f64,
+        filtered_c: Option<&[f64; FILTERS_D.len()]>,
+        median: Option<f64>,
+    ) -> Option<Vec<f64>> {
+        match (self.knows_temperature, self.knows_others) {
+            (false, _) => Some(self.regressors.blind(day)),
+            (true, false) => Some(self.regressors.thermal(day, filtered_c?)),
+            (true, true) => Some(self.regressors.thermal_and_peers(day, filtered_c?, median?)),
+        }
+    }
+
+    /// Change since commissioning at the same temperature: (y - y_0) - (X - X_0) b, with the means y_0, X_0 of commissioning.
+    fn change(&self, seen: &Seen, limit: f64) -> Option<(f64, f64)> {
+        self.level.change(&self.detector, seen, limit)
+    }
+}
+
+impl Level {
+    /// Takes a period of commissioning. One after a change that was told is none, if there are enough without it.
+    fn learn(&mut self, day: f64, ratio: f64, columns: &[f64], periods: usize, is_told: bool) {
+        if self.periods >= periods as f64 || (is_told && self.periods >= FEWEST_PERIODS) {
+            return;
+        }
+        if self.periods == 0.0 {
+            self.days[0] = day;
+        }
+        self.days[1] = day;
+        self.columns.resize(columns.len(), 0.0);
+        self.periods += 1.0;
+        let share = self.periods.recip();
+        self.ratio += share * (ratio - self.ratio);
+        for (mean, column) in self.columns.iter_mut().zip(columns) {
+            *mean += share * (column - *mean);
+        }
+        if self.recent.len() == WITHDRAWN_PERIODS {
+            self.recent.pop_front();
+        }
+        self.recent.push_back((day, ratio, columns.to_vec()));
+    }
+
+    /// Takes the latest periods since an onset out, as long as there are enough without them.
+    fn withdraw(&mut self, onset: f64) {
+        while self.periods > FEWEST_PERIODS
+            && let Some((_, ratio, columns)) = self.recent.pop_back_if(|(day, ..)| *day >= onset)
+        {
+            self.periods -= 1.0;
+            let share = self.periods.recip();
+            self.ratio += share * (self.ratio - ratio);
+            for (mean, column) in self.columns.iter_mut().zip(&columns) {
+                *mean += share * (*mean - column);
+            }
+            if let Some((day, ..)) = self.recent.back() {
+                self.days[1] = *day;
+            }
+        }
+    }
+
+    fn change(&self, detector: &Detector, seen: &Seen, limit: f64) -> Option<(f64, f64)> {
+        if self.periods < FEWEST_PERIODS {
+            return None;
+        }
+        let columns: Vec<f64> = seen
+            .columns
+            .iter()
+            .zip(&self.columns)
+            .map(|(x, mean)| x - mean)
+            .collect();
+        detector.change_from_level(
+            &Seen {
+                ratio: seen.ratio - self.ratio,
+                columns: &columns,
+                ..*seen
+            },
+            limit,
+            self.periods,
+            self.days[1] - self.days[0],
+        )
+    }
+}
+
+/// Periods of commissioning that make a level at least.
+const FEWEST_PERIODS: f64 = 10.0;
+
+/// Latest periods that can be withdrawn: a change is told within so many, or is too small to matter to a mean.
+const WITHDRAWN_PERIODS: usize = 10;

@@ -1,0 +1,66 @@
+//! What an alarm may be about: the kinds of change that explain the modes' mean shift since an onset.
+
+use super::tracker::Tracker;
+use crate::analysis::signal::record::Timestamp;
+use crate::analysis::track::alarm::change::Change;
+use crate::analysis::track::alternatives::{Explained, Shifted};
+use crate::analysis::track::drift::period::Period;
+use crate::analysis::track::observation::LogMode;
+
+/// Weighs the kinds of change over the periods since an onset, `last` the one that is being closed. The mean change of force that
+/// the drift watch found is kept (a ramp's mean is half of what it came to); what else moved the force since the baseline, as
+/// temperature does, is taken out. `None` without a baseline or where the model does not know the rod's answers.
+pub(crate) fn explain(tracker: &Tracker, change: &Change, last: Option<&Period>) -> Option<Explained> {
+    let (baseline, shift) = (tracker.state.segment.baseline.as_ref()?, tracker.shift.as_ref()?);
+    let periods = since(tracker, change.onset, last);
+    let stated = |period: &Period| period.delta_sd.powi(-2);
+    let weight: f64 = periods.iter().map(|period| stated(period)).sum();
+    let log_ratio = |period: &Period| libm::log1p(period.delta.max(-1.0 + 1e-9));
+    let moved = periods
+        .iter()
+        .map(|period| stated(period) * log_ratio(period))
+        .sum::<f64>()
+        / weight;
+    let share = 0.5 * (1.0 + change.step_probability);
+    let found = libm::log1p((share * change.size.mean).clamp(-0.9, 10.0));
+    let found_sd = share * change.size.sd / (1.0 + share * change.size.mean).max(0.1);
+    let modes: Vec<Vec<LogMode>> = periods
+        .iter()
+        .map(|period| {
+            let misfit = period.misfit.iter();
+            misfit
+                .filter_map(|one| {
+                    Some(LogMode {
+                        order: one.order,
+                        log_frequency: shift.log_frequency(one.order, log_ratio(period))? + one.residual,
+                        // The stated error: the baseline's overdispersion is weighed again with the scatter since.
+                        log_sd: one.sd / baseline.overdispersion,
+                    })
+                })
+                .collect()
+        })
+        .collect();
+    let records: Vec<Shifted> = modes
+        .iter()
+        .map(|modes| Shifted {
+            modes,
+            expected: moved - found,
+        })
+        .collect();
+    let alternatives = tracker.plan.alternatives(baseline)?;
+    let mut shift = alternatives.mean_shift(baseline, &records, found_sd)?;
+    shift.records = periods.iter().map(|period| period.records).sum();
+    alternatives.explain(&shift)
+}
+
+/// The periods since an onset, the last one at least.
+pub(crate) fn since<'a>(tracker: &'a Tracker, onset: Timestamp, last: Option<&'a Period>) -> Vec<&'a Period> {
+    let periods = &tracker.state.periods;
+    let first = periods.partition_point(|known| known.start < onset);
+    let first = if last.is_none() {
+        first.min(periods.len().saturating_sub(1))
+    } else {
+        first
+    };
+    periods[first..].iter().chain(last).collect()
+}

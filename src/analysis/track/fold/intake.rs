@@ -1,0 +1,352 @@
+//! The way of one identified record: doubted, set aside, kept for the baseline, or put into its period.
+
+use super::loss::Loss;
+use super::state::{Opening, State};
+use super::tracker::Tracker;
+use super::verdict::{SetAside, Verdict};
+use super::{monitor, reference};
+use crate::analysis::signal::record::{Reading, Timestamp};
+use crate::analysis::track::alarm::Cause;
+use crate::analysis::track::drift::others::Others;
+use crate::analysis::track::drift::period::{self, Pending, Period};
+use crate::analysis::track::observation::Observation;
+use crate::analysis::track::plausibility::{JUMP_S, Peer};
+use crate::analysis::track::relative::{NoRelative, Relative};
+
+/// A temperature so much older than the end of a record is none \[s\].
+const STALE_S: f64 = 3.0 * 3600.0;
+
+impl Tracker {
+    /// Takes an identified record.
+    pub(crate) fn take(
+        &mut self,
+        observation: &Observation,
+        peers: &[Peer],
+        others: &Others,
+        verdict: &mut Verdict,
+    ) {
+        let patience = self.plan.alarm.sensor_records;
+        let state = &mut self.state;
+        let (rod, latest) = (&state.rod, state.latest);
+        let doubt = state
+            .plausibility
+            .doubt(observation, rod, latest, peers, patience);
+        if let Some(since) = state.plausibility.take_wrong_since() {
+            // They were believed before the other channel showed the exchange, too.
+            state.open.retain(|pending| pending.start < since);
+            state.learning.retain(|known| known.start < since);
+        }
+        if let Some(doubt) = doubt {
+            let aside = SetAside::from(&doubt);
+            if aside != SetAside::Clock {
+                self.keep_readings(&observation.readings);
+            }
+            self.set_aside(aside, &doubt.message(), observation, verdict);
+            return;
+        }
+        if self.is_late(observation.start) {
+            if self.state.plausibility.is_back(observation.start, patience) {
+                self.open_segment(Opening::Clock, true, Some(observation.start));
+            } else {
+                self.keep_readings(&observation.readings);
+                verdict.relative = self.relative(observation).and_then(Result::ok);
+                let reason = "it is older than periods already closed: the clock was set back, or recordings come out of order";
+                self.set_aside(SetAside::Late, reason, observation, verdict);
+                return;
+            }
+        }
+        if self.state.has_record_of(observation.start) {
+            let reason =
+                "there is another of the same time: the clock stands still, or the recording came twice";
+            self.set_aside(SetAside::SameTime, reason, observation, verdict);
+            return;
+        }
+        self.believe(observation);
+        self.keep_readings(&observation.readings);
+        self.look_at_conflict(observation);
+        if self.shift.is_none() {
+            self.usable(observation);
+            self.wait_for_baseline(observation);
+        } else {
+            self.take_relative(observation, verdict);
+        }
+        verdict.closed = self.close_periods(others);
+    }
+
+    fn set_aside(&mut self, aside: SetAside, reason: &str, observation: &Observation, verdict: &mut Verdict) {
+        verdict.set_aside = Some(aside);
+        let time = self.known_at(observation.start);
+        self.unusable(reason, time);
+    }
+
+    fn is_late(&self, start: Timestamp) -> bool {
+        let index = period::index_of(start, self.plan.track.period_s);
+        self.state.closed.is_some_and(|closed| index <= closed)
+    }
+
+    /// Its time is that of the rod: silence ends, and the latest record is this one if it is.
+    fn believe(&mut self, observation: &Observation) {
+        let time = observation.start;
+        self.state.plausibility.believe(observation);
+        let latest = self.state.latest;
+        if latest.is_some_and(|latest| time < latest) {
+            return;
+        }
+        // Nobody knows yet whether a second record after a week is late.
+        if self.state.usual_s().is_some() {
+            self.look_for_silence(time);
+        }
+        self.on_board(|board| board.clear(crate::analysis::track::alarm::Kind::NoData, time));
+        // A baseline with such a hole is none; most likely the clock was wrong before.
+        if self.shift.is_none() && latest.is_some_and(|latest| time.seconds_since(latest) > JUMP_S) {
+            self.state.learning.clear();
+        }
+        self.state.latest = Some(time);
+    }
+
+    /// Its frequencies are those of the rod.
+    fn usable(&mut self, observation: &Observation) {
+        let time = self.known_at(observation.start);
+        self.look(Cause::Unusable, Some(false), time, String::new);
+        self.look(Cause::OutsideRange, Some(false), time, String::new);
+        if self.state.watch.is_some() && self.plan.compensates() {
+            let end = observation.start.plus_seconds(observation.duration_s);
+            let is_known = reference::filters_until(&self.state, end)
+                .at(end.days())
+                .is_some();
+            let reason = self.state.thermometer.message();
+            let patience = self.plan.alarm.sensor_records;
+            self.look(Cause::NoTemperature, Some(!is_known), time, || {
+                format!(
+                    "{patience} records in a row came without a temperature, so only sudden changes are told: {reason}"
+                )
+            });
+        }
+    }
+
+    fn take_relative(&mut self, observation: &Observation, verdict: &mut Verdict) {
+        match self.relative(observation) {
+            Some(Ok(relative)) => {
+                verdict.at_reference = reference::of_record(self, observation, &relative);
+                let loss = Loss::of(self, observation, &relative, verdict.at_reference.as_ref());
+                self.look_at_loss(loss, self.known_at(observation.start));
+                self.await_period(Pending::new(observation, &relative));
+                verdict.relative = Some(relative);
+                self.usable(observation);
+            }
+            Some(Err(NoRelative::OutsideRange)) => {
+                verdict.set_aside = Some(SetAside::OutsideRange);
+                let time = self.known_at(observation.start);
+                let baseline = self.state.segment.baseline.as_ref();
+                let loss = baseline.and_then(|baseline| Loss::bound(baseline, observation));
+                self.look_at_loss(loss, time);
+                self.look(Cause::OutsideRange, Some(true), time, || {
+                    "the frequencies differ from the baseline's by more than the model was prepared for: the rod, its \
+                     supports or the channel changed"
+                        .to_owned()
+                });
+            }
+            Some(Err(NoRelative::NoCommonMode)) => {
+                let reason = "none of its modes is in the baseline";
+                self.set_aside(SetAside::NoCommonMode, reason, observation, verdict);
+            }
+            None => {}
+        }
+    }
+
+    /// Keeps readings that can be believed, ascending in time, each time once.
+    pub(crate) fn keep_readings(&mut self, readings: &[Reading]) {
+        let state = &mut self.state;
+        let horizon = state.latest.map(|latest| latest.plus_seconds(JUMP_S));
+        for reading in readings {
+            let is_past = state
+                .filters
+                .last_day()
+                .is_some_and(|passed| reading.time.days() <= passed);
+            let is_ahead = horizon.is_some_and(|horizon| reading.time > horizon);
+            if is_past || is_ahead {
+                continue;
+            }
+            let is_believed = state.thermometer.believes(reading);
+            if let Some(until) = state.thermometer.trusted_until().filter(|_| !is_believed) {
+                // What a thermometer said since it stood still is withdrawn.
+                state.readings.retain(|kept| kept.time <= until);
+            }
+            if !is_believed {
+                continue;
+            }
+            let kept = &mut state.readings;
+            let at = kept.partition_point(|known| known.time < reading.time);
+            if kept.get(at).is_none_or(|known| known.time != reading.time) {
+                kept.insert(at, *reading);
+            }
+        }
+        // While no record waits for its temperature, none is kept for it but for one that comes late.
+        if state.open.is_empty()
+            && state.learning.is_empty()
+            && let Some(newest) = state.readings.last()
+        {
+            let from = newest
+                .time
+                .plus_seconds(-(STALE_S + self.plan.track.reorder_window_s));
+            let passed = state.readings.partition_point(|reading| reading.time < from);
+            for reading in state.readings.drain(..passed) {
+                state.filters.push(reading.time.days(), reading.celsius);
+            }
+        }
+    }
+
+    /// A loss that nothing but a loss explains is beyond the limit whatever else is known.
+    fn look_at_loss(&mut self, loss: Option<Loss>, time: Timestamp) {
+        let limit = self.plan.alarm.limit_loss;
+        let Some(loss) = loss else { return };
+        self.look(Cause::Loss, Some(loss.exceeds(limit)), time, || {
+            format!(
+                "the axial force fell by {:.0} % at least, above the limit of {:.1} %, faster and further than any temperature moves it",
+                100.0 * (loss.mean - 2.0 * loss.sd),
+                100.0 * limit
+            )
+        });
+    }
+
+    fn look_at_conflict(&mut self, observation: &Observation) {
+        let (score, least) = (observation.conflict, self.plan.alarm.conflict_sd);
+        let holds = if score >= least {
+            Some(true)
+        } else if score < 0.5 * least {
+            Some(false)
+        } else {
+            None
+        };
+        let time = self.known_at(observation.start);
+        self.look(Cause::Conflict, holds, time, || {
+            format!(
+                "no rod the model allows has these frequencies: they lie {score:.1} standard deviations off; the absolute \
+                 force may be wrong by more than its interval says"
+            )
+        });
+    }
+
+    /// Puts an observation to those that wait for the baseline, and learns it when there are enough and none of
+    /// them can come late any more.
+    fn wait_for_baseline(&mut self, observation: &Observation) {
+        let state = &mut self.state;
+        let at = state
+            .learning
+            .partition_point(|known| known.start <= observation.start);
+        // Its readings are kept apart.
+        let readings = Vec::new();
+        state.learning.insert(
+            at,
+            Observation {
+                modes: observation.modes.clone(),
+                readings,
+                ..*observation
+            },
+        );
+        self.watch_early(self.known_at(observation.start));
+        let state = &mut self.state;
+        let wanted = self.plan.track.baseline_records;
+        let Some(last) = wanted.checked_sub(1).and_then(|last| state.learning.get(last)) else {
+            return;
+        };
+        let window_s = self.plan.track.reorder_window_s;
+        if state
+            .latest
+            .is_none_or(|latest| latest.seconds_since(last.start) < window_s)
+        {
+            return;
+        }
+        match self.plan.learn(&state.learning[..wanted], state.segment.number) {
+            Ok(baseline) => {
+                state.segment.fault = None;
+                state.segment.reference_c = self
+                    .plan
+                    .track
+                    .reference_temperature_c
+                    .or_else(|| mean_temperature(state, wanted))
+                    .filter(|_| self.plan.compensates());
+                self.shift = Some(self.plan.shift(&baseline));
+                state.segment.baseline = Some(baseline);
+                state.early = None;
+                self.early_shift = None;
+                for observation in std::mem::take(&mut state.learning) {
+                    if let Some(Ok(relative)) = self.relative(&observation) {
+                        self.await_period(Pending::new(&observation, &relative));
+                    }
+                }
+            }
+            Err(fault) => {
+                state.segment.fault = Some(fault.to_string());
+                // The older half makes room; the next attempt comes when there are enough again.
+                state.learning.drain(..wanted.div_ceil(2));
+                state.early = None;
+                self.early_shift = None;
+            }
+        }
+    }
+
+    fn await_period(&mut self, pending: Pending) {
+        let open = &mut self.state.open;
+        let at = open.partition_point(|known| known.start <= pending.start);
+        open.insert(at, pending);
+    }
+
+    fn relative(&self, observation: &Observation) -> Option<Result<Relative, NoRelative>> {
+        let segment = self.state.segment.number;
+        let seed = self.plan.seed_of(b"relative", segment, Some(observation.start));
+        Some(self.shift.as_ref()?.relative(observation, seed))
+    }
+
+    /// Closes every period no record can come into any more.
+    fn close_periods(&mut self, others: &Others) -> Vec<Period> {
+        let mut closed = Vec::new();
+        let period_s = self.plan.track.period_s;
+        let Some(latest) = self.state.latest else {
+            return closed;
+        };
+        while let Some(first) = self.state.open.first() {
+            let index = period::index_of(first.start, period_s);
+            let end = period::start_of(index.saturating_add(1), period_s);
+            if latest.seconds_since(end) < self.plan.track.reorder_window_s {
+                break;
+            }
+            let state = &mut self.state;
+            let count = state.open.partition_point(|pending| pending.start < end).max(1);
+            let records: Vec<Pending> = state.open.drain(..count).collect();
+            let shift = self.shift.as_ref();
+            let period = period::combine(
+                index,
+                period_s,
+                &records,
+                &mut state.filters,
+                &mut state.readings,
+                state.thermometer.trusted_until(),
+                |delta, misfit| shift.map_or(1.0, |shift| shift.not_axial_p(delta, misfit)),
+            );
+            state.closed = Some(index);
+            let period = monitor::close(self, period, others, latest);
+            self.state.periods.push(period.clone());
+            closed.push(period);
+        }
+        closed
+    }
+}
+
+/// The mean temperature beside the first `count` observations that wait for the baseline.
+fn mean_temperature(state: &State, count: usize) -> Option<f64> {
+    let mut filters = state.filters.clone();
+    let mut readings = state.readings.iter().peekable();
+    let (mut sum, mut known) = (0.0, 0);
+    for observation in &state.learning[..count] {
+        let end = observation.start.plus_seconds(observation.duration_s);
+        while let Some(reading) = readings.next_if(|reading| reading.time <= end) {
+            filters.push(reading.time.days(), reading.celsius);
+        }
+        if let Some(filtered) = filters.at(end.days()) {
+            sum += filtered[0];
+            known += 1;
+        }
+    }
+    (known > 0).then(|| sum / f64::from(known))
+}

@@ -1,0 +1,74 @@
+//! Losses so large that nothing else explains them: told from single records, in every state the tracker can be in.
+//!
+//! With f^2 = a (N + b), b >= 0 for every mode of a beam under tension, a fall of a natural frequency bounds the force that is
+//! left: N_t / N_0 <= (f_t / f_0)^2. That needs neither temperature nor training.
+
+use super::tracker::Tracker;
+use super::verdict::AtReference;
+use crate::analysis::track::baseline::Baseline;
+use crate::analysis::track::observation::Observation;
+use crate::analysis::track::relative::Relative;
+
+/// A loss is sudden and certain if it exceeds the limit so many times.
+const TIMES_LIMIT: f64 = 2.0;
+
+/// And if the limit lies so many standard deviations from it.
+const CERTAIN_SD: f64 = 4.0;
+
+/// Loss of force that a record shows for certain: a lower bound.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Loss {
+    /// Relative loss \[-\].
+    pub mean: f64,
+    /// Standard deviation.
+    pub sd: f64,
+}
+
+impl Loss {
+    /// Whether it exceeds a limit beyond doubt.
+    pub fn exceeds(self, limit: f64) -> bool {
+        self.mean > TIMES_LIMIT * limit && self.mean - CERTAIN_SD * self.sd > limit
+    }
+
+    /// At the reference temperature; without one, against what the rod did before.
+    pub fn of(
+        tracker: &Tracker,
+        observation: &Observation,
+        relative: &Relative,
+        at_reference: Option<&AtReference>,
+    ) -> Option<Self> {
+        if let Some(at_reference) = at_reference {
+            return Some(Self {
+                mean: 1.0 - at_reference.ratio.mean,
+                sd: at_reference.ratio.sd,
+            });
+        }
+        let ratio = relative.ratio.mean - 1.0;
+        let law =
+            tracker
+                .state
+                .watch
+                .as_ref()?
+                .blind_law(observation.start.days(), ratio, relative.ratio.sd)?;
+        Some(Self {
+            mean: law.mean - ratio,
+            sd: law.sd,
+        })
+    }
+
+    /// Of a record beyond all the model was prepared for, from the mode that fell least; `None` unless all fell.
+    pub fn bound(baseline: &Baseline, observation: &Observation) -> Option<Self> {
+        let falls = baseline.modes.iter().filter_map(|known| {
+            let mode = observation.mode(known.order)?;
+            Some((
+                mode.log_frequency - known.log_frequency,
+                mode.log_sd.hypot(known.log_sd),
+            ))
+        });
+        let (least, log_sd) = falls.max_by(|a, b| a.0.total_cmp(&b.0))?;
+        (least < 0.0).then(|| Self {
+            mean: -libm::expm1(2.0 * least),
+            sd: 2.0 * log_sd,
+        })
+    }
+}

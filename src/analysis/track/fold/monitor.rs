@@ -1,0 +1,381 @@
+//! What a closed period says: the drift watch moved on, conditions looked at, alarms raised and cleared.
+
+use super::explain::{explain, since};
+use super::state::State;
+use super::tracker::Tracker;
+use crate::analysis::signal::record::Timestamp;
+use crate::analysis::track::alarm::change::Change;
+use crate::analysis::track::alarm::{Alarm, Cause, Finding, Kind, Known};
+use crate::analysis::track::alternatives::Explained;
+use crate::analysis::track::drift::others::Others;
+use crate::analysis::track::drift::period::{Period, combined_misfit};
+use crate::analysis::track::drift::watch::{self, DriftWatch, Witness};
+use crate::analysis::track::relative::Shift;
+use statrs::distribution::{ContinuousCDF, Normal};
+
+/// A drift is none if a change of axial force explains the misfit since its onset with less than this probability.
+const SIGNAL_NOT_AXIAL_P: f64 = 0.01;
+
+/// A drift is over if the change at the reference temperature lies within one standard deviation, or within this share of what was
+/// told.
+const OVER_SHARE: f64 = 0.25;
+
+/// The end is judged by the change only where its standard error is below this share of what was told.
+const KNOWN_SHARE: f64 = 0.5;
+
+/// A change is over, too, once no detector's evidence is above this share of its limit.
+const FAINT_EVIDENCE: f64 = 0.01;
+
+/// The condition of `not-axial` ends above this many times the probability that raised it.
+const NOT_AXIAL_OVER: f64 = 10.0;
+
+/// Share of the predictive variance that is uncertainty of what temperature does: above the first the watch is nearly blind,
+/// below the second it sees again.
+const BLIND: (f64, f64) = (0.9, 0.7);
+
+/// Standard deviations of the predictive law from which on a change of one period is seen.
+const TOLD_SD: f64 = 4.0;
+
+/// Stated error of a ratio that is believed at least \[-\].
+const LEAST_SD: f64 = 1e-6;
+
+/// Takes a period that no record can come into any more: its place in the drift watch, and the news it makes. `time` is the
+/// event time at which this is known.
+pub(crate) fn close(tracker: &mut Tracker, mut period: Period, others: &Others, time: Timestamp) -> Period {
+    watch(tracker, &mut period, others);
+    look_at_misfit(tracker, &period, time);
+    look_at_finding(tracker, &period, others, time);
+    look_at_limit(tracker, &period, time);
+    look_at_leverage(tracker, &period, time);
+    look_at_end(tracker, &period, time);
+    period
+}
+
+/// `Some(true)` above one level, `Some(false)` below another, `None` between.
+fn beyond(value: f64, raises: f64, clears: f64) -> Option<bool> {
+    if value > raises {
+        Some(true)
+    } else if value < clears {
+        Some(false)
+    } else {
+        None
+    }
+}
+
+/// Moves the drift watch on by one period.
+fn watch(tracker: &mut Tracker, period: &mut Period, others: &Others) {
+    let plan = tracker.plan.clone();
+    let state = &mut tracker.state;
+    let (Some(baseline), Some(shift)) = (&state.segment.baseline, &tracker.shift) else {
+        return;
+    };
+    if plan.compensates() && state.segment.reference_c.is_none() {
+        let first_c = period.filtered_c.map(|filtered| filtered[0]);
+        state.segment.reference_c = plan.track.reference_temperature_c.or(first_c);
+    }
+    let terms = plan.terms(baseline, shift, state.segment.reference_c);
+    let noise_sd = typical_sd(state, period);
+    let watch = state
+        .watch
+        .get_or_insert_with(|| DriftWatch::new(period.start.days(), noise_sd));
+    let is_sparse = state.filters.is_sparse();
+    let mut charted = watch.step(&terms, period, is_sparse, others, plan.track.period_s);
+    if let Some(sd) = &mut charted.at_reference_sd {
+        *sd = sd.hypot(state.common_size());
+    }
+    period.charted = Some(charted);
+}
+
+/// Median stated error of a period's ratio, by the records that wait with the first period.
+fn typical_sd(state: &State, period: &Period) -> f64 {
+    let mut errors: Vec<f64> = state.open.iter().map(|pending| pending.sd).collect();
+    errors.sort_by(f64::total_cmp);
+    let of_record = errors.get(errors.len() / 2).copied();
+    let sd = of_record.map_or(period.delta_sd, |sd| sd / (period.records.max(1) as f64).sqrt());
+    if sd.is_finite() {
+        sd.max(LEAST_SD)
+    } else {
+        LEAST_SD
+    }
+}
+
+/// A state without a watch goes on from its periods: those of a version before, whose temperatures are one a day.
+pub(crate) fn rewatch(tracker: &mut Tracker) {
+    if tracker.state.watch.is_some() || tracker.state.periods.is_empty() {
+        return;
+    }
+    let mut periods = std::mem::take(&mut tracker.state.periods);
+    for period in &mut periods {
+        if period.filtered_c.is_none()
+            && let Some(&celsius) = period.lagged_c.as_ref().and_then(|lagged| lagged.get(LAGGED))
+        {
+            let day = period.start.days();
+            tracker.state.filters.push(day, celsius);
+            period.filtered_c = tracker.state.filters.at(day);
+        }
+        let mut again = period.clone();
+        watch(tracker, &mut again, &Others::default());
+    }
+    tracker.state.periods = periods;
+}
+
+/// The lag of versions before that is nearest to a day's mean.
+const LAGGED: usize = 4;
+
+/// The misfit of period after period.
+fn look_at_misfit(tracker: &mut Tracker, period: &Period, time: Timestamp) {
+    let least = tracker.plan.alarm.not_axial_p;
+    let holds = beyond(-period.not_axial_p, -least, -NOT_AXIAL_OVER * least);
+    match tracker.find(Cause::Misfit, holds) {
+        Finding::Holds => {
+            let message = not_axial_message(period.not_axial_p);
+            tracker.on_board(|board| board.raise(Kind::NotAxial, time, message, Known::default()));
+        }
+        Finding::Over => tracker.on_board(|board| board.clear(Kind::NotAxial, time)),
+        Finding::Undecided => {}
+    }
+}
+
+/// What the drift watch found raises `drift`, `not-axial` or `common`, unless one of them holds.
+fn look_at_finding(tracker: &mut Tracker, period: &Period, others: &Others, time: Timestamp) {
+    let state = &tracker.state;
+    let Some(watch) = &state.watch else { return };
+    let finding = watch.finding(others);
+    let Some(change) = change_now(tracker) else { return };
+    match finding {
+        watch::Finding::Quiet => {}
+        watch::Finding::Drift(_) if state.holds(Kind::Drift) => {
+            confirm(tracker, finding, &change, period, time)
+        }
+        watch::Finding::Drift(_) if state.holds(Kind::NotAxial) => {}
+        watch::Finding::Drift(witness) => {
+            let alternatives = explain(tracker, &change, Some(period));
+            let p = axial_p(tracker, period, change.onset);
+            let is_axial = alternatives.as_ref().and_then(Explained::is_axial);
+            let (kind, message) = if is_axial.unwrap_or(p >= SIGNAL_NOT_AXIAL_P) {
+                let message = drift_message(&change, witness, alternatives.as_ref());
+                (Kind::Drift, message)
+            } else {
+                let message = match (is_axial, &alternatives) {
+                    (Some(_), Some(alternatives)) => alternatives.sentence(),
+                    _ => not_axial_message(p),
+                };
+                (Kind::NotAxial, message)
+            };
+            let known = Known {
+                change: Some(change),
+                witness: (kind == Kind::Drift).then_some(witness),
+                alternatives,
+            };
+            tracker.on_board(|board| board.raise(kind, time, message, known));
+            tracker.find(Cause::Change, Some(true));
+        }
+        watch::Finding::Common if state.holds(Kind::Common) || others.has_told_common() => {}
+        watch::Finding::Common => {
+            let message = common_message(&change, others);
+            let known = Known {
+                change: Some(change),
+                ..Known::default()
+            };
+            tracker.on_board(|board| board.raise(Kind::Common, time, message, known));
+        }
+    }
+}
+
+/// The other rods confirm a drift that was told before they did: it is told again.
+fn confirm(
+    tracker: &mut Tracker,
+    finding: watch::Finding,
+    change: &Change,
+    period: &Period,
+    time: Timestamp,
+) {
+    let is_unconfirmed = |alarm: &Alarm| {
+        alarm.kind == Kind::Drift && alarm.cleared.is_none() && alarm.witness == Some(Witness::Unconfirmed)
+    };
+    if finding != watch::Finding::Drift(Witness::Confirmed)
+        || !tracker.state.alarms.iter().any(is_unconfirmed)
+    {
+        return;
+    }
+    let alternatives = explain(tracker, change, Some(period));
+    let message = drift_message(change, Witness::Confirmed, alternatives.as_ref());
+    let known = Known {
+        change: Some(change.clone()),
+        witness: Some(Witness::Confirmed),
+        alternatives,
+    };
+    tracker.on_board(|board| board.tell_again(time, &message, &known, is_unconfirmed));
+}
+
+fn look_at_limit(tracker: &mut Tracker, period: &Period, time: Timestamp) {
+    // Without a temperature a limit would be a thermometer: what is beyond doubt is told all the same (`loss`).
+    let Some((change, sd)) = period
+        .charted
+        .and_then(|charted| Some((charted.at_reference?, charted.at_reference_sd?)))
+    else {
+        return;
+    };
+    if !tracker.state.has_learned(tracker.plan.track.learning_periods) {
+        return;
+    }
+    let alarm = &tracker.plan.alarm;
+    let (limit, certain) = (alarm.limit_loss, alarm.limit_probability);
+    let probability = Normal::standard().cdf((-limit - change) / sd);
+    tracker.look(Cause::Limit, beyond(probability, certain, 0.5), time, || {
+        format!(
+            "the loss of axial force at the reference temperature is {:.1} ± {:.1} %, above the limit of {:.1} % ({})",
+            -100.0 * change,
+            100.0 * sd,
+            100.0 * limit,
+            probable(probability)
+        )
+    });
+}
+
+/// A probability as people read it.
+pub(crate) fn probable(probability: f64) -> String {
+    if probability > 0.999 {
+        "probability > 99.9 %".to_owned()
+    } else {
+        format!("probability {:.1} %", 100.0 * probability)
+    }
+}
+
+fn look_at_leverage(tracker: &mut Tracker, period: &Period, time: Timestamp) {
+    let Some(charted) = period.charted.filter(|charted| charted.at_reference.is_some()) else {
+        return;
+    };
+    if !tracker.state.has_learned(tracker.plan.track.learning_periods) {
+        return;
+    }
+    let (blind, sees) = BLIND;
+    // What is not learned matters only where it hides a loss of the limit.
+    let hides = TOLD_SD * charted.expected_sd > tracker.plan.alarm.limit_loss;
+    let unlearned = if hides { charted.leverage } else { 0.0 };
+    tracker.look(Cause::Unlearned, beyond(unlearned, blind, sees), time, || {
+        "the temperature is far from all learned so far: until more is learned, only large changes are seen".to_owned()
+    });
+}
+
+/// A drift, or a common movement, that is gone ends, and the watch begins again with what it knows of temperature.
+fn look_at_end(tracker: &mut Tracker, period: &Period, time: Timestamp) {
+    let told = |kind: Kind| {
+        let alarm = tracker
+            .state
+            .alarms
+            .iter()
+            .find(|alarm| alarm.kind == kind && alarm.cleared.is_none())?;
+        Some(alarm.change.as_ref().map_or(0.0, |change| change.size.mean.abs()))
+    };
+    let kinds = [Kind::Drift, Kind::Common, Kind::NotAxial];
+    let Some(size) = kinds.into_iter().filter_map(told).reduce(f64::max) else {
+        return;
+    };
+    let Some(charted) = period.charted else { return };
+    let (change, sd) = match (charted.at_reference, charted.at_reference_sd) {
+        (Some(change), Some(sd)) => (change, sd),
+        // Without a temperature: what the period shows beside what the rod did before.
+        _ => (period.delta - charted.expected, charted.expected_sd),
+    };
+    let over = sd.max(OVER_SHARE * size);
+    // An error as large as what was told says nothing of its end; the evidence may.
+    let is_faint = charted.evidence.most() < FAINT_EVIDENCE;
+    let holds = if is_faint {
+        Some(false)
+    } else {
+        beyond(change.abs(), 2.0 * over, over).filter(|holds| *holds || sd < KNOWN_SHARE * size)
+    };
+    if tracker.find(Cause::Change, holds) == Finding::Over {
+        tracker.on_board(|board| {
+            board.clear(Kind::Drift, time);
+            board.clear(Kind::Common, time);
+        });
+        if let Some(watch) = &mut tracker.state.watch {
+            watch.restart();
+        }
+    }
+}
+
+/// The change of force as the drift watch knows it now.
+pub(crate) fn change_now(tracker: &Tracker) -> Option<Change> {
+    change_told(tracker.state.watch.as_ref()?, tracker.shift.as_ref())
+}
+
+/// The change of force a watch knows of, as it is told.
+pub(crate) fn change_told(watch: &DriftWatch, shift: Option<&Shift>) -> Option<Change> {
+    let change = watch.change()?;
+    // How large a change of frequencies is as a change of force, no number of periods tells.
+    let size = change.size.clamp(-0.9, 10.0);
+    let static_sd = match shift {
+        Some(shift) if size != 0.0 => (1.0 + size) * shift.static_sd(libm::log1p(size)) / size.abs(),
+        _ => 0.0,
+    };
+    Some(Change::told(&change, static_sd))
+}
+
+/// One sentence about a drift: as a fact where the modes leave no other kind of change, as one of several explanations where they do.
+pub(crate) fn drift_message(change: &Change, witness: Witness, alternatives: Option<&Explained>) -> String {
+    let size = &change.size;
+    let verb = if size.mean < 0.0 { "fell" } else { "rose" };
+    // Counted in the direction it went; below zero it may have gone the other way.
+    let toward = |fraction: f64| 100.0 * fraction * size.mean.signum();
+    let (one, other) = (toward(size.q025), toward(size.q975));
+    let at = match witness {
+        Witness::Peers | Witness::Blind => "",
+        _ => " at the reference temperature",
+    };
+    let who = match witness {
+        Witness::Confirmed => "; the other rods confirm that it is this rod",
+        Witness::Unconfirmed => "; the other rods do not confirm it yet",
+        Witness::Alone => "; with fewer than three rods a thermometer that drifts looks the same",
+        Witness::Peers => "; there is no temperature, the other rods of the site stand in for it",
+        Witness::Blind => "; there is no temperature: a sudden change of weather may look the same",
+    };
+    let (as_if, explained) = match alternatives {
+        None => ("", String::new()),
+        Some(known) if known.is_axial() == Some(true) => ("", format!("; {}", known.certainty())),
+        Some(open) => ("the frequencies changed as if ", format!("; {}", open.rivals())),
+    };
+    format!(
+        "{as_if}the axial force{at} {verb} by {:.2} % (95 %: {:.2} to {:.2} %) since about {}{who}{explained}",
+        toward(size.mean),
+        one.min(other),
+        one.max(other),
+        date(change.onset)
+    )
+}
+
+fn common_message(change: &Change, others: &Others) -> String {
+    format!(
+        "{} of {} rods moved together since about {}: the thermometer, the weather, or the whole structure; no rod differs from the \
+         others",
+        others.moving() + 1,
+        others.count() + 1,
+        date(change.onset)
+    )
+}
+
+fn date(time: Timestamp) -> String {
+    time.to_string().chars().take(10).collect()
+}
+
+fn not_axial_message(p: f64) -> String {
+    format!(
+        "the natural frequencies changed in a way no change of axial force explains (p = {p:.1e}): added mass, a support, or \
+         mistaken modes"
+    )
+}
+
+/// P(misfit at least this large | axial) of the change since an onset. What happened only lately is diluted in a long
+/// one: the last periods are asked too, and the smallest probability counts, times the number of questions.
+fn axial_p(tracker: &Tracker, period: &Period, onset: Timestamp) -> f64 {
+    let Some(shift) = &tracker.shift else { return 1.0 };
+    let since = since(tracker, onset, Some(period));
+    let windows = [since.len(), tracker.plan.alarm.confirm.min(since.len()), 1];
+    let smallest = windows.iter().map(|&count| {
+        let (log_ratio, misfit) = combined_misfit(since[since.len() - count..].iter().copied());
+        shift.not_axial_p(log_ratio, &misfit)
+    });
+    (smallest.fold(1.0, f64::min) * windows.len() as f64).min(1.0)
+}

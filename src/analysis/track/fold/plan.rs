@@ -1,0 +1,167 @@
+//! What the tracking of one rod depends on besides its records.
+
+use super::state::State;
+use crate::analysis::identify::AnalysisSettings;
+use crate::analysis::numerics::random;
+use crate::analysis::rod::beam::forward::ForwardModel;
+use crate::analysis::rod::prior::RodPrior;
+use crate::analysis::signal::record::{RodId, Timestamp};
+use crate::analysis::track::alternatives::Alternatives;
+use crate::analysis::track::baseline::{Baseline, BaselineFault};
+use crate::analysis::track::drift::ThermalPrior;
+use crate::analysis::track::drift::watch::Terms;
+use crate::analysis::track::observation::Observation;
+use crate::analysis::track::relative::Shift;
+use crate::analysis::track::settings::{AlarmSettings, TemperatureUse, TrackSettings};
+use std::sync::Arc;
+
+/// Standard deviations of the static parameters that the bend of the ratio allows for: they may be wrong together.
+const BEND_SD: f64 = 1.5;
+
+/// The mean Gregorian year \[s\].
+pub const YEAR_S: f64 = 365.2425 * 86_400.0;
+
+/// Relative change of modulus times expansion per kelvin, a standard deviation about none: wrought iron and steel lose some
+/// 3e-4 of their modulus and gain about twice that in expansion.
+const MATERIAL_PER_K: f64 = 3e-4;
+
+/// Everything one rod's fold depends on, prepared once.
+pub struct TrackPlan {
+    pub(crate) rod: RodId,
+    pub(crate) track: TrackSettings,
+    pub(crate) alarm: AlarmSettings,
+    prior: RodPrior,
+    model: Arc<dyn ForwardModel>,
+    discrepancy: Vec<f64>,
+    key: String,
+    seed: u64,
+}
+
+impl TrackPlan {
+    /// Prepares one rod. `key` is a hash of everything that gives the rod's numbers their meaning.
+    pub fn new(
+        analysis: &AnalysisSettings,
+        model: Arc<dyn ForwardModel>,
+        track: TrackSettings,
+        alarm: AlarmSettings,
+        key: String,
+    ) -> Self {
+        let discrepancy = analysis
+            .discrepancy
+            .iter()
+            .map(|stated| stated.max(track.discrepancy))
+            .collect();
+        Self {
+            rod: analysis.rod.clone(),
+            track,
+            alarm,
+            prior: analysis.prior.clone(),
+            model,
+            discrepancy,
+            key,
+            seed: analysis.seed,
+        }
+    }
+
+    /// The rod.
+    pub fn rod(&self) -> &RodId {
+        &self.rod
+    }
+
+    /// The hash of everything that gives the rod's numbers their meaning.
+    pub fn key(&self) -> &str {
+        &self.key
+    }
+
+    /// What is known about the rod beforehand.
+    pub fn prior(&self) -> &RodPrior {
+        &self.prior
+    }
+
+    /// The name of the forward model.
+    pub fn emulator(&self) -> &'static str {
+        self.model.name()
+    }
+
+    /// Mean number of periods between false alarms: R of the drift watch that raises one.
+    pub fn limit(&self) -> f64 {
+        self.alarm.arl0_years * YEAR_S / self.track.period_s
+    }
+
+    /// A rod of which nothing is known yet.
+    pub(crate) fn blank(&self) -> State {
+        State::new(self.rod.clone(), self.key.clone())
+    }
+
+    /// Whether force is referred to one temperature.
+    pub(crate) fn compensates(&self) -> bool {
+        self.track.temperature == TemperatureUse::Compensate
+    }
+
+    /// The baseline of a segment from its first observations.
+    pub(crate) fn learn(
+        &self,
+        observations: &[Observation],
+        segment: u32,
+    ) -> Result<Baseline, BaselineFault> {
+        Baseline::learn(
+            observations,
+            &self.prior,
+            self.model.as_ref(),
+            &self.discrepancy,
+            self.track.particles,
+            self.seed_of(
+                b"baseline",
+                segment,
+                observations.first().map(|first| first.start),
+            ),
+        )
+    }
+
+    /// A baseline ready for records.
+    pub(crate) fn shift(&self, baseline: &Baseline) -> Shift {
+        Shift::new(baseline, self.model.as_ref())
+    }
+
+    /// What changes of every kind do to the frequencies of a baseline's particles.
+    pub(crate) fn alternatives(&self, baseline: &Baseline) -> Option<Alternatives> {
+        Alternatives::new(&baseline.particles, self.model.as_ref(), &self.discrepancy)
+    }
+
+    /// The seed of one record's relative force.
+    pub(crate) fn seed_of(&self, purpose: &[u8], segment: u32, time: Option<Timestamp>) -> u64 {
+        random::seed(&[
+            purpose,
+            &self.seed.to_le_bytes(),
+            self.rod.0.as_bytes(),
+            &segment.to_le_bytes(),
+            &time.map_or(0, Timestamp::as_nanos).to_le_bytes(),
+        ])
+    }
+
+    /// What the drift watch depends on: beta = -kappa E A alpha / N_0 with a restraint kappa between 0 (free to expand) and 1
+    /// (fixed ends), and a curvature from material and static parameters.
+    pub(crate) fn terms(&self, baseline: &Baseline, shift: &Shift, reference_c: Option<f64>) -> Terms {
+        let parameterisation = self.prior.parameterisation();
+        let width = parameterisation.len();
+        let thetas = baseline.particles.chunks_exact(width);
+        let count = thetas.len().max(1) as f64;
+        let fixed_per_k = thetas
+            .map(|theta| parameterisation.axial_rigidity(theta) * self.track.expansion_per_k / theta[0])
+            .sum::<f64>()
+            / count;
+        let bend_per_k2 = BEND_SD * shift.bend().square * fixed_per_k * fixed_per_k;
+        let thermal = ThermalPrior {
+            slope_mean_per_k: -0.5 * fixed_per_k,
+            slope_sd_per_k: 0.5 * fixed_per_k,
+            curvature_sd_per_k2: (MATERIAL_PER_K * fixed_per_k).hypot(bend_per_k2),
+            is_sparse: false,
+        };
+        Terms {
+            limit: self.limit(),
+            thermal: self.compensates().then_some(thermal),
+            reference_c,
+            learning_periods: self.track.learning_periods,
+        }
+    }
+}

@@ -1,0 +1,65 @@
+//! Force and relative force of a record at the reference temperature, by what the closed periods taught.
+
+use super::state::State;
+use super::tracker::Tracker;
+use super::verdict::AtReference;
+use crate::analysis::signal::record::Timestamp;
+use crate::analysis::track::drift::Filters;
+use crate::analysis::track::observation::Observation;
+use crate::analysis::track::relative::{Interval, Relative};
+
+/// Low passes up to a time, those of the last closed period run along what has been read since.
+pub(crate) fn filters_until(state: &State, time: Timestamp) -> Filters {
+    let mut filters = state.filters.clone();
+    for reading in state.readings.iter().take_while(|reading| reading.time <= time) {
+        filters.push(reading.time.days(), reading.celsius);
+    }
+    filters
+}
+
+/// Force and relative force of one record at the reference temperature; `None` while that cannot be said.
+pub(crate) fn of_record(
+    tracker: &Tracker,
+    observation: &Observation,
+    relative: &Relative,
+) -> Option<AtReference> {
+    let state = &tracker.state;
+    let watch = state.watch.as_ref()?;
+    let reference_c = state.segment.reference_c?;
+    let end = observation.start.plus_seconds(observation.duration_s);
+    let filtered = filters_until(state, end).at(end.days())?;
+    let ratio = &relative.ratio;
+    let measured = ratio.mean - 1.0;
+    let record_sd = relative.record_sd * ratio.mean;
+    let (change, change_sd) = watch.change_of(end.days(), measured, record_sd, Some(&filtered))?;
+    let change_sd = change_sd.hypot(state.common_size());
+    // The record's own error is in both; what is left of the ratio's is the particles', which grows with the change.
+    let static_sd = (ratio.sd * ratio.sd - record_sd * record_sd).max(0.0).sqrt();
+    let sd = change_sd.hypot(static_sd);
+    let explained = measured - change;
+    let force = &relative.force_n;
+    let factor = (1.0 + change) / ratio.mean.max(f64::MIN_POSITIVE);
+    Some(AtReference {
+        temperature_c: reference_c,
+        ratio: moved(ratio, 1.0, explained, sd),
+        force_n: moved(
+            force,
+            factor,
+            0.0,
+            (factor * force.sd).hypot(change_sd * force.mean),
+        ),
+    })
+}
+
+/// `interval` times `factor` less `shift`, as wide as a standard deviation `sd`.
+fn moved(interval: &Interval, factor: f64, shift: f64, sd: f64) -> Interval {
+    let mean = interval.mean * factor - shift;
+    let own = interval.sd;
+    let wide = if own > 0.0 { sd / own } else { factor };
+    Interval {
+        mean,
+        sd,
+        q025: mean - wide * (interval.mean - interval.q025),
+        q975: mean + wide * (interval.q975 - interval.mean),
+    }
+}

@@ -1,0 +1,205 @@
+//! Everything remembered of one rod from record to record.
+
+use super::early::EarlyWatch;
+use crate::analysis::signal::record::{Reading, RodId, Timestamp};
+use crate::analysis::track::alarm::{Alarm, Kind, Watches};
+use crate::analysis::track::baseline::Baseline;
+use crate::analysis::track::drift::Filters;
+use crate::analysis::track::drift::period::{self, Pending, Period};
+use crate::analysis::track::drift::watch::DriftWatch;
+use crate::analysis::track::observation::Observation;
+use crate::analysis::track::plausibility::Plausibility;
+use crate::analysis::track::thermometer::Thermometer;
+use serde::{Deserialize, Serialize};
+
+/// A stretch of history with one baseline.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Segment {
+    /// From 1.
+    pub number: u32,
+    /// Why it was opened.
+    pub reason: Opening,
+    /// Everything that gives numbers their meaning (configuration of the rod, version of the analysis), as a
+    /// hash: when it changes, a new segment begins, so that an upgrade can never look like drift.
+    pub key: String,
+    /// The baseline, once learned.
+    pub baseline: Option<Baseline>,
+    /// Temperature to which force is referred \[degC\], once known.
+    pub reference_c: Option<f64>,
+    /// Why the last attempt at a baseline failed, if it did.
+    pub fault: Option<String>,
+}
+
+/// Why a segment was opened.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Opening {
+    /// The rod's first record.
+    First,
+    /// Somebody asked for it.
+    Requested,
+    /// Configuration or analysis changed what numbers mean.
+    Changed,
+    /// The clock had jumped ahead for a while: time begins anew.
+    Clock,
+}
+
+impl Opening {
+    /// The name in JSON.
+    pub fn code(self) -> &'static str {
+        match self {
+            Self::First => "first",
+            Self::Requested => "requested",
+            Self::Changed => "changed",
+            Self::Clock => "clock",
+        }
+    }
+}
+
+/// Everything remembered of one rod.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct State {
+    /// The rod.
+    pub rod: RodId,
+    /// The present segment.
+    pub segment: Segment,
+    /// Observations that wait for the baseline, ascending in time.
+    pub learning: Vec<Observation>,
+    /// Records of periods that are still open, ascending in time.
+    pub open: Vec<Pending>,
+    /// Readings not yet run through the low passes, ascending in time.
+    pub readings: Vec<Reading>,
+    /// The low-passed temperature up to the last closed period.
+    #[serde(default)]
+    pub filters: Filters,
+    /// The drift watch, from the first period of the baseline.
+    #[serde(default, with = "super::packed")]
+    pub watch: Option<DriftWatch>,
+    /// The watch over the records that will make the baseline.
+    #[serde(default)]
+    pub early: Option<EarlyWatch>,
+    /// The last period that was closed.
+    pub closed: Option<i64>,
+    /// Closed periods of this segment, ascending. The store keeps them in rows of their own.
+    #[serde(skip)]
+    pub periods: Vec<Period>,
+    /// Alarms that stand, in the order they were raised.
+    pub alarms: Vec<Alarm>,
+    /// How long each condition has held or been absent.
+    pub watches: Watches,
+    /// What tells records of this sensor from others.
+    pub plausibility: Plausibility,
+    /// What tells its thermometer's readings from a broken one's.
+    pub thermometer: Thermometer,
+    /// Start of the latest record that was believed.
+    pub latest: Option<Timestamp>,
+}
+
+impl State {
+    /// A rod of which nothing is known yet.
+    pub fn new(rod: RodId, key: String) -> Self {
+        Self {
+            rod,
+            segment: Segment {
+                number: 1,
+                reason: Opening::First,
+                key,
+                baseline: None,
+                reference_c: None,
+                fault: None,
+            },
+            learning: Vec::new(),
+            open: Vec::new(),
+            readings: Vec::new(),
+            filters: Filters::default(),
+            watch: None,
+            early: None,
+            closed: None,
+            periods: Vec::new(),
+            alarms: Vec::new(),
+            watches: Watches::default(),
+            plausibility: Plausibility::default(),
+            thermometer: Thermometer::default(),
+            latest: None,
+        }
+    }
+
+    /// Size of the change that rods show together, as a share of the force; zero while none is told. It is the thermometer's or
+    /// the structure's: until that is known, a change at the reference temperature is uncertain by as much.
+    pub(crate) fn common_size(&self) -> f64 {
+        if !self.holds(Kind::Common) {
+            return 0.0;
+        }
+        let change = self.watch.as_ref().and_then(DriftWatch::change);
+        change.map_or(0.0, |change| change.size.abs())
+    }
+
+    /// Whether an alarm of this kind stands and its condition holds.
+    pub(crate) fn holds(&self, kind: Kind) -> bool {
+        self.alarms
+            .iter()
+            .any(|alarm| alarm.kind == kind && alarm.cleared.is_none())
+    }
+
+    /// N_t / N_0 - 1 in a period, closed or still open; `None` if the rod was not measured in it.
+    pub(crate) fn ratio_in(&self, index: i64, period_s: f64) -> Option<f64> {
+        let of = |period: &Period| period.index.cmp(&index);
+        if let Ok(place) = self.periods.binary_search_by(of) {
+            return Some(self.periods[place].delta);
+        }
+        let within = |pending: &&Pending| period::index_of(pending.start, period_s) == index;
+        let (mut weight, mut sum) = (0.0, 0.0);
+        for pending in self.open.iter().filter(within) {
+            let w = 1.0 / (pending.sd * pending.sd);
+            weight += w;
+            sum += w * pending.delta;
+        }
+        (weight > 0.0).then(|| sum / weight)
+    }
+
+    /// The next segment: everything is learned anew; time and temperature go on, unless the clock was wrong.
+    pub fn next_segment(&self, reason: Opening, key: String, anew_in_time: bool) -> Self {
+        let mut next = Self::new(self.rod.clone(), key);
+        next.segment.number = self.segment.number + 1;
+        next.segment.reason = reason;
+        if reason == Opening::Changed {
+            next.thermometer = self.thermometer.clone();
+        }
+        next.alarms = self.alarms.clone();
+        if !anew_in_time {
+            next.readings = self.readings.clone();
+            next.filters = self.filters.clone();
+            next.closed = self.closed;
+            next.latest = self.latest;
+        }
+        next
+    }
+
+    /// Whether the drift watch has seen this many periods: limits count from then on.
+    pub(crate) fn has_learned(&self, periods: usize) -> bool {
+        self.watch
+            .as_ref()
+            .is_some_and(|watch| watch.periods() >= periods)
+    }
+
+    /// Whether a record of this very time waits already.
+    pub(crate) fn has_record_of(&self, start: Timestamp) -> bool {
+        self.learning
+            .binary_search_by_key(&start, |known| known.start)
+            .is_ok()
+            || self
+                .open
+                .binary_search_by_key(&start, |known| known.start)
+                .is_ok()
+    }
+
+    /// The usual distance between records \[s\]; `None` before two records.
+    pub(crate) fn usual_s(&self) -> Option<f64> {
+        let (first, last, records) = match (&self.segment.baseline, &self.learning[..]) {
+            (Some(baseline), _) => (baseline.first, baseline.last, baseline.records),
+            (None, [first, .., last]) => (first.start, last.start, self.learning.len()),
+            (None, _) => return None,
+        };
+        Some(last.seconds_since(first) / (records.max(2) - 1) as f64)
+    }
+}

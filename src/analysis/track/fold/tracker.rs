@@ -1,0 +1,324 @@
+//! The fold: one `step` per record, in the order records come.
+
+use super::explain::explain;
+use super::monitor;
+use super::plan::TrackPlan;
+use super::state::{Opening, State};
+use super::verdict::{Input, RodState, Verdict};
+use crate::analysis::signal::record::{Reading, Timestamp};
+use crate::analysis::track::alarm::{AlarmEvent, Board, Cause, Finding, Kind, Known};
+use crate::analysis::track::drift::others::Others;
+use crate::analysis::track::drift::watch::Witness;
+use crate::analysis::track::plausibility::{JUMP_S, Peer};
+use crate::analysis::track::relative::Shift;
+use std::sync::Arc;
+
+/// Records in a row that show a loss beyond doubt.
+const LOSS_RECORDS: usize = 2;
+
+/// Silence worth an alarm is at least this many times the usual distance between records.
+const SILENCE_INTERVALS: f64 = 3.5;
+
+/// One rod's fold: what it remembers and what follows from it.
+pub struct Tracker {
+    pub(crate) plan: Arc<TrackPlan>,
+    pub(crate) state: State,
+    /// The baseline, made ready for records.
+    pub(crate) shift: Option<Shift>,
+    /// The provisional baseline, made ready for records.
+    pub(crate) early_shift: Option<Shift>,
+    /// News that nobody took yet.
+    news: Vec<AlarmEvent>,
+}
+
+impl Tracker {
+    /// A rod of which nothing is known yet.
+    pub fn new(plan: Arc<TrackPlan>) -> Self {
+        let state = plan.blank();
+        Self {
+            plan,
+            state,
+            shift: None,
+            early_shift: None,
+            news: Vec::new(),
+        }
+    }
+
+    /// Goes on where a state left off. If what gives the numbers their meaning has changed since, a new segment begins
+    /// and the alarms' conditions end; what nobody acknowledged goes on standing.
+    pub fn resume(plan: Arc<TrackPlan>, state: State) -> (Self, Vec<AlarmEvent>) {
+        let shift = state
+            .segment
+            .baseline
+            .as_ref()
+            .map(|baseline| plan.shift(baseline));
+        let mut tracker = Self {
+            plan,
+            state,
+            shift,
+            early_shift: None,
+            news: Vec::new(),
+        };
+        if tracker.state.segment.key != tracker.plan.key() {
+            tracker.open_segment(Opening::Changed, false, tracker.state.latest);
+        } else {
+            monitor::rewatch(&mut tracker);
+        }
+        let events = tracker.take_news();
+        (tracker, events)
+    }
+
+    /// What it depends on besides its records.
+    pub fn plan(&self) -> &TrackPlan {
+        &self.plan
+    }
+
+    /// What must survive a restart.
+    pub fn state(&self) -> &State {
+        &self.state
+    }
+
+    /// This rod as other rods' records are compared with.
+    pub fn as_peer(&self) -> Peer {
+        self.state.plausibility.as_peer(&self.state.rod)
+    }
+
+    /// Begins a new baseline because somebody asked for it. If records have been older than periods already closed of
+    /// late, the clock was wrong before, and time begins anew too. `time`: event time; by default the latest record's.
+    pub fn rebaseline(&mut self, time: Option<Timestamp>) -> Vec<AlarmEvent> {
+        let is_behind = self.state.plausibility.is_behind(self.plan.alarm.sensor_records);
+        self.open_segment(Opening::Requested, is_behind, time.or(self.state.latest));
+        self.take_news()
+    }
+
+    /// Somebody knows of an alarm; the news, none if there is no such alarm or it was acknowledged before.
+    pub fn acknowledge(&mut self, id: &str, time: Timestamp) -> Vec<AlarmEvent> {
+        self.on_board(|board| board.acknowledge(id, time));
+        self.take_news()
+    }
+
+    /// Looks at the clock without a record: tells when there is no data. What nobody acknowledged is told again by the
+    /// clock only in such a silence: while records come they do it, at their times, as in a replay.
+    pub fn look_at_clock(&mut self, now: Timestamp) -> Vec<AlarmEvent> {
+        let repeat_s = self.plan.alarm.repeat_s;
+        self.look_for_silence(now);
+        self.on_board(|board| {
+            if board.holds(Kind::NoData) {
+                board.repeat(now, repeat_s, |_| ());
+            }
+        });
+        self.take_news()
+    }
+
+    /// Takes temperatures that came with no record; whether they said anything new. Those not later than what the low
+    /// passes have seen, and those a wrong clock dated, are left out.
+    pub fn take_readings(&mut self, readings: &[Reading]) -> bool {
+        let known = |state: &State| {
+            (
+                state.readings.len(),
+                state.filters.clone(),
+                state.thermometer.clone(),
+            )
+        };
+        let before = known(&self.state);
+        self.keep_readings(readings);
+        known(&self.state) != before
+    }
+
+    /// Takes one record of a rod that is alone. `peers`: rods whose channels may be mistaken for its own.
+    pub fn step(&mut self, input: &Input, peers: &[Peer]) -> Verdict {
+        self.step_beside(input, peers, &Others::default())
+    }
+
+    /// Takes one record of a rod beside the others of its site.
+    pub fn step_beside(&mut self, input: &Input, peers: &[Peer], others: &Others) -> Verdict {
+        let alone = Others::default();
+        let others = if self.plan.alarm.compare_rods {
+            others
+        } else {
+            &alone
+        };
+        let mut verdict = Verdict {
+            state: RodState::Monitoring,
+            segment: self.state.segment.number,
+            relative: None,
+            at_reference: None,
+            set_aside: None,
+            closed: Vec::new(),
+            events: Vec::new(),
+            alarms: Vec::new(),
+        };
+        match input {
+            Input::Rejected {
+                start,
+                reason,
+                readings,
+            } => {
+                self.keep_readings(readings);
+                if let Some(time) = start.or(self.state.latest) {
+                    self.unusable(reason, self.known_at(time));
+                }
+            }
+            Input::Identified(observation) => self.take(observation, peers, others, &mut verdict),
+        }
+        if let Some(time) = self.state.latest {
+            self.repeat(time);
+        }
+        verdict.segment = self.state.segment.number;
+        verdict.events = self.take_news();
+        verdict.alarms = self.state.alarms.clone();
+        verdict.state = self.rod_state();
+        verdict
+    }
+
+    /// How the rod stands.
+    pub fn rod_state(&self) -> RodState {
+        let state = &self.state;
+        let measurement = |kind: Kind| matches!(kind, Kind::Sensor | Kind::NoData);
+        if state.alarms.iter().any(|alarm| !measurement(alarm.kind)) {
+            return RodState::Alarm;
+        }
+        let not_monitoring = |reason: &str| RodState::NotMonitoring {
+            reason: reason.to_owned(),
+        };
+        if let Some(alarm) = state.alarms.first() {
+            return not_monitoring(&alarm.message);
+        }
+        let learning = |records, periods| RodState::Learning { records, periods };
+        if state.segment.baseline.is_none() {
+            return match &state.segment.fault {
+                Some(fault) => not_monitoring(&format!("no baseline: {fault}")),
+                None => learning(state.learning.len(), 0),
+            };
+        }
+        let track = &self.plan.track;
+        match &state.watch {
+            None => learning(track.baseline_records, 0),
+            Some(watch) if watch.periods() < track.learning_periods => {
+                learning(track.baseline_records, watch.periods())
+            }
+            Some(watch) if watch.is_compensated() => RodState::Monitoring,
+            Some(watch) => {
+                let time = state.latest.map_or(0.0, Timestamp::days);
+                let least = watch.least_told_blind(time).unwrap_or(1.0);
+                not_monitoring(&format!(
+                    "uncompensated: no temperature, so only sudden changes of force above about {:.0} % are told",
+                    100.0 * least
+                ))
+            }
+        }
+    }
+
+    /// Begins the next segment: the conditions of all alarms end at `time`.
+    pub(crate) fn open_segment(&mut self, reason: Opening, anew_in_time: bool, time: Option<Timestamp>) {
+        if let Some(time) = time {
+            self.on_board(|board| board.clear_all(time));
+        }
+        let key = self.plan.key().to_owned();
+        self.state = self.state.next_segment(reason, key, anew_in_time);
+        self.shift = None;
+        self.early_shift = None;
+    }
+
+    /// Lets `act` write on the board of alarms.
+    pub(crate) fn on_board<R>(&mut self, act: impl FnOnce(&mut Board<'_>) -> R) -> R {
+        let state = &mut self.state;
+        let mut board = Board::new(&state.rod, state.segment.number, &mut state.alarms);
+        if let Some(rod) = state.plausibility.alike() {
+            board.qualify(format!(
+                "the frequencies are those of rod {rod}, too: either this is so, or the channel carries the signal of {rod}; check which sensor is on which channel"
+            ));
+        }
+        let result = act(&mut board);
+        self.news.extend(board.into_events());
+        result
+    }
+
+    fn take_news(&mut self) -> Vec<AlarmEvent> {
+        std::mem::take(&mut self.news)
+    }
+
+    /// The event time at which something becomes known with a record that claims to be of `time`: a clock that is behind
+    /// or far ahead dates nothing.
+    pub(crate) fn known_at(&self, time: Timestamp) -> Timestamp {
+        match self.state.latest {
+            Some(latest) if !(0.0..=JUMP_S).contains(&time.seconds_since(latest)) => latest,
+            _ => time,
+        }
+    }
+
+    /// Takes a look at a condition, and raises or ends its alarm.
+    pub(crate) fn look(
+        &mut self,
+        cause: Cause,
+        holds: Option<bool>,
+        time: Timestamp,
+        message: impl FnOnce() -> String,
+    ) {
+        match self.find(cause, holds) {
+            Finding::Holds => {
+                self.on_board(|board| board.raise(cause.kind(), time, message(), Known::default()))
+            }
+            Finding::Over => self.on_board(|board| board.clear(cause.kind(), time)),
+            Finding::Undecided => {}
+        }
+    }
+
+    /// Takes a look at a condition.
+    pub(crate) fn find(&mut self, cause: Cause, holds: Option<bool>) -> Finding {
+        let alarm = &self.plan.alarm;
+        let raise = match cause {
+            Cause::Unusable | Cause::NoTemperature => alarm.sensor_records,
+            Cause::Loss => LOSS_RECORDS.min(alarm.confirm),
+            _ => alarm.confirm,
+        };
+        self.state.watches.look(cause, holds, raise, alarm.confirm)
+    }
+
+    /// A record that could not be used.
+    pub(crate) fn unusable(&mut self, reason: &str, time: Timestamp) {
+        let patience = self.plan.alarm.sensor_records;
+        self.look(Cause::Unusable, Some(true), time, || {
+            format!("{patience} records in a row could not be used, the last because {reason}")
+        });
+    }
+
+    /// Tells if there has been no data for too long by `time`.
+    pub(crate) fn look_for_silence(&mut self, time: Timestamp) {
+        let Some(latest) = self.state.latest else { return };
+        let usual_s = self.state.usual_s().unwrap_or(0.0);
+        let from = latest.plus_seconds(self.plan.alarm.silence_s.max(SILENCE_INTERVALS * usual_s));
+        if time > from {
+            let message = format!("no usable record since {latest}");
+            self.on_board(|board| board.raise_late(Kind::NoData, from, time, message, Known::default()));
+        }
+    }
+
+    /// Tells again what nobody acknowledged; a drift with its present size.
+    fn repeat(&mut self, time: Timestamp) {
+        let repeat_s = self.plan.alarm.repeat_s;
+        let mut alarms = self.state.alarms.iter();
+        if !alarms.any(|alarm| alarm.is_due(time, repeat_s)) {
+            return;
+        }
+        let mut drifts = self.state.alarms.iter().filter(|alarm| alarm.kind == Kind::Drift);
+        let renewed = if drifts.any(|alarm| alarm.is_due(time, repeat_s)) {
+            monitor::change_now(self).map(|change| {
+                let alternatives = explain(self, &change, None);
+                (change, alternatives)
+            })
+        } else {
+            None
+        };
+        self.on_board(|board| {
+            board.repeat(time, repeat_s, |alarm| {
+                if let (Kind::Drift, Some((change, alternatives))) = (alarm.kind, &renewed) {
+                    let witness = alarm.witness.unwrap_or(Witness::Alone);
+                    alarm.message = monitor::drift_message(change, witness, alternatives.as_ref());
+                    alarm.change = Some(change.clone());
+                    alarm.alternatives.clone_from(alternatives);
+                }
+            });
+        });
+    }
+}

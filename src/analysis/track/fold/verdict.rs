@@ -1,0 +1,137 @@
+//! What came of one record, and what it changed.
+
+use crate::analysis::signal::record::{Reading, Timestamp};
+use crate::analysis::track::alarm::{Alarm, AlarmEvent};
+use crate::analysis::track::drift::period::Period;
+use crate::analysis::track::observation::Observation;
+use crate::analysis::track::plausibility::Doubt;
+use crate::analysis::track::relative::{Interval, Relative};
+use serde::{Deserialize, Serialize};
+
+/// What came of one record, as tracking sees it.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Input {
+    /// It gave frequencies.
+    Identified(Observation),
+    /// It gave none.
+    Rejected {
+        /// Time of the first sample, if known.
+        start: Option<Timestamp>,
+        /// The reason, for people.
+        reason: String,
+        /// Temperature readings that came with it.
+        readings: Vec<Reading>,
+    },
+}
+
+/// How a rod stands.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "state", rename_all = "kebab-case")]
+pub enum RodState {
+    /// Baseline or regression are still being learned.
+    Learning {
+        /// Records of the baseline so far.
+        records: usize,
+        /// Periods learned so far.
+        periods: usize,
+    },
+    /// Followed, and nothing is wrong.
+    Monitoring,
+    /// Followed, and an alarm stands.
+    Alarm,
+    /// Not followed.
+    NotMonitoring {
+        /// Why.
+        reason: String,
+    },
+}
+
+impl RodState {
+    /// The name in JSON and tables.
+    pub fn code(&self) -> &'static str {
+        match self {
+            Self::Learning { .. } => "learning",
+            Self::Monitoring => "monitoring",
+            Self::Alarm => "alarm",
+            Self::NotMonitoring { .. } => "not-monitoring",
+        }
+    }
+}
+
+/// Why a record does not count on the charts, if it does not.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum SetAside {
+    /// Its period was closed already.
+    Late,
+    /// There is a record of the same time already.
+    SameTime,
+    /// Its amplitude is far from all seen before.
+    Amplitude,
+    /// Its time is far ahead.
+    Clock,
+    /// Its frequencies are another rod's.
+    Channel,
+    /// None of its modes is in the baseline.
+    NoCommonMode,
+    /// It differs from the baseline by more than the model was prepared for.
+    OutsideRange,
+}
+
+impl SetAside {
+    /// The name in JSON and tables.
+    pub fn code(self) -> &'static str {
+        match self {
+            Self::Late => "late",
+            Self::SameTime => "same-time",
+            Self::Amplitude => "amplitude",
+            Self::Clock => "clock",
+            Self::Channel => "channel",
+            Self::NoCommonMode => "no-common-mode",
+            Self::OutsideRange => "outside-range",
+        }
+    }
+}
+
+impl From<&Doubt> for SetAside {
+    fn from(doubt: &Doubt) -> Self {
+        match doubt {
+            Doubt::Amplitude => Self::Amplitude,
+            Doubt::Clock => Self::Clock,
+            Doubt::Channel(_) => Self::Channel,
+        }
+    }
+}
+
+/// What one record changed.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Verdict {
+    /// How the rod stands after it.
+    pub state: RodState,
+    /// The segment it belongs to.
+    pub segment: u32,
+    /// N_t / N_0 and N_t at the measured temperature.
+    pub relative: Option<Relative>,
+    /// The same at the reference temperature; `None` while that cannot be said: the output is then
+    /// uncompensated.
+    pub at_reference: Option<AtReference>,
+    /// Why the record does not count, if it does not.
+    pub set_aside: Option<SetAside>,
+    /// Periods that closed.
+    pub closed: Vec<Period>,
+    /// What happened to alarms.
+    pub events: Vec<AlarmEvent>,
+    /// Alarms that stand.
+    pub alarms: Vec<Alarm>,
+}
+
+/// Force and relative force at the reference temperature.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct AtReference {
+    /// The reference temperature \[degC\].
+    pub temperature_c: f64,
+    /// N_t / N_0.
+    pub ratio: Interval,
+    /// N_t \[N\].
+    pub force_n: Interval,
+}

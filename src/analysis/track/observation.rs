@@ -1,0 +1,64 @@
+//! What tracking takes from one record.
+
+use crate::analysis::identify::Identification;
+use crate::analysis::signal::modes::Mode;
+use crate::analysis::signal::record::{Reading, Timestamp};
+use serde::{Deserialize, Serialize};
+
+/// One natural frequency as tracking sees it.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct LogMode {
+    /// Mode order, from 1.
+    pub order: usize,
+    /// ln f, f in Hz.
+    pub log_frequency: f64,
+    /// Standard error of ln f: sd_f / f.
+    pub log_sd: f64,
+}
+
+impl From<&Mode> for LogMode {
+    fn from(mode: &Mode) -> Self {
+        Self {
+            order: mode.order,
+            log_frequency: libm::log(mode.frequency_hz),
+            log_sd: mode.sd_hz / mode.frequency_hz,
+        }
+    }
+}
+
+/// What tracking takes from one identified record.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Observation {
+    /// Time of the first sample.
+    pub start: Timestamp,
+    /// Length of the record \[s\].
+    pub duration_s: f64,
+    /// The measured modes, ascending in order.
+    pub modes: Vec<LogMode>,
+    /// Temperature readings since the rod's record before this one and within this one, ascending in time.
+    pub readings: Vec<Reading>,
+    /// Root mean square of the samples, SI of their unit.
+    pub rms: f64,
+    /// Conflict with the model, in standard deviations.
+    pub conflict: f64,
+}
+
+impl Observation {
+    /// Of an identified record; `None` for frequencies measured elsewhere, which have no time.
+    pub fn of(identification: &Identification) -> Option<Self> {
+        let measurement = identification.measurement.as_ref()?;
+        Some(Self {
+            start: measurement.start,
+            duration_s: measurement.duration_s,
+            modes: identification.modes.iter().map(LogMode::from).collect(),
+            readings: measurement.readings.clone(),
+            rms: measurement.rms,
+            conflict: identification.conflict.score,
+        })
+    }
+
+    /// The mode of this order, if it was measured.
+    pub fn mode(&self, order: usize) -> Option<&LogMode> {
+        self.modes.iter().find(|mode| mode.order == order)
+    }
+}

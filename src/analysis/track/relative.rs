@@ -1,0 +1,605 @@
+//! The relative force of one record: approximate Bayesian computation on the shift from the baseline.
+
+mod bend;
+mod shift;
+
+use super::baseline::levels::{self, LEAST_LOG_SD};
+use super::baseline::{Baseline, BaselineMode};
+use super::observation::{LogMode, Observation};
+use super::relative::shift::{
+    Draws, HIGH, LANES, LOW, Lanes, Polynomials, Proposal, Seen, TERMS, mean_and_slope,
+};
+use crate::analysis::rod::beam::forward::{ForwardModel, MAX_MODES};
+use nalgebra::{DMatrix, DVector};
+use serde::{Deserialize, Serialize};
+use std::f64::consts::{FRAC_1_SQRT_2, PI};
+
+/// Draws of u per particle.
+const PER_PARTICLE: usize = 4;
+
+/// Standard error of u from which on the record says so little that u is drawn from its whole range.
+const NARROW: f64 = 0.1;
+
+/// Standard errors that an estimate must stay away from the ends of the range.
+const SAFE: f64 = 5.0;
+
+/// Most steps of the common estimate, and the step that ends them.
+const STEPS: usize = 30;
+const CONVERGED: f64 = 1e-9;
+
+/// Bins of a quantile.
+const BINS: usize = 1024;
+
+/// Most steps to a normal quantile.
+const NEWTON: usize = 60;
+
+/// Mean, spread and 95 % interval of one quantity.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Interval {
+    /// Mean.
+    pub mean: f64,
+    /// Standard deviation.
+    pub sd: f64,
+    /// 2.5 % quantile.
+    pub q025: f64,
+    /// 97.5 % quantile.
+    pub q975: f64,
+}
+
+/// By how much one mode lies off the best change of axial force.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Misfit {
+    /// Mode order, from 1.
+    pub order: usize,
+    /// z_n - s_n delta: what the change of force leaves unexplained in ln f.
+    pub residual: f64,
+    /// Standard error of z_n from this record's frequency alone.
+    pub sd: f64,
+}
+
+/// What one record says about N_t / N_0 at its own temperature.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Relative {
+    /// Posterior of N_t / N_0.
+    pub ratio: Interval,
+    /// Posterior of N_t \[N\], jointly with the static parameters.
+    pub force_n: Interval,
+    /// delta: posterior mean of u = ln(N_t / N_0).
+    pub log_ratio: f64,
+    /// Posterior standard deviation of u.
+    pub log_sd: f64,
+    /// u by weighted least squares with the mean of the particles' shifts: what the charts follow. Unlike the posterior mean it
+    /// does not weigh the particles anew by every record's noise, which they all share.
+    pub estimate: f64,
+    /// Standard error of the estimate from this record's frequency errors alone: new with every record.
+    pub record_sd: f64,
+    /// Q: squared misfit of the modes to a change of axial force, chi-square with `freedom` degrees of freedom.
+    pub q: f64,
+    /// Measured modes less one.
+    pub freedom: usize,
+    /// P(chi-square > Q): small if the change is not axial. One if there is a single mode.
+    pub not_axial_p: f64,
+    /// The misfit, mode by mode.
+    pub misfit: Vec<Misfit>,
+    /// Effective number of draws.
+    pub ess: f64,
+    /// Draws of (particle, u).
+    pub draws: usize,
+}
+
+/// Why a record has no relative force.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum NoRelative {
+    /// None of its modes is in the baseline.
+    NoCommonMode,
+    /// It differs by more than the model was prepared for.
+    OutsideRange,
+}
+
+/// A baseline ready for records: how each particle's log-frequencies move with u.
+#[derive(Debug, Clone)]
+pub struct Shift {
+    modes: Vec<BaselineMode>,
+    overdispersion: f64,
+    /// N_i and ln N_i of the particles the model has an answer for.
+    forces: Vec<f64>,
+    log_forces: Vec<f64>,
+    polynomials: Polynomials,
+    /// The mean polynomial of each mode.
+    means: Vec<[f64; TERMS]>,
+    /// Standard normals spread evenly over all draws and within each particle's, and the shares they are
+    /// quantiles of.
+    normals: Vec<Lanes>,
+    shares: Vec<Lanes>,
+}
+
+/// Modes of one record that the baseline has too.
+struct Common {
+    /// Place in the baseline.
+    mode: usize,
+    order: usize,
+    z: f64,
+    /// Variance of z from this record's frequency, overdispersion included.
+    record_variance: f64,
+    /// The same with the baseline's.
+    variance: f64,
+}
+
+impl Shift {
+    /// Prepares; particles the model has no answer for are left out.
+    pub fn new(baseline: &Baseline, model: &dyn ForwardModel) -> Self {
+        let width = model.parameterisation().len();
+        let orders: Vec<usize> = baseline.modes.iter().map(|mode| mode.order).collect();
+        let (polynomials, places) = Polynomials::new(&baseline.particles, &orders, model);
+        let shares = lattice(polynomials.blocks());
+        let forces: Vec<f64> = places
+            .iter()
+            .map(|place| baseline.particles[place * width])
+            .collect();
+        Self {
+            modes: baseline.modes.clone(),
+            overdispersion: baseline.overdispersion,
+            log_forces: forces.iter().map(|force| libm::log(*force)).collect(),
+            forces,
+            means: polynomials.means(places.len()),
+            normals: shares.iter().map(|lanes| lanes.map(normal_quantile)).collect(),
+            shares,
+            polynomials,
+        }
+    }
+
+    /// P(misfit at least this large | the change is axial) for the combined misfit of several records, at a mean
+    /// ln(N_t / N_0) of `delta`. The baseline's error and the particles' uncertainty, which all records share, are taken
+    /// into account here.
+    pub fn not_axial_p(&self, delta: f64, misfit: &[Misfit]) -> f64 {
+        let known: Vec<(usize, &Misfit)> = misfit
+            .iter()
+            .filter_map(|one| Some((self.modes.iter().position(|mode| mode.order == one.order)?, one)))
+            .collect();
+        let places: Vec<usize> = known.iter().map(|(mode, _)| *mode).collect();
+        let residuals: Vec<f64> = known.iter().map(|(_, one)| one.residual).collect();
+        let variances: Vec<f64> = known
+            .iter()
+            .map(|(mode, one)| one.sd * one.sd + self.modes[*mode].log_sd.powi(2))
+            .collect();
+        let (q, freedom) = self.misfit_square(&places, &residuals, &variances, delta);
+        chi_square_tail(q, freedom)
+    }
+
+    /// ln f of a mode of the baseline once the force has changed to u = ln(N_t / N_0), by the particles' mean.
+    pub(super) fn log_frequency(&self, order: usize, u: f64) -> Option<f64> {
+        let mode = self.modes.iter().position(|mode| mode.order == order)?;
+        Some(self.modes[mode].log_frequency + mean_and_slope(&self.means[mode], u).0)
+    }
+
+    /// Standard deviation of u that the particles' different slopes leave, however many records say that the force changed
+    /// to u: what a change's interval must not fall below.
+    pub(super) fn static_sd(&self, u: f64) -> f64 {
+        let count = self.modes.len();
+        if count == 0 || self.log_forces.is_empty() {
+            return 0.0;
+        }
+        let u = u.clamp(LOW, HIGH);
+        let chosen: Vec<usize> = (0..count).collect();
+        let particles = self.log_forces.len() as f64;
+        let (sums, products) = self.polynomials.moments(self.log_forces.len(), &chosen, u);
+        let slopes = chosen.iter().map(|mode| mean_and_slope(&self.means[*mode], u).1);
+        // The weights with which the modes' shifts make up u.
+        let (mut weights, mut information) = (Vec::with_capacity(count), 0.0);
+        for (mode, slope) in self.modes.iter().zip(slopes) {
+            let precision = mode.log_sd.max(LEAST_LOG_SD).powi(-2);
+            weights.push(precision * slope);
+            information += precision * slope * slope;
+        }
+        let mut variance = 0.0;
+        for a in 0..count {
+            for b in 0..count {
+                let shared =
+                    products[a * count + b] / particles - sums[a] * sums[b] / (particles * particles);
+                variance += weights[a] * weights[b] * shared;
+            }
+        }
+        variance.max(0.0).sqrt() / information
+    }
+
+    /// The relative force of one record. The posterior of (i, u) is, with particles of equal weight and a flat prior of u,
+    ///
+    /// ```text
+    /// p(i, u | z) ~ prod_n N(z_n; ln f_n(theta_i, x_i, N_i e^u) - ln f_n(theta_i, x_i, N_i), sd_tn^2 + sd_ybar_n^2):
+    /// ```
+    ///
+    /// approximate Bayesian computation with the error's density as its kernel, which is exact (Wilkinson 2013). Each particle
+    /// proposes u around its own weighted least-squares estimate, at points of a lattice that `seed` turns.
+    ///
+    /// # Errors
+    /// Why there is none.
+    pub fn relative(&self, observation: &Observation, seed: u64) -> Result<Relative, NoRelative> {
+        let common = self.common(observation);
+        if common.is_empty() {
+            return Err(NoRelative::NoCommonMode);
+        }
+        let count = self.log_forces.len();
+        if count == 0 {
+            return Err(NoRelative::OutsideRange);
+        }
+        let (estimate, information) = self.estimate(&common);
+        let width = information.sqrt().recip();
+        let proposal = if width < NARROW {
+            if !(LOW + SAFE * width..=HIGH - SAFE * width).contains(&estimate) {
+                return Err(NoRelative::OutsideRange);
+            }
+            Proposal::Near(estimate)
+        } else {
+            Proposal::Everywhere
+        };
+        let seen: Vec<Seen> = common
+            .iter()
+            .map(|one| Seen {
+                mode: one.mode,
+                z: one.z,
+                precision: one.variance.recip(),
+            })
+            .collect();
+        let blocks = self.polynomials.blocks();
+        let mut u = vec![[0.0; LANES]; blocks * PER_PARTICLE];
+        let mut weights = vec![[0.0; LANES]; u.len()];
+        let mut factors = vec![[0.0; LANES]; u.len()];
+        Draws {
+            polynomials: &self.polynomials,
+            seen: &seen,
+            per_particle: PER_PARTICLE,
+            proposal,
+            lattice: match proposal {
+                Proposal::Near(_) => &self.normals,
+                Proposal::Everywhere => &self.shares,
+            },
+            offset: (seed % blocks as u64) as usize,
+            u: &mut u,
+            log_weight: &mut weights,
+            factor: &mut factors,
+        }
+        .draw();
+        // The last block's repeated particles count for nothing.
+        let spare = blocks * LANES - count;
+        for block in (0..PER_PARTICLE).map(|j| (j + 1) * blocks - 1) {
+            factors[block][LANES - spare..].fill(0.0);
+        }
+        let (u, weights, factors) = (
+            u.as_flattened(),
+            weights.as_flattened_mut(),
+            factors.as_flattened(),
+        );
+        let most = weights
+            .iter()
+            .zip(factors)
+            .filter(|(_, factor)| **factor > 0.0)
+            .fold(f64::NEG_INFINITY, |most, (weight, _)| most.max(*weight));
+        if !most.is_finite() {
+            return Err(NoRelative::OutsideRange);
+        }
+        for (weight, factor) in weights.iter_mut().zip(factors) {
+            *weight = if *factor > 0.0 {
+                factor * libm::exp(*weight - most)
+            } else {
+                0.0
+            };
+        }
+        Ok(self.summary(&common, estimate, u, weights))
+    }
+
+    /// Of weighted draws, particle by particle and that [`PER_PARTICLE`] times.
+    fn summary(&self, common: &[Common], estimate: f64, u: &[f64], weights: &[f64]) -> Relative {
+        let places = self.polynomials.blocks() * LANES;
+        let last = self.forces.len() - 1;
+        let moments = Moments::of(weights, u);
+        let delta = moments.mean;
+        let (mut ratios, mut forces, mut logs) = (
+            Vec::with_capacity(u.len()),
+            Vec::with_capacity(u.len()),
+            Vec::with_capacity(u.len()),
+        );
+        for (draw, u) in u.iter().enumerate() {
+            let ratio = libm::exp(*u);
+            let particle = (draw % places).min(last);
+            ratios.push(ratio);
+            logs.push(self.log_forces[particle] + u);
+            forces.push(ratio * self.forces[particle]);
+        }
+        let interval = |values: &[f64], logs: &[f64]| {
+            let moments = Moments::of(weights, values);
+            let [q025, q975] = quantiles(logs, weights, [0.025, 0.975]);
+            Interval {
+                mean: moments.mean,
+                sd: moments.sd,
+                q025: libm::exp(q025),
+                q975: libm::exp(q975),
+            }
+        };
+        let mut record_information = 0.0;
+        let misfit: Vec<Misfit> = common
+            .iter()
+            .map(|one| {
+                let (value, slope) = mean_and_slope(&self.means[one.mode], delta);
+                record_information += slope * slope / one.record_variance;
+                Misfit {
+                    order: one.order,
+                    residual: one.z - value,
+                    sd: one.record_variance.sqrt(),
+                }
+            })
+            .collect();
+        let places: Vec<usize> = common.iter().map(|one| one.mode).collect();
+        let residuals: Vec<f64> = misfit.iter().map(|one| one.residual).collect();
+        let variances: Vec<f64> = common.iter().map(|one| one.variance).collect();
+        let (q, freedom) = self.misfit_square(&places, &residuals, &variances, delta);
+        Relative {
+            ratio: interval(&ratios, u),
+            force_n: interval(&forces, &logs),
+            log_ratio: delta,
+            log_sd: moments.sd,
+            estimate,
+            record_sd: record_information.sqrt().recip(),
+            q,
+            freedom,
+            not_axial_p: chi_square_tail(q, freedom),
+            misfit,
+            ess: moments.ess,
+            draws: self.log_forces.len() * PER_PARTICLE,
+        }
+    }
+
+    /// The record's usable modes that the baseline has.
+    fn common(&self, observation: &Observation) -> Vec<Common> {
+        let usable = |mode: &&LogMode| levels::usable(mode.log_frequency, mode.log_sd);
+        self.modes
+            .iter()
+            .enumerate()
+            .filter_map(|(place, known)| {
+                let mode = observation.mode(known.order).filter(usable)?;
+                let record_variance = (mode.log_sd.max(LEAST_LOG_SD) * self.overdispersion).powi(2);
+                Some(Common {
+                    mode: place,
+                    order: known.order,
+                    z: mode.log_frequency - known.log_frequency,
+                    record_variance,
+                    variance: record_variance + known.log_sd * known.log_sd,
+                })
+            })
+            .collect()
+    }
+
+    /// The weighted least-squares estimate of u by the mean shifts, at most at the range's ends, and its
+    /// information.
+    fn estimate(&self, common: &[Common]) -> (f64, f64) {
+        let (mut u, mut information) = (0.0, 0.0);
+        for _ in 0..STEPS {
+            let mut force = 0.0;
+            information = f64::MIN_POSITIVE;
+            for one in common {
+                let (value, slope) = mean_and_slope(&self.means[one.mode], u);
+                information += slope * slope / one.variance;
+                force += slope * (one.z - value) / one.variance;
+            }
+            let next = (u + force / information).clamp(LOW, HIGH);
+            let step = (next - u).abs();
+            u = next;
+            if step < CONVERGED {
+                break;
+            }
+        }
+        (u, information)
+    }
+
+    /// Q, the smallest squared misfit of the residuals along the slopes, and its degrees of freedom: `min over d of
+    /// (r - s d)' V^-1 (r - s d)`, V the variances and the covariance of the particles' shifts at delta.
+    fn misfit_square(
+        &self,
+        modes: &[usize],
+        residuals: &[f64],
+        variances: &[f64],
+        delta: f64,
+    ) -> (f64, usize) {
+        let count = modes.len();
+        if count < 2 || self.log_forces.is_empty() {
+            return (0.0, 0);
+        }
+        let delta = delta.clamp(LOW, HIGH);
+        let (means, products) = self.polynomials.moments(self.log_forces.len(), modes, delta);
+        let particles = self.log_forces.len() as f64;
+        let covariance = DMatrix::from_fn(count, count, |a, b| {
+            let shared = products[a * count + b] / particles - means[a] * means[b] / (particles * particles);
+            shared + if a == b { variances[a] } else { 0.0 }
+        });
+        let Some(factor) = covariance.cholesky() else {
+            return (0.0, 0);
+        };
+        let residual = DVector::from_column_slice(residuals);
+        let slope = DVector::from_iterator(
+            count,
+            modes
+                .iter()
+                .map(|mode| mean_and_slope(&self.means[*mode], delta).1),
+        );
+        let weighted = factor.solve(&residual);
+        let along = slope.dot(&weighted);
+        let q = residual.dot(&weighted) - along * along / slope.dot(&factor.solve(&slope));
+        (q.max(0.0), count - 1)
+    }
+}
+
+/// Weighted mean, standard deviation and effective number of draws.
+struct Moments {
+    mean: f64,
+    sd: f64,
+    ess: f64,
+}
+
+impl Moments {
+    fn of(weights: &[f64], values: &[f64]) -> Self {
+        // Sums lane by lane, in an order that does not depend on the processor; counted from the first value, so that
+        // nothing cancels.
+        let from = values[0];
+        let mut sums = [[0.0; LANES]; 4];
+        for (w, x) in weights.chunks_exact(LANES).zip(values.chunks_exact(LANES)) {
+            for l in 0..LANES {
+                let off = x[l] - from;
+                sums[0][l] += w[l];
+                sums[1][l] += w[l] * w[l];
+                sums[2][l] += w[l] * off;
+                sums[3][l] += w[l] * off * off;
+            }
+        }
+        let [sum, squares, first, second] = sums.map(|lanes| lanes.iter().sum::<f64>());
+        let mean = first / sum;
+        Self {
+            mean: from + mean,
+            sd: (second / sum - mean * mean).max(0.0).sqrt(),
+            ess: sum * sum / squares,
+        }
+    }
+}
+
+/// Quantiles of weighted values, to a thousandth of their range: the weight is summed in narrow bins and taken as even
+/// within each.
+fn quantiles<const S: usize>(values: &[f64], weights: &[f64], shares: [f64; S]) -> [f64; S] {
+    let (low, high) = values
+        .iter()
+        .zip(weights)
+        .filter(|(_, weight)| **weight > 0.0)
+        .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), (x, _)| {
+            (low.min(*x), high.max(*x))
+        });
+    let step = (high - low) / BINS as f64;
+    if step.is_nan() || step <= 0.0 {
+        return [low; S];
+    }
+    let mut bins = [0.0; BINS];
+    for (x, weight) in values.iter().zip(weights) {
+        // Values outside have no weight; the cast saturates.
+        bins[(((x - low) / step) as usize).min(BINS - 1)] += weight;
+    }
+    let sum: f64 = bins.iter().sum();
+    shares.map(|share| {
+        let mut below = 0.0;
+        for (bin, weight) in bins.iter().enumerate() {
+            if below + weight >= share * sum && *weight > 0.0 {
+                return low + step * (bin as f64 + (share * sum - below) / weight);
+            }
+            below += weight;
+        }
+        high
+    })
+}
+
+/// Shares from 0 to 1, [`PER_PARTICLE`] for each particle of `blocks`: one in each of as many equal strata,
+/// at places that run evenly through it from particle to particle by the golden ratio.
+fn lattice(blocks: usize) -> Vec<Lanes> {
+    const GOLDEN: f64 = 0.618_033_988_749_894_9;
+    let count = (blocks * LANES) as f64;
+    let mut lattice = vec![[0.0; LANES]; blocks * PER_PARTICLE];
+    for (block, rows) in lattice.chunks_exact_mut(PER_PARTICLE).enumerate() {
+        for (j, row) in rows.iter_mut().enumerate() {
+            for (l, share) in row.iter_mut().enumerate() {
+                let particle = (block * LANES + l) as f64;
+                // Strata of one particle are not to be in step with each other.
+                let place = (GOLDEN * particle + 0.5 / count + j as f64 / PER_PARTICLE as f64).fract();
+                *share = (j as f64 + place) / PER_PARTICLE as f64;
+            }
+        }
+    }
+    lattice
+}
+
+/// The standard normal's quantile, by Newton's method on `erfc`; shares closer to 0 or 1 than 1e-5 count as that.
+fn normal_quantile(share: f64) -> f64 {
+    let tail = share.min(1.0 - share).max(1e-5);
+    // The tail is convex and falls: steps from the left of the root never pass it.
+    let mut x: f64 = 0.0;
+    for _ in 0..NEWTON {
+        let excess = 0.5 * libm::erfc(x * FRAC_1_SQRT_2) - tail;
+        let density = libm::exp(-0.5 * x * x) / (2.0 * PI).sqrt();
+        let step = excess / density;
+        x += step;
+        if step.abs() < 1e-12 {
+            break;
+        }
+    }
+    if share < 0.5 { -x } else { x }
+}
+
+/// P(chi-square > q) for up to four degrees of freedom in closed form; one without any.
+fn chi_square_tail(q: f64, freedom: usize) -> f64 {
+    let half = 0.5 * q;
+    match freedom {
+        0 => 1.0,
+        1 => libm::erfc(half.sqrt()),
+        2 => libm::exp(-half),
+        3 => libm::erfc(half.sqrt()) + 2.0 * (half / PI).sqrt() * libm::exp(-half),
+        _ => libm::exp(-half) * (1.0 + half),
+    }
+}
+
+const _: () = assert!(MAX_MODES <= 5, "the closed forms end at four degrees of freedom");
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use statrs::distribution::{ChiSquared, ContinuousCDF, Normal};
+
+    #[test]
+    fn normal_quantiles_and_chi_square_tails_are_the_published_ones() {
+        assert!((normal_quantile(0.975) - 1.959_963_984_540_054).abs() < 1e-12);
+        assert!((normal_quantile(0.1) + 1.281_551_565_544_600_4).abs() < 1e-12);
+        assert_eq!(normal_quantile(0.0), normal_quantile(1e-6));
+        for step in 1..100 {
+            let share = f64::from(step) / 100.0;
+            assert!((Normal::standard().cdf(normal_quantile(share)) - share).abs() < 1e-9);
+        }
+        for freedom in 1..=4 {
+            let reference = ChiSquared::new(freedom as f64).unwrap();
+            for q in [0.0, 0.1, 1.0, 5.0, 13.8, 30.0] {
+                assert!(
+                    (chi_square_tail(q, freedom) - reference.sf(q)).abs() < 1e-10,
+                    "{freedom} {q}"
+                );
+            }
+        }
+        // Far out, where a difference from one would be zero: exp(-500).
+        assert!((chi_square_tail(1000.0, 2) / (-500f64).exp() - 1.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn the_lattice_spreads_evenly_over_all_and_within_each() {
+        let lattice = lattice(64);
+        let mut all: Vec<f64> = lattice.as_flattened().to_vec();
+        all.sort_by(f64::total_cmp);
+        let count = all.len() as f64;
+        for (i, share) in all.iter().enumerate() {
+            // The golden ratio leaves gaps of a few spacings.
+            assert!((share - (i as f64 + 0.5) / count).abs() < 4.0 / count);
+        }
+        for block in lattice.chunks(PER_PARTICLE) {
+            for l in 0..LANES {
+                for (j, lanes) in block.iter().enumerate() {
+                    assert_eq!((lanes[l] * PER_PARTICLE as f64) as usize, j);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn quantiles_of_weighted_values() {
+        let values: Vec<f64> = (0..4000).map(|i| f64::from(i) / 4000.0).collect();
+        let weights: Vec<f64> = values.clone();
+        // Density 2 x: the quantile is the root of the share.
+        for (share, quantile) in
+            [0.025, 0.5, 0.975]
+                .into_iter()
+                .zip(quantiles(&values, &weights, [0.025, 0.5, 0.975]))
+        {
+            assert!((quantile - f64::sqrt(share)).abs() < 2e-3);
+        }
+        assert_eq!(quantiles(&[3.0; 8], &[1.0; 8], [0.5]), [3.0]);
+    }
+}

@@ -1,0 +1,197 @@
+//! Temperature readings that cannot be what they claim: another unit, a broken wire, a thermometer that stands still.
+//!
+//! * `standstill` dead thermometers, by the law of the thermometer's own standstills
+//! * [`pair`]     two thermometers of one site that move apart
+//! * [`common`]   rods that move together as a wrong thermometer would make them
+
+pub mod common;
+pub mod pair;
+mod standstill;
+
+use crate::analysis::signal::record::{Reading, Timestamp};
+use serde::{Deserialize, Serialize};
+use standstill::{Standstill, Still};
+
+/// Temperatures of no rod in a building \[degC\].
+const POSSIBLE_C: std::ops::RangeInclusive<f64> = -60.0..=90.0;
+
+/// Most that the temperature changes at once, what a day without readings and a day of doubted ones add, and the most in
+/// any time \[K\]: weather and sun stay below, and degrees Fahrenheit lie at least 22 K above the same degrees Celsius
+/// from -12 degC on.
+const JUMP_K: f64 = 20.0;
+const SILENT_K_PER_DAY: f64 = 0.5;
+const DOUBTED_K_PER_DAY: f64 = 0.1;
+const MOST_K: f64 = 45.0;
+
+/// Memory with which the next reading is judged.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct Thermometer {
+    /// The last reading that was believed.
+    last: Option<Reading>,
+    /// Time since which readings have lain far from it.
+    away: Option<Timestamp>,
+    /// Law of its own standstills.
+    #[serde(default)]
+    standstill: Standstill,
+    /// True while readings of the present standstill wait for what follows, or are not believed.
+    #[serde(default)]
+    is_held: bool,
+    /// Why the last reading was not believed.
+    doubt: Option<Doubt>,
+}
+
+/// Why a reading is not believed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Doubt {
+    /// It lies far from the readings before.
+    Jump,
+    /// It has not changed for longer than this thermometer's readings do.
+    Still,
+}
+
+impl Thermometer {
+    /// Judges a reading: true if it is believed.
+    pub fn believes(&mut self, reading: &Reading) -> bool {
+        self.doubt = self.look(reading);
+        self.doubt.is_none()
+    }
+
+    /// The time up to which readings are believed. In a standstill that is rare for this thermometer that is its first reading: those after
+    /// it wait until the temperature changes, and are withdrawn when it is found dead. `None` before any reading.
+    pub fn trusted_until(&self) -> Option<Timestamp> {
+        let last = self.last?.time;
+        Some(if self.is_held {
+            self.standstill.since().unwrap_or(last)
+        } else {
+            last
+        })
+    }
+
+    /// One clause for people: why there is no temperature.
+    pub fn message(&self) -> &'static str {
+        match self.doubt {
+            None => "no reading comes",
+            Some(Doubt::Jump) => "the temperature jumped: check unit and wiring of the thermometer",
+            Some(Doubt::Still) => {
+                "the temperature has not changed for longer than it ever should: check the thermometer"
+            }
+        }
+    }
+
+    fn look(&mut self, reading: &Reading) -> Option<Doubt> {
+        if !POSSIBLE_C.contains(&reading.celsius) {
+            return Some(Doubt::Jump);
+        }
+        let Some(last) = self.last else {
+            self.last = Some(*reading);
+            self.standstill.take(reading);
+            return None;
+        };
+        let passed_s = reading.time.seconds_since(last.time);
+        let away = self.away.unwrap_or(reading.time);
+        let days = |from: Timestamp, to: Timestamp| to.seconds_since(from).abs() / 86_400.0;
+        let jump_k =
+            JUMP_K + SILENT_K_PER_DAY * days(last.time, away) + DOUBTED_K_PER_DAY * days(away, reading.time);
+        if (reading.celsius - last.celsius).abs() > jump_k.min(MOST_K) {
+            self.away = Some(away);
+            return Some(Doubt::Jump);
+        }
+        self.away = None;
+        if passed_s <= 0.0 {
+            return None;
+        }
+        self.last = Some(*reading);
+        let still = self.standstill.take(reading);
+        self.is_held = still != Still::No;
+        (still == Still::Dead).then_some(Doubt::Still)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn reading(hour: f64, celsius: f64) -> Reading {
+        Reading {
+            time: Timestamp::from_nanos(0).plus_seconds(3600.0 * hour),
+            celsius,
+        }
+    }
+
+    fn of_a_month() -> Thermometer {
+        let mut thermometer = Thermometer::default();
+        for hour in 0..720 {
+            let hour = f64::from(hour);
+            assert!(thermometer.believes(&reading(hour, 8.0 + 8.0 * (hour * 0.2618).sin())));
+        }
+        thermometer
+    }
+
+    #[test]
+    fn another_unit_and_a_broken_wire_are_no_weather() {
+        for celsius in [-12.0, -5.0, 3.0, 10.0, 16.0] {
+            let mut thermometer = of_a_month();
+            thermometer.last = Some(reading(719.0, celsius));
+            let fahrenheit = 1.8 * celsius + 32.0;
+            for hour in 0..10 {
+                assert!(!thermometer.believes(&reading(720.0 + f64::from(hour), fahrenheit)));
+            }
+            assert!(thermometer.message().contains("unit"));
+            assert!(thermometer.believes(&reading(731.0, celsius + 1.0)));
+        }
+        for wrong in [85.0, -127.0, 1e9, f64::NAN, f64::INFINITY] {
+            assert!(!of_a_month().believes(&reading(720.0, wrong)), "{wrong}");
+        }
+        // A summer after a winter without readings.
+        let mut thermometer = of_a_month();
+        thermometer.last = Some(reading(719.0, -2.0));
+        assert!(thermometer.believes(&reading(720.0 + 24.0 * 150.0, 33.0)));
+    }
+
+    #[test]
+    fn a_thermometer_that_stands_still_is_told_from_a_room_of_constant_temperature() {
+        let mut thermometer = of_a_month();
+        let believed = (0..100).filter(|&hour| thermometer.believes(&reading(720.0 + f64::from(hour), 9.0)));
+        assert_eq!(believed.count(), 11);
+        assert!(thermometer.message().contains("not changed"));
+        // All but the first of the equal readings is withdrawn, not only those after it was found.
+        assert_eq!(thermometer.trusted_until(), Some(reading(720.0, 9.0).time));
+        assert!(thermometer.believes(&reading(821.0, 9.1)));
+        assert_eq!(thermometer.trusted_until(), Some(reading(821.0, 9.1).time));
+        // Constant from the start; later in steps of half a kelvin, each for weeks.
+        let mut thermometer = Thermometer::default();
+        for hour in 0..3000 {
+            let celsius = 18.0 + 0.5 * f64::from(hour / 700);
+            assert!(thermometer.believes(&reading(f64::from(hour), celsius)), "{hour}");
+        }
+    }
+
+    #[test]
+    fn what_comes_late_is_judged_and_teaches_nothing() {
+        let mut thermometer = of_a_month();
+        let before = thermometer.clone();
+        assert!(thermometer.believes(&reading(700.0, 9.0)));
+        assert_eq!(thermometer, before);
+        assert!(!thermometer.believes(&reading(700.0, 60.0)));
+        assert!(thermometer.believes(&reading(720.0, 9.0)));
+    }
+
+    /// A state that an earlier version wrote goes on; its standstill is counted anew.
+    #[test]
+    fn a_state_of_an_earlier_version_is_read() {
+        let text =
+            r#"{"last":{"time":0,"celsius":9.0},"away":null,"still":[0,7],"longest_s":7200.0,"doubt":null}"#;
+        let written = text.replace(
+            "\"time\":0",
+            &format!(
+                "\"time\":{}",
+                serde_json::to_string(&reading(0.0, 9.0).time).unwrap()
+            ),
+        );
+        let mut thermometer: Thermometer = serde_json::from_str(&written).unwrap();
+        assert_eq!(thermometer.trusted_until(), Some(reading(0.0, 9.0).time));
+        assert!(!thermometer.believes(&reading(1.0, 60.0)));
+        assert!(thermometer.believes(&reading(2.0, 9.1)));
+    }
+}

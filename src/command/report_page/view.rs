@@ -1,0 +1,188 @@
+//! What a report is about, as plain data: whoever fills it, a store or a test, the page is the same.
+
+use crate::analysis::findings::Doubt;
+use crate::analysis::record_view::Snapshot;
+use crate::analysis::signal::record::Timestamp;
+use crate::analysis::track::{Alarm, Interval, Period, RodState};
+
+/// A site and its rods.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct SiteReport {
+    /// The site's name.
+    pub site: String,
+    /// Its rods, in the order shown.
+    pub rods: Vec<RodReport>,
+    /// What the numbers depend on, as name and value: program, configuration, analysis version, seed.
+    pub provenance: Vec<(String, String)>,
+}
+
+/// One rod.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RodReport {
+    /// Its id.
+    pub rod: String,
+    /// How it stands after its last record; `None` if it is not tracked.
+    pub state: Option<RodState>,
+    /// Unit of its samples as written, if known: `m`, `m/s`.
+    pub motion_unit: Option<String>,
+    /// What its configuration says of it, as name and value: length, section, material, supports.
+    pub facts: Vec<(String, String)>,
+    /// Records that a baseline takes, if known.
+    pub baseline_takes: Option<usize>,
+    /// Identified records, ascending in time.
+    pub records: Vec<RecordPoint>,
+    /// Refused records by reason, the most frequent first.
+    pub rejections: Vec<RejectionCount>,
+    /// Stretches of history with one baseline each, ascending.
+    pub segments: Vec<SegmentReport>,
+    /// Closed periods with their segment's number, ascending.
+    pub periods: Vec<(u32, Period)>,
+    /// What temperature does, as learned.
+    pub thermal: Option<ThermalLine>,
+    /// Every alarm there was, in the order raised.
+    pub alarms: Vec<Alarm>,
+    /// The first record of the present baseline.
+    pub baseline: Option<Snapshot>,
+    /// The latest identified record.
+    pub latest: Option<Snapshot>,
+    /// The latest refused record that has samples left.
+    pub refused: Option<Snapshot>,
+}
+
+impl RodReport {
+    /// A rod of which nothing is known.
+    pub fn new(rod: &str) -> Self {
+        Self {
+            rod: rod.to_owned(),
+            state: None,
+            motion_unit: None,
+            facts: Vec::new(),
+            baseline_takes: None,
+            records: Vec::new(),
+            rejections: Vec::new(),
+            segments: Vec::new(),
+            periods: Vec::new(),
+            thermal: None,
+            alarms: Vec::new(),
+            baseline: None,
+            latest: None,
+            refused: None,
+        }
+    }
+
+    /// Alarms that are not over.
+    pub fn standing(&self) -> impl Iterator<Item = &Alarm> {
+        self.alarms.iter().filter(|alarm| !alarm.is_over())
+    }
+
+    /// The record of a rod measured once: there is nothing to compare it with.
+    pub fn only_record(&self) -> Option<&RecordPoint> {
+        match &self.records[..] {
+            [only] if only.ratio.is_none() => Some(only),
+            _ => None,
+        }
+    }
+
+    /// The present segment.
+    pub fn segment(&self) -> Option<&SegmentReport> {
+        self.segments.last()
+    }
+}
+
+/// One record without a rod.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SpectrumReport {
+    /// The file it came from.
+    pub file: String,
+    /// Its channel, or its rod.
+    pub channel: String,
+    /// Unit of its samples as written, if known.
+    pub unit: Option<String>,
+    /// The band that was searched for peaks \[Hz\].
+    pub band_hz: Option<(f64, f64)>,
+    /// What the quality checks noticed.
+    pub flags: Vec<String>,
+    /// The force it gives, in words, if a rod is known.
+    pub force: Option<String>,
+    /// Its picture, if it has samples.
+    pub record: Option<Snapshot>,
+    /// Why it was refused, if it was.
+    pub fault: Option<String>,
+}
+
+/// One identified record.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RecordPoint {
+    /// Time of the first sample.
+    pub start: Timestamp,
+    /// The segment it belongs to.
+    pub segment: Option<u32>,
+    /// Absolute force from this record alone \[N\].
+    pub force_n: Interval,
+    /// Force given the baseline, at the measured temperature \[N\].
+    pub tracked_force_n: Option<Interval>,
+    /// Force given the baseline, at the reference temperature \[N\].
+    pub force_at_reference_n: Option<Interval>,
+    /// N_t / N_0 at the measured temperature.
+    pub ratio: Option<Interval>,
+    /// N_t / N_0 at the reference temperature.
+    pub ratio_at_reference: Option<Interval>,
+    /// Temperature \[degC\].
+    pub temperature_c: Option<f64>,
+    /// Reference temperature \[degC\].
+    pub reference_c: Option<f64>,
+    /// Natural frequencies: order, frequency \[Hz\], standard error \[Hz\].
+    pub modes: Vec<(usize, f64, f64)>,
+    /// Conflict with the model, in standard deviations.
+    pub conflict: Option<f64>,
+    /// Reasons to doubt the force of this record alone.
+    pub doubts: Vec<Doubt>,
+    /// Why it does not count on the charts, if it does not.
+    pub set_aside: Option<String>,
+}
+
+/// Records refused for one reason.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RejectionCount {
+    /// The reason's code.
+    pub code: String,
+    /// How many.
+    pub count: usize,
+    /// When last.
+    pub last: Option<Timestamp>,
+    /// What was said the last time.
+    pub message: String,
+}
+
+/// A stretch of history with one baseline.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SegmentReport {
+    /// From 1.
+    pub number: u32,
+    /// Why it was opened.
+    pub reason: String,
+    /// First and last record of the baseline, once learned.
+    pub baseline: Option<(Timestamp, Timestamp)>,
+    /// Records of the baseline.
+    pub records: usize,
+    /// By how much the frequencies scatter more than their standard errors, as a factor.
+    pub overdispersion: Option<f64>,
+    /// Reference temperature \[degC\].
+    pub reference_c: Option<f64>,
+    /// Why the last attempt at a baseline failed.
+    pub fault: Option<String>,
+}
+
+/// What temperature does to the relative force, as learned.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ThermalLine {
+    /// Slope \[1/K\].
+    pub slope_per_k: f64,
+    /// Its standard deviation \[1/K\].
+    pub slope_sd_per_k: f64,
+}
+
+/// Unix seconds, for drawing.
+pub(super) fn unix_s(time: Timestamp) -> f64 {
+    time.as_nanos() as f64 * 1e-9
+}

@@ -1,0 +1,102 @@
+//! Passwords, tokens and certificates: always in files, read when they are needed, never kept, never logged.
+
+use crate::service::alert::Failure;
+use std::fs::File;
+use std::io::Read;
+use std::path::PathBuf;
+
+/// What a path begins with that lies in the folder of systemd's `LoadCredential=`.
+const PREFIX: &str = "$CREDENTIALS_DIRECTORY/";
+
+/// The longest file read \[bytes\].
+const LONGEST: u64 = 1 << 20;
+
+/// The path of a file with a password, a token or certificates, as the configuration has it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct CredentialPath(String);
+
+impl CredentialPath {
+    /// From the text of the configuration; a leading `$CREDENTIALS_DIRECTORY/` is looked up at each reading.
+    pub fn new(text: &str) -> Self {
+        Self(text.to_owned())
+    }
+
+    /// As the configuration has it.
+    pub fn as_str(&self) -> &str {
+        &self.0
+    }
+
+    /// What the file holds.
+    ///
+    /// # Errors
+    /// It cannot be read.
+    pub fn read(&self) -> Result<Vec<u8>, Failure> {
+        let path = self.path()?;
+        let mut bytes = Vec::new();
+        File::open(&path)
+            .and_then(|file| file.take(LONGEST).read_to_end(&mut bytes))
+            .map_err(|error| Failure::new(format!("{}: {error}", self.0)))?;
+        Ok(bytes)
+    }
+
+    /// The one line the file holds.
+    ///
+    /// # Errors
+    /// It cannot be read, or holds something else than one line of text.
+    pub fn read_line(&self) -> Result<String, Failure> {
+        let text = String::from_utf8(self.read()?).ok();
+        let line = text.as_deref().map(|text| text.trim_end_matches(['\r', '\n']));
+        match line {
+            Some(line) if !line.is_empty() && !line.chars().any(char::is_control) => Ok(line.to_owned()),
+            _ => Err(Failure::new(format!("{} does not hold one line of text", self.0))),
+        }
+    }
+
+    fn path(&self) -> Result<PathBuf, Failure> {
+        let Some(name) = self.0.strip_prefix(PREFIX) else {
+            return Ok(PathBuf::from(&self.0));
+        };
+        match std::env::var_os("CREDENTIALS_DIRECTORY") {
+            Some(folder) => Ok(PathBuf::from(folder).join(name)),
+            None => Err(Failure::new(format!(
+                "{}: $CREDENTIALS_DIRECTORY is not set; systemd sets it for a unit with LoadCredential=",
+                self.0
+            ))),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn one_line_is_wanted() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("token");
+        let file = CredentialPath::new(path.to_str().unwrap());
+        assert!(file.read_line().unwrap_err().reason.contains("token"));
+        for (text, line) in [
+            ("secret\n", Some("secret")),
+            ("se cret", Some("se cret")),
+            ("secret\r\n", Some("secret")),
+            ("", None),
+            ("\n", None),
+            ("two\nlines\n", None),
+        ] {
+            std::fs::write(&path, text).unwrap();
+            assert_eq!(file.read_line().ok().as_deref(), line, "{text:?}");
+        }
+    }
+
+    #[test]
+    fn a_missing_credentials_folder_is_named() {
+        // The tests of this crate run without systemd.
+        if std::env::var_os("CREDENTIALS_DIRECTORY").is_none() {
+            let failure = CredentialPath::new("$CREDENTIALS_DIRECTORY/mail")
+                .read()
+                .unwrap_err();
+            assert!(failure.reason.contains("LoadCredential"), "{}", failure.reason);
+        }
+    }
+}

@@ -1,0 +1,147 @@
+//! Whether what the file, the command line and the configuration say of rates and times is the same.
+
+use super::asked::{Asked, channels_of};
+use super::plan::Plan;
+use super::{ImportError, Stamps, Timing, grid};
+use crate::analysis::signal::record::{RodChannels, Timestamp};
+use crate::recording::read::contents::rounded;
+use crate::recording::write::Layout;
+
+/// Two rates that differ by more than this share are not the same.
+const RATE_ERROR: f64 = 1e-3;
+
+impl Plan {
+    /// Holds the channels against those a configuration reads.
+    pub(super) fn check(&self, rods: &[RodChannels], is_written: bool) -> Result<(), ImportError> {
+        if rods.is_empty() {
+            return Ok(());
+        }
+        let mut topics = Vec::new();
+        let mut is_read = false;
+        for (rod, channel) in channels_of(rods) {
+            topics.push(channel.topic.as_str());
+            for planned in self
+                .channels
+                .iter()
+                .filter(|planned| planned.topic == channel.topic)
+            {
+                is_read = true;
+                let refuse = |what: String| {
+                    Err(ImportError::new(format!(
+                        "channel {:?}, rod {rod}: {what}",
+                        planned.topic
+                    )))
+                };
+                let field = planned.field(self.encoding);
+                if is_written && channel.field != field {
+                    return refuse(format!(
+                        "the samples are written into the field {field:?}, the configuration reads {:?}",
+                        channel.field
+                    ));
+                }
+                if let Some(fs_hz) = channel.fs_hz
+                    && !is_same_rate(fs_hz, planned.fs_hz)
+                {
+                    return refuse(format!(
+                        "the file has {} Hz, the configuration says fs_hz = {fs_hz}",
+                        rounded(planned.fs_hz)
+                    ));
+                }
+                if is_written && channel.fs_hz.is_none() && matches!(planned.layout, Layout::Batch(_)) {
+                    return refuse(format!(
+                        "the configuration needs fs_hz = {:?} for it",
+                        planned.fs_hz
+                    ));
+                }
+            }
+        }
+        if is_read {
+            return Ok(());
+        }
+        let have: Vec<&str> = self
+            .channels
+            .iter()
+            .map(|channel| channel.topic.as_str())
+            .collect();
+        Err(ImportError::new(format!(
+            "the configuration reads {}, the file gives {}: --channel SOURCE=TOPIC names a channel as the configuration does",
+            topics.join(", "),
+            have.join(", ")
+        )))
+    }
+}
+
+pub(super) fn no_start(told: &str) -> ImportError {
+    ImportError::new(format!(
+        "the file does not say when {told} began: --start 2026-03-01T06:00:00Z says it"
+    ))
+}
+
+/// What to add to stamps so that they count from 1970 \[ns\].
+pub(super) fn base(stamps: &Stamps, asked: &Asked<'_>, told: &str) -> Result<i64, ImportError> {
+    let first = stamps.nanos.first().copied().unwrap_or_default();
+    let start = asked.start.or(asked.start_else.filter(|_| !stamps.absolute));
+    match (stamps.absolute, start) {
+        (true, None) => Ok(0),
+        (true, Some(start)) => Err(ImportError::new(format!(
+            "{told} begins at {} by its stamps, at {start} by --start: leave --start out",
+            Timestamp::from_nanos(first)
+        ))),
+        (false, Some(start)) => Ok(start.as_nanos().saturating_sub(first)),
+        (false, None) => Err(no_start(told)),
+    }
+}
+
+pub(super) fn is_same_rate(a: f64, b: f64) -> bool {
+    (a / b - 1.0).abs() <= RATE_ERROR
+}
+
+/// Refuses a rate that somebody says and the file contradicts.
+pub(super) fn agree(fs_hz: f64, said: Option<f64>, told: &str) -> Result<(), ImportError> {
+    match said {
+        Some(said) if !is_same_rate(said, fs_hz) => Err(contradicted(fs_hz, said, told)),
+        _ => Ok(()),
+    }
+}
+
+fn contradicted(fs_hz: f64, said: f64, told: &str) -> ImportError {
+    ImportError::new(format!(
+        "{told} has {} Hz by the file, {said} Hz by --rate",
+        rounded(fs_hz)
+    ))
+}
+
+/// The rate of samples without stamps \[Hz\].
+pub(super) fn rate(
+    timing: &Timing,
+    said: Option<f64>,
+    of_config: Option<f64>,
+    told: &str,
+) -> Result<f64, ImportError> {
+    let Timing::Rate { fs_hz, rounding, .. } = timing else {
+        return said.or(of_config).ok_or_else(|| {
+            ImportError::new(format!(
+                "the file does not say the sample rate of {told}: --rate HZ says it, --time COLUMN where the stamps are"
+            ))
+        });
+    };
+    let allowed = RATE_ERROR.max(*rounding);
+    let is_near = |said: &f64| (said / fs_hz - 1.0).abs() <= allowed;
+    match (said, of_config.filter(is_near)) {
+        (Some(said), _) if !is_near(&said) => Err(contradicted(*fs_hz, said, told)),
+        // A header of few digits is as good as who says the rate.
+        (Some(said), _) if *rounding > 0.0 => Ok(said),
+        (None, Some(of_config)) if *rounding > RATE_ERROR => Ok(of_config),
+        (None, None) if *rounding > RATE_ERROR => Err(ImportError::new(format!(
+            "the file writes the rate of {told} with so few digits ({} Hz give or take {:.1} %) that it is none: --rate HZ says it",
+            rounded(*fs_hz),
+            100.0 * rounding
+        ))),
+        // A header of six digits makes 1024 Hz 1024.0004 Hz.
+        _ if *rounding > 0.0 => {
+            let interval_ns = 1e9 / fs_hz;
+            Ok(1e9 / grid::simplest(interval_ns, interval_ns * rounding))
+        }
+        _ => Ok(*fs_hz),
+    }
+}

@@ -1,0 +1,184 @@
+//! What somebody asks of a file, and whether file, command line and configuration agree.
+
+use super::{ImportError, Signal};
+use crate::analysis::signal::record::{Channel, RodChannels, Timestamp, Unit};
+
+/// A channel that somebody wants, as `SOURCE[=TOPIC][,UNIT]`.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Wanted {
+    /// Its name or number in the file.
+    pub source: String,
+    /// The topic it gets, else its name.
+    pub topic: Option<String>,
+    /// Its unit, if the file does not say it.
+    pub unit: Option<Unit>,
+}
+
+impl Wanted {
+    /// From `SOURCE`, `SOURCE=TOPIC`, `SOURCE=TOPIC,UNIT` or `SOURCE=,UNIT`.
+    ///
+    /// # Errors
+    /// There is no source, or the unit is none of ours.
+    pub fn parse(text: &str) -> Result<Self, String> {
+        let (source, rest) = text.split_once('=').unwrap_or((text, ""));
+        let (topic, unit) = match rest.rsplit_once(',') {
+            Some((topic, unit)) => (topic, Some(unit)),
+            None => (rest, None),
+        };
+        let unit = unit
+            .map(|unit| Unit::as_written(unit).ok_or_else(|| unknown_unit(unit)))
+            .transpose()?;
+        if source.trim().is_empty() {
+            return Err("SOURCE[=TOPIC][,UNIT] is expected".to_owned());
+        }
+        Ok(Self {
+            source: source.trim().to_owned(),
+            topic: Some(topic.trim())
+                .filter(|topic| !topic.is_empty())
+                .map(str::to_owned),
+            unit,
+        })
+    }
+}
+
+/// What to say of a unit that is none of ours.
+pub fn unknown_unit(unit: &str) -> String {
+    let known: Vec<&str> = Unit::MOTION
+        .iter()
+        .chain(&Unit::TEMPERATURE)
+        .map(|unit| unit.key())
+        .collect();
+    format!("{unit:?} is no unit; there is {}", known.join(", "))
+}
+
+/// What is asked of a file.
+#[derive(Debug, Clone, Default)]
+pub struct Asked<'a> {
+    /// The channels wanted; empty: all.
+    pub channels: &'a [Wanted],
+    /// The unit of channels whose unit nobody else says.
+    pub unit: Option<Unit>,
+    /// The sample rate \[Hz\].
+    pub rate_hz: Option<f64>,
+    /// The time of the first sample.
+    pub start: Option<Timestamp>,
+    /// Interpolate to this rate \[Hz\].
+    pub resample_hz: Option<f64>,
+    /// The rods of a configuration the result is for; empty: any.
+    pub rods: &'a [RodChannels],
+    /// What stands in for a start that nobody says; none: it is refused.
+    pub start_else: Option<Timestamp>,
+    /// Whether a unit that nobody says is no fault: the samples are looked at as they are.
+    pub any_unit: bool,
+    /// Whether uneven stamps are handed on as they are, to be judged where records are made; else they are refused.
+    pub keeps_stamps: bool,
+}
+
+pub(super) fn channels_of(rods: &[RodChannels]) -> impl Iterator<Item = (&str, &Channel)> {
+    rods.iter().flat_map(|rod| {
+        std::iter::once(&rod.displacement)
+            .chain(rod.temperature.as_ref())
+            .map(|channel| (rod.rod.0.as_str(), channel))
+    })
+}
+
+/// The signals wanted, in the order they are.
+pub(super) fn choose(
+    signals: Vec<Signal>,
+    wanted: &[Wanted],
+) -> Result<Vec<(Signal, Option<&Wanted>)>, ImportError> {
+    if wanted.is_empty() {
+        return Ok(signals.into_iter().map(|signal| (signal, None)).collect());
+    }
+    let mut left: Vec<Option<Signal>> = signals.into_iter().map(Some).collect();
+    let names: Vec<(String, usize)> = left
+        .iter()
+        .flatten()
+        .map(|signal| (signal.name.clone(), signal.number))
+        .collect();
+    let mut chosen = Vec::with_capacity(wanted.len());
+    for one in wanted {
+        let source = &one.source;
+        let named = names.iter().position(|(name, _)| name == source);
+        let found = named.or_else(|| names.iter().position(|(_, number)| number.to_string() == *source));
+        let Some(place) = found else {
+            let known: Vec<String> = names
+                .iter()
+                .map(|(name, number)| format!("{number} ({name})"))
+                .collect();
+            return Err(ImportError::new(format!(
+                "no channel {source:?}; there is: {}",
+                known.join(", ")
+            )));
+        };
+        match left.get_mut(place).and_then(Option::take) {
+            Some(signal) => chosen.push((signal, Some(one))),
+            None => return Err(ImportError::new(format!("channel {source:?} is asked for twice"))),
+        }
+    }
+    Ok(chosen)
+}
+
+/// A signal's name in sentences.
+pub(super) fn told(signal: &Signal) -> String {
+    match signal.name.as_str() {
+        "" => format!("channel {}", signal.number),
+        name => format!("channel {} ({name})", signal.number),
+    }
+}
+
+/// The unit that file, command line and configuration agree on.
+pub(super) fn unit(
+    signal: &Signal,
+    wanted: Option<&Wanted>,
+    asked: &Asked<'_>,
+    topic: &str,
+) -> Result<Option<Unit>, ImportError> {
+    let told = told(signal);
+    let written = signal.unit.as_deref();
+    let of_file = written.and_then(Unit::as_written);
+    let is_temperature = |unit: &Unit| Unit::TEMPERATURE.contains(unit);
+    // What is said of all channels is not said of the thermometer among them.
+    let of_all = asked
+        .unit
+        .filter(|unit| of_file.is_none_or(|of_file| is_temperature(&of_file) == is_temperature(unit)));
+    let of_person = wanted.and_then(|wanted| wanted.unit).or(of_all);
+    if let (Some(of_file), Some(of_person)) = (of_file, of_person)
+        && of_file != of_person
+    {
+        return Err(ImportError::new(format!(
+            "{told} is in {} by the file, in {} by the command line",
+            of_file.key(),
+            of_person.key()
+        )));
+    }
+    let settled = of_person.or(of_file);
+    for (rod, channel) in channels_of(asked.rods).filter(|(_, channel)| channel.topic == topic) {
+        match settled {
+            Some(unit) if unit != channel.unit => {
+                return Err(ImportError::new(format!(
+                    "{told} is in {}, but the configuration reads {topic:?} of rod {rod} in {}: correct whichever is wrong",
+                    unit.key(),
+                    channel.unit.key()
+                )));
+            }
+            Some(_) => {}
+            // A unit that is written but none of ours: what the configuration says may be another one.
+            None if written.is_some() => {}
+            None => return Ok(Some(channel.unit)),
+        }
+    }
+    if settled.is_some() || asked.any_unit {
+        return Ok(settled);
+    }
+    Err({
+        let what = match written {
+            Some(written) => format!("the unit {written:?} of {told} is none of ours"),
+            None => format!("the file does not say the unit of {told}"),
+        };
+        ImportError::new(format!(
+            "{what}: --unit UNIT or --channel {}=,UNIT says it",
+            signal.number
+        ))
+    })
+}

@@ -1,0 +1,184 @@
+//! Which channels of a file are those of configured rods.
+
+use super::asked::{Asked, Wanted, channels_of, choose, told};
+use super::contents::describe;
+use super::{ImportError, Signal, Timing, is_time_name, ramp};
+use crate::analysis::signal::record::{RodChannels, Unit};
+
+/// The most channels named in a refusal.
+const NAMED: usize = 12;
+
+/// Channels with what was wanted of each, and sentences about what was taken for what.
+type Chosen = (Vec<(Signal, Wanted)>, Vec<String>);
+
+/// A file's channels under the topics of the rods that read them, and sentences about what was taken for what. Without
+/// `is_meant`, a channel is nobody's unless it says so itself: the rods are not of this file.
+///
+/// # Errors
+/// It is not clear which channel is whose; the sentence names what there is and the next step.
+pub(super) fn for_rods(
+    signals: Vec<Signal>,
+    asked: &Asked<'_>,
+    is_meant: bool,
+) -> Result<Chosen, ImportError> {
+    if !asked.channels.is_empty() {
+        return named(signals, asked, is_meant);
+    }
+    let is_topic = |signal: &Signal| channels_of(asked.rods).any(|(_, channel)| channel.topic == signal.name);
+    let is_displacement =
+        |signal: &Signal| asked.rods.iter().any(|rod| rod.displacement.topic == signal.name);
+    if signals.iter().any(is_displacement) {
+        let chosen = signals.into_iter().filter(is_topic);
+        let under = |signal: Signal| {
+            let topic = signal.name.clone();
+            as_topic(signal, topic)
+        };
+        return Ok((chosen.map(under).collect(), Vec::new()));
+    }
+    match asked.rods {
+        [rod] if is_meant => only(signals, rod),
+        [_] => Err(of_nobody(&signals)),
+        rods => Err(ImportError::new(format!(
+            "none of its channels is called like a topic of the configuration; {}; --channel SOURCE=TOPIC says which is which \
+             ({})",
+            holds(&signals),
+            topics(rods)
+        ))),
+    }
+}
+
+fn as_topic(signal: Signal, topic: String) -> (Signal, Wanted) {
+    let wanted = Wanted {
+        source: signal.number.to_string(),
+        topic: Some(topic),
+        unit: None,
+    };
+    (signal, wanted)
+}
+
+/// The topics of displacements.
+fn topics(rods: &[RodChannels]) -> String {
+    let topics: Vec<&str> = rods.iter().map(|rod| rod.displacement.topic.as_str()).collect();
+    topics.join(", ")
+}
+
+/// What a file holds, for refusals.
+pub(super) fn holds(signals: &[Signal]) -> String {
+    let mut named: Vec<String> = signals
+        .iter()
+        .take(NAMED)
+        .map(|signal| format!("{} {:?} ({})", signal.number, signal.name, describe(signal)))
+        .collect();
+    if signals.len() > NAMED {
+        named.push(format!("and {} more", signals.len() - NAMED));
+    }
+    format!("it holds {}", named.join(", "))
+}
+
+fn is_temperature(signal: &Signal) -> bool {
+    let unit = signal.unit.as_deref().and_then(Unit::as_written);
+    unit.is_some_and(|unit| Unit::TEMPERATURE.contains(&unit))
+}
+
+/// The channels somebody asked for; one without a topic is that of the only rod.
+fn named(signals: Vec<Signal>, asked: &Asked<'_>, is_meant: bool) -> Result<Chosen, ImportError> {
+    let mut found: Vec<(Signal, Wanted)> = Vec::new();
+    let mut notes = Vec::new();
+    for (signal, wanted) in choose(signals, asked.channels)? {
+        let unit = wanted.and_then(|wanted| wanted.unit);
+        let said = wanted.and_then(|wanted| wanted.topic.clone());
+        let is_topic = channels_of(asked.rods).any(|(_, channel)| channel.topic == signal.name);
+        let topic = match (said, asked.rods) {
+            (Some(topic), _) => topic,
+            (None, _) if is_topic => signal.name.clone(),
+            (None, [rod]) if is_meant => {
+                let is_thermometer =
+                    unit.map_or(is_temperature(&signal), |unit| Unit::TEMPERATURE.contains(&unit));
+                let thermometer = rod.temperature.as_ref().filter(|_| is_thermometer);
+                thermometer.unwrap_or(&rod.displacement).topic.clone()
+            }
+            (None, [_]) => return Err(of_nobody(&[signal])),
+            (None, rods) => {
+                return Err(ImportError::new(format!(
+                    "several rods are configured: --channel {}=TOPIC says whose {} is ({})",
+                    signal.number,
+                    told(&signal),
+                    topics(rods)
+                )));
+            }
+        };
+        notes.push(format!(
+            "{} is read as {topic}{}",
+            told(&signal),
+            of_rod(asked.rods, &topic)
+        ));
+        let (signal, wanted) = as_topic(signal, topic);
+        found.push((signal, Wanted { unit, ..wanted }));
+    }
+    Ok((found, notes))
+}
+
+/// Whose a topic is, for sentences.
+fn of_rod(rods: &[RodChannels], topic: &str) -> String {
+    let of = channels_of(rods).find(|(_, channel)| channel.topic == topic);
+    of.map_or_else(String::new, |(rod, _)| format!(" of rod {rod}"))
+}
+
+fn of_nobody(signals: &[Signal]) -> ImportError {
+    ImportError::new(format!(
+        "no --config says which rod it is of: `tirante measure FILE` asks for the rod and writes one, `tirante import` makes a \
+         recording; {}",
+        holds(signals)
+    ))
+}
+
+/// The channels of the only rod: the one of motion, and the one thermometer.
+fn only(signals: Vec<Signal>, rod: &RodChannels) -> Result<Chosen, ImportError> {
+    let is_time = |signal: &Signal| {
+        signal.timing == Timing::Unknown && is_time_name(&signal.name) || ramp::is_ramp(signal)
+    };
+    let motion: Vec<usize> = (0..signals.len())
+        .filter(|index| !is_temperature(&signals[*index]) && !is_time(&signals[*index]))
+        .collect();
+    let of_unit = |index: &&usize| {
+        let written = signals[**index].unit.as_deref();
+        written.and_then(Unit::as_written) == Some(rod.displacement.unit)
+    };
+    let in_unit: Vec<usize> = motion.iter().filter(of_unit).copied().collect();
+    let taken = match (&motion[..], &in_unit[..]) {
+        ([one], _) | (_, [one]) => *one,
+        ([], _) => {
+            return Err(ImportError::new(format!(
+                "no channel of it can be the motion of rod {}; {}",
+                rod.rod,
+                holds(&signals)
+            )));
+        }
+        _ => {
+            return Err(ImportError::new(format!(
+                "which of its channels is rod {} is not clear; {}; --channel says it, by name or number",
+                rod.rod,
+                holds(&signals)
+            )));
+        }
+    };
+    let thermometers: Vec<usize> = (0..signals.len())
+        .filter(|index| is_temperature(&signals[*index]))
+        .collect();
+    let thermometer = match (&rod.temperature, &thermometers[..]) {
+        (Some(channel), [one]) => Some((*one, channel.topic.clone())),
+        _ => None,
+    };
+    let mut notes = Vec::new();
+    let mut found = Vec::new();
+    for (index, signal) in signals.into_iter().enumerate() {
+        let topic = match &thermometer {
+            Some((at, topic)) if *at == index => topic.clone(),
+            _ if index == taken => rod.displacement.topic.clone(),
+            _ => continue,
+        };
+        notes.push(format!("{} is read as {topic} of rod {}", told(&signal), rod.rod));
+        found.push(as_topic(signal, topic));
+    }
+    Ok((found, notes))
+}

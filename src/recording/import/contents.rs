@@ -1,0 +1,176 @@
+//! A file of any format, read as it is asked for, and what it holds in words.
+
+use super::asked::{Asked, Wanted};
+use super::format::{Format, Kind, LOOKED_AT, kind};
+use super::{ImportError, Signal, TimeUnit, Timing, csv, lvm, mat, npy, ramp, tdms, uff, wav};
+use crate::analysis::signal::record::{RodChannels, Timestamp, Unit};
+use crate::recording::read::contents::rounded;
+use std::io::{BufReader, Cursor, Read};
+use std::path::Path;
+
+/// What somebody says of a file beside its name.
+#[derive(Debug, Clone, Default)]
+pub struct How {
+    /// Its format, else found from its content.
+    pub format: Option<Format>,
+    /// How its tables are made, and where stamps are.
+    pub table: csv::Table,
+    /// The value of a WAV file's full scale.
+    pub full_scale: Option<f64>,
+    /// The channels wanted; empty: all, or those the configuration reads.
+    pub channels: Vec<Wanted>,
+    /// The unit of channels whose unit nobody else says.
+    pub unit: Option<Unit>,
+    /// The sample rate \[Hz\].
+    pub rate_hz: Option<f64>,
+    /// The time of the first sample.
+    pub start: Option<Timestamp>,
+    /// Interpolate to this rate \[Hz\].
+    pub resample_hz: Option<f64>,
+}
+
+impl How {
+    /// Whether anything is said of what samples mean.
+    pub(super) fn says_something(&self) -> bool {
+        self.format.is_some()
+            || self.full_scale.is_some()
+            || !self.channels.is_empty()
+            || self.unit.is_some()
+            || self.rate_hz.is_some()
+            || self.start.is_some()
+            || self.resample_hz.is_some()
+    }
+
+    /// What is asked of the file's channels.
+    pub fn asked<'a>(&'a self, rods: &'a [RodChannels]) -> Asked<'a> {
+        Asked {
+            channels: &self.channels,
+            unit: self.unit,
+            rate_hz: self.rate_hz,
+            start: self.start,
+            resample_hz: self.resample_hz,
+            rods,
+            ..Asked::default()
+        }
+    }
+}
+
+/// What a file holds.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Contents {
+    /// Its format.
+    pub format: Format,
+    /// Its channels.
+    pub signals: Vec<Signal>,
+    /// What was left out, a sentence each.
+    pub left_out: Vec<String>,
+    /// Whether its values are shares of a full scale that nobody said.
+    pub is_of_full_scale: bool,
+}
+
+impl Contents {
+    /// Refuses values whose full scale nobody says.
+    ///
+    /// # Errors
+    /// Nobody says it.
+    pub fn check_full_scale(&self) -> Result<(), ImportError> {
+        match self.is_of_full_scale {
+            false => Ok(()),
+            true => Err(ImportError::new(
+                "a WAV file does not say what its numbers mean: --full-scale VALUE --unit UNIT says what full scale is",
+            )),
+        }
+    }
+}
+
+/// Reads another program's file; nothing if it is a recording. `path` helps where its content does not tell the format.
+///
+/// # Errors
+/// It is of no format that is read, damaged, or does not fit what is said of it.
+pub fn read(mut from: impl Read, path: &Path, how: &How) -> Result<Option<Contents>, ImportError> {
+    let mut head = Vec::new();
+    from.by_ref()
+        .take(LOOKED_AT as u64)
+        .read_to_end(&mut head)
+        .map_err(|error| ImportError::unreadable(&error))?;
+    let format = match (how.format, kind(&head, path)) {
+        (Some(format), _) => format,
+        (None, Ok(Kind::Mcap)) => return Ok(None),
+        (None, Ok(Kind::Foreign(format))) => format,
+        (None, Err(error)) => return Err(error),
+    };
+    let from = BufReader::with_capacity(1 << 16, Cursor::new(head).chain(from));
+    let mut witnesses = Vec::new();
+    let (signals, left_out) = match format {
+        Format::Csv => {
+            let found = csv::read(from, &how.table)?;
+            witnesses = found.witnesses;
+            (found.signals, found.skipped)
+        }
+        Format::Uff => {
+            let found = uff::read(from, how.table.utc_offset_s)?;
+            (found.signals, found.skipped)
+        }
+        Format::Wav => (wav::read(from, how.full_scale.unwrap_or(1.0))?, Vec::new()),
+        Format::Mat => {
+            let (time, find) = how.time();
+            let unit = how.table.time_unit.unwrap_or(TimeUnit::S);
+            let found = mat::read(from, time.as_deref(), find, unit)?;
+            (found.signals, found.skipped)
+        }
+        Format::Lvm => {
+            let found = lvm::read(from, how.table.utc_offset_s)?;
+            (found.signals, found.skipped)
+        }
+        Format::Tdms => {
+            let (time, find) = how.time();
+            let unit = how.table.time_unit.unwrap_or(TimeUnit::S);
+            let found = tdms::read(from, time.as_deref(), find, unit)?;
+            (found.signals, found.skipped)
+        }
+        Format::Npy => (npy::read(from)?, Vec::new()),
+    };
+    if let Some(rate_hz) = how.rate_hz {
+        ramp::agree(signals.iter().chain(&witnesses), rate_hz)?;
+    }
+    Ok(Some(Contents {
+        format,
+        signals,
+        left_out,
+        is_of_full_scale: format == Format::Wav && how.full_scale.is_none(),
+    }))
+}
+
+impl How {
+    /// The variable with the stamps, and whether one is looked for.
+    fn time(&self) -> (Option<String>, bool) {
+        match &self.table.time {
+            csv::TimeColumn::Found => (None, true),
+            csv::TimeColumn::None => (None, false),
+            csv::TimeColumn::Named(names) => (Some(names.join(",")), true),
+        }
+    }
+}
+
+/// The samples, unit and rate of a channel in words.
+pub fn describe(signal: &Signal) -> String {
+    let when = match &signal.timing {
+        Timing::Unknown => "rate and start not said (--rate, --time, --start)".to_owned(),
+        Timing::Rate { fs_hz, start, .. } => match start {
+            Some(start) => format!("{} Hz from {start}", rounded(*fs_hz)),
+            None => format!("{} Hz, start not said (--start)", rounded(*fs_hz)),
+        },
+        Timing::Stamps(stamps) => match stamps.nanos.first() {
+            Some(first) if stamps.absolute => format!("stamps from {}", Timestamp::from_nanos(*first)),
+            _ => "stamps without a date (--start)".to_owned(),
+        },
+    };
+    let unit = match signal.unit.as_deref() {
+        None => "unit not said (--unit)".to_owned(),
+        Some(written) => match Unit::as_written(written) {
+            Some(unit) => unit.key().to_owned(),
+            None => format!("unit {written:?}, none of ours (--unit)"),
+        },
+    };
+    format!("{} samples, {unit}, {when}", signal.values.len())
+}

@@ -1,0 +1,318 @@
+//! Text tables: any delimiter, decimal comma, heads, dates.
+//!
+//! * `beginning` the first lines: delimiter, decimal sign, layout
+//! * `cells`   lines to cells, and what a cell may be
+//! * `columns` rows of cells to signals
+//! * `layout`  where data begin, and what the lines above call them
+
+mod beginning;
+mod cells;
+mod columns;
+mod layout;
+
+use super::lines::Lines;
+use super::stamp::{DateOrder, TimeUnit};
+use super::{ImportError, Signal};
+use beginning::Beginning;
+use cells::check_head;
+pub(super) use cells::{Splitter, is_missing, number};
+use columns::Columns;
+use layout::heads;
+use std::io::BufRead;
+
+/// Lines looked at to find delimiter and heads.
+const HEAD: usize = 200;
+
+/// How a text table is read.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Table {
+    /// What stands between columns; none: found from the file. A blank stands for any number of blanks and tabs.
+    pub delimiter: Option<u8>,
+    /// Whether decimals stand behind a comma.
+    pub decimal_comma: bool,
+    /// Lines before the first row of data; none: found from the file.
+    pub head_lines: Option<usize>,
+    /// Where the stamps are.
+    pub time: TimeColumn,
+    /// What numbers in the time column count; none: what its head says, else seconds.
+    pub time_unit: Option<TimeUnit>,
+    /// How dates with slashes are meant.
+    pub dates: Option<DateOrder>,
+    /// How far dates without an offset of their own are ahead of UTC \[s\].
+    pub utc_offset_s: i32,
+    /// The columns wanted, by name or number; empty: all.
+    pub columns: Vec<String>,
+}
+
+/// Where the stamps are.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub enum TimeColumn {
+    /// In the column whose head says so, if there is one.
+    #[default]
+    Found,
+    /// Nowhere: a column of stamps is none.
+    None,
+    /// In this column, or in these two (day and time of day), by name or number.
+    Named(Vec<String>),
+}
+
+/// What a table holds.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Tabled {
+    /// Its columns of numbers.
+    pub signals: Vec<Signal>,
+    /// Columns that are not wanted but may say the rate: those that could be the time.
+    pub witnesses: Vec<Signal>,
+    /// What was left out, a sentence each.
+    pub skipped: Vec<String>,
+}
+
+/// Reads a table.
+///
+/// # Errors
+/// The first thing that is wrong, with line and column.
+pub fn read(from: impl BufRead, table: &Table) -> Result<Tabled, ImportError> {
+    let mut lines = Lines::new(from);
+    let mut head = Vec::new();
+    while head.len() < HEAD
+        && let Some(line) = lines.next_text()?
+    {
+        head.push(line.into_owned());
+    }
+    let Beginning {
+        delimiter,
+        decimal_comma,
+        rows,
+        layout,
+    } = Beginning::find(&head, table)?;
+    if table.head_lines.is_none() {
+        check_head(&head[..layout.first], delimiter)?;
+    }
+    let mut splitter = Splitter::new(delimiter);
+    let (names, units) = heads(&rows[..layout.first], &layout, delimiter);
+    let mut columns = Columns::choose(table, decimal_comma, layout, names, units, &rows)?;
+    let first = columns.first_row();
+    for (index, row) in rows.iter().enumerate().skip(first) {
+        columns.push(row, index as u32 + 1)?;
+    }
+    drop(rows);
+    while let Some(line) = lines.next_text()? {
+        let line = line.into_owned();
+        let row = splitter.split(&line, lines.number())?;
+        columns.push(&row, lines.number())?;
+    }
+    if table.delimiter.is_none() && delimiter == b',' && !columns.saw_point && columns.count() > 1 {
+        return Err(ImportError::new(
+            "only whole numbers with commas between: columns (--delimiter ,) or decimals (--decimal-comma)?",
+        ));
+    }
+    columns.finish()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::recording::import::Timing;
+
+    fn signals(text: &str, table: &Table) -> Result<Vec<Signal>, String> {
+        read(text.as_bytes(), table)
+            .map(|found| found.signals)
+            .map_err(|error| error.to_string())
+    }
+
+    fn nanos(signal: &Signal) -> &[i64] {
+        match &signal.timing {
+            Timing::Stamps(stamps) => &stamps.nanos,
+            other => panic!("{other:?}"),
+        }
+    }
+
+    #[test]
+    fn a_plain_table() {
+        let found = signals(
+            "Time [ms],disp [mm],air (°C)\n0,0.1,20\n5,-0.25,\n",
+            &Table::default(),
+        )
+        .unwrap();
+        assert_eq!(found.len(), 2);
+        assert_eq!(
+            (found[0].name.as_str(), found[0].unit.as_deref(), found[0].number),
+            ("disp", Some("mm"), 2)
+        );
+        assert_eq!(
+            (found[1].name.as_str(), found[1].unit.as_deref()),
+            ("air", Some("°C"))
+        );
+        assert_eq!(found[0].values, [0.1, -0.25]);
+        assert!(found[1].values[1].is_nan());
+        assert_eq!(nanos(&found[0]), [0, 5_000_000]);
+    }
+
+    #[test]
+    fn decimal_commas_day_first_dates_preamble_and_a_row_of_units() {
+        let text = "Logger 7;\r\nSerial;12\r\nDatum;Uhrzeit;Weg 1;\r\n;;µm;\r\n01.03.2026;06:00:00,000;1,5;\r\n01.03.2026;06:00:00,005;-2,25E-3;\r\n";
+        let table = Table {
+            decimal_comma: true,
+            time: TimeColumn::Named(vec!["Datum".into(), "2".into()]),
+            ..Table::default()
+        };
+        let found = signals(text, &table).unwrap();
+        assert_eq!(found.len(), 1, "the empty last column is none");
+        assert_eq!(
+            (found[0].name.as_str(), found[0].unit.as_deref()),
+            ("Weg 1", Some("µm"))
+        );
+        assert_eq!(found[0].values, [1.5, -2.25e-3]);
+        assert_eq!(nanos(&found[0])[1] - nanos(&found[0])[0], 5_000_000);
+        assert_eq!(nanos(&found[0])[0], 1_772_344_800_000_000_000);
+    }
+
+    #[test]
+    fn names_stand_above_units_and_below_everything_else() {
+        let text = "Kanal;1;2\nName;Weg;Luft\n[ms];µm;°C\n0;1.5;20\n5;2.5;21\n";
+        let table = Table {
+            time: TimeColumn::Named(vec!["1".into()]),
+            ..Table::default()
+        };
+        let found = signals(text, &table).unwrap();
+        assert_eq!(
+            (found[0].name.as_str(), found[0].unit.as_deref()),
+            ("Weg", Some("µm"))
+        );
+        assert_eq!(
+            (found[1].name.as_str(), found[1].unit.as_deref()),
+            ("Luft", Some("°C"))
+        );
+        assert_eq!(nanos(&found[0]), [0, 5_000_000]);
+        let found = signals("Kanal;1;2\nt;Weg;Luft\n0;1.5;20\n5;2.5;21\n", &Table::default()).unwrap();
+        assert_eq!((found[0].name.as_str(), found[0].unit.as_deref()), ("Weg", None));
+    }
+
+    #[test]
+    fn decimal_commas_are_found_where_they_can_be_nothing_else() {
+        for text in [
+            "Zeit [ms];Weg\n0;1,25\n5;-0,5\n",
+            "Zeit;Weg\n0,000;1,25\n0,005;-0,5\n",
+            "Zeit\tWeg\n0,000\t1,250\n0,005\t-0,500\n",
+        ] {
+            let found = signals(text, &Table::default()).unwrap();
+            assert_eq!(found[0].values, [1.25, -0.5], "{text:?}");
+            assert_eq!(nanos(&found[0]), [0, 5_000_000], "{text:?}");
+        }
+        let thousands = signals("n;v\n1;1,250\n2;2,500\n", &Table::default()).unwrap_err();
+        assert!(
+            thousands.contains("thousands") && thousands.contains("--decimal-comma"),
+            "{thousands}"
+        );
+    }
+
+    #[test]
+    fn text_columns_are_left_out_by_name() {
+        let text = "t;d [mm];state;note\n0;1.5;ok;\n1;2.5;OVERLOAD;\n2;;ok;late\n3;4.5;7;\n4;5;ok\n";
+        let found = read(text.as_bytes(), &Table::default()).unwrap();
+        assert_eq!(found.signals.len(), 1);
+        assert_eq!(found.signals[0].values.len(), 5);
+        assert_eq!(
+            found.skipped,
+            ["column 3 (state) holds text", "column 4 (note) holds text"]
+        );
+        let named = Table {
+            columns: vec!["state".into()],
+            ..Table::default()
+        };
+        assert!(signals(text, &named).unwrap_err().contains("\"ok\" is no number"));
+    }
+
+    #[test]
+    fn days_and_times_of_day_are_found_and_blank_ends_left() {
+        let text = "Datum;Uhrzeit;Weg\n01.03.2026;06:00:00,000;1.5\n\n01.03.2026;06:00:00,005;2.5\n;;\n";
+        let found = signals(text, &Table::default()).unwrap();
+        assert_eq!(
+            nanos(&found[0]),
+            [1_772_344_800_000_000_000, 1_772_344_800_005_000_000]
+        );
+        assert_eq!(found[0].values, [1.5, 2.5]);
+        let found = signals("time,d\n06:00:00.000,1.5\n06:00:00.005,2.5\n", &Table::default()).unwrap();
+        let Timing::Stamps(stamps) = &found[0].timing else {
+            panic!()
+        };
+        assert!(!stamps.absolute);
+        assert_eq!(stamps.nanos[1] - stamps.nanos[0], 5_000_000);
+    }
+
+    #[test]
+    fn a_time_in_an_unknown_unit_is_refused() {
+        let text = "Time [min],d\n0,1.5\n1,2.5\n";
+        let error = signals(text, &Table::default()).unwrap_err();
+        assert!(
+            error.contains("\"min\"") && error.contains("--time-unit"),
+            "{error}"
+        );
+        let table = Table {
+            time_unit: Some(TimeUnit::Ms),
+            ..Table::default()
+        };
+        assert_eq!(nanos(&signals(text, &table).unwrap()[0]), [0, 1_000_000]);
+        let dated = signals("time [UTC],d\n2026-03-01 06:00:00,1.5\n", &Table::default());
+        assert!(dated.is_ok());
+    }
+
+    #[test]
+    fn blanks_and_columns_by_number() {
+        let table = Table {
+            columns: vec!["2".into()],
+            ..Table::default()
+        };
+        let found = signals(
+            "  1.0   2.0 x\n 3.0 4.0 y\n",
+            &Table {
+                head_lines: Some(0),
+                ..table
+            },
+        )
+        .unwrap();
+        assert_eq!(found[0].values, [2.0, 4.0]);
+        assert_eq!(found[0].timing, Timing::Unknown);
+    }
+
+    #[test]
+    fn latin_1_is_read() {
+        let found = read(&b"d [\xb5m]\n0.5\n0.25\n"[..], &Table::default()).unwrap();
+        assert_eq!(found.signals[0].unit.as_deref(), Some("µm"));
+    }
+
+    #[test]
+    fn faults_name_line_and_column_and_the_next_step() {
+        let refused = |text: &str| signals(text, &Table::default()).unwrap_err();
+        assert_eq!(
+            refused("t;d\n0;0.1\n1;abc\n"),
+            "line 3, column 2 (d): \"abc\" is no number; --channel chooses columns"
+        );
+        assert!(refused("t;d\n0;1\n1;0,5\n").contains("--decimal-comma"));
+        assert!(refused("0,125\n0,250\n").contains("(--decimal-comma)?"));
+        assert_eq!(
+            refused("t;d\n0;1.5\n1\n"),
+            "line 3: 1 columns, 2 in the rows before"
+        );
+        assert!(refused("01/02/2026|06:00\n0;1.5\n1;2.5\n").starts_with("line 1: looks like data"));
+        assert!(refused("").contains("no row of numbers"));
+        assert!(refused("a,\"b\n1,2.5\n").contains("quote"));
+        assert!(refused("t;d\n01/02/2026 00:00;1.5\n").contains("--dates"));
+        assert!(refused("\u{0}PK").contains("no text file"));
+        assert!(
+            read(&b"\xff\xfea\0"[..], &Table::default())
+                .unwrap_err()
+                .to_string()
+                .contains("UTF-16")
+        );
+        let table = Table {
+            columns: vec!["x".into()],
+            ..Table::default()
+        };
+        assert!(
+            signals("t;d\n0;1.5\n", &table)
+                .unwrap_err()
+                .contains("there is: t, d")
+        );
+    }
+}

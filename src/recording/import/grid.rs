@@ -1,0 +1,383 @@
+//! An even grid under stamps: the rate, where stretches begin and end, and how far the stamps lie from it.
+
+use super::{ImportError, Stamps};
+use crate::recording::read::contents::rounded;
+use std::ops::Range;
+
+/// Stamps farther from the grid than this share of the interval are uneven, unless they are written that coarsely.
+const UNEVEN: f64 = 0.1;
+
+/// A rounder rate is taken only within this share of the measured one, however coarse the stamps are.
+const SURE: f64 = 1e-4;
+/// The largest interval to resample to, in intervals of the stamps: without a filter, more would fold fast vibration onto slow.
+const COARSER: f64 = 1.1;
+
+/// Evenly spaced samples without a gap.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Stretch {
+    /// Its samples.
+    pub samples: Range<usize>,
+    /// The time of the first one \[ns\], on the clock of the stamps.
+    pub start_ns: i64,
+}
+
+/// Where the samples of stamps lie.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Grid {
+    pub(super) fs_hz: f64,
+    pub(super) stretches: Vec<Stretch>,
+    /// The largest distance of a stamp from the grid \[s\].
+    pub(super) deviation_s: f64,
+}
+
+/// The grid the stamps lie on.
+///
+/// # Errors
+/// They go back, repeat, or lie unevenly; the sentence names the place and the largest deviation.
+pub(super) fn even(stamps: &Stamps) -> Result<Grid, ImportError> {
+    let (grid, worst) = fit(stamps)?;
+    let interval_s = 1.0 / grid.fs_hz;
+    let allowed_s = (UNEVEN * interval_s).max(stamps.resolution_ns as f64 * 1e-9);
+    // A few gaps are a recorder's; one in ten samples is no rate.
+    let is_broken = grid.stretches.len() > 1 + stamps.nanos.len() / 10;
+    if grid.deviation_s > allowed_s || is_broken {
+        let what = if is_broken && grid.deviation_s <= allowed_s {
+            format!(
+                "{} gaps in {} samples",
+                grid.stretches.len() - 1,
+                stamps.nanos.len()
+            )
+        } else {
+            format!(
+                "this stamp lies {:.3e} s ({:.0} % of the interval) from an even grid of {} Hz, the farthest",
+                grid.deviation_s,
+                100.0 * grid.deviation_s / interval_s,
+                rounded(grid.fs_hz),
+            )
+        };
+        return Err(ImportError::at(
+            stamps.place(worst),
+            format!("the stamps are uneven: {what}. --resample HZ interpolates between them"),
+        ));
+    }
+    Ok(grid)
+}
+
+/// The most samples that keep a stamp each.
+const STAMPED: usize = 1 << 21;
+
+/// Uneven samples, each at its own stamp; nothing if they are too many or their stamps do not increase.
+pub(super) fn uneven(stamps: &Stamps) -> Option<Grid> {
+    if stamps.nanos.len() > STAMPED {
+        return None;
+    }
+    let (mut grid, _) = fit(stamps).ok()?;
+    let stamped = stamps.nanos.iter().enumerate().map(|(index, nano)| Stretch {
+        samples: index..index + 1,
+        start_ns: *nano,
+    });
+    grid.stretches = stamped.collect();
+    Some(grid)
+}
+
+/// The best grid, and the stamp that lies farthest from it.
+fn fit(stamps: &Stamps) -> Result<(Grid, usize), ImportError> {
+    let nanos = &stamps.nanos;
+    if nanos.len() < 2 {
+        return Err(ImportError::new("fewer than two stamps give no rate"));
+    }
+    let interval = interval_ns(stamps)?;
+    let longest = 1.5 * interval + stamps.resolution_ns as f64;
+    let mut stretches: Vec<Range<usize>> = Vec::new();
+    let mut begin = 0;
+    for (index, pair) in nanos.windows(2).enumerate() {
+        if difference(pair[1], pair[0]) > longest {
+            stretches.push(begin..index + 1);
+            begin = index + 1;
+        }
+    }
+    stretches.push(begin..nanos.len());
+    let (slope, length) = slope_ns(nanos, &stretches, interval);
+    let slope = simplest(slope, (stamps.resolution_ns as f64 / length).min(SURE * slope));
+    let mut grid = Grid {
+        fs_hz: 1e9 / slope,
+        stretches: Vec::with_capacity(stretches.len()),
+        deviation_s: 0.0,
+    };
+    let mut worst = 0;
+    for samples in stretches {
+        let first = nanos[samples.start];
+        let off = |index: usize| difference(nanos[index], first) - (index - samples.start) as f64 * slope;
+        let mean = samples.clone().map(off).sum::<f64>() / samples.len() as f64;
+        // An exact grid begins at its first stamp, a scattered one at the mean of what its stamps say.
+        let shift = if mean.abs() <= stamps.resolution_ns as f64 {
+            0.0
+        } else {
+            mean
+        };
+        for index in samples.clone() {
+            let deviation_s = (off(index) - shift).abs() * 1e-9;
+            if deviation_s > grid.deviation_s {
+                (grid.deviation_s, worst) = (deviation_s, index);
+            }
+        }
+        let start_ns = first.saturating_add(shift.round() as i64);
+        grid.stretches.push(Stretch { samples, start_ns });
+    }
+    Ok((grid, worst))
+}
+
+/// `later - earlier` without overflow \[ns\].
+fn difference(later: i64, earlier: i64) -> f64 {
+    (i128::from(later) - i128::from(earlier)) as f64
+}
+
+/// The median interval \[ns\]; refuses stamps that do not increase.
+fn interval_ns(stamps: &Stamps) -> Result<f64, ImportError> {
+    let mut steps = Vec::with_capacity(stamps.nanos.len());
+    let mut equal = None;
+    for (index, pair) in stamps.nanos.windows(2).enumerate() {
+        if pair[1] < pair[0] {
+            return Err(ImportError::at(
+                stamps.place(index + 1),
+                format!(
+                    "the time goes back by {:.3e} s: cut the file there",
+                    difference(pair[0], pair[1]) * 1e-9
+                ),
+            ));
+        }
+        if pair[1] == pair[0] {
+            equal.get_or_insert(index + 1);
+        }
+        steps.push(pair[1].saturating_sub(pair[0]));
+    }
+    if let Some(index) = equal {
+        return Err(ImportError::at(
+            stamps.place(index),
+            "the same stamp as the sample before: doubled lines, or stamps too coarse for the rate",
+        ));
+    }
+    let middle = steps.len() / 2;
+    let (_, median, _) = steps.select_nth_unstable(middle);
+    Ok(*median as f64)
+}
+
+/// The common slope of all stretches by least squares \[ns\], and the samples it rests on.
+fn slope_ns(nanos: &[i64], stretches: &[Range<usize>], interval: f64) -> (f64, f64) {
+    let (mut up, mut down, mut longest) = (0.0, 0.0, 1.0_f64);
+    for samples in stretches.iter().filter(|samples| samples.len() > 1) {
+        let first = nanos[samples.start];
+        let count = samples.len() as f64;
+        let middle = 0.5 * (count - 1.0);
+        for (place, nano) in nanos[samples.clone()].iter().enumerate() {
+            let off = place as f64 - middle;
+            // About the median interval, so that little is lost to rounding.
+            up += off * (difference(*nano, first) - place as f64 * interval);
+            down += off * off;
+        }
+        longest = longest.max(count - 1.0);
+    }
+    let slope = if down > 0.0 {
+        interval + up / down
+    } else {
+        interval
+    };
+    // Stamps that scatter wildly could turn it over; the median cannot.
+    (if slope > 0.0 { slope } else { interval }, longest)
+}
+
+/// The interval nearest to `slope` whose rate, or else which itself, has the fewest digits within `tolerance` \[ns\].
+pub(super) fn simplest(slope: f64, tolerance: f64) -> f64 {
+    for digits in 0..9 {
+        for candidate in [
+            format!("{:.digits$e}", 1e9 / slope)
+                .parse()
+                .map(|fs: f64| 1e9 / fs),
+            format!("{slope:.digits$e}").parse(),
+        ] {
+            if let Ok(candidate) = candidate
+                && (candidate - slope).abs() <= tolerance
+            {
+                return candidate;
+            }
+        }
+    }
+    slope
+}
+
+/// Values between stamps on an even grid of `fs_hz`, by straight lines; gaps of more than three intervals
+/// stay gaps. With the largest distance between a sample of the grid and the stamp nearest to it \[s\].
+pub(super) fn resample(
+    stamps: &Stamps,
+    values: &[f64],
+    fs_hz: f64,
+    most: usize,
+) -> Result<(Grid, Vec<f64>), ImportError> {
+    let nanos = &stamps.nanos;
+    if nanos.len() < 2 {
+        return Err(ImportError::new("fewer than two stamps give no rate"));
+    }
+    let step = 1e9 / fs_hz;
+    let interval = interval_ns(stamps)?;
+    if step > COARSER * interval {
+        return Err(ImportError::new(format!(
+            "--resample {fs_hz} is less than the {} Hz of the stamps and would fold fast vibration onto slow: give that or more",
+            rounded(1e9 / interval)
+        )));
+    }
+    let longest = 3.0 * interval;
+    let mut grid = Grid {
+        fs_hz,
+        stretches: Vec::new(),
+        deviation_s: 0.0,
+    };
+    let mut out = Vec::new();
+    let mut begin = 0;
+    while begin < nanos.len() {
+        let mut end = begin + 1;
+        while end < nanos.len() && difference(nanos[end], nanos[end - 1]) <= longest {
+            end += 1;
+        }
+        let first = nanos[begin];
+        let from = out.len();
+        let count = ((difference(nanos[end - 1], first) / step).floor() as usize).saturating_add(1);
+        if count.saturating_add(from) > most {
+            return Err(ImportError::too_long());
+        }
+        let mut at = begin;
+        for number in 0..count {
+            let time = number as f64 * step;
+            while at + 1 < end && difference(nanos[at + 1], first) <= time {
+                at += 1;
+            }
+            let left = difference(nanos[at], first);
+            let (value, nearest) = if at + 1 < end && time > left {
+                let right = difference(nanos[at + 1], first);
+                let share = (time - left) / (right - left);
+                let value = values[at] + share * (values[at + 1] - values[at]);
+                (value, (time - left).min(right - time))
+            } else {
+                (values[at], (time - left).abs())
+            };
+            grid.deviation_s = grid.deviation_s.max(nearest * 1e-9);
+            out.push(value);
+        }
+        grid.stretches.push(Stretch {
+            samples: from..out.len(),
+            start_ns: first,
+        });
+        begin = end;
+    }
+    Ok((grid, out))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn stamps(nanos: Vec<i64>, resolution_ns: i64) -> Stamps {
+        Stamps {
+            nanos,
+            absolute: false,
+            resolution_ns,
+            lines: Vec::new(),
+        }
+    }
+
+    /// Stamps of `count` samples at `fs_hz`, written to `resolution_ns`.
+    fn written(count: i64, fs_hz: f64, resolution_ns: i64) -> Vec<i64> {
+        let round = |nanos: f64| (nanos / resolution_ns as f64).round() as i64 * resolution_ns;
+        (0..count).map(|i| round(i as f64 / fs_hz * 1e9)).collect()
+    }
+
+    #[test]
+    fn round_rates_come_out_round() {
+        for (fs_hz, resolution_ns) in [
+            (200.0, 1),
+            (1024.0, 1),
+            (1024.0, 1000),
+            (300.0, 1_000_000),
+            (800.0, 1_000_000),
+            (1.0 / 60.0, 1_000_000_000),
+            (102.4, 1_000_000),
+            (4096.0, 10_000),
+        ] {
+            let grid = even(&stamps(written(6000, fs_hz, resolution_ns), resolution_ns)).unwrap();
+            assert!(
+                (grid.fs_hz / fs_hz - 1.0).abs() < 1e-12,
+                "{fs_hz} at {resolution_ns} ns: {}",
+                grid.fs_hz
+            );
+            assert_eq!(grid.stretches.len(), 1);
+            assert_eq!(grid.stretches[0].start_ns, 0);
+        }
+    }
+
+    #[test]
+    fn a_slow_clock_is_measured_and_not_rounded() {
+        let grid = even(&stamps(written(60_000, 199.987_654, 1000), 1000)).unwrap();
+        assert!((grid.fs_hz / 199.987_654 - 1.0).abs() < 1e-8, "{}", grid.fs_hz);
+    }
+
+    #[test]
+    fn a_gap_begins_another_stretch_at_its_own_time() {
+        let mut nanos = written(1000, 200.0, 1);
+        nanos[400..].iter_mut().for_each(|nano| *nano += 123_456_789);
+        let grid = even(&stamps(nanos, 1)).unwrap();
+        assert_eq!(grid.fs_hz, 200.0);
+        assert_eq!(
+            grid.stretches[1],
+            Stretch {
+                samples: 400..1000,
+                start_ns: 2_123_456_789
+            }
+        );
+    }
+
+    #[test]
+    fn uneven_doubled_and_backward_stamps_are_refused_with_their_place() {
+        let mut nanos = written(1000, 200.0, 1);
+        nanos[500] += 2_000_000;
+        let error = even(&stamps(nanos.clone(), 1)).unwrap_err().to_string();
+        assert!(
+            error.starts_with("sample 501: ") && error.contains("e-3 s (40 %"),
+            "{error}"
+        );
+        nanos[500] = nanos[499];
+        assert!(
+            even(&stamps(nanos.clone(), 1))
+                .unwrap_err()
+                .to_string()
+                .contains("the same stamp")
+        );
+        nanos[500] = nanos[499] - 1;
+        assert!(
+            even(&stamps(nanos, 1))
+                .unwrap_err()
+                .to_string()
+                .contains("goes back")
+        );
+        let growing: Vec<i64> = (0..200).map(|i| i * i * 1_000_000).collect();
+        assert!(even(&stamps(growing, 1)).is_err());
+        let extremes = vec![i64::MIN, -1, 0, i64::MAX];
+        let _ = even(&stamps(extremes, 1));
+    }
+
+    #[test]
+    fn resampling_interpolates_and_keeps_gaps() {
+        let uneven = stamps(
+            vec![0, 4_000_000, 11_000_000, 15_000_000, 900_000_000, 905_000_000],
+            1,
+        );
+        let values = [0.0, 4.0, 11.0, 15.0, 900.0, 905.0];
+        let (grid, out) = resample(&uneven, &values, 200.0, 100).unwrap();
+        assert_eq!(grid.stretches.len(), 2);
+        for (value, expected) in out.iter().zip([0.0, 5.0, 10.0, 15.0, 900.0, 905.0]) {
+            assert!((value - expected).abs() < 1e-9, "{out:?}");
+        }
+        assert!((grid.deviation_s - 1e-3).abs() < 1e-12);
+        assert!(resample(&uneven, &values, 1e9, 100).is_err());
+        let folded = resample(&uneven, &values, 100.0, 100).unwrap_err().to_string();
+        assert!(folded.contains("less than the 200 Hz"), "{folded}");
+    }
+}

@@ -1,0 +1,365 @@
+//! A file of any format as a recording: its records, without a recording being written.
+
+use super::choose::for_rods;
+use super::contents::{How, read};
+use super::format::{Format, Kind, LOOKED_AT, kind};
+use super::order::Blocks;
+use super::plan::{Plan, Planned};
+use super::{ImportError, Signal, Timing, ramp};
+use crate::analysis::signal::record::{
+    Channel, RecordSettings, RodChannels, RodId, TimeSource, Timestamp, Unit,
+};
+use crate::recording::read::contents::{Content, contents};
+use crate::recording::read::{Options, Recording, SourceError};
+use crate::recording::write::{Encoding, Layout};
+use std::fs::File;
+use std::io::Read;
+use std::path::Path;
+
+/// Whose records are wanted of a file.
+#[derive(Debug, Clone, Copy)]
+pub struct Whose<'a> {
+    /// The rods, and where their samples are.
+    pub rods: &'a [RodChannels],
+    /// Whether somebody named this configuration for this file: then the only channel of motion is that of the only rod,
+    /// whatever it is called.
+    pub is_meant: bool,
+    /// Whether a file that does not say when it began begins in 1970; else it is refused.
+    pub any_start: bool,
+}
+
+/// A file with every channel as a rod of its own.
+pub struct Opened {
+    /// Its records; the rod of each is the topic of its channel.
+    pub recording: Recording,
+    /// Its channels of motion, in the order of the file.
+    pub channels: Vec<Seen>,
+    /// What was left out, a sentence each.
+    pub notes: Vec<String>,
+}
+
+/// A channel of a file.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Seen {
+    /// Its topic, and the name of the rod its records are of.
+    pub topic: String,
+    /// Its unit; none if nobody says it: its samples are then as they stand in the file.
+    pub unit: Option<Unit>,
+    /// Its unit as the file writes it, if that is none of ours.
+    pub foreign_unit: Option<String>,
+    /// Whether the file says when it began; else its times count from 1970.
+    pub has_start: bool,
+}
+
+/// The records that configured rods have in a file of any format. A recording is read as by [`Recording::open`], anything
+/// else as by `import`.
+///
+/// # Errors
+/// The file cannot be read, or what it does not say is not said; the sentence names what it holds and the next step.
+pub fn open(
+    path: &Path,
+    how: &How,
+    whose: Whose<'_>,
+    settings: &RecordSettings,
+    options: Options,
+    watch: &dyn Fn(File, u64) -> Box<dyn Read>,
+) -> Result<Recording, SourceError> {
+    let Some((contents, bytes)) = foreign(path, how, watch)? else {
+        if how.says_something() {
+            return Err(refused(
+                path,
+                &ImportError::new(
+                    "is a recording, which says all of itself: leave --rate, --unit, --start, --channel ... out",
+                ),
+            ));
+        }
+        return Recording::open(path, whose.rods, settings, options);
+    };
+    let refuse = |error: ImportError| refused(path, &error);
+    if options.follow.is_some() {
+        return Err(refuse(ImportError::new(
+            "cannot be followed while it is written, only a recording (MCAP) can: leave --follow out",
+        )));
+    }
+    let mut asked = how.asked(whose.rods);
+    asked.start_else = whose.any_start.then_some(Timestamp::from_nanos(0));
+    asked.keeps_stamps = true;
+    contents.check_full_scale().map_err(refuse)?;
+    let (chosen, mut notes) = for_rods(contents.signals, &asked, whose.is_meant).map_err(refuse)?;
+    let plan = Plan::to_read(chosen, &asked).map_err(refuse)?;
+    if plan.channels.iter().any(|planned| !planned.says_start) {
+        notes.push(
+            "the file does not say when it began, its times count from 1970 (--start says it)".to_owned(),
+        );
+    }
+    let mut rods = whose.rods.to_vec();
+    for rod in &mut rods {
+        for channel in std::iter::once(&mut rod.displacement).chain(rod.temperature.as_mut()) {
+            if let Some(planned) = plan
+                .channels
+                .iter()
+                .find(|planned| planned.topic == channel.topic)
+            {
+                channel.unit = planned.unit;
+                // Uneven stamps are the record's to measure.
+                channel.fs_hz = channel
+                    .fs_hz
+                    .or(Some(planned.fs_hz).filter(|_| !planned.is_stamped));
+            }
+        }
+    }
+    let name = path.display().to_string();
+    let mut recording = Recording::given(&name, Blocks::new(plan), bytes, &rods, settings);
+    for note in contents
+        .left_out
+        .iter()
+        .map(|what| format!("left out: {what}"))
+        .chain(notes)
+    {
+        recording.note(format!("{name}: {note}"));
+    }
+    Ok(recording)
+}
+
+/// A file of any format with nobody's configuration: every channel of motion is a rod of its own, called as its topic. Units
+/// and start may be unknown.
+///
+/// # Errors
+/// The file cannot be read, or says no rate and `how` does not either.
+pub fn open_any(
+    path: &Path,
+    how: &How,
+    settings: &RecordSettings,
+    watch: &dyn Fn(File, u64) -> Box<dyn Read>,
+) -> Result<Opened, SourceError> {
+    let Some((plan, mut notes, bytes)) = of_anybody(path, how, watch)? else {
+        return recorded(path, how, settings);
+    };
+    let mut seen = Vec::new();
+    let mut rods = Vec::new();
+    for planned in &plan.channels {
+        if Unit::TEMPERATURE.contains(&planned.unit) {
+            notes.push(format!("left out: {:?} is a temperature", planned.topic));
+            continue;
+        }
+        let unit = Some(planned.unit).filter(|_| planned.says_unit);
+        seen.push(Seen {
+            topic: planned.topic.clone(),
+            unit,
+            foreign_unit: planned.written_unit.clone().filter(|_| unit.is_none()),
+            has_start: planned.says_start,
+        });
+        let fs_hz = Some(planned.fs_hz).filter(|_| !planned.is_stamped);
+        rods.push(rod(&planned.topic, "", planned.unit, fs_hz));
+    }
+    let name = path.display().to_string();
+    Ok(Opened {
+        recording: Recording::given(&name, Blocks::new(plan), bytes, &rods, settings),
+        channels: seen,
+        notes,
+    })
+}
+
+/// The channels of a file of any format and how they would be read, for who writes a configuration.
+///
+/// # Errors
+/// As of [`open_any`].
+pub fn topics(
+    path: &Path,
+    how: &How,
+    watch: &dyn Fn(File, u64) -> Box<dyn Read>,
+) -> Result<Vec<Content>, SourceError> {
+    let Some((plan, ..)) = of_anybody(path, how, watch)? else {
+        return contents(path).map_err(|source| SourceError::Io {
+            path: path.display().to_string(),
+            source,
+        });
+    };
+    let content = |planned: &Planned| Content {
+        topic: planned.topic.clone(),
+        field: Ok(planned.field(plan.encoding).to_owned()),
+        unit: Some(planned.unit).filter(|_| planned.says_unit),
+        array_fs_hz: Some(planned.fs_hz).filter(|_| matches!(planned.layout, Layout::Batch(_))),
+    };
+    Ok(plan.channels.iter().map(content).collect())
+}
+
+/// The format of another program's file; nothing of a recording.
+///
+/// # Errors
+/// The file cannot be read, or is of no format that is read.
+pub fn format(path: &Path, how: &How) -> Result<Option<Format>, SourceError> {
+    let failed = |source| SourceError::Io {
+        path: path.display().to_string(),
+        source,
+    };
+    let mut head = Vec::new();
+    if std::fs::metadata(path).map_err(failed)?.is_file() {
+        let file = File::open(path).map_err(failed)?;
+        file.take(LOOKED_AT as u64)
+            .read_to_end(&mut head)
+            .map_err(failed)?;
+    } else {
+        return Err(SourceError::NotAFile {
+            path: path.display().to_string(),
+        });
+    }
+    match (how.format, kind(&head, path)) {
+        (Some(format), _) => Ok(Some(format)),
+        (None, Ok(Kind::Mcap)) => Ok(None),
+        (None, Ok(Kind::Foreign(format))) => Ok(Some(format)),
+        (None, Err(error)) => Err(refused(path, &error)),
+    }
+}
+
+/// Whether none of the channels of another program's file has a rate, by stamps or otherwise.
+///
+/// # Errors
+/// As of [`open_any`].
+pub fn lacks_rate(path: &Path, how: &How) -> Result<bool, SourceError> {
+    let found = foreign(path, how, &|file, _| Box::new(file))?;
+    Ok(how.rate_hz.is_none()
+        && found.is_some_and(|(contents, _)| {
+            let mut signals = contents.signals.iter();
+            signals.all(|signal| signal.timing == Timing::Unknown)
+        }))
+}
+
+/// When the first sample of another program's file was taken, if the file says it; nothing of a recording.
+pub fn begins(path: &Path, how: &How) -> Option<Timestamp> {
+    let (plan, ..) = of_anybody(path, how, &|file, _| Box::new(file)).ok()??;
+    let known = plan.channels.iter().filter(|planned| planned.says_start);
+    known
+        .filter_map(|planned| Some(planned.stretches.first()?.0))
+        .min()
+}
+
+/// Every channel of another program's file, what was left out, and its bytes; nothing if it is a recording.
+fn of_anybody(
+    path: &Path,
+    how: &How,
+    watch: &dyn Fn(File, u64) -> Box<dyn Read>,
+) -> Result<Option<(Plan, Vec<String>, u64)>, SourceError> {
+    let Some((contents, bytes)) = foreign(path, how, watch)? else {
+        return Ok(None);
+    };
+    let mut asked = how.asked(&[]);
+    asked.start_else = Some(Timestamp::from_nanos(0));
+    asked.any_unit = true;
+    asked.keeps_stamps = true;
+    let mut notes: Vec<String> = contents
+        .left_out
+        .iter()
+        .map(|what| format!("left out: {what}"))
+        .collect();
+    let signals = without_ramps(contents.signals, how, &mut notes);
+    let plan = Plan::new(signals, &asked, Encoding::Protobuf).map_err(|error| refused(path, &error))?;
+    Ok(Some((plan, notes, bytes)))
+}
+
+/// A recording with every channel as a rod.
+fn recorded(path: &Path, how: &How, settings: &RecordSettings) -> Result<Opened, SourceError> {
+    let found = contents(path).map_err(|source| SourceError::Io {
+        path: path.display().to_string(),
+        source,
+    })?;
+    let mut opened = (Vec::new(), Vec::new(), Vec::new());
+    let (rods, seen, notes) = &mut opened;
+    for content in found {
+        let wanted = how.channels.iter().find(|wanted| wanted.source == content.topic);
+        if !how.channels.is_empty() && wanted.is_none() {
+            continue;
+        }
+        let field = match content.field {
+            Ok(field) => field,
+            Err(fault) => {
+                notes.push(format!("left out: {:?}: {fault}", content.topic));
+                continue;
+            }
+        };
+        let unit = content
+            .unit
+            .or(wanted.and_then(|wanted| wanted.unit))
+            .or(how.unit);
+        if unit.is_some_and(|unit| Unit::TEMPERATURE.contains(&unit)) {
+            notes.push(format!("left out: {:?} is a temperature", content.topic));
+            continue;
+        }
+        let fs_hz = content.array_fs_hz.or(how.rate_hz);
+        rods.push(rod(&content.topic, &field, unit.unwrap_or(Unit::Metre), fs_hz));
+        seen.push(Seen {
+            topic: content.topic,
+            unit,
+            foreign_unit: None,
+            has_start: true,
+        });
+    }
+    let (rods, channels, notes) = opened;
+    if rods.is_empty() {
+        return Err(SourceError::Foreign {
+            path: path.display().to_string(),
+            what: match notes.is_empty() {
+                true => "has no channel with messages".to_owned(),
+                false => notes.join("; "),
+            },
+        });
+    }
+    Ok(Opened {
+        recording: Recording::open(path, &rods, settings, Options::default())?,
+        channels,
+        notes,
+    })
+}
+
+fn rod(topic: &str, field: &str, unit: Unit, fs_hz: Option<f64>) -> RodChannels {
+    RodChannels {
+        rod: RodId(topic.to_owned()),
+        displacement: Channel {
+            topic: topic.to_owned(),
+            field: field.to_owned(),
+            unit,
+            time: TimeSource::Log,
+            fs_hz,
+        },
+        temperature: None,
+    }
+}
+
+/// What another program's file holds, and its bytes; nothing if it is a recording.
+fn foreign(
+    path: &Path,
+    how: &How,
+    watch: &dyn Fn(File, u64) -> Box<dyn Read>,
+) -> Result<Option<(super::Contents, u64)>, SourceError> {
+    let name = || path.display().to_string();
+    let failed = |source| SourceError::Io { path: name(), source };
+    // Before it is opened: opening a pipe would wait for its writer.
+    let kind = std::fs::metadata(path).map_err(failed)?;
+    if !kind.is_file() {
+        return Err(SourceError::NotAFile { path: name() });
+    }
+    let file = File::open(path).map_err(failed)?;
+    let found = read(watch(file, kind.len()), path, how).map_err(|error| refused(path, &error))?;
+    Ok(found.map(|contents| (contents, kind.len())))
+}
+
+fn refused(path: &Path, error: &ImportError) -> SourceError {
+    SourceError::Foreign {
+        path: path.display().to_string(),
+        what: error.to_string(),
+    }
+}
+
+/// Leaves out what only counts time or rows, where no channel was asked for by name.
+fn without_ramps(signals: Vec<Signal>, how: &How, notes: &mut Vec<String>) -> Vec<Signal> {
+    if !how.channels.is_empty() || signals.len() < 2 {
+        return signals;
+    }
+    let (counts, rest): (Vec<Signal>, Vec<Signal>) = signals.into_iter().partition(ramp::is_ramp);
+    notes.extend(
+        counts
+            .iter()
+            .map(|signal| format!("left out: {} rises evenly", super::asked::told(signal))),
+    );
+    rest
+}

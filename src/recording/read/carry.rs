@@ -1,0 +1,92 @@
+//! What stays open when a part of a journal was read to its end: samples that are no record yet.
+
+use super::route::Router;
+use crate::analysis::signal::record::{Assembler, RecordSettings, RodChannels, RodId};
+use serde::{Deserialize, Serialize};
+
+/// Raised whenever what an assembler holds changes its meaning.
+const VERSION: u32 = 4;
+
+#[derive(Serialize, Deserialize)]
+struct Saved {
+    version: u32,
+    journal: Option<String>,
+    unverified: bool,
+    rods: Vec<SavedRod>,
+}
+
+#[derive(Serialize, Deserialize)]
+struct SavedRod {
+    rod: RodId,
+    /// The channels and settings its samples were cut with.
+    cut_by: String,
+    messages: u64,
+    fed_by: [Option<String>; 2],
+    assembler: Vec<u8>,
+}
+
+/// Which channels and settings a rod's samples are cut with, as a text to compare.
+fn cut_by(channels: &RodChannels, settings: &RecordSettings) -> String {
+    serde_json::to_string(&(channels, settings)).unwrap_or_default()
+}
+
+/// Encodes what a router holds; its events were taken before.
+pub(super) fn encode(router: &Router, settings: &RecordSettings) -> Result<Vec<u8>, postcard::Error> {
+    let rods = router.rods.iter().enumerate().map(|(at, rod)| {
+        Ok(SavedRod {
+            rod: rod.config.rod.clone(),
+            cut_by: cut_by(&rod.config, settings),
+            messages: router.messages_of(at),
+            fed_by: router.fed_by(rod),
+            assembler: rod.assembler.save()?,
+        })
+    });
+    postcard::to_stdvec(&Saved {
+        version: VERSION,
+        journal: router.journal.clone(),
+        unverified: router.unverified,
+        rods: rods.collect::<Result<_, postcard::Error>>()?,
+    })
+}
+
+/// A router that goes on from what was encoded, and a sentence for everything that had to be left behind.
+pub(super) fn decode(
+    body: &[u8],
+    channels: &[RodChannels],
+    settings: &RecordSettings,
+) -> (Router, Vec<String>) {
+    let mut router = Router::new(channels, settings);
+    // The version stands first: a carry of another one need not be readable any further.
+    let is_ours = postcard::take_from_bytes::<u32>(body).is_ok_and(|(version, _)| version == VERSION);
+    let saved = if is_ours {
+        postcard::from_bytes::<Saved>(body).ok()
+    } else {
+        None
+    };
+    let Some(saved) = saved else {
+        let lost = "the open samples of the journal's last part come from another version of the program; they are left out";
+        return (router, vec![lost.to_owned()]);
+    };
+    router.journal = saved.journal;
+    router.unverified = saved.unverified;
+    let mut lost = Vec::new();
+    for saved in saved.rods {
+        let at = router
+            .rods
+            .iter()
+            .position(|rod| rod.config.rod == saved.rod && cut_by(&rod.config, settings) == saved.cut_by);
+        let assembler = Assembler::resume(&saved.assembler, *settings);
+        let (Some(at), Ok(assembler)) = (at, assembler) else {
+            if saved.messages > 0 {
+                lost.push(format!(
+                    "rod {}: its channel or the record settings changed; the open samples of the journal's last part are left out",
+                    saved.rod
+                ));
+            }
+            continue;
+        };
+        router.set_fed_by(at, saved.fed_by);
+        router.restore(at, assembler, saved.messages);
+    }
+    (router, lost)
+}

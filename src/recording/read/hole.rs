@@ -1,0 +1,65 @@
+//! Holes of a recording: what was lost between two places that can be believed.
+
+use crate::analysis::signal::record::Timestamp;
+use std::collections::BTreeSet;
+
+/// Topics named in a sentence.
+const NAMED: usize = 8;
+
+/// Something lost in the middle of a file.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Hole {
+    /// Where it begins in the file \[bytes\].
+    pub offset: u64,
+    /// What is wrong there.
+    pub what: String,
+    /// Log times of the first and the last message that were lost, if that is known.
+    pub span: Option<(Timestamp, Timestamp)>,
+    /// The channels that lost messages; empty: nobody knows which.
+    pub channels: BTreeSet<u16>,
+}
+
+impl Hole {
+    /// A hole of messages logged from the first of `span` to the second \[ns since 1970\].
+    pub fn new(offset: u64, what: String, span: Option<(u64, u64)>) -> Self {
+        let time = |nanos: u64| i64::try_from(nanos).ok().map(Timestamp::from_nanos);
+        let span = span
+            .filter(|(from, to)| from <= to && *to > 0)
+            .and_then(|(from, to)| time(from).zip(time(to)));
+        Self {
+            offset,
+            what,
+            span,
+            channels: BTreeSet::new(),
+        }
+    }
+
+    /// The time of the first message that was lost.
+    pub fn start(&self) -> Option<Timestamp> {
+        self.span.map(|(from, _)| from)
+    }
+
+    /// From the first lost message to the last \[s\]; 0 if that is not known.
+    pub fn duration_s(&self) -> f64 {
+        self.span.map_or(0.0, |(from, to)| to.seconds_since(from))
+    }
+
+    /// One clause that says where, why, when and of which topics.
+    pub fn sentence<'a>(&self, topics: impl ExactSizeIterator<Item = &'a str>) -> String {
+        let Self { offset, what, .. } = self;
+        let when = match &self.span {
+            Some((from, to)) => format!("from {from} to {to}"),
+            None => "there".to_owned(),
+        };
+        let more = topics.len().saturating_sub(NAMED);
+        let mut named: Vec<String> = topics.take(NAMED).map(str::to_owned).collect();
+        if more > 0 {
+            named.push(format!("{more} more"));
+        }
+        let whose = match named.is_empty() {
+            true => String::new(),
+            false => format!(" on {}", named.join(", ")),
+        };
+        format!("at byte {offset}: {what}; what was logged {when}{whose} is lost")
+    }
+}

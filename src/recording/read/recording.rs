@@ -1,0 +1,453 @@
+//! One recording: an MCAP file as an iterator of records and rejections.
+
+use super::SourceError;
+use super::mcap::{Damage, Progress, Reader};
+use super::path::FieldPath;
+use super::route::{Rod, Router, Timed};
+use super::summary::Summary;
+use super::verify::{Check, Trust};
+use crate::analysis::signal::record::{Event, RecordSettings, RodChannels, TimeSource, Timestamp};
+use crate::analysis::track::ordered::Reached;
+use std::collections::VecDeque;
+use std::fs::{self, File};
+use std::io::{Read, Seek, SeekFrom};
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+/// How a file that still grows is followed.
+#[derive(Debug, Clone)]
+pub struct Follow {
+    /// Set to end the reading at the next pause.
+    pub stop: Arc<AtomicBool>,
+    /// How long to wait at the end before looking again.
+    pub poll: Duration,
+}
+
+/// How a recording is read.
+#[derive(Debug, Clone, Default)]
+pub struct Options {
+    /// Wait at the end for more, until the file is finished or the flag is set.
+    pub follow: Option<Follow>,
+}
+
+/// How far a recording was read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Position {
+    /// Bytes read.
+    pub read: u64,
+    /// Bytes in the file when it was opened.
+    pub total: u64,
+}
+
+trait Input: Read + Seek + Send {}
+impl<T: Read + Seek + Send> Input for T {}
+
+/// Samples of one channel that need no decoding: those of another program's file.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Block {
+    /// The topic.
+    pub topic: Arc<str>,
+    /// The time of the first sample.
+    pub time: Timestamp,
+    /// Samples a second \[Hz\].
+    pub fs_hz: f64,
+    /// The samples, in the unit of the topic's channel.
+    pub samples: Vec<f64>,
+}
+
+/// What a recording does next.
+enum Stage {
+    /// Its checksum is taken, before anything in it is believed.
+    Checking(Box<dyn Input>, Check),
+    /// It is read.
+    Reading(Box<Reader<Box<dyn Input>>>),
+    /// Its samples are handed over as they are.
+    Given(Box<dyn Iterator<Item = Block> + Send>),
+    /// There is nothing more in it.
+    Ended,
+}
+
+/// What one step of reading brought.
+#[derive(Debug)]
+pub enum Poll {
+    /// An event.
+    Event(Event),
+    /// Nothing yet; there is more to read.
+    More,
+    /// Nothing yet, and nothing to read now; the file may grow.
+    Wait,
+    /// The end.
+    End,
+}
+
+/// One recording. Iterate over its events; then look at the [summary](Self::summary).
+///
+/// Memory is bounded by one chunk and one record a rod, never by the file. It is `Send`: read on one
+/// thread while another computes.
+pub struct Recording {
+    stage: Stage,
+    router: Router,
+    queue: VecDeque<Timed>,
+    /// When the event that was handed out last was complete, and how far the rods had been followed then.
+    moment: (Timestamp, Reached),
+    follow: Option<Follow>,
+    total: u64,
+    read: u64,
+    offset: u64,
+    summary: Summary,
+    /// Whether it is read while it may be written.
+    is_live: bool,
+    /// True if other files are read beside it, and go on where it ends.
+    is_joined: bool,
+    /// What looks like damage while it may be a record that is being written.
+    doubt: Option<Damage>,
+}
+
+impl Recording {
+    /// Opens a file. A file that is complete is first read once for its checksum.
+    pub fn open(
+        path: &Path,
+        rods: &[RodChannels],
+        settings: &RecordSettings,
+        options: Options,
+    ) -> Result<Self, SourceError> {
+        let name = path.display().to_string();
+        let failed = |source| SourceError::Io {
+            path: name.clone(),
+            source,
+        };
+        // Before it is opened: opening a pipe would wait for its writer.
+        if !fs::metadata(path).map_err(failed)?.is_file() {
+            return Err(SourceError::NotAFile { path: name });
+        }
+        let file = File::open(path).map_err(failed)?;
+        Self::new(&name, file, rods, settings, options)
+    }
+
+    /// Reads from anything that can be read and sought; `name` stands for it in sentences.
+    pub fn new(
+        name: &str,
+        input: impl Read + Seek + Send + 'static,
+        rods: &[RodChannels],
+        settings: &RecordSettings,
+        options: Options,
+    ) -> Result<Self, SourceError> {
+        let mut recording = Self::begin(name, input, rods, settings, options.follow.is_some())?;
+        recording.follow = options.follow;
+        recording.is_live = false;
+        while let Stage::Checking(input, check) = &mut recording.stage {
+            if let Some(trust) = check.step(input).map_err(|source| SourceError::Io {
+                path: name.to_owned(),
+                source,
+            })? {
+                recording.believe(trust);
+            }
+        }
+        Ok(recording)
+    }
+
+    /// As [`Recording::new`], to be read by [`Recording::poll`]; `live` says that its end may not be there yet.
+    ///
+    /// # Errors
+    /// It cannot be read, or a field of a rod is none.
+    pub fn begin(
+        name: &str,
+        mut input: impl Read + Seek + Send + 'static,
+        rods: &[RodChannels],
+        settings: &RecordSettings,
+        live: bool,
+    ) -> Result<Self, SourceError> {
+        for rod in rods {
+            let channels = [Some(&rod.displacement), rod.temperature.as_ref()];
+            for channel in channels.into_iter().flatten() {
+                let time = match &channel.time {
+                    TimeSource::Field(path) => path.as_str(),
+                    TimeSource::Log | TimeSource::Publish => &channel.field,
+                };
+                for path in [channel.field.as_str(), time] {
+                    FieldPath::parse(path).map_err(|source| SourceError::Field {
+                        rod: rod.rod.to_string(),
+                        source,
+                    })?;
+                }
+            }
+        }
+        let failed = |source| SourceError::Io {
+            path: name.to_owned(),
+            source,
+        };
+        let total = input.seek(SeekFrom::End(0)).map_err(failed)?;
+        input.seek(SeekFrom::Start(0)).map_err(failed)?;
+        let check = if live {
+            None
+        } else {
+            Check::begin(&mut input).map_err(failed)?
+        };
+        let input: Box<dyn Input> = Box::new(input);
+        Ok(Self {
+            stage: match check {
+                Some(check) => Stage::Checking(input, check),
+                None => Stage::Reading(Box::new(Reader::new(input, Trust::Unverified, live))),
+            },
+            router: Router::new(rods, settings),
+            queue: VecDeque::new(),
+            moment: (Timestamp::from_nanos(0), Arc::from([])),
+            follow: None,
+            total,
+            read: 0,
+            offset: 0,
+            summary: Summary {
+                file: name.to_owned(),
+                ..Default::default()
+            },
+            is_live: live,
+            is_joined: false,
+            doubt: None,
+        })
+    }
+
+    /// Reads samples that are there already; `total`: the bytes of the file they come from.
+    pub fn given(
+        name: &str,
+        blocks: impl Iterator<Item = Block> + Send + 'static,
+        total: u64,
+        rods: &[RodChannels],
+        settings: &RecordSettings,
+    ) -> Self {
+        Self {
+            stage: Stage::Given(Box::new(blocks)),
+            router: Router::new(rods, settings),
+            queue: VecDeque::new(),
+            moment: (Timestamp::from_nanos(0), Arc::from([])),
+            follow: None,
+            total,
+            // The file was read before.
+            read: total,
+            offset: total,
+            summary: Summary {
+                file: name.to_owned(),
+                ..Default::default()
+            },
+            is_live: false,
+            is_joined: false,
+            doubt: None,
+        }
+    }
+
+    /// Puts a sentence into the summary: something a person should know that is no fault.
+    pub fn note(&mut self, sentence: String) {
+        self.summary.notes.push(sentence);
+    }
+
+    /// One step: at most one record of the file is read, or some way into one chunk.
+    pub fn poll(&mut self) -> Poll {
+        if let Some(event) = self.pop() {
+            return Poll::Event(event);
+        }
+        if self.doubt.is_some() {
+            return Poll::Wait;
+        }
+        let outcome = match &mut self.stage {
+            Stage::Ended => return Poll::End,
+            Stage::Checking(input, check) => match check.step(input) {
+                Ok(Some(trust)) => {
+                    self.believe(trust);
+                    Ok(Progress::More)
+                }
+                Ok(None) => Ok(Progress::More),
+                Err(fault) => Err(Damage {
+                    offset: 0,
+                    what: format!("the file cannot be read: {fault}"),
+                }),
+            },
+            Stage::Reading(reader) => {
+                let router = &mut self.router;
+                let outcome = reader.step(&mut |item| router.item(item));
+                self.read = reader.bytes_read();
+                self.offset = reader.offset();
+                outcome
+            }
+            Stage::Given(blocks) => match blocks.next() {
+                Some(block) => {
+                    self.router.block(block);
+                    Ok(Progress::More)
+                }
+                None => Ok(Progress::Complete),
+            },
+        };
+        match outcome {
+            Ok(Progress::More) => self.router.events(&mut self.queue),
+            Ok(Progress::Wait) => return Poll::Wait,
+            // Some writers go back and fill in lengths: until it settles this may be no damage.
+            Err(damage) if self.is_live => {
+                self.doubt = Some(damage);
+                return Poll::Wait;
+            }
+            outcome => self.end(outcome),
+        }
+        self.pop().map_or(Poll::More, Poll::Event)
+    }
+
+    /// The next event that is there already.
+    pub(super) fn pop(&mut self) -> Option<Event> {
+        let Timed { event, at, reached } = self.queue.pop_front()?;
+        self.moment = (at, reached);
+        Some(event)
+    }
+
+    /// As [`Recording::poll`], for one of several files that are read side by side: hands nothing on that was logged behind
+    /// `limit` \[ns\], and leaves open at its end what may go on in the next file.
+    pub(super) fn poll_up_to(&mut self, limit: u64) -> Poll {
+        self.is_joined = true;
+        if self.queue.is_empty() && self.router.waits() {
+            self.router.go_on(limit);
+            self.router.events(&mut self.queue);
+            return self.pop().map_or(Poll::More, Poll::Event);
+        }
+        self.router.limit(limit);
+        self.poll()
+    }
+
+    /// The log time up to which its messages were handed on \[ns\]; `None` before the first, and where they have none.
+    pub(super) fn front(&self) -> Option<u64> {
+        self.router.front()
+    }
+
+    /// Lends it the rods its samples are for, or takes them back.
+    pub(super) fn swap_rods(&mut self, rods: &mut Vec<Rod>) {
+        std::mem::swap(&mut self.router.rods, rods);
+    }
+
+    /// There is nothing to read now: pauses, or gives it up if it is not followed.
+    pub(super) fn wait_or_give_up(&mut self) {
+        match &self.follow {
+            Some(follow) if !follow.stop.load(Ordering::Relaxed) => std::thread::sleep(follow.poll),
+            _ => self.give_up(),
+        }
+    }
+
+    /// When the event that was handed out last was complete by the rod's own stamps, and how far the rods had been
+    /// followed then.
+    pub fn moment(&self) -> (Timestamp, Reached) {
+        self.moment.clone()
+    }
+
+    /// Ends a recording that does not grow any more as one that is cut short; its last events are still to be taken.
+    pub fn give_up(&mut self) {
+        let outcome = self.doubt.take().map_or(Ok(Progress::Truncated), Err);
+        self.end(outcome);
+    }
+
+    /// Whether something in it looks like damage, but may be a record that is being written: it waits until it is
+    /// [given up](Self::give_up) or opened again when it is finished.
+    pub fn is_in_doubt(&self) -> bool {
+        self.doubt.is_some()
+    }
+
+    /// Ends a recording that may not be read any further; its last events are still to be taken.
+    pub fn abandon(&mut self, why: &str) {
+        self.doubt = None;
+        self.end(Err(Damage {
+            offset: self.offset,
+            what: why.to_owned(),
+        }));
+    }
+
+    /// Ends a recording as if nothing of it had been read; there are no events to be taken any more.
+    pub fn discard(&mut self, why: &str) {
+        self.stage = Stage::Ended;
+        self.doubt = None;
+        self.queue.clear();
+        self.router = Router::of(Vec::new());
+        self.summary.damage = Some(format!("{}: {why}; nothing of it was used", self.summary.file));
+    }
+
+    /// Bytes in memory: samples that are no record yet, and what was read of the file and not handed on.
+    pub fn held(&self) -> usize {
+        let reading = match &self.stage {
+            Stage::Reading(reader) => reader.held(),
+            Stage::Checking(..) | Stage::Given(_) | Stage::Ended => 0,
+        };
+        self.router.held() + reading
+    }
+
+    /// Where the record or chunk stands that the next step goes on with \[bytes\].
+    pub fn offset(&self) -> u64 {
+        self.offset
+    }
+
+    fn believe(&mut self, trust: Trust) {
+        if let Stage::Checking(input, _) = std::mem::replace(&mut self.stage, Stage::Ended) {
+            self.stage = Stage::Reading(Box::new(Reader::new(input, trust, false)));
+        }
+    }
+
+    /// How far the file was read, for a progress bar.
+    pub fn position(&self) -> Position {
+        Position {
+            read: self.read,
+            total: self.total.max(self.read),
+        }
+    }
+
+    /// What the file held; complete once the iterator has ended.
+    pub fn summary(&self) -> &Summary {
+        &self.summary
+    }
+
+    fn end(&mut self, outcome: Result<Progress, Damage>) {
+        let (whole, messages) = match std::mem::replace(&mut self.stage, Stage::Ended) {
+            Stage::Reading(reader) => (reader.data_ended(), reader.messages()),
+            Stage::Checking(..) => (false, 0),
+            Stage::Given(_) => (true, self.router.messages()),
+            Stage::Ended => return,
+        };
+        let mut lost = None;
+        let mut cut_short = false;
+        match outcome {
+            Err(Damage { offset, what }) => {
+                let advice = if whole {
+                    "its data was used"
+                } else {
+                    "nothing from there on was used, what came before was; copy the file again from the recorder"
+                };
+                let file = &self.summary.file;
+                self.summary.damage = Some(format!("{file}: at byte {offset}: {what}; {advice}"));
+                if !whole {
+                    lost = Some(format!("at byte {offset}: {what}"));
+                    cut_short = true;
+                }
+            }
+            Ok(Progress::Complete) => {}
+            Ok(_) => {
+                self.summary.truncated = true;
+                cut_short = true;
+            }
+        }
+        self.summary.messages = messages;
+        self.router.summarise(&mut self.summary);
+        if self.is_joined {
+            self.router.end_file(cut_short, lost.as_deref());
+            self.router.events(&mut self.queue);
+        } else {
+            self.router.finish(cut_short, lost.as_deref(), &mut self.queue);
+        }
+    }
+}
+
+impl Iterator for Recording {
+    type Item = Event;
+
+    fn next(&mut self) -> Option<Event> {
+        loop {
+            match self.poll() {
+                Poll::Event(event) => return Some(event),
+                Poll::End => return None,
+                Poll::More => {}
+                Poll::Wait => self.wait_or_give_up(),
+            }
+        }
+    }
+}

@@ -1,0 +1,339 @@
+//! Many recordings, read side by side in the order of their messages.
+//!
+//! Files of one series are one stream, as the parts of a journal are: where one ends and the next one goes on nothing is cut,
+//! and the rods of a site may lie in files of their own. A file that holds a topic at times at which another one has it too
+//! (a copy, most likely) is a series of its own, and so is one that does not say what it holds before it is read.
+
+use super::folder::{Span, first_time_at, span_at};
+use super::route::{Rod, Router};
+use super::{Event, Follow, Options, Parts, Poll, Recording, Series, SeriesPoll, SourceError, Summary};
+use crate::analysis::signal::record::{RecordSettings, RodChannels};
+use crate::recording::part;
+use crate::site::analyse::Place;
+use std::collections::{HashMap, VecDeque};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
+
+/// Pause before a growing recording is looked at again.
+const FOLLOW_POLL: Duration = Duration::from_millis(200);
+/// Files that overlap by less go on from one to the next all the same: messages at the seam come out of order \[ns\].
+const SEAM_NS: u64 = 1_000_000_000;
+
+/// One step of reading: an event of a recording, or its end.
+pub enum Step {
+    /// An event, and where its recording then stands.
+    Event(Event, Place),
+    /// The end of a recording: what it held, or why it could not be read.
+    File(Result<Summary, SourceError>),
+}
+
+/// Opens a file that stands by itself, whatever its format.
+pub type Opener = Box<dyn Fn(&Path, &Options) -> Result<Recording, SourceError> + Send>;
+
+/// Parts that are read as one file.
+enum Input {
+    Waiting(PathBuf),
+    /// The recording, its name, and how many records it has given.
+    File(Box<Recording>, Arc<str>, u64),
+    Journal(Box<Series>),
+}
+
+/// A file among others.
+struct Lane {
+    input: Input,
+    /// Log time its reading has come to; before it is opened that of its first message \[ns\].
+    front: u64,
+    /// The series it belongs to.
+    series: usize,
+}
+
+/// Files that are one stream.
+struct Stream {
+    rods: Vec<Rod>,
+    /// Files that are not read yet.
+    left: usize,
+    /// What is held at times that later files may share.
+    spans: Vec<Span>,
+    /// True if other files may join it.
+    is_open: bool,
+}
+
+/// The events of many files, in the order of their messages. Each file's end follows when it is read; what goes on in
+/// another one comes later.
+pub struct Recordings {
+    lanes: Vec<Lane>,
+    streams: Vec<Stream>,
+    channels: Vec<RodChannels>,
+    settings: RecordSettings,
+    options: Options,
+    done: Arc<AtomicU64>,
+    bytes_of_closed: u64,
+    opener: Option<Opener>,
+    ready: VecDeque<Step>,
+}
+
+impl Recordings {
+    /// Reads `files`, which stand in the order of their first messages. `done` counts the bytes read so far; with `follow`, a
+    /// file that has no end yet is waited for.
+    pub fn new(
+        files: Vec<Result<PathBuf, SourceError>>,
+        channels: Vec<RodChannels>,
+        settings: RecordSettings,
+        follow: bool,
+        done: Arc<AtomicU64>,
+    ) -> Self {
+        let follow = follow.then(|| Follow {
+            stop: Arc::default(),
+            poll: FOLLOW_POLL,
+        });
+        let mut recordings = Self {
+            lanes: Vec::new(),
+            streams: Vec::new(),
+            channels,
+            settings,
+            options: Options { follow },
+            done,
+            bytes_of_closed: 0,
+            opener: None,
+            ready: VecDeque::new(),
+        };
+        recordings.plan(files);
+        recordings
+    }
+
+    /// The same, with files opened by `opener`; without it all are MCAP.
+    pub fn opened_by(self, opener: Opener) -> Self {
+        Self {
+            opener: Some(opener),
+            ..self
+        }
+    }
+
+    /// Puts files to their series. Parts of one journal are one, where its first one stands.
+    fn plan(&mut self, files: Vec<Result<PathBuf, SourceError>>) {
+        let mut journals = journals(&files);
+        let mut latest = 0;
+        for file in files {
+            let path = match file {
+                Ok(path) => path,
+                Err(error) => {
+                    self.ready.push_back(Step::File(Err(error)));
+                    continue;
+                }
+            };
+            let span = span_at(&path).filter(|_| self.options.follow.is_none());
+            // One that does not say when it begins has its place behind the one before it.
+            let begins = span
+                .as_ref()
+                .map(|span| span.from)
+                .or_else(|| first_time_at(&path));
+            latest = latest.max(begins.unwrap_or(0));
+            let (input, series) = match part_of(&path) {
+                None => (Input::Waiting(path), self.series_for(span)),
+                Some((folder, _)) => match journals.remove(&folder) {
+                    None => continue,
+                    Some(parts) => {
+                        let series =
+                            Series::new(&folder, Parts::Given(parts), &self.channels, &self.settings);
+                        (Input::Journal(Box::new(series)), self.series_for(None))
+                    }
+                },
+            };
+            self.lanes.push(Lane {
+                input,
+                front: latest,
+                series,
+            });
+        }
+    }
+
+    /// The number of the series a file belongs to.
+    fn series_for(&mut self, span: Option<Span>) -> usize {
+        let found = span.as_ref().and_then(|span| {
+            self.streams
+                .iter_mut()
+                .position(|stream| stream.is_open && stream.takes(span))
+        });
+        let at = found.unwrap_or_else(|| {
+            self.streams.push(Stream {
+                rods: Router::new(&self.channels, &self.settings).rods,
+                left: 0,
+                spans: Vec::new(),
+                is_open: span.is_some(),
+            });
+            self.streams.len() - 1
+        });
+        self.streams[at].left += 1;
+        self.streams[at].spans.extend(span);
+        at
+    }
+
+    /// The lane that is behind all others, and the log time up to which it goes before another one has its turn.
+    fn turn(&self) -> Option<(usize, u64)> {
+        let fronts = self.lanes.iter().enumerate();
+        let (at, _) = fronts.min_by_key(|(at, lane)| (lane.front, *at))?;
+        let of_others = self.lanes.iter().enumerate().filter(|(other, _)| *other != at);
+        let limit = of_others.map(|(other, lane)| {
+            if other < at {
+                lane.front.saturating_sub(1)
+            } else {
+                lane.front
+            }
+        });
+        Some((at, limit.min().unwrap_or(u64::MAX)))
+    }
+
+    /// One step of the lane whose turn it is; its steps are ready then.
+    fn step(&mut self, at: usize, limit: u64) {
+        let lane = &mut self.lanes[at];
+        if let Input::Waiting(path) = &lane.input {
+            let name: Arc<str> = Arc::from(path.display().to_string());
+            let opened = match &self.opener {
+                Some(open) => open(path, &self.options),
+                None => Recording::open(path, &self.channels, &self.settings, self.options.clone()),
+            };
+            match opened {
+                Ok(recording) => lane.input = Input::File(Box::new(recording), name, 0),
+                Err(error) => {
+                    self.ready.push_back(Step::File(Err(error)));
+                    self.close(at, &name, 0, 0);
+                }
+            }
+            return;
+        }
+        match &mut lane.input {
+            Input::Waiting(_) => {}
+            Input::Journal(series) => {
+                let polled = series.poll();
+                let bytes = self.bytes_of_closed + series.bytes_read();
+                self.done.store(bytes, Ordering::Relaxed);
+                match polled {
+                    SeriesPoll::Event(event, place) => self.ready.push_back(Step::Event(event, place)),
+                    SeriesPoll::Part(end) => {
+                        self.bytes_of_closed += end.size;
+                        self.ready.push_back(Step::File(end.result));
+                    }
+                    SeriesPoll::More => {}
+                    // Only the parts that are there are read: there is nothing to wait for.
+                    SeriesPoll::Wait | SeriesPoll::End => self.close(at, &Arc::from(""), 0, 0),
+                }
+            }
+            Input::File(recording, file, records) => {
+                let stream = &mut self.streams[lane.series];
+                recording.swap_rods(&mut stream.rods);
+                let polled = recording.poll_up_to(limit);
+                recording.swap_rods(&mut stream.rods);
+                lane.front = recording.front().unwrap_or(lane.front).max(lane.front);
+                let bytes = Recording::position(recording).read;
+                self.done.store(self.bytes_of_closed + bytes, Ordering::Relaxed);
+                match polled {
+                    Poll::Event(event) => {
+                        // All of them: another file's turn comes behind what is read already.
+                        let mut event = Some(event);
+                        while let Some(next) = event {
+                            let (at, reached) = recording.moment();
+                            *records += u64::from(!matches!(next, Event::Readings { .. }));
+                            let place = Place {
+                                file: Arc::clone(file),
+                                bytes,
+                                records: *records,
+                                at,
+                                reached,
+                            };
+                            self.ready.push_back(Step::Event(next, place));
+                            event = recording.pop();
+                        }
+                    }
+                    Poll::More => {}
+                    Poll::Wait => recording.wait_or_give_up(),
+                    Poll::End => {
+                        let (summary, file) = (recording.summary().clone(), Arc::clone(file));
+                        let records = *records;
+                        self.bytes_of_closed += bytes;
+                        self.close(at, &file, bytes, records);
+                        self.ready.push_back(Step::File(Ok(summary)));
+                    }
+                }
+            }
+        }
+    }
+
+    /// A lane is at its end; behind the last one of a series its records end.
+    fn close(&mut self, at: usize, file: &Arc<str>, bytes: u64, mut records: u64) {
+        let series = self.lanes.remove(at).series;
+        let stream = &mut self.streams[series];
+        stream.left -= 1;
+        if stream.left > 0 {
+            return;
+        }
+        let rods = std::mem::take(&mut stream.rods);
+        let is_elsewhere = |rod: &Rod| {
+            let others = self.streams.iter().flat_map(|stream| &stream.rods);
+            others
+                .filter(|other| other.config.rod == rod.config.rod)
+                .any(|other| other.is_followed)
+        };
+        // Readings for a rod that is followed in other files come with those.
+        let rods = rods
+            .into_iter()
+            .filter(|rod| rod.is_followed || !is_elsewhere(rod));
+        for timed in Router::of(rods.collect()).ended() {
+            records += u64::from(!matches!(timed.event, Event::Readings { .. }));
+            let place = Place {
+                file: Arc::clone(file),
+                bytes,
+                records,
+                at: timed.at,
+                reached: timed.reached,
+            };
+            self.ready.push_back(Step::Event(timed.event, place));
+        }
+    }
+}
+
+impl Stream {
+    /// True if a file can be one stream with those that are in it already. Files come in the order of their first messages.
+    fn takes(&mut self, span: &Span) -> bool {
+        self.spans
+            .retain(|known| known.to > span.from.saturating_add(SEAM_NS));
+        // One that ends before another one that began earlier goes beside it, not behind.
+        !self
+            .spans
+            .iter()
+            .any(|known| !known.topics.is_disjoint(&span.topics))
+    }
+}
+
+/// The folder and number of a part of a journal.
+fn part_of(path: &Path) -> Option<(PathBuf, u32)> {
+    let number = part::number(path.file_name()?.to_str()?)?;
+    Some((path.parent()?.to_owned(), number))
+}
+
+/// The journals there are parts of among files, with their parts.
+fn journals(files: &[Result<PathBuf, SourceError>]) -> HashMap<PathBuf, Vec<u32>> {
+    let mut journals: HashMap<PathBuf, Vec<u32>> = HashMap::new();
+    for (folder, number) in files.iter().flatten().filter_map(|path| part_of(path)) {
+        journals.entry(folder).or_default().push(number);
+    }
+    for parts in journals.values_mut() {
+        parts.sort_unstable();
+    }
+    journals
+}
+
+impl Iterator for Recordings {
+    type Item = Step;
+
+    fn next(&mut self) -> Option<Step> {
+        loop {
+            if let Some(step) = self.ready.pop_front() {
+                return Some(step);
+            }
+            let (at, limit) = self.turn()?;
+            self.step(at, limit);
+        }
+    }
+}

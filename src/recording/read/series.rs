@@ -1,0 +1,510 @@
+//! The parts of one journal, read as the one stream they are.
+//!
+//! Where a part ends nothing is cut: the next one goes on, also behind a part that a crash tore. Replay and daemon read
+//! a journal here, so they cut the same records.
+
+use super::mcap::{Damage, Progress, Reader};
+use super::route::{Router, Timed};
+use super::verify::{Check, Trust};
+use super::{SourceError, Summary, carry};
+use crate::analysis::signal::record::{Event, RecordSettings, RodChannels};
+use crate::analysis::track::ordered::Reached;
+use crate::recording::part;
+use crate::site::analyse::Place;
+use std::collections::VecDeque;
+use std::fs::File;
+use std::os::unix::fs::FileExt;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::UNIX_EPOCH;
+
+/// What one step of reading brought.
+#[derive(Debug)]
+#[expect(clippy::large_enum_variant, reason = "one at a time, moved on at once")]
+pub enum SeriesPoll {
+    /// An event.
+    Event(Event, Place),
+    /// Nothing yet; there is more to read.
+    More,
+    /// Nothing yet, and nothing to read now; the journal may grow.
+    Wait,
+    /// The end of a part.
+    Part(Box<PartEnd>),
+    /// The end of the journal.
+    End,
+}
+
+/// A part that was read to its end.
+#[derive(Debug)]
+pub struct PartEnd {
+    /// Its number.
+    pub part: u32,
+    /// Its length \[bytes\].
+    pub size: u64,
+    /// When it was last written, in nanoseconds since 1970.
+    pub modified_ns: i64,
+    /// What it held, or why it could not be read.
+    pub result: Result<Summary, SourceError>,
+    /// The next part, if there is one.
+    pub next: Option<u32>,
+}
+
+/// Which parts are read.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Parts {
+    /// These, ascending; the journal ends behind the last.
+    Given(Vec<u32>),
+    /// All from this one on, of a journal that is still written.
+    From(u32),
+}
+
+/// The parts of one journal. Call [`Series::poll`] until it says [`SeriesPoll::End`].
+pub struct Series {
+    folder: PathBuf,
+    channels: Vec<RodChannels>,
+    settings: RecordSettings,
+    /// Whether the journal is still written.
+    live: bool,
+    router: Router,
+    queue: VecDeque<Timed>,
+    /// The parts that are read; of a live journal those there were when reading began.
+    listed: Vec<u32>,
+    open: Option<Open>,
+    /// The part read before, and the one to be read next.
+    before: Option<u32>,
+    next: Option<u32>,
+}
+
+/// The part that is read.
+struct Open {
+    number: u32,
+    /// As the store or a person knows it.
+    name: Arc<str>,
+    stage: Stage,
+    offset: u64,
+    read: u64,
+    records: u64,
+    messages: u64,
+    damage: Option<String>,
+    /// Whether the part is at its end, as far as it is written.
+    ended: bool,
+    /// The part behind it, once it was seen; from then on this one does not grow.
+    successor: Option<u32>,
+    size: u64,
+    modified_ns: i64,
+}
+
+enum Stage {
+    Checking(File, Check),
+    Reading(File, Box<Reader<File>>),
+    Failed(SourceError),
+}
+
+impl Series {
+    /// Reads the parts in `folder`.
+    pub fn new(folder: &Path, parts: Parts, channels: &[RodChannels], settings: &RecordSettings) -> Self {
+        let (live, next, listed) = match parts {
+            Parts::Given(parts) => (false, parts.first().copied(), parts),
+            // A folder that cannot be read has no parts yet: `later` looks again.
+            Parts::From(first) => (true, Some(first), part::list(folder).unwrap_or_default()),
+        };
+        Self {
+            folder: folder.to_owned(),
+            channels: channels.to_vec(),
+            settings: settings.of_stream(),
+            live,
+            router: Router::new(channels, &settings.of_stream()),
+            queue: VecDeque::new(),
+            listed,
+            open: None,
+            before: None,
+            next,
+        }
+    }
+
+    /// Goes on from samples that earlier parts left open; a sentence for each rod whose samples do not fit any more.
+    pub fn resume(&mut self, body: &[u8]) -> Vec<String> {
+        let (router, lost) = carry::decode(body, &self.channels, &self.settings);
+        self.router = router;
+        // The carry is what the part before the next one left.
+        self.before = self.next.and_then(|next| next.checked_sub(1));
+        lost
+    }
+
+    /// The samples that are open between two parts, for [`Series::resume`].
+    ///
+    /// # Errors
+    /// They cannot be encoded, which no input brings about.
+    pub fn carry(&self) -> Result<Vec<u8>, postcard::Error> {
+        carry::encode(&self.router, &self.settings)
+    }
+
+    /// Between two parts: ends every record that is open, and goes on with other channels and settings.
+    pub fn change(
+        &mut self,
+        channels: &[RodChannels],
+        settings: &RecordSettings,
+        end: &PartEnd,
+    ) -> Vec<(Event, Place)> {
+        self.router.finish(true, None, &mut self.queue);
+        let journal = self.router.journal.take();
+        channels.clone_into(&mut self.channels);
+        self.settings = settings.of_stream();
+        self.router = Router::new(channels, &self.settings);
+        self.router.journal = journal;
+        let place = |Timed { event, at, reached }| {
+            let place = Place {
+                file: Arc::from(part::mark_name(end.part)),
+                bytes: end.size,
+                records: 0,
+                at,
+                reached,
+            };
+            (event, place)
+        };
+        self.queue.drain(..).map(place).collect()
+    }
+
+    /// Times up to which the rods have been followed.
+    pub fn reached(&self) -> Reached {
+        self.router.reached()
+    }
+
+    /// What is read now: the part's number and where in it \[bytes\].
+    pub fn position(&self) -> Option<(u32, u64)> {
+        let open = self.open.as_ref()?;
+        Some((open.number, open.offset))
+    }
+
+    /// The part that is written now, if nothing more of it can be read: only another part brings data again.
+    pub fn stuck_in(&self) -> Option<u32> {
+        let open = self.open.as_ref()?;
+        (open.ended && open.damage.is_some()).then_some(open.number)
+    }
+
+    /// Bytes read of the part that is open.
+    pub fn bytes_read(&self) -> u64 {
+        self.open.as_ref().map_or(0, |open| open.read)
+    }
+
+    /// Reads nothing more of the part that is open.
+    pub fn abandon(&mut self, why: &str) {
+        if let Some(open) = &mut self.open
+            && !open.ended
+        {
+            open.fail(Damage {
+                offset: open.offset,
+                what: why.to_owned(),
+            });
+            self.lose();
+        }
+    }
+
+    /// Reads nothing more of the part that is open, and forgets what was read of it: the samples that are no record yet are lost.
+    pub fn discard(&mut self, why: &str) {
+        if let Some(open) = &mut self.open {
+            open.fail(Damage {
+                offset: open.offset,
+                what: why.to_owned(),
+            });
+            self.queue.clear();
+            self.begin_anew();
+        }
+    }
+
+    /// One step: at most one record is read, or some way into one chunk.
+    pub fn poll(&mut self) -> SeriesPoll {
+        if let Some(event) = self.queue.pop_front() {
+            return self.event(event);
+        }
+        if self.open.is_none() {
+            return self.open_next();
+        }
+        let Some(open) = &mut self.open else {
+            return SeriesPoll::End;
+        };
+        if open.ended {
+            return self.end_part();
+        }
+        match open.step(&mut self.router) {
+            Ok(Progress::More) => self.router.events(&mut self.queue),
+            Ok(Progress::Complete) => open.ended = true,
+            Ok(Progress::Wait | Progress::Truncated) => {
+                if open.successor.is_some() || !self.live {
+                    // The end was reached after the part behind it had been seen: it was torn.
+                    open.ended = true;
+                } else {
+                    let number = open.number;
+                    let Some(later) = self.later(number) else {
+                        return SeriesPoll::Wait;
+                    };
+                    // What was written before that part was begun may still be unread.
+                    if let Some(open) = &mut self.open {
+                        open.successor = Some(later);
+                    }
+                }
+            }
+            // After a power cut the end of a torn part may be blank.
+            Err(_) if open.is_blank() => open.ended = true,
+            Err(damage) => {
+                open.fail(damage);
+                self.lose();
+            }
+        }
+        match self.queue.pop_front() {
+            Some(event) => self.event(event),
+            None => SeriesPoll::More,
+        }
+    }
+
+    fn event(&mut self, timed: Timed) -> SeriesPoll {
+        let Timed { event, at, reached } = timed;
+        let Some(open) = &mut self.open else {
+            // Events at the very end belong to the part that was read last.
+            let place = Place {
+                file: Arc::from(self.name(self.before.unwrap_or_default())),
+                bytes: 0,
+                records: 0,
+                at,
+                reached,
+            };
+            return SeriesPoll::Event(event, place);
+        };
+        open.records += u64::from(!matches!(event, Event::Readings { .. }));
+        let place = Place {
+            file: Arc::clone(&open.name),
+            bytes: open.read,
+            records: open.records,
+            at,
+            reached,
+        };
+        SeriesPoll::Event(event, place)
+    }
+
+    /// After damage: what the open part still held is lost, and records end there.
+    fn lose(&mut self) {
+        let damage = self.open.as_ref().and_then(|open| open.damage.clone());
+        self.router.finish(true, damage.as_deref(), &mut self.queue);
+        self.begin_anew();
+    }
+
+    fn begin_anew(&mut self) {
+        let journal = self.router.journal.take();
+        self.router = Router::new(&self.channels, &self.settings);
+        self.router.journal = journal;
+    }
+
+    fn name(&self, part: u32) -> String {
+        if self.live {
+            part::mark_name(part)
+        } else {
+            part::path(&self.folder, part).display().to_string()
+        }
+    }
+
+    /// The next part behind `number` that is there.
+    fn later(&self, number: u32) -> Option<u32> {
+        let next = number.checked_add(1)?;
+        let is_there = |part: &u32| part::path(&self.folder, *part).is_file();
+        let listed = self.listed.iter().copied().filter(|part| *part > number);
+        let next = Some(next).filter(|_| self.live);
+        next.into_iter().chain(listed).find(is_there)
+    }
+
+    fn open_next(&mut self) -> SeriesPoll {
+        let Some(next) = self.next else {
+            return SeriesPoll::End;
+        };
+        let number = if part::path(&self.folder, next).is_file() {
+            next
+        } else {
+            // Not there yet, or removed.
+            match self.later(next) {
+                Some(later) => later,
+                None if self.live => return SeriesPoll::Wait,
+                None => {
+                    self.next = None;
+                    return SeriesPoll::More;
+                }
+            }
+        };
+        let missing = self.before.filter(|before| before.checked_add(1) != Some(number));
+        self.router.next_part();
+        let mut open = Open::new(&self.folder, number, self.name(number), self.live);
+        open.successor = self.later(number);
+        if let Some(before) = missing {
+            let name = part::file_name(before.saturating_add(1));
+            open.damage = Some(format!(
+                "{}: the part before it, {name}, is missing; records that were open end there",
+                open.name
+            ));
+            self.router.finish(true, None, &mut self.queue);
+            self.begin_anew();
+        }
+        let is_unreadable = open.ended;
+        self.open = Some(open);
+        if is_unreadable {
+            self.lose();
+        }
+        SeriesPoll::More
+    }
+
+    /// A part is at its end: hands it over once the next one is there, or ends the journal.
+    fn end_part(&mut self) -> SeriesPoll {
+        let Some(number) = self.open.as_ref().map(|open| open.number) else {
+            return SeriesPoll::End;
+        };
+        let next = self.later(number);
+        if next.is_none() {
+            if self.live {
+                return SeriesPoll::Wait;
+            }
+            self.next = None;
+            // What is still open may have gone on.
+            self.router.finish(true, None, &mut self.queue);
+            self.begin_anew();
+            if let Some(event) = self.queue.pop_front() {
+                return self.event(event);
+            }
+        }
+        let Some(open) = self.open.take() else {
+            return SeriesPoll::End;
+        };
+        self.before = Some(number);
+        self.next = next;
+        let mut summary = Summary {
+            file: open.name.to_string(),
+            messages: open.messages,
+            damage: open.damage,
+            ..Summary::default()
+        };
+        self.router.summarise(&mut summary);
+        // Which topics a part has says nothing about the journal.
+        summary.missing.clear();
+        summary.samples.clear();
+        SeriesPoll::Part(Box::new(PartEnd {
+            part: number,
+            size: open.size,
+            modified_ns: open.modified_ns,
+            result: match open.stage {
+                Stage::Failed(error) => Err(error),
+                Stage::Checking(..) | Stage::Reading(..) => Ok(summary),
+            },
+            next,
+        }))
+    }
+}
+
+impl Open {
+    fn new(folder: &Path, number: u32, name: String, live: bool) -> Self {
+        let path = part::path(folder, number);
+        let stage = File::open(&path)
+            .and_then(|mut file| {
+                // Only a part that is over has its checksum; it is right or there is damage.
+                Ok(match Check::begin(&mut file)? {
+                    Some(check) => Stage::Checking(file, check),
+                    None => Stage::Reading(
+                        file.try_clone()?,
+                        Box::new(Reader::new(file, Trust::Unverified, live).passing_holes()),
+                    ),
+                })
+            })
+            .unwrap_or_else(|source| {
+                Stage::Failed(SourceError::Io {
+                    path: path.display().to_string(),
+                    source,
+                })
+            });
+        let mut open = Self {
+            number,
+            name: Arc::from(name),
+            ended: matches!(stage, Stage::Failed(_)),
+            stage,
+            offset: 0,
+            read: 0,
+            records: 0,
+            messages: 0,
+            damage: None,
+            successor: None,
+            size: 0,
+            modified_ns: 0,
+        };
+        open.look();
+        open
+    }
+
+    /// Notes how large the file is and when it was written.
+    fn look(&mut self) {
+        if let Stage::Checking(file, _) | Stage::Reading(file, _) = &self.stage
+            && let Ok(data) = file.metadata()
+        {
+            self.size = data.len();
+            self.modified_ns = data.modified().map_or(0, modified_ns);
+        }
+    }
+
+    fn step(&mut self, router: &mut Router) -> Result<Progress, Damage> {
+        match &mut self.stage {
+            Stage::Failed(_) => Ok(Progress::Complete),
+            Stage::Checking(file, check) => {
+                let failed = |fault: std::io::Error| Damage {
+                    offset: 0,
+                    what: format!("the file cannot be read: {fault}"),
+                };
+                if let Some(trust) = check.step(file).map_err(failed)? {
+                    let input = file.try_clone().map_err(failed)?;
+                    let kept = file.try_clone().map_err(failed)?;
+                    self.stage = Stage::Reading(kept, Box::new(Reader::new(input, trust, false)));
+                }
+                Ok(Progress::More)
+            }
+            Stage::Reading(_, reader) => {
+                let progress = reader.step(&mut |item| router.item(item));
+                self.offset = reader.offset();
+                self.read = reader.bytes_read();
+                self.messages = reader.messages();
+                if !matches!(progress, Ok(Progress::More)) {
+                    self.look();
+                }
+                progress
+            }
+        }
+    }
+
+    fn is_blank(&self) -> bool {
+        match &self.stage {
+            Stage::Reading(file, _) => is_blank(file, self.offset),
+            Stage::Checking(..) | Stage::Failed(_) => false,
+        }
+    }
+
+    fn fail(&mut self, Damage { offset, what }: Damage) {
+        self.ended = true;
+        let damage = format!(
+            "{}: at byte {offset}: {what}; nothing of this part from there on was used",
+            self.name
+        );
+        self.damage = Some(damage);
+    }
+}
+
+/// Whether a file holds nothing but zeros from `offset` on.
+pub fn is_blank(file: &File, from: u64) -> bool {
+    let mut offset = from;
+    let mut buffer = vec![0u8; 1 << 16];
+    loop {
+        match file.read_at(&mut buffer, offset) {
+            Ok(0) => return offset > from,
+            Ok(count) if buffer[..count].iter().all(|byte| *byte == 0) => offset += count as u64,
+            _ => return false,
+        }
+    }
+}
+
+/// A file's time as nanoseconds since 1970.
+pub fn modified_ns(time: std::time::SystemTime) -> i64 {
+    match time.duration_since(UNIX_EPOCH) {
+        Ok(since) => i64::try_from(since.as_nanos()).unwrap_or(i64::MAX),
+        Err(before) => i64::try_from(before.duration().as_nanos()).map_or(i64::MIN, |nanos| -nanos),
+    }
+}

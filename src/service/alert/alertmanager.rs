@@ -1,0 +1,79 @@
+//! The API of a Prometheus Alertmanager, which forgets what it is not told again.
+
+use super::post::post;
+use super::{Failure, Message, Sink, What};
+use crate::analysis::signal::record::Timestamp;
+use crate::config::settings::alert::AlertmanagerSettings;
+use serde_json::{Value as Json, json};
+use std::time::Duration;
+
+/// How long an alert fires without being sent again \[s\].
+const LASTS_S: f64 = 300.0;
+
+/// An Alertmanager.
+pub(super) struct Alertmanager {
+    settings: AlertmanagerSettings,
+    deadline: Duration,
+}
+
+impl Alertmanager {
+    pub(super) fn new(settings: AlertmanagerSettings, deadline: Duration) -> Self {
+        Self { settings, deadline }
+    }
+
+    fn post(&self, alerts: &[Json]) -> Result<(), Failure> {
+        let target = &self.settings.target;
+        let url = format!("{}/api/v2/alerts", target.url.trim_end_matches('/'));
+        post(target, &url, &[], &Json::from(alerts).to_string(), self.deadline)
+    }
+}
+
+impl Sink for Alertmanager {
+    fn deliver(&mut self, message: &Message) -> Result<(), Failure> {
+        self.post(&[alert(message, super::now())])
+    }
+
+    fn refresh_every(&self) -> Option<Duration> {
+        Some(Duration::from_secs_f64(self.settings.resend_s))
+    }
+
+    fn refresh(&mut self, standing: &[Message]) -> Result<(), Failure> {
+        if standing.is_empty() {
+            return Ok(());
+        }
+        let now = super::now();
+        let alerts: Vec<Json> = standing.iter().map(|message| alert(message, now)).collect();
+        self.post(&alerts)
+    }
+}
+
+/// The alert of a message: its labels are the same for all news of an alarm.
+fn alert(message: &Message, now: Timestamp) -> Json {
+    let is_test = message.what == What::Test;
+    let ends = if message.stands || is_test {
+        now.plus_seconds(LASTS_S)
+    } else {
+        now
+    };
+    // An alert that begins after its end is refused; a sensor's clock may be ahead of ours.
+    let starts = message.raised.min(now);
+    let mut annotations = json!({
+        "summary": message.subject(),
+        "description": message.message,
+    });
+    if let Some(time) = message.acknowledged {
+        annotations["acknowledged"] = Json::from(time.to_string());
+    }
+    json!({
+        "labels": {
+            "alertname": if is_test { "TiranteTest" } else { "TiranteAlarm" },
+            "site": message.site,
+            "rod": message.rod,
+            "kind": message.kind,
+            "alarm": message.alarm,
+        },
+        "annotations": annotations,
+        "startsAt": starts.to_string(),
+        "endsAt": ends.to_string(),
+    })
+}

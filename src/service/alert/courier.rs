@@ -1,0 +1,302 @@
+//! One thread a sink: takes the next news from the store, sends it, reports that it arrived, for ever.
+
+use super::marks::Marks;
+use super::signal::{Signal, Stopped};
+use super::{Backoff, Failure, Message, Pace, Sink};
+use crate::analysis::numerics::random;
+use crate::analysis::track::alarm;
+use crate::config::settings::alert::SinkSettings;
+use crate::service::telemetry::metrics::Delivery;
+use crate::service::telemetry::{Fault, Telemetry};
+use crate::site::store::{Filter, Reader, StoreError};
+use std::collections::{HashSet, VecDeque};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+/// News read at once.
+const BATCH: usize = 100;
+
+/// How often the store is looked at without being told of news.
+const LOOK_EVERY: Duration = Duration::from_secs(30);
+
+/// How far a sink's courier came.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Place {
+    /// The number of the latest news the sink has.
+    through: i64,
+    /// Whether it was told what stood when it was added.
+    knows_standing: bool,
+}
+
+/// The name under which the store remembers that a sink was told what stood when it was added. No id has a slash.
+fn standing_mark(sink: &str) -> String {
+    format!("{sink}/standing")
+}
+
+/// Why a round ended early.
+enum Trouble {
+    Stopped,
+    Failed(Failure),
+    Unreadable(StoreError),
+}
+
+impl From<Stopped> for Trouble {
+    fn from(_: Stopped) -> Self {
+        Self::Stopped
+    }
+}
+
+impl From<Failure> for Trouble {
+    fn from(failure: Failure) -> Self {
+        Self::Failed(failure)
+    }
+}
+
+impl From<StoreError> for Trouble {
+    fn from(error: StoreError) -> Self {
+        Self::Unreadable(error)
+    }
+}
+
+/// What a courier is sent out with.
+pub(super) struct Errand {
+    pub(super) settings: SinkSettings,
+    pub(super) site: String,
+    pub(super) store: PathBuf,
+    pub(super) marks: Arc<Marks>,
+    pub(super) telemetry: Telemetry,
+}
+
+/// One sink's courier.
+pub(super) struct Courier {
+    errand: Errand,
+    sink: Box<dyn Sink>,
+    reader: Option<Reader>,
+    place: Option<Place>,
+    /// What stood when the sink was added and it still has to be told; `None` until that was looked up.
+    standing: Option<VecDeque<Message>>,
+    refreshed: Option<Instant>,
+    backoff: Backoff,
+    signal: Arc<Signal>,
+}
+
+impl Courier {
+    /// A courier that goes on at `place`, or where the store remembers it was.
+    pub(super) fn new(errand: Errand, pace: Pace, place: Option<Place>, signal: Arc<Signal>) -> Self {
+        let Errand { settings, site, .. } = &errand;
+        let seed = random::seed(&[b"sink", site.as_bytes(), settings.id.as_bytes()]);
+        Self {
+            sink: super::open(settings, site, pace.deadline),
+            reader: None,
+            place,
+            standing: None,
+            refreshed: None,
+            backoff: Backoff::new(pace, seed),
+            signal,
+            errand,
+        }
+    }
+
+    /// Works until it is told to stop.
+    pub(super) fn run(&mut self) {
+        loop {
+            let told = match self.round() {
+                Ok(()) => self
+                    .worked()
+                    .and_then(|()| self.signal.wait_for_news(self.until_next_look())),
+                Err(Trouble::Stopped) => return,
+                Err(Trouble::Failed(failure)) => self.failed(&failure),
+                Err(Trouble::Unreadable(error)) => {
+                    self.reader = None;
+                    self.failed(&Failure::new(error.to_string()))
+                }
+            };
+            if told == Err(Stopped) {
+                return;
+            }
+        }
+    }
+
+    /// Says so and waits.
+    fn failed(&mut self, failure: &Failure) -> Result<(), Stopped> {
+        let wait = self.backoff.after_failure(failure.retry_after);
+        let id = &self.errand.settings.id;
+        self.errand.telemetry.metrics.delivery(id, Delivery::Failed);
+        let next_s = wait.as_secs_f64().ceil();
+        let detail = format!("sink {id}: {failure}; tried again in {next_s:.0} s");
+        self.signal
+            .unless_stopped(|| self.errand.telemetry.health.hold(Fault::Sink, id, detail))?;
+        self.signal.pause(wait)
+    }
+
+    fn worked(&mut self) -> Result<(), Stopped> {
+        self.backoff.reset();
+        self.signal.unless_stopped(|| {
+            self.errand
+                .telemetry
+                .health
+                .over(Fault::Sink, &self.errand.settings.id)
+        })
+    }
+
+    fn until_next_look(&self) -> Duration {
+        match (self.sink.refresh_every(), self.refreshed) {
+            (Some(every), Some(refreshed)) => every.saturating_sub(refreshed.elapsed()).min(LOOK_EVERY),
+            (Some(every), None) => every.min(LOOK_EVERY),
+            (None, _) => LOOK_EVERY,
+        }
+    }
+
+    /// Sends everything there is to send.
+    fn round(&mut self) -> Result<(), Trouble> {
+        let reader = match self.reader.take() {
+            Some(reader) => reader,
+            None => Reader::open(&self.errand.store)?,
+        };
+        let result = self.send_all(&reader);
+        self.reader = Some(reader);
+        result
+    }
+
+    fn send_all(&mut self, reader: &Reader) -> Result<(), Trouble> {
+        let mut place = self.place(reader)?;
+        if !place.knows_standing {
+            self.tell_standing(reader, &mut place)?;
+        }
+        loop {
+            let waiting = usize::try_from(reader.latest_news()? - place.through).unwrap_or(0);
+            let (metrics, id) = (&self.errand.telemetry.metrics, &self.errand.settings.id);
+            metrics.outbox(id, waiting);
+            let news = reader.news_after(place.through, BATCH)?;
+            let Some(last) = news.last().map(|news| news.number) else {
+                break;
+            };
+            for news in &news {
+                if self.errand.settings.wants(news.event.alarm.kind, &news.rod) {
+                    self.send(&Message::of_news(&self.errand.site, news))?;
+                    self.worked()?;
+                    let (metrics, id) = (&self.errand.telemetry.metrics, &self.errand.settings.id);
+                    metrics.delivery(id, Delivery::Delivered);
+                } else if news.number < last {
+                    // What is not for this sink is passed over without a commit each.
+                    continue;
+                }
+                place.through = news.number;
+                self.arrive(place);
+                self.report(&self.errand.settings.id, place.through)?;
+            }
+        }
+        self.refresh(reader)
+    }
+
+    /// Where to go on: as remembered, or, for a sink that is new, behind the news there are now.
+    fn place(&mut self, reader: &Reader) -> Result<Place, Trouble> {
+        if let Some(place) = self.place {
+            return Ok(place);
+        }
+        let id = &self.errand.settings.id;
+        let place = match reader.delivered(id)? {
+            Some(through) => Place {
+                through,
+                knows_standing: reader.delivered(&standing_mark(id))?.is_some(),
+            },
+            None => {
+                let place = Place {
+                    through: reader.latest_news()?,
+                    knows_standing: false,
+                };
+                self.report(id, place.through)?;
+                place
+            }
+        };
+        self.arrive(place);
+        Ok(place)
+    }
+
+    /// Tells a sink that is new what stood when it was added.
+    fn tell_standing(&mut self, reader: &Reader, place: &mut Place) -> Result<(), Trouble> {
+        if self.standing.is_none() {
+            self.standing = Some(self.standing_before(reader, place.through)?);
+        }
+        while let Some(message) = self.standing.as_ref().and_then(VecDeque::front).cloned() {
+            self.send(&message)?;
+            self.worked()?;
+            self.standing.as_mut().map(VecDeque::pop_front);
+        }
+        place.knows_standing = true;
+        self.arrive(*place);
+        // Nothing waits under this name.
+        Ok(self.report(&standing_mark(&self.errand.settings.id), i64::MAX)?)
+    }
+
+    /// What stands, but for what the sink is told of by later news.
+    fn standing_before(&self, reader: &Reader, through: i64) -> Result<VecDeque<Message>, Trouble> {
+        let mut later = HashSet::new();
+        let mut number = through;
+        loop {
+            let news = reader.news_after(number, BATCH)?;
+            let Some(last) = news.last() else { break };
+            number = last.number;
+            let raised = news
+                .into_iter()
+                .filter(|news| news.event.what == alarm::What::Raised);
+            later.extend(raised.map(|news| news.event.alarm.id));
+        }
+        let mut standing = self.messages_of_standing(reader)?;
+        standing.retain(|message| !later.contains(&message.alarm));
+        Ok(standing.into())
+    }
+
+    fn messages_of_standing(&self, reader: &Reader) -> Result<Vec<Message>, Trouble> {
+        let alarms = reader.alarms(&Filter::default())?;
+        Ok(alarms
+            .iter()
+            .filter(|alarm| !alarm.is_over() && self.errand.settings.wants(alarm.kind, &alarm.rod))
+            .map(|alarm| Message::standing(&self.errand.site, alarm))
+            .collect())
+    }
+
+    /// Sends again what stands to a sink that forgets.
+    fn refresh(&mut self, reader: &Reader) -> Result<(), Trouble> {
+        let Some(every) = self.sink.refresh_every() else {
+            return Ok(());
+        };
+        if self
+            .refreshed
+            .is_some_and(|refreshed| refreshed.elapsed() < every)
+        {
+            return Ok(());
+        }
+        let standing = self.messages_of_standing(reader)?;
+        guarded(|| self.sink.refresh(&standing))?;
+        self.refreshed = Some(Instant::now());
+        Ok(())
+    }
+
+    fn send(&mut self, message: &Message) -> Result<(), Trouble> {
+        Ok(guarded(|| self.sink.deliver(message))?)
+    }
+
+    /// This thread is ahead of what the store remembers.
+    fn arrive(&mut self, place: Place) {
+        self.place = Some(place);
+        self.signal.arrive(place);
+    }
+
+    /// The store shall remember what was reached.
+    fn report(&self, mark: &str, through: i64) -> Result<(), Stopped> {
+        self.signal
+            .unless_stopped(|| self.errand.marks.put(mark, through))
+    }
+}
+
+/// A sink that breaks is a sink that failed: its thread must go on.
+fn guarded(send: impl FnOnce() -> Result<(), Failure>) -> Result<(), Failure> {
+    catch_unwind(AssertUnwindSafe(send)).unwrap_or_else(|_| {
+        Err(Failure::new(
+            "sending broke off within the program; please report this",
+        ))
+    })
+}

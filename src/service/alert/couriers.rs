@@ -1,0 +1,180 @@
+//! The couriers of a daemon: started, woken, reloaded and stopped together.
+
+use super::Pace;
+use super::courier::{Courier, Errand, Place};
+use super::marks::Marks;
+use super::signal::Signal;
+use crate::config::settings::alert::SinkSettings;
+use crate::service::daemon::Job;
+use crate::service::telemetry::{Fault, Telemetry};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
+use std::thread;
+use std::time::{Duration, Instant};
+
+/// How long a courier that is told to stop may take, unless it is in the middle of a send.
+const STOP_WITHIN: Duration = Duration::from_millis(100);
+
+/// All couriers of a daemon.
+pub struct Couriers {
+    store: PathBuf,
+    marks: Arc<Marks>,
+    marks_ended: Option<Receiver<()>>,
+    telemetry: Telemetry,
+    pace: Pace,
+    running: Vec<Running>,
+}
+
+struct Running {
+    settings: SinkSettings,
+    site: String,
+    signal: Arc<Signal>,
+    ended: Receiver<()>,
+}
+
+impl Couriers {
+    /// Starts one for each sink and one for the log. They read `store` and report through `jobs`, of which they keep a
+    /// sender until they are stopped.
+    pub fn start(
+        sinks: &[SinkSettings],
+        site: &str,
+        store: &Path,
+        jobs: SyncSender<Job>,
+        telemetry: Telemetry,
+    ) -> Self {
+        Self::start_at(Pace::default(), sinks, site, store, jobs, telemetry)
+    }
+
+    /// Starts them at another pace than the usual one.
+    pub fn start_at(
+        pace: Pace,
+        sinks: &[SinkSettings],
+        site: &str,
+        store: &Path,
+        jobs: SyncSender<Job>,
+        telemetry: Telemetry,
+    ) -> Self {
+        let marks = Arc::<Marks>::default();
+        let marks_ended = match marks.start(jobs) {
+            Ok(ended) => Some(ended),
+            Err(error) => {
+                let detail = format!("what was delivered cannot be remembered, no thread for it: {error}");
+                telemetry.health.hold(Fault::Sink, "marks", detail);
+                None
+            }
+        };
+        let mut couriers = Self {
+            store: store.to_owned(),
+            marks,
+            marks_ended,
+            telemetry,
+            pace,
+            running: Vec::new(),
+        };
+        couriers.reload(sinks, site);
+        couriers
+    }
+
+    /// There may be news in the store.
+    pub fn wake(&self) {
+        for courier in &self.running {
+            courier.signal.wake();
+        }
+    }
+
+    /// Goes on with these sinks. A courier whose settings are the same is not disturbed; one whose settings changed
+    /// goes on where it was.
+    pub fn reload(&mut self, sinks: &[SinkSettings], site: &str) {
+        let log = SinkSettings::log();
+        let mut wanted: Vec<&SinkSettings> = sinks.iter().collect();
+        wanted.push(&log);
+        let is_same = |courier: &Running| courier.site == site && wanted.contains(&&courier.settings);
+        let (mut kept, changed): (Vec<Running>, Vec<Running>) =
+            std::mem::take(&mut self.running).into_iter().partition(is_same);
+        let stopped = stop(changed, Instant::now() + STOP_WITHIN);
+        for (id, _) in &stopped {
+            if !wanted.iter().any(|settings| settings.id == *id) {
+                self.telemetry.health.over(Fault::Sink, id);
+                self.telemetry.metrics.forget_sink(id);
+            }
+        }
+        for settings in wanted {
+            if kept.iter().any(|courier| courier.settings.id == settings.id) {
+                continue;
+            }
+            let place = stopped
+                .iter()
+                .find(|(id, _)| *id == settings.id)
+                .and_then(|(_, place)| *place);
+            if let Some(courier) = self.spawn(settings, site, place) {
+                kept.push(courier);
+            }
+        }
+        self.running = kept;
+    }
+
+    /// Ends them all within 100 ms, as dropping them does. One in the middle of a send is left to itself: if its
+    /// message arrives, it is sent again at the next start, with the same id. What was delivered is still reported if
+    /// the queue of jobs is read on until it is disconnected.
+    pub fn stop(self) {}
+
+    fn spawn(&self, settings: &SinkSettings, site: &str, place: Option<Place>) -> Option<Running> {
+        let signal = Arc::new(Signal::default());
+        let (ending, ended) = sync_channel(0);
+        let id = settings.id.clone();
+        let errand = Errand {
+            settings: settings.clone(),
+            site: site.to_owned(),
+            store: self.store.clone(),
+            marks: Arc::clone(&self.marks),
+            telemetry: self.telemetry.clone(),
+        };
+        let mut courier = Courier::new(errand, self.pace, place, Arc::clone(&signal));
+        let spawned = thread::Builder::new().name(format!("sink {id}")).spawn(move || {
+            courier.run();
+            drop(ending);
+        });
+        if let Err(error) = spawned {
+            self.telemetry
+                .health
+                .hold(Fault::Sink, &id, format!("sink {id}: no thread for it: {error}"));
+            return None;
+        }
+        Some(Running {
+            settings: settings.clone(),
+            site: site.to_owned(),
+            signal,
+            ended,
+        })
+    }
+}
+
+impl Drop for Couriers {
+    fn drop(&mut self) {
+        let until = Instant::now() + STOP_WITHIN;
+        stop(std::mem::take(&mut self.running), until);
+        self.marks.end();
+        if let Some(ended) = &self.marks_ended {
+            // Disconnected: it ended. Else it still waits for a place in the queue.
+            let _ = ended.recv_timeout(until.saturating_duration_since(Instant::now()));
+        }
+    }
+}
+
+/// Stops couriers and waits for them until a moment; their ids and how far they came.
+fn stop(couriers: Vec<Running>, until: Instant) -> Vec<(String, Option<Place>)> {
+    for courier in &couriers {
+        courier.signal.stop();
+    }
+    for courier in &couriers {
+        let left = until.saturating_duration_since(Instant::now());
+        if courier.ended.recv_timeout(left) == Err(RecvTimeoutError::Timeout) {
+            tracing::debug!("sink {}: left in the middle of a send", courier.settings.id);
+        }
+    }
+    couriers
+        .into_iter()
+        .map(|courier| (courier.settings.id, courier.signal.place()))
+        .collect()
+}

@@ -1,0 +1,75 @@
+//! How far each sink came, on its way to the core thread.
+//!
+//! A thread of its own waits for a place in the queue of jobs, which may be full for hours while an archive is read: a
+//! courier must not wait with its next alarm for that. Marks that wait are joined: only the latest of a sink counts.
+
+use crate::service::daemon::Job;
+use std::collections::BTreeMap;
+use std::io;
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::thread;
+
+/// Marks that wait to be reported.
+#[derive(Debug, Default)]
+pub(super) struct Marks {
+    inner: Mutex<Inner>,
+    changed: Condvar,
+}
+
+#[derive(Debug, Default)]
+struct Inner {
+    waiting: BTreeMap<String, i64>,
+    is_over: bool,
+}
+
+impl Marks {
+    /// Starts the thread that reports marks to `jobs`; it has ended, and `jobs` is let go, when the receiver is
+    /// disconnected.
+    pub(super) fn start(self: &Arc<Self>, jobs: SyncSender<Job>) -> io::Result<Receiver<()>> {
+        let marks = Arc::clone(self);
+        let (ending, ended) = sync_channel(0);
+        thread::Builder::new()
+            .name("sink marks".to_owned())
+            .spawn(move || {
+                marks.report(jobs);
+                drop(ending);
+            })?;
+        Ok(ended)
+    }
+
+    /// The latest news a sink has.
+    pub(super) fn put(&self, mark: &str, through: i64) {
+        self.lock().waiting.insert(mark.to_owned(), through);
+        self.changed.notify_all();
+    }
+
+    /// No more will come; what waits is still reported.
+    pub(super) fn end(&self) {
+        self.lock().is_over = true;
+        self.changed.notify_all();
+    }
+
+    fn report(&self, jobs: SyncSender<Job>) {
+        loop {
+            let mut inner = self.lock();
+            while inner.waiting.is_empty() {
+                if inner.is_over {
+                    return;
+                }
+                inner = self.changed.wait(inner).unwrap_or_else(PoisonError::into_inner);
+            }
+            let waiting = std::mem::take(&mut inner.waiting);
+            drop(inner);
+            for (sink, through) in waiting {
+                if jobs.send(Job::Delivered { sink, through }).is_err() {
+                    return;
+                }
+            }
+        }
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Inner> {
+        self.inner.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}

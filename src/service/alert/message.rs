@@ -1,0 +1,311 @@
+//! What a sink sends about an alarm: one JSON object for machines, a subject and a text for people.
+
+use crate::analysis::signal::record::Timestamp;
+use crate::analysis::track::AlarmEvent;
+use crate::analysis::track::alarm::change::Change;
+use crate::analysis::track::alarm::{self, Alarm};
+use crate::analysis::track::relative::Interval;
+use crate::site::store::News;
+use serde::Serialize;
+use std::fmt::Write;
+
+/// The version of the JSON. It changes only if a field goes or changes its meaning, not if one comes.
+const VERSION: u32 = 1;
+
+/// What happened.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum What {
+    /// The alarm is new.
+    Raised,
+    /// It still stands and nobody acknowledged it.
+    Repeated,
+    /// Somebody acknowledged it.
+    Acknowledged,
+    /// Its condition ended.
+    Cleared,
+    /// It stood already when the sink was added.
+    Standing,
+    /// Nothing: somebody tries whether messages arrive.
+    Test,
+}
+
+impl What {
+    /// The name in JSON.
+    pub fn code(self) -> &'static str {
+        match self {
+            Self::Raised => "raised",
+            Self::Repeated => "repeated",
+            Self::Acknowledged => "acknowledged",
+            Self::Cleared => "cleared",
+            Self::Standing => "standing",
+            Self::Test => "test",
+        }
+    }
+
+    fn of(what: alarm::What) -> Self {
+        match what {
+            alarm::What::Raised => Self::Raised,
+            alarm::What::Repeated => Self::Repeated,
+            alarm::What::Acknowledged => Self::Acknowledged,
+            alarm::What::Cleared => Self::Cleared,
+        }
+    }
+}
+
+/// News as a sink sends it; its JSON is documented in docs/sinks.md.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Message {
+    /// The version of the JSON.
+    pub version: u32,
+    /// The same whenever the same news are sent, also after a crash or by another sink.
+    pub id: String,
+    /// What happened.
+    pub what: What,
+    /// When it happened, in event time.
+    pub time: Timestamp,
+    /// The site.
+    pub site: String,
+    /// The rod.
+    pub rod: String,
+    /// The alarm's id: one for each condition, from its raising to its end.
+    pub alarm: String,
+    /// The alarm's kind.
+    pub kind: String,
+    /// When the alarm was raised, in event time.
+    pub raised: Timestamp,
+    /// One sentence.
+    pub message: String,
+    /// Whether the alarm stands: its condition holds, or nobody acknowledged one that speaks of the rod.
+    pub stands: bool,
+    /// When somebody acknowledged it.
+    pub acknowledged: Option<Timestamp>,
+    /// When its condition ended.
+    pub cleared: Option<Timestamp>,
+    /// Onset, size and rate, for a drift.
+    pub change: Option<Change>,
+}
+
+impl Message {
+    /// News of the outbox.
+    pub fn of_news(site: &str, news: &News) -> Self {
+        let AlarmEvent { what, time, alarm } = &news.event;
+        Self::of_alarm(site, What::of(*what), *time, alarm)
+    }
+
+    /// An alarm that stands.
+    pub fn standing(site: &str, alarm: &Alarm) -> Self {
+        Self::of_alarm(site, What::Standing, alarm.told, alarm)
+    }
+
+    fn of_alarm(site: &str, what: What, time: Timestamp, alarm: &Alarm) -> Self {
+        Self {
+            version: VERSION,
+            // An alarm is raised, acknowledged and cleared once, and repeated at different times.
+            id: format!("{}-{}-{}", alarm.id, what.code(), time.as_nanos() / 1_000_000_000),
+            what,
+            time,
+            site: site.to_owned(),
+            rod: alarm.rod.0.clone(),
+            alarm: alarm.id.clone(),
+            kind: alarm.kind.code().to_owned(),
+            raised: alarm.raised,
+            message: alarm.message.clone(),
+            stands: !alarm.is_over(),
+            acknowledged: alarm.acknowledged,
+            cleared: alarm.cleared,
+            change: alarm.change.clone(),
+        }
+    }
+
+    /// A message that tries a sink.
+    pub fn test(site: &str, sink: &str, now: Timestamp) -> Self {
+        Self {
+            version: VERSION,
+            id: format!("test-{sink}-{}", now.as_nanos() / 1_000_000_000),
+            what: What::Test,
+            time: now,
+            site: site.to_owned(),
+            rod: "test".to_owned(),
+            alarm: "test".to_owned(),
+            kind: "test".to_owned(),
+            raised: now,
+            message: format!("A test of the sink {sink}: messages arrive, nothing is wrong."),
+            stands: false,
+            acknowledged: None,
+            cleared: None,
+            change: None,
+        }
+    }
+
+    /// One line for people: `Duomo, rod nave-3: drift raised`.
+    pub fn subject(&self) -> String {
+        match self.what {
+            What::Test => format!("{}: test of an alarm sink", self.site),
+            What::Standing => format!("{}, rod {}: {} stands", self.site, self.rod, self.kind),
+            What::Repeated => format!(
+                "{}, rod {}: {} stands, not acknowledged",
+                self.site, self.rod, self.kind
+            ),
+            what => format!("{}, rod {}: {} {}", self.site, self.rod, self.kind, what.code()),
+        }
+    }
+
+    /// A few lines for people, no line end behind the last.
+    pub fn text(&self) -> String {
+        let mut text = format!("{}\n\n", self.message);
+        let mut line = |name: &str, value: &str| {
+            // Writing to a string cannot fail.
+            let _ = writeln!(text, "{:<14}{value}", format!("{name}:"));
+        };
+        line("Site", &self.site);
+        if self.what != What::Test {
+            line("Rod", &self.rod);
+            line("Alarm", &format!("{} ({})", self.kind, self.alarm));
+            line("Raised", &self.raised.to_string());
+            let times = [
+                ("Acknowledged", self.acknowledged),
+                ("Condition over", self.cleared),
+            ];
+            for (name, time) in times {
+                if let Some(time) = time {
+                    line(name, &time.to_string());
+                }
+            }
+            line("Stands", if self.stands { "yes" } else { "no" });
+        }
+        if let Some(change) = &self.change {
+            line("Change", &percent(&change.size));
+            line("Rate", &format!("{} a year", percent(&change.rate_per_year)));
+            line(
+                "Onset",
+                &format!(
+                    "{} (95 %: {} to {})",
+                    change.onset, change.onset_q025, change.onset_q975
+                ),
+            );
+        }
+        if self.stands && self.acknowledged.is_none() {
+            text += &format!(
+                "\n`tirante ack --config FILE {}` says that somebody knows: it is then not told again.",
+                self.alarm
+            );
+        }
+        text.trim_end().to_owned()
+    }
+
+    /// The documented JSON object, one line.
+    pub fn json(&self) -> String {
+        // Strings, numbers and times: nothing that JSON cannot hold.
+        serde_json::to_string(self).unwrap_or_default()
+    }
+}
+
+/// `-4.1 % (95 %: -5.0 % to -3.2 %)`.
+fn percent(interval: &Interval) -> String {
+    format!(
+        "{:+.1} % (95 %: {:+.1} % to {:+.1} %)",
+        100.0 * interval.mean,
+        100.0 * interval.q025,
+        100.0 * interval.q975
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::analysis::signal::record::RodId;
+    use crate::analysis::track::alarm::Kind;
+
+    const RAISED: Timestamp = Timestamp::from_nanos(1_780_000_000_500_000_000);
+
+    fn drift() -> Alarm {
+        let interval = |mean: f64| Interval {
+            mean,
+            sd: 0.005,
+            q025: mean - 0.01,
+            q975: mean + 0.01,
+        };
+        let mut alarm = Alarm::new(
+            &RodId("nave-3".into()),
+            Kind::Drift,
+            1,
+            RAISED,
+            "The force fell by 4 %.".into(),
+        );
+        alarm.change = Some(Change {
+            onset: RAISED.plus_seconds(-86_400.0),
+            onset_q025: RAISED.plus_seconds(-2.0 * 86_400.0),
+            onset_q975: RAISED,
+            size: interval(-0.04),
+            rate_per_year: interval(0.0),
+            step_probability: 0.9,
+        });
+        alarm
+    }
+
+    fn news(what: alarm::What, time: Timestamp, alarm: Alarm) -> News {
+        News {
+            number: 5,
+            rod: alarm.rod.clone(),
+            event: AlarmEvent { what, time, alarm },
+        }
+    }
+
+    /// The names and their order are a promise: docs/sinks.md.
+    #[test]
+    fn the_json_is_the_documented_one() {
+        let message = Message::of_news("Duomo", &news(alarm::What::Raised, RAISED, drift()));
+        let id = &message.alarm;
+        assert_eq!(
+            message.json(),
+            format!(
+                concat!(
+                    r#"{{"version":1,"id":"{0}-raised-1780000000","what":"raised","time":"2026-05-28T20:26:40.5Z","#,
+                    r#""site":"Duomo","rod":"nave-3","alarm":"{0}","kind":"drift","raised":"2026-05-28T20:26:40.5Z","#,
+                    r#""message":"The force fell by 4 %.","stands":true,"acknowledged":null,"cleared":null,"#,
+                    r#""change":{{"onset":"2026-05-27T20:26:40.5Z","onset_q025":"2026-05-26T20:26:40.5Z","#,
+                    r#""onset_q975":"2026-05-28T20:26:40.5Z","size":{{"mean":-0.04,"sd":0.005,"q025":-0.05,"q975":-0.03}},"#,
+                    r#""rate_per_year":{{"mean":0.0,"sd":0.005,"q025":-0.01,"q975":0.01}},"step_probability":0.9}}}}"#
+                ),
+                id
+            )
+        );
+    }
+
+    #[test]
+    fn every_news_of_an_alarm_has_an_id_of_its_own_and_always_the_same() {
+        let mut ids: Vec<String> = [
+            (alarm::What::Raised, 0.0),
+            (alarm::What::Repeated, 1e6),
+            (alarm::What::Repeated, 2e6),
+            (alarm::What::Acknowledged, 2e6),
+            (alarm::What::Cleared, 2e6),
+        ]
+        .map(|(what, s)| Message::of_news("Duomo", &news(what, RAISED.plus_seconds(s), drift())).id)
+        .to_vec();
+        ids.push(Message::standing("Duomo", &drift()).id);
+        assert_eq!(ids.iter().collect::<std::collections::BTreeSet<_>>().len(), 6);
+        assert_eq!(ids[5], Message::standing("Duomo", &drift()).id);
+    }
+
+    #[test]
+    fn people_read_what_to_do() {
+        let mut alarm = drift();
+        let message = Message::standing("Duomo", &alarm);
+        assert_eq!(message.subject(), "Duomo, rod nave-3: drift stands");
+        let text = message.text();
+        assert!(text.contains("-4.0 % (95 %: -5.0 % to -3.0 %)"), "{text}");
+        assert!(
+            text.contains(&format!("tirante ack --config FILE {}", alarm.id)),
+            "{text}"
+        );
+        alarm.acknowledged = Some(RAISED);
+        alarm.cleared = Some(RAISED);
+        let text = Message::standing("Duomo", &alarm).text();
+        assert!(
+            text.contains("Stands:       no") && !text.contains("tirante ack"),
+            "{text}"
+        );
+    }
+}

@@ -1,0 +1,181 @@
+//! What every rod's days were, kept up to date from the records that are new in a store.
+//!
+//! A history of years is drawn from these instead of from its records; a day of a rod takes a few hundred bytes.
+
+use crate::analysis::signal::record::{RodId, Timestamp};
+use crate::analysis::track::Interval;
+use crate::site::store::{Point, Reader, StoreError};
+use std::collections::BTreeMap;
+
+/// Length of a day \[ns\].
+pub const DAY_NS: i64 = 86_400_000_000_000;
+
+/// Records read at once: some ten milliseconds.
+const BATCH: usize = 2_000;
+
+/// Every rod's days.
+#[derive(Debug, Default)]
+pub struct Days {
+    /// The number of the last record taken up.
+    through: i64,
+    rods: BTreeMap<RodId, BTreeMap<i64, Bucket>>,
+}
+
+/// The records of a stretch of time.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Bucket {
+    /// All of them.
+    pub records: u64,
+    /// Those that were rejected.
+    pub rejected: u64,
+    /// N_t / N_0 at the reference temperature.
+    pub relative_force_at_reference: Mean,
+    /// N_t / N_0 at the measured temperature.
+    pub relative_force: Mean,
+    /// Force given the baseline, at the reference temperature \[N\].
+    pub force_at_reference_n: Mean,
+    /// Force given the baseline, at the measured temperature \[N\].
+    pub tracked_force_n: Mean,
+    /// Force of each record alone \[N\].
+    pub axial_force_n: Mean,
+    /// Temperature \[degC\].
+    pub temperature_c: Mean,
+}
+
+/// Sums of one quantity and of the ends of its interval.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Mean {
+    count: u32,
+    mean: f64,
+    q025: f64,
+    q975: f64,
+}
+
+impl Mean {
+    fn add(&mut self, mean: f64, q025: f64, q975: f64) {
+        self.count += 1;
+        self.mean += mean;
+        self.q025 += q025;
+        self.q975 += q975;
+    }
+
+    fn add_interval(&mut self, interval: Option<&Interval>) {
+        if let Some(interval) = interval {
+            self.add(interval.mean, interval.q025, interval.q975);
+        }
+    }
+
+    fn join(&mut self, other: &Self) {
+        self.count += other.count;
+        self.mean += other.mean;
+        self.q025 += other.q025;
+        self.q975 += other.q975;
+    }
+
+    /// The means of value, 2.5 % and 97.5 % quantile over the records; `None` without one.
+    pub fn get(&self) -> Option<[f64; 3]> {
+        (self.count > 0).then(|| [self.mean, self.q025, self.q975].map(|sum| sum / f64::from(self.count)))
+    }
+}
+
+impl Bucket {
+    /// Takes up a record. One that was set aside counts, but its force is not drawn with those that are believed.
+    pub fn add(&mut self, point: &Point) {
+        self.records += 1;
+        if point.rejection.is_some() {
+            self.rejected += 1;
+        }
+        if let Some(temperature_c) = point.temperature_c {
+            self.temperature_c
+                .add(temperature_c, temperature_c, temperature_c);
+        }
+        if point.set_aside.is_some() {
+            return;
+        }
+        self.relative_force_at_reference
+            .add_interval(point.relative_force_at_reference.as_ref());
+        self.relative_force.add_interval(point.relative_force.as_ref());
+        self.force_at_reference_n
+            .add_interval(point.force_at_reference_n.as_ref());
+        self.tracked_force_n.add_interval(point.tracked_force_n.as_ref());
+        self.axial_force_n.add_interval(point.axial_force_n.as_ref());
+    }
+
+    /// Takes up the records of another.
+    pub fn join(&mut self, other: &Self) {
+        self.records += other.records;
+        self.rejected += other.rejected;
+        self.relative_force_at_reference
+            .join(&other.relative_force_at_reference);
+        self.relative_force.join(&other.relative_force);
+        self.force_at_reference_n.join(&other.force_at_reference_n);
+        self.tracked_force_n.join(&other.tracked_force_n);
+        self.axial_force_n.join(&other.axial_force_n);
+        self.temperature_c.join(&other.temperature_c);
+    }
+}
+
+impl Days {
+    /// Takes up at most a batch of the records that are new in the store; whether there may be more.
+    ///
+    /// # Errors
+    /// The store cannot be read, or a row is damaged.
+    pub fn take_up(&mut self, reader: &Reader) -> Result<bool, StoreError> {
+        let points = reader.points_after(self.through, BATCH)?;
+        for point in &points {
+            self.through = point.id;
+            if let Some(start) = point.start {
+                let day = start.as_nanos().div_euclid(DAY_NS);
+                let days = match self.rods.get_mut(&point.rod) {
+                    Some(days) => days,
+                    None => self.rods.entry(point.rod.clone()).or_default(),
+                };
+                days.entry(day).or_default().add(point);
+            }
+        }
+        Ok(points.len() == BATCH)
+    }
+
+    /// The part of a store's records that was taken up.
+    ///
+    /// # Errors
+    /// The store cannot be read.
+    pub fn share(&self, reader: &Reader) -> Result<f64, StoreError> {
+        let last = reader.last_record()?;
+        Ok(self.through.max(0) as f64 / last.max(1) as f64)
+    }
+
+    /// The days of a rod from one time to before another, ascending: when each begins, and its records.
+    pub fn between(
+        &self,
+        rod: &RodId,
+        from: Timestamp,
+        to: Timestamp,
+    ) -> impl DoubleEndedIterator<Item = (Timestamp, &Bucket)> {
+        let first = from.as_nanos().div_euclid(DAY_NS);
+        let last = to.as_nanos().saturating_sub(1).div_euclid(DAY_NS);
+        let days = self.rods.get(rod).filter(|_| first <= last);
+        days.into_iter()
+            .flat_map(move |days| days.range(first..=last))
+            .map(|(day, bucket)| (Timestamp::from_nanos(day.saturating_mul(DAY_NS)), bucket))
+    }
+
+    /// A rod's records with a time, and how many of them were rejected.
+    pub fn counts(&self, rod: &RodId) -> (u64, u64) {
+        self.rods
+            .get(rod)
+            .into_iter()
+            .flat_map(BTreeMap::values)
+            .fold((0, 0), |(records, rejected), day| {
+                (records + day.records, rejected + day.rejected)
+            })
+    }
+
+    /// The beginning of a rod's first day and the end of its last.
+    pub fn span(&self, rod: &RodId) -> Option<(Timestamp, Timestamp)> {
+        let days = self.rods.get(rod)?;
+        let (first, last) = (days.keys().next()?, days.keys().next_back()?);
+        let at = |day: i64| Timestamp::from_nanos(day.saturating_mul(DAY_NS));
+        Some((at(*first), at(last.saturating_add(1))))
+    }
+}

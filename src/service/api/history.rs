@@ -1,0 +1,222 @@
+//! A rod's history in columns, drawn from its records, or from stretches of time if they are too many.
+
+use super::days::{Bucket, DAY_NS, Days, Mean};
+use crate::analysis::signal::record::{RodId, Timestamp};
+use crate::analysis::track::Interval;
+use crate::site::store::{Point, Reader, StoreError};
+use serde::Serialize;
+
+const SECOND_NS: i64 = 1_000_000_000;
+
+/// Most records that are read for one answer.
+const MOST_READ: u64 = 20_000;
+
+/// A rod's history; all columns are equally long, ascending in time.
+#[derive(Debug, Serialize)]
+pub struct History {
+    /// The rod.
+    pub rod: RodId,
+    /// From this time on.
+    pub from: Timestamp,
+    /// Before this time.
+    pub to: Timestamp,
+    /// What a point stands for: a stretch of so many seconds; `null` if each is one record.
+    pub step_s: Option<f64>,
+    /// Time of the record's first sample, or the beginning of the stretch.
+    pub time: Vec<Timestamp>,
+    /// Records of the point.
+    pub records: Vec<u64>,
+    /// Those of them that were rejected.
+    pub rejected: Vec<u64>,
+    /// Why a record does not count on the charts; `null` for one that does, and for stretches.
+    pub set_aside: Vec<Option<String>>,
+    /// N_t / N_0 at the reference temperature.
+    pub relative_force_at_reference: Band,
+    /// N_t / N_0 at the measured temperature.
+    pub relative_force: Band,
+    /// Force given the baseline, at the reference temperature \[N\].
+    pub force_at_reference_n: Band,
+    /// Force given the baseline, at the measured temperature \[N\].
+    pub tracked_force_n: Band,
+    /// Force of each record alone \[N\].
+    pub axial_force_n: Band,
+    /// Temperature \[degC\].
+    pub temperature_c: Vec<Option<f64>>,
+}
+
+/// A quantity with its 95 % interval, in columns; of a stretch, the means of its records.
+#[derive(Debug, Default, Serialize)]
+pub struct Band {
+    /// Mean.
+    pub mean: Vec<Option<f64>>,
+    /// 2.5 % quantile.
+    pub q025: Vec<Option<f64>>,
+    /// 97.5 % quantile.
+    pub q975: Vec<Option<f64>>,
+}
+
+impl Band {
+    fn push(&mut self, values: Option<[f64; 3]>) {
+        let [mean, q025, q975] = values.map_or([None; 3], |values| values.map(Some));
+        self.mean.push(mean);
+        self.q025.push(q025);
+        self.q975.push(q975);
+    }
+
+    fn push_interval(&mut self, interval: Option<&Interval>) {
+        self.push(interval.map(|i| [i.mean, i.q025, i.q975]));
+    }
+
+    /// Of a stretch: means, which nobody compares digit by digit.
+    fn push_mean(&mut self, mean: &Mean) {
+        self.push(mean.get().map(|values| values.map(shortened)));
+    }
+}
+
+impl History {
+    /// The history of a rod from one time to before another, in about `points` points at most.
+    ///
+    /// # Errors
+    /// The store cannot be read, or a row is damaged.
+    pub fn of(
+        reader: &Reader,
+        days: &Days,
+        rod: &RodId,
+        (from, to): (Timestamp, Timestamp),
+        points: usize,
+    ) -> Result<Self, StoreError> {
+        let points = points.max(1);
+        let mut history = Self::empty(rod, from, to);
+        let there: u64 = days.between(rod, from, to).map(|(_, day)| day.records).sum();
+        if there > MOST_READ {
+            history.fill_from_days(days, points);
+            return Ok(history);
+        }
+        let most = usize::try_from(MOST_READ).unwrap_or(usize::MAX);
+        let found = reader.points_between(rod, from, to, most)?;
+        if found.len() <= points {
+            found.iter().for_each(|point| history.push_record(point));
+        } else {
+            history.fill_from_records(&found, points);
+        }
+        Ok(history)
+    }
+
+    fn empty(rod: &RodId, from: Timestamp, to: Timestamp) -> Self {
+        Self {
+            rod: rod.clone(),
+            from,
+            to,
+            step_s: None,
+            time: Vec::new(),
+            records: Vec::new(),
+            rejected: Vec::new(),
+            set_aside: Vec::new(),
+            relative_force_at_reference: Band::default(),
+            relative_force: Band::default(),
+            force_at_reference_n: Band::default(),
+            tracked_force_n: Band::default(),
+            axial_force_n: Band::default(),
+            temperature_c: Vec::new(),
+        }
+    }
+
+    /// Whole days, several to a point if there are too many.
+    fn fill_from_days(&mut self, days: &Days, points: usize) {
+        let rod = self.rod.clone();
+        let number = |time: Timestamp| time.as_nanos().div_euclid(DAY_NS);
+        let count = days.between(&rod, self.from, self.to).count();
+        let together = i64::try_from(count.div_ceil(points)).unwrap_or(1).max(1);
+        self.step_s = Some((together * DAY_NS) as f64 * 1e-9);
+        let first = number(self.from);
+        let stretches = days
+            .between(&rod, self.from, self.to)
+            .map(|(start, day)| ((number(start) - first).div_euclid(together), day));
+        self.join(
+            stretches,
+            first.saturating_mul(DAY_NS),
+            together.saturating_mul(DAY_NS),
+        );
+    }
+
+    /// Even stretches of time.
+    fn fill_from_records(&mut self, found: &[Point], points: usize) {
+        let start = |point: &Point| point.start.map_or(0, Timestamp::as_nanos);
+        let (first, last) = (found.first().map_or(0, start), found.last().map_or(0, start));
+        let span_s = last.saturating_sub(first) / SECOND_NS;
+        // Whole seconds, the last record in the last stretch.
+        let step_s = (span_s / i64::try_from(points).unwrap_or(i64::MAX).max(1)).saturating_add(1);
+        let step_ns = step_s.saturating_mul(SECOND_NS);
+        self.step_s = Some(step_ns as f64 * 1e-9);
+        let buckets: Vec<(i64, Bucket)> = found
+            .iter()
+            .map(|point| {
+                let mut bucket = Bucket::default();
+                bucket.add(point);
+                (start(point).saturating_sub(first).div_euclid(step_ns), bucket)
+            })
+            .collect();
+        let buckets = buckets.iter().map(|(number, bucket)| (*number, bucket));
+        self.join(buckets, first, step_ns);
+    }
+
+    /// Joins neighbours of the same number, ascending; stretch 0 begins at `first_ns`.
+    fn join<'b>(&mut self, buckets: impl Iterator<Item = (i64, &'b Bucket)>, first_ns: i64, step_ns: i64) {
+        let begin = |number: i64| first_ns.saturating_add(number.saturating_mul(step_ns));
+        let mut open: Option<(i64, Bucket)> = None;
+        for (number, bucket) in buckets {
+            match &mut open {
+                Some((last, joined)) if *last == number => joined.join(bucket),
+                _ => {
+                    if let Some((number, joined)) = open.replace((number, *bucket)) {
+                        self.push_bucket(begin(number), &joined);
+                    }
+                }
+            }
+        }
+        if let Some((number, joined)) = open {
+            self.push_bucket(begin(number), &joined);
+        }
+    }
+
+    fn push_bucket(&mut self, start_ns: i64, bucket: &Bucket) {
+        self.time.push(Timestamp::from_nanos(start_ns));
+        self.records.push(bucket.records);
+        self.rejected.push(bucket.rejected);
+        self.set_aside.push(None);
+        self.relative_force_at_reference
+            .push_mean(&bucket.relative_force_at_reference);
+        self.relative_force.push_mean(&bucket.relative_force);
+        self.force_at_reference_n.push_mean(&bucket.force_at_reference_n);
+        self.tracked_force_n.push_mean(&bucket.tracked_force_n);
+        self.axial_force_n.push_mean(&bucket.axial_force_n);
+        let temperature = bucket.temperature_c.get();
+        self.temperature_c
+            .push(temperature.map(|[mean, ..]| shortened(mean)));
+    }
+
+    fn push_record(&mut self, point: &Point) {
+        let Some(start) = point.start else { return };
+        self.time.push(start);
+        self.records.push(1);
+        self.rejected.push(u64::from(point.rejection.is_some()));
+        self.set_aside.push(point.set_aside.clone());
+        self.relative_force_at_reference
+            .push_interval(point.relative_force_at_reference.as_ref());
+        self.relative_force.push_interval(point.relative_force.as_ref());
+        self.force_at_reference_n
+            .push_interval(point.force_at_reference_n.as_ref());
+        self.tracked_force_n.push_interval(point.tracked_force_n.as_ref());
+        self.axial_force_n.push_interval(point.axial_force_n.as_ref());
+        self.temperature_c.push(point.temperature_c);
+    }
+}
+
+/// Seven significant digits.
+fn shortened(value: f64) -> f64 {
+    if value == 0.0 || !value.is_finite() {
+        return value;
+    }
+    let scale = 10_f64.powi(6 - value.abs().log10().floor() as i32);
+    (value * scale).round() / scale
+}

@@ -1,0 +1,138 @@
+//! Records and alarms, page by page, the latest first.
+
+use super::days::Days;
+use crate::analysis::signal::record::{RodId, Timestamp};
+use crate::analysis::track::Alarm;
+use crate::site::store::{Lines, Mark, Reader, StoreError};
+use serde::Serialize;
+use serde_json::value::RawValue;
+
+/// A page of a rod's records.
+#[derive(Debug, Serialize)]
+pub struct Records {
+    /// The records' lines, as `history --format json` prints them.
+    pub records: Vec<Box<RawValue>>,
+    /// What to ask for to get the next page; `None` after the last.
+    pub next: Option<String>,
+    /// Whether the list ends here because older records have no line any more (`[store] keep_lines_d`); `history --format csv` has their
+    /// numbers.
+    pub older_lines_removed: bool,
+}
+
+impl Records {
+    /// At most `most` records of a rod before what `next` of another page named, rejected ones alone or all.
+    ///
+    /// # Errors
+    /// The store cannot be read, or a row is damaged.
+    pub fn of(
+        reader: &Reader,
+        days: &Days,
+        rod: &RodId,
+        before: Option<Mark>,
+        only_rejected: bool,
+        most: usize,
+    ) -> Result<Self, StoreError> {
+        // One more than asked for says whether there is another page.
+        let wanted = most + 1;
+        let mut lines = Lines::default();
+        if only_rejected {
+            // Day by day, those with a rejection alone: the last hundred may lie years apart.
+            let end = before.map_or(Timestamp::MAX, |mark| {
+                Timestamp::from_nanos(mark.start_ns.saturating_add(1))
+            });
+            let all = days.between(rod, Timestamp::from_nanos(i64::MIN), end);
+            for (day, _) in all.rev().filter(|(_, bucket)| bucket.rejected > 0) {
+                let within = (day, day.plus_seconds(86_400.0));
+                let of_day = reader.lines_before(rod, within, before, true, wanted - lines.found.len())?;
+                lines.found.extend(of_day.found);
+                lines.are_older_removed = of_day.are_older_removed;
+                if lines.found.len() >= wanted || lines.are_older_removed {
+                    break;
+                }
+            }
+        } else {
+            let always = (Timestamp::from_nanos(i64::MIN), Timestamp::MAX);
+            lines = reader.lines_before(rod, always, before, false, wanted)?;
+        }
+        let Lines {
+            mut found,
+            are_older_removed,
+        } = lines;
+        let is_more = found.len() > most;
+        found.truncate(most);
+        let next = found
+            .last()
+            .filter(|_| is_more)
+            .map(|(mark, _)| format!("{}.{}", mark.start_ns, mark.id));
+        let lines = found.into_iter().map(|(_, line)| {
+            RawValue::from_string(line).map_err(|error| StoreError::Unreadable {
+                what: format!("a record of rod {rod}"),
+                detail: error.to_string(),
+            })
+        });
+        Ok(Self {
+            records: lines.collect::<Result<_, _>>()?,
+            older_lines_removed: are_older_removed && next.is_none(),
+            next,
+        })
+    }
+}
+
+/// The mark a page's `next` names.
+pub fn mark(next: &str) -> Option<Mark> {
+    let (start_ns, id) = next.split_once('.')?;
+    Some(Mark {
+        start_ns: start_ns.parse().ok()?,
+        id: id.parse().ok()?,
+    })
+}
+
+/// An alarm, as `history --what alarms --format json` prints it.
+#[derive(Debug, Serialize)]
+pub struct AlarmAnswer {
+    /// The alarm.
+    #[serde(flatten)]
+    pub alarm: Alarm,
+    /// Whether it is not over.
+    pub stands: bool,
+}
+
+/// A page of alarms.
+#[derive(Debug, Serialize)]
+pub struct Alarms {
+    /// The alarms, as they are now.
+    pub alarms: Vec<AlarmAnswer>,
+    /// What to ask for to get the next page; `None` after the last.
+    pub next: Option<String>,
+}
+
+impl Alarms {
+    /// At most `most` alarms before the one called `before`; `None` if there is no such alarm.
+    ///
+    /// # Errors
+    /// The store cannot be read, or a row is damaged.
+    pub fn of(
+        reader: &Reader,
+        rod: Option<&RodId>,
+        only_standing: bool,
+        before: Option<&str>,
+        most: usize,
+    ) -> Result<Option<Self>, StoreError> {
+        let before = match before.map(|id| reader.alarm(id)).transpose()? {
+            Some(None) => return Ok(None),
+            found => found.flatten(),
+        };
+        let mut alarms = reader.alarms_before(rod, only_standing, before.as_ref(), most + 1)?;
+        let is_more = alarms.len() > most;
+        alarms.truncate(most);
+        let next = alarms.last().filter(|_| is_more).map(|alarm| alarm.id.clone());
+        let alarms = alarms.into_iter().map(|alarm| AlarmAnswer {
+            stands: !alarm.is_over(),
+            alarm,
+        });
+        Ok(Some(Self {
+            alarms: alarms.collect(),
+            next,
+        }))
+    }
+}

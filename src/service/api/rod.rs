@@ -1,0 +1,194 @@
+//! One rod: its segments, what temperature does, its charts, and what its records looked like.
+
+use super::days::Days;
+use super::standing::{Goals, RodStatus};
+use crate::analysis::record_view::Snapshot;
+use crate::analysis::signal::record::{RodId, Timestamp};
+use crate::config::Config;
+use crate::site::store::{Reader, StoreError};
+use serde::Serialize;
+use serde_json::value::RawValue;
+
+/// One rod.
+#[derive(Debug, Serialize)]
+pub struct RodAnswer {
+    /// How it stands.
+    #[serde(flatten)]
+    pub status: RodStatus,
+    /// Its first day and the end of its last.
+    pub span: Option<[Timestamp; 2]>,
+    /// Stretches of history with one baseline each, ascending.
+    pub segments: Vec<SegmentAnswer>,
+    /// What temperature does, as learned.
+    pub thermal: Option<Thermal>,
+}
+
+/// A stretch of history with one baseline.
+#[derive(Debug, Serialize)]
+pub struct SegmentAnswer {
+    /// From 1.
+    pub number: u32,
+    /// Why it was opened: `first`, `requested`, `changed`, `clock`.
+    pub reason: String,
+    /// First and last record of the baseline, once learned.
+    pub baseline: Option<[Timestamp; 2]>,
+    /// Records of the baseline.
+    pub baseline_records: usize,
+    /// Reference temperature \[degC\].
+    pub reference_c: Option<f64>,
+    /// Why the last attempt at a baseline failed.
+    pub fault: Option<String>,
+}
+
+/// What temperature does to the relative force.
+#[derive(Debug, Serialize)]
+pub struct Thermal {
+    /// Slope \[1/K\].
+    pub slope_per_k: f64,
+    /// Its standard deviation \[1/K\].
+    pub slope_sd_per_k: f64,
+}
+
+impl RodAnswer {
+    /// What a store knows of a rod; `None` if it does not know the rod.
+    ///
+    /// # Errors
+    /// The store cannot be read, or a row is damaged.
+    pub fn of(reader: &Reader, days: &Days, rod: &RodId) -> Result<Option<Self>, StoreError> {
+        let Some(standing) = reader.standing(rod)? else {
+            return Ok(None);
+        };
+        let segments = reader.segments(rod)?.into_iter().map(|segment| {
+            let baseline = segment.baseline.as_ref();
+            SegmentAnswer {
+                number: segment.number,
+                reason: segment.reason.code().to_owned(),
+                baseline: baseline.map(|baseline| [baseline.first, baseline.last]),
+                baseline_records: baseline.map_or(0, |baseline| baseline.records),
+                reference_c: segment.reference_c,
+                fault: segment.fault,
+            }
+        });
+        let segments = segments.collect();
+        let slope = reader.watch(rod)?.and_then(|watch| watch.slope());
+        let thermal = slope.map(|(slope_per_k, slope_sd_per_k)| Thermal {
+            slope_per_k,
+            slope_sd_per_k,
+        });
+        Ok(Some(Self {
+            span: days.span(rod).map(|(first, last)| [first, last]),
+            segments,
+            thermal,
+            status: RodStatus::of(standing, days.counts(rod), Goals::of(reader)?)?,
+        }))
+    }
+}
+
+/// What single records of a rod looked like.
+#[derive(Debug, Serialize)]
+pub struct Looks {
+    /// The rod.
+    pub rod: RodId,
+    /// SI unit of the waveform.
+    pub unit: Option<&'static str>,
+    /// The latest identified record.
+    pub latest: Option<Snapshot>,
+    /// The first record of the present baseline.
+    pub baseline: Option<Snapshot>,
+    /// The latest refused record, with the reason.
+    pub refused: Option<Snapshot>,
+    /// The latest record's line, as `history --format json` prints it.
+    pub record: Option<Box<RawValue>>,
+}
+
+/// SI unit of the samples of a rod's record that began at a time, by the configuration it was taken with.
+///
+/// # Errors
+/// The store cannot be read, or a row is damaged.
+pub fn unit(reader: &Reader, rod: &RodId, start: Timestamp) -> Result<Option<&'static str>, StoreError> {
+    let config = reader.config_at(rod, start)?;
+    let config = config.and_then(|[_, _, text]| Config::parse(&text, "the store").ok());
+    Ok(config.and_then(|config| {
+        let rod = config.rod(&rod.0)?;
+        Some(rod.channels.displacement.unit.si())
+    }))
+}
+
+impl Looks {
+    /// From what a store kept.
+    ///
+    /// # Errors
+    /// The store cannot be read, or a row is damaged.
+    pub fn of(reader: &Reader, rod: &RodId) -> Result<Self, StoreError> {
+        let snapshots = reader.snapshots(rod)?;
+        let line = reader.standing(rod)?.and_then(|standing| standing.latest);
+        Ok(Self {
+            rod: rod.clone(),
+            unit: match snapshots.latest.as_ref().or(snapshots.refused.as_ref()) {
+                Some(latest) => unit(reader, rod, latest.start)?,
+                None => None,
+            },
+            latest: snapshots.latest,
+            baseline: snapshots.first,
+            refused: snapshots.refused,
+            record: line
+                .map(RawValue::from_string)
+                .transpose()
+                .map_err(|error| StoreError::Unreadable {
+                    what: format!("the latest record of rod {rod}"),
+                    detail: error.to_string(),
+                })?,
+        })
+    }
+}
+
+/// The drift watch of a rod's present segment, in columns, ascending in time: one point per closed period.
+#[derive(Debug, Default, Serialize)]
+pub struct Chart {
+    /// The segment.
+    pub segment: u32,
+    /// The beginning of each period.
+    pub time: Vec<Timestamp>,
+    /// Records in it.
+    pub records: Vec<usize>,
+    /// Standard normal residual without a change.
+    pub residual: Vec<Option<f64>>,
+    /// N_t / N_0 - 1 at the reference temperature.
+    pub at_reference: Vec<Option<f64>>,
+    /// Evidence of a change over its limit, with temperature and the other rods: an alarm above one.
+    pub evidence: Vec<Option<f64>>,
+    /// The same by the other rods alone.
+    pub evidence_peers: Vec<Option<f64>>,
+    /// The same by nothing but the rod.
+    pub evidence_blind: Vec<Option<f64>>,
+}
+
+impl Chart {
+    /// The last `most` periods of a rod's present segment.
+    ///
+    /// # Errors
+    /// The store cannot be read, or a row is damaged.
+    pub fn of(reader: &Reader, rod: &RodId, most: usize) -> Result<Self, StoreError> {
+        let Some(standing) = reader.standing(rod)? else {
+            return Ok(Self::default());
+        };
+        let mut chart = Self {
+            segment: standing.segment,
+            ..Self::default()
+        };
+        for period in reader.last_periods(rod, standing.segment, most)? {
+            let charted = period.charted.as_ref();
+            let evidence = charted.map(|charted| charted.evidence).unwrap_or_default();
+            chart.time.push(period.start);
+            chart.records.push(period.records);
+            chart.residual.push(charted.map(|charted| charted.residual));
+            chart
+                .at_reference
+                .push(charted.and_then(|charted| charted.at_reference));
+            chart.evidence.push(evidence.compensated);
+            chart.evidence_peers.push(evidence.peers);
+            chart.evidence_blind.push(evidence.blind);
+        }
+        Ok(chart)
+    }
+}

@@ -1,0 +1,566 @@
+//! The watched folder: which recordings in it are to be read, and reading them a step at a time.
+
+use super::steps::{Blame, Steps, Watch};
+use crate::analysis::signal::record::{Event, RecordSettings, RodChannels};
+use crate::recording::read::folder::first_time;
+use crate::recording::read::series::modified_ns;
+use crate::recording::read::{Poll, Recording, SourceError, Summary};
+use crate::service::telemetry::{Fault, Health};
+use crate::site::analyse::Place;
+use crate::site::store::{FileMark, FileState};
+use rustix::fs::{Mode, OFlags};
+use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet, VecDeque};
+use std::ffi::{OsStr, OsString};
+use std::fs::{self, File, Metadata};
+use std::io::{self, Read, Seek, SeekFrom};
+use std::os::unix::ffi::OsStrExt;
+use std::os::unix::fs::MetadataExt;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant, SystemTime};
+
+/// The shortest time between two scans.
+const SCAN_EVERY: Duration = Duration::from_secs(1);
+/// Of the time, at most one part in this many goes into scans.
+const SCAN_SHARE: u32 = 20;
+/// Growing recordings read at once.
+const MOST_GROWING: usize = 64;
+/// Bytes growing recordings may hold together; beyond, the largest is read when it is finished.
+const GROWING_BYTES: usize = 64 << 20;
+/// Pause before a file that cannot be opened is tried again.
+const RETRY: Duration = Duration::from_secs(60);
+/// How an MCAP file ends.
+const MAGIC: &[u8; 8] = b"\x89MCAP0\r\n";
+
+/// A file's length \[bytes\] and when it was written \[ns since 1970\]: how it is seen to change.
+type Stamp = (u64, i64);
+
+fn stamp(data: &Metadata) -> Stamp {
+    (data.len(), data.modified().map_or(0, modified_ns))
+}
+
+/// The watched folder.
+pub(super) struct Folder {
+    path: PathBuf,
+    settle: Duration,
+    channels: Vec<RodChannels>,
+    settings: RecordSettings,
+    health: Arc<Health>,
+    /// Files that were read to their end, as they were then.
+    done: HashMap<OsString, Stamp>,
+    /// Finished files to be read, in the order of their first message.
+    queue: BTreeSet<(u64, OsString)>,
+    queued: HashMap<OsString, Stamp>,
+    /// Files that could not be opened, or are quarantined, and when to look again.
+    failed: HashMap<OsString, Instant>,
+    /// Growing files that are read when they are finished, since all of them held too much.
+    postponed: HashSet<OsString>,
+    /// Files that are set aside, each a condition.
+    set_aside: BTreeSet<OsString>,
+    finished: Option<Lane>,
+    growing: VecDeque<Lane>,
+    next_scan: Instant,
+    /// Whether the growing files have the next turn.
+    is_turn_of_growing: bool,
+    /// Whether finished files come first: at the start, until all that were there are read.
+    catches_up: bool,
+}
+
+/// A file that is read.
+struct Lane {
+    name: OsString,
+    label: Arc<str>,
+    recording: Recording,
+    steps: Steps,
+    file: File,
+    records: u64,
+    is_live: bool,
+    /// As it was when reading began, or when it was last seen to grow.
+    stamp: Stamp,
+    grew: Instant,
+    /// Whether another file has its name now.
+    is_replaced: bool,
+    quarantined: Option<String>,
+    /// Bytes in memory after its latest step.
+    held: usize,
+}
+
+/// What a step brought.
+pub(super) enum FolderStep {
+    Event(Event, Place),
+    File(FileMark, Result<Summary, SourceError>),
+    More,
+    Idle,
+}
+
+impl Folder {
+    pub fn new(
+        path: PathBuf,
+        settle: Duration,
+        channels: &[RodChannels],
+        settings: &RecordSettings,
+        marks: &BTreeMap<String, FileMark>,
+        health: Arc<Health>,
+    ) -> Self {
+        let mut set_aside = BTreeSet::new();
+        for mark in marks.values() {
+            if let (FileState::Quarantined(why), Some(name)) = (&mark.state, name_of(&mark.name)) {
+                health.hold(Fault::Quarantined, &mark.name, why);
+                set_aside.insert(name);
+            }
+        }
+        let done = marks
+            .values()
+            .filter_map(|mark| Some((name_of(&mark.name)?, (mark.size, mark.modified_ns))));
+        Self {
+            path,
+            settle,
+            channels: channels.to_vec(),
+            settings: *settings,
+            health,
+            done: done.collect(),
+            queue: BTreeSet::new(),
+            queued: HashMap::new(),
+            failed: HashMap::new(),
+            postponed: HashSet::new(),
+            set_aside,
+            finished: None,
+            growing: VecDeque::new(),
+            next_scan: Instant::now(),
+            is_turn_of_growing: false,
+            catches_up: true,
+        }
+    }
+
+    /// Whether files that were there at the start come before everything live.
+    pub fn catches_up(&self) -> bool {
+        self.catches_up
+    }
+
+    /// Whether finished files wait to be read, or are read now.
+    pub fn has_backlog(&self) -> bool {
+        self.catches_up || self.finished.is_some() || !self.queue.is_empty()
+    }
+
+    /// Other channels and settings hold: files not read to their end are begun again.
+    pub fn change(&mut self, channels: &[RodChannels], settings: &RecordSettings) {
+        channels.clone_into(&mut self.channels);
+        self.settings = *settings;
+        self.finished = None;
+        self.growing.clear();
+        self.next_scan = Instant::now();
+    }
+
+    /// One step: a scan if it is time, or at most one record or chunk of one file.
+    pub fn step(&mut self, watch: &mut Watch, stop: &AtomicBool) -> FolderStep {
+        if Instant::now() >= self.next_scan {
+            let began = Instant::now();
+            self.scan(stop);
+            let took = began.elapsed();
+            self.next_scan = Instant::now() + SCAN_EVERY.max(SCAN_SHARE * took);
+        }
+        if self.finished.is_none() {
+            self.open_finished();
+        }
+        if let Some(mut lane) = self.finished.take() {
+            self.is_turn_of_growing = !self.is_turn_of_growing && !self.catches_up;
+            if self.is_turn_of_growing
+                && let Some(step) = self.step_growing(watch)
+            {
+                self.finished = Some(lane);
+                return step;
+            }
+            let step = lane.step(watch, self.settle, &self.health);
+            return match step {
+                LaneStep::End => self.close(lane, watch),
+                LaneStep::Event(event, place) => {
+                    self.finished = Some(lane);
+                    FolderStep::Event(event, place)
+                }
+                LaneStep::More | LaneStep::Wait | LaneStep::Again => {
+                    self.finished = Some(lane);
+                    FolderStep::More
+                }
+            };
+        }
+        if self.queue.is_empty() {
+            self.catches_up = false;
+        } else {
+            return FolderStep::More;
+        }
+        self.step_growing(watch).unwrap_or(FolderStep::Idle)
+    }
+
+    /// A step of the next growing file that has something.
+    fn step_growing(&mut self, watch: &mut Watch) -> Option<FolderStep> {
+        for _ in 0..self.growing.len() {
+            let mut lane = self.growing.pop_front()?;
+            let step = lane.step(watch, self.settle, &self.health);
+            match step {
+                LaneStep::End => return Some(self.close(lane, watch)),
+                LaneStep::Wait => self.growing.push_back(lane),
+                LaneStep::Again => self.next_scan = Instant::now(),
+                LaneStep::More => {
+                    self.growing.push_back(lane);
+                    self.make_room();
+                    return Some(FolderStep::More);
+                }
+                LaneStep::Event(event, place) => {
+                    // What is read already comes out before the next one has its turn.
+                    self.growing.push_front(lane);
+                    return Some(FolderStep::Event(event, place));
+                }
+            }
+        }
+        None
+    }
+
+    /// Gives up the largest growing files while all together hold too much: they are begun again when they are finished.
+    fn make_room(&mut self) {
+        while self.growing.len() > 1
+            && self.growing.iter().map(|lane| lane.held).sum::<usize>() > GROWING_BYTES
+            && let Some(at) = (0..self.growing.len()).max_by_key(|at| self.growing[*at].held)
+            && let Some(lane) = self.growing.remove(at)
+        {
+            let detail = format!(
+                "{}: growing files together hold more than {} MiB; it is read when it is finished",
+                lane.label,
+                GROWING_BYTES >> 20
+            );
+            self.health.fault(Fault::Folder, detail);
+            self.postponed.insert(lane.name);
+        }
+    }
+
+    fn close(&mut self, lane: Lane, watch: &Watch) -> FolderStep {
+        let (size, modified_ns) = lane.stamp;
+        (watch.is_read)(&lane.label);
+        if lane.quarantined.is_some() {
+            self.set_aside.insert(lane.name.clone());
+            // One that goes on growing is not worth every scan.
+            self.failed.insert(lane.name.clone(), Instant::now() + RETRY);
+        }
+        self.done.insert(lane.name, lane.stamp);
+        let mark = FileMark {
+            name: lane.label.to_string(),
+            size,
+            modified_ns,
+            state: lane.quarantined.map_or(FileState::Done, FileState::Quarantined),
+        };
+        FolderStep::File(mark, Ok(lane.recording.summary().clone()))
+    }
+
+    /// Looks for files that are new or changed.
+    fn scan(&mut self, stop: &AtomicBool) {
+        let path = self.path.display().to_string();
+        let entries = match fs::read_dir(&self.path) {
+            Ok(entries) => entries,
+            Err(fault) => {
+                let detail = format!("{path}: the watched folder cannot be read: {fault}");
+                return self.health.hold(Fault::Folder, &path, detail);
+            }
+        };
+        self.health.over(Fault::Folder, &path);
+        let mut there = BTreeSet::new();
+        for entry in entries {
+            if stop.load(Ordering::Relaxed) {
+                return;
+            }
+            let Ok(entry) = entry else { continue };
+            let name = entry.file_name();
+            // The entry's own type: links may lead out of the folder and are not followed.
+            if !is_recording(&name) || !entry.file_type().is_ok_and(|kind| kind.is_file()) {
+                continue;
+            }
+            // Gone since: it is no recording any more.
+            let Ok(data) = entry.metadata() else { continue };
+            self.found(&name, stamp(&data), &data);
+            there.insert(name);
+        }
+        // What is gone may come back as another file.
+        self.failed.retain(|name, _| there.contains(name));
+        self.postponed.retain(|name| there.contains(name));
+        let gone: Vec<OsString> = self.set_aside.difference(&there).cloned().collect();
+        for name in gone {
+            self.health.over(Fault::Quarantined, &label(&name));
+            self.set_aside.remove(&name);
+        }
+        self.done.retain(|name, _| there.contains(name));
+    }
+
+    fn found(&mut self, name: &OsStr, stamp: Stamp, data: &Metadata) {
+        if let Some(lane) = self.growing.iter_mut().find(|lane| lane.name == name) {
+            let same = |open: Metadata| (open.dev(), open.ino()) == (data.dev(), data.ino());
+            lane.is_replaced = !lane.file.metadata().is_ok_and(same);
+            return;
+        }
+        let is_read = |lane: &Lane| lane.name == name;
+        let is_waiting = self.failed.get(name).is_some_and(|until| Instant::now() < *until);
+        if self.done.get(name) == Some(&stamp)
+            || self.queued.contains_key(name)
+            || is_waiting
+            || self.finished.as_ref().is_some_and(is_read)
+        {
+            return;
+        }
+        let file = match self.open(name) {
+            Ok(file) => file,
+            Err(fault) => return self.cannot_open(name, &fault),
+        };
+        let age = data
+            .modified()
+            .ok()
+            .and_then(|modified| SystemTime::now().duration_since(modified).ok());
+        // One that was not written to for long does not grow any more.
+        if has_end(&file) || age.is_some_and(|age| age >= self.settle) {
+            let time = first_time(&file).unwrap_or(u64::MAX);
+            self.queue.insert((time, name.to_owned()));
+            self.queued.insert(name.to_owned(), stamp);
+        } else if self.growing.len() < MOST_GROWING && !self.postponed.contains(name) {
+            match self.lane(name, file, true) {
+                Ok(lane) => self.growing.push_back(lane),
+                Err(error) => self.health.fault(Fault::Folder, error),
+            }
+        }
+    }
+
+    fn open_finished(&mut self) {
+        let Some((_, name)) = self.queue.pop_first() else {
+            return;
+        };
+        self.queued.remove(&name);
+        let opened = self.open(&name).and_then(|file| {
+            self.lane(&name, file, false)
+                .map_err(|error| io::Error::other(error.to_string()))
+        });
+        match opened {
+            Ok(lane) => self.finished = Some(lane),
+            // Removed meanwhile.
+            Err(fault) if fault.kind() == io::ErrorKind::NotFound => {}
+            Err(fault) => self.cannot_open(&name, &fault),
+        }
+    }
+
+    fn cannot_open(&mut self, name: &OsStr, fault: &io::Error) {
+        let path = self.path.join(name);
+        let detail = format!(
+            "{}: cannot be opened: {fault}; it is tried again every minute",
+            path.display()
+        );
+        self.health.fault(Fault::Folder, detail);
+        self.failed.insert(name.to_owned(), Instant::now() + RETRY);
+    }
+
+    /// Opens a regular file: what it was when it was listed may have changed, and opening a pipe would wait.
+    fn open(&self, name: &OsStr) -> io::Result<File> {
+        let flags = OFlags::RDONLY | OFlags::NOFOLLOW | OFlags::NONBLOCK | OFlags::CLOEXEC;
+        let file = File::from(rustix::fs::open(self.path.join(name), flags, Mode::empty())?);
+        if file.metadata()?.is_file() {
+            Ok(file)
+        } else {
+            Err(io::Error::other("not a regular file"))
+        }
+    }
+
+    fn lane(&self, name: &OsStr, file: File, is_live: bool) -> Result<Lane, SourceError> {
+        let label = label(name);
+        let failed = |source| SourceError::Io {
+            path: label.clone(),
+            source,
+        };
+        let stamp = stamp(&file.metadata().map_err(failed)?);
+        let input = file.try_clone().map_err(failed)?;
+        let recording = Recording::begin(&label, input, &self.channels, &self.settings, is_live)?;
+        Ok(Lane {
+            name: name.to_owned(),
+            label: Arc::from(label),
+            recording,
+            steps: Steps::default(),
+            file,
+            records: 0,
+            is_live,
+            stamp,
+            grew: Instant::now(),
+            is_replaced: false,
+            quarantined: None,
+            held: 0,
+        })
+    }
+}
+
+#[expect(clippy::large_enum_variant, reason = "one at a time, moved on at once")]
+enum LaneStep {
+    /// It is to be found again.
+    Again,
+    Event(Event, Place),
+    More,
+    Wait,
+    End,
+}
+
+impl Lane {
+    fn step(&mut self, watch: &mut Watch, settle: Duration, health: &Health) -> LaneStep {
+        if self.quarantined.is_none()
+            && let Some(Blame { why, is_whole }) =
+                watch.begin(&self.label, self.recording.offset(), &mut self.steps)
+        {
+            health.hold(Fault::Quarantined, &self.label, &why);
+            if is_whole {
+                self.recording.discard(&why);
+            } else {
+                self.recording.abandon(&why);
+            }
+            self.quarantined = Some(why);
+        }
+        let polled = self.recording.poll();
+        watch.end();
+        self.held = self.recording.held();
+        if matches!(polled, Poll::More | Poll::Event(_)) {
+            self.steps.brought_something();
+        }
+        match polled {
+            Poll::Event(event) => {
+                self.records += u64::from(!matches!(event, Event::Readings { .. }));
+                let (at, reached) = self.recording.moment();
+                let place = Place {
+                    file: Arc::clone(&self.label),
+                    bytes: self.recording.position().read,
+                    records: self.records,
+                    at,
+                    reached,
+                };
+                LaneStep::Event(event, place)
+            }
+            Poll::More => LaneStep::More,
+            Poll::End => {
+                // A growing file was read as far as it is now; a finished one as it was when it was opened, so that
+                // whatever came later is seen.
+                if self.is_live
+                    && let Ok(data) = self.file.metadata()
+                    && data.len() == self.recording.position().read
+                {
+                    self.stamp = stamp(&data);
+                }
+                LaneStep::End
+            }
+            Poll::Wait => self.wait(settle),
+        }
+    }
+
+    /// Nothing to read now: has it grown lately?
+    fn wait(&mut self, settle: Duration) -> LaneStep {
+        let Ok(data) = self.file.metadata() else {
+            return LaneStep::Wait;
+        };
+        let now = stamp(&data);
+        let shrank = now.0 < self.recording.position().read;
+        if now != self.stamp && !shrank {
+            self.stamp = now;
+            self.grew = Instant::now();
+            if self.recording.is_in_doubt() && has_end(&self.file) {
+                return LaneStep::Again;
+            }
+        }
+        if shrank || self.is_replaced || self.grew.elapsed() >= settle {
+            // What looked like a record in the making is damage: read as a finished file, only that is lost.
+            if self.recording.is_in_doubt() && !shrank && !self.is_replaced {
+                return LaneStep::Again;
+            }
+            self.recording.give_up();
+            return LaneStep::More;
+        }
+        LaneStep::Wait
+    }
+}
+
+/// Whether a file of this name is a recording: `*.mcap`, and not hidden.
+fn is_recording(name: &OsStr) -> bool {
+    let name = name.as_bytes();
+    let ends = name.len() > 5 && name[name.len() - 5..].eq_ignore_ascii_case(b".mcap");
+    ends && name[0] != b'.'
+}
+
+/// Whether a file has the end of a recording.
+fn has_end(file: &File) -> bool {
+    let mut file = file;
+    let mut end = [0u8; 8];
+    let is_end = file
+        .seek(SeekFrom::End(-8))
+        .and_then(|at| {
+            file.read_exact(&mut end)?;
+            Ok(at > 8 && &end == MAGIC)
+        })
+        .unwrap_or(false);
+    // Whoever reads it next starts at the front.
+    file.seek(SeekFrom::Start(0)).is_ok() && is_end
+}
+
+/// A file name as text: bytes that are not UTF-8 as `\xNN`, a backslash as two.
+fn label(name: &OsStr) -> String {
+    let mut label = String::new();
+    for chunk in name.as_bytes().utf8_chunks() {
+        label.push_str(&chunk.valid().replace('\\', "\\\\"));
+        for byte in chunk.invalid() {
+            label.push_str(&format!("\\x{byte:02x}"));
+        }
+    }
+    label
+}
+
+/// The file name a label stands for; `None` for a part of the journal.
+fn name_of(label: &str) -> Option<OsString> {
+    if label.contains('/') {
+        return None;
+    }
+    let mut name = Vec::new();
+    let mut rest = label.as_bytes();
+    while let Some((&byte, after)) = rest.split_first() {
+        rest = after;
+        if byte != b'\\' {
+            name.push(byte);
+            continue;
+        }
+        match after {
+            [b'x', high, low, after @ ..] => {
+                let digits = [*high, *low];
+                let digits = std::str::from_utf8(&digits).ok()?;
+                name.push(u8::from_str_radix(digits, 16).ok()?);
+                rest = after;
+            }
+            [b'\\', after @ ..] => {
+                name.push(b'\\');
+                rest = after;
+            }
+            _ => return None,
+        }
+    }
+    Some(OsStr::from_bytes(&name).to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn labels_lead_back_to_names() {
+        for name in [
+            &b"plain.mcap"[..],
+            b"\xff\xfe.mcap",
+            b"a\\b.mcap",
+            b"a\\xff\xc3.mcap",
+            "t\u{f6}di.mcap".as_bytes(),
+        ] {
+            let name = OsStr::from_bytes(name);
+            assert_eq!(name_of(&label(name)).as_deref(), Some(name));
+        }
+        assert_eq!(name_of("journal/journal.000001.mcap"), None);
+    }
+
+    #[test]
+    fn only_recordings_count() {
+        let is = |name: &str| is_recording(OsStr::new(name));
+        assert!(is("a.mcap") && is("A.MCAP"));
+        assert!(!is(".mcap") && !is(".a.mcap") && !is("a.mcap.part") && !is("a.tmp") && !is("mcap"));
+    }
+}

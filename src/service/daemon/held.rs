@@ -1,0 +1,179 @@
+//! Queue between the pipeline and the store: events in the order of their own times, files behind their events.
+
+use super::Job;
+use super::core::Done;
+use crate::analysis::signal::record::{RodId, Timestamp};
+use crate::analysis::track::ordered::{Ordered, Reached};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::time::{Duration, Instant};
+
+/// A rod of which nothing has come for this long is not waited for, once everything there is has been read.
+const PATIENCE: Duration = Duration::from_secs(1);
+
+/// Items on their way into the store.
+pub struct Held {
+    events: Ordered<(u64, Done)>,
+    /// Which events have not gone yet, by their number.
+    waiting: BTreeSet<u64>,
+    /// Files that were read to their end, each behind the events before its number.
+    files: VecDeque<(u64, Done)>,
+    next: u64,
+    /// Time up to which each rod has been followed, and since when.
+    reached: BTreeMap<RodId, (Option<Timestamp>, Instant)>,
+}
+
+impl Held {
+    /// Nothing is held yet. See [`Ordered::new`] for the window \[s\].
+    pub fn new(window_s: f64) -> Self {
+        Self {
+            events: Ordered::new(window_s),
+            waiting: BTreeSet::new(),
+            files: VecDeque::new(),
+            next: 0,
+            reached: BTreeMap::new(),
+        }
+    }
+
+    /// Takes what came out of the pipeline; what goes now, in its order.
+    pub fn take(&mut self, group: Vec<Done>, now: Instant) -> Vec<Done> {
+        let mut going = Vec::with_capacity(group.len());
+        for done in group {
+            match done {
+                Done::Event(analysed, place) => {
+                    self.note(&place.reached, now);
+                    let (rod, at) = (analysed.rod().clone(), place.at);
+                    self.waiting.insert(self.next);
+                    self.events
+                        .push(&rod, at, (self.next, Done::Event(analysed, place)));
+                    self.next += 1;
+                    self.release(&mut going);
+                }
+                Done::Job(Job::Look(reached)) => {
+                    self.note(&reached, now);
+                    self.forget_silent(now);
+                    self.release(&mut going);
+                }
+                Done::Job(job @ Job::File { .. }) => {
+                    self.files.push_back((self.next, Done::Job(job)));
+                    self.release(&mut going);
+                }
+                Done::Job(Job::Reload(generation)) => {
+                    self.release_all(&mut going);
+                    self.events.set_window(generation.config.track.reorder_window_s);
+                    going.push(Done::Job(Job::Reload(generation)));
+                }
+                Done::Job(job) => going.push(Done::Job(job)),
+            }
+        }
+        going
+    }
+
+    fn note(&mut self, reached: &Reached, now: Instant) {
+        for (rod, reached) in reached.iter() {
+            let known = self.reached.get(rod);
+            if known.is_none_or(|(known, _)| known != reached) {
+                self.reached.insert(rod.clone(), (*reached, now));
+                self.events.note(&[(rod.clone(), *reached)]);
+            }
+        }
+    }
+
+    /// Rods that are silent hold nobody any more, until something comes of them again.
+    fn forget_silent(&mut self, now: Instant) {
+        for (rod, (_, since)) in &self.reached {
+            if now.saturating_duration_since(*since) >= PATIENCE {
+                self.events.note(&[(rod.clone(), None)]);
+            }
+        }
+    }
+
+    fn release(&mut self, going: &mut Vec<Done>) {
+        while let Some(item) = self.events.next_settled() {
+            self.gone(item, going);
+        }
+        self.release_files(going);
+    }
+
+    fn release_all(&mut self, going: &mut Vec<Done>) {
+        while let Some(item) = self.events.next_of_all() {
+            self.gone(item, going);
+        }
+        self.release_files(going);
+    }
+
+    fn gone(&mut self, (number, done): (u64, Done), going: &mut Vec<Done>) {
+        self.waiting.remove(&number);
+        going.push(done);
+    }
+
+    /// Marks of files enter the store only behind the events of the file.
+    fn release_files(&mut self, going: &mut Vec<Done>) {
+        let first = self.waiting.first().copied().unwrap_or(u64::MAX);
+        while self.files.front().is_some_and(|(number, _)| *number <= first) {
+            going.extend(self.files.pop_front().map(|(_, file)| file));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::recording::read::Summary;
+    use crate::site::analyse::{Analysed, Place};
+    use std::sync::Arc;
+
+    fn event(rod: &str, second: i64, reached: &[(&str, i64)]) -> Done {
+        let time = |second: i64| Timestamp::from_nanos(second * 1_000_000_000);
+        let place = Place {
+            file: Arc::from("x"),
+            bytes: 0,
+            records: 0,
+            at: time(second),
+            reached: reached
+                .iter()
+                .map(|(rod, second)| (RodId((*rod).to_owned()), Some(time(*second))))
+                .collect(),
+        };
+        Done::Event(Analysed::Known(RodId(rod.to_owned()), [0; 32]), place)
+    }
+
+    fn file() -> Done {
+        Done::Job(Job::File {
+            mark: None,
+            result: Ok(Summary::default()),
+            carry: None,
+        })
+    }
+
+    fn names(going: &[Done]) -> Vec<String> {
+        let name = |done: &Done| match done {
+            Done::Event(analysed, _) => analysed.rod().to_string(),
+            Done::Job(Job::File { .. }) => "file".to_owned(),
+            Done::Job(_) => "job".to_owned(),
+        };
+        going.iter().map(name).collect()
+    }
+
+    #[test]
+    fn a_file_is_told_behind_its_events_and_a_silent_rod_holds_nobody() {
+        let begun = Instant::now();
+        let mut held = Held::new(3600.0);
+        let going = held.take(vec![event("b", 100, &[("a", 50), ("b", 101)]), file()], begun);
+        assert!(going.is_empty());
+        // What needs no order passes.
+        let going = held.take(vec![Done::Job(Job::Tick { is_caught_up: true })], begun);
+        assert_eq!(names(&going), ["job"]);
+        let look = || Done::Job(Job::Look(Arc::from([])));
+        assert!(held.take(vec![look()], begun + PATIENCE / 2).is_empty());
+        let going = held.take(vec![look()], begun + PATIENCE);
+        assert_eq!(names(&going), ["b", "file"]);
+        // It speaks again: now it is waited for.
+        let later = begun + 2 * PATIENCE;
+        let going = held.take(vec![event("b", 200, &[("a", 150), ("b", 201)]), file()], later);
+        assert!(going.is_empty());
+        let going = held.take(vec![event("a", 180, &[("a", 190), ("b", 201)])], later);
+        assert_eq!(names(&going), ["a"]);
+        let going = held.take(vec![event("a", 220, &[("a", 230), ("b", 201)])], later);
+        assert_eq!(names(&going), ["b", "file"]);
+    }
+}

@@ -1,0 +1,202 @@
+//! The live half of a daemon: what listens, and the journal behind it.
+
+use super::Happening;
+use super::reader::JournalSource;
+use crate::config::{Config, RodConfig};
+use crate::recording::part;
+use crate::service::ingest::{self, Counts, Listener, Server, TopicSet};
+use crate::service::journal::{Bell, Journal};
+use crate::service::telemetry::{Fault, Metrics, Telemetry};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::mpsc::Sender;
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+use tokio::runtime::Runtime;
+use tokio::sync::watch;
+use tokio::task::JoinHandle;
+
+/// How long clients may take to go.
+const FAREWELL: Duration = Duration::from_secs(2);
+
+/// The sockets of a daemon, listened at before anything else is begun: an address that is taken is known at once.
+#[derive(Default)]
+pub struct Bound {
+    ingest: Vec<Listener>,
+}
+
+impl Bound {
+    /// Listens where the configuration says, and at what systemd handed over.
+    ///
+    /// # Errors
+    /// An address is taken.
+    pub fn bind(config: &Config, inherited: Vec<Listener>) -> anyhow::Result<Self> {
+        Ok(Self {
+            ingest: Listener::all(inherited, &config.ingest.listen)?,
+        })
+    }
+}
+
+/// Journal and sockets at work.
+pub struct Live {
+    journal: Option<(Journal, PathBuf)>,
+    topics: watch::Sender<Arc<TopicSet>>,
+    stop: watch::Sender<bool>,
+    serving: Option<JoinHandle<()>>,
+    counts: Arc<Counts>,
+}
+
+impl Live {
+    /// Takes up the journal and lets clients in. Without a socket there is a journal only if one was begun before: what
+    /// it holds is still read.
+    ///
+    /// # Errors
+    /// The journal or a certificate cannot be used.
+    pub fn start(
+        config: &Config,
+        store: &Path,
+        bound: Bound,
+        runtime: &Runtime,
+        telemetry: &Telemetry,
+        tell: &Sender<Happening>,
+    ) -> anyhow::Result<Self> {
+        let health = &telemetry.health;
+        let (topics, wanted) = watch::channel(Arc::new(ingest::topics_of(&config.rods)));
+        let (stop, stopped) = watch::channel(false);
+        let counts = Arc::<Counts>::default();
+        let mut live = Self {
+            journal: None,
+            topics,
+            stop,
+            serving: None,
+            counts: Arc::clone(&counts),
+        };
+        let folder = folder_of(config, store);
+        if bound.ingest.is_empty() && !folder.is_dir() {
+            return Ok(live);
+        }
+        let failed = {
+            let (tell, health) = (tell.clone(), Arc::clone(health));
+            move |error: crate::service::journal::JournalError| {
+                health.hold(Fault::Write, "journal", &error);
+                // A daemon that stops does not listen any more.
+                let _ = tell.send(Happening::Failed(error.into()));
+            }
+        };
+        let resume_s = config.ingest.resume_s;
+        let journal = Journal::start(&folder, &config.journal, resume_s, Arc::clone(health), failed)?;
+        telemetry.metrics.watch_disk("journal", folder.clone());
+        if !bound.ingest.is_empty() {
+            let server = Server::new(
+                config.ingest.clone(),
+                wanted,
+                journal.handle(),
+                Arc::clone(health),
+                counts,
+            )?;
+            let tell = tell.clone();
+            live.serving = Some(runtime.spawn(async move {
+                if let Err(error) = ingest::serve(bound.ingest, server, stopped).await {
+                    let _ = tell.send(Happening::Failed(error.into()));
+                }
+            }));
+        }
+        live.journal = Some((journal, folder));
+        Ok(live)
+    }
+
+    /// What the reader reads of it.
+    pub fn source(&self) -> Option<JournalSource> {
+        self.journal.as_ref().map(|(journal, folder)| JournalSource {
+            folder: folder.clone(),
+            handle: journal.handle(),
+            results_kept: journal.results_kept(),
+        })
+    }
+
+    /// Rings when there is something new to read.
+    pub fn bell(&self) -> Arc<Bell> {
+        self.journal
+            .as_ref()
+            .map_or_else(Arc::default, |(journal, _)| journal.bell())
+    }
+
+    /// See [`Journal::results_kept`].
+    pub fn results_kept(&self) -> Arc<AtomicU32> {
+        self.journal
+            .as_ref()
+            .map_or_else(Arc::default, |(journal, _)| journal.results_kept())
+    }
+
+    /// What is to be shown of it, every now and then.
+    pub fn gauges(&self) -> Gauges {
+        Gauges {
+            counts: Arc::clone(&self.counts),
+            journal: self.journal.as_ref().map(|(_, folder)| folder.clone()),
+            shown: Mutex::default(),
+        }
+    }
+
+    /// Clients' messages on these rods' topics are kept from now on.
+    pub fn retarget(&self, rods: &[RodConfig]) {
+        self.topics.send_replace(Arc::new(ingest::topics_of(rods)));
+    }
+
+    /// Lets nobody in any more, and begins to say goodbye to the clients.
+    pub fn hang_up(&self) {
+        self.stop.send_replace(true);
+    }
+
+    /// Waits for the clients to go and makes what they sent durable.
+    pub fn stop(self, runtime: &Runtime) {
+        if let Some(serving) = self.serving {
+            // A client that does not go is cut off with the runtime.
+            let _ = runtime.block_on(async { tokio::time::timeout(FAREWELL, serving).await });
+        }
+        if let Some((journal, _)) = self.journal {
+            journal.stop();
+        }
+    }
+}
+
+/// The journal's folder: the configured one, or `journal` beside the store.
+fn folder_of(config: &Config, store: &Path) -> PathBuf {
+    config
+        .journal
+        .folder
+        .clone()
+        .unwrap_or_else(|| store.parent().unwrap_or(Path::new(".")).join("journal"))
+}
+
+/// Counts of the sockets on their way to the metrics.
+pub struct Gauges {
+    counts: Arc<Counts>,
+    journal: Option<PathBuf>,
+    /// Messages and bytes shown so far.
+    shown: Mutex<(u64, u64)>,
+}
+
+impl Gauges {
+    /// Shows what came since.
+    pub fn show(&self, metrics: &Metrics) {
+        let of = |count: &std::sync::atomic::AtomicU64| count.load(Ordering::Relaxed);
+        let (messages, bytes) = (of(&self.counts.messages), of(&self.counts.bytes));
+        let mut shown = self
+            .shown
+            .lock()
+            .unwrap_or_else(std::sync::PoisonError::into_inner);
+        metrics.received(messages - shown.0, bytes - shown.1);
+        metrics.clients(usize::try_from(of(&self.counts.clients)).unwrap_or(usize::MAX));
+        *shown = (messages, bytes);
+        if let Some(folder) = &self.journal {
+            metrics.journal(bytes_in(folder));
+        }
+    }
+}
+
+/// What the parts of a journal take together.
+fn bytes_in(folder: &Path) -> u64 {
+    let parts = part::list(folder).unwrap_or_default();
+    let size = |part: u32| std::fs::metadata(part::path(folder, part)).map_or(0, |data| data.len());
+    parts.into_iter().map(size).sum()
+}

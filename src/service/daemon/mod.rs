@@ -1,0 +1,317 @@
+//! The daemon: sources, pipeline, site and sinks, all live at once.
+//!
+//! docs/daemon.md tells the way of a record through it. [`run`] is its life: prepare, open, run, reload, drain.
+
+pub mod core;
+mod folder;
+mod held;
+pub mod job;
+mod live;
+pub mod notify;
+mod opening;
+mod pipe;
+pub mod reader;
+mod restart;
+mod retention;
+mod running;
+mod signals;
+mod silence;
+pub mod steps;
+pub mod suspects;
+mod workers;
+
+use crate::site::prepared::Generation;
+pub use job::Job;
+
+use crate::config::{Config, ConfigError, Setting};
+use crate::service::http;
+use crate::service::ingest::Listener;
+use crate::service::telemetry::{Fault, Health, Phase, Telemetry};
+use crate::site::ordered_map::message_of;
+use crate::site::trackers::Site;
+use crate::site::{clock, store};
+use live::Bound;
+use notify::Watchdog;
+use running::Running;
+use std::io;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::thread;
+use std::time::Duration;
+use tokio::runtime::Runtime;
+use tokio::sync::watch;
+
+/// How often the threads are looked after.
+const LOOK: Duration = Duration::from_secs(1);
+
+/// What a daemon is started with.
+#[derive(Debug, Clone)]
+pub struct Options {
+    /// The configuration; it is read again on SIGHUP.
+    pub config: PathBuf,
+    /// What is put over it.
+    pub settings: Vec<Setting>,
+    /// Threads that analyse; by default one per core.
+    pub threads: Option<usize>,
+}
+
+/// What happens to a daemon.
+enum Happening {
+    /// SIGTERM or SIGINT.
+    Stop,
+    /// SIGHUP.
+    Reload,
+    /// The first configuration is prepared and the store is open, or cannot be.
+    Opened(anyhow::Result<(Arc<Generation>, Box<Site>)>),
+    /// Another configuration is prepared, or cannot be.
+    Prepared(anyhow::Result<Arc<Generation>>),
+    /// Something without which the daemon cannot go on.
+    Failed(anyhow::Error),
+    /// The work loop came to its end.
+    Ended(Result<(), core::Broken>),
+}
+
+/// Runs until it is told to stop (exit code 0), or cannot go on.
+///
+/// # Errors
+/// The configuration is bad, the store is another process's or cannot be opened, or something that must be durable
+/// cannot be written.
+pub fn run(options: &Options) -> anyhow::Result<ExitCode> {
+    let config = load(options)?;
+    // Before any thread starts.
+    let inherited = Listener::inherited()?;
+    let telemetry = Telemetry::default();
+    let (tell, happenings) = channel();
+    let runtime = tokio::runtime::Builder::new_multi_thread()
+        .worker_threads(2)
+        .thread_name("io")
+        .enable_all()
+        .build()?;
+    signals::listen(&runtime, tell.clone())?;
+    // What is taken by another process is known before anything is begun.
+    let (_stop_http, http_stopped) = watch::channel(false);
+    let bind = || -> anyhow::Result<Bound> {
+        show(&config, &runtime, &telemetry, http_stopped)?;
+        Bound::bind(&config, inherited)
+    };
+    // If it is another daemon on the same store, that is the reason to give.
+    let holder = |error| match config.store.path.as_deref().and_then(store::held) {
+        Some(held) => held.into(),
+        None => error,
+    };
+    let mut bound = Some(bind().map_err(holder)?);
+    let _watchdog = Watchdog::start(telemetry.clone())?;
+    open(config, Arc::clone(&telemetry.health), tell.clone())?;
+    let daemon = Daemon {
+        options,
+        runtime: &runtime,
+        telemetry: &telemetry,
+        tell: &tell,
+    };
+    let result = daemon.live(&happenings, &mut bound);
+    // Whatever still waits for the network is not waited for.
+    runtime.shutdown_background();
+    result
+}
+
+/// The HTTP server, from the first moment: it tells that the daemon is not ready yet, and why.
+fn show(
+    config: &Config,
+    runtime: &Runtime,
+    telemetry: &Telemetry,
+    stopped: watch::Receiver<bool>,
+) -> anyhow::Result<()> {
+    let Some(listener) = http::listen(&config.http)? else {
+        return Ok(());
+    };
+    tracing::info!("page, health and metrics at http://{}", listener.local_addr()?);
+    let api = match &config.store.path {
+        Some(path) => {
+            let shown = http::Shown::new(path);
+            runtime.spawn(Arc::clone(&shown).watch(stopped.clone()));
+            let ask = {
+                let path = path.clone();
+                move |rod, what| match store::request_of_writer(&path, &[(rod, what)], clock::now()) {
+                    Ok(_) => Ok("within seconds".to_owned()),
+                    Err(error) => Err(error.to_string()),
+                }
+            };
+            let access = config.http.access()?;
+            Some(http::Api::new(shown, access, ask, stopped.clone()))
+        }
+        None => None,
+    };
+    let routes = http::routes(Some(telemetry.clone()), api);
+    let health = Arc::clone(&telemetry.health);
+    runtime.spawn(async move {
+        if let Err(error) = http::serve(listener, routes, Arc::clone(&health), stopped).await {
+            health.fault(Fault::Write, format!("http: {error}"));
+        }
+    });
+    Ok(())
+}
+
+/// What the daemon's life goes on in.
+struct Daemon<'a> {
+    options: &'a Options,
+    runtime: &'a Runtime,
+    telemetry: &'a Telemetry,
+    tell: &'a Sender<Happening>,
+}
+
+impl Daemon<'_> {
+    /// From one happening to the next, to the end.
+    fn live(&self, happenings: &Receiver<Happening>, bound: &mut Option<Bound>) -> anyhow::Result<ExitCode> {
+        let Self {
+            options,
+            runtime,
+            telemetry,
+            tell,
+        } = *self;
+        let health = &telemetry.health;
+        let mut running: Option<Running> = None;
+        // One configuration is prepared at a time; a SIGHUP meanwhile is answered after it.
+        let (mut is_preparing, mut is_asked_again) = (true, false);
+        loop {
+            let happening = match happenings.recv_timeout(LOOK) {
+                Ok(happening) => happening,
+                Err(_) => {
+                    running.as_ref().map_or(Ok(()), Running::check)?;
+                    continue;
+                }
+            };
+            match happening {
+                Happening::Stop => {
+                    tracing::info!("stopping");
+                    notify::stopping();
+                    telemetry.enter(Phase::Stopping);
+                    let result = running.map_or(Ok(()), |running| running.drain(runtime, happenings));
+                    return result.map(|()| ExitCode::SUCCESS).map_err(Into::into);
+                }
+                Happening::Reload if is_preparing => is_asked_again = true,
+                Happening::Reload => is_preparing = begin_reload(options, health, tell),
+                Happening::Opened(opened) => {
+                    let (generation, site) = opened?;
+                    let bound = bound.take().unwrap_or_default();
+                    let status = format!("{}: {} rods", generation.config.site, generation.plans.len());
+                    let begun = Running::start(generation, *site, options, bound, runtime, telemetry, tell)?;
+                    running = Some(begun);
+                    telemetry.enter(Phase::Serving);
+                    notify::ready(&status);
+                    tracing::info!("ready");
+                    is_preparing = std::mem::take(&mut is_asked_again) && begin_reload(options, health, tell);
+                }
+                Happening::Prepared(prepared) => {
+                    match (prepared, &mut running) {
+                        (Ok(generation), Some(running)) => {
+                            running.reload(generation);
+                            notify::ready("the configuration was read again");
+                        }
+                        (Ok(_), None) => {}
+                        (Err(error), _) => keep_old(health, &error),
+                    }
+                    is_preparing = std::mem::take(&mut is_asked_again) && begin_reload(options, health, tell);
+                }
+                Happening::Failed(error) => {
+                    if let Some(running) = running {
+                        running.abandon(runtime);
+                    }
+                    return Err(error);
+                }
+                Happening::Ended(result) => {
+                    if let Some(running) = running {
+                        running.abandon(runtime);
+                    }
+                    result?;
+                    anyhow::bail!("the work loop ended by itself");
+                }
+            }
+        }
+    }
+}
+
+/// The configuration of a daemon: one that names a store.
+fn load(options: &Options) -> Result<Config, ConfigError> {
+    let config = Config::resolve(Some(&options.config), &options.settings)?;
+    if config.store.path.is_none() {
+        return Err(ConfigError::Unreadable {
+            path: options.config.clone(),
+            reason: "names no store, and a daemon needs one: put `path = \"…\"` into its section [store]"
+                .to_owned(),
+        });
+    }
+    Ok(config)
+}
+
+/// Prepares the first configuration and opens the store, on a thread of its own: both may take long, and signals are
+/// answered meanwhile.
+fn open(config: Config, health: Arc<Health>, tell: Sender<Happening>) -> io::Result<()> {
+    let work = move || {
+        let generation = prepared(config)?;
+        let site = opening::open_patiently(&generation, &health)?;
+        Ok((generation, Box::new(site)))
+    };
+    beside("open", tell, work, Happening::Opened)
+}
+
+/// Prepares another configuration on a thread of its own.
+fn prepare(config: Config, tell: Sender<Happening>) -> io::Result<()> {
+    beside("prepare", tell, || prepared(config), Happening::Prepared)
+}
+
+/// Does some work on a thread called `name` and tells what came of it, whatever that is.
+fn beside<T: 'static>(
+    name: &str,
+    tell: Sender<Happening>,
+    work: impl FnOnce() -> anyhow::Result<T> + Send + 'static,
+    happening: fn(anyhow::Result<T>) -> Happening,
+) -> io::Result<()> {
+    let whole = move || {
+        let result = catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(|panic| {
+            let detail = message_of(&*panic);
+            Err(anyhow::anyhow!("the program broke, please report it: {detail}"))
+        });
+        // Nobody listens any more if the daemon stops.
+        let _ = tell.send(happening(result));
+    };
+    thread::Builder::new().name(name.to_owned()).spawn(whole)?;
+    Ok(())
+}
+
+fn prepared(config: Config) -> anyhow::Result<Arc<Generation>> {
+    Generation::prepare(config, |rod| {
+        tracing::info!("preparing rod {rod}");
+        |_, _| ()
+    })
+    .map(Arc::new)
+}
+
+/// Begins a reload; whether one is under way.
+fn begin_reload(options: &Options, health: &Health, tell: &Sender<Happening>) -> bool {
+    notify::reloading();
+    let begun = load(options)
+        .map_err(anyhow::Error::from)
+        .and_then(|config| Ok(prepare(config, tell.clone())?));
+    match begun {
+        Ok(()) => true,
+        Err(error) => {
+            keep_old(health, &error);
+            false
+        }
+    }
+}
+
+/// The reload is over. All faults go to the log, one fault to health.
+fn keep_old(health: &Health, error: &anyhow::Error) {
+    for line in error.to_string().lines() {
+        tracing::error!("{line}");
+    }
+    health.fault(
+        Fault::Reload,
+        "the new configuration is bad, the old one holds; `tirante check` lists its faults",
+    );
+    notify::ready("the new configuration is bad, the old one holds");
+}

@@ -1,0 +1,86 @@
+//! Opening the store for a daemon: a damaged one is begun anew, a full disk is waited for.
+
+use crate::service::telemetry::{Fault, Health};
+use crate::site::prepared::Generation;
+use crate::site::store::{Durability, Store, StoreError};
+use crate::site::trackers::{self, Site};
+use std::path::Path;
+use std::thread;
+use std::time::{Duration, Instant};
+
+/// How often a store that cannot be opened yet is tried.
+const LOOK: Duration = Duration::from_millis(250);
+/// How long another process may have the store when the daemon starts.
+const PATIENCE: Duration = Duration::from_secs(2);
+
+/// Opens the store and goes on where it left off.
+///
+/// # Errors
+/// As [`Store::open`] and [`Site::open`].
+pub fn open_site(path: &Path, generation: &Generation, health: &Health) -> Result<Site, StoreError> {
+    let store = Store::open(path, Durability::Full)?;
+    if let Some(aside) = store.moved_aside() {
+        health.hold(
+            Fault::StoreDamaged,
+            &path.display().to_string(),
+            format_args!(
+                "the store was damaged and is now {}; a new one is begun from the recordings and journal parts that are there; \
+                 acknowledgements and baselines asked for must be repeated",
+                aside.display()
+            ),
+        );
+    }
+    let name = &generation.config.site;
+    let others = trackers::others_in(&store, name)?;
+    if !others.is_empty() {
+        let others = others.join(", ");
+        tracing::warn!(
+            "{} holds records of {others}; those of {name} are added to it",
+            path.display()
+        );
+    }
+    let site = Site::open(
+        generation.track_plans.iter().cloned(),
+        store,
+        generation.provenance(),
+    )?;
+    warn_of_renewed(&site);
+    Ok(site)
+}
+
+/// As [`open_site`] of the configuration's store, but waits while the disk is full, and for a moment for another process:
+/// `tirante ack` has the store for one.
+///
+/// # Errors
+/// Another process keeps the store, or it cannot be opened.
+pub fn open_patiently(generation: &Generation, health: &Health) -> Result<Site, StoreError> {
+    // A daemon's configuration names one.
+    let path = generation.config.store.path.clone().unwrap_or_default();
+    let about = path.display().to_string();
+    let deadline = Instant::now() + PATIENCE;
+    loop {
+        match open_site(&path, generation, health) {
+            Ok(site) => {
+                health.over(Fault::DiskFull, &about);
+                return Ok(site);
+            }
+            Err(StoreError::Held { .. }) if Instant::now() < deadline => {}
+            Err(error) if error.is_disk_full() => {
+                let detail = format_args!("{about}: no room on the disk ({error}); waiting for it");
+                health.hold(Fault::DiskFull, &about, detail);
+            }
+            Err(error) => return Err(error),
+        }
+        thread::sleep(LOOK);
+    }
+}
+
+/// Says in the log which rods begin a new segment.
+pub(super) fn warn_of_renewed(site: &Site) {
+    for (rod, segment) in site.renewed() {
+        tracing::warn!(
+            "the settings of {rod} changed: its new records begin a new baseline (segment {segment}); records kept before are \
+             not analysed again"
+        );
+    }
+}

@@ -1,0 +1,93 @@
+//! The pipeline: jobs from a bounded channel, analysed on several threads, taken by the core in their order.
+
+use super::core::{Broken, Core};
+use super::job::Job;
+use super::workers::Workers;
+use crate::analysis::signal::record::Event;
+use crate::site::ordered_map::{Limits, map_in_order};
+use std::ops::ControlFlow;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError};
+use std::time::Duration;
+
+/// Jobs between the reader and the pipeline. Few: each may be a record of millions of samples.
+pub const JOBS: usize = 4;
+/// Samples of records in the pipeline (8 bytes each); a record with more goes alone.
+const SAMPLES_IN_FLIGHT: usize = 2 << 20;
+/// How soon a pipeline without work sees that it is to end.
+const LOOK: Duration = Duration::from_millis(50);
+
+/// How a pipeline is ended from outside.
+#[derive(Debug, Clone, Default)]
+pub struct Ending {
+    /// What is in the channel is still taken, then it ends.
+    pub drain: Arc<AtomicBool>,
+    /// It ends with the item it is at.
+    pub give_up: Arc<AtomicBool>,
+}
+
+/// Runs until it is ended.
+///
+/// # Errors
+/// The core cannot go on.
+pub fn run(
+    jobs: Receiver<Job>,
+    threads: usize,
+    workers: &Workers,
+    core: &mut Core,
+    ending: &Ending,
+) -> Result<(), Broken> {
+    let drain = Arc::clone(&ending.drain);
+    let input = std::iter::from_fn(move || {
+        loop {
+            match jobs.recv_timeout(LOOK) {
+                Ok(job) => return Some(job),
+                Err(RecvTimeoutError::Timeout) if !drain.load(Ordering::Relaxed) => {}
+                Err(_) => return None,
+            }
+        }
+    });
+    let limits = Limits {
+        workers: threads,
+        weight: SAMPLES_IN_FLIGHT,
+    };
+    let weigh = |job: &Job| match job {
+        Job::Event {
+            event: Event::Record(record),
+            ..
+        } => record.samples.len(),
+        _ => 1,
+    };
+    let mut broken = None;
+    map_in_order(
+        input,
+        limits,
+        weigh,
+        |job| workers.work(job),
+        |results| {
+            if ending.give_up.load(Ordering::Relaxed) {
+                return ControlFlow::Break(());
+            }
+            let mut group = Vec::with_capacity(results.len());
+            for result in results {
+                match result {
+                    Ok(done) => group.push(done),
+                    Err(panic) => core.lost(&panic),
+                }
+            }
+            if let Err(error) = core.take(group) {
+                broken = Some(error);
+                // Else the input would wait for jobs that nobody takes.
+                ending.drain.store(true, Ordering::Relaxed);
+                return ControlFlow::Break(());
+            }
+            ControlFlow::Continue(())
+        },
+    );
+    match broken {
+        // It was told to: what was not kept is read again.
+        None | Some(Broken::Stopping) => Ok(()),
+        Some(error) => Err(error),
+    }
+}

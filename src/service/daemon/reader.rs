@@ -1,0 +1,486 @@
+//! The reader's thread: turns the journal and the watched folder into jobs.
+//!
+//! Every source has its turn, and a turn is short: a huge file never keeps live data waiting. Nothing is finished when
+//! it stops: what was not committed is read again at the next start.
+
+use super::Job;
+use super::folder::{Folder, FolderStep};
+use super::job::Loads;
+use super::steps::{Blame, Steps, Watch};
+use crate::analysis::signal::record::{Event, RodChannels};
+use crate::recording::part;
+use crate::recording::read::{PartEnd, Parts, Series, SeriesPoll};
+use crate::service::journal::{self, Bell};
+use crate::service::telemetry::{Fault, Health};
+use crate::site::analyse::Place;
+use crate::site::prepared::Generation;
+use crate::site::store::{Carry, FileMark, FileState};
+use std::collections::BTreeMap;
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use std::sync::mpsc::{Receiver, Sender, SyncSender, TrySendError, channel};
+use std::thread::{self, JoinHandle};
+use std::time::{Duration, Instant};
+
+/// Pause before sources without anything new are looked at again.
+const POLL: Duration = Duration::from_millis(200);
+/// How often it is said that there is nothing more to read, and for how long after the last event.
+const LOOK: Duration = Duration::from_millis(100);
+const LOOK_FOR: Duration = Duration::from_secs(3);
+/// Pause before a full queue is tried again.
+const PUSH_BACK: Duration = Duration::from_millis(2);
+
+/// The name the store keeps the journal's [`Carry`] under.
+pub const JOURNAL: &str = "journal";
+
+/// What is read.
+pub struct Sources {
+    /// The watched folder.
+    pub folder: Option<PathBuf>,
+    /// A growing recording that has not grown for this long counts as cut short \[s\].
+    pub settle_s: f64,
+    /// The journal.
+    pub journal: Option<JournalSource>,
+}
+
+/// The journal that is read.
+pub struct JournalSource {
+    /// Its folder.
+    pub folder: PathBuf,
+    /// The way to its writer: a change of the configuration begins a new part.
+    pub handle: journal::Handle,
+    /// What [`journal::Journal::results_kept`] gave: set at the start to what the store has.
+    pub results_kept: Arc<AtomicU32>,
+}
+
+/// Whom the reader works with.
+pub struct Surroundings {
+    /// Where its jobs go.
+    pub jobs: SyncSender<Job>,
+    /// Who is told of faults.
+    pub health: Arc<Health>,
+    /// What wakes it: the journal's, or any.
+    pub bell: Arc<Bell>,
+    /// Whether nothing there is waits to be read; false again while finished recordings are.
+    pub caught_up: Arc<AtomicBool>,
+    /// Who notes what it works on.
+    pub watch: Watch,
+}
+
+/// What the store remembers of the sources.
+#[derive(Debug, Clone, Default)]
+pub struct Remembered {
+    /// Files read to their end.
+    pub files: BTreeMap<String, FileMark>,
+    /// What the journal's read parts left open, kept under [`JOURNAL`].
+    pub carry: Option<Carry>,
+}
+
+/// The reader's thread.
+#[derive(Debug)]
+pub struct Reader {
+    reloads: Sender<Arc<Generation>>,
+    stop: Arc<AtomicBool>,
+    bell: Arc<Bell>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Reader {
+    /// Starts to read.
+    ///
+    /// # Errors
+    /// There is no thread for it.
+    pub fn start(
+        sources: Sources,
+        remembered: Remembered,
+        generation: Arc<Generation>,
+        around: Surroundings,
+    ) -> io::Result<Self> {
+        let (reloads, receiver) = channel();
+        let stop = Arc::<AtomicBool>::default();
+        let bell = Arc::clone(&around.bell);
+        let work = Work::new(sources, &remembered, generation, around, Arc::clone(&stop));
+        let thread = thread::Builder::new()
+            .name("reader".to_owned())
+            .spawn(move || work.run(&receiver))?;
+        Ok(Self {
+            reloads,
+            stop,
+            bell,
+            thread: Some(thread),
+        })
+    }
+
+    /// A new configuration holds. Records are cut by it from the next part of the journal on; files that are not read to
+    /// their end are begun again, if it changes how records are cut. A [`Job::Reload`] says from where it holds.
+    pub fn reload(&self, generation: Arc<Generation>) {
+        // A reader that stopped needs no configuration.
+        let _ = self.reloads.send(generation);
+        self.bell.ring();
+    }
+
+    /// Stops, without finishing anything.
+    pub fn stop(mut self) {
+        self.halt();
+    }
+
+    /// Whether its thread ended, by itself if [`Reader::stop`] was not called.
+    pub fn is_finished(&self) -> bool {
+        self.thread.as_ref().is_none_or(JoinHandle::is_finished)
+    }
+
+    fn halt(&mut self) {
+        self.stop.store(true, Ordering::Relaxed);
+        self.bell.ring();
+        if let Some(thread) = self.thread.take() {
+            // A panic there was told by the panic itself.
+            let _ = thread.join();
+        }
+    }
+}
+
+impl Drop for Reader {
+    fn drop(&mut self) {
+        self.halt();
+    }
+}
+
+struct Work {
+    folder: Option<Folder>,
+    journal: Option<JournalLane>,
+    generation: Arc<Generation>,
+    /// A configuration that holds from the next part of the journal on.
+    waiting: Option<Arc<Generation>>,
+    /// When an event was sent last, and when it was said last that there is nothing more to read.
+    last_event: Option<Instant>,
+    last_look: Option<Instant>,
+    loads: Loads,
+    around: Surroundings,
+    stop: Arc<AtomicBool>,
+}
+
+struct JournalLane {
+    series: Series,
+    handle: journal::Handle,
+    steps: Steps,
+    quarantined: Option<(u32, String)>,
+    /// The damaged part for which another one was asked.
+    rotated: Option<u32>,
+    /// Whether its end has been reached once.
+    is_read: bool,
+}
+
+/// The daemon stops, or whoever took the jobs is gone.
+struct Stopped;
+
+fn channels(generation: &Generation) -> Vec<RodChannels> {
+    let rods = generation.config.rods.iter();
+    rods.map(|rod| rod.channels.clone()).collect()
+}
+
+/// The first part that is not read to its end yet, and the last one that is.
+fn first_part(folder: &Path, files: &BTreeMap<String, FileMark>) -> (u32, Option<u32>) {
+    let parts = part::list(folder).unwrap_or_default();
+    let is_done = |number: &u32| {
+        let Some(mark) = files.get(&part::mark_name(*number)) else {
+            return false;
+        };
+        // A journal that was begun anew has parts of the same names.
+        fs::metadata(part::path(folder, *number)).is_ok_and(|data| {
+            let modified = data
+                .modified()
+                .map_or(0, crate::recording::read::series::modified_ns);
+            (data.len(), modified) == (mark.size, mark.modified_ns)
+        })
+    };
+    let last_done = parts.iter().copied().rev().find(is_done);
+    let next = parts.iter().copied().find(|part| Some(*part) > last_done);
+    (
+        next.or_else(|| last_done.map(|part| part.saturating_add(1)))
+            .unwrap_or(1),
+        last_done,
+    )
+}
+
+impl Work {
+    fn new(
+        sources: Sources,
+        remembered: &Remembered,
+        generation: Arc<Generation>,
+        around: Surroundings,
+        stop: Arc<AtomicBool>,
+    ) -> Self {
+        let health = &around.health;
+        let (channels, settings) = (channels(&generation), generation.config.record);
+        let folder = sources.folder.map(|path| {
+            let settle = Duration::try_from_secs_f64(sources.settle_s).unwrap_or(Duration::MAX);
+            Folder::new(
+                path,
+                settle,
+                &channels,
+                &settings,
+                &remembered.files,
+                Arc::clone(health),
+            )
+        });
+        let journal = sources.journal.map(|source| {
+            let (first, done) = first_part(&source.folder, &remembered.files);
+            source
+                .results_kept
+                .fetch_max(done.unwrap_or(0), Ordering::Relaxed);
+            let mut series = Series::new(&source.folder, Parts::From(first), &channels, &settings);
+            match &remembered.carry {
+                None => {}
+                Some(carry) if carry.part == first => {
+                    for lost in series.resume(&carry.body) {
+                        health.fault(Fault::Recording, lost);
+                    }
+                }
+                Some(carry) => health.fault(
+                    Fault::Recording,
+                    format!(
+                        "the samples that were open before part {} of the journal do not fit part {first}; they are left out",
+                        carry.part
+                    ),
+                ),
+            }
+            JournalLane {
+                series,
+                handle: source.handle,
+                steps: Steps::default(),
+                quarantined: None,
+                rotated: None,
+                is_read: false,
+            }
+        });
+        Self {
+            folder,
+            journal,
+            generation,
+            waiting: None,
+            last_event: None,
+            last_look: None,
+            loads: Loads::default(),
+            around,
+            stop,
+        }
+    }
+
+    fn run(mut self, reloads: &Receiver<Arc<Generation>>) {
+        while !self.stop.load(Ordering::Relaxed) {
+            match self.turn(reloads) {
+                Ok(true) => {}
+                Ok(false) => match self.look() {
+                    Ok(pause) => self.around.bell.wait(pause),
+                    Err(Stopped) => return,
+                },
+                Err(Stopped) => return,
+            }
+        }
+    }
+
+    /// There is nothing to read at this moment: says so for a while after an event, so that none waits for a rod that is
+    /// silent. How long to pause then.
+    fn look(&mut self) -> Result<Duration, Stopped> {
+        if self.last_event.is_none_or(|event| event.elapsed() > LOOK_FOR) {
+            return Ok(POLL);
+        }
+        if self.last_look.is_none_or(|look| look.elapsed() >= LOOK) {
+            self.last_look = Some(Instant::now());
+            let reached = self.journal.as_ref().map(|lane| lane.series.reached());
+            self.send(Job::Look(reached.unwrap_or_else(|| Arc::from([]))))?;
+        }
+        Ok(LOOK)
+    }
+
+    /// One step of every source; whether there was anything.
+    fn turn(&mut self, reloads: &Receiver<Arc<Generation>>) -> Result<bool, Stopped> {
+        while let Ok(generation) = reloads.try_recv() {
+            self.reload(generation)?;
+        }
+        let folder_had_some = self.folder_turn()?;
+        let is_live = self.folder.as_ref().is_none_or(|folder| !folder.catches_up());
+        let journal_had_some = is_live && self.journal_turn()?;
+        let folder_is_read = self.folder.as_ref().is_none_or(|folder| !folder.has_backlog());
+        let journal_is_read = self.journal.as_ref().is_none_or(|lane| lane.is_read);
+        self.around
+            .caught_up
+            .store(folder_is_read && journal_is_read, Ordering::Relaxed);
+        Ok(folder_had_some || journal_had_some)
+    }
+
+    /// Hands a job on; waits while the queue is full.
+    fn send(&self, mut job: Job) -> Result<(), Stopped> {
+        loop {
+            match self.around.jobs.try_send(job) {
+                Ok(()) => return Ok(()),
+                Err(TrySendError::Disconnected(_)) => return Err(Stopped),
+                Err(TrySendError::Full(back)) => job = back,
+            }
+            if self.stop.load(Ordering::Relaxed) {
+                return Err(Stopped);
+            }
+            thread::sleep(PUSH_BACK);
+        }
+    }
+
+    fn send_event(&mut self, event: Event, place: Place) -> Result<(), Stopped> {
+        self.last_event = Some(Instant::now());
+        let samples = match &event {
+            Event::Record(record) => record.samples.len(),
+            Event::Rejected { .. } | Event::Readings { .. } => 0,
+        };
+        let load = loop {
+            if let Some(load) = self.loads.take(samples) {
+                break load;
+            }
+            if self.stop.load(Ordering::Relaxed) {
+                return Err(Stopped);
+            }
+            thread::sleep(PUSH_BACK);
+        };
+        self.send(Job::Event {
+            event,
+            place,
+            generation: Arc::clone(&self.generation),
+            load,
+        })
+    }
+
+    /// One step of the folder; whether there was anything.
+    fn folder_turn(&mut self) -> Result<bool, Stopped> {
+        let Some(folder) = &mut self.folder else {
+            return Ok(false);
+        };
+        match folder.step(&mut self.around.watch, &self.stop) {
+            FolderStep::Idle => return Ok(false),
+            FolderStep::More => {}
+            FolderStep::Event(event, place) => self.send_event(event, place)?,
+            FolderStep::File(mark, result) => self.send(Job::File {
+                mark: Some(mark),
+                result,
+                carry: None,
+            })?,
+        }
+        Ok(true)
+    }
+
+    /// One step of the journal; whether there was anything.
+    fn journal_turn(&mut self) -> Result<bool, Stopped> {
+        let Some(lane) = &mut self.journal else {
+            return Ok(false);
+        };
+        if let Some((number, offset)) = lane.series.position() {
+            let is_set_aside = lane.quarantined.as_ref().is_some_and(|(part, _)| *part == number);
+            let name = part::mark_name(number);
+            if !is_set_aside
+                && let Some(Blame { why, is_whole }) = self.around.watch.begin(&name, offset, &mut lane.steps)
+            {
+                self.around.health.hold(Fault::Quarantined, &name, &why);
+                if is_whole {
+                    lane.series.discard(&why);
+                } else {
+                    lane.series.abandon(&why);
+                }
+                lane.quarantined = Some((number, why));
+            }
+        }
+        let polled = lane.series.poll();
+        self.around.watch.end();
+        if matches!(polled, SeriesPoll::More | SeriesPoll::Event(..)) {
+            lane.steps.brought_something();
+        }
+        match polled {
+            SeriesPoll::Event(event, place) => self.send_event(event, place)?,
+            SeriesPoll::More => {}
+            SeriesPoll::Part(end) => self.end_part(*end)?,
+            SeriesPoll::Wait => {
+                lane.is_read = true;
+                let stuck = lane.series.stuck_in();
+                if stuck > lane.rotated {
+                    lane.handle.rotate();
+                    lane.rotated = stuck;
+                }
+                return Ok(false);
+            }
+            SeriesPoll::End => return Ok(false),
+        }
+        Ok(true)
+    }
+
+    fn end_part(&mut self, end: PartEnd) -> Result<(), Stopped> {
+        let waiting = self.waiting.take();
+        let Some(lane) = &mut self.journal else {
+            return Ok(());
+        };
+        let quarantined = lane
+            .quarantined
+            .take_if(|(part, _)| *part == end.part)
+            .map(|(_, why)| why);
+        let last = waiting.as_ref().map(|generation| {
+            lane.series
+                .change(&channels(generation), &generation.config.record, &end)
+        });
+        let body = lane.series.carry();
+        for (event, place) in last.into_iter().flatten() {
+            self.send_event(event, place)?;
+        }
+        let carry = end.next.zip(body.ok()).map(|(part, body)| Carry {
+            journal: JOURNAL.to_owned(),
+            part,
+            body,
+        });
+        (self.around.watch.is_read)(&part::mark_name(end.part));
+        let mark = FileMark {
+            name: part::mark_name(end.part),
+            size: end.size,
+            modified_ns: end.modified_ns,
+            state: quarantined.map_or(FileState::Done, FileState::Quarantined),
+        };
+        self.send(Job::File {
+            mark: Some(mark),
+            result: end.result,
+            carry,
+        })?;
+        match waiting {
+            Some(generation) => self.change(generation),
+            None => Ok(()),
+        }
+    }
+
+    fn reload(&mut self, generation: Arc<Generation>) -> Result<(), Stopped> {
+        let before = self.waiting.as_ref().unwrap_or(&self.generation);
+        let cuts_alike =
+            channels(before) == channels(&generation) && before.config.record == generation.config.record;
+        if self.waiting.is_some() {
+            // It holds where the one it replaces would have.
+            self.waiting = Some(generation);
+            return Ok(());
+        }
+        if cuts_alike {
+            self.generation = Arc::clone(&generation);
+            return self.send(Job::Reload(generation));
+        }
+        match &self.journal {
+            // So that every part is cut by one configuration, whenever it is read again.
+            Some(lane) => {
+                lane.handle.rotate();
+                self.waiting = Some(generation);
+                Ok(())
+            }
+            None => self.change(generation),
+        }
+    }
+
+    /// From here on records are cut by another configuration.
+    fn change(&mut self, generation: Arc<Generation>) -> Result<(), Stopped> {
+        if let Some(folder) = &mut self.folder {
+            folder.change(&channels(&generation), &generation.config.record);
+        }
+        self.generation = Arc::clone(&generation);
+        self.send(Job::Reload(generation))
+    }
+}

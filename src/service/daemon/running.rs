@@ -1,0 +1,310 @@
+//! A daemon at work: its threads, and how they are begun, given another configuration, and ended.
+
+use super::core::{Broken, Core, Word};
+use super::live::{Bound, Live};
+use super::pipe::{self, Ending, JOBS};
+use super::reader::{self, Reader, Remembered, Sources, Surroundings};
+use super::steps::Watch;
+use super::suspects::Suspects;
+use super::workers::Workers;
+use super::{Happening, Job, Options, restart};
+use crate::recording::part;
+use crate::service::alert::Couriers;
+use crate::service::telemetry::Telemetry;
+use crate::site::ordered_map::message_of;
+use crate::site::prepared::Generation;
+use crate::site::trackers::Site;
+use anyhow::Context;
+use std::collections::BTreeMap;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, Sender, SyncSender, sync_channel};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread;
+use std::time::{Duration, Instant};
+use tokio::runtime::Runtime;
+
+/// How long what is in the pipeline may take to come to its end.
+const DRAIN: Duration = Duration::from_secs(4);
+/// How often the pipeline is ticked.
+const TICK: Duration = Duration::from_secs(1);
+
+/// A daemon at work.
+pub struct Running {
+    generation: Arc<Generation>,
+    reader: Reader,
+    live: Live,
+    couriers: Arc<Mutex<Couriers>>,
+    suspects: Arc<Suspects>,
+    ending: Ending,
+}
+
+impl Running {
+    /// Begins everything.
+    ///
+    /// # Errors
+    /// What stands beside the store or the journal cannot be read or written, or the system gives no thread.
+    pub fn start(
+        generation: Arc<Generation>,
+        site: Site,
+        options: &Options,
+        bound: Bound,
+        runtime: &Runtime,
+        telemetry: &Telemetry,
+        tell: &Sender<Happening>,
+    ) -> anyhow::Result<Self> {
+        let config = &generation.config;
+        let store = site.store().path().to_owned();
+        let suspects = Suspects::open(&store)
+            .with_context(|| format!("{}: what stands beside it cannot be read", store.display()))?;
+        let suspects = Arc::new(suspects);
+        let remembered = Remembered {
+            files: site.store().files()?,
+            carry: site.store().carry(reader::JOURNAL)?,
+        };
+        let health = &telemetry.health;
+        let live = Live::start(config, &store, bound, runtime, telemetry, tell)?;
+        telemetry.metrics.watch_disk("store", store.clone());
+        telemetry.metrics.standings(&site.standings()?);
+
+        let (jobs, receiver) = sync_channel(JOBS);
+        let couriers = Couriers::start(
+            &config.sinks,
+            &config.site,
+            &store,
+            jobs.clone(),
+            telemetry.clone(),
+        );
+        let couriers = Arc::new(Mutex::new(couriers));
+        let workers = Workers::new(
+            site.store().all_known().clone(),
+            Arc::clone(&suspects),
+            Arc::clone(&telemetry.metrics),
+        );
+        let ending = Ending::default();
+        let core = Core::new(
+            site,
+            Arc::clone(&generation),
+            Arc::clone(health),
+            Arc::clone(&ending.drain),
+            Box::new(hear(telemetry.clone(), &live, Arc::clone(&couriers))),
+        );
+        let threads = options
+            .threads
+            .unwrap_or_else(|| thread::available_parallelism().map_or(1, usize::from));
+        work(core, receiver, workers, threads, ending.clone(), tell.clone())?;
+
+        let caught_up = Arc::<AtomicBool>::default();
+        let sources = Sources {
+            folder: config.ingest.folder.clone(),
+            settle_s: config.ingest.settle_s,
+            journal: live.source(),
+        };
+        let reader = Reader::start(
+            sources,
+            remembered,
+            Arc::clone(&generation),
+            Surroundings {
+                jobs: jobs.clone(),
+                health: Arc::clone(health),
+                bell: live.bell(),
+                caught_up: Arc::clone(&caught_up),
+                watch: watch(&suspects),
+            },
+        )?;
+        tick(jobs, caught_up)?;
+        draw_tables(&generation, &ending)?;
+        Ok(Self {
+            generation,
+            reader,
+            live,
+            couriers,
+            suspects,
+            ending,
+        })
+    }
+
+    /// Goes on with another configuration.
+    pub fn reload(&mut self, generation: Arc<Generation>) {
+        for key in restart::needed_for(&self.generation.config, &generation.config) {
+            tracing::warn!("{key} changed: it holds after a restart, the old one until then");
+        }
+        let config = &generation.config;
+        self.live.retarget(&config.rods);
+        lock(&self.couriers).reload(&config.sinks, &config.site);
+        self.reader.reload(Arc::clone(&generation));
+        // Without a thread for it, a rod's first record draws its table.
+        let _ = draw_tables(&generation, &self.ending);
+        self.generation = generation;
+    }
+
+    /// Whether everything that is to run does.
+    ///
+    /// # Errors
+    /// The reader ended by itself: nothing would be read any more.
+    pub fn check(&self) -> Result<(), Broken> {
+        if self.reader.is_finished() && !self.ending.drain.load(Ordering::Relaxed) {
+            return Err(Broken::Panicked("the reader ended by itself".to_owned()));
+        }
+        Ok(())
+    }
+
+    /// Stops listening and reading, lets what was read come to its end, and closes the store; what takes too long is read
+    /// again at the next start.
+    ///
+    /// # Errors
+    /// The core could not go on.
+    pub fn drain(self, runtime: &Runtime, happenings: &Receiver<Happening>) -> Result<(), Broken> {
+        let deadline = Instant::now() + DRAIN;
+        self.live.hang_up();
+        self.ending.drain.store(true, Ordering::Relaxed);
+        self.suspects.stand_down();
+        self.reader.stop();
+        self.live.stop(runtime);
+        let result = loop {
+            let left = deadline.saturating_duration_since(Instant::now());
+            match happenings.recv_timeout(left) {
+                Ok(Happening::Ended(result)) => break result,
+                Ok(_) => {}
+                Err(_) => {
+                    tracing::warn!("some records are still analysed: they are read again at the next start");
+                    self.ending.give_up.store(true, Ordering::Relaxed);
+                    break Ok(());
+                }
+            }
+        };
+        stop(self.couriers);
+        result
+    }
+
+    /// The work loop came to its end by itself, or something else that is needed did.
+    pub fn abandon(self, runtime: &Runtime) {
+        self.live.hang_up();
+        self.ending.drain.store(true, Ordering::Relaxed);
+        self.suspects.stand_down();
+        self.reader.stop();
+        self.live.stop(runtime);
+        stop(self.couriers);
+    }
+}
+
+/// The pipeline and the core, on a thread of their own.
+fn work(
+    mut core: Core,
+    jobs: Receiver<Job>,
+    workers: Workers,
+    threads: usize,
+    ending: Ending,
+    tell: Sender<Happening>,
+) -> std::io::Result<()> {
+    let work = move || {
+        let work = || pipe::run(jobs, threads, &workers, &mut core, &ending);
+        let result = catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(|panic| {
+            ending.drain.store(true, Ordering::Relaxed);
+            Err(Broken::Panicked(message_of(&*panic)))
+        });
+        // The store is closed before anybody hears of the end.
+        drop(core);
+        let _ = tell.send(Happening::Ended(result));
+    };
+    thread::Builder::new().name("core".to_owned()).spawn(work)?;
+    Ok(())
+}
+
+/// Sends a tick through the whole pipeline every second; a full channel makes it late, which is what it is to show.
+fn tick(jobs: SyncSender<Job>, caught_up: Arc<AtomicBool>) -> std::io::Result<()> {
+    let work = move || {
+        loop {
+            let is_caught_up = caught_up.load(Ordering::Relaxed);
+            if jobs.send(Job::Tick { is_caught_up }).is_err() {
+                return;
+            }
+            thread::sleep(TICK);
+        }
+    };
+    thread::Builder::new().name("tick".to_owned()).spawn(work)?;
+    Ok(())
+}
+
+/// Draws the tables of all rods, on a thread beside those that analyse: a site of many rods is ready before, and a record that
+/// comes meanwhile draws its rod's itself.
+fn draw_tables(generation: &Arc<Generation>, ending: &Ending) -> std::io::Result<()> {
+    let (generation, drain) = (Arc::clone(generation), Arc::clone(&ending.drain));
+    let work = move || {
+        // By address: rods of equal prior share theirs.
+        let mut bytes = BTreeMap::new();
+        for plan in generation.plans.values() {
+            if drain.load(Ordering::Relaxed) {
+                return;
+            }
+            let table = plan.table();
+            bytes.insert(std::ptr::from_ref(table), table.bytes());
+        }
+        let mb = bytes.values().sum::<usize>() as f64 / 1e6;
+        tracing::info!("the tables of all rods are drawn: {mb:.0} MB");
+    };
+    thread::Builder::new().name("tables".to_owned()).spawn(work)?;
+    Ok(())
+}
+
+/// Marks what the reader is at among the suspects.
+fn watch(suspects: &Arc<Suspects>) -> Watch {
+    let mut slot = suspects.slot();
+    let (suspects, reads) = (Arc::clone(suspects), Arc::clone(suspects));
+    Watch {
+        working_on: Box::new(move |step| match step {
+            Some(step) => slot.working_on(step),
+            None => slot.idle(),
+        }),
+        deaths: Box::new(move |step| suspects.deaths(step)),
+        is_read: Box::new(move |file| reads.is_read(file)),
+    }
+}
+
+/// What is done with what the core says.
+fn hear(
+    telemetry: Telemetry,
+    live: &Live,
+    couriers: Arc<Mutex<Couriers>>,
+) -> impl Fn(Word<'_>) + Send + use<> {
+    let results_kept = live.results_kept();
+    let gauges = live.gauges();
+    move |word| {
+        let metrics = &telemetry.metrics;
+        match word {
+            Word::Alive => {
+                telemetry.beat.pass();
+                gauges.show(metrics);
+            }
+            Word::News => lock(&couriers).wake(),
+            Word::Known(rod) => metrics.known(rod),
+            Word::Taken { outcome, taken, took } => metrics.taken(outcome, &taken.verdict, took),
+            Word::File(mark) => {
+                if let Some(part) = part::number_of_mark(&mark.name) {
+                    results_kept.fetch_max(part, Ordering::Relaxed);
+                }
+                tracing::info!("{} is read", mark.name);
+            }
+            Word::Reloaded(generation, standings) => {
+                if let Some(standings) = standings {
+                    metrics.standings(standings);
+                }
+                tracing::info!("configuration {} holds", generation.provenance().hash);
+            }
+        }
+    }
+}
+
+fn stop(couriers: Arc<Mutex<Couriers>>) {
+    // The core, which has the other half, has ended or is left behind.
+    if let Some(couriers) = Arc::into_inner(couriers) {
+        couriers
+            .into_inner()
+            .unwrap_or_else(PoisonError::into_inner)
+            .stop();
+    }
+}
+
+fn lock(couriers: &Mutex<Couriers>) -> std::sync::MutexGuard<'_, Couriers> {
+    couriers.lock().unwrap_or_else(PoisonError::into_inner)
+}

@@ -1,0 +1,396 @@
+//! Steps that ended the program: marked before they are taken, remembered when the program did not come back from them.
+//!
+//! Before a risky step its name is written into a slot of `STORE.working`, and wiped out after it. The file survives the
+//! end of the process however it comes. What stands in it at the next start is suspect: it is tried again with nothing
+//! else at work, so that no other step is blamed. A step the program died of [`CONDEMNED`] times *alone* is not
+//! tried any more. A kill from outside that happens to meet a step costs it nothing but being tried alone: to be condemned
+//! it would have to be met again and again, with a growing pause before each try.
+
+use crate::recording::atomic::AtomicFile;
+use std::collections::BTreeMap;
+use std::fs::{self, File, OpenOptions};
+use std::io::{self, Write};
+use std::os::unix::fs::FileExt;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::thread;
+use std::time::Duration;
+
+/// So many deaths of a step alone, and it is not tried any more. With the first death, which blames nobody, these are three:
+/// systemd must not give up before (docs/daemon.md).
+pub const CONDEMNED: u32 = 2;
+
+/// So many deaths of a file, and nothing of it is used any more: those alone at one place, and one more when what came before
+/// that place was brought to its end.
+pub const FILE_CONDEMNED: u32 = CONDEMNED + 1;
+
+/// How the step of a file is called that brings what came before a condemned place to its end.
+const END: &str = "end";
+
+/// Bytes of a slot.
+const SLOT: usize = 1024;
+/// Most slots: more than any machine has workers.
+const MOST_SLOTS: usize = 1100;
+/// Suspects remembered beyond those that are blamed.
+const MOST: usize = 256;
+/// How long a suspect waits for the others to come to an end.
+const PATIENCE: Duration = Duration::from_secs(10);
+/// The pause before a step is tried that died alone, times its deaths.
+const PAUSE: Duration = Duration::from_secs(1);
+
+/// The memory of one store's suspects.
+#[derive(Debug)]
+pub struct Suspects {
+    working: File,
+    memory: PathBuf,
+    inner: Mutex<Inner>,
+    changed: Condvar,
+}
+
+#[derive(Debug, Default)]
+struct Inner {
+    /// Deaths alone of every suspect.
+    deaths: BTreeMap<String, u32>,
+    slots: usize,
+    busy: usize,
+    is_alone: bool,
+    is_over: bool,
+}
+
+/// Where one thread marks what it works on.
+#[derive(Debug)]
+pub struct Slot {
+    suspects: Arc<Suspects>,
+    number: usize,
+    step: Option<Step>,
+}
+
+#[derive(Debug)]
+struct Step {
+    name: String,
+    is_alone: bool,
+}
+
+impl Suspects {
+    /// Reads what the last process of this store was at when it ended, and begins anew.
+    ///
+    /// # Errors
+    /// The files beside the store cannot be read or written.
+    pub fn open(store: &Path) -> io::Result<Self> {
+        let memory = beside(store, ".suspects");
+        let mut deaths = match fs::read(&memory) {
+            Ok(bytes) => serde_json::from_slice(&bytes).unwrap_or_else(|error| {
+                tracing::warn!("{}: not understood ({error}), begun anew", memory.display());
+                BTreeMap::new()
+            }),
+            Err(error) if error.kind() == io::ErrorKind::NotFound => BTreeMap::new(),
+            Err(error) => return Err(error),
+        };
+        let path = beside(store, ".working");
+        let left = match fs::read(&path) {
+            Ok(bytes) => left_in(&bytes),
+            Err(error) if error.kind() == io::ErrorKind::NotFound => Vec::new(),
+            Err(error) => return Err(error),
+        };
+        let had_any = !left.is_empty();
+        for (name, is_alone) in left {
+            if let Some((file, step)) = file_of(&name) {
+                *deaths.entry(file_step(file)).or_insert(0) += u32::from(is_alone || step == END);
+            }
+            let deaths = deaths.entry(name).or_insert(0);
+            *deaths += u32::from(is_alone);
+        }
+        if deaths.len() > MOST {
+            deaths.retain(|_, deaths| *deaths > 0);
+        }
+        if had_any && let Err(error) = remember(&memory, &deaths) {
+            tracing::warn!("{}: cannot be written: {error}", memory.display());
+        }
+        let working = OpenOptions::new()
+            .write(true)
+            .create(true)
+            .truncate(true)
+            .open(path)?;
+        Ok(Self {
+            working,
+            memory,
+            inner: Mutex::new(Inner {
+                deaths,
+                ..Inner::default()
+            }),
+            changed: Condvar::new(),
+        })
+    }
+
+    /// How often the program died of this step with nothing else at work.
+    pub fn deaths(&self, step: &str) -> u32 {
+        self.lock().deaths.get(step).copied().unwrap_or(0)
+    }
+
+    /// Whether a step is not to be tried any more.
+    pub fn is_condemned(&self, step: &str) -> bool {
+        self.deaths(step) >= CONDEMNED
+    }
+
+    /// A file was read to its end: it is suspected of nothing any more.
+    pub fn is_read(&self, file: &str) {
+        self.forget(&file_step(file));
+    }
+
+    fn forget(&self, step: &str) {
+        let mut inner = self.lock();
+        let cleared = inner.deaths.remove(step).map(|_| inner.deaths.clone());
+        drop(inner);
+        if let Some(deaths) = cleared
+            && let Err(error) = remember(&self.memory, &deaths)
+        {
+            tracing::warn!("{}: cannot be written: {error}", self.memory.display());
+        }
+    }
+
+    /// A slot for one thread.
+    pub fn slot(self: &Arc<Self>) -> Slot {
+        let mut inner = self.lock();
+        let number = inner.slots;
+        inner.slots += 1;
+        Slot {
+            suspects: Arc::clone(self),
+            number,
+            step: None,
+        }
+    }
+
+    /// The process is about to end in order: what is still at work did not end it, and nobody waits any more.
+    pub fn stand_down(&self) {
+        self.lock().is_over = true;
+        self.changed.notify_all();
+        // Nothing can be done about a failure: at worst a step is tried alone.
+        let _ = self.working.set_len(0);
+    }
+
+    /// Waits until a step may begin; whether it is alone.
+    fn begin(&self, step: &str) -> bool {
+        let is_suspect = self.lock().deaths.contains_key(step);
+        if is_suspect {
+            thread::sleep(PAUSE * self.deaths(step));
+        }
+        let (mut inner, _) = self
+            .changed
+            .wait_timeout_while(self.lock(), PATIENCE, |inner| {
+                !inner.is_over && (inner.is_alone || (is_suspect && inner.busy > 0))
+            })
+            .unwrap_or_else(PoisonError::into_inner);
+        let is_alone = is_suspect && inner.busy == 0;
+        inner.busy += 1;
+        inner.is_alone |= is_alone;
+        is_alone
+    }
+
+    /// A step came to its end, and is a suspect no more.
+    fn end(&self, step: &Step) {
+        let mut inner = self.lock();
+        inner.busy -= 1;
+        inner.is_alone &= !step.is_alone;
+        drop(inner);
+        self.changed.notify_all();
+        self.forget(&step.name);
+    }
+
+    /// Best effort: a mark that cannot be written is a death that is not counted.
+    fn mark(&self, slot: usize, content: &[u8; SLOT]) {
+        let inner = self.lock();
+        if !inner.is_over && slot < MOST_SLOTS {
+            let _ = self.working.write_all_at(content, (slot * SLOT) as u64);
+        }
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Inner> {
+        self.inner.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Slot {
+    /// This thread begins a step; it may have to wait for others, and others for it. Nothing else may be waited for
+    /// before [`Slot::idle`].
+    pub fn working_on(&mut self, step: &str) {
+        self.idle();
+        let is_alone = self.suspects.begin(step);
+        let mut content = [0; SLOT];
+        let mut rest = &mut content[..];
+        // What does not fit is cut off: the name alone tells steps apart.
+        let _ = write!(rest, "{}\t{step}", if is_alone { "alone" } else { "beside" });
+        self.suspects.mark(self.number, &content);
+        self.step = Some(Step {
+            name: step.to_owned(),
+            is_alone,
+        });
+    }
+
+    /// It came to the step's end.
+    pub fn idle(&mut self) {
+        if let Some(step) = self.step.take() {
+            self.suspects.mark(self.number, &[0; SLOT]);
+            self.suspects.end(&step);
+        }
+    }
+}
+
+impl Drop for Slot {
+    fn drop(&mut self) {
+        self.idle();
+    }
+}
+
+/// The name of all steps of a file together.
+pub fn file_step(file: &str) -> String {
+    format!("file {file}")
+}
+
+/// The step that brings to its end what came before a place of a file.
+pub fn last_step(file: &str, offset: u64) -> String {
+    format!("{file}@{offset}+{END}")
+}
+
+/// The file of a step of reading, `NAME@PLACE+STEP`, and which step it is.
+fn file_of(name: &str) -> Option<(&str, &str)> {
+    let (file, place) = name.rsplit_once('@')?;
+    place.split_once('+').map(|(_, step)| (file, step))
+}
+
+/// The steps a file of slots holds, and whether each was alone.
+fn left_in(bytes: &[u8]) -> Vec<(String, bool)> {
+    let text_of = |slot: &[u8]| {
+        let end = slot.iter().position(|byte| *byte == 0).unwrap_or(slot.len());
+        String::from_utf8_lossy(&slot[..end]).into_owned()
+    };
+    let step_of = |text: String| {
+        let (kind, name) = text.split_once('\t')?;
+        Some((name.to_owned(), kind == "alone"))
+    };
+    bytes
+        .chunks(SLOT)
+        .take(MOST_SLOTS)
+        .map(text_of)
+        .filter_map(step_of)
+        .collect()
+}
+
+fn remember(path: &Path, deaths: &BTreeMap<String, u32>) -> io::Result<()> {
+    let mut file = AtomicFile::create(path)?;
+    serde_json::to_writer_pretty(&mut file, deaths)?;
+    file.write_all(b"\n")?;
+    file.commit()
+}
+
+fn beside(path: &Path, suffix: &str) -> PathBuf {
+    let mut name = path.as_os_str().to_owned();
+    name.push(suffix);
+    PathBuf::from(name)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A process that dies at these steps.
+    fn dies_at(store: &Path, steps: &[&str]) {
+        let suspects = Arc::new(Suspects::open(store).unwrap());
+        for step in steps {
+            let mut slot = suspects.slot();
+            slot.working_on(step);
+            std::mem::forget(slot);
+        }
+    }
+
+    #[test]
+    fn a_step_that_ends_the_program_alone_again_and_again_is_condemned() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = folder.path().join("site.db");
+        dies_at(&store, &["good", "bad"]);
+        for death in 0..CONDEMNED {
+            let suspects = Suspects::open(&store).unwrap();
+            assert_eq!(suspects.deaths("bad"), death);
+            assert!(!suspects.is_condemned("bad"));
+            drop(suspects);
+            // Nothing was lost by looking.
+            dies_at(&store, &["bad"]);
+        }
+        let suspects = Arc::new(Suspects::open(&store).unwrap());
+        assert!(suspects.is_condemned("bad"));
+        assert_eq!(suspects.deaths("good"), 0);
+    }
+
+    #[test]
+    fn a_file_whose_beginning_is_deadly_too_is_condemned_as_a_whole_until_it_is_read() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = folder.path().join("site.db");
+        let deaths = || Suspects::open(&store).unwrap().deaths(&file_step("a@b.mcap"));
+        // What a kill from outside happens to meet blames nobody.
+        for place in 0..10 {
+            dies_at(&store, &[&format!("a@b.mcap@{place}+0")]);
+        }
+        assert_eq!(deaths(), 0);
+        for _ in 0..=CONDEMNED {
+            dies_at(&store, &["a@b.mcap@77+0"]);
+        }
+        assert_eq!(deaths(), CONDEMNED);
+        dies_at(&store, &[&last_step("a@b.mcap", 77)]);
+        assert_eq!(deaths(), FILE_CONDEMNED);
+        Suspects::open(&store).unwrap().is_read("a@b.mcap");
+        assert_eq!(deaths(), 0);
+    }
+
+    #[test]
+    fn success_clears_and_an_end_in_order_blames_nobody() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = folder.path().join("site.db");
+        dies_at(&store, &["step"]);
+        dies_at(&store, &["step"]);
+        let suspects = Arc::new(Suspects::open(&store).unwrap());
+        assert_eq!(suspects.deaths("step"), 1);
+        let mut slot = suspects.slot();
+        slot.working_on("step");
+        slot.idle();
+        assert_eq!(suspects.deaths("step"), 0);
+        slot.working_on("another");
+        suspects.stand_down();
+        std::mem::forget(slot);
+        let suspects = Suspects::open(&store).unwrap();
+        assert!(suspects.lock().deaths.is_empty(), "{suspects:?}");
+    }
+
+    #[test]
+    fn a_suspect_is_tried_with_nothing_else_at_work() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = folder.path().join("site.db");
+        dies_at(&store, &["suspect"]);
+        let suspects = Arc::new(Suspects::open(&store).unwrap());
+        let mut one = suspects.slot();
+        one.working_on("good");
+        let mut other = suspects.slot();
+        let waiting = thread::spawn(move || {
+            other.working_on("suspect");
+            assert_eq!(other.suspects.lock().busy, 1);
+            let third = Arc::clone(&other.suspects);
+            let later = thread::spawn(move || third.slot().working_on("third"));
+            thread::sleep(Duration::from_millis(20));
+            assert!(!later.is_finished());
+            drop(other);
+            later.join().unwrap();
+        });
+        thread::sleep(Duration::from_millis(20));
+        assert!(!waiting.is_finished());
+        one.idle();
+        waiting.join().unwrap();
+    }
+
+    #[test]
+    fn broken_memory_is_begun_anew() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = folder.path().join("site.db");
+        fs::write(beside(&store, ".suspects"), b"{").unwrap();
+        fs::write(beside(&store, ".working"), [0xff; 3000]).unwrap();
+        let suspects = Suspects::open(&store).unwrap();
+        assert_eq!(suspects.deaths("anything"), 0);
+    }
+}

@@ -1,0 +1,284 @@
+//! `/api/v1`: what the store says, as bounded questions; docs/openapi.json describes each.
+
+use super::access::Access;
+use super::live;
+use super::problem::{self, Problem};
+use super::shown::Shown;
+use crate::analysis::signal::record::{RodId, Timestamp};
+use crate::service::api::{Alarms, Chart, Days, History, Looks, Records, RodAnswer, SiteAnswer, listing};
+use crate::site::store::{Asked, Reader, StoreError};
+use axum::Router;
+use axum::extract::{Path, Query, State};
+use axum::http::{HeaderMap, header};
+use axum::response::{IntoResponse, Response};
+use axum::routing::{get, post};
+use serde::{Deserialize, Serialize};
+use std::sync::Arc;
+use tokio::sync::{Semaphore, watch};
+
+/// Most rows of a page of records or alarms, and what is sent if nothing is said.
+const ROWS: (usize, usize) = (500, 50);
+
+/// Most points of a history, and what is sent if nothing is said.
+const POINTS: (usize, usize) = (5000, 1500);
+
+/// Most periods of a chart, and what is sent if nothing is said.
+const PERIODS: (usize, usize) = (4000, 1500);
+
+/// Everything an answer may need.
+#[derive(Clone)]
+pub struct Api {
+    /// The store.
+    pub(super) shown: Arc<Shown>,
+    /// Who may change something.
+    pub(super) access: Access,
+    /// Puts a request into the store.
+    ask_writer: Arc<dyn Fn(RodId, Asked) -> Result<String, String> + Send + Sync>,
+    /// Becomes true when the server ends.
+    pub(super) stop: watch::Receiver<bool>,
+    /// Places of those that stay and listen.
+    pub(super) listeners: Arc<Semaphore>,
+}
+
+impl Api {
+    /// Of a store.
+    pub fn new(
+        shown: Arc<Shown>,
+        access: Access,
+        ask_writer: impl Fn(RodId, Asked) -> Result<String, String> + Send + Sync + 'static,
+        stop: watch::Receiver<bool>,
+    ) -> Self {
+        Self {
+            shown,
+            access,
+            ask_writer: Arc::new(ask_writer),
+            stop,
+            listeners: Arc::new(Semaphore::new(live::LISTENERS)),
+        }
+    }
+
+    /// Asks the store for what years are drawn from.
+    async fn answer<T: Serialize + Send + 'static>(
+        &self,
+        question: impl FnOnce(&Reader, &Days) -> Result<Result<T, Problem>, StoreError> + Send + 'static,
+    ) -> Result<Response, Problem> {
+        let shown = Arc::clone(&self.shown);
+        say(move || shown.ask(question)?).await
+    }
+
+    /// Asks the store for what it has an answer to from its first moment.
+    async fn answer_at_once<T: Serialize + Send + 'static>(
+        &self,
+        question: impl FnOnce(&Reader) -> Result<Result<T, Problem>, StoreError> + Send + 'static,
+    ) -> Result<Response, Problem> {
+        let shown = Arc::clone(&self.shown);
+        say(move || shown.read(question)?).await
+    }
+}
+
+/// Says what comes of a question, which is asked on a thread that may wait.
+async fn say<T: Serialize>(
+    question: impl FnOnce() -> Result<T, Problem> + Send + 'static,
+) -> Result<Response, Problem> {
+    let work = move || -> Result<String, Problem> {
+        let answer = question()?;
+        serde_json::to_string(&answer).map_err(|error| problem::unavailable(error.to_string()))
+    };
+    let text = tokio::task::spawn_blocking(work)
+        .await
+        .map_err(|_| problem::unavailable("the program broke while it answered, please report it"))??;
+    Ok(([(header::CONTENT_TYPE, "application/json")], text).into_response())
+}
+
+/// The paths below `/api/v1`.
+pub fn routes() -> Router<Api> {
+    Router::new()
+        .route("/api/v1/openapi.json", get(description))
+        .route("/api/v1/site", get(site))
+        .route("/api/v1/rods/{rod}", get(rod))
+        .route("/api/v1/rods/{rod}/history", get(history))
+        .route("/api/v1/rods/{rod}/records", get(records))
+        .route("/api/v1/rods/{rod}/chart", get(chart))
+        .route("/api/v1/rods/{rod}/latest", get(latest))
+        .route("/api/v1/alarms", get(alarms))
+        .route("/api/v1/alarms/{id}/acknowledge", post(acknowledge))
+        .route("/api/v1/events", get(events))
+}
+
+async fn description() -> impl IntoResponse {
+    let kind = [(header::CONTENT_TYPE, "application/json")];
+    (kind, include_str!("../../../docs/openapi.json"))
+}
+
+async fn site(State(api): State<Api>) -> Result<Response, Problem> {
+    api.answer(|reader, days| Ok(Ok(SiteAnswer::of(reader, days)?)))
+        .await
+}
+
+async fn rod(State(api): State<Api>, Path(rod): Path<String>) -> Result<Response, Problem> {
+    api.answer(move |reader, days| {
+        let found = RodAnswer::of(reader, days, &RodId(rod.clone()))?;
+        Ok(found.ok_or_else(|| no_rod(&rod)))
+    })
+    .await
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Span {
+    from: Option<String>,
+    to: Option<String>,
+    points: Option<usize>,
+}
+
+async fn history(
+    State(api): State<Api>,
+    Path(rod): Path<String>,
+    Query(span): Query<Span>,
+) -> Result<Response, Problem> {
+    let (from, to) = (
+        time("from", span.from.as_deref())?,
+        time("to", span.to.as_deref())?,
+    );
+    let points = within("points", span.points, POINTS)?;
+    api.answer(move |reader, days| {
+        let rod = RodId(rod);
+        let Some((first, end)) = days.span(&rod) else {
+            return Ok(Err(no_rod(&rod.0)));
+        };
+        let span = (from.unwrap_or(first), to.unwrap_or(end));
+        Ok(Ok(History::of(reader, days, &rod, span, points)?))
+    })
+    .await
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Page {
+    before: Option<String>,
+    limit: Option<usize>,
+    rejected: Option<bool>,
+}
+
+async fn records(
+    State(api): State<Api>,
+    Path(rod): Path<String>,
+    Query(page): Query<Page>,
+) -> Result<Response, Problem> {
+    let before = match page.before.as_deref() {
+        Some(next) => {
+            Some(listing::mark(next).ok_or_else(|| problem::bad("before: take `next` of another page"))?)
+        }
+        None => None,
+    };
+    let most = within("limit", page.limit, ROWS)?;
+    let only_rejected = page.rejected.unwrap_or(false);
+    api.answer(move |reader, days| {
+        let rod = RodId(rod);
+        Ok(Ok(Records::of(reader, days, &rod, before, only_rejected, most)?))
+    })
+    .await
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Periods {
+    periods: Option<usize>,
+}
+
+async fn chart(
+    State(api): State<Api>,
+    Path(rod): Path<String>,
+    Query(asked): Query<Periods>,
+) -> Result<Response, Problem> {
+    let most = within("periods", asked.periods, PERIODS)?;
+    api.answer_at_once(move |reader| Ok(Ok(Chart::of(reader, &RodId(rod), most)?)))
+        .await
+}
+
+async fn latest(State(api): State<Api>, Path(rod): Path<String>) -> Result<Response, Problem> {
+    api.answer_at_once(move |reader| Ok(Ok(Looks::of(reader, &RodId(rod))?)))
+        .await
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct AlarmPage {
+    rod: Option<String>,
+    standing: Option<bool>,
+    before: Option<String>,
+    limit: Option<usize>,
+}
+
+async fn alarms(State(api): State<Api>, Query(page): Query<AlarmPage>) -> Result<Response, Problem> {
+    let most = within("limit", page.limit, ROWS)?;
+    api.answer_at_once(move |reader| {
+        let rod = page.rod.map(RodId);
+        let standing = page.standing.unwrap_or(false);
+        let found = Alarms::of(reader, rod.as_ref(), standing, page.before.as_deref(), most)?;
+        Ok(found.ok_or_else(|| problem::bad("before: take `next` of another page")))
+    })
+    .await
+}
+
+/// What came of a request.
+#[derive(Serialize)]
+struct Acknowledged {
+    alarm: String,
+    /// When it holds, in words.
+    when: String,
+}
+
+async fn acknowledge(
+    State(api): State<Api>,
+    Path(id): Path<String>,
+    headers: HeaderMap,
+) -> Result<Response, Problem> {
+    if !api.access.has_token() {
+        return Err(problem::unauthorized(
+            "nothing can be changed here: the configuration names no http.token_file",
+        ));
+    }
+    if !api.access.may_write(&headers) {
+        return Err(problem::unauthorized("this needs the token of http.token_file"));
+    }
+    let (shown, ask_writer) = (Arc::clone(&api.shown), Arc::clone(&api.ask_writer));
+    say(move || {
+        let alarm = shown.read(|reader| reader.alarm(&id))?;
+        let Some(alarm) = alarm else {
+            return Err(problem::missing(format!("there is no alarm {id}")));
+        };
+        // Outside the question: it may look at the whole store first, and others ask meanwhile.
+        let when = match alarm.acknowledged {
+            Some(time) => format!("it was acknowledged at {time}"),
+            None => ask_writer(alarm.rod, Asked::Acknowledge { alarm: id.clone() })
+                .map_err(problem::unavailable)?,
+        };
+        Ok(Acknowledged { alarm: id, when })
+    })
+    .await
+}
+
+async fn events(State(api): State<Api>) -> Response {
+    live::events(&api.shown, &api.listeners, api.stop.clone())
+}
+
+fn no_rod(rod: &str) -> Problem {
+    problem::missing(format!("the store has no rod {rod}"))
+}
+
+/// A day or a time.
+fn time(name: &str, text: Option<&str>) -> Result<Option<Timestamp>, Problem> {
+    text.map(Timestamp::as_written)
+        .transpose()
+        .map_err(|why| problem::bad(format!("{name}: {why}")))
+}
+
+/// A number between 1 and the most there may be.
+fn within(name: &str, asked: Option<usize>, (most, usual): (usize, usize)) -> Result<usize, Problem> {
+    match asked {
+        None => Ok(usual),
+        Some(number) if (1..=most).contains(&number) => Ok(number),
+        Some(number) => Err(problem::bad(format!("{name}={number}: from 1 to {most}"))),
+    }
+}

@@ -1,0 +1,110 @@
+//! What is answered when there is no answer: a status and one sentence, as JSON.
+
+use super::shown::Unanswered;
+use crate::site::store::StoreError;
+use axum::http::{StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use serde::Serialize;
+
+/// A refusal.
+#[derive(Debug)]
+pub struct Problem {
+    status: StatusCode,
+    message: String,
+    /// Whether to ask again in a second.
+    is_soon: bool,
+}
+
+#[derive(Serialize)]
+struct Body<'m> {
+    error: &'m str,
+}
+
+/// The question was wrong.
+pub fn bad(message: impl Into<String>) -> Problem {
+    Problem {
+        status: StatusCode::BAD_REQUEST,
+        message: message.into(),
+        is_soon: false,
+    }
+}
+
+/// There is no such thing.
+pub fn missing(message: impl Into<String>) -> Problem {
+    Problem {
+        status: StatusCode::NOT_FOUND,
+        message: message.into(),
+        is_soon: false,
+    }
+}
+
+/// Not for those who ask.
+pub fn forbidden(message: impl Into<String>) -> Problem {
+    Problem {
+        status: StatusCode::FORBIDDEN,
+        message: message.into(),
+        is_soon: false,
+    }
+}
+
+/// It needs a token.
+pub fn unauthorized(message: impl Into<String>) -> Problem {
+    Problem {
+        status: StatusCode::UNAUTHORIZED,
+        message: message.into(),
+        is_soon: false,
+    }
+}
+
+/// Not now.
+pub fn unavailable(message: impl Into<String>) -> Problem {
+    Problem {
+        status: StatusCode::SERVICE_UNAVAILABLE,
+        message: message.into(),
+        is_soon: false,
+    }
+}
+
+impl From<Unanswered> for Problem {
+    fn from(why: Unanswered) -> Self {
+        match why {
+            Unanswered::Store(error) => error.into(),
+            Unanswered::Reading { .. } => Self {
+                is_soon: true,
+                ..unavailable(why.to_string())
+            },
+        }
+    }
+}
+
+impl From<StoreError> for Problem {
+    fn from(error: StoreError) -> Self {
+        unavailable(error.to_string())
+    }
+}
+
+impl IntoResponse for Problem {
+    fn into_response(self) -> Response {
+        let body = Body { error: &self.message };
+        let text = serde_json::to_string(&body).unwrap_or_default() + "\n";
+        let kind = [(header::CONTENT_TYPE, "application/json")];
+        let again = self.is_soon.then_some([(header::RETRY_AFTER, "1")]);
+        (self.status, kind, again, text).into_response()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn who_should_ask_again_is_told_when() {
+        let soon: Problem = Unanswered::Reading { share: 0.426 }.into();
+        assert!(soon.message.contains("43 %"), "{}", soon.message);
+        let answer = soon.into_response();
+        assert_eq!(answer.status(), StatusCode::SERVICE_UNAVAILABLE);
+        assert_eq!(answer.headers()[header::RETRY_AFTER], "1");
+        let answer = unavailable("no").into_response();
+        assert!(!answer.headers().contains_key(header::RETRY_AFTER));
+    }
+}

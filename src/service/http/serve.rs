@@ -1,0 +1,175 @@
+//! How the HTTP server listens: few connections, small requests, deadlines.
+
+use super::seats::{CONNECTIONS, Content, Seat, Seats};
+use crate::config::settings::http::HttpSettings;
+use crate::service::telemetry::{Fault, Health};
+use axum::Router;
+use axum::body::Body;
+use axum::http::{Request, Response, StatusCode};
+use hyper::body::Incoming;
+use hyper::server::conn::http1;
+use hyper::service::{Service, service_fn};
+use hyper_util::rt::{TokioIo, TokioTimer};
+use hyper_util::service::TowerToHyperService;
+use std::convert::Infallible;
+use std::io;
+use std::net::SocketAddr;
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::net::{TcpListener, TcpStream};
+use tokio::sync::watch;
+use tokio::task::JoinSet;
+use tokio::time;
+
+/// A request's line and headers have come within this time, and a kept connection speaks again within it.
+const READ: Duration = Duration::from_secs(8);
+
+/// A client that takes nothing of an answer for this long is cut off.
+const WRITE: Duration = Duration::from_secs(8);
+
+/// Line and headers of a request together \[bytes\].
+const HEAD_BYTES: usize = 16 << 10;
+
+/// Most headers of a request.
+const HEADERS: usize = 64;
+
+/// What may still be answered after the end was asked for.
+const DRAIN: Duration = Duration::from_secs(1);
+
+/// After the system refused a connection.
+const PAUSE: Duration = Duration::from_millis(200);
+
+/// Listens where the settings say; `None` for no server.
+///
+/// # Errors
+/// The address is taken, or not this machine's.
+pub fn listen(settings: &HttpSettings) -> io::Result<Option<std::net::TcpListener>> {
+    let Some(address) = settings.listen else {
+        return Ok(None);
+    };
+    let listener = std::net::TcpListener::bind(address)
+        .map_err(|error| io::Error::new(error.kind(), format!("http.listen {address}: {error}")))?;
+    Ok(Some(listener))
+}
+
+/// Answers until `stop` becomes true.
+///
+/// # Errors
+/// The listener is no socket the runtime can wait on.
+pub async fn serve(
+    listener: std::net::TcpListener,
+    routes: Router,
+    health: Arc<Health>,
+    mut stop: watch::Receiver<bool>,
+) -> io::Result<()> {
+    listener.set_nonblocking(true)?;
+    let listener = TcpListener::from_std(listener)?;
+    let seats = Arc::<Seats>::default();
+    let mut open = JoinSet::new();
+    loop {
+        let accepted = tokio::select! {
+            _ = stop.wait_for(|stop| *stop) => break,
+            _ = open.join_next(), if !open.is_empty() => continue,
+            accepted = listener.accept() => accepted,
+        };
+        let (stream, peer) = match accepted {
+            Ok(accepted) => accepted,
+            Err(error) => {
+                health.fault(Fault::Refused, format!("http: a connection failed: {error}"));
+                time::sleep(PAUSE).await;
+                continue;
+            }
+        };
+        let seat = seats.take(peer.ip());
+        if seat.as_ref().is_none_or(|(_, has_left)| *has_left) {
+            let what = match seat {
+                Some(_) => "the one silent longest is closed",
+                None => "all are busy, a new one is turned away",
+            };
+            health.fault(
+                Fault::Refused,
+                format!(
+                    "http: more than {CONNECTIONS} connections at once, or many from {}: {what}",
+                    peer.ip()
+                ),
+            );
+        }
+        let Some((seat, _)) = seat else { continue };
+        let client = Client {
+            peer,
+            seat: Arc::new(seat),
+            health: Arc::clone(&health),
+        };
+        open.spawn(answer(stream, client, routes.clone(), stop.clone()));
+    }
+    drop(listener);
+    let drained = async { while open.join_next().await.is_some() {} };
+    // What is not drained by then ends with the set.
+    let _ = time::timeout(DRAIN, drained).await;
+    Ok(())
+}
+
+/// Who is at the other end.
+#[derive(Clone)]
+struct Client {
+    peer: SocketAddr,
+    seat: Arc<Seat>,
+    health: Arc<Health>,
+}
+
+/// Answers one connection's requests until it closes, breaks a limit, must make room, or the server stops.
+async fn answer(stream: TcpStream, client: Client, routes: Router, mut stop: watch::Receiver<bool>) {
+    // The system cuts off a client that leaves an answer in the socket's buffer.
+    let timeout_ms = u32::try_from(WRITE.as_millis()).unwrap_or(u32::MAX);
+    if rustix::net::sockopt::set_tcp_user_timeout(&stream, timeout_ms).is_err() {
+        return;
+    }
+    let seat = Arc::clone(&client.seat);
+    let routes = TowerToHyperService::new(routes);
+    let service = service_fn(move |request| ask(client.clone(), routes.clone(), request));
+    let connection = http1::Builder::new()
+        .timer(TokioTimer::new())
+        .header_read_timeout(READ)
+        .max_buf_size(HEAD_BYTES)
+        .max_headers(HEADERS)
+        .serve_connection(TokioIo::new(stream), service)
+        .with_upgrades();
+    let mut connection = std::pin::pin!(connection);
+    // Errors are the client's: it went away, sent no HTTP, or ran out of time; hyper told it so if it could.
+    tokio::select! {
+        _ = connection.as_mut() => return,
+        () = seat.must_leave() => return,
+        _ = stop.wait_for(|stop| *stop) => {}
+    }
+    connection.as_mut().graceful_shutdown();
+    let _ = connection.await;
+}
+
+/// Answers one request, if its connection may ask it; notes who was not allowed to.
+async fn ask(
+    client: Client,
+    routes: TowerToHyperService<Router>,
+    request: Request<Incoming>,
+) -> Result<Response<Content>, Infallible> {
+    let busy = client.seat.busy();
+    let path = request.uri().path();
+    let response = if client.seat.may_ask(path) {
+        let path: String = path.chars().take(80).collect();
+        let response = routes.call(request).await?;
+        if matches!(
+            response.status(),
+            StatusCode::UNAUTHORIZED | StatusCode::FORBIDDEN
+        ) {
+            let (peer, status) = (client.peer, response.status());
+            let what =
+                format!("http: {peer}: {path:?} is not allowed without the token or from there ({status})");
+            client.health.fault(Fault::Refused, what);
+        }
+        response
+    } else {
+        let mut response = Response::new(Body::from("too many connections at once\n"));
+        *response.status_mut() = StatusCode::SERVICE_UNAVAILABLE;
+        response
+    };
+    Ok(response.map(|body| Content::new(body, busy)))
+}

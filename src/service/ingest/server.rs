@@ -1,0 +1,304 @@
+//! The listeners at work: clients are let in, turned away, and told when the daemon stops.
+
+use super::connection;
+use super::counts::Counts;
+use super::entrance::{Entrance, Stay};
+use super::intake::Intake;
+use super::listener::{ListenError, Listener};
+use super::reply::Reply;
+use super::tls;
+use crate::config::RodConfig;
+use crate::config::settings::ingest::IngestSettings;
+use crate::service::telemetry::{Fault, Health};
+use std::collections::{BTreeSet, HashMap};
+use std::io;
+use std::net::SocketAddr;
+use std::sync::atomic::AtomicUsize;
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
+use tokio::net::{TcpListener, UnixListener};
+use tokio::sync::{Semaphore, watch};
+use tokio::task::JoinSet;
+use tokio::time::{Instant, sleep, timeout, timeout_at};
+use tokio_rustls::TlsAcceptor;
+
+/// From the moment it is let in, a client has this time for its TLS handshake and for something that makes sense. With the
+/// seconds it is then given to read why, it is gone within ten.
+pub(super) const GREETING: Duration = Duration::from_secs(7);
+
+/// How long clients are given to go when the daemon stops.
+const FAREWELL: Duration = Duration::from_millis(1500);
+
+/// How long a closed client may take to read why.
+const LINGER: Duration = Duration::from_secs(1);
+
+/// Most clients that are told at once why they are turned away.
+const TOLD_AT_ONCE: usize = 16;
+
+/// Batches under way between clients and journal: they take turns.
+const TURNS: usize = 2;
+
+/// The topics somebody wants.
+pub type TopicSet = BTreeSet<String>;
+
+/// The topics somebody wants, as they are now: a reload sends new ones.
+pub type Topics = watch::Receiver<Arc<TopicSet>>;
+
+/// The topics the rods of a configuration read.
+pub fn topics_of(rods: &[RodConfig]) -> TopicSet {
+    let channels = rods.iter().map(|rod| &rod.channels);
+    channels
+        .flat_map(|rod| [Some(&rod.displacement), rod.temperature.as_ref()])
+        .flatten()
+        .map(|channel| channel.topic.clone())
+        .collect()
+}
+
+/// What all connections share.
+pub struct Server<I> {
+    pub(super) settings: IngestSettings,
+    pub(super) topics: Topics,
+    pub(super) intake: I,
+    pub(super) health: Arc<Health>,
+    pub(super) counts: Arc<Counts>,
+    tls: Option<TlsAcceptor>,
+    pub(super) turns: Semaphore,
+    /// Places of clients that have said something that makes sense.
+    pub(super) clients: Arc<Semaphore>,
+    /// Bytes all clients together hold.
+    pub(super) held: AtomicUsize,
+    /// The connection of each sender: when a newer one takes its place, the older one ends.
+    pub(super) senders: Mutex<HashMap<String, watch::Sender<()>>>,
+}
+
+impl<I: Intake> Server<I> {
+    /// Reads the certificates.
+    ///
+    /// # Errors
+    /// They cannot be used.
+    pub fn new(
+        settings: IngestSettings,
+        topics: Topics,
+        intake: I,
+        health: Arc<Health>,
+        counts: Arc<Counts>,
+    ) -> Result<Self, ListenError> {
+        let tls = settings.tls.as_ref().map(tls::acceptor).transpose()?;
+        Ok(Self {
+            clients: Arc::new(Semaphore::new(settings.clients)),
+            settings,
+            topics,
+            intake,
+            health,
+            counts,
+            tls,
+            turns: Semaphore::new(TURNS),
+            held: AtomicUsize::new(0),
+            senders: Mutex::default(),
+        })
+    }
+
+    /// Why nobody else can be served.
+    pub(super) fn full(&self) -> String {
+        format!("{} clients are connected already", self.settings.clients)
+    }
+}
+
+/// Serves until `stop` is true or its sender is gone, then says goodbye to everybody; that takes two seconds at most.
+///
+/// # Errors
+/// A listener that others than this machine can reach, without TLS; or one the system refuses.
+pub async fn serve<I: Intake>(
+    listeners: Vec<Listener>,
+    server: Server<I>,
+    stop: watch::Receiver<bool>,
+) -> Result<(), ListenError> {
+    if let Some(open) = listeners
+        .iter()
+        .find(|listener| server.tls.is_none() && !listener.is_local())
+    {
+        return Err(ListenError::Open(open.address()));
+    }
+    let shared = Arc::new(server);
+    let mut doors = JoinSet::new();
+    for listener in listeners {
+        let address = listener.address();
+        let door = Door::new(listener).map_err(|source| ListenError::Io {
+            address: address.clone(),
+            source,
+        })?;
+        tracing::info!("listening at {address}");
+        doors.spawn(attend(door, address, Arc::clone(&shared), stop.clone()));
+    }
+    while doors.join_next().await.is_some() {}
+    Ok(())
+}
+
+pub(super) trait Socket: AsyncRead + AsyncWrite + Send + Unpin {}
+impl<T: AsyncRead + AsyncWrite + Send + Unpin> Socket for T {}
+
+enum Door {
+    Tcp(TcpListener),
+    Unix(UnixListener),
+}
+
+impl Door {
+    fn new(listener: Listener) -> io::Result<Self> {
+        match listener {
+            Listener::Tcp(listener) => {
+                listener.set_nonblocking(true)?;
+                TcpListener::from_std(listener).map(Self::Tcp)
+            }
+            Listener::Unix(listener) => {
+                listener.set_nonblocking(true)?;
+                UnixListener::from_std(listener).map(Self::Unix)
+            }
+        }
+    }
+
+    /// The next client, and its address if it has one.
+    async fn accept(&self) -> io::Result<(Box<dyn Socket>, Option<SocketAddr>)> {
+        match self {
+            Self::Tcp(listener) => {
+                let (stream, peer) = listener.accept().await?;
+                stream.set_nodelay(true)?;
+                Ok((Box::new(stream), Some(peer)))
+            }
+            Self::Unix(listener) => Ok((Box::new(listener.accept().await?.0), None)),
+        }
+    }
+}
+
+/// Lets clients in at one listener.
+async fn attend<I: Intake>(
+    door: Door,
+    address: String,
+    shared: Arc<Server<I>>,
+    mut stop: watch::Receiver<bool>,
+) {
+    let told = Arc::new(Semaphore::new(TOLD_AT_ONCE));
+    let entrance = Arc::<Entrance>::default();
+    let mut tasks = JoinSet::new();
+    loop {
+        let accepted = tokio::select! {
+            _ = stop.wait_for(|stop| *stop) => break,
+            Some(ended) = tasks.join_next() => {
+                report(&shared.health, ended);
+                continue;
+            }
+            accepted = door.accept() => accepted,
+        };
+        let (socket, peer) = match accepted {
+            Ok(accepted) => accepted,
+            Err(fault) => {
+                // Out of descriptors, most likely: it passes when clients go.
+                shared.health.fault(
+                    Fault::Refused,
+                    format_args!("{address}: a client cannot be let in: {fault}"),
+                );
+                sleep(Duration::from_millis(200)).await;
+                continue;
+            }
+        };
+        shared.counts.add(|counts| &counts.connections, 1);
+        let name = match peer {
+            Some(peer) => format!("tcp://{peer}"),
+            None => format!("a client of {address}"),
+        };
+        let is_tls = matches!(door, Door::Tcp(_)) && shared.tls.is_some();
+        // Without TLS it is told at once; with TLS it is told inside, for the words to be understood.
+        if !is_tls && shared.clients.available_permits() == 0 {
+            let reason = shared.full();
+            shared
+                .health
+                .fault(Fault::Refused, format_args!("{name}: turned away, {reason}"));
+            if let Ok(telling) = Arc::clone(&told).try_acquire_owned() {
+                tasks.spawn(async move {
+                    turn_away(socket, reason).await;
+                    drop(telling);
+                });
+            }
+            continue;
+        }
+        let entering = entrance.enter(peer.map(|peer| peer.ip()));
+        let (stay, has_left) = tokio::select! {
+            _ = stop.wait_for(|stop| *stop) => break,
+            entered = entering => entered,
+        };
+        if has_left {
+            let what = "many connections that say nothing: the oldest is closed";
+            shared
+                .health
+                .fault(Fault::Refused, format_args!("{address}: {what}"));
+        }
+        let (shared, stop) = (Arc::clone(&shared), stop.clone());
+        tasks.spawn(async move { greet(socket, is_tls, stay, &name, &shared, stop).await });
+    }
+    drop(door);
+    let farewell = async {
+        while let Some(ended) = tasks.join_next().await {
+            report(&shared.health, ended);
+        }
+    };
+    let _ = timeout(FAREWELL, farewell).await;
+    tasks.abort_all();
+}
+
+/// Serves a client that is in the entrance, first its TLS handshake if there must be one.
+async fn greet<I: Intake>(
+    socket: Box<dyn Socket>,
+    is_tls: bool,
+    stay: Stay,
+    peer: &str,
+    shared: &Server<I>,
+    stop: watch::Receiver<bool>,
+) {
+    let let_in = Instant::now();
+    let Some(tls) = shared.tls.as_ref().filter(|_| is_tls) else {
+        return connection::attend(socket, let_in, stay, peer, shared, stop).await;
+    };
+    let shaken = tokio::select! {
+        () = stay.must_leave() => return,
+        shaken = timeout_at(let_in + GREETING, tls.accept(socket)) => shaken,
+    };
+    match shaken {
+        Ok(Ok(socket)) => connection::attend(Box::new(socket), let_in, stay, peer, shared, stop).await,
+        Ok(Err(fault)) => {
+            shared
+                .health
+                .fault(Fault::Refused, format_args!("{peer}: no TLS connection: {fault}"));
+        }
+        Err(_) => {
+            shared.health.fault(
+                Fault::Idle,
+                format_args!("{peer}: no TLS handshake in {GREETING:?}"),
+            );
+        }
+    }
+}
+
+/// A connection that broke the program took nobody with it.
+fn report(health: &Health, ended: Result<(), tokio::task::JoinError>) {
+    if ended.is_err_and(|fault| fault.is_panic()) {
+        health.fault(Fault::Client, "a connection broke the program (please report)");
+    }
+}
+
+async fn turn_away(mut socket: Box<dyn Socket>, reason: String) {
+    let reply = Reply::Error { reason, again: true };
+    let told = timeout(LINGER, async {
+        socket.write_all(format!("{reply}\n").as_bytes()).await?;
+        socket.shutdown().await
+    });
+    if let Ok(Ok(())) = told.await {
+        linger(&mut socket).await;
+    }
+}
+
+/// Reads what a client still sends, for a moment: a socket closed on unread bytes would lose our last words.
+pub(super) async fn linger(input: &mut (impl AsyncRead + Unpin)) {
+    let until = Instant::now() + LINGER;
+    let mut buffer = [0u8; 4096];
+    while let Ok(Ok(1..)) = timeout_at(until, input.read(&mut buffer)).await {}
+}

@@ -1,0 +1,182 @@
+//! The journal: what came through the sockets, on disk before anything is made of it.
+//!
+//! All live data go into one series of MCAP files, `journal.000001.mcap` and so on, in the order they arrived. Data are
+//! acknowledged to their sender when they are durable here, and the daemon reads them from here like any recording. So
+//! a replay of the journal gives the daemon's results by construction, and nothing acknowledged is ever lost.
+//! docs/journal.md describes the files.
+
+mod bell;
+pub mod handle;
+mod output;
+pub mod retention;
+mod start;
+mod streams;
+mod writer;
+
+use crate::config::settings::journal::JournalSettings;
+pub use bell::Bell;
+pub use handle::{Batch, Closed, Definition, End, Entry, Handle, Line, MAX_MESSAGE};
+
+use crate::service::telemetry::{Fault, Health};
+use output::Output;
+use std::fs::{self, File, TryLockError};
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use std::sync::mpsc;
+use std::thread::{self, JoinHandle};
+use streams::Streams;
+use tokio::sync::Semaphore;
+use writer::{Work, Writer, is_full};
+
+/// Why there is no journal, or no more.
+#[derive(Debug, thiserror::Error)]
+pub enum JournalError {
+    /// The file system refuses. What was not durable before is not acknowledged, and nothing is tried again.
+    #[error("{}: the journal cannot be written: {source}; see to the disk, then start again", path.display())]
+    Io {
+        /// The folder.
+        path: PathBuf,
+        /// What it said.
+        source: io::Error,
+    },
+    /// Another process writes to it.
+    #[error("{}: another process writes this journal; give each daemon its own folder", path.display())]
+    Held {
+        /// The folder.
+        path: PathBuf,
+    },
+}
+
+/// A journal that is written, by a thread of its own.
+#[derive(Debug)]
+pub struct Journal {
+    handle: Handle,
+    bell: Arc<Bell>,
+    results_kept: Arc<AtomicU32>,
+    stopping: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+    _lock: File,
+}
+
+impl Journal {
+    /// Takes up the journal in `folder`, or begins one. A named sender's stream that nobody takes up for `resume_s` is
+    /// broken. `failed` is called, on the journal's thread, when the disk refused: nothing more is kept or
+    /// acknowledged then, and the daemon must stop.
+    ///
+    /// # Errors
+    /// The folder cannot be read or written, or another process has it.
+    pub fn start(
+        folder: &Path,
+        settings: &JournalSettings,
+        resume_s: f64,
+        health: Arc<Health>,
+        failed: impl FnOnce(JournalError) + Send + 'static,
+    ) -> Result<Self, JournalError> {
+        let wrong = |source| JournalError::Io {
+            path: folder.to_owned(),
+            source,
+        };
+        fs::create_dir_all(folder).map_err(wrong)?;
+        let lock = File::options()
+            .create(true)
+            .truncate(false)
+            .write(true)
+            .open(folder.join(".lock"))
+            .map_err(wrong)?;
+        lock.try_lock().map_err(|error| match error {
+            TryLockError::WouldBlock => JournalError::Held {
+                path: folder.to_owned(),
+            },
+            TryLockError::Error(source) => wrong(source),
+        })?;
+        let found = start::look(folder).map_err(wrong)?;
+        if let Some(damage) = found.damage {
+            health.fault(Fault::Recording, damage);
+        }
+        let (sender, receiver) = mpsc::channel();
+        let room = Arc::new(Semaphore::new(handle::QUEUE_KIB as usize));
+        let (bell, results_kept, stopping) = (Arc::default(), Arc::default(), Arc::default());
+        let mut writer = Writer {
+            folder: folder.to_owned(),
+            journal: found.journal.unwrap_or_else(new_name),
+            settings: settings.clone(),
+            resume_s,
+            streams: Streams::restored(found.streams),
+            output: None,
+            next: found.next,
+            health,
+            bell: Arc::clone(&bell),
+            results_kept: Arc::clone(&results_kept),
+            stopping: Arc::clone(&stopping),
+            state: Work::default(),
+        };
+        // A folder that cannot be written is told at once; one without room is waited for.
+        let note = writer.first_note();
+        match Output::create(folder, writer.next, &note) {
+            Ok(output) => writer.opened(output),
+            Err(fault) if is_full(&fault) => {}
+            Err(fault) => return Err(wrong(fault)),
+        }
+        let handle = Handle::new(sender, Arc::clone(&room));
+        let thread = thread::Builder::new()
+            .name("journal".to_owned())
+            .spawn(move || {
+                let outcome = writer.run(&receiver);
+                room.close();
+                if let Err(error) = outcome {
+                    failed(error);
+                }
+            })
+            .map_err(wrong)?;
+        Ok(Self {
+            handle,
+            bell,
+            results_kept,
+            stopping,
+            thread: Some(thread),
+            _lock: lock,
+        })
+    }
+
+    /// The way in.
+    pub fn handle(&self) -> Handle {
+        self.handle.clone()
+    }
+
+    /// Rings when something new can be read.
+    pub fn bell(&self) -> Arc<Bell> {
+        Arc::clone(&self.bell)
+    }
+
+    /// The number of the last part whose results are all in the store: parts up to it may be removed when they are old.
+    pub fn results_kept(&self) -> Arc<AtomicU32> {
+        Arc::clone(&self.results_kept)
+    }
+
+    /// Writes what was appended, closes the part and ends the thread.
+    pub fn stop(mut self) {
+        self.halt();
+    }
+
+    fn halt(&mut self) {
+        self.stopping.store(true, Ordering::Relaxed);
+        self.handle.stop();
+        if let Some(thread) = self.thread.take() {
+            // A panic there was told by the panic itself.
+            let _ = thread.join();
+        }
+    }
+}
+
+impl Drop for Journal {
+    fn drop(&mut self) {
+        self.halt();
+    }
+}
+
+/// A name no other journal has.
+fn new_name() -> String {
+    format!("{:x}-{:x}", output::now_ns(), std::process::id())
+}

@@ -1,0 +1,230 @@
+//! The part that is written: an MCAP file whose bytes are made in memory and put on disk chunk by chunk.
+
+use super::Definition;
+use crate::recording::note::{Note, TOPIC};
+use crate::recording::part;
+use mcap::records::MessageHeader;
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::{self, Write};
+use std::path::Path;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Instant, SystemTime, UNIX_EPOCH};
+
+/// Channels of one part; ids have 16 bits.
+const MAX_CHANNELS: usize = 60_000;
+/// Chunks of one part; each costs memory until its part is closed.
+const MAX_CHUNKS: usize = 50_000;
+/// Bytes of schemas and channels in one part, as readers count them.
+const MAX_HELD: usize = 8 << 20;
+
+/// A channel to be written.
+#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+pub(super) struct Channel {
+    pub topic: String,
+    pub encoding: String,
+    pub schema: Option<Definition>,
+}
+
+/// Bytes the MCAP writer has made.
+#[derive(Clone, Default)]
+struct Made(Arc<Mutex<Vec<u8>>>);
+
+impl Made {
+    fn take(&self) -> Vec<u8> {
+        std::mem::take(&mut *self.0.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+}
+
+impl Write for Made {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.0
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .extend_from_slice(bytes);
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+/// The part that is written.
+pub(super) struct Output {
+    pub number: u32,
+    file: File,
+    mcap: mcap::Writer<mcap::write::NoSeek<Made>>,
+    made: Made,
+    /// Made, but not on disk yet. It stays after a full disk, and goes on where it stopped.
+    unwritten: Vec<u8>,
+    bytes: u64,
+    channels: usize,
+    chunks: usize,
+    held: usize,
+    sequence: u32,
+    notes: u16,
+    began: Instant,
+    has_data: bool,
+    is_synced: bool,
+}
+
+fn other(fault: mcap::McapError) -> io::Error {
+    match fault {
+        mcap::McapError::Io(fault) => fault,
+        fault => io::Error::other(fault),
+    }
+}
+
+/// Now, by this machine's clock \[ns since 1970\].
+pub(super) fn now_ns() -> u64 {
+    let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+    u64::try_from(since.as_nanos()).unwrap_or(u64::MAX)
+}
+
+impl Output {
+    /// Creates the file of a part that does not exist yet; it says `note` first.
+    pub fn create(folder: &Path, number: u32, note: &Note) -> io::Result<Self> {
+        let path = part::path(folder, number);
+        let file = File::options().write(true).create_new(true).open(&path)?;
+        // The name is durable before anything in the file is said to be.
+        if let Err(fault) = File::open(folder).and_then(|folder| folder.sync_all()) {
+            // It says nothing yet: better gone than in the way of the next try.
+            let _ = std::fs::remove_file(&path);
+            return Err(fault);
+        }
+        let made = Made::default();
+        let mut mcap = mcap::WriteOptions::new()
+            .library(concat!("tirante ", env!("CARGO_PKG_VERSION")))
+            .compression(Some(mcap::Compression::Zstd))
+            .compression_level(1)
+            .compression_threads(0)
+            .chunk_size(None)
+            .disable_seeking(true)
+            .emit_message_indexes(false)
+            .create(mcap::write::NoSeek::new(made.clone()))
+            .map_err(other)?;
+        let notes = mcap
+            .add_channel(0, TOPIC, "json", &BTreeMap::new())
+            .map_err(other)?;
+        let mut output = Self {
+            number,
+            file,
+            mcap,
+            made,
+            unwritten: Vec::new(),
+            bytes: 0,
+            channels: 1,
+            chunks: 0,
+            held: 0,
+            sequence: 0,
+            notes,
+            began: Instant::now(),
+            has_data: false,
+            is_synced: false,
+        };
+        output.close_chunk(note)?;
+        Ok(output)
+    }
+
+    /// Whether these many channels more have room in this part.
+    pub fn has_room(&self, channels: usize) -> bool {
+        !self.has_data || (self.channels + channels <= MAX_CHANNELS && self.held <= MAX_HELD)
+    }
+
+    /// Registers a stream's channel; its id in this part.
+    pub fn channel(&mut self, stream: &str, channel: &Channel) -> io::Result<u16> {
+        let schema = match channel.schema.as_deref() {
+            None => 0,
+            Some((name, encoding, data)) => {
+                self.held += data.len();
+                self.mcap.add_schema(name, encoding, data).map_err(other)?
+            }
+        };
+        let metadata = BTreeMap::from([(crate::recording::note::STREAM.to_owned(), stream.to_owned())]);
+        self.channels += 1;
+        self.held += 8 * (channel.topic.len() + stream.len() + 64);
+        self.mcap
+            .add_channel(schema, &channel.topic, &channel.encoding, &metadata)
+            .map_err(other)
+    }
+
+    /// Puts a message into the open chunk.
+    pub fn message(&mut self, channel: u16, log_time: u64, publish_time: u64, data: &[u8]) -> io::Result<()> {
+        self.sequence = self.sequence.wrapping_add(1);
+        self.has_data = true;
+        let header = MessageHeader {
+            channel_id: channel,
+            sequence: self.sequence,
+            log_time,
+            publish_time,
+        };
+        self.mcap.write_to_known_channel(&header, data).map_err(other)
+    }
+
+    /// Closes the open chunk with a note as its last message; [`Output::write`] puts it on disk.
+    pub fn close_chunk(&mut self, note: &Note) -> io::Result<()> {
+        let now = now_ns();
+        let header = MessageHeader {
+            channel_id: self.notes,
+            sequence: self.sequence,
+            log_time: now,
+            publish_time: now,
+        };
+        self.mcap
+            .write_to_known_channel(&header, &note.to_json())
+            .map_err(other)?;
+        self.mcap.flush().map_err(other)?;
+        self.unwritten.append(&mut self.made.take());
+        self.chunks += 1;
+        Ok(())
+    }
+
+    /// Writes what is made but not on disk. After an error it may be called again: it goes on where it stopped.
+    pub fn write(&mut self) -> io::Result<()> {
+        let mut written = 0;
+        let mut outcome = Ok(());
+        while written < self.unwritten.len() {
+            match self.file.write(&self.unwritten[written..]) {
+                Ok(0) => {
+                    outcome = Err(io::ErrorKind::WriteZero.into());
+                    break;
+                }
+                Ok(count) => {
+                    written += count;
+                    self.is_synced = false;
+                }
+                Err(fault) if fault.kind() == io::ErrorKind::Interrupted => {}
+                Err(fault) => {
+                    outcome = Err(fault);
+                    break;
+                }
+            }
+        }
+        self.unwritten.drain(..written);
+        self.bytes += written as u64;
+        outcome
+    }
+
+    /// Makes what is on disk durable. A failure is final: what was written before may be lost.
+    pub fn sync(&mut self) -> io::Result<()> {
+        if !self.is_synced {
+            self.file.sync_data()?;
+            self.is_synced = true;
+        }
+        Ok(())
+    }
+
+    /// Makes the end of the file; nothing can be put in afterwards.
+    pub fn finish(&mut self) -> io::Result<()> {
+        self.mcap.finish().map_err(other)?;
+        self.unwritten.append(&mut self.made.take());
+        Ok(())
+    }
+
+    /// Whether the part is full or old enough to be closed.
+    pub fn is_due(&self, part_bytes: u64, part_s: f64) -> bool {
+        let is_large = self.bytes >= part_bytes || self.chunks >= MAX_CHUNKS;
+        self.has_data && (is_large || self.began.elapsed().as_secs_f64() >= part_s)
+    }
+}

@@ -1,0 +1,83 @@
+//! Takes up a journal: what its last part says.
+
+use crate::recording::note::{Note, Standing, State, TOPIC};
+use crate::recording::part;
+use crate::recording::read::Trust;
+use crate::recording::read::mcap::{Item, Progress, Reader};
+use crate::recording::read::series::is_blank;
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io;
+use std::path::Path;
+
+/// How a journal stands.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub(super) struct Standings {
+    /// The journal's name; `None` if there is none yet.
+    pub journal: Option<String>,
+    /// The number for the next part.
+    pub next: u32,
+    /// Its streams.
+    pub streams: BTreeMap<String, Standing>,
+    /// What was wrong with the last part.
+    pub damage: Option<String>,
+}
+
+/// Reads the last part that says anything. What stands in it is made durable first: a crash may have left it in memory.
+pub(super) fn look(folder: &Path) -> io::Result<Standings> {
+    let parts = part::list(folder)?;
+    let mut found = Standings {
+        next: parts.last().map_or(1, |last| last.saturating_add(1)),
+        ..Standings::default()
+    };
+    for number in parts.into_iter().rev() {
+        let path = part::path(folder, number);
+        let file = File::open(&path)?;
+        file.sync_all()?;
+        read(&file, &mut found).unwrap_or_else(|damage| {
+            found.damage = Some(format!("{}: {damage}", path.display()));
+        });
+        // One without a single whole chunk says nothing, and nothing in it was acknowledged.
+        if found.journal.is_some() {
+            break;
+        }
+    }
+    Ok(found)
+}
+
+fn read(file: &File, found: &mut Standings) -> Result<(), String> {
+    let mut reader = Reader::new(file, Trust::Unverified, false);
+    let mut notes = None;
+    loop {
+        let progress = reader.step(&mut |item| match item {
+            Item::Channel(id, channel, _) if channel.topic == TOPIC => notes = Some(id),
+            Item::Message(message) if Some(message.channel) == notes => {
+                if let Ok(note) = serde_json::from_slice::<Note>(message.data) {
+                    take(note, found);
+                }
+            }
+            _ => {}
+        });
+        match progress {
+            Ok(Progress::More) => {}
+            Ok(_) => return Ok(()),
+            // After a power cut the end of a torn part may be blank.
+            Err(_) if is_blank(file, reader.offset()) => return Ok(()),
+            Err(damage) => return Err(format!("at byte {}: {}", damage.offset, damage.what)),
+        }
+    }
+}
+
+fn take(note: Note, found: &mut Standings) {
+    if let Some(begins) = note.begins {
+        found.journal = Some(begins.journal);
+        found.streams.clear();
+    }
+    for (name, standing) in note.streams {
+        if standing.state == State::Complete {
+            found.streams.remove(&name);
+        } else {
+            found.streams.insert(name, standing);
+        }
+    }
+}

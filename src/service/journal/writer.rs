@@ -1,0 +1,458 @@
+//! The journal's thread: takes batches in, closes chunks, makes them durable, tells the senders.
+
+use super::handle::{Batch, Closed, Command, End, Entry};
+use super::output::{Channel, Output};
+use super::streams::{Streams, is_named};
+use super::{Bell, JournalError, retention};
+use crate::config::settings::journal::JournalSettings;
+use crate::recording::note::{Begins, State};
+use crate::service::telemetry::{Fault, Health};
+use std::collections::HashMap;
+use std::io;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError};
+use std::time::{Duration, Instant};
+use tokio::sync::{OwnedSemaphorePermit, oneshot, watch};
+
+/// A chunk is closed this long after its first data.
+const CHUNK_AFTER: Duration = Duration::from_millis(200);
+/// A chunk is closed when it has this many bytes.
+const CHUNK_BYTES: usize = 1 << 20;
+/// What is written is made durable this long after.
+const SYNC_AFTER: Duration = Duration::from_millis(800);
+/// Pause before a full disk is tried again.
+const RETRY: Duration = Duration::from_secs(1);
+/// Pause between two looks at what is too old.
+const CLEAN_EVERY: Duration = Duration::from_secs(60);
+
+/// What the thread works with.
+pub(super) struct Writer {
+    pub folder: PathBuf,
+    pub journal: String,
+    pub settings: JournalSettings,
+    pub resume_s: f64,
+    pub streams: Streams,
+    /// The part that is written; `None` while there was no room to begin one.
+    pub output: Option<Output>,
+    pub next: u32,
+    pub health: Arc<Health>,
+    pub bell: Arc<Bell>,
+    pub results_kept: Arc<AtomicU32>,
+    pub stopping: Arc<AtomicBool>,
+    pub state: Work,
+}
+
+/// What is under way.
+#[derive(Default)]
+pub(super) struct Work {
+    lines: HashMap<u64, LineState>,
+    anonymous: u64,
+    /// Bytes in the open chunk, and since when.
+    open_bytes: usize,
+    open_since: Option<Instant>,
+    rooms: Vec<OwnedSemaphorePermit>,
+    /// Since when something that is written is not durable.
+    unsynced_since: Option<Instant>,
+    ends: Vec<oneshot::Sender<()>>,
+    /// When old parts were last looked for, and how far results were kept then.
+    cleaned: Option<Instant>,
+    cleaned_through: u32,
+}
+
+struct LineState {
+    stream: String,
+    /// By their ids: the connection's own, and the one in a part of the journal.
+    channels: HashMap<u16, (Channel, Option<(u32, u16)>)>,
+    closed: watch::Sender<Option<Closed>>,
+}
+
+/// Why the thread ends.
+enum Stop {
+    Asked,
+    Failed(JournalError),
+}
+
+impl Writer {
+    /// Works until it is told to stop; an error is final.
+    pub fn run(&mut self, commands: &Receiver<Command>) -> Result<(), JournalError> {
+        match self.work(commands) {
+            Ok(()) | Err(Stop::Asked) => Ok(()),
+            Err(Stop::Failed(error)) => Err(error),
+        }
+    }
+
+    fn work(&mut self, commands: &Receiver<Command>) -> Result<(), Stop> {
+        self.begin_part()?;
+        loop {
+            match commands.recv_timeout(self.patience()) {
+                Ok(command) => {
+                    self.take(command)?;
+                    // What waits already goes into the same chunk.
+                    while self.state.open_bytes < CHUNK_BYTES
+                        && let Ok(command) = commands.try_recv()
+                    {
+                        self.take(command)?;
+                    }
+                }
+                Err(RecvTimeoutError::Timeout) => {}
+                Err(RecvTimeoutError::Disconnected) => return self.close(),
+            }
+            self.look_at_clock()?;
+        }
+    }
+
+    /// How long nothing has to be done.
+    fn patience(&self) -> Duration {
+        let until = |since: Option<Instant>, limit: Duration| {
+            since.map_or(Duration::MAX, |since| limit.saturating_sub(since.elapsed()))
+        };
+        self.streams
+            .patience(self.resume_s)
+            .min(until(self.state.open_since, CHUNK_AFTER))
+            .min(until(self.state.unsynced_since, SYNC_AFTER))
+    }
+
+    fn look_at_clock(&mut self) -> Result<(), Stop> {
+        let is_due = |since: Option<Instant>, limit| since.is_some_and(|since| since.elapsed() >= limit);
+        if self.state.open_bytes >= CHUNK_BYTES || is_due(self.state.open_since, CHUNK_AFTER) {
+            self.flush()?;
+        }
+        if !self.state.ends.is_empty() || is_due(self.state.unsynced_since, SYNC_AFTER) {
+            self.sync()?;
+        }
+        for stream in self.streams.expired(self.resume_s) {
+            self.flush()?;
+            if self.streams.end(&stream, State::Broken) {
+                tracing::info!(stream, "was not taken up again; its record ends");
+                self.mark_open(1);
+                self.flush()?;
+            }
+        }
+        let (part_bytes, part_s) = (self.settings.part_bytes, self.settings.part_s);
+        if self
+            .output
+            .as_ref()
+            .is_some_and(|output| output.is_due(part_bytes, part_s))
+        {
+            self.rotate()?;
+        }
+        let done = self.results_kept.load(Ordering::Relaxed);
+        if done > self.state.cleaned_through
+            || self
+                .state
+                .cleaned
+                .is_none_or(|last| last.elapsed() >= CLEAN_EVERY)
+        {
+            self.state.cleaned = Some(Instant::now());
+            self.state.cleaned_through = done;
+            self.streams.forget();
+            self.clean();
+        }
+        Ok(())
+    }
+
+    fn take(&mut self, command: Command) -> Result<(), Stop> {
+        match command {
+            Command::Connect {
+                line,
+                sender,
+                durable,
+                closed,
+                begins_at,
+            } => self.connect(line, sender, durable, closed, begins_at),
+            Command::Batch { line, batch, room } => self.append(line, batch, room),
+            Command::End { line, how, done } => self.end(line, how, done),
+            Command::Rotate => self.rotate(),
+            Command::Stop => {
+                self.close()?;
+                Err(Stop::Asked)
+            }
+        }
+    }
+
+    fn connect(
+        &mut self,
+        line: u64,
+        sender: Option<String>,
+        durable: watch::Sender<u64>,
+        closed: watch::Sender<Option<Closed>>,
+        begins_at: oneshot::Sender<u64>,
+    ) -> Result<(), Stop> {
+        let stream = sender.unwrap_or_else(|| {
+            self.state.anonymous += 1;
+            // The part's number makes it unique within the journal, restarts included.
+            let part = self.output.as_ref().map_or(self.next, |output| output.number);
+            format!("#{part}.{}", self.state.anonymous)
+        });
+        // What it goes on from must be durable.
+        if is_named(&stream) && self.streams.messages(&stream) > 0 {
+            self.flush()?;
+            self.sync()?;
+        }
+        let messages = self.streams.messages(&stream);
+        durable.send_replace(messages);
+        if let Some(before) = self.streams.connect(&stream, line, durable)
+            && let Some(before) = self.state.lines.remove(&before)
+        {
+            before.closed.send_replace(Some(Closed::TakenOver));
+        }
+        let state = LineState {
+            stream,
+            channels: HashMap::new(),
+            closed,
+        };
+        self.state.lines.insert(line, state);
+        // Whoever asked may be gone; its line says so then.
+        let _ = begins_at.send(messages);
+        Ok(())
+    }
+
+    fn append(&mut self, line: u64, batch: Batch, room: OwnedSemaphorePermit) -> Result<(), Stop> {
+        // A line that was taken over has nothing to say any more.
+        if !self.state.lines.contains_key(&line) {
+            return Ok(());
+        }
+        let bytes: usize = batch.entries.iter().map(Entry::bytes).sum();
+        if self.state.open_bytes > 0 && self.state.open_bytes + bytes > 4 * CHUNK_BYTES {
+            self.flush()?;
+        }
+        if self
+            .output
+            .as_ref()
+            .is_some_and(|output| !output.has_room(batch.entries.len()))
+        {
+            self.rotate()?;
+        }
+        self.state.rooms.push(room);
+        self.put(line, batch).map_err(|source| self.failed(source))?;
+        self.mark_open(bytes.max(1));
+        Ok(())
+    }
+
+    fn put(&mut self, line: u64, batch: Batch) -> io::Result<()> {
+        let (Some(output), Some(line)) = (&mut self.output, self.state.lines.get_mut(&line)) else {
+            return Ok(());
+        };
+        for entry in batch.entries {
+            match entry {
+                Entry::Channel {
+                    id,
+                    topic,
+                    encoding,
+                    schema,
+                } => {
+                    let channel = Channel {
+                        topic,
+                        encoding,
+                        schema,
+                    };
+                    line.channels.insert(id, (channel, None));
+                }
+                Entry::Message {
+                    channel,
+                    log_time,
+                    publish_time,
+                    data,
+                } => {
+                    let Some((channel, known)) = line.channels.get_mut(&channel) else {
+                        self.health.fault(
+                            Fault::Client,
+                            format!("{}: a message before its channel", line.stream),
+                        );
+                        continue;
+                    };
+                    let id = match *known {
+                        Some((part, id)) if part == output.number => id,
+                        _ => {
+                            let id = output.channel(&line.stream, channel)?;
+                            *known = Some((output.number, id));
+                            id
+                        }
+                    };
+                    output.message(id, log_time, publish_time, &data)?;
+                }
+            }
+        }
+        self.streams.advance(&line.stream, batch.through);
+        Ok(())
+    }
+
+    fn end(&mut self, line: u64, how: End, done: Option<oneshot::Sender<()>>) -> Result<(), Stop> {
+        // Unknown after it was taken over: dropping `done` says so.
+        let Some(line) = self.state.lines.remove(&line) else {
+            return Ok(());
+        };
+        let state = match how {
+            End::Complete => State::Complete,
+            End::Broken => State::Broken,
+        };
+        if how == End::Broken && is_named(&line.stream) {
+            self.streams.leave(&line.stream);
+        } else if self.streams.end(&line.stream, state) {
+            // Nothing may come between a stream's data and its end.
+            self.mark_open(1);
+            self.flush()?;
+        }
+        self.state.ends.extend(done);
+        Ok(())
+    }
+
+    fn mark_open(&mut self, bytes: usize) {
+        self.state.open_bytes += bytes;
+        self.state.open_since.get_or_insert_with(Instant::now);
+    }
+
+    /// Closes the open chunk and puts it on disk.
+    fn flush(&mut self) -> Result<(), Stop> {
+        if self.state.open_bytes == 0 {
+            return Ok(());
+        }
+        self.state.open_bytes = 0;
+        self.state.open_since = None;
+        let note = self.streams.take_note();
+        if let Some(output) = &mut self.output {
+            output
+                .close_chunk(&note)
+                .map_err(|source| failed(&self.folder, source))?;
+        }
+        self.write_out()?;
+        self.state.rooms.clear();
+        Ok(())
+    }
+
+    /// Puts on disk what is made; waits while the disk is full.
+    fn write_out(&mut self) -> Result<(), Stop> {
+        loop {
+            let Some(output) = &mut self.output else {
+                return Ok(());
+            };
+            match output.write() {
+                Ok(()) => {
+                    self.state.unsynced_since.get_or_insert_with(Instant::now);
+                    self.health.over(Fault::DiskFull, "journal");
+                    self.bell.ring();
+                    return Ok(());
+                }
+                Err(fault) if is_full(&fault) => self.wait_for_room()?,
+                Err(fault) => return Err(self.failed(fault)),
+            }
+        }
+    }
+
+    /// Makes what is on disk durable and tells everyone.
+    fn sync(&mut self) -> Result<(), Stop> {
+        self.flush()?;
+        if let Some(output) = &mut self.output {
+            output.sync().map_err(|source| failed(&self.folder, source))?;
+        }
+        self.state.unsynced_since = None;
+        self.streams.publish();
+        for done in self.state.ends.drain(..) {
+            // Nobody may wait for it any more.
+            let _ = done.send(());
+        }
+        Ok(())
+    }
+
+    /// Closes the part and begins the next one.
+    fn rotate(&mut self) -> Result<(), Stop> {
+        self.close()?;
+        self.output = None;
+        self.begin_part()
+    }
+
+    /// Closes the part.
+    fn close(&mut self) -> Result<(), Stop> {
+        self.flush()?;
+        if let Some(output) = &mut self.output {
+            output.finish().map_err(|source| failed(&self.folder, source))?;
+        }
+        self.write_out()?;
+        self.sync()
+    }
+
+    fn begin_part(&mut self) -> Result<(), Stop> {
+        while self.output.is_none() {
+            let note = self.first_note();
+            match Output::create(&self.folder, self.next, &note) {
+                Ok(output) => self.opened(output),
+                Err(fault) if is_full(&fault) => self.wait_for_room()?,
+                Err(fault) => return Err(self.failed(fault)),
+            }
+        }
+        self.write_out()?;
+        // So that what the part says first, ends of streams perhaps, is soon durable.
+        self.sync()
+    }
+
+    /// A part was begun, with the first note in it.
+    pub fn opened(&mut self, output: Output) {
+        self.streams.take_note();
+        self.next = self.next.saturating_add(1);
+        self.output = Some(output);
+    }
+
+    /// What the next part says first.
+    pub fn first_note(&self) -> crate::recording::note::Note {
+        let mut note = self.streams.full_note();
+        note.begins = Some(Begins {
+            journal: self.journal.clone(),
+            part: self.next,
+        });
+        note
+    }
+
+    /// The disk is full: nothing is acknowledged, nothing lost. Removes what may go and waits a little.
+    fn wait_for_room(&mut self) -> Result<(), Stop> {
+        let folder = self.folder.display();
+        let detail = format!("{folder}: no room for live data; senders wait until there is");
+        self.health.hold(Fault::DiskFull, "journal", detail);
+        self.clean();
+        let since = Instant::now();
+        while since.elapsed() < RETRY {
+            if self.stopping.load(Ordering::Relaxed) {
+                return Err(Stop::Asked);
+            }
+            std::thread::sleep(RETRY / 10);
+        }
+        Ok(())
+    }
+
+    fn clean(&self) {
+        let done = self.results_kept.load(Ordering::Relaxed);
+        // The part that is written is never one whose results are all kept.
+        match retention::apply(
+            &self.folder,
+            done.min(self.next.saturating_sub(2)),
+            &self.settings,
+        ) {
+            Ok(0) => {}
+            Ok(removed) => tracing::info!(removed, "old parts of the journal were removed"),
+            Err(fault) => {
+                let detail = format!("{}: old parts cannot be removed: {fault}", self.folder.display());
+                self.health.fault(Fault::Write, detail);
+            }
+        }
+    }
+
+    fn failed(&self, source: io::Error) -> Stop {
+        failed(&self.folder, source)
+    }
+}
+
+fn failed(folder: &std::path::Path, source: io::Error) -> Stop {
+    Stop::Failed(JournalError::Io {
+        path: folder.to_owned(),
+        source,
+    })
+}
+
+/// Whether there was no room: the one fault of a disk that passes.
+pub(super) fn is_full(fault: &io::Error) -> bool {
+    matches!(
+        fault.kind(),
+        io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded
+    )
+}

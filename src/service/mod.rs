@@ -1,0 +1,25 @@
+//! The service: everything that waits, serves or reports while the program runs unattended (`tirante run`, `serve`).
+//!
+//! Everything live becomes a file first (docs/daemon.md):
+//!
+//! ```text
+//! ingest -> journal --.
+//! watched folder -----+-> daemon: reader -> pipeline -> core -> store -> alert
+//! ```
+//! * [`daemon`]    its life and its threads: reader, pipeline, core; reload, drain, suspects
+//! * [`ingest`]    sockets: the protocol, named senders and what is acknowledged, limits, TLS
+//! * [`journal`]   what the sockets took, as MCAP parts on disk
+//! * [`alert`]     news of alarms to the sinks, at least once and in order
+//! * [`telemetry`] faults and health, metrics, the log
+//! * [`viewer`]    results as messages for robotics viewers, as a file and live
+//! * [`api`]       what a store says to the page and to other programs, as JSON
+//! * [`http`]      the page, its API, `/healthz`, `/readyz`, `/metrics`
+
+pub mod alert;
+pub mod api;
+pub mod daemon;
+pub mod http;
+pub mod ingest;
+pub mod journal;
+pub mod telemetry;
+pub mod viewer;

@@ -1,0 +1,234 @@
+//! Records, their pictures and alarms as messages: `/tirante/ROD/force`, `modes`, `waveform`, `spectrum`, and `/tirante/alarms` as
+//! `foxglove.Log`, the schema viewers know. Every message has the `timestamp` of the record's first sample, or of the alarm.
+
+use crate::analysis::record_view::Snapshot;
+use crate::analysis::signal::record::{RodId, Timestamp};
+use crate::analysis::track::{Alarm, AlarmEvent};
+use serde::Deserialize;
+use serde_json::{Map, Value as Json, json};
+use std::fmt;
+
+/// Level of a `foxglove.Log` for something to be looked at.
+const WARNING: u8 = 3;
+/// Level for something that is over or known.
+const INFO: u8 = 2;
+
+/// What a force message takes over from a record's line, as it stands there.
+const FORCES: [&str; 12] = [
+    "axial_force_n",
+    "tracked_force_n",
+    "force_at_reference_n",
+    "relative_force",
+    "relative_force_at_reference",
+    "temperature_c",
+    "state",
+    "set_aside",
+    "rejection",
+    "excitation",
+    "label_probability",
+    "candidates",
+];
+
+/// A stream of messages of one schema.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Topic {
+    /// Axial force of each record of a rod, by itself and relative to the baseline; `null` for a rejected record.
+    Force(RodId),
+    /// Natural frequencies of each record of a rod.
+    Modes(RodId),
+    /// The samples of a record, as lowest and highest of even stretches.
+    Waveform(RodId),
+    /// The power spectral density of a record, with its peaks.
+    Spectrum(RodId),
+    /// Alarms of all rods.
+    Alarms,
+}
+
+/// The part of a record's line that is shown.
+#[derive(Deserialize)]
+struct Line {
+    rod: RodId,
+    start: Option<Timestamp>,
+    #[serde(default)]
+    modes: Vec<Json>,
+    #[serde(flatten)]
+    rest: Map<String, Json>,
+}
+
+/// One message.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Message {
+    /// Where it belongs.
+    pub topic: Topic,
+    /// The record's first sample, when the alarm was raised, or when there was news of it.
+    pub time: Timestamp,
+    /// What it says.
+    pub body: Json,
+}
+
+impl Topic {
+    /// The topics a rod has of its own.
+    pub fn of_rod(rod: &RodId) -> [Self; 4] {
+        [Self::Force, Self::Modes, Self::Waveform, Self::Spectrum].map(|topic| topic(rod.clone()))
+    }
+
+    /// The rod, if it is about one.
+    pub fn rod(&self) -> Option<&RodId> {
+        match self {
+            Self::Force(rod) | Self::Modes(rod) | Self::Waveform(rod) | Self::Spectrum(rod) => Some(rod),
+            Self::Alarms => None,
+        }
+    }
+
+    /// The name of its messages' schema.
+    pub fn schema_name(&self) -> &'static str {
+        match self {
+            Self::Force(_) => "tirante.Force",
+            Self::Modes(_) => "tirante.Modes",
+            Self::Waveform(_) => "tirante.Waveform",
+            Self::Spectrum(_) => "tirante.Spectrum",
+            Self::Alarms => "foxglove.Log",
+        }
+    }
+
+    /// Its messages' JSON schema.
+    pub fn schema(&self) -> String {
+        let time = json!({"type": "object", "title": "time", "properties": {"sec": {"type": "integer"}, "nsec": {"type": "integer"}}});
+        let number = json!({"type": ["number", "null"]});
+        let numbers = json!({"type": "array", "items": {"type": "number"}});
+        let interval = json!({"type": ["object", "null"], "properties": {"mean": number, "sd": number, "q025": number, "q975": number}});
+        let text = json!({"type": ["string", "null"]});
+        let properties = match self {
+            Self::Alarms => {
+                json!({"timestamp": time, "level": {"type": "integer"}, "message": {"type": "string"},
+                "name": {"type": "string"}, "file": {"type": "string"}, "line": {"type": "integer"}})
+            }
+            Self::Modes(_) => {
+                json!({"timestamp": time, "modes": {"type": "array", "items": {"type": "object", "properties": {
+                "order": {"type": "integer"}, "frequency_hz": number, "sd_hz": number, "damping": number, "misfit": number}}}})
+            }
+            Self::Waveform(_) => {
+                json!({"timestamp": time, "duration_s": number, "fs_hz": number, "unit": text, "rejection": text,
+                "time_s": numbers, "low": numbers, "high": numbers})
+            }
+            Self::Spectrum(_) => {
+                json!({"timestamp": time, "unit": text, "rejection": text, "frequency_hz": numbers, "level_db": numbers,
+                "peaks": {"type": "array", "items": {"type": "object", "properties": {
+                "frequency_hz": number, "order": {"type": ["integer", "null"]}, "line": {"type": "boolean"},
+                "sd_hz": number, "damping": number, "level_db": number, "taken_for": text}}}})
+            }
+            Self::Force(_) => {
+                json!({"timestamp": time, "axial_force_n": interval, "tracked_force_n": interval, "force_at_reference_n": interval,
+                "relative_force": interval, "relative_force_at_reference": interval, "temperature_c": number, "state": text,
+                "set_aside": text, "rejection": {"type": ["object", "null"]}, "excitation": {"type": ["object", "null"]},
+                "label_probability": number, "candidates": {"type": ["array", "null"]}})
+            }
+        };
+        json!({"title": self.schema_name(), "type": "object", "properties": properties}).to_string()
+    }
+}
+
+/// As viewers list it.
+impl fmt::Display for Topic {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Force(rod) => write!(f, "/tirante/{rod}/force"),
+            Self::Modes(rod) => write!(f, "/tirante/{rod}/modes"),
+            Self::Waveform(rod) => write!(f, "/tirante/{rod}/waveform"),
+            Self::Spectrum(rod) => write!(f, "/tirante/{rod}/spectrum"),
+            Self::Alarms => f.write_str("/tirante/alarms"),
+        }
+    }
+}
+
+impl Message {
+    /// Of a record by its JSON line, as `history --format json` prints it: its force, and its modes if it has any. Nothing of a
+    /// record without a time.
+    ///
+    /// # Errors
+    /// It is no such line.
+    pub fn of_record(line: &str) -> Result<Vec<Self>, serde_json::Error> {
+        let line: Line = serde_json::from_str(line)?;
+        let Some(time) = line.start else {
+            return Ok(Vec::new());
+        };
+        let mut force = Map::new();
+        force.insert("timestamp".to_owned(), stamp(time));
+        for name in FORCES {
+            let value = line.rest.get(name).cloned().unwrap_or(Json::Null);
+            force.insert(name.to_owned(), value);
+        }
+        let mut messages = vec![Self {
+            topic: Topic::Force(line.rod.clone()),
+            time,
+            body: Json::Object(force),
+        }];
+        if !line.modes.is_empty() {
+            messages.push(Self {
+                topic: Topic::Modes(line.rod),
+                time,
+                body: json!({"timestamp": stamp(time), "modes": line.modes}),
+            });
+        }
+        Ok(messages)
+    }
+
+    /// Of a record's picture: its spectrum if it has one, and its waveform if that was kept, with the reason if it was refused. `unit`
+    /// is the SI unit of the samples, if it is known.
+    pub fn of_picture(rod: &RodId, picture: &Snapshot, unit: Option<&str>) -> Vec<Self> {
+        let time = picture.start;
+        let rejection = picture.rejection.as_ref().map(|reason| &reason.message);
+        let waveform = picture.waveform.as_ref().map(|waveform| {
+            let middle = |i| (i as f64 + 0.5) * waveform.step_s;
+            let time_s: Vec<f64> = (0..waveform.low.len()).map(middle).collect();
+            Self {
+                topic: Topic::Waveform(rod.clone()),
+                time,
+                body: json!({"timestamp": stamp(time), "duration_s": picture.duration_s, "fs_hz": picture.fs_hz, "unit": unit,
+                    "rejection": rejection, "time_s": time_s, "low": waveform.low, "high": waveform.high}),
+            }
+        });
+        let curve = &picture.curve;
+        let frequency_hz: Vec<f64> = (0..curve.level_db.len()).map(|i| curve.frequency_hz(i)).collect();
+        let spectrum = Self {
+            topic: Topic::Spectrum(rod.clone()),
+            time,
+            body: json!({"timestamp": stamp(time), "unit": unit.map(|unit| format!("dB re 1 ({unit})^2/Hz")),
+                "rejection": rejection, "frequency_hz": frequency_hz, "level_db": curve.level_db, "peaks": picture.peaks}),
+        };
+        // Refused before there was a spectrum.
+        let spectrum = Some(spectrum).filter(|_| !curve.level_db.is_empty());
+        waveform.into_iter().chain(spectrum).collect()
+    }
+
+    /// Of news of an alarm, at the time it happened.
+    pub fn of_event(event: &AlarmEvent) -> Self {
+        Self {
+            time: event.time,
+            ..Self::of_alarm(&event.alarm)
+        }
+    }
+
+    /// Of an alarm as it is.
+    pub fn of_alarm(alarm: &Alarm) -> Self {
+        let is_open = alarm.acknowledged.is_none() && !alarm.is_over();
+        Self {
+            topic: Topic::Alarms,
+            time: alarm.raised,
+            body: json!({
+                "timestamp": stamp(alarm.raised),
+                "level": if is_open { WARNING } else { INFO },
+                "message": format!("{}: {}", alarm.kind, alarm.message),
+                "name": alarm.rod,
+                "file": alarm.id,
+                "line": 0,
+            }),
+        }
+    }
+}
+
+/// As viewers take it: whole seconds and the rest.
+fn stamp(time: Timestamp) -> Json {
+    let nanos = time.as_nanos();
+    json!({"sec": nanos.div_euclid(1_000_000_000), "nsec": nanos.rem_euclid(1_000_000_000)})
+}

@@ -1,0 +1,15 @@
+//! What robotics viewers (Foxglove, Lichtblick) are shown: topics of JSON messages with a schema each, the same in a file and live.
+//!
+//! * `message`   the topics: what a record, its picture and an alarm look like as messages
+//! * `file`      an MCAP file of them, to be opened beside the recordings
+//! * `feed`      what is new in a store
+//! * `protocol`  the WebSocket protocol `foxglove.sdk.v1` that carries them live; `src/service/http/viewer.rs` speaks it
+
+mod feed;
+mod file;
+mod message;
+pub mod protocol;
+
+pub use feed::{Feed, standing};
+pub use file::ResultsWriter;
+pub use message::{Message, Topic};

@@ -1,9 +1,0 @@
-//! Recordings out: MCAP files that appear whole or not at all.
-
-mod atomic;
-pub mod mcap;
-pub mod message;
-
-pub use self::atomic::AtomicFile;
-pub use self::mcap::{ChannelId, ChannelSpec, Compression, RecordingWriter, SinkError, WriterOptions};
-pub use self::message::{Encoding, Layout, Precision};

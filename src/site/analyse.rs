@@ -1,0 +1,154 @@
+//! From an event of a source to what came of it: the same for a replay and for the daemon.
+
+use crate::analysis::identify::{Plan, Refusal};
+use crate::analysis::outcome::{Outcome, Rejected};
+use crate::analysis::signal::record::{Envelope, Reading, Record, Rejection, RodId, Timestamp};
+use crate::analysis::track::ordered::Reached;
+use crate::recording::read::Event;
+use crate::site::ordered_map::message_of;
+use crate::site::store::Position;
+use std::collections::{BTreeMap, HashMap, HashSet};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Arc;
+
+/// Records that need not be analysed again.
+pub type Known = HashMap<RodId, HashSet<[u8; 32]>>;
+
+/// Where in its recording a record ended.
+#[derive(Debug, Clone)]
+pub struct Place {
+    /// The recording's name.
+    pub file: Arc<str>,
+    /// Bytes read.
+    pub bytes: u64,
+    /// Records found.
+    pub records: u64,
+    /// When the event was complete, by the rod's own stamps.
+    pub at: Timestamp,
+    /// Times up to which the rods had been followed then.
+    pub reached: Reached,
+}
+
+impl Place {
+    /// As the store keeps it.
+    pub fn position(&self) -> Position<'_> {
+        Position {
+            name: &self.file,
+            bytes: self.bytes,
+            records: self.records,
+        }
+    }
+}
+
+/// What came of an event.
+pub enum Analysed {
+    /// A record's outcome.
+    Record(Box<Outcome>),
+    /// A record that was known before it was analysed.
+    Known(RodId, [u8; 32]),
+    /// Temperatures that no record left with.
+    Readings(RodId, Vec<Reading>),
+}
+
+impl Analysed {
+    /// The rod.
+    pub fn rod(&self) -> &RodId {
+        match self {
+            Self::Record(outcome) => outcome.rod(),
+            Self::Known(rod, _) | Self::Readings(rod, _) => rod,
+        }
+    }
+}
+
+/// The record of each rod that passed last, known before or not: what says which record temperatures came after.
+#[derive(Debug, Clone, Default)]
+pub struct Passed(HashMap<RodId, [u8; 32]>);
+
+impl Passed {
+    /// A record of a rod passes.
+    pub fn note(&mut self, rod: &RodId, identity: [u8; 32]) {
+        match self.0.get_mut(rod) {
+            Some(last) => *last = identity,
+            None => {
+                self.0.insert(rod.clone(), identity);
+            }
+        }
+    }
+
+    /// The rod's last record, if one passed.
+    pub fn last(&self, rod: &RodId) -> Option<[u8; 32]> {
+        self.0.get(rod).copied()
+    }
+}
+
+/// The outcome of a record that gives no force.
+pub fn refused(record: Record, identity: [u8; 32], refusal: Refusal) -> Outcome {
+    let waveform = match refusal.measurement {
+        Some(_) => None,
+        None => Some(Envelope::of(&record.samples, record.fs_hz)),
+    };
+    Outcome::Rejected(Box::new(Rejected {
+        waveform,
+        start: Some(record.start),
+        duration_s: Some(record.duration_s()),
+        fs_hz: Some(record.fs_hz),
+        identity: Some(identity),
+        readings: record.readings,
+        rod: record.rod,
+        rejection: refusal.rejection,
+        measurement: refusal.measurement,
+        labels: refusal.labels,
+    }))
+}
+
+/// Runs an event's record through its rod's plan, unless it is one of `known`. An analysis that panics is a rejection like
+/// any other: every record that was offered ends as a force or as a reason.
+pub fn analyse(event: Event, plans: &BTreeMap<RodId, Plan>, known: &Known) -> Analysed {
+    let record = match event {
+        Event::Rejected {
+            rod,
+            start,
+            duration_s,
+            fs_hz,
+            waveform,
+            rejection,
+        } => {
+            let rejected = Rejected {
+                rod,
+                start,
+                duration_s: Some(duration_s),
+                fs_hz,
+                identity: None,
+                readings: Vec::new(),
+                rejection,
+                measurement: None,
+                labels: None,
+                waveform,
+            };
+            return Analysed::Record(Box::new(Outcome::Rejected(Box::new(rejected))));
+        }
+        Event::Readings { rod, readings } => return Analysed::Readings(rod, readings),
+        Event::Record(record) => record,
+    };
+    let identity = record.identity();
+    if known
+        .get(&record.rod)
+        .is_some_and(|known| known.contains(&identity))
+    {
+        return Analysed::Known(record.rod, identity);
+    }
+    // The reader only cuts records of rods of the same configuration the plans were made from.
+    let Some(plan) = plans.get(&record.rod) else {
+        unreachable!("the rod {} has channels but no plan", record.rod)
+    };
+    // The plan is only borrowed: nothing shared is left half-changed.
+    let outcome = match catch_unwind(AssertUnwindSafe(|| plan.run(&record))) {
+        Ok(Ok(identification)) => Outcome::Identified(Box::new(identification)),
+        Ok(Err(refusal)) => refused(record, identity, refusal),
+        Err(panic) => {
+            let detail = message_of(&*panic);
+            refused(record, identity, Rejection::Broken { detail }.into())
+        }
+    };
+    Analysed::Record(Box::new(outcome))
+}

@@ -1,0 +1,108 @@
+//! One configuration in force, and everything prepared from it: the same for a replay and for the daemon.
+
+use crate::analysis::identify::{self, Plan};
+use crate::analysis::inference::Tables;
+use crate::analysis::signal::record::{RodChannels, RodId};
+use crate::analysis::track::TrackPlan;
+use crate::config::Config;
+use crate::site::emulator_cache::{self, Cache};
+use crate::site::trackers::Provenance;
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+/// One configuration in force, and everything prepared from it.
+pub struct Generation {
+    /// The configuration.
+    pub config: Config,
+    /// What analyses each rod's records.
+    pub plans: BTreeMap<RodId, Plan>,
+    /// What follows each rod.
+    pub track_plans: Vec<Arc<TrackPlan>>,
+    hash: String,
+    effective: String,
+}
+
+impl Generation {
+    /// Prepares everything; `solves_of` gives who is told of a rod's model solves (done, of how many), where a model is
+    /// fitted. This may take minutes.
+    ///
+    /// # Errors
+    /// Settings that contradict each other, or an emulator that cannot be fitted.
+    pub fn prepare<S: Fn(usize, usize) + Sync>(
+        config: Config,
+        solves_of: impl Fn(&RodId) -> S,
+    ) -> anyhow::Result<Self> {
+        let plans = plans(&config, solves_of)?;
+        Ok(Self {
+            track_plans: track_plans(&config, &plans),
+            hash: provenance(&config),
+            effective: config.effective(),
+            plans,
+            config,
+        })
+    }
+
+    /// The configuration as the store keeps it.
+    pub fn provenance(&self) -> Provenance<'_> {
+        Provenance {
+            site: &self.config.site,
+            hash: &self.hash,
+            effective: &self.effective,
+        }
+    }
+
+    /// Where the rods' samples stand in recordings.
+    pub fn channels(&self) -> Vec<RodChannels> {
+        self.config.rods.iter().map(|rod| rod.channels.clone()).collect()
+    }
+}
+
+/// Sixteen hexadecimal digits that name everything a result depends on besides its record.
+pub fn provenance(config: &Config) -> String {
+    hex(&config.hash()[..8])
+}
+
+fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+/// Prepares the analysis of every rod: model (fitted or from the cache), table, pattern; `solves_of` as for
+/// [`Generation::prepare`].
+///
+/// # Errors
+/// Settings that contradict each other, or an emulator that cannot be fitted.
+pub fn plans<S: Fn(usize, usize) + Sync>(
+    config: &Config,
+    solves_of: impl Fn(&RodId) -> S,
+) -> anyhow::Result<BTreeMap<RodId, Plan>> {
+    let tables = Tables::new(config.seed);
+    let cache = Cache::of_user();
+    let mut plans = BTreeMap::new();
+    for rod in &config.rods {
+        let settings = rod.analysis.clone();
+        let solved = solves_of(&settings.rod);
+        let model = emulator_cache::model(&settings.model, &settings.prior, &cache, &solved)?;
+        drop(solved);
+        plans.insert(settings.rod.clone(), Plan::new(settings, model, &tables)?);
+    }
+    Ok(plans)
+}
+
+/// Prepares the tracking of every rod that has a plan.
+fn track_plans(config: &Config, plans: &BTreeMap<RodId, Plan>) -> Vec<Arc<TrackPlan>> {
+    let alarm = &config.alarm;
+    plans
+        .iter()
+        .map(|(rod, plan)| {
+            let meaning = config.meaning_of(rod);
+            let key = format!("{}-{}", identify::VERSION, hex(&meaning[..8]));
+            Arc::new(TrackPlan::new(
+                plan.settings(),
+                plan.model(),
+                config.track.clone(),
+                alarm.clone(),
+                key,
+            ))
+        })
+        .collect()
+}

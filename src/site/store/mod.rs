@@ -1,0 +1,295 @@
+//! What is remembered: SQLite in WAL mode, one transaction per record, or per group of records that came together.
+//!
+//! A [`Store`] writes, one process at a time; a [`Reader`] reads beside it. Every row carries a checksum, and a
+//! store whose content contradicts itself is moved aside, never written to and never believed. Nothing in the
+//! tables of [results](Reader::dump) depends on the clock or on how often a run was interrupted.
+//! docs/store.md describes tables and columns.
+
+mod backup;
+pub(crate) mod columns;
+mod commit;
+mod dump;
+mod error;
+mod file_id;
+mod kinds;
+mod lock;
+mod open;
+mod operation;
+mod page;
+mod read;
+mod request;
+mod retention;
+mod row;
+mod schema;
+mod snapshot;
+mod state;
+
+pub use commit::{Commit, Position, RecordRow, RodRow};
+pub use error::StoreError;
+pub use file_id::FileId;
+pub use kinds::ColumnKind;
+pub use open::Durability;
+pub use operation::{Carry, FileMark, FileState, News};
+pub use page::{Lines, Mark, Point};
+pub use read::{Filter, Listing, Reader, Standing};
+pub use request::{Asked, Request};
+pub use snapshot::{SnapshotRow, Snapshots};
+
+use crate::analysis::signal::record::{RodId, Timestamp};
+use crate::analysis::track::State;
+use crate::analysis::track::alarm::Board;
+use lock::Lock;
+use rusqlite::TransactionBehavior;
+use state::{Kept, Trouble};
+use std::collections::{BTreeMap, HashMap, HashSet};
+use std::ops::Deref;
+use std::path::{Path, PathBuf};
+
+/// A store that is written.
+pub struct Store {
+    reader: Reader,
+    known: HashMap<RodId, HashSet<[u8; 32]>>,
+    kept: Kept,
+    moved_aside: Option<PathBuf>,
+    is_grouping: bool,
+    _lock: Option<Lock>,
+}
+
+/// A writer reads, too.
+impl Deref for Store {
+    type Target = Reader;
+
+    fn deref(&self) -> &Reader {
+        &self.reader
+    }
+}
+
+impl Store {
+    /// Opens or begins the store at `path` for writing, and checks every row of it. A damaged one is moved aside
+    /// ([`Store::moved_aside`]) and a fresh one begun.
+    ///
+    /// # Errors
+    /// Another process writes to it, it is another program's file or a newer format, or the file system refuses.
+    pub fn open(path: &Path, durability: Durability) -> Result<Self, StoreError> {
+        let opened = open::for_writing(path, durability)?;
+        // Who holds the lock puts nothing else in its place.
+        let file = FileId::of(&opened.path);
+        Ok(Self {
+            reader: Reader::over(opened.connection, opened.path, file),
+            known: opened.known,
+            kept: Kept::default(),
+            moved_aside: opened.moved_aside,
+            is_grouping: false,
+            _lock: Some(opened.lock),
+        })
+    }
+
+    /// A store that is gone with the process.
+    ///
+    /// # Errors
+    /// There is no memory for it.
+    pub fn in_memory() -> Result<Self, StoreError> {
+        let path = PathBuf::from(":memory:");
+        let connection = open::in_memory().map_err(|source| StoreError::Database {
+            path: path.clone(),
+            source,
+        })?;
+        Ok(Self {
+            reader: Reader::over(connection, path, FileId::default()),
+            known: HashMap::new(),
+            kept: Kept::default(),
+            moved_aside: None,
+            is_grouping: false,
+            _lock: None,
+        })
+    }
+
+    /// Where a damaged store was moved to when this one was opened.
+    pub fn moved_aside(&self) -> Option<&Path> {
+        self.moved_aside.as_deref()
+    }
+
+    /// Whether the store has this record already, under whatever file name it came.
+    pub fn known(&self, rod: &RodId, identity: &[u8; 32]) -> bool {
+        self.known.get(rod).is_some_and(|known| known.contains(identity))
+    }
+
+    /// Every record the store has, to ask on other threads what is [known](Store::known).
+    pub fn all_known(&self) -> &HashMap<RodId, HashSet<[u8; 32]>> {
+        &self.known
+    }
+
+    /// Keeps a configuration: `hash` as records name it, `effective` with every default filled in. It must be kept
+    /// before the first record that names it.
+    ///
+    /// # Errors
+    /// It cannot be written.
+    pub fn keep_config(&mut self, hash: &str, site: &str, effective: &str) -> Result<(), StoreError> {
+        let connection = &self.reader.connection;
+        let write = || -> rusqlite::Result<()> {
+            let count: i64 =
+                connection.query_row("SELECT count(*) FROM config WHERE hash = ?", [hash], |row| {
+                    row.get(0)
+                })?;
+            if count > 0 {
+                return Ok(());
+            }
+            row::Row::of("config")
+                .with("hash", hash.to_owned())
+                .with("site", site.to_owned())
+                .with("effective", effective.to_owned())
+                .insert(connection)
+        };
+        write().map_err(|error| self.reader.fault(Trouble::Sql(error)))
+    }
+
+    /// What every rod's fold remembers, to go on with.
+    ///
+    /// # Errors
+    /// It cannot be read, or not be understood.
+    pub fn states(&mut self) -> Result<BTreeMap<RodId, State>, StoreError> {
+        let states = self.reader.states()?;
+        for state in states.values() {
+            self.kept.trust(state);
+        }
+        Ok(states)
+    }
+
+    /// Makes everything in `commit` durable, or nothing of it; within a [group](Store::begin_group) when that ends.
+    ///
+    /// # Errors
+    /// A record that is [known](Store::known) already, something that would not read back as it is, or a file
+    /// system that refuses.
+    pub fn commit(&mut self, commit: &Commit<'_>) -> Result<(), StoreError> {
+        let result = self.try_commit(commit);
+        if let Err(trouble) = result {
+            if let Some(rod) = &commit.rod {
+                self.kept.distrust(&rod.state.rod);
+            }
+            return Err(self.reader.fault(trouble));
+        }
+        if let Some(outcome) = commit.record.as_ref().map(|record| record.outcome)
+            && let Some(identity) = outcome.identity()
+        {
+            self.known
+                .entry(outcome.rod().clone())
+                .or_default()
+                .insert(identity);
+        }
+        Ok(())
+    }
+
+    fn try_commit(&mut self, commit: &Commit<'_>) -> Result<(), Trouble> {
+        if self.is_grouping {
+            // A group that lost a part must not be ended: what is left of it goes with the connection.
+            return commit.write(&self.reader.connection, &mut self.kept);
+        }
+        let transaction = self
+            .reader
+            .connection
+            .transaction_with_behavior(TransactionBehavior::Immediate)?;
+        commit.write(&transaction, &mut self.kept)?;
+        transaction.commit()?;
+        Ok(())
+    }
+
+    /// Begins a group: what is [committed](Store::commit) from here on becomes durable, and visible to others, all at once
+    /// with [`Store::end_group`], for the price of one. After an error within it the store must be given up: nothing of
+    /// the group is kept then.
+    ///
+    /// # Errors
+    /// Another process writes, or the file system refuses.
+    pub fn begin_group(&mut self) -> Result<(), StoreError> {
+        self.batch("BEGIN IMMEDIATE")?;
+        self.is_grouping = true;
+        Ok(())
+    }
+
+    /// Makes everything of the group durable.
+    ///
+    /// # Errors
+    /// The file system refuses; the store must be given up.
+    pub fn end_group(&mut self) -> Result<(), StoreError> {
+        self.is_grouping = false;
+        self.batch("COMMIT")
+    }
+
+    fn batch(&self, words: &str) -> Result<(), StoreError> {
+        let done = self.reader.connection.execute_batch(words);
+        done.map_err(|error| self.reader.fault(Trouble::Sql(error)))
+    }
+
+    /// Applies at once the acknowledgements that wait and that no other request of their rod stands before; the number
+    /// of requests that still wait. `states` are those of [`Store::states`].
+    ///
+    /// # Errors
+    /// They cannot be read or written.
+    pub fn acknowledge_waiting(&mut self, states: &mut BTreeMap<RodId, State>) -> Result<usize, StoreError> {
+        let mut still = 0;
+        for (rod, state) in states.iter_mut() {
+            let mut requests = self.reader.waiting(rod)?.into_iter().peekable();
+            while let Some(Request {
+                number,
+                what: Asked::Acknowledge { alarm },
+                asked,
+                ..
+            }) = requests.next_if(|request| matches!(request.what, Asked::Acknowledge { .. }))
+            {
+                let mut board = Board::new(&state.rod, state.segment.number, &mut state.alarms);
+                board.acknowledge(&alarm, asked);
+                let events = board.into_events();
+                let stands = state::standing_without_plan(state);
+                self.commit(&Commit {
+                    rod: Some(RodRow {
+                        state,
+                        stands: &stands,
+                        closed: &[],
+                        events: &events,
+                    }),
+                    applied: Some(number),
+                    ..Commit::default()
+                })?;
+            }
+            still += requests.count();
+        }
+        Ok(still)
+    }
+
+    /// Puts a request behind those already there; its number.
+    ///
+    /// # Errors
+    /// It cannot be written.
+    pub fn request(&mut self, rod: &RodId, what: &Asked, asked: Timestamp) -> Result<i64, StoreError> {
+        request::put(&self.reader.connection, rod, what, asked)
+            .map_err(|error| self.reader.fault(Trouble::Sql(error)))
+    }
+}
+
+/// Why the store at `path` cannot be written now, if another process writes it.
+pub fn held(path: &Path) -> Option<StoreError> {
+    let path = std::fs::canonicalize(path).ok()?;
+    Lock::take(&path)
+        .err()
+        .filter(|error| matches!(error, StoreError::Held { .. }))
+}
+
+/// Puts requests into a store that another process writes; their numbers.
+///
+/// # Errors
+/// There is no such store, or it cannot be written.
+pub fn request_of_writer(
+    path: &Path,
+    requests: &[(RodId, Asked)],
+    asked: Timestamp,
+) -> Result<Vec<i64>, StoreError> {
+    let (connection, path) = open::beside_writer(path)?;
+    requests
+        .iter()
+        .map(|(rod, what)| {
+            request::put(&connection, rod, what, asked).map_err(|source| StoreError::Database {
+                path: path.clone(),
+                source,
+            })
+        })
+        .collect()
+}

@@ -1,0 +1,186 @@
+//! What a daemon remembers of its sources and sinks: files read to their end, what a journal carries into its next
+//! part, news each sink has.
+
+use super::row::Row;
+use super::state::Trouble;
+use super::{Reader, StoreError, state};
+use crate::analysis::signal::record::RodId;
+use crate::analysis::track::AlarmEvent;
+use rusqlite::{Connection, OptionalExtension};
+use std::collections::BTreeMap;
+
+/// What became of a file that was read.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum FileState {
+    /// Everything it holds is in the store.
+    Done,
+    /// It is not read any more, for this reason.
+    Quarantined(String),
+}
+
+/// A file as it was when it was read to its end. A name is no identity: it only saves reading the same bytes again.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct FileMark {
+    /// Its name below its folder.
+    pub name: String,
+    /// Its length \[bytes\].
+    pub size: u64,
+    /// When it was last written, in nanoseconds since 1970.
+    pub modified_ns: i64,
+    /// What became of it.
+    pub state: FileState,
+}
+
+/// What the parts of a journal that were read to their end leave for the next: samples of records still open.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Carry {
+    /// The journal.
+    pub journal: String,
+    /// The part it is for.
+    pub part: u32,
+    /// As `journal::carry` encodes it.
+    pub body: Vec<u8>,
+}
+
+/// News about an alarm on its way to the sinks.
+#[derive(Debug, Clone, PartialEq)]
+pub struct News {
+    /// Its place in the order of all news.
+    pub number: i64,
+    /// The rod.
+    pub rod: RodId,
+    /// What happened.
+    pub event: AlarmEvent,
+}
+
+pub(super) fn write_file(connection: &Connection, file: &FileMark) -> rusqlite::Result<()> {
+    let (state, detail) = match &file.state {
+        FileState::Done => ("done", None),
+        FileState::Quarantined(reason) => ("quarantined", Some(reason.clone())),
+    };
+    Row::of("file")
+        .with("name", file.name.clone())
+        .with("size", i64::try_from(file.size).unwrap_or(i64::MAX))
+        .with("modified_ns", file.modified_ns)
+        .with("state", state.to_owned())
+        .with("detail", detail)
+        .upsert(connection, &["name"])
+}
+
+pub(super) fn write_carry(connection: &Connection, carry: &Carry) -> rusqlite::Result<()> {
+    Row::of("carry")
+        .with("journal", carry.journal.clone())
+        .with("part", i64::from(carry.part))
+        .with("body", carry.body.clone())
+        .upsert(connection, &["journal"])
+}
+
+pub(super) fn write_delivery(connection: &Connection, sink: &str, through: i64) -> rusqlite::Result<()> {
+    Row::of("delivery")
+        .with("sink", sink.to_owned())
+        .with("through", through)
+        .upsert(connection, &["sink"])
+}
+
+impl Reader {
+    /// The files that were read to their end, by name.
+    ///
+    /// # Errors
+    /// They cannot be read.
+    pub fn files(&self) -> Result<BTreeMap<String, FileMark>, StoreError> {
+        let files = || -> rusqlite::Result<BTreeMap<String, FileMark>> {
+            let mut statement = self
+                .connection
+                .prepare("SELECT name, size, modified_ns, state, detail FROM file")?;
+            let files = statement.query_map((), |row| {
+                let state: String = row.get(3)?;
+                let detail: Option<String> = row.get(4)?;
+                let mark = FileMark {
+                    name: row.get(0)?,
+                    size: u64::try_from(row.get::<_, i64>(1)?).unwrap_or(0),
+                    modified_ns: row.get(2)?,
+                    state: match state.as_str() {
+                        "done" => FileState::Done,
+                        _ => FileState::Quarantined(detail.unwrap_or_default()),
+                    },
+                };
+                Ok((mark.name.clone(), mark))
+            })?;
+            files.collect()
+        };
+        files().map_err(|error| self.fault(Trouble::Sql(error)))
+    }
+
+    /// What a journal's read parts leave for the next.
+    ///
+    /// # Errors
+    /// It cannot be read.
+    pub fn carry(&self, journal: &str) -> Result<Option<Carry>, StoreError> {
+        let carry = || {
+            self.connection
+                .prepare("SELECT journal, part, body FROM carry WHERE journal = ?")?
+                .query_row([journal], |row| {
+                    Ok(Carry {
+                        journal: row.get(0)?,
+                        part: row.get(1)?,
+                        body: row.get(2)?,
+                    })
+                })
+                .optional()
+        };
+        carry().map_err(|error| self.fault(Trouble::Sql(error)))
+    }
+
+    /// The number of the latest news a sink has; `None` for a sink that is not known yet.
+    ///
+    /// # Errors
+    /// It cannot be read.
+    pub fn delivered(&self, sink: &str) -> Result<Option<i64>, StoreError> {
+        let through = || {
+            self.connection
+                .prepare_cached("SELECT through FROM delivery WHERE sink = ?")?
+                .query_row([sink], |row| row.get(0))
+                .optional()
+        };
+        through().map_err(|error| self.fault(Trouble::Sql(error)))
+    }
+
+    /// The number of the latest news there are, 0 without any.
+    ///
+    /// # Errors
+    /// It cannot be read.
+    pub fn latest_news(&self) -> Result<i64, StoreError> {
+        let latest = || {
+            self.connection
+                .prepare_cached("SELECT coalesce(max(number), 0) FROM outbox")?
+                .query_row((), |row| row.get(0))
+        };
+        latest().map_err(|error| self.fault(Trouble::Sql(error)))
+    }
+
+    /// The news behind `number`, in order, at most `limit` of them.
+    ///
+    /// # Errors
+    /// They cannot be read.
+    pub fn news_after(&self, number: i64, limit: usize) -> Result<Vec<News>, StoreError> {
+        let rows = || -> rusqlite::Result<Vec<(i64, String, String)>> {
+            let mut statement = self.connection.prepare_cached(
+                "SELECT number, rod, json FROM outbox WHERE number > ? ORDER BY number LIMIT ?",
+            )?;
+            let limit = i64::try_from(limit).unwrap_or(i64::MAX);
+            let rows =
+                statement.query_map([number, limit], |row| Ok((row.get(0)?, row.get(1)?, row.get(2)?)))?;
+            rows.collect()
+        };
+        let rows = rows().map_err(|error| self.fault(Trouble::Sql(error)))?;
+        rows.into_iter()
+            .map(|(number, rod, json)| {
+                Ok(News {
+                    number,
+                    event: state::read(&rod, &json)?,
+                    rod: RodId(rod),
+                })
+            })
+            .collect()
+    }
+}

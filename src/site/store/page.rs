@@ -1,0 +1,402 @@
+//! Bounded questions, for pages: each is answered from an index, and every row it reads is compared with its checksum.
+
+use super::state::{self, Trouble};
+use super::{Reader, StoreError, row};
+use crate::analysis::signal::record::{RodId, Timestamp};
+use crate::analysis::track::{Alarm, DriftWatch, Interval, Period};
+use rusqlite::Params;
+use rusqlite::types::Value;
+use serde::de::DeserializeOwned;
+
+/// A record's numbers that are drawn over time.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Point {
+    /// Its number in the store: later commits have larger ones.
+    pub id: i64,
+    /// The rod.
+    pub rod: RodId,
+    /// Time of its first sample, if it had one.
+    pub start: Option<Timestamp>,
+    /// Why it was rejected, if it was.
+    pub rejection: Option<String>,
+    /// Why it does not count on the charts, if it does not.
+    pub set_aside: Option<String>,
+    /// N_t / N_0 at the measured temperature.
+    pub relative_force: Option<Interval>,
+    /// N_t / N_0 at the reference temperature.
+    pub relative_force_at_reference: Option<Interval>,
+    /// Force given the baseline, at the reference temperature \[N\].
+    pub force_at_reference_n: Option<Interval>,
+    /// Force given the baseline, at the measured temperature \[N\].
+    pub tracked_force_n: Option<Interval>,
+    /// Force of this record alone \[N\].
+    pub axial_force_n: Option<Interval>,
+    /// Temperature \[degC\].
+    pub temperature_c: Option<f64>,
+}
+
+/// Where a page of records ends: time and number of its last.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Mark {
+    /// Time of its first sample \[ns\].
+    pub start_ns: i64,
+    /// Its number in the store.
+    pub id: i64,
+}
+
+/// JSON lines of records, the latest first.
+#[derive(Debug, Default)]
+pub struct Lines {
+    /// Each with its record's mark.
+    pub found: Vec<(Mark, String)>,
+    /// Whether they end because retention removed the lines of older records.
+    pub are_older_removed: bool,
+}
+
+impl Reader {
+    /// A number that changes whenever somebody commits to the store.
+    ///
+    /// # Errors
+    /// The store cannot be read.
+    pub fn data_version(&self) -> Result<i64, StoreError> {
+        self.connection
+            .pragma_query_value(None, "data_version", |row| row.get(0))
+            .map_err(|error| self.fault(Trouble::Sql(error)))
+    }
+
+    /// Asks several things of the store as it is at one moment, whatever is committed meanwhile.
+    ///
+    /// # Errors
+    /// The store cannot be read, or what is asked fails.
+    pub fn together<T>(&self, ask: impl FnOnce(&Self) -> Result<T, StoreError>) -> Result<T, StoreError> {
+        let view = self
+            .connection
+            .unchecked_transaction()
+            .map_err(|error| self.fault(Trouble::Sql(error)))?;
+        let answer = ask(self);
+        drop(view);
+        answer
+    }
+
+    /// At most `most` records with numbers above `after`, ascending.
+    ///
+    /// # Errors
+    /// The store cannot be read, or a row is damaged.
+    pub fn points_after(&self, after: i64, most: usize) -> Result<Vec<Point>, StoreError> {
+        self.points_where("id > ? ORDER BY id LIMIT ?", (after, limit(most)))
+    }
+
+    /// The records of a rod from a time on and before another, at most `most`, in the order of time.
+    ///
+    /// # Errors
+    /// As [`Reader::points_after`].
+    pub fn points_between(
+        &self,
+        rod: &RodId,
+        from: Timestamp,
+        to: Timestamp,
+        most: usize,
+    ) -> Result<Vec<Point>, StoreError> {
+        self.points_where(
+            "rod = ? AND start_ns >= ? AND start_ns < ? ORDER BY start_ns, id LIMIT ?",
+            (&rod.0, from.as_nanos(), to.as_nanos(), limit(most)),
+        )
+    }
+
+    fn points_where(&self, condition: &str, parameters: impl Params) -> Result<Vec<Point>, StoreError> {
+        let (mut points, mut places) = (Vec::new(), None);
+        self.verified("record", condition, parameters, |row| {
+            let places = match &mut places {
+                Some(places) => places,
+                none => none.insert(Places::of(row)?),
+            };
+            points.push(places.point(row)?);
+            Ok(())
+        })?;
+        Ok(points)
+    }
+
+    /// The JSON lines of a rod's records before a mark, the latest first, at most `most`, each with its own mark; of one day
+    /// (from, to) or of all times, rejected ones alone or all. They end where retention removed lines.
+    ///
+    /// # Errors
+    /// As [`Reader::points_after`].
+    pub fn lines_before(
+        &self,
+        rod: &RodId,
+        within: (Timestamp, Timestamp),
+        before: Option<Mark>,
+        only_rejected: bool,
+        most: usize,
+    ) -> Result<Lines, StoreError> {
+        let mark = before.unwrap_or(Mark {
+            start_ns: i64::MAX,
+            id: i64::MAX,
+        });
+        let rejected = if only_rejected {
+            "AND rejection IS NOT NULL"
+        } else {
+            ""
+        };
+        let sql = format!(
+            "SELECT start_ns, id FROM record
+             WHERE rod = ? AND start_ns >= ? AND start_ns < ? AND (start_ns, id) < (?, ?) {rejected}
+             ORDER BY start_ns DESC, id DESC LIMIT ?"
+        );
+        let values = [
+            Value::Text(rod.0.clone()),
+            Value::Integer(within.0.as_nanos()),
+            Value::Integer(within.1.as_nanos()),
+            Value::Integer(mark.start_ns),
+            Value::Integer(mark.id),
+            Value::Integer(limit(most)),
+        ];
+        let marks = || -> rusqlite::Result<Vec<Mark>> {
+            let mut statement = self.connection.prepare_cached(&sql)?;
+            let rows = statement.query_map(rusqlite::params_from_iter(values), |row| {
+                Ok(Mark {
+                    start_ns: row.get(0)?,
+                    id: row.get(1)?,
+                })
+            })?;
+            rows.collect()
+        };
+        let marks = marks().map_err(|error| self.fault(Trouble::Sql(error)))?;
+        let mut lines = Lines::default();
+        for mark in marks {
+            let known = lines.found.len();
+            self.verified("line", "record = ?", [mark.id], |row| {
+                lines.found.push((mark, row.get("json")?));
+                Ok(())
+            })?;
+            if lines.found.len() == known {
+                // Retention removes the oldest.
+                lines.are_older_removed = true;
+                break;
+            }
+        }
+        Ok(lines)
+    }
+
+    /// The number of the record that was committed last; 0 before the first.
+    ///
+    /// # Errors
+    /// The store cannot be read.
+    pub fn last_record(&self) -> Result<i64, StoreError> {
+        self.connection
+            .prepare_cached("SELECT coalesce(max(id), 0) FROM record")
+            .and_then(|mut statement| statement.query_row((), |row| row.get(0)))
+            .map_err(|error| self.fault(Trouble::Sql(error)))
+    }
+
+    /// The JSON lines of records with numbers above `after`, ascending, at most `most`.
+    ///
+    /// # Errors
+    /// As [`Reader::points_after`].
+    pub fn lines_after(&self, after: i64, most: usize) -> Result<Vec<String>, StoreError> {
+        let mut lines = Vec::new();
+        self.verified(
+            "line",
+            "record > ? ORDER BY record LIMIT ?",
+            (after, limit(most)),
+            |row| {
+                lines.push(row.get("json")?);
+                Ok(())
+            },
+        )?;
+        Ok(lines)
+    }
+
+    /// Alarms, the latest first, at most `most`: those raised before an alarm, of one rod or all, those that stand or all.
+    ///
+    /// # Errors
+    /// As [`Reader::points_after`].
+    pub fn alarms_before(
+        &self,
+        rod: Option<&RodId>,
+        only_standing: bool,
+        before: Option<&Alarm>,
+        most: usize,
+    ) -> Result<Vec<Alarm>, StoreError> {
+        let mut found: Vec<(String, String)> = Vec::new();
+        let (raised_ns, id) = before.map_or((i64::MAX, ""), |alarm| (alarm.raised.as_nanos(), &alarm.id));
+        self.verified(
+            "alarm",
+            "(?1 IS NULL OR rod = ?1) AND (NOT ?2 OR stands = 1) AND (raised_ns, id) < (?3, ?4)
+             ORDER BY raised_ns DESC, id DESC LIMIT ?5",
+            (
+                rod.map(|rod| rod.0.as_str()),
+                only_standing,
+                raised_ns,
+                id,
+                limit(most),
+            ),
+            |row| {
+                found.push((row.get("rod")?, row.get("json")?));
+                Ok(())
+            },
+        )?;
+        found.iter().map(|(rod, json)| state::read(rod, json)).collect()
+    }
+
+    /// A rod's drift watch; `None` before its baseline.
+    ///
+    /// # Errors
+    /// As [`Reader::points_after`].
+    pub fn watch(&self, rod: &RodId) -> Result<Option<DriftWatch>, StoreError> {
+        Ok(self.part::<Option<DriftWatch>>(rod, "watch")?.flatten())
+    }
+
+    /// One part of what a rod's fold remembers.
+    fn part<T: DeserializeOwned>(&self, rod: &RodId, part: &str) -> Result<Option<T>, StoreError> {
+        let mut json = None;
+        self.verified("state", "rod = ? AND part = ?", (&rod.0, part), |row| {
+            json = Some(row.get::<_, String>("json")?);
+            Ok(())
+        })?;
+        match json {
+            Some(json) => state::read(&rod.0, &json),
+            None => Ok(None),
+        }
+    }
+
+    /// The last closed periods of a segment, at most `most`, ascending.
+    ///
+    /// # Errors
+    /// As [`Reader::points_after`].
+    pub fn last_periods(&self, rod: &RodId, segment: u32, most: usize) -> Result<Vec<Period>, StoreError> {
+        let mut found: Vec<String> = Vec::new();
+        self.verified(
+            "period",
+            "rod = ? AND segment = ? ORDER BY period DESC LIMIT ?",
+            (&rod.0, segment, limit(most)),
+            |row| {
+                found.push(row.get("json")?);
+                Ok(())
+            },
+        )?;
+        found.iter().rev().map(|json| state::read(&rod.0, json)).collect()
+    }
+
+    /// The configuration of the record that was committed last: hash, site, and the text with every default filled in.
+    ///
+    /// # Errors
+    /// As [`Reader::points_after`].
+    pub fn latest_config(&self) -> Result<Option<[String; 3]>, StoreError> {
+        self.config_where("hash = (SELECT config FROM record ORDER BY id DESC LIMIT 1)", ())
+    }
+
+    /// The configuration of a rod's record that began at a time.
+    ///
+    /// # Errors
+    /// As [`Reader::points_after`].
+    pub fn config_at(&self, rod: &RodId, start: Timestamp) -> Result<Option<[String; 3]>, StoreError> {
+        self.config_where(
+            "hash = (SELECT config FROM record WHERE rod = ? AND start_ns = ? ORDER BY id DESC LIMIT 1)",
+            (&rod.0, start.as_nanos()),
+        )
+    }
+
+    fn config_where(
+        &self,
+        condition: &str,
+        parameters: impl Params,
+    ) -> Result<Option<[String; 3]>, StoreError> {
+        let mut found = None;
+        self.verified("config", condition, parameters, |row| {
+            found = Some([row.get("hash")?, row.get("site")?, row.get("effective")?]);
+            Ok(())
+        })?;
+        Ok(found)
+    }
+
+    /// Hands the rows of a table that a condition picks to `on_row`, each compared with its checksum.
+    fn verified(
+        &self,
+        table: &str,
+        condition: &str,
+        parameters: impl Params,
+        on_row: impl FnMut(&rusqlite::Row<'_>) -> rusqlite::Result<()>,
+    ) -> Result<(), StoreError> {
+        match row::verify_where(&self.connection, table, condition, parameters, on_row) {
+            Ok(None) => Ok(()),
+            Ok(Some(_)) => Err(StoreError::Damaged {
+                path: self.path.clone(),
+                detail: format!("a row of table {table} is not what was written"),
+            }),
+            Err(error) => Err(self.fault(Trouble::Sql(error))),
+        }
+    }
+}
+
+fn limit(most: usize) -> i64 {
+    i64::try_from(most).unwrap_or(i64::MAX)
+}
+
+/// The columns of a point: what every record has, then four of each interval.
+const COLUMNS: [&str; 26] = [
+    "id",
+    "rod",
+    "start_ns",
+    "rejection",
+    "set_aside",
+    "temperature_c",
+    "relative_force",
+    "relative_force_sd",
+    "relative_force_q025",
+    "relative_force_q975",
+    "relative_force_at_reference",
+    "relative_force_at_reference_sd",
+    "relative_force_at_reference_q025",
+    "relative_force_at_reference_q975",
+    "force_at_reference_n",
+    "force_at_reference_sd_n",
+    "force_at_reference_q025_n",
+    "force_at_reference_q975_n",
+    "tracked_force_n",
+    "tracked_force_sd_n",
+    "tracked_force_q025_n",
+    "tracked_force_q975_n",
+    "axial_force_n",
+    "axial_force_sd_n",
+    "axial_force_q025_n",
+    "axial_force_q975_n",
+];
+
+/// Where the columns of a point stand in a row.
+struct Places([usize; 26]);
+
+impl Places {
+    fn of(row: &rusqlite::Row<'_>) -> rusqlite::Result<Self> {
+        let mut places = [0; 26];
+        for (place, name) in places.iter_mut().zip(COLUMNS) {
+            *place = row.as_ref().column_index(name)?;
+        }
+        Ok(Self(places))
+    }
+
+    fn point(&self, row: &rusqlite::Row<'_>) -> rusqlite::Result<Point> {
+        let [id, rod, start, rejection, set_aside, temperature, intervals @ ..] = self.0;
+        let interval = |number: usize| -> rusqlite::Result<Option<Interval>> {
+            let [mean, sd, low, high] = [0, 1, 2, 3].map(|part| intervals[4 * number + part]);
+            let Some(mean) = row.get(mean)? else {
+                return Ok(None);
+            };
+            let (sd, q025, q975) = (row.get(sd)?, row.get(low)?, row.get(high)?);
+            Ok(Some(Interval { mean, sd, q025, q975 }))
+        };
+        Ok(Point {
+            id: row.get(id)?,
+            rod: RodId(row.get(rod)?),
+            start: row.get::<_, Option<i64>>(start)?.map(Timestamp::from_nanos),
+            rejection: row.get(rejection)?,
+            set_aside: row.get(set_aside)?,
+            temperature_c: row.get(temperature)?,
+            relative_force: interval(0)?,
+            relative_force_at_reference: interval(1)?,
+            force_at_reference_n: interval(2)?,
+            tracked_force_n: interval(3)?,
+            axial_force_n: interval(4)?,
+        })
+    }
+}

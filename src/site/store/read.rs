@@ -1,0 +1,481 @@
+//! Questions to a store, answered beside a writer.
+
+use super::request::{self, Request};
+use super::state::{self, Trouble};
+use super::{FileId, StoreError, open, row, schema};
+use crate::analysis::signal::record::{RodId, Timestamp};
+use crate::analysis::track::{Alarm, AlarmEvent, Period, RodState, Segment, State};
+use rusqlite::types::Value;
+use rusqlite::{Connection, OptionalExtension};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+/// A store that is read.
+pub struct Reader {
+    pub(super) connection: Connection,
+    pub(super) path: PathBuf,
+    file: FileId,
+}
+
+/// Which rows are wanted.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Filter {
+    /// Of this rod only.
+    pub rod: Option<RodId>,
+    /// From this time on.
+    pub from: Option<Timestamp>,
+    /// Before this time.
+    pub to: Option<Timestamp>,
+}
+
+/// What can be listed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Listing {
+    /// Every record, rejected ones too.
+    Records,
+    /// Records that were rejected.
+    Rejections,
+    /// Periods that closed.
+    Periods,
+    /// Alarms, over or not.
+    Alarms,
+}
+
+/// How one rod stands.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Standing {
+    /// The rod.
+    pub rod: RodId,
+    /// How it stands.
+    pub state: RodState,
+    /// Since when, in event time.
+    pub since: Option<Timestamp>,
+    /// The present segment.
+    pub segment: u32,
+    /// The JSON line of the rod's latest record that was not rejected.
+    pub latest: Option<String>,
+    /// The start of the rod's latest record, rejected or not.
+    pub latest_start: Option<Timestamp>,
+    /// Alarms that stand, in the order they were raised.
+    pub alarms: Vec<Alarm>,
+    /// Requests that wait for the rod's next record.
+    pub waiting: Vec<Request>,
+}
+
+impl Reader {
+    /// Opens a store for reading. What rods, periods and alarms say is compared with its checksums now, records when
+    /// they are asked for.
+    ///
+    /// # Errors
+    /// There is none, it is another program's, a newer format, or damaged.
+    pub fn open(path: &Path) -> Result<Self, StoreError> {
+        // Looked at before it is opened: a file that takes its place in between is found to be another one.
+        let file = FileId::of(path);
+        let (connection, path) = open::for_reading(path)?;
+        let reader = Self::over(connection, path, file);
+        reader.check(&schema::SMALL)?;
+        Ok(reader)
+    }
+
+    /// Compares the rows of these tables with their checksums.
+    fn check(&self, tables: &[&str]) -> Result<(), StoreError> {
+        for table in tables {
+            let bad = row::verify(&self.connection, table, |_| Ok(()));
+            if let Some(number) = bad.map_err(|error| self.fault(Trouble::Sql(error)))? {
+                return Err(StoreError::Damaged {
+                    path: self.path.clone(),
+                    detail: format!("row {number} of table {table} is not what was written"),
+                });
+            }
+        }
+        Ok(())
+    }
+
+    pub(super) fn over(connection: Connection, path: PathBuf, file: FileId) -> Self {
+        Self {
+            connection,
+            path,
+            file,
+        }
+    }
+
+    /// The file that was opened; another one may have its name by now.
+    pub fn file(&self) -> FileId {
+        self.file
+    }
+
+    /// Where it is, links followed.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    pub(super) fn fault(&self, trouble: Trouble) -> StoreError {
+        match trouble {
+            Trouble::Other(error) => error,
+            Trouble::Sql(error) => open::is_damage(&self.path, error),
+        }
+    }
+
+    /// What every rod's fold remembers.
+    ///
+    /// # Errors
+    /// It cannot be read, or not be understood.
+    pub fn states(&self) -> Result<BTreeMap<RodId, State>, StoreError> {
+        state::load(&self.connection).map_err(|trouble| self.fault(trouble))
+    }
+
+    /// The segments of a rod, ascending.
+    ///
+    /// # Errors
+    /// They cannot be read.
+    pub fn segments(&self, rod: &RodId) -> Result<Vec<Segment>, StoreError> {
+        state::segments(&self.connection, rod).map_err(|trouble| self.fault(trouble))
+    }
+
+    /// The closed periods of one segment, ascending.
+    ///
+    /// # Errors
+    /// They cannot be read.
+    pub fn periods(&self, rod: &RodId, segment: u32) -> Result<Vec<Period>, StoreError> {
+        state::periods(&self.connection, rod, segment).map_err(|trouble| self.fault(trouble))
+    }
+
+    /// The identity of the record of a rod that was committed last.
+    ///
+    /// # Errors
+    /// It cannot be read.
+    pub fn last_identity(&self, rod: &RodId) -> Result<Option<[u8; 32]>, StoreError> {
+        let ask = || {
+            self.connection
+                .prepare_cached("SELECT identity FROM record WHERE rod = ? ORDER BY id DESC LIMIT 1")?
+                .query_row([&rod.0], |row| row.get(0))
+                .optional()
+        };
+        ask().map_err(|error| self.fault(Trouble::Sql(error)))
+    }
+
+    /// The requests about a rod that wait, in the order they were made.
+    ///
+    /// # Errors
+    /// They cannot be read.
+    pub fn waiting(&self, rod: &RodId) -> Result<Vec<Request>, StoreError> {
+        request::waiting(&self.connection, rod).map_err(|trouble| self.fault(trouble))
+    }
+
+    /// The rods requests wait for.
+    ///
+    /// # Errors
+    /// They cannot be read.
+    pub fn rods_asked(&self) -> Result<Vec<RodId>, StoreError> {
+        let rods = || -> rusqlite::Result<Vec<RodId>> {
+            let mut statement = self
+                .connection
+                .prepare_cached("SELECT DISTINCT rod FROM request WHERE applied = 0 ORDER BY rod")?;
+            let rods = statement.query_map((), |row| Ok(RodId(row.get(0)?)))?;
+            rods.collect()
+        };
+        rods().map_err(|error| self.fault(Trouble::Sql(error)))
+    }
+
+    /// The alarm with this id, as it stands now.
+    ///
+    /// # Errors
+    /// It cannot be read.
+    pub fn alarm(&self, id: &str) -> Result<Option<Alarm>, StoreError> {
+        let sql = "SELECT rod, json FROM alarm WHERE id = ?";
+        let mut found = self.parsed(sql, vec![Value::Text(id.to_owned())])?;
+        Ok(found.pop())
+    }
+
+    /// Alarms, as they stand now, in the order they were raised.
+    ///
+    /// # Errors
+    /// They cannot be read.
+    pub fn alarms(&self, filter: &Filter) -> Result<Vec<Alarm>, StoreError> {
+        let (wanted, values) = filter.sql("raised_ns");
+        let sql = format!("SELECT rod, json FROM alarm WHERE {wanted} ORDER BY raised_ns, rod, id");
+        self.parsed(&sql, values)
+    }
+
+    /// What happened to alarms, in order.
+    ///
+    /// # Errors
+    /// It cannot be read.
+    pub fn events(&self, rod: &RodId) -> Result<Vec<AlarmEvent>, StoreError> {
+        let sql = "SELECT rod, json FROM outbox WHERE rod = ? ORDER BY number";
+        self.parsed(sql, vec![Value::Text(rod.0.clone())])
+    }
+
+    fn parsed<T: serde::de::DeserializeOwned>(
+        &self,
+        sql: &str,
+        values: Vec<Value>,
+    ) -> Result<Vec<T>, StoreError> {
+        let rows = || -> rusqlite::Result<Vec<(String, String)>> {
+            let mut statement = self.connection.prepare(sql)?;
+            let rows = statement.query_map(rusqlite::params_from_iter(values), |row| {
+                Ok((row.get(0)?, row.get(1)?))
+            })?;
+            rows.collect()
+        };
+        let rows = rows().map_err(|error| self.fault(Trouble::Sql(error)))?;
+        rows.iter().map(|(rod, json)| state::read(rod, json)).collect()
+    }
+
+    /// Hands the JSON line of every record that is wanted to `on_line`, in the order of time, as `replay --json` printed
+    /// it.
+    ///
+    /// # Errors
+    /// The store cannot be read, or `on_line` failed.
+    pub fn lines<E: From<StoreError>>(
+        &self,
+        listing: Listing,
+        filter: &Filter,
+        mut on_line: impl FnMut(&str) -> Result<(), E>,
+    ) -> Result<(), E> {
+        self.check(&["record", "line"])?;
+        let (wanted, values) = filter.sql("start_ns");
+        let rejected = match listing {
+            Listing::Rejections => "AND rejection IS NOT NULL",
+            _ => "",
+        };
+        let sql = format!(
+            "SELECT line.json FROM record JOIN line ON line.record = record.id
+             WHERE {wanted} {rejected} ORDER BY rod, start_ns, id"
+        );
+        let fault = |error| E::from(self.fault(Trouble::Sql(error)));
+        let mut statement = self.connection.prepare(&sql).map_err(fault)?;
+        let mut rows = statement
+            .query(rusqlite::params_from_iter(values))
+            .map_err(fault)?;
+        while let Some(row) = rows.next().map_err(fault)? {
+            let line = row.get_ref(0).map_err(fault)?;
+            on_line(line.as_str().map_err(|error| fault(error.into()))?)?;
+        }
+        Ok(())
+    }
+
+    /// The names of a listing's columns.
+    ///
+    /// # Errors
+    /// The store cannot be read.
+    pub fn columns(&self, listing: Listing) -> Result<Vec<String>, StoreError> {
+        let names = || -> rusqlite::Result<Vec<String>> {
+            let (sql, _) = listing.sql(&Filter::default(), self.orders()?);
+            let statement = self.connection.prepare(&sql)?;
+            Ok(statement.column_names().map(str::to_owned).collect())
+        };
+        names().map_err(|error| self.fault(Trouble::Sql(error)))
+    }
+
+    /// Hands every row of a listing to `on_row` with the names of its columns, in the order of time.
+    ///
+    /// # Errors
+    /// The store cannot be read, or `on_row` failed.
+    pub fn list<E: From<StoreError>>(
+        &self,
+        listing: Listing,
+        filter: &Filter,
+        mut on_row: impl FnMut(&[String], &[Value]) -> Result<(), E>,
+    ) -> Result<(), E> {
+        let fault = |error| E::from(self.fault(Trouble::Sql(error)));
+        if matches!(listing, Listing::Records | Listing::Rejections) {
+            self.check(&["record", "mode"])?;
+        }
+        let names = self.columns(listing)?;
+        let (sql, values) = listing.sql(filter, self.orders().map_err(fault)?);
+        let mut statement = self.connection.prepare(&sql).map_err(fault)?;
+        let mut rows = statement
+            .query(rusqlite::params_from_iter(values))
+            .map_err(fault)?;
+        while let Some(row) = rows.next().map_err(fault)? {
+            let values = (0..names.len())
+                .map(|place| row.get(place))
+                .collect::<rusqlite::Result<Vec<Value>>>()
+                .map_err(fault)?;
+            on_row(&names, &values)?;
+        }
+        Ok(())
+    }
+
+    /// The highest mode order of any record.
+    fn orders(&self) -> rusqlite::Result<i64> {
+        self.connection
+            .query_row("SELECT coalesce(max(mode_order), 0) FROM mode", (), |row| {
+                row.get(0)
+            })
+    }
+
+    /// The rods the store knows, in alphabetical order.
+    ///
+    /// # Errors
+    /// The store cannot be read.
+    pub fn rods(&self) -> Result<Vec<RodId>, StoreError> {
+        let rods = || -> rusqlite::Result<Vec<RodId>> {
+            let mut statement = self.connection.prepare("SELECT rod FROM rod ORDER BY rod")?;
+            let rods = statement.query_map((), |row| Ok(RodId(row.get(0)?)))?;
+            rods.collect()
+        };
+        rods().map_err(|error| self.fault(Trouble::Sql(error)))
+    }
+
+    /// How every rod stands.
+    ///
+    /// # Errors
+    /// The store cannot be read.
+    pub fn standings(&self) -> Result<Vec<Standing>, StoreError> {
+        self.standings_of(None)
+    }
+
+    /// How one rod stands; `None` if the store does not know it.
+    ///
+    /// # Errors
+    /// The store cannot be read.
+    pub fn standing(&self, rod: &RodId) -> Result<Option<Standing>, StoreError> {
+        Ok(self.standings_of(Some(rod))?.pop())
+    }
+
+    fn standings_of(&self, rod: Option<&RodId>) -> Result<Vec<Standing>, StoreError> {
+        let mut standings = self.try_standings(rod).map_err(|trouble| self.fault(trouble))?;
+        for standing in &mut standings {
+            standing.waiting = self.waiting(&standing.rod)?;
+        }
+        Ok(standings)
+    }
+
+    fn try_standings(&self, rod: Option<&RodId>) -> Result<Vec<Standing>, Trouble> {
+        let mut statement = self.connection.prepare_cached(
+            "SELECT rod, detail, since, segment,
+                (SELECT json FROM line WHERE line.record =
+                    (SELECT id FROM record WHERE record.rod = rod.rod AND rejection IS NULL AND set_aside IS NULL
+                     ORDER BY start_ns DESC, id DESC LIMIT 1)),
+                (SELECT max(start_ns) FROM record WHERE record.rod = rod.rod)
+             FROM rod WHERE ?1 IS NULL OR rod = ?1 ORDER BY rod",
+        )?;
+        let mut rows = statement.query([rod.map(|rod| rod.0.as_str())])?;
+        let mut standings = Vec::new();
+        while let Some(row) = rows.next()? {
+            let (rod, detail): (String, String) = (row.get(0)?, row.get(1)?);
+            let since: Option<String> = row.get(2)?;
+            let latest_start: Option<i64> = row.get(5)?;
+            standings.push(Standing {
+                state: state::read(&rod, &detail)?,
+                since: since.as_deref().map(state::time).transpose()?,
+                segment: row.get(3)?,
+                latest: row.get(4)?,
+                latest_start: latest_start.map(Timestamp::from_nanos),
+                alarms: self.standing_alarms(&rod)?,
+                waiting: Vec::new(),
+                rod: RodId(rod),
+            });
+        }
+        Ok(standings)
+    }
+
+    /// A rod's records in the store, and how many of them were rejected. Looks at every one of them.
+    ///
+    /// # Errors
+    /// The store cannot be read.
+    pub fn counts(&self, rod: &RodId) -> Result<(u64, u64), StoreError> {
+        let counted: (i64, i64) = self
+            .connection
+            .prepare_cached("SELECT count(*), count(rejection) FROM record WHERE rod = ?")
+            .and_then(|mut statement| statement.query_row([&rod.0], |row| Ok((row.get(0)?, row.get(1)?))))
+            .map_err(|error| self.fault(Trouble::Sql(error)))?;
+        Ok((counted.0.unsigned_abs(), counted.1.unsigned_abs()))
+    }
+
+    fn standing_alarms(&self, rod: &str) -> Result<Vec<Alarm>, Trouble> {
+        let mut statement = self
+            .connection
+            .prepare_cached("SELECT json FROM alarm WHERE rod = ? AND stands = 1 ORDER BY raised_ns, id")?;
+        let mut rows = statement.query([rod])?;
+        let mut alarms = Vec::new();
+        while let Some(row) = rows.next()? {
+            let json: String = row.get(0)?;
+            alarms.push(state::read(rod, &json)?);
+        }
+        Ok(alarms)
+    }
+}
+
+impl Filter {
+    /// As a condition, and the values in it; `time` is the column of the times in nanoseconds.
+    fn sql(&self, time: &str) -> (String, Vec<Value>) {
+        let mut wanted = vec!["1".to_owned()];
+        let mut values = Vec::new();
+        if let Some(rod) = &self.rod {
+            wanted.push("rod = ?".to_owned());
+            values.push(Value::Text(rod.0.clone()));
+        }
+        if let Some(from) = self.from {
+            wanted.push(format!("{time} >= ?"));
+            values.push(Value::Integer(from.as_nanos()));
+        }
+        if let Some(to) = self.to {
+            wanted.push(format!("{time} < ?"));
+            values.push(Value::Integer(to.as_nanos()));
+        }
+        (wanted.join(" AND "), values)
+    }
+}
+
+impl Listing {
+    fn sql(self, filter: &Filter, orders: i64) -> (String, Vec<Value>) {
+        match self {
+            Self::Records => {
+                let (wanted, values) = filter.sql("start_ns");
+                let modes: String = (1..=orders)
+                    .map(|n| {
+                        format!(
+                            "(SELECT frequency_hz FROM mode WHERE record = id AND mode_order = {n}) AS mode_{n}_hz,
+                             (SELECT sd_hz FROM mode WHERE record = id AND mode_order = {n}) AS mode_{n}_sd_hz,
+                             (SELECT damping FROM mode WHERE record = id AND mode_order = {n}) AS mode_{n}_damping,\n"
+                        )
+                    })
+                    .collect();
+                let sql = format!(
+                    "SELECT rod, start, duration_s, state, state_reason, set_aside, rejection,
+                        relative_force_at_reference, relative_force_at_reference_sd,
+                        relative_force_at_reference_q025, relative_force_at_reference_q975,
+                        force_at_reference_n, force_at_reference_sd_n, force_at_reference_q025_n,
+                        force_at_reference_q975_n, reference_temperature_c,
+                        relative_force, relative_force_sd, relative_force_q025, relative_force_q975,
+                        tracked_force_n, tracked_force_sd_n, temperature_c, not_axial_p,
+                        axial_force_n, axial_force_sd_n, axial_force_q025_n, axial_force_q50_n, axial_force_q975_n,
+                        {modes}
+                        conflict, prior_tail, epsilon, draws, accepted, ess, fs_hz, rms, segment,
+                        emulator, seed, config, analysis_version, rejection_message
+                     FROM record WHERE {wanted} ORDER BY rod, start_ns, id"
+                );
+                (sql, values)
+            }
+            Self::Rejections => {
+                let (wanted, values) = filter.sql("start_ns");
+                let sql = format!(
+                    "SELECT rod, start, duration_s, fs_hz, rejection, rejection_message, config, analysis_version
+                     FROM record WHERE {wanted} AND rejection IS NOT NULL ORDER BY rod, start_ns, id"
+                );
+                (sql, values)
+            }
+            Self::Periods => {
+                let (wanted, values) = filter.sql("start_ns");
+                let sql = format!(
+                    "SELECT rod, segment, period, start, records, delta, delta_sd, temperature_c, expected, expected_sd,
+                        residual, leverage, at_reference, at_reference_sd, not_axial_p,
+                        evidence, evidence_peers, evidence_blind
+                     FROM period WHERE {wanted} ORDER BY rod, segment, period"
+                );
+                (sql, values)
+            }
+            Self::Alarms => {
+                let (wanted, values) = filter.sql("raised_ns");
+                let sql = format!(
+                    "SELECT id, rod, kind, raised, acknowledged, cleared, stands, message
+                     FROM alarm WHERE {wanted} ORDER BY raised_ns, rod, id"
+                );
+                (sql, values)
+            }
+        }
+    }
+}

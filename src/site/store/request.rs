@@ -1,0 +1,135 @@
+//! What people ask of a store while it may be in use: rows that the fold applies before the rod's next record.
+
+use super::StoreError;
+use super::row::Row;
+use super::state::{Trouble, time};
+use crate::analysis::signal::record::{RodId, Timestamp};
+use rusqlite::Connection;
+
+/// Something somebody asked for.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Request {
+    /// Its place in the order of requests, from 1.
+    pub number: i64,
+    /// The rod it is about.
+    pub rod: RodId,
+    /// What is asked.
+    pub what: Asked,
+    /// When it was asked, by the clock of the person's machine.
+    pub asked: Timestamp,
+}
+
+/// What can be asked.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Asked {
+    /// Somebody knows of this alarm.
+    Acknowledge {
+        /// The alarm.
+        alarm: String,
+    },
+    /// A new baseline.
+    Rebaseline {
+        /// Why, in the person's words.
+        reason: Option<String>,
+    },
+}
+
+impl Asked {
+    fn code(&self) -> &'static str {
+        match self {
+            Self::Acknowledge { .. } => "acknowledge",
+            Self::Rebaseline { .. } => "rebaseline",
+        }
+    }
+}
+
+/// Puts a request behind those already there; its number.
+pub(super) fn put(
+    connection: &Connection,
+    rod: &RodId,
+    what: &Asked,
+    asked: Timestamp,
+) -> rusqlite::Result<i64> {
+    // One statement at a time may write, so the number is taken inside a transaction that may.
+    let transaction =
+        rusqlite::Transaction::new_unchecked(connection, rusqlite::TransactionBehavior::Immediate)?;
+    let number: i64 =
+        transaction.query_row("SELECT coalesce(max(number), 0) + 1 FROM request", (), |row| {
+            row.get(0)
+        })?;
+    row(number, rod, what, asked, false).insert(&transaction)?;
+    transaction.commit()?;
+    Ok(number)
+}
+
+fn row(number: i64, rod: &RodId, what: &Asked, asked: Timestamp, applied: bool) -> Row {
+    let (alarm, reason) = match what {
+        Asked::Acknowledge { alarm } => (Some(alarm.clone()), None),
+        Asked::Rebaseline { reason } => (None, reason.clone()),
+    };
+    Row::of("request")
+        .with("number", number)
+        .with("rod", rod.0.clone())
+        .with("what", what.code().to_owned())
+        .with("alarm", alarm)
+        .with("reason", reason)
+        .with("asked", asked.to_string())
+        .with("applied", i64::from(applied))
+}
+
+/// The requests about a rod that wait, in order.
+pub(super) fn waiting(connection: &Connection, rod: &RodId) -> Result<Vec<Request>, Trouble> {
+    select(
+        connection,
+        "SELECT number, rod, what, alarm, reason, asked FROM request WHERE applied = 0 AND rod = ? ORDER BY number",
+        &rod.0,
+    )
+}
+
+pub(super) fn mark_applied(connection: &Connection, number: i64) -> Result<(), Trouble> {
+    let found = select(
+        connection,
+        "SELECT number, rod, what, alarm, reason, asked FROM request WHERE number = ?",
+        &number,
+    )?;
+    let Some(request) = found.first() else {
+        return Err(Trouble::Other(StoreError::Unreadable {
+            what: format!("request {number}"),
+            detail: "there is none".to_owned(),
+        }));
+    };
+    row(number, &request.rod, &request.what, request.asked, true).upsert(connection, &["number"])?;
+    Ok(())
+}
+
+fn select(
+    connection: &Connection,
+    sql: &str,
+    parameter: &dyn rusqlite::ToSql,
+) -> Result<Vec<Request>, Trouble> {
+    let mut statement = connection.prepare_cached(sql)?;
+    let mut rows = statement.query([parameter])?;
+    let mut requests = Vec::new();
+    while let Some(row) = rows.next()? {
+        let (number, what): (i64, String) = (row.get(0)?, row.get(2)?);
+        let alarm: Option<String> = row.get(3)?;
+        let asked: String = row.get(5)?;
+        let what = match (what.as_str(), alarm) {
+            ("acknowledge", Some(alarm)) => Asked::Acknowledge { alarm },
+            ("rebaseline", None) => Asked::Rebaseline { reason: row.get(4)? },
+            _ => {
+                return Err(Trouble::Other(StoreError::Unreadable {
+                    what: format!("request {number}"),
+                    detail: format!("{what} is not known here"),
+                }));
+            }
+        };
+        requests.push(Request {
+            number,
+            rod: RodId(row.get(1)?),
+            what,
+            asked: time(&asked)?,
+        });
+    }
+    Ok(requests)
+}

@@ -1,0 +1,388 @@
+//! One site: the trackers of its rods, folded in the order records come, and the store they commit to.
+
+use crate::analysis::outcome::Outcome;
+use crate::analysis::record_view::Snapshot;
+use crate::analysis::signal::record::{Reading, RodId, Timestamp};
+use crate::analysis::track::{AlarmEvent, Others, Peer, TrackPlan, Tracker, Verdict};
+use crate::site::record_json;
+use crate::site::store::{
+    Asked, Carry, Commit, FileMark, Position, RecordRow, RodRow, SnapshotRow, Standing, Store, StoreError,
+};
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
+
+/// The rods of a site as they stand.
+pub struct Site {
+    trackers: BTreeMap<RodId, Tracker>,
+    emulators: BTreeMap<RodId, &'static str>,
+    store: Store,
+    config_hash: String,
+    renewed: Vec<(RodId, u32)>,
+}
+
+/// One record that was taken: its line, and what it changed.
+pub struct Taken {
+    /// The JSON line the store keeps.
+    pub line: String,
+    /// What tracking made of it.
+    pub verdict: Verdict,
+}
+
+/// One picture of a record in so many seconds is enough for people \[s\].
+const PICTURE_S: i64 = 600;
+
+/// Whether a record is the first of its stretch of [`PICTURE_S`], or the clock went back: by event time alone, so that a replay keeps the same
+/// pictures.
+fn is_pictured(before: Option<Timestamp>, start: Timestamp) -> bool {
+    let stretch = |time: Timestamp| time.as_nanos().div_euclid(PICTURE_S * 1_000_000_000);
+    before.is_none_or(|before| stretch(start) != stretch(before))
+}
+
+/// The configuration a site runs with, as the store keeps it.
+#[derive(Debug, Clone, Copy)]
+pub struct Provenance<'a> {
+    /// The site's name.
+    pub site: &'a str,
+    /// The hash records name it by.
+    pub hash: &'a str,
+    /// The text with every default filled in.
+    pub effective: &'a str,
+}
+
+/// What a daemon remembers besides records.
+#[derive(Debug, Clone, Copy)]
+pub enum Note<'a> {
+    /// A file was read to its end.
+    File {
+        /// The file; `None` for one that may still grow.
+        mark: Option<&'a FileMark>,
+        /// What its journal leaves for the next part.
+        carry: Option<&'a Carry>,
+    },
+    /// A sink has all news up to a number.
+    Delivered {
+        /// The sink's id.
+        sink: &'a str,
+        /// The number.
+        through: i64,
+    },
+}
+
+impl Site {
+    /// Goes on where the store left off. A rod whose numbers have another meaning now begins a new segment.
+    ///
+    /// # Errors
+    /// The store cannot be read or written.
+    pub fn open(
+        plans: impl IntoIterator<Item = Arc<TrackPlan>>,
+        mut store: Store,
+        provenance: Provenance<'_>,
+    ) -> Result<Self, StoreError> {
+        store.keep_config(provenance.hash, provenance.site, provenance.effective)?;
+        let mut states = store.states()?;
+        let (mut trackers, mut emulators) = (BTreeMap::new(), BTreeMap::new());
+        let mut renewed = Vec::new();
+        for plan in plans {
+            let rod = plan.rod().clone();
+            emulators.insert(rod.clone(), plan.emulator());
+            let tracker = match states.remove(&rod) {
+                None => Tracker::new(plan),
+                Some(state) => {
+                    let before = state.segment.number;
+                    let (tracker, events) = Tracker::resume(plan, state);
+                    if tracker.state().segment.number != before {
+                        renewed.push((rod.clone(), tracker.state().segment.number));
+                        store.commit(&Commit {
+                            rod: Some(RodRow {
+                                state: tracker.state(),
+                                stands: &tracker.rod_state(),
+                                closed: &[],
+                                events: &events,
+                            }),
+                            ..Commit::default()
+                        })?;
+                    }
+                    tracker
+                }
+            };
+            trackers.insert(rod, tracker);
+        }
+        Ok(Self {
+            trackers,
+            emulators,
+            store,
+            config_hash: provenance.hash.to_owned(),
+            renewed,
+        })
+    }
+
+    /// Goes on with another configuration and the same store.
+    ///
+    /// # Errors
+    /// The store cannot be read or written; the site is given up.
+    pub fn reload(
+        self,
+        plans: impl IntoIterator<Item = Arc<TrackPlan>>,
+        provenance: Provenance<'_>,
+    ) -> Result<Self, StoreError> {
+        Self::open(plans, self.store, provenance)
+    }
+
+    /// The rods whose numbers have another meaning since the site was opened, with the segment they began.
+    pub fn renewed(&self) -> &[(RodId, u32)] {
+        &self.renewed
+    }
+
+    /// The rods, and the latest record of each that was believed.
+    pub fn latest(&self) -> impl Iterator<Item = (&RodId, Option<Timestamp>)> {
+        self.trackers
+            .iter()
+            .map(|(rod, tracker)| (rod, tracker.state().latest))
+    }
+
+    /// How its rods stand; the store may know others, which are no longer configured.
+    ///
+    /// # Errors
+    /// The store cannot be read.
+    pub fn standings(&self) -> Result<Vec<Standing>, StoreError> {
+        let mut standings = self.store.standings()?;
+        standings.retain(|standing| self.trackers.contains_key(&standing.rod));
+        Ok(standings)
+    }
+
+    /// What is remembered.
+    pub fn store(&self) -> &Store {
+        &self.store
+    }
+
+    /// Does several things that become durable at once, and are visible to others only then.
+    ///
+    /// # Errors
+    /// As what is done; the site must be given up, nothing of it was kept.
+    pub fn together<T>(
+        &mut self,
+        act: impl FnOnce(&mut Self) -> Result<T, StoreError>,
+    ) -> Result<T, StoreError> {
+        self.store.begin_group()?;
+        let value = act(self)?;
+        self.store.end_group()?;
+        Ok(value)
+    }
+
+    /// Takes what came of one record and makes it durable; `None` if the store has the record already, or the site does not
+    /// have its rod. What people asked of the rod is done first.
+    ///
+    /// # Errors
+    /// The store refuses: nothing of the record was kept, and nothing more can be.
+    pub fn take(
+        &mut self,
+        outcome: &Outcome,
+        position: Option<Position<'_>>,
+    ) -> Result<Option<Taken>, StoreError> {
+        let rod = outcome.rod();
+        let (Some(input), Some(identity)) = (outcome.input(), outcome.identity()) else {
+            return Ok(None);
+        };
+        if self.store.known(rod, &identity) {
+            return Ok(None);
+        }
+        self.do_as_asked(rod)?;
+        let peers: Vec<Peer> = self
+            .trackers
+            .iter()
+            .filter(|(other, _)| *other != rod)
+            .map(|(_, tracker)| tracker.as_peer())
+            .collect();
+        let Some((rod, mut tracker)) = self.trackers.remove_entry(rod) else {
+            return Ok(None);
+        };
+        let before = tracker.state().latest;
+        let others = Others::new(self.trackers.values().map(Tracker::state));
+        let verdict = tracker.step_beside(&input, &peers, &others);
+        let tracker = self.trackers.entry(rod.clone()).or_insert(tracker);
+        let rod = &rod;
+        // Only of the latest record that is believed: the picture of a wrong clock would stand for years.
+        let snapshot = match outcome {
+            Outcome::Identified(identification) => identification
+                .measurement
+                .as_ref()
+                .map(|measurement| measurement.start)
+                .filter(|start| tracker.state().latest == Some(*start) && before != Some(*start))
+                .filter(|start| tracker.state().periods.is_empty() || is_pictured(before, *start))
+                .and_then(|_| Snapshot::of(tracker.plan().prior(), identification)),
+            Outcome::Tabulated(_) => None,
+            // What a refused record looked like says why it was; as seldom, and never in place of one that was believed.
+            Outcome::Rejected(rejected) => {
+                let before = self.store.refused_picture(rod)?;
+                let has_period = !tracker.state().periods.is_empty();
+                rejected
+                    .start
+                    .filter(|start| !has_period || is_pictured(before, *start))
+                    .and_then(|_| Snapshot::of_rejected(rejected))
+            }
+        };
+        let line = record_json::json(outcome, Some(&verdict), &self.config_hash);
+        self.store.commit(&Commit {
+            record: Some(RecordRow {
+                outcome,
+                line: &line,
+                emulator: self.emulators.get(rod).copied().unwrap_or_default(),
+            }),
+            rod: Some(RodRow {
+                state: tracker.state(),
+                stands: &verdict.state,
+                closed: &verdict.closed,
+                events: &verdict.events,
+            }),
+            snapshot: snapshot.as_ref().map(|snapshot| SnapshotRow {
+                rod,
+                segment: verdict.segment,
+                snapshot,
+            }),
+            source: position,
+            ..Commit::default()
+        })?;
+        Ok(Some(Taken { line, verdict }))
+    }
+
+    /// Takes temperatures a recording held beside its records and makes them durable; whether they said anything new.
+    ///
+    /// `after` is the rod's record that came before them. They count only where that is the record the rod took last: so
+    /// the same recording read again, or the same run begun again, changes nothing.
+    ///
+    /// # Errors
+    /// The store refuses: nothing of them was kept.
+    pub fn take_readings(
+        &mut self,
+        rod: &RodId,
+        readings: &[Reading],
+        after: Option<[u8; 32]>,
+    ) -> Result<bool, StoreError> {
+        let Some(tracker) = self.trackers.get_mut(rod) else {
+            return Ok(false);
+        };
+        if self.store.last_identity(rod)? != after || !tracker.take_readings(readings) {
+            return Ok(false);
+        }
+        self.store.commit(&Commit {
+            rod: Some(RodRow {
+                state: tracker.state(),
+                stands: &tracker.rod_state(),
+                closed: &[],
+                events: &[],
+            }),
+            ..Commit::default()
+        })?;
+        Ok(true)
+    }
+
+    /// Looks at the clock for a rod whose last record was taken `elapsed_s` ago \[s\]: tells when there is no data. The news.
+    ///
+    /// # Errors
+    /// The store refuses: nothing of it was kept.
+    pub fn look_at_clock(&mut self, rod: &RodId, elapsed_s: f64) -> Result<Vec<AlarmEvent>, StoreError> {
+        let Some(tracker) = self.trackers.get_mut(rod) else {
+            return Ok(Vec::new());
+        };
+        let Some(latest) = tracker.state().latest else {
+            return Ok(Vec::new());
+        };
+        let events = tracker.look_at_clock(latest.plus_seconds(elapsed_s));
+        if !events.is_empty() {
+            self.store.commit(&Commit {
+                rod: Some(RodRow {
+                    state: tracker.state(),
+                    stands: &tracker.rod_state(),
+                    closed: &[],
+                    events: &events,
+                }),
+                ..Commit::default()
+            })?;
+        }
+        Ok(events)
+    }
+
+    /// Does what people asked of any rod of the site, in the order they did; how much that was.
+    ///
+    /// # Errors
+    /// The store refuses: what was not done yet still waits.
+    pub fn apply_requests(&mut self) -> Result<usize, StoreError> {
+        let mut applied = 0;
+        for rod in self.store.rods_asked()? {
+            applied += self.do_as_asked(&rod)?;
+        }
+        Ok(applied)
+    }
+
+    /// Keeps what a daemon remembers of its sources and sinks.
+    ///
+    /// # Errors
+    /// The store refuses: nothing of it was kept.
+    pub fn note(&mut self, note: Note<'_>) -> Result<(), StoreError> {
+        let commit = match note {
+            Note::File { mark, carry } => Commit {
+                file: mark,
+                carry,
+                ..Commit::default()
+            },
+            Note::Delivered { sink, through } => Commit {
+                delivered: Some((sink, through)),
+                ..Commit::default()
+            },
+        };
+        self.store.commit(&commit)
+    }
+
+    /// Removes JSON lines that are older than `keep_s` before the rod's latest record \[s\], a few at a time: see
+    /// [`Store::forget_lines`].
+    ///
+    /// # Errors
+    /// The store refuses.
+    pub fn forget_lines(
+        &mut self,
+        rod: &RodId,
+        keep_s: f64,
+        from: Option<Timestamp>,
+    ) -> Result<Option<Timestamp>, StoreError> {
+        let latest = self.trackers.get(rod).and_then(|tracker| tracker.state().latest);
+        let Some(latest) = latest else { return Ok(from) };
+        self.store.forget_lines(rod, from, latest.plus_seconds(-keep_s))
+    }
+
+    /// Does what people asked of a rod, in the order they did; how much that was.
+    fn do_as_asked(&mut self, rod: &RodId) -> Result<usize, StoreError> {
+        let Some(tracker) = self.trackers.get_mut(rod) else {
+            return Ok(0);
+        };
+        let requests = self.store.waiting(rod)?;
+        for request in &requests {
+            let events = match &request.what {
+                Asked::Acknowledge { alarm } => tracker.acknowledge(alarm, request.asked),
+                Asked::Rebaseline { .. } => tracker.rebaseline(None),
+            };
+            self.store.commit(&Commit {
+                rod: Some(RodRow {
+                    state: tracker.state(),
+                    stands: &tracker.rod_state(),
+                    closed: &[],
+                    events: &events,
+                }),
+                applied: Some(request.number),
+                ..Commit::default()
+            })?;
+        }
+        Ok(requests.len())
+    }
+}
+
+/// The other sites a store holds records of.
+///
+/// # Errors
+/// The store cannot be read.
+pub fn others_in(store: &Store, site: &str) -> Result<Vec<String>, StoreError> {
+    let sites: BTreeSet<String> = store.configs()?.into_iter().map(|[_, site, _]| site).collect();
+    if sites.contains(site) {
+        return Ok(Vec::new());
+    }
+    Ok(sites.into_iter().collect())
+}

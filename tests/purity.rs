@@ -1,96 +1,470 @@
-//! The wall around the pure part: the numerics may not wait, read, remember or ask the machine.
+//! The floors of the house: imports go downward only, and the pure wing does not wait, read, remember or ask the machine.
 
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-const PURE: [&str; 17] = [
-    "record",
-    "spectrum",
-    "modes",
-    "beam",
-    "forward.rs",
-    "emulator",
-    "bayes",
-    "analysis.rs",
-    "ordered.rs",
-    "outcome.rs",
-    "findings.rs",
-    "snapshot.rs",
-    "study",
-    "synthesis",
-    "track",
-    "random.rs",
-    "wide.rs",
+/// From the ground up. A module is on the floor with the longest name that it begins with.
+const FLOORS: [&str; 56] = [
+    "analysis::numerics",
+    "analysis::rod::beam",
+    "analysis::rod::fixity",
+    "analysis::rod::prior",
+    "analysis::rod::emulator",
+    "analysis::signal::record",
+    "analysis::signal::spectrum",
+    "analysis::signal::modes",
+    "analysis::inference",
+    "analysis::identify",
+    "analysis::findings",
+    "analysis::track::observation",
+    "analysis::track::settings",
+    "analysis::track::ordered",
+    "analysis::track::baseline",
+    "analysis::track::relative",
+    "analysis::track::alternatives",
+    "analysis::track::drift",
+    "analysis::track::thermometer",
+    "analysis::track::plausibility",
+    "analysis::track::alarm",
+    "analysis::track::fold",
+    "analysis::outcome",
+    "analysis::record_view",
+    "analysis::lab::ann",
+    "analysis::lab::likelihood",
+    "analysis::lab::chains",
+    "analysis::lab::mcmc",
+    "analysis::lab::synthesis",
+    "analysis::lab::study",
+    "recording::atomic",
+    "recording::part",
+    "recording::note",
+    "recording::write",
+    "recording::read",
+    "recording::import",
+    "config::settings",
+    "config",
+    "site::clock",
+    "site::ordered_map",
+    "site::emulator_cache",
+    "site::store",
+    "site::record_json",
+    "site::analyse",
+    "site::trackers",
+    "site::prepared",
+    "service::telemetry",
+    "service::journal",
+    "service::ingest",
+    "service::api",
+    "service::viewer",
+    "service::http",
+    "service::alert",
+    "service::daemon",
+    "command::report_page",
+    "command",
 ];
 
-const FORBIDDEN: [&str; 22] = [
-    "tokio",
-    "std::fs",
+/// Modules that only declare the floors below them, and name for outside what those hold.
+const STAIRS: [&str; 9] = [
+    "",
+    "analysis",
+    "analysis::rod",
+    "analysis::signal",
+    "analysis::track",
+    "analysis::lab",
+    "recording",
+    "site",
+    "service",
+];
+
+/// Paths and macros that wait, read, remember or ask the machine.
+const FORBIDDEN: [&str; 21] = [
     "std::env",
+    "std::fs",
     "std::io",
     "std::net",
     "std::process",
     "std::thread",
-    "SystemTime",
-    "Instant",
-    "Zoned::now",
-    "Timestamp::now",
-    "rand::rng()",
-    "thread_rng",
-    "SysRng",
+    "std::time::Instant",
+    "std::time::SystemTime",
+    "tokio",
+    "tracing",
+    "rusqlite",
+    "jiff::Timestamp::now",
+    "jiff::Zoned::now",
+    "rand::rng",
+    "rand::thread_rng",
+    "rand::rngs::SysRng",
+    "print!",
     "println!",
+    "eprint!",
     "eprintln!",
-    "crate::config",
-    "crate::source",
-    "crate::sink",
-    "crate::command",
-    "crate::store",
-    "crate::plot",
+    "dbg!",
 ];
 
-fn rust_files(path: &Path, found: &mut Vec<PathBuf>) {
-    if path.is_dir() {
-        for entry in fs::read_dir(path).expect("a folder of src").flatten() {
-            rust_files(&entry.path(), found);
+/// A word, a sign or `::`, with its line.
+type Token<'t> = (usize, &'t str);
+
+/// Tokens of Rust source without comments, strings and characters.
+fn tokens(text: &str) -> Vec<Token<'_>> {
+    let mut found = Vec::new();
+    let (mut rest, mut line) = (text, 1);
+    while let Some(first) = rest.chars().next() {
+        let length = match first {
+            '/' if rest.starts_with("//") => rest.find('\n').unwrap_or(rest.len()),
+            '/' if rest.starts_with("/*") => rest.find("*/").map_or(rest.len(), |end| end + 2),
+            '"' => quoted(rest),
+            'r' if rest
+                .trim_start_matches('r')
+                .trim_start_matches('#')
+                .starts_with('"')
+                && rest[1..].starts_with(['#', '"']) =>
+            {
+                let hashes = rest[1..].len() - rest[1..].trim_start_matches('#').len();
+                let end = format!("\"{}", "#".repeat(hashes));
+                let from = hashes + 2;
+                rest[from..]
+                    .find(&end)
+                    .map_or(rest.len(), |at| from + at + end.len())
+            }
+            '\'' => character(rest),
+            _ if first.is_alphanumeric() || first == '_' => {
+                let is_word = |c: char| c.is_alphanumeric() || c == '_';
+                let length = rest.find(|c| !is_word(c)).unwrap_or(rest.len());
+                found.push((line, &rest[..length]));
+                length
+            }
+            ':' if rest.starts_with("::") => {
+                found.push((line, "::"));
+                2
+            }
+            _ if first.is_whitespace() => first.len_utf8(),
+            _ => {
+                found.push((line, &rest[..first.len_utf8()]));
+                first.len_utf8()
+            }
+        };
+        line += rest[..length].matches('\n').count();
+        rest = &rest[length..];
+    }
+    found
+}
+
+/// Length of the string literal in front.
+fn quoted(text: &str) -> usize {
+    let mut escaped = false;
+    for (at, c) in text.char_indices().skip(1) {
+        match c {
+            _ if escaped => escaped = false,
+            '\\' => escaped = true,
+            '"' => return at + 1,
+            _ => {}
         }
-    } else if path.extension().is_some_and(|e| e == "rs") {
-        found.push(path.to_owned());
+    }
+    text.len()
+}
+
+/// Length of the character literal in front; 1 for the quote of a lifetime.
+fn character(text: &str) -> usize {
+    let mut chars = text.char_indices().skip(1);
+    match chars.next() {
+        Some((_, '\\')) => text[3..].find('\'').map_or(text.len(), |at| at + 4),
+        Some(_) => match chars.next() {
+            Some((at, '\'')) => at + 1,
+            _ => 1,
+        },
+        None => 1,
     }
 }
 
-/// The part of a file that ships: everything before its test module, comments removed.
-fn shipped_lines(text: &str) -> impl Iterator<Item = (usize, &str)> {
-    text.lines()
-        .enumerate()
-        .take_while(|(_, line)| !line.starts_with("#[cfg(test)]"))
-        .map(|(number, line)| (number + 1, line.split("//").next().unwrap_or("")))
+/// A path with its line: absolute within the crate (`crate` in front) or as written.
+type Mention = (usize, Vec<String>);
+
+/// All paths of a module's source, groups of `use` taken apart, `super` and `self` resolved.
+fn paths(module: &[String], text: &str) -> Vec<Mention> {
+    let tokens = tokens(text);
+    let word = |at: usize| tokens.get(at).map_or("", |token| token.1);
+    let mut inline: Vec<(usize, String)> = Vec::new();
+    let (mut depth, mut at, mut found) = (0, 0, Vec::new());
+    while at < tokens.len() {
+        match word(at) {
+            "{" => depth += 1,
+            "}" => {
+                depth -= 1;
+                inline.pop_if(|(outside, _)| *outside == depth);
+            }
+            "mod" if word(at + 2) == "{" => inline.push((depth, word(at + 1).to_owned())),
+            _ => {}
+        }
+        let starts = word(at + 1) == "::" || word(at + 1) == "!" || word(at) == "use" && word(at + 1) == "{";
+        if starts && word(at).starts_with(|c: char| c.is_alphabetic()) && (at == 0 || word(at - 1) != "::") {
+            let from = if word(at) == "use" { at + 1 } else { at };
+            let mut leaves = Vec::new();
+            let end = expand(&tokens, from, Vec::new(), &mut leaves);
+            let here: Vec<&str> = module
+                .iter()
+                .map(String::as_str)
+                .chain(inline.iter().map(|(_, name)| name.as_str()))
+                .collect();
+            found.extend(
+                leaves
+                    .into_iter()
+                    .map(|(line, path)| (line, absolute(&here, &path))),
+            );
+            at = end.max(at + 1);
+        } else {
+            at += 1;
+        }
+    }
+    found
 }
 
-#[test]
-fn pure_modules_know_no_file_clock_generator_or_shell() {
-    let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
-    let mut files = Vec::new();
-    for name in PURE {
-        let path = source.join(name);
-        assert!(path.exists(), "src/{name} is listed as pure but does not exist");
-        rust_files(&path, &mut files);
+/// Leaves of the path or tree of paths at `at`; returns the place after it.
+fn expand<'t>(
+    tokens: &[Token<'t>],
+    mut at: usize,
+    mut path: Vec<&'t str>,
+    leaves: &mut Vec<(usize, Vec<&'t str>)>,
+) -> usize {
+    let word = |at: usize| tokens.get(at).map_or("", |token| token.1);
+    if word(at) == "{" {
+        at += 1;
+        while at < tokens.len() && word(at) != "}" {
+            at = expand(tokens, at, path.clone(), leaves);
+            while at < tokens.len() && word(at) != "," && word(at) != "}" {
+                at += 1; // as another name
+            }
+            at += usize::from(word(at) == ",");
+        }
+        return at + 1;
     }
-    assert!(files.len() > 20, "only {} pure files found", files.len());
+    let line = tokens.get(at).map_or(0, |token| token.0);
+    path.push(word(at));
+    if word(at + 1) == "!" {
+        path.push("!");
+    } else if word(at + 1) == "::" {
+        let next = word(at + 2);
+        if next == "{" || next == "*" || next.starts_with(|c: char| c.is_alphabetic() || c == '_') {
+            return expand(tokens, at + 2, path, leaves);
+        }
+    }
+    leaves.push((line, path));
+    at + 1
+}
 
-    let mut offences = Vec::new();
-    for file in files {
-        let text = fs::read_to_string(&file).unwrap();
-        for (number, line) in shipped_lines(&text) {
-            for word in FORBIDDEN {
-                if line.contains(word) {
-                    offences.push(format!("{}:{number}: {word}", file.display()));
+/// A path seen from a module: `super`, `self` and `crate` taken out, `crate` in front of what lies in this crate.
+fn absolute(here: &[&str], path: &[&str]) -> Vec<String> {
+    let mut at: Vec<&str> = vec!["crate"];
+    let mut rest = path;
+    match path[0] {
+        "crate" => rest = &path[1..],
+        "super" | "self" => {
+            at.extend(here);
+            while let Some((first, tail)) = rest.split_first()
+                && (*first == "super" || *first == "self")
+            {
+                if *first == "super" {
+                    at.pop();
                 }
+                rest = tail;
+            }
+        }
+        _ => at.clear(),
+    }
+    at.iter()
+        .chain(rest)
+        .filter(|word| **word != "self")
+        .map(|word| (*word).to_owned())
+        .collect()
+}
+
+/// True if a path begins with a module's name.
+fn begins(path: &[String], module: &str) -> bool {
+    let mut names = path.iter();
+    module.is_empty()
+        || module
+            .split("::")
+            .all(|name| names.next().is_some_and(|first| first == name))
+}
+
+/// The longest of some modules that a path begins with.
+fn longest(modules: &'static [&'static str], path: &[String]) -> Option<usize> {
+    let found = modules
+        .iter()
+        .enumerate()
+        .filter(|(_, module)| begins(path, module));
+    found
+        .max_by_key(|(_, module)| module.len())
+        .map(|(index, _)| index)
+}
+
+/// The upward imports of one file. A name that stairs lend is as high as the highest floor they lead to; the floors they lead to
+/// may not borrow it.
+fn upward(module: &[String], text: &str) -> Vec<String> {
+    let name = module.join("::");
+    let Some(own) = longest(&FLOORS, module) else {
+        let is_known = STAIRS.contains(&name.as_str());
+        return if is_known {
+            Vec::new()
+        } else {
+            vec![format!("{name} is on no floor")]
+        };
+    };
+    let mut offences = Vec::new();
+    for (line, path) in paths(module, text) {
+        let Some(("crate", rest)) = path.split_first().map(|(first, rest)| (first.as_str(), rest)) else {
+            continue;
+        };
+        let other = longest(&FLOORS, rest).or_else(|| {
+            let stairs = STAIRS[longest(&STAIRS, rest)?];
+            let is_outside = !begins(module, stairs);
+            let reached = FLOORS.iter().rposition(|floor| floor.starts_with(stairs));
+            reached.filter(|_| is_outside)
+        });
+        if other.is_none_or(|other| other > own) {
+            let floor = other.map_or("by no floor below", |other| FLOORS[other]);
+            offences.push(format!("{name}:{line}: {} is held {floor}", path.join("::")));
+        }
+    }
+    offences
+}
+
+/// Forbidden paths and macros in one file's shipped part: everything before its test module.
+fn impure(module: &[String], text: &str) -> Vec<String> {
+    let shipped = text.find("\n#[cfg(test)]\nmod ").map_or(text, |end| &text[..end]);
+    let mut offences = Vec::new();
+    for (line, path) in paths(module, shipped) {
+        let said = path.join("::").replace("::!", "!");
+        let is = |word: &&&str| {
+            said == **word
+                || said
+                    .strip_prefix(**word)
+                    .is_some_and(|rest| rest.starts_with("::"))
+        };
+        if let Some(word) = FORBIDDEN.iter().find(is) {
+            offences.push(format!("{}:{line}: {word}", module.join("::")));
+        }
+    }
+    offences
+}
+
+/// Modules below `src` with their text.
+fn modules() -> BTreeMap<Vec<String>, String> {
+    fn gather(path: &Path, found: &mut Vec<PathBuf>) {
+        for entry in fs::read_dir(path).unwrap().flatten() {
+            let path = entry.path();
+            if path.is_dir() {
+                gather(&path, found);
+            } else if path.extension().is_some_and(|e| e == "rs") {
+                found.push(path);
             }
         }
     }
+    let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
+    let mut files = Vec::new();
+    gather(&source, &mut files);
+    let module = |file: &Path| -> Vec<String> {
+        let path = file.strip_prefix(&source).unwrap().with_extension("");
+        let mut names: Vec<String> = path
+            .iter()
+            .map(|name| name.to_string_lossy().into_owned())
+            .collect();
+        names.pop_if(|name| name == "mod" || name == "lib");
+        names
+    };
+    let program = source.join("main.rs");
+    files
+        .iter()
+        .filter(|file| **file != program)
+        .map(|file| (module(file), fs::read_to_string(file).unwrap()))
+        .collect()
+}
+
+#[test]
+fn imports_go_downward() {
+    let modules = modules();
+    assert!(modules.len() > 300, "only {} modules found", modules.len());
+    let inhabited: BTreeSet<usize> = modules
+        .keys()
+        .filter_map(|module| longest(&FLOORS, module))
+        .collect();
+    assert_eq!(inhabited.len(), FLOORS.len(), "a floor without modules");
+    let offences: Vec<String> = modules
+        .iter()
+        .flat_map(|(module, text)| upward(module, text))
+        .collect();
+    assert!(
+        offences.is_empty(),
+        "{} imports go upward:\n{}",
+        offences.len(),
+        offences.join("\n")
+    );
+}
+
+#[test]
+fn the_pure_wing_knows_no_file_clock_generator_or_thread() {
+    let modules = modules();
+    let pure = modules
+        .iter()
+        .filter(|(module, _)| module.first().is_some_and(|wing| wing == "analysis"));
+    let offences: Vec<String> = pure.flat_map(|(module, text)| impure(module, text)).collect();
     assert!(
         offences.is_empty(),
         "pure code reaches outside:\n{}",
         offences.join("\n")
+    );
+}
+
+#[test]
+fn every_way_to_write_an_upward_import_is_seen() {
+    let module: Vec<String> = ["analysis", "rod", "prior"].map(str::to_owned).to_vec();
+    for text in [
+        "use crate::site::store::Store;",
+        "use super::super::super::site::store::Store;",
+        "use crate::{analysis::numerics::random, site::store::{Store as S, }};",
+        "pub(crate) use crate::analysis::{signal::record::RodId as Id};",
+        "fn f(x: &crate::config::Config) {}",
+        "mod tests { use super::super::super::signal::modes; }",
+        "use super::super::inference;",
+        "use crate::analysis::track::State;",
+        "use crate::analysis::track;",
+        "use super::Prior;",
+        "let text = \"// \\\" {\"; // {\nlet c = '\"'; crate::service::http::now();",
+    ] {
+        assert_eq!(upward(&module, text).len(), 1, "{text}");
+    }
+    for text in [
+        "use crate::analysis::numerics::random;",
+        "use super::beam::Section;",
+        "mod tests { use super::*; }",
+        "// crate::site::store::Store\nlet s = \"crate::site::store\";",
+        "let s = r#\"crate::site::\"store\"#;",
+    ] {
+        assert_eq!(upward(&module, text), Vec::<String>::new(), "{text}");
+    }
+    let nowhere = ["cellar".to_owned()];
+    assert_eq!(upward(&nowhere, "").len(), 1);
+}
+
+#[test]
+fn every_way_to_reach_outside_is_seen() {
+    let module: Vec<String> = ["analysis", "rod", "prior"].map(str::to_owned).to_vec();
+    for text in [
+        "use std::fs;",
+        "use std::{collections::HashMap, io::{self, Read}};",
+        "let now = std::time::Instant::now();",
+        "use std::time::{Duration, SystemTime};",
+        "println!(\"x\");",
+        "tracing::warn!(\"x\");",
+        "use tokio::sync::mpsc;",
+    ] {
+        assert!(!impure(&module, text).is_empty(), "{text}");
+    }
+    assert!(
+        impure(
+            &module,
+            "use std::time::Duration;\n#[cfg(test)]\nmod tests { use std::fs; }"
+        )
+        .is_empty()
     );
 }

@@ -4,8 +4,8 @@ use super::BadArguments;
 use super::which_store::{WhichStore, ask};
 use crate::config::Config;
 use crate::config::settings::credential::CredentialPath;
-use crate::config::settings::http::HttpSettings;
-use crate::service::http::{self, Api, Shown};
+use crate::config::settings::http::{HttpSettings, origin};
+use crate::service::http::{self, Access, Api, Shown};
 use crate::service::telemetry::Health;
 use crate::site::clock;
 use crate::site::store::Reader;
@@ -46,7 +46,7 @@ pub struct Args {
 
     /// An origin of pages that may open the live view; over `http.viewer_origins` of the configuration. May be repeated; viewers on
     /// the desktop are "file://".
-    #[arg(long, value_name = "ORIGIN", value_parser = http::origin)]
+    #[arg(long, value_name = "ORIGIN", value_parser = origin)]
     pub viewer_origin: Vec<String>,
 }
 
@@ -83,7 +83,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
             args.viewer_origin.clone()
         },
     };
-    let access = settings.access()?;
+    let access = Access::of(&settings)?;
     let Some(listener) = http::listen(&settings)? else {
         return Ok(ExitCode::SUCCESS);
     };

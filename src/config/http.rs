@@ -2,10 +2,9 @@
 
 use super::range::toml_string;
 use super::reader::{Absent, Table, key};
+use super::settings::http::{self, HttpSettings};
 use super::sink::{file, list, strings};
 use super::value::Value;
-use crate::config::settings::http::HttpSettings;
-use crate::service::http;
 use std::net::SocketAddr;
 
 /// The section.

@@ -34,7 +34,7 @@ pub use effective::KeyReference;
 pub use fault::{ConfigError, Fault};
 pub use rod::rod_id;
 pub use setting::Setting;
-pub use simulation::{SimulationConfig, field_of};
+pub use simulation::SimulationConfig;
 
 use crate::analysis::identify::AnalysisSettings;
 use crate::analysis::signal::record::{RecordSettings, RodChannels, RodId};

@@ -2,35 +2,18 @@
 
 use crate::analysis::identify::{Plan, Refusal};
 use crate::analysis::outcome::{Outcome, Rejected};
-use crate::analysis::signal::record::{Envelope, Reading, Record, Rejection, RodId, Timestamp};
-use crate::analysis::track::ordered::Reached;
-use crate::recording::read::Event;
+use crate::analysis::signal::record::{Envelope, Reading, Record, Rejection, RodId};
+use crate::recording::read::{Event, Place};
 use crate::site::ordered_map::message_of;
 use crate::site::store::Position;
 use std::collections::{BTreeMap, HashMap, HashSet};
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::Arc;
 
 /// Records that need not be analysed again.
 pub type Known = HashMap<RodId, HashSet<[u8; 32]>>;
 
-/// Where in its recording a record ended.
-#[derive(Debug, Clone)]
-pub struct Place {
-    /// The recording's name.
-    pub file: Arc<str>,
-    /// Bytes read.
-    pub bytes: u64,
-    /// Records found.
-    pub records: u64,
-    /// When the event was complete, by the rod's own stamps.
-    pub at: Timestamp,
-    /// Times up to which the rods had been followed then.
-    pub reached: Reached,
-}
-
 impl Place {
-    /// As the store keeps it.
+    /// The place as the store keeps it.
     pub fn position(&self) -> Position<'_> {
         Position {
             name: &self.file,

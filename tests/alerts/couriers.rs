@@ -9,7 +9,6 @@ use std::time::{Duration, Instant};
 use tirante::analysis::track::{Kind, What};
 use tirante::config::settings::alert::SinkSettings;
 use tirante::service::alert::Message;
-use tirante::service::daemon::Job;
 
 fn hook(url: &str) -> String {
     format!("\n[[sink]]\nid = \"hook\"\nkind = \"webhook\"\nurl = \"{url}\"\n")
@@ -159,15 +158,12 @@ fn a_restart_before_the_mark_repeats_the_same_id() {
     eventually("the sink is known", || desk.delivered("hook/standing").is_some());
     couriers.stop();
     let expected: Vec<String> = (0..3).map(|hour| id("raised", &desk.raise(hour))).collect();
-    // These jobs never reach the store.
-    let (jobs, lost) = sync_channel(100);
-    let couriers = desk.start_with(&to(&fake), jobs);
+    // These reports never reach the store.
+    let (reports, lost) = sync_channel(100);
+    let couriers = desk.start_with(&to(&fake), reports);
     eventually("all are sent", || fake.requests().len() == 3);
     couriers.stop();
-    assert!(
-        lost.iter().all(|job| matches!(job, Job::Delivered { .. })),
-        "and the queue is closed"
-    );
+    assert!(lost.iter().count() > 0, "and the queue is closed");
     assert_eq!(desk.delivered("hook"), Some(0));
     let couriers = desk.start(&to(&fake));
     eventually("all are marked", || desk.delivered("hook") == Some(3));
@@ -222,8 +218,8 @@ fn a_new_sink_is_told_what_stands_and_then_what_comes() {
 fn a_reload_sends_nothing_twice() {
     let (desk, fake) = (Desk::new(), Fake::new(&[]));
     // No mark reaches the store: only the couriers themselves know how far they are.
-    let (jobs, unwritten) = sync_channel(100);
-    let mut couriers = desk.start_with(&to(&fake), jobs);
+    let (reports, unwritten) = sync_channel(100);
+    let mut couriers = desk.start_with(&to(&fake), reports);
     let next = |couriers: &tirante::service::alert::Couriers, hour| {
         let alarm = desk.raise(hour);
         couriers.wake();
@@ -237,9 +233,7 @@ fn a_reload_sends_nothing_twice() {
         id("raised", &alarm)
     };
     eventually("the sink is known", || {
-        unwritten
-            .try_iter()
-            .any(|job| matches!(job, Job::Delivered { sink, .. } if sink == "hook/standing"))
+        unwritten.try_iter().any(|(sink, _)| sink == "hook/standing")
     });
     let mut expected = vec![next(&couriers, 0)];
     couriers.reload(&to(&fake), SITE);
@@ -263,8 +257,8 @@ fn couriers_stop_at_once() {
     let failing = Fake::new(&vec![Answer::Status(500, "Retry-After: 60\r\n"); 10_000]);
     let second = hook(&failing.url()).replace("\"hook\"", "\"other\"");
     let sinks = sinks(&(hook(&hanging.url()) + &second));
-    let (jobs, received) = sync_channel(1);
-    let couriers = desk.start_with(&sinks, jobs);
+    let (reports, received) = sync_channel(1);
+    let couriers = desk.start_with(&sinks, reports);
     // Three sinks report where they begin, and the queue holds one report: the others wait.
     let mut reports = 0;
     while reports < 6 && received.recv_timeout(Duration::from_millis(500)).is_ok() {
@@ -317,8 +311,8 @@ fn a_sink_that_is_taken_out_leaves_no_condition_behind() {
 #[test]
 fn a_full_queue_keeps_couriers_neither_from_sending_nor_from_stopping() {
     let (desk, fake) = (Desk::new(), Fake::new(&[]));
-    let (jobs, received) = sync_channel(1);
-    let couriers = desk.start_with(&to(&fake), jobs);
+    let (reports, received) = sync_channel(1);
+    let couriers = desk.start_with(&to(&fake), reports);
     eventually("the first report", || received.try_iter().next().is_some());
     // It stays full while an archive is read: alarms arrive all the same.
     eventually("the sink is known", || {
@@ -369,13 +363,12 @@ fn a_sink_hears_only_what_it_wants() {
 fn a_store_that_cannot_be_read_is_told_and_tried_again() {
     let (desk, fake) = (Desk::new(), Fake::new(&[]));
     let missing = desk.path("none.db");
-    let (jobs, _received) = sync_channel(10);
     let couriers = tirante::service::alert::Couriers::start_at(
         FAST,
         &to(&fake),
         SITE,
         &missing,
-        jobs,
+        Box::new(|_, _| true),
         desk.telemetry.clone(),
     );
     eventually("it is told", || {

@@ -12,7 +12,6 @@ use tirante::analysis::track::{Alarm, AlarmEvent, Kind, RodState, State, What};
 use tirante::config::Config;
 use tirante::config::settings::alert::SinkSettings;
 use tirante::service::alert::{Couriers, Pace};
-use tirante::service::daemon::Job;
 use tirante::service::telemetry::{Fault, Health, Telemetry};
 use tirante::site::store::{Commit, Durability, RodRow, Store};
 
@@ -25,12 +24,15 @@ pub const FAST: Pace = Pace {
     deadline: Duration::from_millis(300),
 };
 
+/// A sink's id and the number of the latest news it has.
+pub type Report = (String, i64);
+
 pub struct Desk {
     pub folder: TempDir,
     pub store: Arc<Mutex<Store>>,
     pub telemetry: Telemetry,
     pub health: Arc<Health>,
-    pub jobs: SyncSender<Job>,
+    pub reports: SyncSender<Report>,
 }
 
 impl Desk {
@@ -39,13 +41,10 @@ impl Desk {
         let folder = tempfile::tempdir().unwrap();
         let store = Store::open(&folder.path().join("site.db"), Durability::Replay).unwrap();
         let store = Arc::new(Mutex::new(store));
-        let (jobs, received) = sync_channel(4);
+        let (reports, received) = sync_channel::<Report>(4);
         let writer = Arc::clone(&store);
         thread::spawn(move || {
-            for job in received {
-                let Job::Delivered { sink, through } = job else {
-                    panic!("not of a courier")
-                };
+            for (sink, through) in received {
                 writer
                     .lock()
                     .unwrap()
@@ -61,7 +60,7 @@ impl Desk {
             store,
             health: Arc::clone(&telemetry.health),
             telemetry,
-            jobs,
+            reports,
         }
     }
 
@@ -110,16 +109,16 @@ impl Desk {
     }
 
     pub fn start(&self, sinks: &[SinkSettings]) -> Couriers {
-        self.start_with(sinks, self.jobs.clone())
+        self.start_with(sinks, self.reports.clone())
     }
 
-    pub fn start_with(&self, sinks: &[SinkSettings], jobs: SyncSender<Job>) -> Couriers {
+    pub fn start_with(&self, sinks: &[SinkSettings], reports: SyncSender<Report>) -> Couriers {
         Couriers::start_at(
             FAST,
             sinks,
             SITE,
             &self.path("site.db"),
-            jobs,
+            Box::new(move |sink, through| reports.send((sink, through)).is_ok()),
             self.telemetry.clone(),
         )
     }

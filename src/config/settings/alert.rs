@@ -7,6 +7,9 @@ use crate::analysis::track::alarm::Kind;
 /// The id of the log, the sink that is always there.
 pub const LOG: &str = "log";
 
+/// The names in braces that a topic may hold.
+pub const TOPIC_PLACES: [&str; 5] = ["{site}", "{rod}", "{kind}", "{what}", "{alarm}"];
+
 /// One sink.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SinkSettings {

@@ -1,15 +1,20 @@
 //! Passwords, tokens and certificates: always in files, read when they are needed, never kept, never logged.
 
-use crate::service::alert::Failure;
 use std::fs::File;
 use std::io::Read;
 use std::path::PathBuf;
+use thiserror::Error;
 
 /// What a path begins with that lies in the folder of systemd's `LoadCredential=`.
 const PREFIX: &str = "$CREDENTIALS_DIRECTORY/";
 
 /// The longest file read \[bytes\].
 const LONGEST: u64 = 1 << 20;
+
+/// A file that cannot be read, or does not hold what it should, in one sentence.
+#[derive(Debug, Clone, PartialEq, Eq, Error)]
+#[error("{0}")]
+pub struct CredentialError(String);
 
 /// The path of a file with a password, a token or certificates, as the configuration has it.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -30,12 +35,12 @@ impl CredentialPath {
     ///
     /// # Errors
     /// It cannot be read.
-    pub fn read(&self) -> Result<Vec<u8>, Failure> {
+    pub fn read(&self) -> Result<Vec<u8>, CredentialError> {
         let path = self.path()?;
         let mut bytes = Vec::new();
         File::open(&path)
             .and_then(|file| file.take(LONGEST).read_to_end(&mut bytes))
-            .map_err(|error| Failure::new(format!("{}: {error}", self.0)))?;
+            .map_err(|error| CredentialError(format!("{}: {error}", self.0)))?;
         Ok(bytes)
     }
 
@@ -43,22 +48,25 @@ impl CredentialPath {
     ///
     /// # Errors
     /// It cannot be read, or holds something else than one line of text.
-    pub fn read_line(&self) -> Result<String, Failure> {
+    pub fn read_line(&self) -> Result<String, CredentialError> {
         let text = String::from_utf8(self.read()?).ok();
         let line = text.as_deref().map(|text| text.trim_end_matches(['\r', '\n']));
         match line {
             Some(line) if !line.is_empty() && !line.chars().any(char::is_control) => Ok(line.to_owned()),
-            _ => Err(Failure::new(format!("{} does not hold one line of text", self.0))),
+            _ => Err(CredentialError(format!(
+                "{} does not hold one line of text",
+                self.0
+            ))),
         }
     }
 
-    fn path(&self) -> Result<PathBuf, Failure> {
+    fn path(&self) -> Result<PathBuf, CredentialError> {
         let Some(name) = self.0.strip_prefix(PREFIX) else {
             return Ok(PathBuf::from(&self.0));
         };
         match std::env::var_os("CREDENTIALS_DIRECTORY") {
             Some(folder) => Ok(PathBuf::from(folder).join(name)),
-            None => Err(Failure::new(format!(
+            None => Err(CredentialError(format!(
                 "{}: $CREDENTIALS_DIRECTORY is not set; systemd sets it for a unit with LoadCredential=",
                 self.0
             ))),
@@ -75,7 +83,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("token");
         let file = CredentialPath::new(path.to_str().unwrap());
-        assert!(file.read_line().unwrap_err().reason.contains("token"));
+        assert!(file.read_line().unwrap_err().0.contains("token"));
         for (text, line) in [
             ("secret\n", Some("secret")),
             ("se cret", Some("se cret")),
@@ -96,7 +104,7 @@ mod tests {
             let failure = CredentialPath::new("$CREDENTIALS_DIRECTORY/mail")
                 .read()
                 .unwrap_err();
-            assert!(failure.reason.contains("LoadCredential"), "{}", failure.reason);
+            assert!(failure.0.contains("LoadCredential"), "{failure}");
         }
     }
 }

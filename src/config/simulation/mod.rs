@@ -246,7 +246,7 @@ fn check_channels(table: &Table<'_>, rods: &[SimulatedRod], written: Written) {
             }
         }
         let check = |channel: &Channel, is_batch: bool| {
-            let field = field_of(written.encoding, is_batch);
+            let field = written.encoding.samples_field(is_batch);
             if channel.field != field {
                 fault(format!(
                     "encoding and samples_per_message write field \"{field}\", its channel {} reads \"{}\"",
@@ -254,7 +254,7 @@ fn check_channels(table: &Table<'_>, rods: &[SimulatedRod], written: Written) {
                 ));
             }
             if let TimeSource::Field(time) = &channel.time {
-                match time_field_of(written.encoding, is_batch) {
+                match written.encoding.time_field(is_batch) {
                     Some(field) if field == time => {}
                     Some(field) => fault(format!(
                         "time stands in field \"{field}\", its channel reads \"{time}\""
@@ -286,23 +286,5 @@ fn check_channels(table: &Table<'_>, rods: &[SimulatedRod], written: Written) {
         if rods[..i].iter().any(|other| other.rod == rod.rod) {
             table.fault_of("rod", format!("\"{}\" is simulated twice", rod.rod));
         }
-    }
-}
-
-/// The field of a message that holds the samples, as [`crate::recording::write`] writes it.
-pub fn field_of(encoding: Encoding, is_batch: bool) -> &'static str {
-    match (encoding, is_batch) {
-        (_, true) => "values",
-        (Encoding::Ros2, false) => "data",
-        (Encoding::Json | Encoding::Protobuf, false) => "value",
-    }
-}
-
-/// The field of a message that holds its time.
-fn time_field_of(encoding: Encoding, is_batch: bool) -> Option<&'static str> {
-    match (encoding, is_batch) {
-        (_, false) => None,
-        (Encoding::Ros2, true) => Some("start"),
-        (Encoding::Json | Encoding::Protobuf, true) => Some("start_ns"),
     }
 }

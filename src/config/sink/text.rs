@@ -2,7 +2,7 @@
 
 use super::super::value::{Value, quoted};
 use super::Kind;
-use crate::service::alert::TOPIC_PLACES;
+use crate::config::settings::alert::TOPIC_PLACES;
 use lettre::message::Mailbox;
 use std::net::IpAddr;
 use ureq::http::{HeaderName, HeaderValue, Uri};

@@ -5,7 +5,6 @@ use super::asked::{Asked, Wanted, channels_of, choose, told, unit};
 use super::grid::{self, Stretch};
 use super::{ImportError, MOST_VALUES, Signal, Stamps, Timing};
 use crate::analysis::signal::record::{Timestamp, Unit};
-use crate::config::field_of;
 use crate::recording::write::{Encoding, Layout};
 use std::ops::Range;
 use std::sync::Arc;
@@ -61,7 +60,7 @@ impl Planned {
 
     /// The field of a message that holds them.
     pub fn field(&self, encoding: Encoding) -> &'static str {
-        field_of(encoding, matches!(self.layout, Layout::Batch(_)))
+        encoding.samples_field(matches!(self.layout, Layout::Batch(_)))
     }
 }
 

@@ -4,12 +4,12 @@
 //! and the rods of a site may lie in files of their own. A file that holds a topic at times at which another one has it too
 //! (a copy, most likely) is a series of its own, and so is one that does not say what it holds before it is read.
 
+use super::Place;
 use super::folder::{Span, first_time_at, span_at};
 use super::route::{Rod, Router};
 use super::{Event, Follow, Options, Parts, Poll, Recording, Series, SeriesPoll, SourceError, Summary};
 use crate::analysis::signal::record::{RecordSettings, RodChannels};
 use crate::recording::part;
-use crate::site::analyse::Place;
 use std::collections::{HashMap, VecDeque};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;

@@ -3,6 +3,7 @@
 //! Where a part ends nothing is cut: the next one goes on, also behind a part that a crash tore. Replay and daemon read
 //! a journal here, so they cut the same records.
 
+use super::Place;
 use super::mcap::{Damage, Progress, Reader};
 use super::route::{Router, Timed};
 use super::verify::{Check, Trust};
@@ -10,7 +11,6 @@ use super::{SourceError, Summary, carry};
 use crate::analysis::signal::record::{Event, RecordSettings, RodChannels};
 use crate::analysis::track::ordered::Reached;
 use crate::recording::part;
-use crate::site::analyse::Place;
 use std::collections::VecDeque;
 use std::fs::File;
 use std::os::unix::fs::FileExt;

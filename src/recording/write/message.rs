@@ -29,6 +29,26 @@ pub enum Encoding {
     Ros2,
 }
 
+impl Encoding {
+    /// The field of a message that holds its sample or samples.
+    pub fn samples_field(self, is_batch: bool) -> &'static str {
+        match (self, is_batch) {
+            (_, true) => "values",
+            (Self::Ros2, false) => "data",
+            (Self::Json | Self::Protobuf, false) => "value",
+        }
+    }
+
+    /// The field of a message that holds its time; a single sample has none.
+    pub fn time_field(self, is_batch: bool) -> Option<&'static str> {
+        match (self, is_batch) {
+            (_, false) => None,
+            (Self::Ros2, true) => Some("start"),
+            (Self::Json | Self::Protobuf, true) => Some("start_ns"),
+        }
+    }
+}
+
 /// What one message holds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Layout {

@@ -2,14 +2,13 @@
 
 use super::Pace;
 use super::courier::{Courier, Errand, Place};
-use super::marks::Marks;
+use super::marks::{Delivered, Marks};
 use super::signal::Signal;
 use crate::config::settings::alert::SinkSettings;
-use crate::service::daemon::Job;
 use crate::service::telemetry::{Fault, Telemetry};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -34,16 +33,16 @@ struct Running {
 }
 
 impl Couriers {
-    /// Starts one for each sink and one for the log. They read `store` and report through `jobs`, of which they keep a
-    /// sender until they are stopped.
+    /// Starts one for each sink and one for the log. They read `store` and report to `delivered`, which they keep
+    /// until they are stopped.
     pub fn start(
         sinks: &[SinkSettings],
         site: &str,
         store: &Path,
-        jobs: SyncSender<Job>,
+        delivered: Delivered,
         telemetry: Telemetry,
     ) -> Self {
-        Self::start_at(Pace::default(), sinks, site, store, jobs, telemetry)
+        Self::start_at(Pace::default(), sinks, site, store, delivered, telemetry)
     }
 
     /// Starts them at another pace than the usual one.
@@ -52,11 +51,11 @@ impl Couriers {
         sinks: &[SinkSettings],
         site: &str,
         store: &Path,
-        jobs: SyncSender<Job>,
+        delivered: Delivered,
         telemetry: Telemetry,
     ) -> Self {
         let marks = Arc::<Marks>::default();
-        let marks_ended = match marks.start(jobs) {
+        let marks_ended = match marks.start(delivered) {
             Ok(ended) => Some(ended),
             Err(error) => {
                 let detail = format!("what was delivered cannot be remembered, no thread for it: {error}");

@@ -3,12 +3,15 @@
 //! A thread of its own waits for a place in the queue of jobs, which may be full for hours while an archive is read: a
 //! courier must not wait with its next alarm for that. Marks that wait are joined: only the latest of a sink counts.
 
-use crate::service::daemon::Job;
 use std::collections::BTreeMap;
 use std::io;
-use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::sync::mpsc::{Receiver, sync_channel};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread;
+
+/// Takes the number of the latest news that a sink has, by the sink's id; waits for its turn, and returns false when nobody
+/// listens any more.
+pub type Delivered = Box<dyn FnMut(String, i64) -> bool + Send>;
 
 /// Marks that wait to be reported.
 #[derive(Debug, Default)]
@@ -24,15 +27,15 @@ struct Inner {
 }
 
 impl Marks {
-    /// Starts the thread that reports marks to `jobs`; it has ended, and `jobs` is let go, when the receiver is
+    /// Starts the thread that reports marks to `delivered`; it has ended, and `delivered` is dropped, when the receiver is
     /// disconnected.
-    pub(super) fn start(self: &Arc<Self>, jobs: SyncSender<Job>) -> io::Result<Receiver<()>> {
+    pub(super) fn start(self: &Arc<Self>, delivered: Delivered) -> io::Result<Receiver<()>> {
         let marks = Arc::clone(self);
         let (ending, ended) = sync_channel(0);
         thread::Builder::new()
             .name("sink marks".to_owned())
             .spawn(move || {
-                marks.report(jobs);
+                marks.report(delivered);
                 drop(ending);
             })?;
         Ok(ended)
@@ -50,7 +53,7 @@ impl Marks {
         self.changed.notify_all();
     }
 
-    fn report(&self, jobs: SyncSender<Job>) {
+    fn report(&self, mut delivered: Delivered) {
         loop {
             let mut inner = self.lock();
             while inner.waiting.is_empty() {
@@ -62,7 +65,7 @@ impl Marks {
             let waiting = std::mem::take(&mut inner.waiting);
             drop(inner);
             for (sink, through) in waiting {
-                if jobs.send(Job::Delivered { sink, through }).is_err() {
+                if !delivered(sink, through) {
                     return;
                 }
             }

@@ -1,8 +1,8 @@
 //! Alarms that arrive: the outbox delivered to every sink, in order, at least once.
 //!
 //! The store's outbox is the queue. One thread a sink, a courier, reads it beside the writer, sends one piece of news
-//! at a time, and only when the other side has taken it reports the place reached as a [`Job`](crate::service::daemon::Job). A
-//! sink that fails is tried again for ever and holds up nobody else. docs/sinks.md is the page for operators.
+//! at a time, and only when the other side has taken it reports the place reached to whoever started it. A sink
+//! that fails is tried again for ever and holds up nobody else. docs/sinks.md is the page for operators.
 
 mod alertmanager;
 pub mod backoff;
@@ -17,13 +17,14 @@ mod post;
 mod signal;
 mod webhook;
 
-use crate::config::settings::alert::{SinkKind, SinkSettings};
 pub use backoff::{Backoff, Pace};
 pub use couriers::Couriers;
+pub use marks::Delivered;
 pub use message::{Message, What};
-pub(crate) use mqtt::PLACES as TOPIC_PLACES;
 
 use crate::analysis::signal::record::Timestamp;
+use crate::config::settings::alert::{SinkKind, SinkSettings};
+use crate::config::settings::credential::CredentialError;
 use std::time::Duration;
 
 /// Somewhere alarms go.
@@ -65,6 +66,12 @@ impl Failure {
             reason: reason.into(),
             retry_after: None,
         }
+    }
+}
+
+impl From<CredentialError> for Failure {
+    fn from(error: CredentialError) -> Self {
+        Self::new(error.to_string())
     }
 }
 

@@ -4,7 +4,7 @@
 
 use super::{Failure, Message, Sink};
 use crate::analysis::numerics::random;
-use crate::config::settings::alert::MqttSettings;
+use crate::config::settings::alert::{MqttSettings, TOPIC_PLACES};
 use crate::config::settings::credential::CredentialPath;
 use rumqttc::v5::mqttbytes::QoS;
 use rumqttc::v5::mqttbytes::v5::{Packet, PubAckReason};
@@ -99,9 +99,6 @@ impl Sink for Mqtt {
     }
 }
 
-/// The names a topic may hold.
-pub(crate) const PLACES: [&str; 5] = ["{site}", "{rod}", "{kind}", "{what}", "{alarm}"];
-
 /// The topic of a message. What stands for a level of it is one level, without wildcards.
 fn topic(template: &str, message: &Message) -> String {
     let values = [
@@ -112,7 +109,7 @@ fn topic(template: &str, message: &Message) -> String {
         &message.alarm,
     ];
     let mut topic = template.to_owned();
-    for (place, value) in PLACES.iter().zip(values) {
+    for (place, value) in TOPIC_PLACES.iter().zip(values) {
         let level: String = value
             .chars()
             .map(|c| {

@@ -2,11 +2,11 @@
 
 use super::steps::{Blame, Steps, Watch};
 use crate::analysis::signal::record::{Event, RecordSettings, RodChannels};
+use crate::recording::read::Place;
 use crate::recording::read::folder::first_time;
 use crate::recording::read::series::modified_ns;
 use crate::recording::read::{Poll, Recording, SourceError, Summary};
 use crate::service::telemetry::{Fault, Health};
-use crate::site::analyse::Place;
 use crate::site::store::{FileMark, FileState};
 use rustix::fs::{Mode, OFlags};
 use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet, VecDeque};

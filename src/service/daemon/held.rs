@@ -118,8 +118,9 @@ impl Held {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::recording::read::Place;
     use crate::recording::read::Summary;
-    use crate::site::analyse::{Analysed, Place};
+    use crate::site::analyse::Analysed;
     use std::sync::Arc;
 
     fn event(rod: &str, second: i64, reached: &[(&str, i64)]) -> Done {

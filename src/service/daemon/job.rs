@@ -2,8 +2,8 @@
 
 use crate::analysis::signal::record::Event;
 use crate::analysis::track::ordered::Reached;
+use crate::recording::read::Place;
 use crate::recording::read::{SourceError, Summary};
-use crate::site::analyse::Place;
 use crate::site::prepared::Generation;
 use crate::site::store::{Carry, FileMark};
 use std::sync::Arc;

@@ -139,7 +139,7 @@ fn show(
                     Err(error) => Err(error.to_string()),
                 }
             };
-            let access = config.http.access()?;
+            let access = http::Access::of(&config.http)?;
             Some(http::Api::new(shown, access, ask, stopped.clone()))
         }
         None => None,

@@ -68,13 +68,11 @@ impl Running {
         telemetry.metrics.standings(&site.standings()?);
 
         let (jobs, receiver) = sync_channel(JOBS);
-        let couriers = Couriers::start(
-            &config.sinks,
-            &config.site,
-            &store,
-            jobs.clone(),
-            telemetry.clone(),
-        );
+        let delivered = {
+            let jobs = jobs.clone();
+            Box::new(move |sink, through| jobs.send(Job::Delivered { sink, through }).is_ok())
+        };
+        let couriers = Couriers::start(&config.sinks, &config.site, &store, delivered, telemetry.clone());
         let couriers = Arc::new(Mutex::new(couriers));
         let workers = Workers::new(
             site.store().all_known().clone(),

@@ -1,10 +1,15 @@
 //! Who may ask: hosts the server answers to, and the token of those who may change something.
 
+use crate::config::settings::http::HttpSettings;
 use axum::http::HeaderMap;
 use axum::http::header::{AUTHORIZATION, HOST, ORIGIN};
 use sha2::{Digest, Sha256};
 use std::net::IpAddr;
+use std::os::unix::fs::PermissionsExt;
 use subtle::ConstantTimeEq;
+
+/// Shorter ones are guessed.
+const SHORTEST_TOKEN: usize = 16;
 
 /// Who may ask.
 #[derive(Clone, Default)]
@@ -18,7 +23,35 @@ pub struct Access {
 }
 
 impl Access {
-    /// Of the settings; `token` is the secret itself.
+    /// Of the settings, with the token as its file has it now.
+    ///
+    /// # Errors
+    /// The file cannot be read, or what it holds is no token.
+    pub fn of(settings: &HttpSettings) -> anyhow::Result<Self> {
+        let token = match &settings.token_file {
+            Some(file) => {
+                refuse_if_open(file.as_str())?;
+                let token = file
+                    .read_line()
+                    .map_err(|error| anyhow::anyhow!("http.token_file: {error}"))?;
+                anyhow::ensure!(
+                    token.len() >= SHORTEST_TOKEN,
+                    "http.token_file: {} holds a token shorter than {SHORTEST_TOKEN} characters; \
+                     `openssl rand -hex 24` makes a good one",
+                    file.as_str()
+                );
+                Some(token)
+            }
+            None => None,
+        };
+        Ok(Self::new(
+            token.as_deref(),
+            &settings.names,
+            &settings.viewer_origins,
+        ))
+    }
+
+    /// Of their parts; `token` is the secret itself.
     pub fn new(token: Option<&str>, names: &[String], viewer_origins: &[String]) -> Self {
         let lower = |texts: &[String]| texts.iter().map(|text| text.to_ascii_lowercase()).collect();
         Self {
@@ -84,23 +117,44 @@ impl Access {
     }
 }
 
-/// An origin as browsers say it: a scheme and a host, perhaps with a port, nothing behind; `file://` has no host.
-///
-/// # Errors
-/// It is none; the text says what is expected.
-pub fn origin(text: &str) -> Result<String, String> {
-    let is_origin = text.split_once("://").is_some_and(|(scheme, host)| {
-        !scheme.is_empty() && !host.contains(['/', '*', ' ']) && (scheme == "file") == host.is_empty()
-    });
-    is_origin.then(|| text.to_owned()).ok_or_else(|| {
-        "no origin, write it like \"https://app.foxglove.dev\", without a path, or \"file://\"".to_owned()
-    })
+/// Refuses a file that every user of this machine can read or write. systemd's credentials are its own.
+fn refuse_if_open(path: &str) -> anyhow::Result<()> {
+    const OTHERS: u32 = 0o006;
+    // A file that is not there is told where it is read.
+    let Ok(data) = std::fs::metadata(path) else {
+        return Ok(());
+    };
+    let mode = data.permissions().mode() & 0o777;
+    anyhow::ensure!(
+        mode & OTHERS == 0,
+        "http.token_file: {path} can be read or written by everybody on this machine (mode {mode:03o}): `chmod 600 {path}`"
+    );
+    Ok(())
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::config::settings::credential::CredentialPath;
     use axum::http::{HeaderName, HeaderValue};
+
+    #[test]
+    fn a_token_everybody_can_read_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("token");
+        std::fs::write(&path, "0123456789abcdef0123\n").unwrap();
+        let settings = HttpSettings {
+            token_file: Some(CredentialPath::new(path.to_str().unwrap())),
+            ..HttpSettings::default()
+        };
+        for (mode, is_good) in [(0o600, true), (0o640, true), (0o644, false), (0o602, false)] {
+            std::fs::set_permissions(&path, std::fs::Permissions::from_mode(mode)).unwrap();
+            match Access::of(&settings) {
+                Ok(access) => assert!(is_good && access.has_token(), "{mode:o}"),
+                Err(error) => assert!(!is_good && error.to_string().contains("chmod 600"), "{error}"),
+            }
+        }
+    }
 
     fn headers(name: HeaderName, value: &'static str) -> HeaderMap {
         HeaderMap::from_iter([(name, HeaderValue::from_static(value))])
@@ -145,25 +199,6 @@ mod tests {
             "[evil]",
         ] {
             assert!(!access.is_host(&headers(HOST, foreign)), "{foreign}");
-        }
-    }
-
-    #[test]
-    fn origins_have_a_scheme_and_a_host_and_nothing_else() {
-        for good in ["https://app.foxglove.dev", "http://tower.local:8080", "file://"] {
-            assert_eq!(origin(good).as_deref(), Ok(good));
-        }
-        for bad in [
-            "",
-            "app.foxglove.dev",
-            "https://",
-            "://x",
-            "file://x",
-            "https://x/",
-            "https://*",
-            "null",
-        ] {
-            assert!(origin(bad).is_err(), "{bad}");
         }
     }
 

@@ -22,7 +22,7 @@ mod serve;
 mod shown;
 mod viewer;
 
-pub use access::{Access, origin};
+pub use access::Access;
 pub use api::Api;
 pub use routes::routes;
 pub use serve::{listen, serve};

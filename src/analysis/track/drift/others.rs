@@ -1,17 +1,34 @@
 //! The other rods of a site, as one rod's drift watch sees them.
 
 use super::site_rule::MOVING;
-use crate::analysis::track::alarm::Kind;
-use crate::analysis::track::fold::state::State;
+use std::fmt::Debug;
+
+/// Another rod of the site as it is at one moment of event time.
+pub trait Neighbour: Debug + Sync {
+    /// The rod's name.
+    fn name(&self) -> &str;
+
+    /// N_t / N_0 - 1 in a period, closed or still open; `None` if the rod was not measured in it.
+    fn ratio_in(&self, index: i64, period_s: f64) -> Option<f64>;
+
+    /// Evidence of a change of its own; `None` before its detectors have begun.
+    fn evidence(&self) -> Option<f64>;
+
+    /// True if its drift alarm stands.
+    fn drifts(&self) -> bool;
+
+    /// True if it was told to have moved together with others.
+    fn has_moved_with_others(&self) -> bool;
+}
 
 /// The other rods of the site as they are at one moment of event time.
 #[derive(Debug, Clone, Default)]
-pub struct Others<'a>(Vec<&'a State>);
+pub struct Others<'a>(Vec<&'a dyn Neighbour>);
 
 impl<'a> Others<'a> {
-    /// The rods' states.
-    pub fn new(states: impl IntoIterator<Item = &'a State>) -> Self {
-        Self(states.into_iter().collect())
+    /// Of these rods.
+    pub fn new<N: Neighbour + 'a>(rods: impl IntoIterator<Item = &'a N>) -> Self {
+        Self(rods.into_iter().map(|rod| rod as &dyn Neighbour).collect())
     }
 
     /// How many there are.
@@ -21,26 +38,21 @@ impl<'a> Others<'a> {
 
     /// The other rods that do not drift, by name, with N_t / N_0 - 1 where they were measured in a period.
     pub(crate) fn ratios(&self, index: i64, period_s: f64) -> impl Iterator<Item = (&str, Option<f64>)> {
-        let steady = self.0.iter().filter(|state| !state.holds(Kind::Drift));
-        steady.map(move |state| (state.rod.0.as_str(), state.ratio_in(index, period_s)))
+        let steady = self.0.iter().filter(|rod| !rod.drifts());
+        steady.map(move |rod| (rod.name(), rod.ratio_in(index, period_s)))
     }
 
     /// How many of them show evidence of a change themselves, or were told to have moved together.
     pub(crate) fn moving(&self) -> usize {
-        let shows = |state: &State| {
-            state
-                .watch
-                .as_ref()
-                .is_some_and(|watch| watch.evidence() > MOVING)
-        };
+        let shows = |rod: &dyn Neighbour| rod.evidence().is_some_and(|evidence| evidence > MOVING);
         self.0
             .iter()
-            .filter(|state| shows(state) || state.holds(Kind::Common))
+            .filter(|rod| shows(**rod) || rod.has_moved_with_others())
             .count()
     }
 
     /// Whether one of them has told already that rods move together.
     pub(crate) fn has_told_common(&self) -> bool {
-        self.0.iter().any(|state| state.holds(Kind::Common))
+        self.0.iter().any(|rod| rod.has_moved_with_others())
     }
 }

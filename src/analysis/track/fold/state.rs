@@ -5,6 +5,7 @@ use crate::analysis::signal::record::{Reading, RodId, Timestamp};
 use crate::analysis::track::alarm::{Alarm, Kind, Watches};
 use crate::analysis::track::baseline::Baseline;
 use crate::analysis::track::drift::Filters;
+use crate::analysis::track::drift::others::Neighbour;
 use crate::analysis::track::drift::period::{self, Pending, Period};
 use crate::analysis::track::drift::watch::DriftWatch;
 use crate::analysis::track::observation::Observation;
@@ -141,22 +142,6 @@ impl State {
             .any(|alarm| alarm.kind == kind && alarm.cleared.is_none())
     }
 
-    /// N_t / N_0 - 1 in a period, closed or still open; `None` if the rod was not measured in it.
-    pub(crate) fn ratio_in(&self, index: i64, period_s: f64) -> Option<f64> {
-        let of = |period: &Period| period.index.cmp(&index);
-        if let Ok(place) = self.periods.binary_search_by(of) {
-            return Some(self.periods[place].delta);
-        }
-        let within = |pending: &&Pending| period::index_of(pending.start, period_s) == index;
-        let (mut weight, mut sum) = (0.0, 0.0);
-        for pending in self.open.iter().filter(within) {
-            let w = 1.0 / (pending.sd * pending.sd);
-            weight += w;
-            sum += w * pending.delta;
-        }
-        (weight > 0.0).then(|| sum / weight)
-    }
-
     /// The next segment: everything is learned anew; time and temperature go on, unless the clock was wrong.
     pub fn next_segment(&self, reason: Opening, key: String, anew_in_time: bool) -> Self {
         let mut next = Self::new(self.rod.clone(), key);
@@ -201,5 +186,38 @@ impl State {
             (None, _) => return None,
         };
         Some(last.seconds_since(first) / (records.max(2) - 1) as f64)
+    }
+}
+
+impl Neighbour for State {
+    fn name(&self) -> &str {
+        &self.rod.0
+    }
+
+    fn ratio_in(&self, index: i64, period_s: f64) -> Option<f64> {
+        let of = |period: &Period| period.index.cmp(&index);
+        if let Ok(place) = self.periods.binary_search_by(of) {
+            return Some(self.periods[place].delta);
+        }
+        let within = |pending: &&Pending| period::index_of(pending.start, period_s) == index;
+        let (mut weight, mut sum) = (0.0, 0.0);
+        for pending in self.open.iter().filter(within) {
+            let w = 1.0 / (pending.sd * pending.sd);
+            weight += w;
+            sum += w * pending.delta;
+        }
+        (weight > 0.0).then(|| sum / weight)
+    }
+
+    fn evidence(&self) -> Option<f64> {
+        self.watch.as_ref().map(DriftWatch::evidence)
+    }
+
+    fn drifts(&self) -> bool {
+        self.holds(Kind::Drift)
+    }
+
+    fn has_moved_with_others(&self) -> bool {
+        self.holds(Kind::Common)
     }
 }

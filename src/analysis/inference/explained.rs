@@ -1,7 +1,31 @@
 //! Shares of a variance that sets of sources explain, by least squares on a weighted sample.
 
-use super::variance_shares::Source;
 use nalgebra::{DMatrix, DVector};
+use serde::{Deserialize, Serialize};
+
+/// A source of the force's variance.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Source {
+    /// Young's modulus.
+    Modulus,
+    /// Mass density.
+    Density,
+    /// Dimensions of the section.
+    Section,
+    /// Flexural rigidity, where it is given directly.
+    Rigidity,
+    /// Mass per length, where it is given directly.
+    Mass,
+    /// Both supports.
+    Springs,
+    /// Free length.
+    Length,
+    /// Errors of the frequencies, mostly their standard errors.
+    Measurement,
+    /// Errors of the frequencies, mostly the model's discrepancy.
+    Discrepancy,
+}
 
 /// The terms of the regression: weighted columns of mean zero and norm one, group by group.
 pub(super) struct Terms {

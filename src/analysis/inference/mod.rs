@@ -27,9 +27,10 @@ pub mod variance_shares;
 
 pub use adjust::Withheld;
 pub use conflict::{Conflict, Violation};
+pub use explained::Source;
 pub use observation::{InvalidObservation, Observation};
 pub use plan::{Inference, PlanError};
 pub use posterior::{Marginal, Posterior, Stop};
 pub use settings::{AbcSettings, Accept, Adjustment, Distance, Method, Noise};
 pub use table::{LaterTable, Table, Tables};
-pub use variance_shares::{MassDependence, Source, SourceShare, VarianceShares};
+pub use variance_shares::{MassDependence, SourceShare, VarianceShares};

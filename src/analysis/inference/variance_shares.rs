@@ -13,7 +13,7 @@
 //! modulus and supports, overlap there; the second (Shapley's value; Lindeman, Merenda and Gold 1980) divides what they have
 //! in common evenly and adds up to one.
 
-use super::explained::{Terms, shapley};
+use super::explained::{Source, Terms, shapley};
 use super::{Observation, Posterior};
 use crate::analysis::numerics::random;
 use crate::analysis::rod::beam::Quantity;
@@ -32,30 +32,6 @@ const SLOPES: usize = 64;
 const MASS_DRAWS: usize = 2048;
 /// Up to this share of its variance removed, the mass counts as not checked by the frequencies.
 const UNCHECKED: f64 = 0.2;
-
-/// A source of the force's variance.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Source {
-    /// Young's modulus.
-    Modulus,
-    /// Mass density.
-    Density,
-    /// Dimensions of the section.
-    Section,
-    /// Flexural rigidity, where it is given directly.
-    Rigidity,
-    /// Mass per length, where it is given directly.
-    Mass,
-    /// Both supports.
-    Springs,
-    /// Free length.
-    Length,
-    /// Errors of the frequencies, mostly their standard errors.
-    Measurement,
-    /// Errors of the frequencies, mostly the model's discrepancy.
-    Discrepancy,
-}
 
 /// One source's part.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]

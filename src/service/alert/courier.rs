@@ -1,7 +1,7 @@
 //! One thread a sink: takes the next news from the store, sends it, reports that it arrived, for ever.
 
 use super::marks::Marks;
-use super::signal::{Signal, Stopped};
+use super::signal::{Place, Signal, Stopped};
 use super::{Backoff, Failure, Message, Pace, Sink};
 use crate::analysis::numerics::random;
 use crate::analysis::track::alarm;
@@ -20,15 +20,6 @@ const BATCH: usize = 100;
 
 /// How often the store is looked at without being told of news.
 const LOOK_EVERY: Duration = Duration::from_secs(30);
-
-/// How far a sink's courier came.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Place {
-    /// The number of the latest news the sink has.
-    through: i64,
-    /// Whether it was told what stood when it was added.
-    knows_standing: bool,
-}
 
 /// The name under which the store remembers that a sink was told what stood when it was added. No id has a slash.
 fn standing_mark(sink: &str) -> String {

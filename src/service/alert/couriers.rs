@@ -1,9 +1,9 @@
 //! The couriers of a daemon: started, woken, reloaded and stopped together.
 
 use super::Pace;
-use super::courier::{Courier, Errand, Place};
+use super::courier::{Courier, Errand};
 use super::marks::{Delivered, Marks};
-use super::signal::Signal;
+use super::signal::{Place, Signal};
 use crate::config::settings::alert::SinkSettings;
 use crate::service::telemetry::{Fault, Telemetry};
 use std::path::{Path, PathBuf};

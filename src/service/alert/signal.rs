@@ -1,8 +1,16 @@
 //! How a courier is told of news and of its end.
 
-use super::courier::Place;
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
+
+/// How far a sink's courier came.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Place {
+    /// The number of the latest news the sink has.
+    pub(super) through: i64,
+    /// Whether it was told what stood when it was added.
+    pub(super) knows_standing: bool,
+}
 
 /// Somebody told the courier to stop.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -1,13 +1,11 @@
 //! How probable each kind of change is, and what would decide between them.
 
 use super::evidence::{self, Posterior, Seen};
+use super::kind::{DECIDED, is_axial};
 use super::response::{Alternatives, Curve, Modes};
 use super::{Kind, MeanShift, Needed};
 use serde::{Deserialize, Serialize};
 use std::fmt::Write;
-
-/// Odds from which something is said: that it is a change of the axial force against everything else together, or the reverse.
-pub const DECIDED: f64 = 20.0;
 
 /// One kind of change.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -125,20 +123,8 @@ pub(super) struct Candidate {
     pub probability: f64,
 }
 
-/// Decision for or against the axial force, if the odds say so.
-pub(super) fn is_axial(probability: f64) -> Option<bool> {
-    let odds = probability / (1.0 - probability).max(f64::MIN_POSITIVE);
-    if odds >= DECIDED {
-        Some(true)
-    } else if odds * DECIDED <= 1.0 {
-        Some(false)
-    } else {
-        None
-    }
-}
-
 impl Explained {
-    /// Decision that the axial force and nothing else changed, or that it did not, if the odds are `DECIDED` or more.
+    /// Decision that the axial force and nothing else changed, or that it did not, if the odds are `kind::DECIDED` or more.
     pub fn is_axial(&self) -> Option<bool> {
         is_axial(self.probability(Kind::Force))
     }

@@ -1,7 +1,7 @@
 //! More records or more modes that would decide whether it is the axial force.
 
 use super::evidence::Seen;
-use super::explained::is_axial;
+use super::kind::is_axial;
 use super::response::{Alternatives, Modes};
 use super::{Kind, MeanShift};
 use nalgebra::{DMatrix, DVector};

@@ -2,6 +2,9 @@
 
 use serde::{Deserialize, Serialize};
 
+/// Odds from which something is said: that it is a change of the axial force against everything else together, or the reverse.
+pub const DECIDED: f64 = 20.0;
+
 /// A kind of change. Its size is the natural logarithm of the ratio of what changed, after to before.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -72,4 +75,16 @@ impl Kind {
 pub(super) fn probability_below(x: f64, scale: f64) -> f64 {
     let s = x / scale / 3f64.sqrt();
     0.5 + (libm::atan(s) + s / (1.0 + s * s)) / std::f64::consts::PI
+}
+
+/// Decision for or against the axial force, if the odds say so.
+pub(super) fn is_axial(probability: f64) -> Option<bool> {
+    let odds = probability / (1.0 - probability).max(f64::MIN_POSITIVE);
+    if odds >= DECIDED {
+        Some(true)
+    } else if odds * DECIDED <= 1.0 {
+        Some(false)
+    } else {
+        None
+    }
 }

@@ -322,8 +322,8 @@ fn upward(module: &[String], text: &str) -> Vec<String> {
             reached.filter(|_| is_outside)
         });
         if other.is_none_or(|other| other > own) {
-            let floor = other.map_or("by no floor below", |other| FLOORS[other]);
-            offences.push(format!("{name}:{line}: {} is held {floor}", path.join("::")));
+            let floor = other.map_or("no floor", |other| FLOORS[other]);
+            offences.push(format!("{name}:{line}: {} is on {floor}", path.join("::")));
         }
     }
     offences
@@ -395,7 +395,7 @@ fn imports_go_downward() {
         .collect();
     assert!(
         offences.is_empty(),
-        "{} imports go upward:\n{}",
+        "{} imports go to a higher floor:\n{}",
         offences.len(),
         offences.join("\n")
     );

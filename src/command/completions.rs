@@ -1,7 +1,5 @@
 //! `tirante completions`: what a shell completes after `tirante`.
 
-use crate::command::cli::Cli;
-use clap::CommandFactory;
 use clap_complete::Shell;
 use std::process::ExitCode;
 
@@ -16,13 +14,13 @@ pub struct Args {
     pub shell: Shell,
 }
 
-/// Runs the command.
+/// Runs the command; `program` is the whole program's command line.
 ///
 /// # Errors
 /// Standard output cannot be written.
-pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
+pub fn run(args: &Args, program: &mut clap::Command) -> anyhow::Result<ExitCode> {
     // Into memory first: the generator panics when its reader has gone.
     let mut script = Vec::new();
-    clap_complete::generate(args.shell, &mut Cli::command(), "tirante", &mut script);
+    clap_complete::generate(args.shell, program, "tirante", &mut script);
     super::print(&script)
 }

@@ -1,8 +1,6 @@
 //! `tirante manual`: man pages and shell completions, for packages.
 
-use crate::command::cli::Cli;
 use anyhow::Context;
-use clap::CommandFactory;
 use clap_complete::Shell;
 use std::fs;
 use std::path::PathBuf;
@@ -16,17 +14,17 @@ pub struct Args {
     pub out: PathBuf,
 }
 
-/// Runs the command.
+/// Runs the command; `program` is the whole program's command line.
 ///
 /// # Errors
 /// A file cannot be written.
-pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
+pub fn run(args: &Args, program: &clap::Command) -> anyhow::Result<ExitCode> {
     let folder = &args.out;
     let write = || -> std::io::Result<()> {
         fs::create_dir_all(folder)?;
-        clap_mangen::generate_to(Cli::command(), folder)?;
+        clap_mangen::generate_to(program.clone(), folder)?;
         for shell in [Shell::Bash, Shell::Zsh, Shell::Fish] {
-            clap_complete::generate_to(shell, &mut Cli::command(), "tirante", folder)?;
+            clap_complete::generate_to(shell, &mut program.clone(), "tirante", folder)?;
         }
         Ok(())
     };

@@ -53,8 +53,9 @@ pub mod track;
 pub mod which_store;
 
 use crate::analysis::inference::PlanError;
-use crate::command::cli::Command;
 use crate::config::ConfigError;
+use clap::CommandFactory;
+use cli::{Cli, Command};
 use std::io::{self, Write};
 use std::process::ExitCode;
 
@@ -88,8 +89,8 @@ pub fn run(command: &Command) -> anyhow::Result<ExitCode> {
         Command::Run(args) => run::run(args),
         Command::Serve(args) => serve::run(args),
         Command::Send(args) => send::run(args),
-        Command::Completions(args) => completions::run(args),
-        Command::Manual(args) => manual::run(args),
+        Command::Completions(args) => completions::run(args, &mut Cli::command()),
+        Command::Manual(args) => manual::run(args, &Cli::command()),
     }
 }
 

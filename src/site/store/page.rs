@@ -3,6 +3,7 @@
 use super::state::{self, Trouble};
 use super::{Reader, StoreError, row};
 use crate::analysis::signal::record::{RodId, Timestamp};
+use crate::analysis::track::fold::packed::Packed;
 use crate::analysis::track::{Alarm, DriftWatch, Interval, Period};
 use rusqlite::Params;
 use rusqlite::types::Value;
@@ -244,7 +245,9 @@ impl Reader {
     /// # Errors
     /// As [`Reader::points_after`].
     pub fn watch(&self, rod: &RodId) -> Result<Option<DriftWatch>, StoreError> {
-        Ok(self.part::<Option<DriftWatch>>(rod, "watch")?.flatten())
+        Ok(self
+            .part::<Packed<DriftWatch>>(rod, "watch")?
+            .and_then(|watch| watch.0))
     }
 
     /// One part of what a rod's fold remembers.

@@ -5,6 +5,7 @@
 //! is there. Both are forgotten then: the baseline's own watch begins with its first record.
 
 use super::monitor::change_told;
+use super::packed::Packed;
 use super::plan::TrackPlan;
 use super::tracker::Tracker;
 use crate::analysis::signal::record::{Reading, Timestamp};
@@ -30,8 +31,7 @@ pub struct EarlyWatch {
     reference_c: Option<f64>,
     /// Records of the period that is still open.
     open: Vec<Pending>,
-    #[serde(default, with = "super::packed")]
-    watch: Option<DriftWatch>,
+    watch: Packed<DriftWatch>,
     /// Records taken.
     taken: usize,
 }
@@ -44,7 +44,7 @@ impl EarlyWatch {
             filters: Filters::default(),
             reference_c: None,
             open: Vec::new(),
-            watch: None,
+            watch: Packed(None),
             taken: 0,
         }
     }

@@ -10,14 +10,14 @@
 //! * `monitor`   closes a period: moves the detectors on, raises and clears alarms
 //! * `loss`      losses so large that nothing else explains them
 //! * `explain`   the kinds of change an alarm may be about
-//! * `packed`    filter banks as text
+//! * [`packed`]  filter banks as text
 
 mod early;
 mod explain;
 mod intake;
 mod loss;
 mod monitor;
-mod packed;
+pub mod packed;
 pub mod plan;
 mod reference;
 pub mod state;

@@ -139,7 +139,7 @@ fn look_at_misfit(tracker: &mut Tracker, period: &Period, time: Timestamp) {
 /// What the drift watch found raises `drift`, `not-axial` or `common`, unless one of them holds.
 fn look_at_finding(tracker: &mut Tracker, period: &Period, others: &Others, time: Timestamp) {
     let state = &tracker.state;
-    let Some(watch) = &state.watch else { return };
+    let Some(watch) = &*state.watch else { return };
     let finding = watch.finding(others);
     let Some(change) = change_now(tracker) else { return };
     match finding {
@@ -291,7 +291,7 @@ fn look_at_end(tracker: &mut Tracker, period: &Period, time: Timestamp) {
             board.clear(Kind::Drift, time);
             board.clear(Kind::Common, time);
         });
-        if let Some(watch) = &mut tracker.state.watch {
+        if let Some(watch) = &mut *tracker.state.watch {
             watch.restart();
         }
     }

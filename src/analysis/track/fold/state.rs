@@ -1,6 +1,7 @@
 //! Everything remembered of one rod from record to record.
 
 use super::early::EarlyWatch;
+use super::packed::Packed;
 use crate::analysis::signal::record::{Reading, RodId, Timestamp};
 use crate::analysis::track::alarm::{Alarm, Kind, Watches};
 use crate::analysis::track::baseline::Baseline;
@@ -74,8 +75,8 @@ pub struct State {
     #[serde(default)]
     pub filters: Filters,
     /// The drift watch, from the first period of the baseline.
-    #[serde(default, with = "super::packed")]
-    pub watch: Option<DriftWatch>,
+    #[serde(default)]
+    pub watch: Packed<DriftWatch>,
     /// The watch over the records that will make the baseline.
     #[serde(default)]
     pub early: Option<EarlyWatch>,
@@ -113,7 +114,7 @@ impl State {
             open: Vec::new(),
             readings: Vec::new(),
             filters: Filters::default(),
-            watch: None,
+            watch: Packed(None),
             early: None,
             closed: None,
             periods: Vec::new(),

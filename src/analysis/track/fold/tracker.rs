@@ -192,7 +192,7 @@ impl Tracker {
             };
         }
         let track = &self.plan.track;
-        match &state.watch {
+        match &*state.watch {
             None => learning(track.baseline_records, 0),
             Some(watch) if watch.periods() < track.learning_periods => {
                 learning(track.baseline_records, watch.periods())

@@ -189,6 +189,8 @@ pub enum Cause {
     Change,
     /// A period's misfit is not that of an axial change.
     Misfit,
+    /// A change that the evidence told is none of the axial force.
+    Pattern,
     /// A record's conflict with the model.
     Conflict,
     /// A record cannot be used.
@@ -203,11 +205,12 @@ pub enum Cause {
 
 impl Cause {
     /// Every cause.
-    const ALL: [Self; 9] = [
+    const ALL: [Self; 10] = [
         Self::Limit,
         Self::Loss,
         Self::Change,
         Self::Misfit,
+        Self::Pattern,
         Self::Conflict,
         Self::Unusable,
         Self::NoTemperature,
@@ -220,7 +223,7 @@ impl Cause {
         match self {
             Self::Limit | Self::Loss => Kind::Limit,
             Self::Change => Kind::Drift,
-            Self::Misfit => Kind::NotAxial,
+            Self::Misfit | Self::Pattern => Kind::NotAxial,
             Self::Conflict => Kind::Conflict,
             Self::Unusable | Self::NoTemperature => Kind::Sensor,
             Self::OutsideRange | Self::Unlearned => Kind::OutsideTraining,
@@ -267,7 +270,7 @@ impl Watches {
             Finding::Holds
         } else if run.absent >= clear {
             run.stands = false;
-            if self.stands(cause.kind()) {
+            if self.any_stands(cause.kind()) {
                 Finding::Undecided
             } else {
                 Finding::Over
@@ -277,8 +280,29 @@ impl Watches {
         }
     }
 
+    /// Notes that a condition holds from now on, whatever it was before.
+    pub fn begin(&mut self, cause: Cause) {
+        self.0.insert(
+            cause,
+            Run {
+                stands: true,
+                ..Run::default()
+            },
+        );
+    }
+
+    /// Notes that a condition is over.
+    pub fn end(&mut self, cause: Cause) {
+        self.0.remove(&cause);
+    }
+
+    /// True if a condition was found to hold and not to be over since.
+    pub fn stands(&self, cause: Cause) -> bool {
+        self.0.get(&cause).is_some_and(|run| run.stands)
+    }
+
     /// Whether a cause of this kind of alarm was found to hold and not to be over since.
-    fn stands(&self, kind: Kind) -> bool {
+    fn any_stands(&self, kind: Kind) -> bool {
         let of_kind = Cause::ALL.iter().filter(|cause| cause.kind() == kind);
         of_kind
             .filter_map(|cause| self.0.get(cause))

@@ -1,11 +1,7 @@
 //! Temperature readings that cannot be what they claim: another unit, a broken wire, a thermometer that stands still.
 //!
 //! * `standstill` dead thermometers, by the law of the thermometer's own standstills
-//! * [`pair`]     two thermometers of one site that move apart
-//! * [`common`]   rods that move together as a wrong thermometer would make them
 
-pub mod common;
-pub mod pair;
 mod standstill;
 
 use crate::analysis::signal::record::{Reading, Timestamp};

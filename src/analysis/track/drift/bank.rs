@@ -155,7 +155,6 @@ struct Decay {
 #[derive(Debug, Clone)]
 pub(super) struct Passage {
     day: f64,
-    gap: f64,
     decays: Vec<Decay>,
 }
 
@@ -170,14 +169,8 @@ impl Passage {
         };
         Self {
             day: last.map_or(day, |last| last.max(day)),
-            gap,
             decays: prior.members.iter().map(decay).collect(),
         }
-    }
-
-    /// Days passed.
-    pub fn gap(&self) -> f64 {
-        self.gap
     }
 
     fn of(&self, member: &Member) -> &Decay {
@@ -463,25 +456,6 @@ impl Bank {
             let at = place(member.mean.len(), 1, 1);
             member.cov[at] += prior.intercept_sd * prior.intercept_sd / member.scale2();
         }
-    }
-
-    /// What the columns explain of a row: mean, and standard deviation of the row's ratio less it and less the level.
-    pub fn explained(&self, row: &Row) -> (f64, f64) {
-        let mut along = vec![0.0; row.x.len()];
-        let mut x = row.x.clone();
-        (x[0], x[1]) = (0.0, 0.0);
-        let slow = x.len() - 2;
-        let (mut mean, mut square, mut variance) = (0.0, 0.0, 0.0);
-        for member in &self.members {
-            let weight = libm::exp(member.ln_weight);
-            times(&member.cov, &x, &mut along);
-            let spread = dot(&x, &along);
-            let location = dot(&x[..slow], &member.mean[..slow]);
-            mean += weight * location;
-            square += weight * location * location;
-            variance += weight * member.noise() * (row.error + spread.max(0.0));
-        }
-        (mean, (variance + (square - mean * mean).max(0.0)).sqrt())
     }
 
     /// Mean and standard deviation of the change c.

@@ -1,6 +1,6 @@
-//! Onset, size and shape of a change from the onset particles, the change since commissioning, and ratios at the reference.
+//! Onset, size and shape of a change from the onset particles.
 
-use super::bank::{Row, Seen, ln_sum};
+use super::bank::ln_sum;
 use super::detector::{Detector, Shape};
 use serde::{Deserialize, Serialize};
 
@@ -26,28 +26,6 @@ pub struct Change {
     pub ramp_probability: f64,
     /// Change in a year if it is a ramp: mean and standard deviation; `None` without ramps.
     pub rate_per_year: Option<(f64, f64)>,
-}
-
-/// A quantity with its uncertainty.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct Estimate {
-    /// Mean.
-    pub mean: f64,
-    /// Standard deviation.
-    pub sd: f64,
-    /// Central 95 % interval.
-    pub interval: [f64; 2],
-}
-
-impl Estimate {
-    fn of(parts: &[Normal]) -> Self {
-        let (mean, sd) = moments(parts);
-        Self {
-            mean,
-            sd,
-            interval: interval(parts),
-        }
-    }
 }
 
 /// One component of a mixture of normal laws.
@@ -96,52 +74,6 @@ impl Detector {
             ramp_probability,
             rate_per_year: (ramp_probability > 0.0).then(|| moments(&rates)),
         })
-    }
-
-    /// Change since commissioning ended, at the reference columns; `None` before.
-    ///
-    /// The average over a level that wanders by 1 % a year, with its evidence, and the onset particles, each with the
-    /// odds of one onset in `limit` periods. Errors of the coefficients and of the fluctuation are in it.
-    pub fn since(&self, limit: f64) -> Option<Estimate> {
-        let since = self.since.as_ref()?;
-        let day = self.last_day()?;
-        let rare = libm::log(limit.max(1.0));
-        let ln_weights = self
-            .weights()
-            .map(|weight| weight - rare)
-            .chain([since.ln_weight]);
-        let total = ln_sum(ln_weights.clone());
-        let mut parts = Vec::with_capacity(self.particles.len() + 1);
-        for (particle, ln_weight) in self.particles.iter().zip(ln_weights) {
-            let (mean, sd) = particle.bank.change();
-            let h = |day: f64| match day < particle.onset {
-                true => 0.0,
-                false => particle.shape.regressor(day - particle.onset),
-            };
-            let h = h(day) - h(since.day);
-            parts.push(Normal {
-                weight: libm::exp(ln_weight - total),
-                mean: h * mean,
-                sd: h * sd,
-            });
-        }
-        let (mean, sd) = since.bank.change();
-        parts.push(Normal {
-            weight: libm::exp(since.ln_weight - total),
-            mean,
-            sd,
-        });
-        Some(Estimate::of(&parts))
-    }
-
-    /// Ratio of a record or period at the reference columns and its standard deviation, which holds the measurement, the
-    /// fluctuation and the coefficients, not the level; `None` for a period that cannot be used.
-    pub fn compensate(&self, seen: &Seen) -> Option<(f64, f64)> {
-        let row = Row::new(&self.prior, seen)?;
-        let mut null = self.null.clone();
-        null.advance(&self.prior, &self.passage(seen.day));
-        let (explained, sd) = null.explained(&row);
-        Some((row.ratio - explained, sd))
     }
 }
 

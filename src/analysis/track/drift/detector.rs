@@ -22,9 +22,6 @@ const BEFORE: usize = 4;
 const RAMP_EVERY_D: f64 = 7.0;
 /// Days in a year.
 pub(super) const YEAR_D: f64 = 365.25;
-/// Prior standard deviation of a change at the end of commissioning, and of the change of a year by small steps.
-const SINCE_SIZE: f64 = 0.007;
-const SINCE_YEAR: f64 = 0.007;
 /// Least age in the spacing of onsets \[d\].
 const LEAST_AGE_D: f64 = 0.01;
 /// Greatest ln R that is told: beyond, it is infinite for every purpose.
@@ -93,23 +90,12 @@ pub(super) struct Particle {
     pub bank: Bank,
 }
 
-/// A bank in which the level wanders since commissioning ended.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub(super) struct Since {
-    /// End of commissioning \[d\].
-    pub day: f64,
-    /// ln of its evidence over the null bank's.
-    pub ln_weight: f64,
-    pub bank: Bank,
-}
-
-/// Null bank, onset particles, and the bank that measures the change since commissioning.
+/// Null bank and onset particles.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Detector {
     pub(super) prior: BankPrior,
     pub(super) null: Bank,
     pub(super) particles: Vec<Particle>,
-    pub(super) since: Option<Since>,
     periods: usize,
     /// Periods since the null bank began or began again.
     fresh: usize,
@@ -125,7 +111,6 @@ impl Detector {
             null: Bank::new(&prior),
             prior,
             particles: Vec::new(),
-            since: None,
             periods: 0,
             fresh: 0,
             ramp: None,
@@ -161,14 +146,6 @@ impl Detector {
             let under_change = particle.bank.learn(&self.prior, row.with_onset(h), &passage);
             particle.bank.prune();
             particle.ln_weight += under_change - under_null;
-        }
-        if let Some(since) = &mut self.since {
-            since
-                .bank
-                .wander(SINCE_YEAR * SINCE_YEAR * passage.gap() / YEAR_D);
-            since.bank.advance(&self.prior, &passage);
-            since.ln_weight += since.bank.learn(&self.prior, row.with_onset(1.0), &passage) - under_null;
-            since.bank.prune();
         }
         self.periods += 1;
         self.fresh += 1;
@@ -250,6 +227,11 @@ impl Detector {
         self.periods
     }
 
+    /// Periods since it began, or began again.
+    pub fn fresh(&self) -> usize {
+        self.fresh
+    }
+
     /// Time of the last period \[d\].
     pub fn last_day(&self) -> Option<f64> {
         self.null.day
@@ -272,15 +254,6 @@ impl Detector {
     /// Sets the probability of a jump of the residual force in a period, as readings become sparse or dense.
     pub fn set_sparse(&mut self, is_sparse: bool) {
         self.prior.set_sparse(is_sparse);
-    }
-
-    /// Ends commissioning: the change [`Detector::since`] tells is counted from here.
-    pub fn commission(&mut self) {
-        self.since = self.null.day.map(|day| Since {
-            day,
-            ln_weight: 0.0,
-            bank: self.null.with_change(SINCE_SIZE),
-        });
     }
 
     /// Begins again after a change that somebody accepted: coefficients stay known, the level is learned anew, R is zero.
@@ -411,7 +384,6 @@ mod tests {
             detector.step(&seen(f64::from(day), 0.001 * f64::from(day % 7), &columns));
         };
         (0..40).for_each(|day| step(&mut detector, day));
-        detector.commission();
         let bytes = postcard::to_stdvec(&detector).unwrap();
         let text = serde_json::to_string(&detector).unwrap();
         let mut restored: [Detector; 2] = [

@@ -4,11 +4,10 @@
 //! * [`bank`]       conjugate filters side by side, their predictive law
 //! * [`detector`]   onset particles and R
 //! * `level`        change of a period from the level of commissioning
-//! * [`change`]     onset, size and shape of a change, the change since commissioning
+//! * [`change`]     onset, size and shape of a change
 //! * [`companions`] the other rods' median, steady while some are missing
 //! * `least`        smallest change that would be told by a given day
 //! * [`regressors`] filters of temperature readings, curvature, transients, a yearly cycle, other rods
-//! * [`site_rule`]  what the detectors of a site's rods mean together
 //! * [`period`]     the records of one period as one statistic
 //! * [`others`]     the other rods of the site
 //! * [`watch`]      the detectors of one rod, and what they say together
@@ -23,11 +22,10 @@ pub mod others;
 pub mod period;
 pub mod prior;
 pub mod regressors;
-pub mod site_rule;
 pub mod watch;
 
 pub use bank::{Law, Seen};
-pub use change::{Change, Estimate};
+pub use change::Change;
 pub use companions::Companions;
 pub use detector::{Detector, Shape};
 pub use prior::{BankPrior, Coefficient, Fluctuation, ThermalPrior};

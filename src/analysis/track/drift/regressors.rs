@@ -35,8 +35,6 @@ const SPARSE_D: f64 = 1.0 / 6.0;
 /// Exponential filters of one thermometer's readings.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Filters {
-    /// Time of the first reading \[d\].
-    first: Option<f64>,
     /// Time of the last reading \[d\].
     last: Option<f64>,
     /// The last reading \[degC\].
@@ -69,7 +67,6 @@ impl Filters {
             let share = if self.gap > 0.0 { FRESH } else { 1.0 };
             self.gap += share * (passed - self.gap);
         }
-        self.first = self.first.or(Some(day));
         self.last = Some(day);
         self.celsius = celsius;
     }
@@ -99,10 +96,6 @@ impl Filters {
         self.last
     }
 
-    /// Time of the first reading \[d\].
-    pub fn first_day(&self) -> Option<f64> {
-        self.first
-    }
 }
 
 /// A filter after `passed` days in which the temperature went straight from `from` to `to`.

@@ -10,12 +10,16 @@
 //! A thermometer that drifts moves every rod's compensated detector, but not what rods show beside each other: a drift that
 //! `peers` sees, too, is confirmed; rods whose compensated detectors move together are one notice of the site.
 
+use super::companions;
 use super::others::Others;
 use super::period::{Charted, Evidence, Period};
 use super::regressors::FILTERS_D;
 use super::{BankPrior, Change, Companions, Detector, Law, Regressors, Seen, ThermalPrior};
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
+
+/// Periods since the last restart after which the absence of evidence is believed.
+const SETTLED_PERIODS: usize = 30;
 
 /// Greatest share of the other rods that may move beside a rod that drifts.
 const MOVING_SHARE: f64 = 0.25;
@@ -57,9 +61,13 @@ pub struct DriftWatch {
     /// Last ratios of the other rods.
     #[serde(default)]
     companions: Companions,
+    /// Periods in a row without the other rods' median.
+    without_others: u32,
+    /// True once this rod moved with others of which one told it.
+    has_joined: bool,
     /// Whether the last period came with a temperature, and with the other rods.
     last: Sources,
-    /// Alarms latched since the last restart.
+    /// Detectors above their limit after the last period.
     above: Above,
 }
 
@@ -146,6 +154,8 @@ impl DriftWatch {
             peers: None,
             blind: Detector::new(BankPrior::blind(noise_sd)),
             companions: Companions::default(),
+            without_others: 0,
+            has_joined: false,
             last: Sources::default(),
             above: Above::default(),
         }
@@ -163,9 +173,8 @@ impl DriftWatch {
 
     /// R of the detector that knows the temperature; zero without one.
     pub fn evidence(&self) -> f64 {
-        self.compensated
-            .as_ref()
-            .map_or(0.0, |compensated| compensated.detector.statistic())
+        self.watching()
+            .map_or(0.0, |watching| watching.detector.statistic())
     }
 
     /// Slope of N_t / N_0 with a temperature that stays, and its standard deviation \[1/K\]; `None` without a temperature.
@@ -187,6 +196,11 @@ impl DriftWatch {
         self.limit = terms.limit;
         let day = period.start.days();
         let median = self.companions.take(others.ratios(period.index, period_s));
+        self.without_others = if median.is_some() {
+            0
+        } else {
+            self.without_others.saturating_add(1)
+        };
         self.begin(terms, period, others);
         let regressors = Regressors {
             reference_c: 0.0,
@@ -219,7 +233,11 @@ impl DriftWatch {
                 .level
                 .learn(day, period.delta, &columns, terms.learning_periods, is_told);
             let seen = seen(period, &columns);
-            alone.detector.step(&seen);
+            let by_temperature = alone.detector.step(&seen);
+            if self.without_others > companions::PATIENCE {
+                self.last.temperature |= by_temperature.is_some();
+                law = law.or(by_temperature);
+            }
             at_reference = alone.change(&seen, terms.limit);
         }
         if let Some(median) = median {
@@ -231,7 +249,7 @@ impl DriftWatch {
             law = law.or(seen_law);
         }
         let blind_law = self.blind.step(&seen(period, &regressors.blind(day)));
-        self.latch(terms.limit);
+        self.look(terms.limit);
         let law = law.or(blind_law).unwrap_or(Law {
             mean: period.delta,
             sd: period.delta_sd,
@@ -250,22 +268,23 @@ impl DriftWatch {
                 .map(|filtered| filtered[SHOWN])
                 .filter(|_| terms.thermal.is_some()),
             evidence: Evidence {
-                compensated: self
-                    .compensated
-                    .as_ref()
-                    .map(|one| over(one.detector.statistic())),
+                compensated: self.watching().map(|one| over(one.detector.statistic())),
                 peers: self.peers.as_ref().map(|one| over(one.statistic())),
                 blind: Some(over(self.blind.statistic())),
             },
         }
     }
 
-    /// Begins the compensated detector with the first period that has what it needs.
+    /// Begins the compensated detector with the first period that has what it needs. One that knows no other rods goes on as that
+    /// by temperature once there are some.
     fn begin(&mut self, terms: &Terms, period: &Period, others: &Others) {
-        if self.compensated.is_some() {
-            return;
+        let knows_others = others.count() >= companions::FEWEST;
+        if let Some(known) = &self.compensated {
+            if known.knows_others || !known.knows_temperature || !knows_others || period.filtered_c.is_none() {
+                return;
+            }
+            self.by_temperature = self.compensated.take();
         }
-        let knows_others = others.count() >= 2;
         let (prior, reference_c) = match terms.thermal {
             None => (BankPrior::unmoved(self.noise_sd), 0.0),
             Some(thermal) => {
@@ -290,22 +309,28 @@ impl DriftWatch {
             knows_temperature: terms.thermal.is_some(),
             level: Level::default(),
         };
-        if let Some(thermal) = terms.thermal.filter(|_| knows_others) {
+        if let Some(thermal) = terms.thermal.filter(|_| knows_others && self.by_temperature.is_none()) {
             self.by_temperature = Some(begun(BankPrior::thermal(self.noise_sd, thermal), false));
         }
         self.compensated = Some(begun(prior, knows_others && terms.thermal.is_some()));
     }
 
-    /// Latches what passed its limit. Periods of commissioning since the onset of a change that is told now are none.
-    fn latch(&mut self, limit: f64) {
+    /// The detector that watches beside the temperature: that which knows the other rods, unless they are away.
+    fn watching(&self) -> Option<&Compensated> {
+        let stands_in = self.without_others > companions::PATIENCE;
+        let alone = self.by_temperature.as_ref().filter(|_| stands_in);
+        alone.or(self.compensated.as_ref())
+    }
+
+    /// Looks which detectors are above their limit. Periods of commissioning since the onset of a change that is told now are none.
+    fn look(&mut self, limit: f64) {
         let was_told = self.above.any();
         let is_above = |detector: &Detector| detector.statistic() > limit;
-        self.above.compensated |= self
-            .compensated
-            .as_ref()
-            .is_some_and(|one| is_above(&one.detector));
-        self.above.peers |= self.peers.as_ref().is_some_and(is_above);
-        self.above.blind |= is_above(&self.blind);
+        self.above = Above {
+            compensated: self.watching().is_some_and(|one| is_above(&one.detector)),
+            peers: self.peers.as_ref().is_some_and(is_above),
+            blind: is_above(&self.blind),
+        };
         if !was_told
             && self.above.any()
             && let Some(change) = self.change()
@@ -321,16 +346,18 @@ impl DriftWatch {
 
     /// What the detectors say after the last period.
     pub(crate) fn finding(&self, others: &Others) -> Finding {
-        let has_witnesses = self.compensated.as_ref().is_some_and(|one| one.knows_others);
+        let has_witnesses = self.peers.is_some() && self.without_others <= companions::PATIENCE;
+        let is_calm = others.count() < companions::FEWEST
+            || others.moving() as f64 <= MOVING_SHARE * others.count() as f64;
         if self.above.compensated {
-            if !has_witnesses {
-                Finding::Drift(Witness::Alone)
-            } else if self.above.peers {
+            if has_witnesses && self.above.peers {
                 Finding::Drift(Witness::Confirmed)
-            } else if others.moving() as f64 <= MOVING_SHARE * others.count() as f64 {
+            } else if !is_calm {
+                Finding::Common
+            } else if has_witnesses {
                 Finding::Drift(Witness::Unconfirmed)
             } else {
-                Finding::Common
+                Finding::Drift(Witness::Alone)
             }
         } else if self.last.temperature {
             Finding::Quiet
@@ -349,7 +376,7 @@ impl DriftWatch {
 
     /// Onset, size and shape of the change, by the detector that knows most about the last period.
     pub(crate) fn change(&self) -> Option<Change> {
-        let compensated = self.compensated.as_ref().map(|one| &one.detector);
+        let compensated = self.watching().map(|one| &one.detector);
         let by = |witness: bool, detector: Option<&Detector>| detector.filter(|_| witness)?.change();
         by(self.last.temperature || self.above.compensated, compensated)
             .or_else(|| by(self.last.others, self.peers.as_ref()))
@@ -408,6 +435,29 @@ impl DriftWatch {
         }
         self.blind.restart();
         self.above = Above::default();
+        self.has_joined = false;
+    }
+
+    /// True while the detector that knows nothing but the rod sees a change.
+    pub(crate) fn is_blind_above(&self) -> bool {
+        self.above.blind
+    }
+
+    /// True once it has watched long enough for its silence to mean something.
+    pub(crate) fn is_settled(&self) -> bool {
+        self.blind.fresh() >= SETTLED_PERIODS
+    }
+
+    /// Notes whether the rod moves with others of which one told it; `true` if that is over now.
+    pub(crate) fn joins(&mut self, others: &Others, moves: bool) -> bool {
+        let was_joined = self.has_joined;
+        self.has_joined = others.has_told_common() && (was_joined || moves);
+        was_joined && !self.has_joined
+    }
+
+    /// Whether it moves with others of which one told it.
+    pub(crate) fn has_joined(&self) -> bool {
+        self.has_joined
     }
 }
 

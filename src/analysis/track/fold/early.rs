@@ -32,8 +32,8 @@ pub struct EarlyWatch {
     /// Records of the period that is still open.
     open: Vec<Pending>,
     watch: Packed<DriftWatch>,
-    /// Records taken.
-    taken: usize,
+    /// Start of the last record taken.
+    taken: Option<Timestamp>,
 }
 
 impl EarlyWatch {
@@ -45,7 +45,7 @@ impl EarlyWatch {
             reference_c: None,
             open: Vec::new(),
             watch: Packed(None),
-            taken: 0,
+            taken: None,
         }
     }
 
@@ -57,7 +57,7 @@ impl EarlyWatch {
         observation: &Observation,
         readings: &[Reading],
     ) -> Option<Change> {
-        self.taken += 1;
+        self.taken = Some(observation.start);
         let seed = plan.seed_of(b"early", 0, Some(observation.start));
         let relative = shift.relative(observation, seed).ok()?;
         let period_s = plan.track.period_s;
@@ -110,6 +110,16 @@ impl Tracker {
     pub(crate) fn watch_early(&mut self, time: Timestamp) {
         let segment = self.state.segment.number;
         let waiting = self.state.learning.len();
+        // Records that were withdrawn take the provisional baseline with them.
+        let first = self.state.learning.first().map(|first| first.start);
+        if self
+            .state
+            .early
+            .as_ref()
+            .is_some_and(|early| Some(early.baseline.first) != first)
+        {
+            (self.state.early, self.early_shift) = (None, None);
+        }
         if waiting < RECORDS {
             return;
         }
@@ -127,7 +137,8 @@ impl Tracker {
         }
         let mut found = None;
         if let Some(shift) = &self.early_shift {
-            for observation in self.state.learning.iter().skip(early.taken) {
+            let taken = early.taken;
+            for observation in self.state.learning.iter().filter(|one| Some(one.start) > taken) {
                 found = early
                     .take(&self.plan, shift, observation, &self.state.readings)
                     .or(found);

@@ -9,6 +9,7 @@ use crate::analysis::signal::record::{Reading, Timestamp};
 use crate::analysis::track::alarm::Cause;
 use crate::analysis::track::drift::others::Others;
 use crate::analysis::track::drift::period::{self, Pending, Period};
+use crate::analysis::track::drift::watch::DriftWatch;
 use crate::analysis::track::observation::Observation;
 use crate::analysis::track::plausibility::{JUMP_S, Peer};
 use crate::analysis::track::relative::{NoRelative, Relative};
@@ -109,7 +110,8 @@ impl Tracker {
         let time = self.known_at(observation.start);
         self.look(Cause::Unusable, Some(false), time, String::new);
         self.look(Cause::OutsideRange, Some(false), time, String::new);
-        if self.state.watch.is_some() && self.plan.compensates() {
+        let is_compensated = self.state.watch.as_ref().is_some_and(DriftWatch::is_compensated);
+        if is_compensated && self.plan.compensates() {
             let end = observation.start.plus_seconds(observation.duration_s);
             let is_known = reference::filters_until(&self.state, end)
                 .at(end.days())
@@ -129,7 +131,12 @@ impl Tracker {
             Some(Ok(relative)) => {
                 verdict.at_reference = reference::of_record(self, observation, &relative);
                 let loss = Loss::of(self, observation, &relative, verdict.at_reference.as_ref());
-                self.look_at_loss(loss, self.known_at(observation.start));
+                let is_blind = verdict.at_reference.is_none();
+                self.look_at_loss(loss, is_blind, self.known_at(observation.start));
+                let common_size = self.state.common_size();
+                if let Some(at_reference) = &mut verdict.at_reference {
+                    reference::widen(at_reference, common_size);
+                }
                 self.await_period(Pending::new(observation, &relative));
                 verdict.relative = Some(relative);
                 self.usable(observation);
@@ -139,7 +146,7 @@ impl Tracker {
                 let time = self.known_at(observation.start);
                 let baseline = self.state.segment.baseline.as_ref();
                 let loss = baseline.and_then(|baseline| Loss::bound(baseline, observation));
-                self.look_at_loss(loss, time);
+                self.look_at_loss(loss, true, time);
                 self.look(Cause::OutsideRange, Some(true), time, || {
                     "the frequencies differ from the baseline's by more than the model was prepared for: the rod, its \
                      supports or the channel changed"
@@ -197,10 +204,14 @@ impl Tracker {
     }
 
     /// A loss that nothing but a loss explains is beyond the limit whatever else is known.
-    fn look_at_loss(&mut self, loss: Option<Loss>, time: Timestamp) {
+    fn look_at_loss(&mut self, loss: Option<Loss>, is_blind: bool, time: Timestamp) {
         let limit = self.plan.alarm.limit_loss;
         let Some(loss) = loss else { return };
-        self.look(Cause::Loss, Some(loss.exceeds(limit)), time, || {
+        // What lasts without a temperature is learned as usual; the evidence of it stays.
+        let by_evidence = self.state.watch.as_ref().filter(|_| is_blind);
+        let lasts = by_evidence.is_some_and(DriftWatch::is_blind_above);
+        let holds = Some(loss.exceeds(limit)).filter(|holds| *holds || !lasts);
+        self.look(Cause::Loss, holds, time, || {
             format!(
                 "the axial force fell by {:.0} % at least, above the limit of {:.1} %, faster and further than any temperature moves it",
                 100.0 * (loss.mean - 2.0 * loss.sd),

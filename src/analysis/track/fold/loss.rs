@@ -9,8 +9,9 @@ use crate::analysis::track::baseline::Baseline;
 use crate::analysis::track::observation::Observation;
 use crate::analysis::track::relative::Relative;
 
-/// A loss is sudden and certain if it exceeds the limit so many times.
+/// A loss is sudden and certain if it exceeds the limit so many times, or by so much.
 const TIMES_LIMIT: f64 = 2.0;
+const BEYOND_LIMIT: f64 = 0.1;
 
 /// And if the limit lies so many standard deviations from it.
 const CERTAIN_SD: f64 = 4.0;
@@ -27,7 +28,7 @@ pub(crate) struct Loss {
 impl Loss {
     /// Whether it exceeds a limit beyond doubt.
     pub fn exceeds(self, limit: f64) -> bool {
-        self.mean > TIMES_LIMIT * limit && self.mean - CERTAIN_SD * self.sd > limit
+        self.mean > (TIMES_LIMIT * limit).min(limit + BEYOND_LIMIT) && self.mean - CERTAIN_SD * self.sd > limit
     }
 
     /// At the reference temperature; without one, against what the rod did before.

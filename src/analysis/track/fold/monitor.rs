@@ -79,11 +79,7 @@ fn watch(tracker: &mut Tracker, period: &mut Period, others: &Others) {
         .watch
         .get_or_insert_with(|| DriftWatch::new(period.start.days(), noise_sd));
     let is_sparse = state.filters.is_sparse();
-    let mut charted = watch.step(&terms, period, is_sparse, others, plan.track.period_s);
-    if let Some(sd) = &mut charted.at_reference_sd {
-        *sd = sd.hypot(state.common_size());
-    }
-    period.charted = Some(charted);
+    period.charted = Some(watch.step(&terms, period, is_sparse, others, plan.track.period_s));
 }
 
 /// Median stated error of a period's ratio, by the records that wait with the first period.
@@ -138,16 +134,20 @@ fn look_at_misfit(tracker: &mut Tracker, period: &Period, time: Timestamp) {
 
 /// What the drift watch found raises `drift`, `not-axial` or `common`, unless one of them holds.
 fn look_at_finding(tracker: &mut Tracker, period: &Period, others: &Others, time: Timestamp) {
-    let state = &tracker.state;
-    let Some(watch) = &*state.watch else { return };
+    let Some(watch) = &mut *tracker.state.watch else { return };
     let finding = watch.finding(others);
+    if watch.joins(others, finding == watch::Finding::Common) {
+        watch.restart();
+        return;
+    }
     let Some(change) = change_now(tracker) else { return };
+    let state = &tracker.state;
     match finding {
         watch::Finding::Quiet => {}
         watch::Finding::Drift(_) if state.holds(Kind::Drift) => {
             confirm(tracker, finding, &change, period, time)
         }
-        watch::Finding::Drift(_) if state.holds(Kind::NotAxial) => {}
+        watch::Finding::Drift(_) if state.watches.stands(Cause::Pattern) => {}
         watch::Finding::Drift(witness) => {
             let alternatives = explain(tracker, &change, Some(period));
             let p = axial_p(tracker, period, change.onset);
@@ -168,7 +168,8 @@ fn look_at_finding(tracker: &mut Tracker, period: &Period, others: &Others, time
                 alternatives,
             };
             tracker.on_board(|board| board.raise(kind, time, message, known));
-            tracker.find(Cause::Change, Some(true));
+            let cause = if kind == Kind::Drift { Cause::Change } else { Cause::Pattern };
+            tracker.state.watches.begin(cause);
         }
         watch::Finding::Common if state.holds(Kind::Common) || others.has_told_common() => {}
         watch::Finding::Common => {
@@ -178,6 +179,7 @@ fn look_at_finding(tracker: &mut Tracker, period: &Period, others: &Others, time
                 ..Known::default()
             };
             tracker.on_board(|board| board.raise(Kind::Common, time, message, known));
+            tracker.state.watches.begin(Cause::Change);
         }
     }
 }
@@ -222,9 +224,14 @@ fn look_at_limit(tracker: &mut Tracker, period: &Period, time: Timestamp) {
     let alarm = &tracker.plan.alarm;
     let (limit, certain) = (alarm.limit_loss, alarm.limit_probability);
     let probability = Normal::standard().cdf((-limit - change) / sd);
+    let proviso = if tracker.state.moves_with_others() {
+        "; the rods of the site moved together: a wrong thermometer looks the same"
+    } else {
+        ""
+    };
     tracker.look(Cause::Limit, beyond(probability, certain, 0.5), time, || {
         format!(
-            "the loss of axial force at the reference temperature is {:.1} ± {:.1} %, above the limit of {:.1} % ({})",
+            "the loss of axial force at the reference temperature is {:.1} ± {:.1} %, above the limit of {:.1} % ({}){proviso}",
             -100.0 * change,
             100.0 * sd,
             100.0 * limit,
@@ -258,42 +265,44 @@ fn look_at_leverage(tracker: &mut Tracker, period: &Period, time: Timestamp) {
     });
 }
 
-/// A drift, or a common movement, that is gone ends, and the watch begins again with what it knows of temperature.
+/// What the evidence raised ends with the change, and the watch begins again with what it knows of temperature.
 fn look_at_end(tracker: &mut Tracker, period: &Period, time: Timestamp) {
-    let told = |kind: Kind| {
-        let alarm = tracker
-            .state
-            .alarms
-            .iter()
-            .find(|alarm| alarm.kind == kind && alarm.cleared.is_none())?;
-        Some(alarm.change.as_ref().map_or(0.0, |change| change.size.mean.abs()))
+    let by_evidence = |alarm: &&Alarm| match alarm.kind {
+        Kind::Drift | Kind::Common => alarm.cleared.is_none(),
+        Kind::NotAxial => alarm.cleared.is_none() && alarm.change.is_some(),
+        _ => false,
     };
-    let kinds = [Kind::Drift, Kind::Common, Kind::NotAxial];
-    let Some(size) = kinds.into_iter().filter_map(told).reduce(f64::max) else {
+    let sizes = tracker.state.alarms.iter().filter(by_evidence);
+    let size_of = |alarm: &Alarm| alarm.change.as_ref().map_or(0.0, |change| change.size.mean.abs());
+    let (Some(size), Some(charted)) = (sizes.map(size_of).reduce(f64::max), period.charted) else {
         return;
     };
-    let Some(charted) = period.charted else { return };
-    let (change, sd) = match (charted.at_reference, charted.at_reference_sd) {
-        (Some(change), Some(sd)) => (change, sd),
-        // Without a temperature: what the period shows beside what the rod did before.
-        _ => (period.delta - charted.expected, charted.expected_sd),
-    };
-    let over = sd.max(OVER_SHARE * size);
-    // An error as large as what was told says nothing of its end; the evidence may.
-    let is_faint = charted.evidence.most() < FAINT_EVIDENCE;
-    let holds = if is_faint {
+    let is_settled = tracker.state.watch.as_ref().is_some_and(DriftWatch::is_settled);
+    let holds = if is_settled && charted.evidence.most() < FAINT_EVIDENCE {
         Some(false)
-    } else {
+    } else if let (Some(change), Some(sd)) = (charted.at_reference, charted.at_reference_sd) {
+        let over = sd.max(OVER_SHARE * size);
+        // An error as large as what was told says nothing of its end.
         beyond(change.abs(), 2.0 * over, over).filter(|holds| *holds || sd < KNOWN_SHARE * size)
+    } else {
+        // Without a temperature what lasts is learned as usual: only the evidence ends it.
+        None
     };
-    if tracker.find(Cause::Change, holds) == Finding::Over {
-        tracker.on_board(|board| {
-            board.clear(Kind::Drift, time);
-            board.clear(Kind::Common, time);
-        });
-        if let Some(watch) = &mut *tracker.state.watch {
-            watch.restart();
+    if tracker.find(Cause::Change, holds) != Finding::Over {
+        return;
+    }
+    let is_pattern = tracker.state.watches.stands(Cause::Pattern);
+    tracker.state.watches.end(Cause::Pattern);
+    let misfit_holds = tracker.state.watches.stands(Cause::Misfit);
+    tracker.on_board(|board| {
+        board.clear(Kind::Drift, time);
+        board.clear(Kind::Common, time);
+        if is_pattern && !misfit_holds {
+            board.clear(Kind::NotAxial, time);
         }
+    });
+    if let Some(watch) = &mut *tracker.state.watch {
+        watch.restart();
     }
 }
 

@@ -32,7 +32,6 @@ pub(crate) fn of_record(
     let measured = ratio.mean - 1.0;
     let record_sd = relative.record_sd * ratio.mean;
     let (change, change_sd) = watch.change_of(end.days(), measured, record_sd, Some(&filtered))?;
-    let change_sd = change_sd.hypot(state.common_size());
     // The record's own error is in both; what is left of the ratio's is the particles', which grows with the change.
     let static_sd = (ratio.sd * ratio.sd - record_sd * record_sd).max(0.0).sqrt();
     let sd = change_sd.hypot(static_sd);
@@ -49,6 +48,13 @@ pub(crate) fn of_record(
             (factor * force.sd).hypot(change_sd * force.mean),
         ),
     })
+}
+
+/// Adds an independent change of `share` of the force to the errors.
+pub(super) fn widen(at_reference: &mut AtReference, share: f64) {
+    let wider = |interval: &Interval, sd: f64| moved(interval, 1.0, 0.0, interval.sd.hypot(sd));
+    at_reference.ratio = wider(&at_reference.ratio, share);
+    at_reference.force_n = wider(&at_reference.force_n, share * at_reference.force_n.mean);
 }
 
 /// `interval` times `factor` less `shift`, as wide as a standard deviation `sd`.

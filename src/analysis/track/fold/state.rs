@@ -8,7 +8,7 @@ use crate::analysis::track::baseline::Baseline;
 use crate::analysis::track::drift::Filters;
 use crate::analysis::track::drift::others::Neighbour;
 use crate::analysis::track::drift::period::{self, Pending, Period};
-use crate::analysis::track::drift::watch::DriftWatch;
+use crate::analysis::track::drift::watch::{DriftWatch, Witness};
 use crate::analysis::track::observation::Observation;
 use crate::analysis::track::plausibility::Plausibility;
 use crate::analysis::track::thermometer::Thermometer;
@@ -126,10 +126,16 @@ impl State {
         }
     }
 
+    /// True while the rods of the site are told to move together, this one among them.
+    pub(super) fn moves_with_others(&self) -> bool {
+        let has_joined = self.watch.as_ref().is_some_and(DriftWatch::has_joined);
+        has_joined || self.holds(Kind::Common)
+    }
+
     /// Size of the change that rods show together, as a share of the force; zero while none is told. It is the thermometer's or
     /// the structure's: until that is known, a change at the reference temperature is uncertain by as much.
-    pub(crate) fn common_size(&self) -> f64 {
-        if !self.holds(Kind::Common) {
+    pub(super) fn common_size(&self) -> f64 {
+        if !self.moves_with_others() {
             return 0.0;
         }
         let change = self.watch.as_ref().and_then(DriftWatch::change);
@@ -216,6 +222,11 @@ impl Neighbour for State {
 
     fn drifts(&self) -> bool {
         self.holds(Kind::Drift)
+    }
+
+    fn is_confirmed(&self) -> bool {
+        let mut drifts = self.alarms.iter().filter(|alarm| alarm.kind == Kind::Drift);
+        drifts.any(|alarm| alarm.cleared.is_none() && alarm.witness == Some(Witness::Confirmed))
     }
 
     fn has_moved_with_others(&self) -> bool {

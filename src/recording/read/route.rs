@@ -394,6 +394,10 @@ impl Router {
                     .map(|route| route.rod),
             );
         }
+        // A hole before the channels of the file are known may be anybody's.
+        if topics.is_empty() {
+            rods.extend(0..self.rods.len());
+        }
         let names: Vec<&str> = topics
             .iter()
             .filter_map(|topic| Some(self.topics.get(*topic)?.name.as_str()))

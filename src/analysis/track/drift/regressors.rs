@@ -95,7 +95,6 @@ impl Filters {
     pub fn last_day(&self) -> Option<f64> {
         self.last
     }
-
 }
 
 /// A filter after `passed` days in which the temperature went straight from `from` to `to`.

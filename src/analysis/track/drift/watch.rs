@@ -280,7 +280,8 @@ impl DriftWatch {
     fn begin(&mut self, terms: &Terms, period: &Period, others: &Others) {
         let knows_others = others.count() >= companions::FEWEST;
         if let Some(known) = &self.compensated {
-            if known.knows_others || !known.knows_temperature || !knows_others || period.filtered_c.is_none() {
+            if known.knows_others || !known.knows_temperature || !knows_others || period.filtered_c.is_none()
+            {
                 return;
             }
             self.by_temperature = self.compensated.take();
@@ -309,7 +310,10 @@ impl DriftWatch {
             knows_temperature: terms.thermal.is_some(),
             level: Level::default(),
         };
-        if let Some(thermal) = terms.thermal.filter(|_| knows_others && self.by_temperature.is_none()) {
+        if let Some(thermal) = terms
+            .thermal
+            .filter(|_| knows_others && self.by_temperature.is_none())
+        {
             self.by_temperature = Some(begun(BankPrior::thermal(self.noise_sd, thermal), false));
         }
         self.compensated = Some(begun(prior, knows_others && terms.thermal.is_some()));

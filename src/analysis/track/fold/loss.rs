@@ -28,7 +28,8 @@ pub(crate) struct Loss {
 impl Loss {
     /// Whether it exceeds a limit beyond doubt.
     pub fn exceeds(self, limit: f64) -> bool {
-        self.mean > (TIMES_LIMIT * limit).min(limit + BEYOND_LIMIT) && self.mean - CERTAIN_SD * self.sd > limit
+        self.mean > (TIMES_LIMIT * limit).min(limit + BEYOND_LIMIT)
+            && self.mean - CERTAIN_SD * self.sd > limit
     }
 
     /// At the reference temperature; without one, against what the rod did before.

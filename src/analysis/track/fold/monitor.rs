@@ -134,7 +134,9 @@ fn look_at_misfit(tracker: &mut Tracker, period: &Period, time: Timestamp) {
 
 /// What the drift watch found raises `drift`, `not-axial` or `common`, unless one of them holds.
 fn look_at_finding(tracker: &mut Tracker, period: &Period, others: &Others, time: Timestamp) {
-    let Some(watch) = &mut *tracker.state.watch else { return };
+    let Some(watch) = &mut *tracker.state.watch else {
+        return;
+    };
     let finding = watch.finding(others);
     if watch.joins(others, finding == watch::Finding::Common) {
         watch.restart();
@@ -168,7 +170,11 @@ fn look_at_finding(tracker: &mut Tracker, period: &Period, others: &Others, time
                 alternatives,
             };
             tracker.on_board(|board| board.raise(kind, time, message, known));
-            let cause = if kind == Kind::Drift { Cause::Change } else { Cause::Pattern };
+            let cause = if kind == Kind::Drift {
+                Cause::Change
+            } else {
+                Cause::Pattern
+            };
             tracker.state.watches.begin(cause);
         }
         watch::Finding::Common if state.holds(Kind::Common) || others.has_told_common() => {}

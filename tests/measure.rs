@@ -65,7 +65,11 @@ fn the_first_command_of_the_readme_measures_a_rod() {
         err.contains("configuration: aisle.toml") && err.contains("report: aisle.html"),
         "{err}"
     );
-    assert!(out.lines().all(|line| line.chars().count() <= 80), "{out}");
+    // The first line bears the path.
+    assert!(
+        out.lines().skip(1).all(|line| line.chars().count() <= 80),
+        "{out}"
+    );
 
     // The configuration is used as it is, and says what was measured.
     assert_eq!(tirante(at, &["check", "--quiet", "aisle.toml"]).0, Some(0));

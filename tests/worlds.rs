@@ -76,7 +76,7 @@ fn a_few_records_of_every_class_are_identified_as_required() {
 }
 
 /// Half of a round of users with one file each, fixed seeds; shares fail only if even the favourable end of their exact interval does, a
-/// wrong force without a mark always. The table of `docs/measure.md`: `python3 tests/worlds/users.py --users 600 --program PROGRAM`.
+/// wrong force without a mark always. The table of `docs/measure.md`: `python3 tests/worlds/users.py --program PROGRAM`.
 #[test]
 fn users_who_say_length_section_and_material_get_a_force() {
     if has_python() {

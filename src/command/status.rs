@@ -99,14 +99,14 @@ fn table(rows: &[RodStatus]) -> String {
     let time =
         |time: Option<Timestamp>| time.map_or_else(|| "-".to_owned(), |time| minutes(&time.to_string()));
     for row in rows {
-        let mark = if row.compensated { "" } else { "~" };
+        let change_mark = if row.compensated { "" } else { "~" };
         let dash = || "-".to_owned();
         // Before there is a baseline, the record's own force, with its marks.
         let own = row.axial_force_n.as_ref().filter(|_| row.force_n.is_none());
-        let mark = if own.is_some() {
+        let force_mark = if own.is_some() {
             Doubt::mark(&row.doubts)
         } else {
-            mark
+            change_mark
         };
         let force = row.force_n.as_ref().or(own);
         table.push(vec![
@@ -115,11 +115,11 @@ fn table(rows: &[RodStatus]) -> String {
             time(row.since),
             force.map_or_else(dash, |n| {
                 let [mean, low, high] = [n.mean, n.q025, n.q975].map(|n| n * 1e-3);
-                format!("{mark}{mean:.0} ({low:.0} to {high:.0})")
+                format!("{force_mark}{mean:.0} ({low:.0} to {high:.0})")
             }),
             row.relative_force.as_ref().map_or_else(dash, |r| {
                 let [mean, low, high] = [r.mean, r.q025, r.q975].map(signed_percent);
-                format!("{mark}{mean} ({low} to {high})")
+                format!("{change_mark}{mean} ({low} to {high})")
             }),
             time(row.latest_record),
             row.records.to_string(),

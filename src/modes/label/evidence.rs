@@ -24,15 +24,15 @@ const LEAST_DISCREPANCY: f64 = 0.01;
 /// The wide discrepancy in units of the stated one, and its share: the paper's own rod has f3/f1 = 2.950
 /// where every rod on springs has 3 or more.
 const WIDE: f64 = 4.0;
-const WIDE_SHARE: f64 = 0.2;
+const WIDE_SHARE: f64 = 0.1;
 /// Foreign peaks expected beside a rod, and where there is none: their number is geometric with this mean.
 const FOREIGN_MEAN: f64 = 1.2;
 const ALL_FOREIGN_MEAN: f64 = 2.0;
 /// Probability beforehand that the rod is seen at all.
 const ROD: f64 = 0.9;
 /// Whoever strikes strikes the rod: log odds of there being none, beside those of any record. Not per peak, and no more than
-/// this, since a decay is recognised in 1.3 % of records where nothing is struck, against some 30 % of those of rods.
-const STRUCK: f64 = -4.0;
+/// this, since a decay is recognised in 1.3 % of records where nothing is struck.
+const STRUCK: f64 = -4.5;
 /// Foreign peaks beside a struck rod are rare, but where there is one there are often several: no more than this is taken
 /// off for all of them.
 const MOST_STRUCK: f64 = -5.0;

@@ -99,3 +99,39 @@ impl Scale {
         fit.shared_sd_hz = softening.slope_hz.abs() * shared.sqrt();
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A decay that shows the softening `share` to `sd`, before anything is believed.
+    fn seen(share: f64, sd: f64) -> Softening {
+        let precision = sd.powi(-2);
+        let variance = 1.0 / (precision + FIT_SD.powi(-2));
+        Softening {
+            share: share * precision * variance,
+            variance,
+            slope_hz: 1.0,
+        }
+    }
+
+    /// Mean and standard deviation for the last decay.
+    fn told(all: &[Softening]) -> (f64, f64) {
+        let (mean, variance, _) = Scale::of(all.iter()).posterior(&all[all.len() - 1]);
+        (mean, variance.sqrt())
+    }
+
+    #[test]
+    fn clean_decays_take_the_doubt_from_weak_ones_and_a_falling_one_gives_it_to_all() {
+        let (weak, clean, falling) = (seen(0.0, 3e-4), seen(0.0, 2e-6), seen(4e-4, 2e-6));
+        // The sums in closed form by numpy: 7.1e-5, 6.8e-7, 3.6e-7 (1.2e-6 if something always softens), 2.3e-4.
+        let near = |found: f64, expected: f64| assert!((found / expected - 1.0).abs() < 0.05, "{found:e}");
+        near(told(&[weak]).1, 7.1e-5);
+        near(told(&[clean, clean, clean, weak]).1, 6.75e-7);
+        near(told(&[clean, clean, clean]).1, 3.64e-7);
+        near(told(&[falling, weak]).1, 2.31e-4);
+        let (mean, sd) = told(&[weak, falling]);
+        near(mean, 4e-4);
+        near(sd, 2e-6);
+    }
+}

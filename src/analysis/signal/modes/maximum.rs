@@ -20,6 +20,11 @@ const FREE_GAIN: f64 = 10.0;
 
 /// Relative error of a frequency below which softening can matter: what is believed of it moves the frequency by some 1e-4.
 const SOFTENING_MATTERS: f64 = 5e-4;
+/// Twice the log-posterior gain by softening from which on a decay is taken to soften where only its shape counts: two
+/// standard deviations.
+const MOVES: f64 = 4.0;
+/// Effective points of the first round that are enough for the moments of a decay: its standard error to 10 %.
+const ENOUGH: f64 = 45.0;
 
 /// A maximum of the likelihood, with the band it was found in.
 pub struct Found {
@@ -32,7 +37,7 @@ pub struct Found {
     /// Half the width wanted of the band \[Hz\].
     pub half_width_hz: f64,
     /// The maximum of a decay over frequency, ln damping, ln ratio and softening (in [`FIT_SD`]), the slope as in `top`:
-    /// where the frequency is known so well that softening matters.
+    /// where its frequency was seen to move.
     pub softened: Option<Optimum>,
 }
 
@@ -153,7 +158,13 @@ impl Stretch<'_> {
                 };
                 return Some(match start_of {
                     Start::Stationary => found,
-                    Start::Free => self.softened(found, start.softening),
+                    // Where the frequency does not move, what is taken from the bands of others is right without.
+                    Start::Free => {
+                        let step = first_step(&found, start.softening)
+                            .filter(|step| start.softening != 0.0 || step.score > MOVES);
+                        let softened = step.and_then(|step| softened(&found, &step));
+                        Found { softened, ..found }
+                    }
                 });
             }
             (half, band, start) = (wanted, next, p);
@@ -219,35 +230,17 @@ impl Stretch<'_> {
         )
     }
 
-    /// A decay with its softening at its best; `before` is what an earlier fit found.
-    fn softened(&self, found: Found, before: f64) -> Found {
-        let p = Parameters::from_array(found.top.at, before);
-        let sd = |i: usize| found.top.covariance[(i, i)].sqrt();
-        if sd(0) > SOFTENING_MATTERS * p.frequency_hz {
-            return found;
-        }
-        let gamma = p.log_damping.exp() * p.frequency_hz;
-        let reach = [gamma.max(0.5 / found.band.duration_s), 1.0, 2.0, 1.0];
-        // Steps of about half a standard deviation; the error of the softening is some three of the frequency's.
-        let step = [
-            0.5 * sd(0),
-            (0.5 * sd(1)).min(0.2),
-            (0.5 * sd(2)).min(0.4),
-            (1.5 * sd(0) / p.frequency_hz / FIT_SD).min(0.2),
-        ];
-        let start = [p.frequency_hz, p.log_damping, p.log_ratio, p.softening / FIT_SD];
-        let softened = maximise_from(|x| softened_posterior(&found.band, x, p), start, reach, step, 3.0);
-        Found { softened, ..found }
-    }
-
     /// The parameters and the standard errors of frequency and log damping: the optimum with its
     /// curvature where the record determines damping and excitation well, else the posterior's mean
     /// and standard deviation (few independent fluctuations: the curvature alone would promise too
     /// much). Of a decay that may soften the error is that at its softening, which comes beside it.
     pub(super) fn errors(&self, found: &Found) -> (Parameters, f64, f64, Option<Softening>) {
-        if let Some(top) = &found.softened {
+        let top = found
+            .softened
+            .or_else(|| softened(found, &first_step(found, 0.0)?));
+        if let Some(top) = &top {
             let linear = Parameters::from_array(found.top.at, 0.0);
-            let posterior = moments(|x| softened_posterior(&found.band, x, linear), top);
+            let posterior = moments(|x| softened_posterior(&found.band, x, linear), top, ENOUGH);
             let (at, covariance) = posterior.map_or((top.at, top.covariance), |p| (p.mean, p.covariance));
             let wider = 1.0 + 0.6 * covariance[(2, 2)].min(0.15);
             let slope = covariance[(0, 3)] / covariance[(3, 3)];
@@ -269,8 +262,8 @@ impl Stretch<'_> {
         let (mut at, mut covariance) = (top.at, top.covariance);
         let wide = |i: usize, limit: f64| top.covariance[(i, i)] > limit * limit;
         let posterior = match found.start {
-            Start::Free => moments(log_posterior, top),
-            Start::Stationary if wide(1, 0.12) || wide(2, 0.7) => moments(log_posterior, top),
+            Start::Free => moments(log_posterior, top, f64::INFINITY),
+            Start::Stationary if wide(1, 0.12) || wide(2, 0.7) => moments(log_posterior, top, f64::INFINITY),
             Start::Stationary => None,
         };
         if let Some(posterior) = posterior {
@@ -320,6 +313,72 @@ fn softened_at(x: &[f64; 4], p: Parameters) -> Parameters {
         softening: FIT_SD * x[3],
         ..p
     }
+}
+
+/// Newton's step from a decay's maximum at some softening towards its best one.
+struct FirstStep {
+    /// Frequency, ln damping, ln ratio and softening (in [`FIT_SD`]) after it.
+    at: [f64; 4],
+    /// About half of each one's standard deviation, the others held.
+    step: [f64; 4],
+    /// Twice what it gains.
+    score: f64,
+}
+
+/// The step from the maximum at the softening `before`; damping and ratio, on which it hardly depends, are held. `None` where the
+/// frequency is not known well enough for softening to matter.
+fn first_step(found: &Found, before: f64) -> Option<FirstStep> {
+    let p = Parameters::from_array(found.top.at, before);
+    let sd = |i: usize| found.top.covariance[(i, i)].sqrt();
+    if found.start != Start::Free || sd(0) > SOFTENING_MATTERS * p.frequency_hz {
+        return None;
+    }
+    let from = [p.frequency_hz, p.log_damping, p.log_ratio, before / FIT_SD];
+    let value = |hz: f64, share: f64| {
+        softened_posterior(&found.band, &[from[0] + hz, from[1], from[2], from[3] + share], p)
+    };
+    let hz = 0.5 * sd(0);
+    let share = (3.0 * hz / p.frequency_hz / FIT_SD).min(0.2);
+    let (here, low, high) = (value(0.0, 0.0)?, value(0.0, -share)?, value(0.0, share)?);
+    let gradient = (high - low) / (2.0 * share);
+    let bend = (2.0 * here - high - low) / (share * share);
+    let corners = value(hz, share)? + value(-hz, -share)?;
+    let mixed = (corners - value(hz, 0.0)? - value(-hz, 0.0)? - low - high + 2.0 * here) / (2.0 * hz * share);
+    let variance = sd(0) * sd(0);
+    let information = bend - variance * mixed * mixed;
+    let (moved, score) = if information > 0.0 {
+        let moved = (gradient / information).clamp(-1.0, 1.0);
+        (moved, gradient * moved)
+    } else {
+        (0.0, f64::INFINITY)
+    };
+    let at = [
+        from[0] + variance * mixed * moved,
+        from[1],
+        from[2],
+        from[3] + moved,
+    ];
+    let is_better = softened_posterior(&found.band, &at, p).is_some_and(|value| value > here);
+    let step = if bend > 0.0 { 0.5 / bend.sqrt() } else { share };
+    Some(FirstStep {
+        at: if is_better { at } else { from },
+        step: [hz, (0.5 * sd(1)).min(0.2), (0.5 * sd(2)).min(0.4), step.min(0.2)],
+        score,
+    })
+}
+
+/// The maximum of a decay over its softening, too.
+fn softened(found: &Found, from: &FirstStep) -> Option<Optimum> {
+    let p = Parameters::from_array(found.top.at, 0.0);
+    let gamma = p.log_damping.exp() * p.frequency_hz;
+    let reach = [gamma.max(0.5 / found.band.duration_s), 1.0, 2.0, 1.0];
+    maximise_from(
+        |x| softened_posterior(&found.band, x, p),
+        from.at,
+        reach,
+        from.step,
+        3.0,
+    )
 }
 
 fn softened_posterior(band: &Band, x: &[f64; 4], p: Parameters) -> Option<f64> {

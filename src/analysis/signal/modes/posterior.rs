@@ -32,7 +32,13 @@ pub struct Moments {
 /// randomness and is exact for a Gaussian's mean; and what skews the other parameters cannot lean on the
 /// frequency through a chance correlation of the fixed points (in mirrored pairs alone it did, by 0.18
 /// standard deviations in every record).
-pub fn moments(log_posterior: impl Fn(&[f64; 4]) -> Option<f64>, start: &Optimum) -> Option<Moments> {
+///
+/// `enough` effective points in the first round spare the second.
+pub fn moments(
+    log_posterior: impl Fn(&[f64; 4]) -> Option<f64>,
+    start: &Optimum,
+    enough: f64,
+) -> Option<Moments> {
     let mut mean = Vector4::from(start.at);
     let mut covariance = start.covariance;
     let mut found = None;
@@ -40,6 +46,9 @@ pub fn moments(log_posterior: impl Fn(&[f64; 4]) -> Option<f64>, start: &Optimum
         let round = sample(&log_posterior, &mean, &covariance, start.value, groups)?;
         if round.effective < 0.25 * LEAST_EFFECTIVE {
             return None;
+        }
+        if round.effective >= enough {
+            return Some(round);
         }
         mean = Vector4::from(round.mean);
         // Few points make a poor covariance: never let a round collapse below the curvature.
@@ -128,7 +137,7 @@ mod tests {
         };
         let start =
             crate::analysis::numerics::optimum::maximise(log, [0.1, 0.0, 0.1, 0.0], [1.0; 4]).unwrap();
-        let found = moments(log, &start).unwrap();
+        let found = moments(log, &start, f64::INFINITY).unwrap();
         assert!(start.covariance[(0, 0)] < 0.7);
         // 240 points: about 10 % in a standard deviation.
         assert!((found.covariance[(0, 0)].sqrt() / 1.284 - 1.0).abs() < 0.12);
@@ -144,7 +153,7 @@ mod tests {
             |p: &[f64; 4]| Some(3.0 * (p[1] - p[1].exp()) - 0.5 * (p[0] * p[0] + p[2] * p[2] + p[3] * p[3]));
         let start =
             crate::analysis::numerics::optimum::maximise(log, [0.1, 0.0, 0.1, 0.0], [1.0; 4]).unwrap();
-        let found = moments(log, &start).unwrap();
+        let found = moments(log, &start, f64::INFINITY).unwrap();
         // The maximum is exact to rounding for a quadratic, and so is the symmetry of the points about it.
         assert!(found.mean[0].abs() < 1e-3, "{}", found.mean[0]);
     }

@@ -24,15 +24,12 @@ const LEAST_DISCREPANCY: f64 = 0.01;
 /// The wide discrepancy in units of the stated one, and its share: the paper's own rod has f3/f1 = 2.950
 /// where every rod on springs has 3 or more.
 const WIDE: f64 = 4.0;
-const WIDE_SHARE: f64 = 0.2;
+const WIDE_SHARE: f64 = 0.1;
 /// Foreign peaks expected beside a rod, and where there is none: their number is geometric with this mean.
 const FOREIGN_MEAN: f64 = 1.2;
 const ALL_FOREIGN_MEAN: f64 = 2.0;
 /// Probability beforehand that the rod is seen at all.
 const ROD: f64 = 0.9;
-/// Whoever strikes strikes the rod: log odds of there being none, beside those of any record. Not per peak, since a decay
-/// may be recognised where there is none.
-const STRUCK: f64 = -8.0;
 /// Foreign peaks beside a struck rod are rare, but where there is one there are often several: no more than this is taken
 /// off for all of them.
 const MOST_STRUCK: f64 = -5.0;
@@ -60,8 +57,8 @@ pub(super) struct Scene<'a> {
     pub(super) declared: Code,
     /// Orders with a window in which there is no peak: they are nowhere else.
     pub(super) absent: Orders,
-    /// True if something was struck or let go.
-    pub(super) is_struck: bool,
+    /// Log odds of there being no rod, beside those of any record, since something was struck or let go.
+    pub(super) log_struck: f64,
     /// Whether the first mode is said to be among the peaks.
     pub(super) is_first_seen: bool,
 }
@@ -129,8 +126,7 @@ impl Scene<'_> {
     pub(super) fn log_no_rod(&self) -> f64 {
         let likenesses = self.peaks.iter().map(|peak| peak.likeness);
         let likeness = likenesses.fold(Likeness::default(), Likeness::with);
-        let struck = if self.is_struck { STRUCK } else { 0.0 };
-        libm::log(1.0 - ROD) + likeness.of_no_rod() + struck + self.log_foreign(Code::default())
+        libm::log(1.0 - ROD) + likeness.of_no_rod() + self.log_struck + self.log_foreign(Code::default())
     }
 
     /// Number and places of the foreign peaks, and how alike the modes are.

@@ -15,9 +15,9 @@ use super::super::Resonance;
 const USUAL: f64 = 0.005;
 const SPREAD: f64 = 1.0;
 /// Scatter of ln zeta among the modes of one rod.
-const WITHIN: f64 = 0.45;
+const WITHIN: f64 = 0.35;
 /// Share of rods whose modes are no more alike than foreign peaks.
-const UNLIKE: f64 = 0.15;
+const UNLIKE: f64 = 0.1;
 /// The same of whatever rings where there is no rod: often it is one other structure, whose modes are alike, too.
 const UNLIKE_ELSEWHERE: f64 = 0.5;
 

@@ -356,7 +356,7 @@ fn lengths_that_lie_are_refused_at_once_and_nothing_is_set_aside_for_them() {
         ..Default::default()
     };
     let bomb = recording(Encoding::Ros2, Layout::Batch(2_000_000), options, 2_000_000);
-    assert!(of(&bomb).refusal.unwrap().contains("at most 8388608"));
+    assert!(of(&bomb).refusal.unwrap().contains("at most 12582912"));
 }
 
 #[test]

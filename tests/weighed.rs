@@ -279,14 +279,14 @@ fn arrays_that_unpack_to_gigabytes_are_left_out_by_name() {
     weigh(
         "JSON arrays of 5 million zeros",
         json_arrays("values", 16, 5_000_000),
-        "more than 2097152 samples in one message",
+        "more than 1048576 samples in one message",
     );
     weigh(
         "ROS 2 arrays of 16 million bytes",
         arrays(1, 16, 16_000_000),
-        "more than 2097152 samples in one message",
+        "more than 1048576 samples in one message",
     );
-    weigh("ROS 2 arrays of 2 million bytes", arrays(1, 24, 2_000_000), "");
+    weigh("ROS 2 arrays of 1 million bytes", arrays(1, 32, 1_000_000), "");
     weigh(
         "JSON messages without the field",
         json_arrays("other", 3, 7_000_000),
@@ -300,7 +300,7 @@ fn many_rods_share_one_bound() {
         "30 rods of 8 million samples",
         &site(30, ""),
         "it.mcap",
-        &arrays(30, 6, 1_400_000),
+        &arrays(30, 8, 1_000_000),
         REPLAY,
         "end early",
     );
@@ -387,7 +387,7 @@ fn over_a_socket_and_in_the_watched_folder() {
         }
     };
     wait("it listens", &mut daemon, &|| socket.exists());
-    for content in [arrays(8, 4, 4_000_000), arrays(8, 16, 1_500_000), channels(1000)] {
+    for content in [arrays(8, 4, 4_000_000), arrays(8, 16, 1_000_000), channels(1000)] {
         let mut client = UnixStream::connect(&socket).unwrap();
         client.write_all(&content).unwrap();
         client.shutdown(Shutdown::Write).unwrap();
@@ -396,7 +396,7 @@ fn over_a_socket_and_in_the_watched_folder() {
         assert!(answer.contains("\"done\""), "{answer}");
     }
     // Growing files, each with as much as it may have.
-    let mut growing = arrays(8, 3, 1_500_000);
+    let mut growing = arrays(8, 3, 1_000_000);
     growing.truncate(growing.len() - 8);
     for number in 0..40 {
         fs::write(folder.path().join(format!("archive/{number}.mcap")), &growing).unwrap();

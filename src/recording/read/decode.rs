@@ -101,8 +101,8 @@ impl DecodeError {
 /// Largest message that is decoded \[bytes\], as large as the largest record.
 pub const MAX_MESSAGE: usize = 16 << 20;
 
-/// Most samples of one message, as many doubles as the largest one holds.
-pub const MAX_VALUES: usize = MAX_MESSAGE / 8;
+/// Most samples of one message: as many doubles as the largest message over a socket holds.
+pub const MAX_VALUES: usize = 1 << 20;
 
 /// The time of a message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -410,8 +410,8 @@ impl Contents {
             _ if self.trust == Trust::Verified || self.data_ended => Ok(()),
             // Extensions of others; but in a damaged file this may have been a chunk.
             0x80.. if self.trust == Trust::Unverified => Ok(()),
-            // Blank since a power cut, to the end of the file most likely.
-            0 => Err("no record, but zeros".to_owned()),
+            // No record has this kind: a blank end, after a power cut.
+            0 => Err("a record of unknown kind 0x00".to_owned()),
             // It may have been a chunk.
             other => self.lose(format!("a record of unknown kind {other:#04x}"), None),
         }

@@ -1,5 +1,6 @@
 //! One client from its first byte to its last: read, understood, handed to the journal, answered.
 
+use super::counts::Counts;
 use super::entrance::Stay;
 use super::intake::{Intake, IntakeLine};
 use super::protocol::{Protocol, Refusal, Step};
@@ -61,8 +62,6 @@ pub(super) async fn attend<I: Intake>(
     server: &Server<I>,
     mut stop: watch::Receiver<bool>,
 ) {
-    server.counts.add(|counts| &counts.clients, 1);
-    let _present = Present(&server.counts.clients);
     let (mut input, output) = tokio::io::split(socket);
     let (said, answers) = mpsc::channel(ANSWERS);
     let mut writer = tokio::spawn(write(output, answers));
@@ -106,23 +105,26 @@ struct Client<'a, I: Intake> {
     line: Option<I::Line>,
     /// Closed when a newer connection has this sender's name.
     place: Option<watch::Receiver<()>>,
-    standing: Standing,
+    standing: Standing<'a>,
     held: Held<'a>,
 }
 
 /// Whether a client has a place.
-enum Standing {
+enum Standing<'a> {
     /// It has said nothing yet that makes sense.
     Entering(Stay),
     /// It has one, until it goes.
-    In(#[expect(dead_code, reason = "held")] OwnedSemaphorePermit),
+    In {
+        _place: OwnedSemaphorePermit,
+        _present: Present<'a>,
+    },
 }
 
 /// Comes true when a client in the entrance must make room.
-async fn pushed(standing: &Standing) {
+async fn pushed(standing: &Standing<'_>) {
     match standing {
         Standing::Entering(stay) => stay.must_leave().await,
-        Standing::In(_) => std::future::pending().await,
+        Standing::In { .. } => std::future::pending().await,
     }
 }
 
@@ -185,7 +187,10 @@ impl<I: Intake> Client<'_, I> {
             let step = self.protocol.next(now_ns());
             if matches!(self.standing, Standing::Entering(_)) && self.protocol.has_spoken() {
                 let place = Arc::clone(&self.server.clients).try_acquire_owned();
-                self.standing = Standing::In(place.map_err(|_| Farewell::Full)?);
+                self.standing = Standing::In {
+                    _place: place.map_err(|_| Farewell::Full)?,
+                    _present: Present::of(&self.server.counts),
+                };
             }
             let foreign = self.protocol.take_foreign();
             self.server.counts.add(|counts| &counts.foreign, foreign);
@@ -379,6 +384,13 @@ impl Drop for Held<'_> {
 
 /// A client that is there.
 struct Present<'a>(&'a AtomicU64);
+
+impl<'a> Present<'a> {
+    fn of(counts: &'a Counts) -> Self {
+        counts.add(|counts| &counts.clients, 1);
+        Self(&counts.clients)
+    }
+}
 
 impl Drop for Present<'_> {
     fn drop(&mut self) {

@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 /// What came through the sockets. Totals count from the start of the daemon.
 #[derive(Debug, Default)]
 pub struct Counts {
-    /// Clients connected now.
+    /// Clients that have a place now: they have said something that makes sense.
     pub clients: AtomicU64,
     /// Clients that ever connected, those turned away included.
     pub connections: AtomicU64,

@@ -47,10 +47,10 @@ pub enum Event {
 /// Most samples in one record, whatever its length; bounds memory.
 pub const MAX_SAMPLES: usize = 1 << 22;
 
-/// Most bytes of a stretch: as many samples, or fewer with a stamp each. Where onsets are searched for, half: the search takes
-/// several times the stretch.
+/// Most bytes of a stretch: as many samples, or fewer with a stamp each. Where onsets are searched for, a quarter: the search
+/// takes several times the stretch.
 const MAX_BYTES: usize = 8 * MAX_SAMPLES;
-const MAX_SEARCHED: usize = MAX_BYTES / 2;
+const MAX_SEARCHED: usize = MAX_BYTES / 4;
 /// Bytes of messages that wait to be understood, beyond which fewer of them must do.
 const MAX_ASIDE: usize = 4 << 20;
 

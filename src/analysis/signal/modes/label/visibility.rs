@@ -5,7 +5,7 @@ use std::f64::consts::PI;
 use std::sync::LazyLock;
 
 /// Share of sensors at mid-span; the rest stand anywhere between 4 % and 50 % of the span.
-const AT_MID_SPAN: f64 = 0.25;
+const AT_MID_SPAN: f64 = 0.27;
 const PLACES: usize = 12;
 const NEAREST_END: f64 = 0.04;
 /// A mode is seen with the probability `0.92 S^2 / (S^2 + 0.12^2)`, `S = |sin n pi x|`, within these limits.

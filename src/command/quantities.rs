@@ -197,8 +197,11 @@ fn size(value: f64, unit: &str) -> Result<f64, String> {
     }
 }
 
+/// A shape of one size.
+type Shape = fn(f64) -> Profile;
+
 /// Words for shapes, the longest first.
-const SHAPES: [(&str, fn(f64) -> Profile); 14] = [
+const SHAPES: [(&str, Shape); 14] = [
     ("diameter", Profile::Round),
     ("square", Profile::Square),
     ("round", Profile::Round),

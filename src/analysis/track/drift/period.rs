@@ -98,10 +98,9 @@ pub struct Evidence {
 }
 
 impl Evidence {
-    /// The largest.
-    pub fn most(&self) -> f64 {
-        let known = [self.compensated, self.peers, self.blind];
-        known.into_iter().flatten().fold(0.0, f64::max)
+    /// Of the detector that knows most; zero before one has begun.
+    pub fn best_informed(&self) -> f64 {
+        self.compensated.or(self.peers).or(self.blind).unwrap_or(0.0)
     }
 }
 

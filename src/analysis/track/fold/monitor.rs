@@ -20,10 +20,7 @@ const SIGNAL_NOT_AXIAL_P: f64 = 0.01;
 /// told.
 const OVER_SHARE: f64 = 0.25;
 
-/// The end is judged by the change only where its standard error is below this share of what was told.
-const KNOWN_SHARE: f64 = 0.5;
-
-/// A change is over, too, once no detector's evidence is above this share of its limit.
+/// A change is over, too, once the evidence is below this share of its limit.
 const FAINT_EVIDENCE: f64 = 0.01;
 
 /// The condition of `not-axial` ends above this many times the probability that raised it.
@@ -284,12 +281,13 @@ fn look_at_end(tracker: &mut Tracker, period: &Period, time: Timestamp) {
         return;
     };
     let is_settled = tracker.state.watch.as_ref().is_some_and(DriftWatch::is_settled);
-    let holds = if is_settled && charted.evidence.most() < FAINT_EVIDENCE {
+    let evidence = charted.evidence.best_informed();
+    let holds = if is_settled && evidence < FAINT_EVIDENCE {
         Some(false)
     } else if let (Some(change), Some(sd)) = (charted.at_reference, charted.at_reference_sd) {
         let over = sd.max(OVER_SHARE * size);
-        // An error as large as what was told says nothing of its end.
-        beyond(change.abs(), 2.0 * over, over).filter(|holds| *holds || sd < KNOWN_SHARE * size)
+        // A small change ends nothing as long as it is evident.
+        beyond(change.abs(), 2.0 * over, over).filter(|holds| *holds || evidence < 1.0)
     } else {
         // Without a temperature what lasts is learned as usual: only the evidence ends it.
         None

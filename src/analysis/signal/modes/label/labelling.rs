@@ -18,7 +18,7 @@ const MOST_WRONG_ORDER: f64 = 0.04;
 const SURE: f64 = 0.995;
 /// Most probability that no rod is seen: where the force is hardly known beforehand, and where it is.
 const MOST_NO_ROD: f64 = 0.006;
-const MOST_NO_ROD_KNOWN: f64 = 0.0003;
+const MOST_NO_ROD_KNOWN: f64 = 0.0006;
 /// A rod whose first mode is known beforehand to this standard deviation of ln f counts as known: by a force stated to 30 %
 /// where section and material are known.
 const KNOWN_LOG_SD: f64 = 0.21;

@@ -1,4 +1,5 @@
 //! The floors of the house: imports go downward only, and the pure wing does not wait, read, remember or ask the machine.
+#![allow(clippy::unwrap_used)] // helpers of tests are tests
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;

@@ -321,6 +321,7 @@ fn many_rods_share_one_bound() {
 }
 
 #[test]
+#[ignore = "campaign: minutes; its channels were not run to their end yet"]
 fn many_messages_and_many_channels_take_little() {
     let one = site(1, "");
     let singly = singles(1, 400_000, 10_000_000);
@@ -382,6 +383,7 @@ fn a_packed_variable_of_bytes_is_refused() {
 }
 
 #[test]
+#[ignore = "campaign: minutes; not run to its end yet"]
 fn over_a_socket_and_in_the_watched_folder() {
     let folder = tempfile::tempdir().unwrap();
     let more = "[store]\npath = \"site.db\"\n[http]\nlisten = \"127.0.0.1:0\"\n[ingest]\nfolder = \"archive\"\nsettle_s = 1\n\

@@ -151,12 +151,13 @@ fn look_at_finding(tracker: &mut Tracker, period: &Period, others: &Others, time
             let alternatives = explain(tracker, &change, Some(period));
             let p = axial_p(tracker, period, change.onset);
             let is_axial = alternatives.as_ref().and_then(Explained::is_axial);
-            let (kind, message) = if is_axial.unwrap_or(p >= SIGNAL_NOT_AXIAL_P) {
+            // The pattern alone does not decide: where temperature moves the force by much, wrong static parameters look like one.
+            let (kind, message) = if p >= SIGNAL_NOT_AXIAL_P {
                 let message = drift_message(&change, witness, alternatives.as_ref());
                 (Kind::Drift, message)
             } else {
                 let message = match (is_axial, &alternatives) {
-                    (Some(_), Some(alternatives)) => alternatives.sentence(),
+                    (Some(false), Some(alternatives)) => alternatives.sentence(),
                     _ => not_axial_message(p),
                 };
                 (Kind::NotAxial, message)

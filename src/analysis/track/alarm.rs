@@ -310,7 +310,7 @@ impl Watches {
     }
 }
 
-/// What is known of the change an alarm is about.
+/// Knowledge of the change an alarm is about.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Known {
     /// Onset, size and rate.

@@ -41,7 +41,7 @@ pub enum TemperatureUse {
 pub struct AlarmSettings {
     /// Mean time between false drift alarms per rod \[years\].
     pub arl0_years: f64,
-    /// Whether the site's rods bear witness for each other.
+    /// True if the site's rods bear witness for each other.
     pub compare_rods: bool,
     /// Relative loss of force at the reference temperature that must not be exceeded \[-\].
     pub limit_loss: f64,

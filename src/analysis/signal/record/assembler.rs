@@ -466,7 +466,7 @@ fn nanos(seconds: f64) -> i64 {
     (seconds * 1e9).round() as i64
 }
 
-/// What messages take \[bytes\].
+/// Memory that messages take \[bytes\].
 fn bytes_of(messages: &[Message]) -> usize {
     messages
         .iter()

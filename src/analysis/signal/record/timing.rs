@@ -69,7 +69,7 @@ impl Stretch {
         self.values.extend_from_slice(values);
     }
 
-    /// What it takes in memory \[bytes\].
+    /// Its size in memory \[bytes\].
     pub fn bytes(&self) -> usize {
         8 * self.values.len() + (size_of::<i64>() + size_of::<u32>()) * self.times.len()
     }

@@ -233,7 +233,7 @@ impl Explained {
         }
     }
 
-    /// What the odds rest on.
+    /// Modes and number of records behind the odds.
     fn over(&self) -> String {
         format!("{}, {}", modes(&self.orders), counted(self.records, "record"))
     }

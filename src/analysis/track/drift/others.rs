@@ -37,7 +37,7 @@ impl<'a> Others<'a> {
         Self(rods.into_iter().map(|rod| rod as &dyn Neighbour).collect())
     }
 
-    /// How many there are.
+    /// Number of other rods.
     pub fn count(&self) -> usize {
         self.0.len()
     }
@@ -48,7 +48,7 @@ impl<'a> Others<'a> {
         steady.map(move |rod| (rod.name(), rod.ratio_in(index, period_s)))
     }
 
-    /// How many of them show evidence of a change themselves, or were told to have moved together.
+    /// Number of them that show evidence of a change themselves, or were told to have moved together.
     pub(crate) fn moving(&self) -> usize {
         let shows = |rod: &dyn Neighbour| {
             !rod.is_confirmed() && rod.evidence().is_some_and(|evidence| evidence > MOVING)
@@ -59,7 +59,7 @@ impl<'a> Others<'a> {
             .count()
     }
 
-    /// Whether one of them has told already that rods move together.
+    /// True if one of them has told already that rods move together.
     pub(crate) fn has_told_common(&self) -> bool {
         self.0.iter().any(|rod| rod.has_moved_with_others())
     }

@@ -459,7 +459,7 @@ impl DriftWatch {
         was_joined && !self.has_joined
     }
 
-    /// Whether it moves with others of which one told it.
+    /// True while it moves with others of which one told it.
     pub(crate) fn has_joined(&self) -> bool {
         self.has_joined
     }

@@ -1,4 +1,4 @@
-//! What an alarm may be about: the kinds of change that explain the modes' mean shift since an onset.
+//! Explanations of an alarm: the kinds of change that explain the modes' mean shift since an onset.
 
 use super::tracker::Tracker;
 use crate::analysis::signal::record::Timestamp;

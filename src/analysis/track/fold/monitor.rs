@@ -269,7 +269,7 @@ fn look_at_leverage(tracker: &mut Tracker, period: &Period, time: Timestamp) {
     });
 }
 
-/// What the evidence raised ends with the change, and the watch begins again with what it knows of temperature.
+/// Ends what the evidence raised once the change is gone; the watch begins again with what it knows of temperature.
 fn look_at_end(tracker: &mut Tracker, period: &Period, time: Timestamp) {
     let by_evidence = |alarm: &&Alarm| match alarm.kind {
         Kind::Drift | Kind::Common => alarm.cleared.is_none(),

@@ -123,7 +123,7 @@ impl TrackPlan {
         Shift::new(baseline, self.model.as_ref())
     }
 
-    /// What changes of every kind do to the frequencies of a baseline's particles.
+    /// Answers of the frequencies to changes of every kind, for a baseline's particles.
     pub(crate) fn alternatives(&self, baseline: &Baseline) -> Option<Alternatives> {
         Alternatives::new(&baseline.particles, self.model.as_ref(), &self.discrepancy)
     }

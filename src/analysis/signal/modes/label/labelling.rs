@@ -24,7 +24,7 @@ const MOST_NO_ROD_KNOWN: f64 = 0.0006;
 const KNOWN_LOG_SD: f64 = 0.21;
 /// The same where a person says that the first mode is among the peaks.
 const MOST_NO_ROD_DECLARED: f64 = 0.5;
-/// Whoever strikes strikes the rod: log odds of there being none, beside those of any record. Not per peak, since a decay is
+/// Log odds of there being no rod in a struck record, beside those of any record: whoever strikes strikes the rod. Not per peak, since a decay is
 /// recognised in 1.3 % of records where nothing is struck. That allows no more than the second, which holds where the promise
 /// is one wrong record in a thousand.
 const STRUCK: f64 = -8.0;

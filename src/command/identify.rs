@@ -20,7 +20,7 @@ use crate::analysis::signal::record::RodId;
 use crate::config::Config;
 use crate::site::analyse::Known;
 use crate::site::prepared::provenance;
-use crate::site::record_json;
+use crate::site::record_row::RecordRow;
 use anyhow::anyhow;
 use std::collections::BTreeMap;
 use std::io::{self, Write};
@@ -168,7 +168,7 @@ fn from_recording(args: &Args, path: &PathBuf) -> anyhow::Result<ExitCode> {
 
 fn show(args: &Args, config: &Config, plans: &BTreeMap<RodId, Plan>, outcome: &Outcome) -> io::Result<()> {
     let text = match outcome {
-        _ if args.json => record_json::json(outcome, None, &provenance(config)) + "\n",
+        _ if args.json => RecordRow::of(outcome, None, &provenance(config)).to_json()? + "\n",
         Outcome::Identified(identification) => match plans.get(&identification.rod) {
             Some(plan) => {
                 describe(plan, identification)

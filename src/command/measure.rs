@@ -157,7 +157,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
                     return Ok(Taken::Known);
                 };
                 let text = match args.json {
-                    true => taken.line + "\n",
+                    true => taken.row.to_json()? + "\n",
                     false => told(&generation.config, outcome, args.plot.width()),
                 };
                 bar.suspend(|| io::stdout().lock().write_all(text.as_bytes()))?;

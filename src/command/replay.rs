@@ -17,6 +17,7 @@ use crate::analysis::track::Verdict;
 use crate::config::Config;
 use crate::recording::atomic::AtomicFile;
 use crate::service::viewer::{Message, ResultsWriter};
+use crate::site::record_row::RecordRow;
 use crate::site::trackers::Taken;
 use anyhow::Context;
 use std::env;
@@ -124,11 +125,11 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
                 });
             }
         };
-        let Some(Taken { line, verdict }) = site.take(outcome, Some(place))? else {
+        let Some(Taken { row, verdict }) = site.take(outcome, Some(place))? else {
             return Ok(campaign::Taken::Known);
         };
         if let Some(results) = &mut results {
-            results.add(config, outcome, &line, &verdict);
+            results.add(config, outcome, &row, &verdict);
         }
         bar.suspend(|| {
             if header_due {
@@ -136,7 +137,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
                 writeln!(output, "{}\n{}", config.site, table.header())?;
             }
             let line = if args.json {
-                line
+                row.to_json()?
             } else {
                 table.row(outcome, &verdict)
             };
@@ -202,10 +203,10 @@ impl<'p> Results<'p> {
         })
     }
 
-    /// What came of a record: line and picture, and news of alarms at the time they came.
-    fn add(&mut self, config: &Config, outcome: &Outcome, line: &str, verdict: &Verdict) {
+    /// What came of a record: row and picture, and news of alarms at the time they came.
+    fn add(&mut self, config: &Config, outcome: &Outcome, row: &RecordRow, verdict: &Verdict) {
         if self.failure.is_none() {
-            match self.write(config, outcome, line, verdict) {
+            match self.write(config, outcome, row, verdict) {
                 Ok(()) => self.records += 1,
                 Err(error) => self.failure = Some(error),
             }
@@ -216,10 +217,10 @@ impl<'p> Results<'p> {
         &mut self,
         config: &Config,
         outcome: &Outcome,
-        line: &str,
+        row: &RecordRow,
         verdict: &Verdict,
     ) -> anyhow::Result<()> {
-        let mut messages = Message::of_record(line)?;
+        let mut messages = Message::of_record(row);
         if let Some(rod) = config.rod(&outcome.rod().0)
             && let Some(picture) = Snapshot::of_outcome(&rod.analysis.prior, outcome)
         {

@@ -125,13 +125,13 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         };
         let outcome = outcome_of(row, plan, waiting.take(&rod));
         waiting.passed(&rod, outcome.identity());
-        let Some(Taken { line, verdict }) = fold(&mut site, &outcome)? else {
+        let Some(Taken { row, verdict }) = fold(&mut site, &outcome)? else {
             tally.known += 1;
             continue;
         };
         tally.count(&outcome, verdict.set_aside.is_some(), &verdict.events);
         let text = if args.json {
-            line
+            row.to_json()?
         } else {
             table.row(&outcome, &verdict)
         };

@@ -5,7 +5,7 @@
 //! * [`ordered_map`]    reading and computing at once, results in order
 //! * [`trackers`]       the trackers of a site's rods, folded in the order of event time
 //! * [`store`]          what is remembered: SQLite, one transaction per record
-//! * [`record_json`]    a record as one JSON line
+//! * [`record_row`]     a record's result: one row of the store, one JSON line
 //! * [`emulator_cache`] fitted emulators on disk
 //! * [`clock`]          the time people's requests carry
 
@@ -14,6 +14,6 @@ pub mod clock;
 pub mod emulator_cache;
 pub mod ordered_map;
 pub mod prepared;
-pub mod record_json;
+pub mod record_row;
 pub mod store;
 pub mod trackers;

@@ -4,9 +4,9 @@ use crate::analysis::outcome::Outcome;
 use crate::analysis::record_view::Snapshot;
 use crate::analysis::signal::record::{Reading, RodId, Timestamp};
 use crate::analysis::track::{AlarmEvent, Others, Peer, TrackPlan, Tracker, Verdict};
-use crate::site::record_json;
+use crate::site::record_row::RecordRow;
 use crate::site::store::{
-    Asked, Carry, Commit, FileMark, Position, RecordRow, RodRow, SnapshotRow, Standing, Store, StoreError,
+    Asked, Carry, Commit, FileMark, NewRecord, Position, RodRow, SnapshotRow, Standing, Store, StoreError,
 };
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -20,10 +20,10 @@ pub struct Site {
     renewed: Vec<(RodId, u32)>,
 }
 
-/// One record that was taken: its line, and what it changed.
+/// One record that was taken: its row, and what it changed.
 pub struct Taken {
-    /// The JSON line the store keeps.
-    pub line: String,
+    /// The row the store keeps.
+    pub row: RecordRow,
     /// What tracking made of it.
     pub verdict: Verdict,
 }
@@ -221,11 +221,12 @@ impl Site {
                     .and_then(|_| Snapshot::of_rejected(rejected))
             }
         };
-        let line = record_json::json(outcome, Some(&verdict), &self.config_hash);
+        let row = RecordRow::of(outcome, Some(&verdict), &self.config_hash);
         self.store.commit(&Commit {
-            record: Some(RecordRow {
-                outcome,
-                line: &line,
+            record: Some(NewRecord {
+                row: &row,
+                identity,
+                rms: outcome.rms(),
                 emulator: self.emulators.get(rod).copied().unwrap_or_default(),
             }),
             rod: Some(RodRow {
@@ -242,7 +243,7 @@ impl Site {
             source: position,
             ..Commit::default()
         })?;
-        Ok(Some(Taken { line, verdict }))
+        Ok(Some(Taken { row, verdict }))
     }
 
     /// Takes temperatures a recording held beside its records and makes them durable; whether they said anything new.

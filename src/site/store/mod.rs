@@ -6,7 +6,7 @@
 //! docs/store.md describes tables and columns.
 
 mod backup;
-pub(crate) mod columns;
+mod columns;
 mod commit;
 mod dump;
 mod error;
@@ -24,7 +24,7 @@ mod schema;
 mod snapshot;
 mod state;
 
-pub use commit::{Commit, Position, RecordRow, RodRow};
+pub use commit::{Commit, NewRecord, Position, RodRow};
 pub use error::StoreError;
 pub use file_id::FileId;
 pub use kinds::ColumnKind;
@@ -168,13 +168,9 @@ impl Store {
             }
             return Err(self.reader.fault(trouble));
         }
-        if let Some(outcome) = commit.record.as_ref().map(|record| record.outcome)
-            && let Some(identity) = outcome.identity()
-        {
-            self.known
-                .entry(outcome.rod().clone())
-                .or_default()
-                .insert(identity);
+        if let Some(record) = &commit.record {
+            let known = self.known.entry(record.row.rod.clone()).or_default();
+            known.insert(record.identity);
         }
         Ok(())
     }

@@ -1,10 +1,12 @@
 //! Bounded questions, for pages: each is answered from an index, and every row it reads is compared with its checksum.
 
+use super::read::parse;
 use super::state::{self, Trouble};
 use super::{Reader, StoreError, row};
 use crate::analysis::signal::record::{RodId, Timestamp};
 use crate::analysis::track::fold::packed::Packed;
 use crate::analysis::track::{Alarm, DriftWatch, Interval, Period};
+use crate::site::record_row::RecordRow;
 use rusqlite::Params;
 use rusqlite::types::Value;
 use serde::de::DeserializeOwned;
@@ -190,12 +192,12 @@ impl Reader {
             .map_err(|error| self.fault(Trouble::Sql(error)))
     }
 
-    /// The JSON lines of records with numbers above `after`, ascending, at most `most`.
+    /// The rows of records with numbers above `after`, ascending, at most `most`.
     ///
     /// # Errors
-    /// As [`Reader::points_after`].
-    pub fn lines_after(&self, after: i64, most: usize) -> Result<Vec<String>, StoreError> {
-        let mut lines = Vec::new();
+    /// As [`Reader::points_after`], or a line cannot be understood.
+    pub fn rows_after(&self, after: i64, most: usize) -> Result<Vec<RecordRow>, StoreError> {
+        let mut lines: Vec<String> = Vec::new();
         self.verified(
             "line",
             "record > ? ORDER BY record LIMIT ?",
@@ -205,7 +207,7 @@ impl Reader {
                 Ok(())
             },
         )?;
-        Ok(lines)
+        lines.iter().map(|line| parse(line)).collect()
     }
 
     /// Alarms, the latest first, at most `most`: those raised before an alarm, of one rod or all, those that stand or all.

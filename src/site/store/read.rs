@@ -5,6 +5,7 @@ use super::state::{self, Trouble};
 use super::{FileId, StoreError, open, row, schema};
 use crate::analysis::signal::record::{RodId, Timestamp};
 use crate::analysis::track::{Alarm, AlarmEvent, Period, RodState, Segment, State};
+use crate::site::record_row::RecordRow;
 use rusqlite::types::Value;
 use rusqlite::{Connection, OptionalExtension};
 use std::collections::BTreeMap;
@@ -60,6 +61,24 @@ pub struct Standing {
     pub alarms: Vec<Alarm>,
     /// Requests that wait for the rod's next record.
     pub waiting: Vec<Request>,
+}
+
+impl Standing {
+    /// The row of the latest record that was not rejected.
+    ///
+    /// # Errors
+    /// Its line cannot be understood.
+    pub fn latest_row(&self) -> Result<Option<RecordRow>, StoreError> {
+        self.latest.as_deref().map(parse).transpose()
+    }
+}
+
+/// The row of a JSON line of the store.
+pub(super) fn parse(line: &str) -> Result<RecordRow, StoreError> {
+    RecordRow::parse(line).map_err(|error| StoreError::Unreadable {
+        what: "a record's line".to_owned(),
+        detail: error.to_string(),
+    })
 }
 
 impl Reader {
@@ -253,6 +272,18 @@ impl Reader {
             on_line(line.as_str().map_err(|error| fault(error.into()))?)?;
         }
         Ok(())
+    }
+
+    /// Hands the row of every record that is wanted to `on_row`, in the order of time.
+    ///
+    /// # Errors
+    /// The store cannot be read, a line not be understood, or `on_row` failed.
+    pub fn rows<E: From<StoreError>>(
+        &self,
+        filter: &Filter,
+        mut on_row: impl FnMut(RecordRow) -> Result<(), E>,
+    ) -> Result<(), E> {
+        self.lines(Listing::Records, filter, |line| on_row(parse(line)?))
     }
 
     /// The names of a listing's columns.

@@ -1,8 +1,9 @@
 //! `tirante identify`: one recording, or frequencies measured elsewhere, to the posterior.
 
-use super::campaign::{self, News, Reading, Taken};
+use super::campaign::{self, Reading};
 use super::findings;
 use super::foreign::Foreign;
+use super::progress::Progress;
 use super::setup::{self, Setup};
 use super::sketch::{self, When};
 use super::{BadArguments, WITH_LOSSES};
@@ -16,16 +17,16 @@ use crate::analysis::rod::beam::Quantity;
 use crate::analysis::rod::fixity::Fixity;
 use crate::analysis::rod::prior::Prior;
 use crate::analysis::signal::modes::Mode;
-use crate::analysis::signal::record::RodId;
 use crate::config::Config;
-use crate::site::analyse::Known;
-use crate::site::prepared::provenance;
+use crate::site::analyse::{Analysed, Known};
+use crate::site::prepared::{Plans, provenance};
 use crate::site::record_row::RecordRow;
+use crate::site::store::Position;
 use anyhow::anyhow;
-use std::collections::BTreeMap;
 use std::io::{self, Write};
 use std::path::PathBuf;
 use std::process::ExitCode;
+use std::sync::Arc;
 
 /// Standard error of a frequency given without one \[Hz\]: the paper's Sigma = 1e-3 Hz^2.
 const DEFAULT_SD_HZ: f64 = 0.031_622_776_601_683_79;
@@ -152,21 +153,22 @@ fn from_recording(args: &Args, path: &PathBuf) -> anyhow::Result<ExitCode> {
         let rod = setup::choose_rod(&config, Some(id))?.analysis.rod.clone();
         config.rods.retain(|candidate| candidate.analysis.rod == rod);
     }
-    let plans = setup::plans(&config)?;
+    let plans = Arc::new(setup::plans(&config)?);
     let paths = std::slice::from_ref(path);
     let known = Known::new();
     let reading = Reading::default();
     let others = args.foreign.among(&args.setup, true);
-    let tally = campaign::run(paths, &config, &plans, &reading, others, &known, |news, bar| {
-        if let News::Outcome(outcome, _) = news {
+    let on_event = |analysed: &Analysed, _: Position<'_>, _: Option<[u8; 32]>, bar: &Progress| {
+        if let Analysed::Record(outcome) = analysed {
             bar.suspend(|| show(args, &config, &plans, outcome))?;
         }
-        Ok(Taken::New)
-    })?;
+        Ok(true)
+    };
+    let tally = campaign::run(paths, &config, &plans, &reading, others, &known, on_event)?;
     Ok(campaign::conclude(tally))
 }
 
-fn show(args: &Args, config: &Config, plans: &BTreeMap<RodId, Plan>, outcome: &Outcome) -> io::Result<()> {
+fn show(args: &Args, config: &Config, plans: &Plans, outcome: &Outcome) -> io::Result<()> {
     let text = match outcome {
         _ if args.json => RecordRow::of(outcome, None, &provenance(config)).to_json()? + "\n",
         Outcome::Identified(identification) => match plans.get(&identification.rod) {

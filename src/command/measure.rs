@@ -1,7 +1,8 @@
 //! `tirante measure`: one file to a force, a configuration and a report.
 
-use super::campaign::{self, News, Reading, Taken};
+use super::campaign::{self, Reading};
 use super::foreign::{self, Foreign};
+use super::progress::Progress;
 use super::questions::Questions;
 use super::rod_flags::{Rod, RodFlags, positive};
 use super::sensor::{Sensor, Wanted};
@@ -17,6 +18,8 @@ use crate::analysis::signal::record::{Rejection, Unit};
 use crate::config::Config;
 use crate::recording::import::{self, Format, How};
 use crate::recording::read::contents::Content;
+use crate::site::analyse::Analysed;
+use crate::site::store::Position;
 use crate::site::trackers::Site;
 use anyhow::Context;
 use std::fs;
@@ -150,11 +153,11 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         &Reading::default(),
         others,
         &site.store().all_known().clone(),
-        |news, bar| {
-            if let News::Outcome(outcome, place) = news {
+        |analysed: &Analysed, place: Position<'_>, _: Option<[u8; 32]>, bar: &Progress| {
+            if let Analysed::Record(outcome) = analysed {
                 records += 1;
                 let Some(taken) = site.take(outcome, Some(place))? else {
-                    return Ok(Taken::Known);
+                    return Ok(false);
                 };
                 let text = match args.json {
                     true => taken.row.to_json()? + "\n",
@@ -162,7 +165,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
                 };
                 bar.suspend(|| io::stdout().lock().write_all(text.as_bytes()))?;
             }
-            Ok(Taken::New)
+            Ok(true)
         },
     )?;
     let code = campaign::conclude(tally);

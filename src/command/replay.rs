@@ -1,7 +1,7 @@
 //! `tirante replay`: recordings through the whole pipeline.
 
 use super::BadArguments;
-use super::campaign::{self, News, Reading};
+use super::campaign::{self, Reading};
 use super::foreign::Foreign;
 use super::progress::Progress;
 use super::render::Table;
@@ -17,7 +17,9 @@ use crate::analysis::track::Verdict;
 use crate::config::Config;
 use crate::recording::atomic::AtomicFile;
 use crate::service::viewer::{Message, ResultsWriter};
+use crate::site::analyse::Analysed;
 use crate::site::record_row::RecordRow;
+use crate::site::store::Position;
 use crate::site::trackers::Taken;
 use anyhow::Context;
 use std::env;
@@ -113,20 +115,10 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let mut results = args.results.as_deref().map(Results::create).transpose()?;
     let mut output = io::stdout().lock();
     let mut header_due = !args.json;
-    let on_news = |news: News<'_>, bar: &Progress| {
-        let (outcome, place) = match news {
-            News::Outcome(outcome, place) => (outcome, place),
-            News::Readings { rod, readings, after } => {
-                let is_new = site.take_readings(rod, readings, after)?;
-                return Ok(if is_new {
-                    campaign::Taken::New
-                } else {
-                    campaign::Taken::Known
-                });
-            }
-        };
-        let Some(Taken { row, verdict }) = site.take(outcome, Some(place))? else {
-            return Ok(campaign::Taken::Known);
+    let on_event = |analysed: &Analysed, place: Position<'_>, before: Option<[u8; 32]>, bar: &Progress| {
+        let taken = site.take_event(analysed, place, before)?;
+        let (Analysed::Record(outcome), Some(Taken { row, verdict })) = (analysed, taken) else {
+            return Ok(false);
         };
         if let Some(results) = &mut results {
             results.add(config, outcome, &row, &verdict);
@@ -143,7 +135,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
             };
             writeln!(output, "{line}")
         })?;
-        Ok(campaign::Taken::New)
+        Ok(true)
     };
     let tally = campaign::run(
         &args.paths,
@@ -152,7 +144,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         &args.reading,
         args.foreign.among(&args.setup, false),
         &known,
-        on_news,
+        on_event,
     )?;
     let has_seen_all = tally.is_some();
     let code = campaign::conclude(tally);

@@ -2,6 +2,7 @@
 //!
 //! * [`prepared`]       a configuration with the plans of its rods
 //! * [`analyse`]        one record through its rod's plan, the same for `replay` and daemon
+//! * [`driver`]         jobs of a source through analysis and into the order of event time
 //! * [`ordered_map`]    reading and computing at once, results in order
 //! * [`trackers`]       the trackers of a site's rods, folded in the order of event time
 //! * [`store`]          what is remembered: SQLite, one transaction per record
@@ -11,6 +12,7 @@
 
 pub mod analyse;
 pub mod clock;
+pub mod driver;
 pub mod emulator_cache;
 pub mod ordered_map;
 pub mod prepared;

@@ -4,6 +4,7 @@ use crate::analysis::outcome::Outcome;
 use crate::analysis::record_view::Snapshot;
 use crate::analysis::signal::record::{Reading, RodId, Timestamp};
 use crate::analysis::track::{AlarmEvent, Others, Peer, TrackPlan, Tracker, Verdict};
+use crate::site::analyse::Analysed;
 use crate::site::record_row::RecordRow;
 use crate::site::store::{
     Asked, Carry, Commit, FileMark, NewRecord, Position, RodRow, SnapshotRow, Standing, Store, StoreError,
@@ -244,6 +245,24 @@ impl Site {
             ..Commit::default()
         })?;
         Ok(Some(Taken { row, verdict }))
+    }
+
+    /// Takes what came of an event and makes it durable; `before` is the record of its rod that passed before it. `None` unless it
+    /// is a record that is new.
+    ///
+    /// # Errors
+    /// As [`Site::take`] and [`Site::take_readings`].
+    pub fn take_event(
+        &mut self,
+        analysed: &Analysed,
+        position: Position<'_>,
+        before: Option<[u8; 32]>,
+    ) -> Result<Option<Taken>, StoreError> {
+        match analysed {
+            Analysed::Record(outcome) => self.take(outcome, Some(position)),
+            Analysed::Readings(rod, readings) => self.take_readings(rod, readings, before).map(|_| None),
+            Analysed::Known(..) => Ok(None),
+        }
     }
 
     /// Takes temperatures a recording held beside its records and makes them durable; whether they said anything new.

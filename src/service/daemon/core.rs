@@ -1,7 +1,5 @@
 //! The one thread that owns trackers and store: takes what comes out of the pipeline, in order, and makes it durable.
 
-use super::Job;
-use super::held::Held;
 use super::opening::{open_site, warn_of_renewed};
 use super::retention::Retention;
 use super::silence::Silence;
@@ -11,6 +9,7 @@ use crate::recording::read::Place;
 use crate::recording::read::{SourceError, Summary};
 use crate::service::telemetry::{Fault, Health};
 use crate::site::analyse::{Analysed, Passed};
+use crate::site::driver::{Done, Held, Job};
 use crate::site::prepared::Generation;
 use crate::site::store::{FileMark, Standing, StoreError};
 use crate::site::trackers::{Note, Site, Taken};
@@ -25,19 +24,9 @@ const ROOM: u64 = 8 << 20;
 /// How often a full disk is looked at.
 const LOOK: Duration = Duration::from_millis(250);
 
-/// What comes out of the pipeline.
-pub enum Done {
-    /// What came of an event.
-    Event(Analysed, Place),
-    /// A job that needs no analysis.
-    Job(Job),
-}
-
-impl Done {
-    /// Whether all it does is to keep something; the rest stands alone.
-    fn is_kept(&self) -> bool {
-        !matches!(self, Self::Job(Job::Reload(_) | Job::Tick { .. }))
-    }
+/// Whether all that is done with an item is to keep something; the rest stands alone.
+fn is_kept(done: &Done) -> bool {
+    !matches!(done, Done::Job(Job::Reload(_) | Job::Tick { .. }))
 }
 
 /// What the core lets others know, on its own thread: whoever listens must be quick.
@@ -136,7 +125,7 @@ impl Core {
     /// The daemon cannot go on; what was not told was not kept.
     pub fn take(&mut self, group: Vec<Done>) -> Result<(), Broken> {
         let group = self.held.take(group, Instant::now());
-        for run in group.chunk_by(|one, next| one.is_kept() && next.is_kept()) {
+        for run in group.chunk_by(|one, next| is_kept(one) && is_kept(next)) {
             match run {
                 [Done::Job(Job::Reload(generation))] => self.reload(Arc::clone(generation))?,
                 [Done::Job(Job::Tick { is_caught_up })] => self.tick(*is_caught_up)?,
@@ -158,7 +147,13 @@ impl Core {
     fn keep(&mut self, run: &[Done]) -> Result<(), Broken> {
         let begun = Instant::now();
         // Asked once, in order: the run may be taken again.
-        let before: Vec<_> = run.iter().map(|done| self.pass(done)).collect();
+        let before: Vec<_> = run
+            .iter()
+            .map(|done| match done {
+                Done::Event(analysed, _) => self.passed.pass(analysed),
+                Done::Job(_) => None,
+            })
+            .collect();
         let taken = self.durable(|site| {
             site.together(|site| {
                 let items = run.iter().zip(&before);
@@ -191,23 +186,6 @@ impl Core {
             (self.tell)(Word::News);
         }
         Ok(())
-    }
-
-    /// Notes that an item passes; the record of its rod that passed before.
-    fn pass(&mut self, done: &Done) -> Option<[u8; 32]> {
-        let Done::Event(analysed, _) = done else {
-            return None;
-        };
-        let (rod, identity) = match analysed {
-            Analysed::Known(rod, identity) => (rod, Some(*identity)),
-            Analysed::Record(outcome) => (outcome.rod(), outcome.identity()),
-            Analysed::Readings(rod, _) => (rod, None),
-        };
-        let before = self.passed.last(rod);
-        if let Some(identity) = identity {
-            self.passed.note(rod, identity);
-        }
-        before
     }
 
     /// Tells of a record that was taken.
@@ -378,10 +356,7 @@ impl Core {
 /// Puts an item into the site; what was taken, if it is a record that is new.
 fn put(site: &mut Site, done: &Done, before: Option<[u8; 32]>) -> Result<Option<Taken>, StoreError> {
     match done {
-        Done::Event(Analysed::Record(outcome), place) => return site.take(outcome, Some(place.position())),
-        Done::Event(Analysed::Readings(rod, readings), _) => {
-            site.take_readings(rod, readings, before)?;
-        }
+        Done::Event(analysed, place) => return site.take_event(analysed, place.position(), before),
         Done::Job(Job::File { mark, carry, .. }) if mark.is_some() || carry.is_some() => {
             let (mark, carry) = (mark.as_ref(), carry.as_ref());
             site.note(Note::File { mark, carry })?;
@@ -390,8 +365,8 @@ fn put(site: &mut Site, done: &Done, before: Option<[u8; 32]>) -> Result<Option<
             let through = *through;
             site.note(Note::Delivered { sink, through })?;
         }
-        // What is known needs nothing, and the pipeline turned every event into what came of it.
-        Done::Event(Analysed::Known(..), _) | Done::Job(_) => {}
+        // The driver turned every event into what came of it.
+        Done::Job(_) => {}
     }
     Ok(None)
 }

@@ -4,8 +4,6 @@
 
 pub mod core;
 mod folder;
-mod held;
-pub mod job;
 mod live;
 pub mod notify;
 mod opening;
@@ -21,7 +19,6 @@ pub mod suspects;
 mod workers;
 
 use crate::site::prepared::Generation;
-pub use job::Job;
 
 use crate::config::{Config, ConfigError, Setting};
 use crate::service::http;

@@ -1,13 +1,12 @@
 //! What the pipeline's threads do with a job: analyse events, with a mark of what they are at.
 
-use super::Job;
-use super::core::Done;
 use super::suspects::{Slot, Suspects};
 use crate::analysis::signal::record::{Event, Record, Rejection};
 use crate::recording::read::Place;
 use crate::service::telemetry::Metrics;
 use crate::site::analyse::{self, Analysed, Known};
-use crate::site::prepared::Generation;
+use crate::site::driver::{self, Done, Job};
+use crate::site::prepared::Plans;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
@@ -37,24 +36,18 @@ impl Workers {
             Job::Event {
                 event: Event::Record(record),
                 place,
-                generation,
+                plans,
                 load,
             } => {
-                let done = self.record(record, place, &generation);
+                let done = self.record(record, place, &plans);
                 drop(load);
                 done
             }
-            Job::Event {
-                event,
-                place,
-                generation,
-                ..
-            } => Done::Event(analyse::analyse(event, &generation.plans, &self.known), place),
-            other => Done::Job(other),
+            other => driver::work(other, &self.known),
         }
     }
 
-    fn record(&self, record: Record, place: Place, generation: &Generation) -> Done {
+    fn record(&self, record: Record, place: Place, plans: &Plans) -> Done {
         let identity = record.identity();
         let is_known = |known: &Known| {
             known
@@ -73,7 +66,7 @@ impl Workers {
         let mut slot = self.idle().pop().unwrap_or_else(|| self.suspects.slot());
         slot.working_on(&name);
         let begun = Instant::now();
-        let analysed = analyse::analyse(Event::Record(record), &generation.plans, &self.known);
+        let analysed = analyse::analyse(Event::Record(record), plans, &self.known);
         self.metrics.analysis(begun.elapsed());
         slot.idle();
         self.idle().push(slot);

@@ -14,7 +14,7 @@ use serde_json::Value as Json;
 use std::io::{self, IsTerminal, Write};
 use std::process::ExitCode;
 
-/// Lists what the store has: records with their forces, closed periods with the evidence of a change, alarms, or rejected records.
+/// List records, periods, alarms or rejected records of a store.
 ///
 /// It reads beside a running `replay` or `run`.
 #[derive(Debug, Clone, clap::Args)]

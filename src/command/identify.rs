@@ -17,6 +17,7 @@ use crate::analysis::rod::beam::Quantity;
 use crate::analysis::rod::fixity::Fixity;
 use crate::analysis::rod::prior::Prior;
 use crate::analysis::signal::modes::Mode;
+use crate::command::which_store::Output;
 use crate::config::Config;
 use crate::site::analyse::{Analysed, Known};
 use crate::site::prepared::{Plans, provenance};
@@ -34,18 +35,21 @@ const DEFAULT_SD_HZ: f64 = 0.031_622_776_601_683_79;
 /// No rod vibrates faster \[Hz\].
 const HIGHEST_HZ: f64 = 1e5;
 
-/// Identifies the axial force from one recording, or from natural frequencies measured elsewhere.
+/// Compute the posterior of the axial force from one recording.
 ///
-/// Prints prior and posterior of every uncertain parameter, or one JSON object with --json. Of a record that gives no force
-/// it prints the reason, every peak, and what the peaks may be, each assignment with its probability and its force.
+/// Frequencies measured elsewhere do as well. Prints prior and posterior of every uncertain parameter. Of a record
+/// that gives no force it prints the reason, every peak, and possible assignments of the peaks, each with its
+/// probability and its force.
 #[derive(Debug, Clone, clap::Args)]
 #[command(after_help = "Examples:
   tirante identify recordings/todi-pull.mcap
-  tirante identify laser.csv --config site.toml          (UFF, WAV, MATLAB, .lvm, .tdms alike)
+  tirante identify laser.csv \\
+      --config site.toml          (UFF, WAV, MATLAB, .lvm, .tdms alike)
   tirante identify hammer.tdms --config site.toml --channel 'Acc 3'
   tirante identify camera.npy --config site.toml --rate 250 --channel '[7,:,1]'
   tirante identify --frequencies 4.492,9.288,13.252
-  tirante identify --frequencies 4.492,-,13.252 --sd 0.005,-,0.01    (mode 2 not measured)")]
+  tirante identify --frequencies 4.492,-,13.252 \\
+      --sd 0.005,-,0.01    (mode 2 not measured)")]
 pub struct Args {
     /// A recording (MCAP), or a file of another program; all its records are identified.
     #[arg(
@@ -73,9 +77,9 @@ pub struct Args {
     #[arg(long, value_name = "ID")]
     pub rod: Option<String>,
 
-    /// One JSON object per record instead of tables.
-    #[arg(long)]
-    pub json: bool,
+    /// Text or JSON.
+    #[command(flatten)]
+    pub output: Output,
 
     /// Whether a small plot is drawn in the end.
     #[arg(long, value_name = "WHEN", value_enum, default_value_t)]
@@ -170,7 +174,7 @@ fn from_recording(args: &Args, path: &PathBuf) -> anyhow::Result<ExitCode> {
 
 fn show(args: &Args, config: &Config, plans: &Plans, outcome: &Outcome) -> io::Result<()> {
     let text = match outcome {
-        _ if args.json => RecordRow::of(outcome, None, &provenance(config)).to_json()? + "\n",
+        _ if args.output.is_json() => RecordRow::of(outcome, None, &provenance(config)).to_json()? + "\n",
         Outcome::Identified(identification) => match plans.get(&identification.rod) {
             Some(plan) => {
                 describe(plan, identification)

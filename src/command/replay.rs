@@ -9,7 +9,7 @@ use super::report;
 use super::setup::{self, Prepared, Setup};
 use super::sketch::{self, When};
 use super::status;
-use super::which_store::Format;
+use super::which_store::{Format, Output};
 use crate::analysis::outcome::Outcome;
 use crate::analysis::record_view::Snapshot;
 use crate::analysis::signal::record::RodId;
@@ -27,34 +27,41 @@ use std::io::{self, IsTerminal, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-/// Runs recordings through the whole pipeline: per record the natural frequencies, the axial force and its change
-/// since the baseline, alarms as they are raised, and in the end how every rod stands.
+/// Analyse recordings: frequencies, force, change, alarms.
+///
+/// Prints a line per record with its natural frequencies, its axial force and the change since the baseline; alarms
+/// as they are raised; and the state of every rod at the end.
 #[derive(Debug, Clone, clap::Args)]
 #[command(after_help = "Examples:
   tirante replay recordings/todi-pull.mcap
-  tirante replay recordings/campaign-2025.mcap --config config/campaign.toml --store site.db --report .
+  tirante replay recordings/campaign-2025.mcap --config config/campaign.toml \\
+      --store site.db --report .
   tirante replay recordings/todi-pull.mcap --results todi-results.mcap
-  tirante replay /data/2026 --config site.toml --json > forces.jsonl
+  tirante replay /data/2026 --config site.toml --format json > forces.jsonl
   tirante replay monday.csv tuesday.tdms --config site.toml --store site.db
 
-The force (mean ± standard deviation) is what one record says by itself. The change is that of the force since
-the rod's baseline, at the reference temperature; '~' marks one that is not compensated for temperature; '-'
-stands while the baseline is learned. `! conflict` says by how many standard deviations the frequencies lie
-outside everything the model can produce: the force may be wrong by more than it says. `? hardly in the prior`:
-check length, section, material and expected force. Behind the state, `decay`, `decays` and `blow` say what motion was
-recognised (nothing: ambient vibration), `? orders 0.93` that the orders of the modes are not certain: `tirante identify`
-shows what else the peaks may be. --json has everything else.
+The force (mean ± standard deviation) is what one record says by itself. The
+change is that of the force since the rod's baseline, at the reference
+temperature; '~' marks one that is not compensated for temperature; '-' stands
+while the baseline is learned. `! conflict` says by how many standard deviations
+the frequencies lie outside everything the model can produce: the force may be
+wrong by more than it says. `? hardly in the prior`: check length, section,
+material and expected force. Behind the state, `decay`, `decays` and `blow` say
+what motion was recognised (nothing: ambient vibration), `? orders 0.93` that
+the orders of the modes are not certain: `tirante identify` shows what else the
+peaks may be. --format json has everything else.
 
-Alarms are results, not failures: a replay that raises some still ends with 0 (or 3 with rejected records or
-lost data). Ask `tirante status --format json` whether an alarm stands.")]
+Alarms are results, not failures: a replay that raises some still ends with 0
+(or 3 with rejected records or lost data). Ask `tirante status --format json`
+whether an alarm stands.")]
 pub struct Args {
     /// MCAP recordings, folders of them, or files of other programs (CSV, UFF, WAV, MATLAB, LabVIEW, NumPy).
     #[arg(value_name = "PATH", required = true)]
     pub paths: Vec<PathBuf>,
 
-    /// One JSON object per record on stdout instead of the table.
-    #[arg(long)]
-    pub json: bool,
+    /// Text or JSON.
+    #[command(flatten)]
+    pub output: Output,
 
     /// Keep results in this database (SQLite) and go on where it left off; over `[store] path` of the configuration. Without
     /// either, nothing is remembered after the replay.
@@ -114,7 +121,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
 
     let mut results = args.results.as_deref().map(Results::create).transpose()?;
     let mut output = io::stdout().lock();
-    let mut header_due = !args.json;
+    let mut header_due = !args.output.is_json();
     let on_event = |analysed: &Analysed, place: Position<'_>, before: Option<[u8; 32]>, bar: &Progress| {
         let taken = site.take_event(analysed, place, before)?;
         let (Analysed::Record(outcome), Some(Taken { row, verdict })) = (analysed, taken) else {
@@ -128,7 +135,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
                 header_due = false;
                 writeln!(output, "{}\n{}", config.site, table.header())?;
             }
-            let line = if args.json {
+            let line = if args.output.is_json() {
                 row.to_json()?
             } else {
                 table.row(outcome, &verdict)
@@ -151,7 +158,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     if has_seen_all {
         let standing = status::text(site.store(), None, Format::Table)?;
         tell!("{}", standing.trim_end());
-        if let Some(width) = args.plot.width().filter(|_| !args.json) {
+        if let Some(width) = args.plot.width().filter(|_| !args.output.is_json()) {
             for rod in site.store().rods()? {
                 write!(output, "\n{}", sketch::force(site.store(), &rod, width)?)?;
             }

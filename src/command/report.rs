@@ -22,14 +22,16 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-/// Writes the report of a site: one HTML page with figures, tables and alarms of every rod, which needs no
-/// network and no other file.
+/// Write the report of a site as one HTML page.
+///
+/// The page has figures, tables and alarms of every rod, and needs no network and no other file.
 #[derive(Debug, Clone, clap::Args)]
 #[command(after_help = "Examples:
   tirante report --store todi.db --out todi.html
   tirante report --config site.toml --out reports/ --rod north
 
-The same store gives the same page, byte for byte. It may be written beside a running `replay`.")]
+The same store gives the same page, byte for byte. It may be written beside a
+running `replay`.")]
 pub struct Args {
     /// The store.
     #[command(flatten)]

@@ -37,18 +37,23 @@ const PATIENCE: Duration = Duration::from_secs(300);
 /// Pauses between attempts to connect.
 const BACK_OFF: (Duration, Duration) = (Duration::from_secs(1), Duration::from_secs(30));
 
-/// Sends recordings into the socket of a running daemon as one MCAP stream, at the speed they were recorded or another.
+/// Send recordings to a running daemon, at a chosen speed.
+///
+/// They go into its socket as one MCAP stream.
 #[derive(Debug, Clone, clap::Args)]
 #[command(after_help = "Examples:
   tirante send recordings/todi-pull.mcap --to tcp://127.0.0.1:7415
-  tirante send day.mcap --to unix:///run/tirante/ingest.sock --sender north-laser --speed 10
+  tirante send day.mcap --to unix:///run/tirante/ingest.sock \\
+      --sender north-laser --speed 10
   tirante send day.mcap --to tcp://127.0.0.1:7415 --speed max --stamp-now
-  tirante send day.mcap --to tcp://tower.example:7415 --tls-ca ca.pem --tls-certificate me.pem --tls-key me.key
+  tirante send day.mcap --to tcp://tower.example:7415 --tls-ca ca.pem \\
+      --tls-certificate me.pem --tls-key me.key
 
-Log times decide when a message is sent. With --sender the daemon acknowledges what is on its disk; after a cut
-the command connects again (after 1 s, then longer, up to 30 s) and goes on from there. Without --sender a cut is
-the end. Exit code 0 says that everything is durable; 1 that it is not, or that a recording is damaged; 3 that some was
-left out, with the reason.")]
+Log times decide when a message is sent. With --sender the daemon acknowledges
+what is on its disk; after a cut the command connects again (after 1 s, then
+longer, up to 30 s) and goes on from there. Without --sender a cut is the end.
+Exit code 0 says that everything is durable; 1 that it is not, or that a
+recording is damaged; 3 that some was left out, with the reason.")]
 pub struct Args {
     /// MCAP recordings, or folders of them; sent in the order of their data.
     #[arg(value_name = "FILE", required = true)]

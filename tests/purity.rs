@@ -6,7 +6,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// From the ground up. A module is on the floor with the longest name that it begins with.
-const FLOORS: [&str; 57] = [
+const FLOORS: [&str; 58] = [
     "analysis::numerics",
     "analysis::rod::beam",
     "analysis::rod::fixity",
@@ -46,6 +46,7 @@ const FLOORS: [&str; 57] = [
     "config::settings",
     "config",
     "site::clock",
+    "site::hex",
     "site::ordered_map",
     "site::emulator_cache",
     "site::record_row",

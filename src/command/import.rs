@@ -6,6 +6,7 @@ use crate::analysis::signal::record::{RodChannels, Unit};
 use crate::config::Config;
 use crate::recording::import::{self, Contents, ImportError, Plan};
 use crate::recording::write::{Encoding, Layout, RecordingWriter, WriterOptions};
+use crate::site::hex::hex;
 use anyhow::Context;
 use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
@@ -174,7 +175,7 @@ fn facts(path: &Path, plan: &Plan) -> anyhow::Result<BTreeMap<String, String>> {
         bytes += read as u64;
         hash.update(&block[..read]);
     }
-    let hash: String = hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect();
+    let hash = hex(&hash.finalize());
     let name = path
         .file_name()
         .unwrap_or_default()

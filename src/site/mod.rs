@@ -8,12 +8,14 @@
 //! * [`store`]          what is remembered: SQLite, one transaction per record
 //! * [`record_row`]     a record's result: one row of the store, one JSON line
 //! * [`emulator_cache`] fitted emulators on disk
+//! * [`hex`]            bytes as hexadecimal digits
 //! * [`clock`]          the time people's requests carry
 
 pub mod analyse;
 pub mod clock;
 pub mod driver;
 pub mod emulator_cache;
+pub mod hex;
 pub mod ordered_map;
 pub mod prepared;
 pub mod record_row;

@@ -6,6 +6,7 @@ use crate::analysis::signal::record::{RodChannels, RodId};
 use crate::analysis::track::TrackPlan;
 use crate::config::Config;
 use crate::site::emulator_cache::{self, Cache};
+use crate::site::hex::hex;
 use crate::site::trackers::Provenance;
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -63,10 +64,6 @@ impl Generation {
 /// Sixteen hexadecimal digits that name everything a result depends on besides its record.
 pub fn provenance(config: &Config) -> String {
     hex(&config.hash()[..8])
-}
-
-fn hex(bytes: &[u8]) -> String {
-    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
 /// Prepares the analysis of every rod: model (fitted or from the cache), table, pattern; `solves_of` as for

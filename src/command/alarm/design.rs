@@ -5,6 +5,7 @@ use crate::analysis::numerics::random;
 use crate::analysis::rod::beam::Exact;
 use crate::analysis::rod::beam::forward::ForwardModel;
 use crate::analysis::rod::prior::RodPrior;
+use crate::analysis::signal::record::time::DAY_S;
 use crate::analysis::track::drift::ThermalPrior;
 use crate::analysis::track::fold::plan::YEAR_S;
 use crate::command::setup::choose_rod;
@@ -30,8 +31,6 @@ const SITES: u64 = 30;
 const CURVATURE_PER_K: f64 = 3e-4;
 /// Readings a day from which on they resolve the day.
 const DENSE: u32 = 6;
-/// A day \[s\].
-const DAY_S: f64 = 86_400.0;
 /// Draws from the prior for the range of slopes.
 const DRAWS: usize = 400;
 

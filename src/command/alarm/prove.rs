@@ -2,6 +2,7 @@
 
 use crate::analysis::lab::synthesis::{Change, Outcome, Raised, Trial, World};
 use crate::analysis::numerics::random;
+use crate::analysis::signal::record::time::{DAY_S, YEAR_D};
 use crate::analysis::signal::record::{RodId, Timestamp};
 use crate::analysis::track::{Kind, TrackPlan, Witness};
 use crate::command::progress::Progress;
@@ -20,8 +21,6 @@ use std::process::ExitCode;
 use std::str::FromStr;
 use std::sync::Arc;
 
-const DAY_S: f64 = 86_400.0;
-const DAYS_PER_YEAR: f64 = 365.25;
 /// 1 March 2025: the first midnight.
 const START_NS: i64 = 1_740_787_200_000_000_000;
 
@@ -135,7 +134,7 @@ impl TrueChange {
     fn within(self, days: usize) -> Change {
         let left = days as f64 - self.start_d;
         let (over_d, relative) = if self.is_ramp {
-            (left, self.relative * left / DAYS_PER_YEAR)
+            (left, self.relative * left / YEAR_D)
         } else {
             (0.0, self.relative)
         };
@@ -220,7 +219,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let (track, alarm) = (config.track.clone(), config.alarm.clone());
     let learned = track.baseline_records.max(track.learning_periods);
     // One more, with which the last period closes.
-    let days = learned + (args.years * DAYS_PER_YEAR).round() as usize + 1;
+    let days = learned + (args.years * YEAR_D).round() as usize + 1;
     if args.change.is_some_and(|change| change.start_d >= days as f64) {
         return Err(BadArguments("--change begins after the last record".to_owned()).into());
     }

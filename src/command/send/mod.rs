@@ -9,6 +9,7 @@ use super::progress::Progress;
 use crate::recording::read;
 use crate::service::ingest::{LeftOut, Reply};
 use crate::service::journal::MAX_MESSAGE;
+use crate::site::clock;
 use link::{Address, Link, TlsArgs};
 use playback::{Message, Piece, Playback};
 use std::cell::{Cell, RefCell};
@@ -17,7 +18,7 @@ use std::io;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::str::FromStr;
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use std::time::Duration;
 use stream::Stream;
 use tokio::time::{Instant, sleep, sleep_until, timeout};
 use tokio_rustls::TlsConnector;
@@ -380,12 +381,10 @@ impl Errand<'_> {
         if !self.args.stamp_now {
             return;
         }
-        let shift = self.shift_ns.get().unwrap_or_else(|| {
-            let now = SystemTime::now()
-                .duration_since(UNIX_EPOCH)
-                .map_or(0, |time| time.as_nanos());
-            now as i128 - i128::from(message.log_time)
-        });
+        let shift = self
+            .shift_ns
+            .get()
+            .unwrap_or_else(|| i128::from(clock::now_ns()) - i128::from(message.log_time));
         self.shift_ns.set(Some(shift));
         let moved = |time: u64| u64::try_from(i128::from(time) + shift).unwrap_or(time);
         message.log_time = moved(message.log_time);

@@ -9,6 +9,7 @@ use crate::recording::read::Place;
 use crate::recording::read::{SourceError, Summary};
 use crate::service::telemetry::{Fault, Health};
 use crate::site::analyse::{Analysed, Passed};
+use crate::site::clock;
 use crate::site::driver::{Done, Held, Job};
 use crate::site::prepared::Generation;
 use crate::site::store::{FileMark, Standing, StoreError};
@@ -17,7 +18,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
-use std::time::{Duration, Instant, SystemTime};
+use std::time::{Duration, Instant};
 
 /// Free space with which work is taken up again after the disk was full \[bytes\].
 const ROOM: u64 = 8 << 20;
@@ -252,7 +253,7 @@ impl Core {
 
     /// Begins to count the silence of rods that are new.
     fn listen(&mut self) {
-        let (wall, now) = (wall_clock(), Instant::now());
+        let (wall, now) = (clock::now(), Instant::now());
         for (rod, latest) in self.site.iter().flat_map(Site::latest) {
             self.silence.begin(rod, latest, wall, now);
         }
@@ -375,10 +376,4 @@ fn put(site: &mut Site, done: &Done, before: Option<[u8; 32]>) -> Result<Option<
 fn room(path: &Path) -> u64 {
     let folder = path.parent().unwrap_or(Path::new("."));
     rustix::fs::statvfs(folder).map_or(u64::MAX, |stat| stat.f_bavail.saturating_mul(stat.f_frsize))
-}
-
-/// The time of day.
-fn wall_clock() -> Timestamp {
-    let since = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH);
-    Timestamp::from_nanos(since.map_or(0, |since| i64::try_from(since.as_nanos()).unwrap_or(i64::MAX)))
 }

@@ -31,8 +31,6 @@ const MOST_GROWING: usize = 64;
 const GROWING_BYTES: usize = 64 << 20;
 /// Pause before a file that cannot be opened is tried again.
 const RETRY: Duration = Duration::from_secs(60);
-/// How an MCAP file ends.
-const MAGIC: &[u8; 8] = b"\x89MCAP0\r\n";
 
 /// A file's length \[bytes\] and when it was written \[ns since 1970\]: how it is seen to change.
 type Stamp = (u64, i64);
@@ -441,7 +439,7 @@ fn has_end(file: &File) -> bool {
         .seek(SeekFrom::End(-8))
         .and_then(|at| {
             file.read_exact(&mut end)?;
-            Ok(at > 8 && &end == MAGIC)
+            Ok(at > 8 && end == mcap::MAGIC)
         })
         .unwrap_or(false);
     // Whoever reads it next starts at the front.

@@ -6,6 +6,7 @@ use crate::recording::read::Place;
 use crate::service::telemetry::Metrics;
 use crate::site::analyse::{self, Analysed, Known};
 use crate::site::driver::{self, Done, Job};
+use crate::site::hex::hex;
 use crate::site::prepared::Plans;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
@@ -80,6 +81,5 @@ impl Workers {
 
 /// The name of a record's analysis among the [`Suspects`].
 fn step_of(record: &Record, identity: &[u8; 32]) -> String {
-    let digits: String = identity.iter().map(|byte| format!("{byte:02x}")).collect();
-    format!("record {digits} of rod {}", record.rod)
+    format!("record {} of rod {}", hex(identity), record.rod)
 }

@@ -3,6 +3,7 @@
 use super::schema::RESULTS;
 use super::state::Trouble;
 use super::{Reader, StoreError};
+use crate::site::hex::hex;
 use rusqlite::types::ValueRef;
 use std::fmt::Write;
 
@@ -40,10 +41,7 @@ impl Reader {
                         ValueRef::Integer(number) => write!(out, "{separator}{number}"),
                         ValueRef::Real(number) => write!(out, "{separator}{number:?}"),
                         ValueRef::Text(text) => write!(out, "{separator}{:?}", String::from_utf8_lossy(text)),
-                        ValueRef::Blob(bytes) => {
-                            let _ = write!(out, "{separator}x");
-                            bytes.iter().try_for_each(|byte| write!(out, "{byte:02x}"))
-                        }
+                        ValueRef::Blob(bytes) => write!(out, "{separator}x{}", hex(bytes)),
                     };
                 }
                 out.push('\n');

@@ -152,7 +152,7 @@ fn a_record_twice_is_refused_and_leaves_no_trace() {
         })
         .unwrap_err();
     assert!(
-        matches!(&error, StoreError::Unkeepable { what, .. } if what == "open"),
+        matches!(&error, StoreError::NotStorable { what, .. } if what == "open"),
         "{error}"
     );
     assert_eq!(store.dump().unwrap(), dump);

@@ -9,7 +9,7 @@ use crate::config::Config;
 use crate::recording::import::{self, How, Whose};
 use crate::recording::read::folder::first_time;
 use crate::recording::read::{self, Opener, Recordings, SourceError, Step, Summary};
-use crate::site::analyse::{Analysed, Known, Passed};
+use crate::site::analyse::{Analysed, Known, LastSeen};
 use crate::site::driver::{self, Done, Held, Job, Taker};
 use crate::site::ordered_map::Limits;
 use crate::site::prepared::Plans;
@@ -187,7 +187,7 @@ pub fn run(
         bar: &bar,
         tally: Tally::default(),
         seen: HashSet::new(),
-        passed: Passed::default(),
+        passed: LastSeen::default(),
         failure: None,
     };
     let jobs = input.filter_map(|step| match step {
@@ -235,7 +235,7 @@ struct Delivery<'a, F> {
     tally: Tally,
     /// Records of this run.
     seen: HashSet<[u8; 32]>,
-    passed: Passed,
+    passed: LastSeen,
     failure: Option<anyhow::Error>,
 }
 

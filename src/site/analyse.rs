@@ -45,9 +45,9 @@ impl Analysed {
 
 /// The record of each rod that passed last, known before or not: what says which record temperatures came after.
 #[derive(Debug, Clone, Default)]
-pub struct Passed(HashMap<RodId, [u8; 32]>);
+pub struct LastSeen(HashMap<RodId, [u8; 32]>);
 
-impl Passed {
+impl LastSeen {
     /// A record of a rod passes.
     pub fn note(&mut self, rod: &RodId, identity: [u8; 32]) {
         match self.0.get_mut(rod) {

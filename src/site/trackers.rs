@@ -34,7 +34,7 @@ const PICTURE_S: i64 = 600;
 
 /// Whether a record is the first of its stretch of [`PICTURE_S`], or the clock went back: by event time alone, so that a replay keeps the same
 /// pictures.
-fn is_pictured(before: Option<Timestamp>, start: Timestamp) -> bool {
+fn keeps_snapshot(before: Option<Timestamp>, start: Timestamp) -> bool {
     let stretch = |time: Timestamp| time.as_nanos().div_euclid(PICTURE_S * 1_000_000_000);
     before.is_none_or(|before| stretch(start) != stretch(before))
 }
@@ -209,7 +209,7 @@ impl Site {
                 .as_ref()
                 .map(|measurement| measurement.start)
                 .filter(|start| tracker.state().latest == Some(*start) && before != Some(*start))
-                .filter(|start| tracker.state().periods.is_empty() || is_pictured(before, *start))
+                .filter(|start| tracker.state().periods.is_empty() || keeps_snapshot(before, *start))
                 .and_then(|_| Snapshot::of(tracker.plan().prior(), identification)),
             Outcome::Tabulated(_) => None,
             // What a refused record looked like says why it was; as seldom, and never in place of one that was believed.
@@ -218,7 +218,7 @@ impl Site {
                 let has_period = !tracker.state().periods.is_empty();
                 rejected
                     .start
-                    .filter(|start| !has_period || is_pictured(before, *start))
+                    .filter(|start| !has_period || keeps_snapshot(before, *start))
                     .and_then(|_| Snapshot::of_rejected(rejected))
             }
         };

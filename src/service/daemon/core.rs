@@ -8,7 +8,7 @@ use crate::analysis::signal::record::{Rejection, RodId, Timestamp};
 use crate::recording::read::Place;
 use crate::recording::read::{SourceError, Summary};
 use crate::service::telemetry::{Fault, Health};
-use crate::site::analyse::{Analysed, Passed};
+use crate::site::analyse::{Analysed, LastSeen};
 use crate::site::clock;
 use crate::site::driver::{Done, Held, Job};
 use crate::site::prepared::Generation;
@@ -31,7 +31,7 @@ fn is_kept(done: &Done) -> bool {
 }
 
 /// What the core lets others know, on its own thread: whoever listens must be quick.
-pub enum Word<'a> {
+pub enum Notice<'a> {
     /// A tick passed through the whole pipeline, or a full disk is waited for: the work loop is alive.
     Alive,
     /// There are news in the outbox.
@@ -55,7 +55,7 @@ pub enum Word<'a> {
 
 /// Why the core cannot go on.
 #[derive(Debug, thiserror::Error)]
-pub enum Broken {
+pub enum CoreError {
     /// The store refused for a reason that does not pass.
     #[error(transparent)]
     Store(#[from] StoreError),
@@ -77,12 +77,12 @@ pub struct Core {
     store: PathBuf,
     generation: Arc<Generation>,
     held: Held,
-    passed: Passed,
+    passed: LastSeen,
     silence: Silence,
     retention: Retention,
     health: Arc<Health>,
     stopping: Arc<AtomicBool>,
-    tell: Box<dyn Fn(Word<'_>) + Send>,
+    notify: Box<dyn Fn(Notice<'_>) + Send>,
 }
 
 impl Core {
@@ -92,9 +92,9 @@ impl Core {
         generation: Arc<Generation>,
         health: Arc<Health>,
         stopping: Arc<AtomicBool>,
-        tell: Box<dyn Fn(Word<'_>) + Send>,
+        notify: Box<dyn Fn(Notice<'_>) + Send>,
     ) -> Self {
-        let mut passed = Passed::default();
+        let mut passed = LastSeen::default();
         for (rod, _) in site.latest() {
             // Every record before this start came before what comes now. A rod that cannot be asked for has none.
             if let Ok(Some(identity)) = site.store().last_identity(rod) {
@@ -111,7 +111,7 @@ impl Core {
             retention: Retention::default(),
             health,
             stopping,
-            tell,
+            notify,
         };
         core.listen();
         core
@@ -124,7 +124,7 @@ impl Core {
     ///
     /// # Errors
     /// The daemon cannot go on; what was not told was not kept.
-    pub fn take(&mut self, group: Vec<Done>) -> Result<(), Broken> {
+    pub fn take(&mut self, group: Vec<Done>) -> Result<(), CoreError> {
         let group = self.held.take(group, Instant::now());
         for run in group.chunk_by(|one, next| is_kept(one) && is_kept(next)) {
             match run {
@@ -145,7 +145,7 @@ impl Core {
     }
 
     /// Makes a run of items durable, then tells of them.
-    fn keep(&mut self, run: &[Done]) -> Result<(), Broken> {
+    fn keep(&mut self, run: &[Done]) -> Result<(), CoreError> {
         let begun = Instant::now();
         // Asked once, in order: the run may be taken again.
         let before: Vec<_> = run
@@ -166,9 +166,9 @@ impl Core {
         let mut has_news = false;
         for (done, taken) in run.iter().zip(&taken) {
             match done {
-                Done::Event(Analysed::Known(rod, _), _) => (self.tell)(Word::Known(rod)),
+                Done::Event(Analysed::Known(rod, _), _) => (self.notify)(Notice::Known(rod)),
                 Done::Event(Analysed::Record(outcome), place) => match taken {
-                    None => (self.tell)(Word::Known(outcome.rod())),
+                    None => (self.notify)(Notice::Known(outcome.rod())),
                     Some(taken) => {
                         self.record(outcome, place, taken, took);
                         has_news |= !taken.verdict.events.is_empty();
@@ -177,14 +177,14 @@ impl Core {
                 Done::Job(Job::File { mark, result, .. }) => {
                     self.report(result);
                     if let Some(mark) = mark {
-                        (self.tell)(Word::File(mark));
+                        (self.notify)(Notice::File(mark));
                     }
                 }
                 Done::Event(Analysed::Readings(..), _) | Done::Job(_) => {}
             }
         }
         if has_news {
-            (self.tell)(Word::News);
+            (self.notify)(Notice::News);
         }
         Ok(())
     }
@@ -203,7 +203,7 @@ impl Core {
             self.health
                 .fault(fault, format_args!("rod {rod}, {file}: {reason}"));
         }
-        (self.tell)(Word::Taken { outcome, taken, took });
+        (self.notify)(Notice::Taken { outcome, taken, took });
     }
 
     fn report(&self, result: &Result<Summary, SourceError>) {
@@ -227,7 +227,7 @@ impl Core {
         }
     }
 
-    fn reload(&mut self, generation: Arc<Generation>) -> Result<(), Broken> {
+    fn reload(&mut self, generation: Arc<Generation>) -> Result<(), CoreError> {
         // If the disk is full on the way, the site is opened with the new configuration when there is room again.
         self.generation = Arc::clone(&generation);
         let mut standings = None;
@@ -247,7 +247,7 @@ impl Core {
             }
         }
         self.listen();
-        (self.tell)(Word::Reloaded(&generation, standings.as_deref()));
+        (self.notify)(Notice::Reloaded(&generation, standings.as_deref()));
         Ok(())
     }
 
@@ -259,7 +259,7 @@ impl Core {
         }
     }
 
-    fn tick(&mut self, is_caught_up: bool) -> Result<(), Broken> {
+    fn tick(&mut self, is_caught_up: bool) -> Result<(), CoreError> {
         let mut has_news = self.durable(Site::apply_requests)? > 0;
         if is_caught_up {
             let lasting: Vec<(RodId, f64)> = self
@@ -279,20 +279,23 @@ impl Core {
             self.retention.came_to(rod, next);
         }
         if has_news {
-            (self.tell)(Word::News);
+            (self.notify)(Notice::News);
         }
-        (self.tell)(Word::Alive);
+        (self.notify)(Notice::Alive);
         Ok(())
     }
 
     /// Does something to site and store, again from the beginning if the disk was full: the trackers in memory are ahead of
     /// the store then, so both are read from the disk anew. Records the store has are known by content, so nothing is
     /// taken twice.
-    fn durable<T>(&mut self, mut act: impl FnMut(&mut Site) -> Result<T, StoreError>) -> Result<T, Broken> {
+    fn durable<T>(
+        &mut self,
+        mut act: impl FnMut(&mut Site) -> Result<T, StoreError>,
+    ) -> Result<T, CoreError> {
         let mut tries = 0;
         loop {
             let Some(site) = &mut self.site else {
-                return Err(Broken::Stopping);
+                return Err(CoreError::Stopping);
             };
             match act(site) {
                 Ok(value) => {
@@ -309,7 +312,7 @@ impl Core {
     }
 
     /// Gives up trackers and store, and opens them again when there is room; longer after each try that was in vain.
-    fn wait_for_room(&mut self, error: &StoreError, tries: u32) -> Result<(), Broken> {
+    fn wait_for_room(&mut self, error: &StoreError, tries: u32) -> Result<(), CoreError> {
         let about = self.about();
         let waits = format_args!(
             "{about}: no room on the disk ({error}); nothing is lost, work goes on when there is"
@@ -320,9 +323,9 @@ impl Core {
         let mut looks = 1 << tries.min(6);
         loop {
             if self.stopping.load(Ordering::Relaxed) {
-                return Err(Broken::Stopping);
+                return Err(CoreError::Stopping);
             }
-            (self.tell)(Word::Alive);
+            (self.notify)(Notice::Alive);
             thread::sleep(LOOK);
             looks -= 1;
             if looks > 0 {
@@ -334,7 +337,7 @@ impl Core {
             }
             match open_site(&self.store, &self.generation, &self.health) {
                 // The reader knows nothing of marks that are gone: only a restart reads everything again.
-                Ok(site) if site.store().moved_aside().is_some() => return Err(Broken::Damaged),
+                Ok(site) if site.store().moved_aside().is_some() => return Err(CoreError::Damaged),
                 Ok(site) => {
                     self.site = Some(site);
                     self.silence.forgive(begun.elapsed());

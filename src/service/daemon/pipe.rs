@@ -1,6 +1,6 @@
 //! The pipeline: jobs from a bounded channel, analysed on several threads, taken by the core in their order.
 
-use super::core::{Broken, Core};
+use super::core::{Core, CoreError};
 use super::workers::Workers;
 use crate::site::driver::{self, Done, Job, Taker};
 use crate::site::ordered_map::Limits;
@@ -36,7 +36,7 @@ pub fn run(
     workers: &Workers,
     core: &mut Core,
     ending: &Ending,
-) -> Result<(), Broken> {
+) -> Result<(), CoreError> {
     let drain = Arc::clone(&ending.drain);
     let input = std::iter::from_fn(move || {
         loop {
@@ -59,7 +59,7 @@ pub fn run(
     driver::run(input, limits, |job| workers.work(job), &mut taker);
     match taker.broken {
         // It was told to: what was not kept is read again.
-        None | Some(Broken::Stopping) => Ok(()),
+        None | Some(CoreError::Stopping) => Ok(()),
         Some(error) => Err(error),
     }
 }
@@ -68,7 +68,7 @@ pub fn run(
 struct Taking<'a> {
     core: &'a mut Core,
     ending: &'a Ending,
-    broken: Option<Broken>,
+    broken: Option<CoreError>,
 }
 
 impl Taker for Taking<'_> {

@@ -1,6 +1,6 @@
 //! What the reader is at, step by step, so that an end of the program can be laid to a step of an input.
 
-use super::suspects::{CONDEMNED, FILE_CONDEMNED, file_step, last_step};
+use super::quarantine::{DEATHS, FILE_DEATHS, file_step, last_step};
 use crate::recording::read::{Source, Step};
 use crate::service::telemetry::{Fault, Health};
 use std::sync::Arc;
@@ -78,7 +78,7 @@ impl Watch {
     fn begin(&mut self, name: &str, offset: u64, steps: &mut Steps) -> Option<Blame> {
         if steps.is_first() {
             let deaths = (self.deaths)(&file_step(name));
-            if deaths >= FILE_CONDEMNED {
+            if deaths >= FILE_DEATHS {
                 return Some(Blame {
                     why: format!(
                         "{name}: reading it ended the program, and so did what came before that place: the whole file is set \
@@ -90,7 +90,7 @@ impl Watch {
         }
         let step = steps.next(name, offset);
         let deaths = (self.deaths)(&step);
-        if deaths >= CONDEMNED {
+        if deaths >= DEATHS {
             // What came before a place that is set aside may be what the program dies of: that is a step too.
             (self.working_on)(Some(&last_step(name, offset)));
             return Some(Blame {

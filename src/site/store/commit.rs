@@ -5,7 +5,7 @@ use super::columns::COLUMNS;
 use super::operation::{Carry, FileMark, write_carry, write_delivery, write_file};
 use super::row::Row;
 use super::snapshot::SnapshotRow;
-use super::state::{self, Kept, Trouble, kept, plain};
+use super::state::{self, Failure, Kept, kept, plain};
 use crate::analysis::signal::record::{RodId, Timestamp};
 use crate::analysis::track::{AlarmEvent, Period, RodState, State};
 use crate::site::record_row::RecordRow;
@@ -72,7 +72,7 @@ pub struct Position<'a> {
 
 impl Commit<'_> {
     /// Puts everything into the tables of an open transaction.
-    pub(super) fn write(&self, connection: &Connection, kept: &mut Kept) -> Result<(), Trouble> {
+    pub(super) fn write(&self, connection: &Connection, kept: &mut Kept) -> Result<(), Failure> {
         if let Some(record) = &self.record {
             record.write(connection)?;
         }
@@ -108,8 +108,8 @@ impl Commit<'_> {
 }
 
 impl NewRecord<'_> {
-    fn write(&self, connection: &Connection) -> Result<(), Trouble> {
-        let json = self.row.to_json().map_err(|error| StoreError::Unkeepable {
+    fn write(&self, connection: &Connection) -> Result<(), Failure> {
+        let json = self.row.to_json().map_err(|error| StoreError::NotStorable {
             what: format!("a record of rod {}", self.row.rod),
             detail: error.to_string(),
         })?;
@@ -150,7 +150,7 @@ impl RodRow<'_> {
         connection: &Connection,
         kept_states: &mut Kept,
         start: Option<Timestamp>,
-    ) -> Result<(), Trouble> {
+    ) -> Result<(), Failure> {
         let rod = &self.state.rod;
         kept_states.write(connection, self.state)?;
         for period in self.closed {
@@ -172,7 +172,7 @@ fn write_standing(
     stands: &RodState,
     segment: u32,
     time: Option<Timestamp>,
-) -> Result<(), Trouble> {
+) -> Result<(), Failure> {
     let before: Option<(String, String, Option<String>, u32)> = connection
         .prepare_cached("SELECT state, detail, since, segment FROM rod WHERE rod = ?")?
         .query_row([&rod.0], |row| {
@@ -204,7 +204,7 @@ fn write_standing(
 }
 
 /// Brings an alarm's row up to date and puts the news into the outbox.
-fn write_event(connection: &Connection, rod: &RodId, event: &AlarmEvent) -> Result<(), Trouble> {
+fn write_event(connection: &Connection, rod: &RodId, event: &AlarmEvent) -> Result<(), Failure> {
     let alarm = &event.alarm;
     Row::of("alarm")
         .with("id", alarm.id.clone())

@@ -1,7 +1,7 @@
 //! A store as text, to compare two of them.
 
 use super::schema::RESULTS;
-use super::state::Trouble;
+use super::state::Failure;
 use super::{Reader, StoreError};
 use crate::site::hex::hex;
 use rusqlite::types::ValueRef;
@@ -14,7 +14,7 @@ impl Reader {
     /// # Errors
     /// The store cannot be read.
     pub fn dump(&self) -> Result<String, StoreError> {
-        self.try_dump().map_err(|error| self.fault(Trouble::Sql(error)))
+        self.try_dump().map_err(|error| self.fault(Failure::Sql(error)))
     }
 
     fn try_dump(&self) -> rusqlite::Result<String> {

@@ -1,7 +1,7 @@
 //! Bounded questions, for pages: each is answered from an index, and every row it reads is compared with its checksum.
 
 use super::read::parse;
-use super::state::{self, Trouble};
+use super::state::{self, Failure};
 use super::{Reader, StoreError, row};
 use crate::analysis::signal::record::{RodId, Timestamp};
 use crate::analysis::track::fold::packed::Packed;
@@ -64,7 +64,7 @@ impl Reader {
     pub fn data_version(&self) -> Result<i64, StoreError> {
         self.connection
             .pragma_query_value(None, "data_version", |row| row.get(0))
-            .map_err(|error| self.fault(Trouble::Sql(error)))
+            .map_err(|error| self.fault(Failure::Sql(error)))
     }
 
     /// Asks several things of the store as it is at one moment, whatever is committed meanwhile.
@@ -75,7 +75,7 @@ impl Reader {
         let view = self
             .connection
             .unchecked_transaction()
-            .map_err(|error| self.fault(Trouble::Sql(error)))?;
+            .map_err(|error| self.fault(Failure::Sql(error)))?;
         let answer = ask(self);
         drop(view);
         answer
@@ -164,7 +164,7 @@ impl Reader {
             })?;
             rows.collect()
         };
-        let marks = marks().map_err(|error| self.fault(Trouble::Sql(error)))?;
+        let marks = marks().map_err(|error| self.fault(Failure::Sql(error)))?;
         let mut lines = Lines::default();
         for mark in marks {
             let known = lines.found.len();
@@ -189,7 +189,7 @@ impl Reader {
         self.connection
             .prepare_cached("SELECT coalesce(max(id), 0) FROM record")
             .and_then(|mut statement| statement.query_row((), |row| row.get(0)))
-            .map_err(|error| self.fault(Trouble::Sql(error)))
+            .map_err(|error| self.fault(Failure::Sql(error)))
     }
 
     /// The rows of records with numbers above `after`, ascending, at most `most`.
@@ -329,7 +329,7 @@ impl Reader {
                 path: self.path.clone(),
                 detail: format!("a row of table {table} is not what was written"),
             }),
-            Err(error) => Err(self.fault(Trouble::Sql(error))),
+            Err(error) => Err(self.fault(Failure::Sql(error))),
         }
     }
 }

@@ -1,7 +1,7 @@
 //! Questions to a store, answered beside a writer.
 
 use super::request::{self, Request};
-use super::state::{self, Trouble};
+use super::state::{self, Failure};
 use super::{FileId, StoreError, open, row, schema};
 use crate::analysis::signal::record::{RodId, Timestamp};
 use crate::analysis::track::{Alarm, AlarmEvent, Period, RodState, Segment, State};
@@ -100,7 +100,7 @@ impl Reader {
     fn check(&self, tables: &[&str]) -> Result<(), StoreError> {
         for table in tables {
             let bad = row::verify(&self.connection, table, |_| Ok(()));
-            if let Some(number) = bad.map_err(|error| self.fault(Trouble::Sql(error)))? {
+            if let Some(number) = bad.map_err(|error| self.fault(Failure::Sql(error)))? {
                 return Err(StoreError::Damaged {
                     path: self.path.clone(),
                     detail: format!("row {number} of table {table} is not what was written"),
@@ -128,10 +128,10 @@ impl Reader {
         &self.path
     }
 
-    pub(super) fn fault(&self, trouble: Trouble) -> StoreError {
-        match trouble {
-            Trouble::Other(error) => error,
-            Trouble::Sql(error) => open::is_damage(&self.path, error),
+    pub(super) fn fault(&self, failure: Failure) -> StoreError {
+        match failure {
+            Failure::Other(error) => error,
+            Failure::Sql(error) => open::is_damage(&self.path, error),
         }
     }
 
@@ -140,7 +140,7 @@ impl Reader {
     /// # Errors
     /// It cannot be read, or not be understood.
     pub fn states(&self) -> Result<BTreeMap<RodId, State>, StoreError> {
-        state::load(&self.connection).map_err(|trouble| self.fault(trouble))
+        state::load(&self.connection).map_err(|failure| self.fault(failure))
     }
 
     /// The segments of a rod, ascending.
@@ -148,7 +148,7 @@ impl Reader {
     /// # Errors
     /// They cannot be read.
     pub fn segments(&self, rod: &RodId) -> Result<Vec<Segment>, StoreError> {
-        state::segments(&self.connection, rod).map_err(|trouble| self.fault(trouble))
+        state::segments(&self.connection, rod).map_err(|failure| self.fault(failure))
     }
 
     /// The closed periods of one segment, ascending.
@@ -156,7 +156,7 @@ impl Reader {
     /// # Errors
     /// They cannot be read.
     pub fn periods(&self, rod: &RodId, segment: u32) -> Result<Vec<Period>, StoreError> {
-        state::periods(&self.connection, rod, segment).map_err(|trouble| self.fault(trouble))
+        state::periods(&self.connection, rod, segment).map_err(|failure| self.fault(failure))
     }
 
     /// The identity of the record of a rod that was committed last.
@@ -170,7 +170,7 @@ impl Reader {
                 .query_row([&rod.0], |row| row.get(0))
                 .optional()
         };
-        ask().map_err(|error| self.fault(Trouble::Sql(error)))
+        ask().map_err(|error| self.fault(Failure::Sql(error)))
     }
 
     /// The requests about a rod that wait, in the order they were made.
@@ -178,7 +178,7 @@ impl Reader {
     /// # Errors
     /// They cannot be read.
     pub fn waiting(&self, rod: &RodId) -> Result<Vec<Request>, StoreError> {
-        request::waiting(&self.connection, rod).map_err(|trouble| self.fault(trouble))
+        request::waiting(&self.connection, rod).map_err(|failure| self.fault(failure))
     }
 
     /// The rods requests wait for.
@@ -193,7 +193,7 @@ impl Reader {
             let rods = statement.query_map((), |row| Ok(RodId(row.get(0)?)))?;
             rods.collect()
         };
-        rods().map_err(|error| self.fault(Trouble::Sql(error)))
+        rods().map_err(|error| self.fault(Failure::Sql(error)))
     }
 
     /// The alarm with this id, as it stands now.
@@ -237,7 +237,7 @@ impl Reader {
             })?;
             rows.collect()
         };
-        let rows = rows().map_err(|error| self.fault(Trouble::Sql(error)))?;
+        let rows = rows().map_err(|error| self.fault(Failure::Sql(error)))?;
         rows.iter().map(|(rod, json)| state::read(rod, json)).collect()
     }
 
@@ -262,7 +262,7 @@ impl Reader {
             "SELECT line.json FROM record JOIN line ON line.record = record.id
              WHERE {wanted} {rejected} ORDER BY rod, start_ns, id"
         );
-        let fault = |error| E::from(self.fault(Trouble::Sql(error)));
+        let fault = |error| E::from(self.fault(Failure::Sql(error)));
         let mut statement = self.connection.prepare(&sql).map_err(fault)?;
         let mut rows = statement
             .query(rusqlite::params_from_iter(values))
@@ -296,7 +296,7 @@ impl Reader {
             let statement = self.connection.prepare(&sql)?;
             Ok(statement.column_names().map(str::to_owned).collect())
         };
-        names().map_err(|error| self.fault(Trouble::Sql(error)))
+        names().map_err(|error| self.fault(Failure::Sql(error)))
     }
 
     /// Hands every row of a listing to `on_row` with the names of its columns, in the order of time.
@@ -309,7 +309,7 @@ impl Reader {
         filter: &Filter,
         mut on_row: impl FnMut(&[String], &[Value]) -> Result<(), E>,
     ) -> Result<(), E> {
-        let fault = |error| E::from(self.fault(Trouble::Sql(error)));
+        let fault = |error| E::from(self.fault(Failure::Sql(error)));
         if matches!(listing, Listing::Records | Listing::Rejections) {
             self.check(&["record", "mode"])?;
         }
@@ -347,7 +347,7 @@ impl Reader {
             let rods = statement.query_map((), |row| Ok(RodId(row.get(0)?)))?;
             rods.collect()
         };
-        rods().map_err(|error| self.fault(Trouble::Sql(error)))
+        rods().map_err(|error| self.fault(Failure::Sql(error)))
     }
 
     /// How every rod stands.
@@ -367,14 +367,14 @@ impl Reader {
     }
 
     fn standings_of(&self, rod: Option<&RodId>) -> Result<Vec<Standing>, StoreError> {
-        let mut standings = self.try_standings(rod).map_err(|trouble| self.fault(trouble))?;
+        let mut standings = self.try_standings(rod).map_err(|failure| self.fault(failure))?;
         for standing in &mut standings {
             standing.waiting = self.waiting(&standing.rod)?;
         }
         Ok(standings)
     }
 
-    fn try_standings(&self, rod: Option<&RodId>) -> Result<Vec<Standing>, Trouble> {
+    fn try_standings(&self, rod: Option<&RodId>) -> Result<Vec<Standing>, Failure> {
         let mut statement = self.connection.prepare_cached(
             "SELECT rod, detail, since, segment,
                 (SELECT json FROM line WHERE line.record =
@@ -412,11 +412,11 @@ impl Reader {
             .connection
             .prepare_cached("SELECT count(*), count(rejection) FROM record WHERE rod = ?")
             .and_then(|mut statement| statement.query_row([&rod.0], |row| Ok((row.get(0)?, row.get(1)?))))
-            .map_err(|error| self.fault(Trouble::Sql(error)))?;
+            .map_err(|error| self.fault(Failure::Sql(error)))?;
         Ok((counted.0.unsigned_abs(), counted.1.unsigned_abs()))
     }
 
-    fn standing_alarms(&self, rod: &str) -> Result<Vec<Alarm>, Trouble> {
+    fn standing_alarms(&self, rod: &str) -> Result<Vec<Alarm>, Failure> {
         let mut statement = self
             .connection
             .prepare_cached("SELECT json FROM alarm WHERE rod = ? AND stands = 1 ORDER BY raised_ns, id")?;

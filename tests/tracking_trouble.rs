@@ -516,7 +516,7 @@ fn a_false_alarm_ends_and_what_was_left_out_is_learned() {
             .count(),
         count(What::Raised)
     );
-    let learned = state.watch.as_ref().map_or(0, |watch| watch.periods());
+    let learned = state.watch.get().map_or(0, |watch| watch.periods());
     assert!(learned > 250, "{learned}");
     let change = state
         .periods

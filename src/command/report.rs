@@ -115,7 +115,7 @@ pub fn load(reader: &Reader, rod: Option<&RodId>) -> anyhow::Result<SiteReport> 
     {
         let mut report = load_rod(reader, standing, &mut meaning)?;
         if let Some(state) = states.get(&standing.rod) {
-            let slope = state.watch.as_ref().and_then(|watch| watch.slope());
+            let slope = state.watch.get().and_then(|watch| watch.slope());
             report.thermal = slope.map(|(slope_per_k, slope_sd_per_k)| ThermalLine {
                 slope_per_k,
                 slope_sd_per_k,

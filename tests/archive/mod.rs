@@ -203,7 +203,7 @@ pub fn state(rod: &RodId, number: i64) -> State {
             6
         ],
         filters: filters(number),
-        watch: tirante::analysis::track::fold::packed::Packed(None),
+        watch: tirante::analysis::track::fold::packed::Packed::default(),
         early: None,
         closed: Some(number.div_euclid(24)),
         periods: Vec::new(),

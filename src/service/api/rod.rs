@@ -4,6 +4,7 @@ use super::days::Days;
 use super::standing::{Goals, RodStatus};
 use crate::analysis::record_view::Snapshot;
 use crate::analysis::signal::record::{RodId, Timestamp};
+use crate::analysis::track::DriftWatch;
 use crate::config::Config;
 use crate::site::store::{Reader, StoreError};
 use serde::Serialize;
@@ -70,7 +71,7 @@ impl RodAnswer {
             }
         });
         let segments = segments.collect();
-        let slope = reader.watch(rod)?.and_then(|watch| watch.slope());
+        let slope = reader.watch(rod)?.get().and_then(DriftWatch::slope);
         let thermal = slope.map(|(slope_per_k, slope_sd_per_k)| Thermal {
             slope_per_k,
             slope_sd_per_k,

@@ -240,14 +240,12 @@ impl Reader {
         found.iter().map(|(rod, json)| state::read(rod, json)).collect()
     }
 
-    /// A rod's drift watch; `None` before its baseline.
+    /// Reads a rod's drift watch: there is none before its baseline.
     ///
     /// # Errors
     /// As [`Reader::points_after`].
-    pub fn watch(&self, rod: &RodId) -> Result<Option<DriftWatch>, StoreError> {
-        Ok(self
-            .part::<Packed<DriftWatch>>(rod, "watch")?
-            .and_then(|watch| watch.0))
+    pub fn watch(&self, rod: &RodId) -> Result<Packed<DriftWatch>, StoreError> {
+        Ok(self.part(rod, state::WATCH)?.unwrap_or_default())
     }
 
     /// One part of what a rod's fold remembers.

@@ -3,6 +3,8 @@
 use super::StoreError;
 use super::row::Row;
 use crate::analysis::signal::record::{RodId, Timestamp};
+use crate::analysis::track::drift::watch::DriftWatch;
+use crate::analysis::track::fold::packed::{Packed, Receipt};
 use crate::analysis::track::{Alarm, Kind, Period, RodState, Segment, State};
 use rusqlite::{Connection, OptionalExtension};
 use serde::Serialize;
@@ -12,6 +14,9 @@ use std::collections::BTreeMap;
 
 /// The part that names the present segment; the segment itself is a row of its own.
 const SEGMENT: &str = "segment";
+
+/// The part that holds the drift watch.
+pub(super) const WATCH: &str = "watch";
 
 /// JSON of something to be kept, proved to read back as the same: a number that is not finite would not.
 pub(super) fn kept<T: Serialize + DeserializeOwned + PartialEq>(
@@ -31,9 +36,26 @@ pub(super) fn kept<T: Serialize + DeserializeOwned + PartialEq>(
     }
 }
 
-/// The states as they stand in the store, without their periods.
+/// The states as they stand in the store, without their periods and without their drift watch, which is large: a receipt tells
+/// whether it changed.
 #[derive(Default)]
-pub(super) struct Kept(BTreeMap<RodId, State>);
+pub(super) struct Kept(BTreeMap<RodId, Before>);
+
+struct Before {
+    state: State,
+    watch: Receipt<DriftWatch>,
+}
+
+impl Before {
+    fn of(state: &State) -> Self {
+        let mut before = Self {
+            watch: state.watch.receipt(),
+            state: state.clone(),
+        };
+        (before.state.periods, before.state.watch) = (Vec::new(), Packed::default());
+        before
+    }
+}
 
 impl Kept {
     /// Forgets what stands in the store: the next write of this rod writes everything.
@@ -42,21 +64,26 @@ impl Kept {
     }
 
     pub(super) fn trust(&mut self, state: &State) {
-        let mut state = state.clone();
-        state.periods = Vec::new();
-        self.0.insert(state.rod.clone(), state);
+        self.0.insert(state.rod.clone(), Before::of(state));
     }
 
     /// Writes the parts of a state that are not in the store already.
     pub(super) fn write(&mut self, connection: &Connection, state: &State) -> Result<(), Trouble> {
         let mut fresh = false;
-        let before = self.0.entry(state.rod.clone()).or_insert_with(|| {
+        let known = self.0.entry(state.rod.clone()).or_insert_with(|| {
             fresh = true;
-            let mut before = state.clone();
-            before.periods = Vec::new();
-            before
+            Before::of(state)
         });
         let rod = &state.rod.0;
+        if fresh || !state.watch.is_as_of(&known.watch) {
+            let json = state.watch.json().map_err(|error| StoreError::Unkeepable {
+                what: WATCH.to_owned(),
+                detail: error.to_string(),
+            })?;
+            write_part(connection, rod, WATCH, json)?;
+            known.watch = state.watch.receipt();
+        }
+        let before = &mut known.state;
         if fresh || before.segment != state.segment {
             write_segment(connection, rod, &state.segment)?;
             write_part(connection, rod, SEGMENT, state.segment.number.to_string())?;
@@ -65,7 +92,7 @@ impl Kept {
         // Named one by one, so that a new field of the state cannot be forgotten here: it does not compile.
         macro_rules! parts {
             ($($part:ident),*) => {
-                let State { rod: _, segment: _, periods: _, $($part),* } = state;
+                let State { rod: _, segment: _, periods: _, watch: _, $($part),* } = state;
                 $(if fresh || before.$part != *$part {
                     let name = stringify!($part);
                     write_part(connection, rod, name, kept(name, $part)?)?;
@@ -78,7 +105,6 @@ impl Kept {
             open,
             readings,
             filters,
-            watch,
             early,
             closed,
             alarms,
@@ -273,7 +299,7 @@ pub(super) fn standing_without_plan(state: &State) -> RodState {
             reason: alarm.message.clone(),
         };
     }
-    let periods = state.watch.as_ref().map_or(0, |watch| watch.periods());
+    let periods = state.watch.get().map_or(0, |watch| watch.periods());
     if periods > 0
         && state
             .periods

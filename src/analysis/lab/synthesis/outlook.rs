@@ -166,7 +166,7 @@ impl Outlook {
                 .iter()
                 .zip(&ratios[1..])
                 .map(|(name, own)| (name.as_str(), own[index]));
-            let median = companions.take(others);
+            let median = companions.take(others).ratio;
             let (Some(ratio), Some(filtered)) = (ratios[0][index], filters.at(day)) else {
                 continue;
             };

@@ -19,11 +19,11 @@ use tirante::analysis::signal::record::{Event, Record};
 use tirante::config::Config;
 use tirante::config::settings::journal::JournalSettings;
 use tirante::recording::write::{Encoding, Layout, RecordingWriter, WriterOptions};
-use tirante::service::daemon::Job;
 use tirante::service::daemon::reader::{JournalSource, Reader, Remembered, Sources, Surroundings};
 use tirante::service::daemon::steps::Watch;
 use tirante::service::journal::{Batch, Bell, End, Entry, Journal};
 use tirante::service::telemetry::{Fault, Health};
+use tirante::site::driver::Job;
 use tirante::site::prepared::Generation;
 use tirante::site::store::FileState;
 

@@ -121,6 +121,7 @@ fn replay(folder: &Path, rods: &[RodChannels], settings: &RecordSettings) -> (Ve
         match step {
             Step::Event(event, _) => events.push(event),
             Step::File(result) => faults.extend(result.unwrap().faults()),
+            Step::More | Step::Wait | Step::End => {}
         }
     }
     (events, faults)

@@ -204,6 +204,7 @@ fn events(paths: &[PathBuf], config: &Config) -> Vec<String> {
     let mut found = Vec::new();
     for step in Recordings::new(files, channels, config.record, false, Arc::default()) {
         match step {
+            Step::More | Step::Wait | Step::End => {}
             Step::File(summary) => {
                 let faults = summary.unwrap().faults();
                 assert!(faults.is_empty(), "{faults:?}");

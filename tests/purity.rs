@@ -6,7 +6,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// From the ground up. A module is on the floor with the longest name that it begins with.
-const FLOORS: [&str; 56] = [
+const FLOORS: [&str; 58] = [
     "analysis::numerics",
     "analysis::rod::beam",
     "analysis::rod::fixity",
@@ -46,13 +46,15 @@ const FLOORS: [&str; 56] = [
     "config::settings",
     "config",
     "site::clock",
+    "site::hex",
     "site::ordered_map",
     "site::emulator_cache",
+    "site::record_row",
     "site::store",
-    "site::record_json",
     "site::analyse",
     "site::trackers",
     "site::prepared",
+    "site::driver",
     "service::telemetry",
     "service::journal",
     "service::ingest",

@@ -10,8 +10,7 @@ use std::path::Path;
 use tirante::analysis::signal::record::RodId;
 use tirante::analysis::track::{Kind, RodState, State};
 use tirante::site::store::{
-    Asked, Commit, Durability, Filter, Listing, Reader, RecordRow, RodRow, Store, StoreError,
-    request_of_writer,
+    Asked, Commit, Durability, Filter, Listing, Reader, RodRow, Store, StoreError, request_of_writer,
 };
 
 fn open(path: &Path) -> Store {
@@ -127,11 +126,7 @@ fn a_record_twice_is_refused_and_leaves_no_trace() {
     let mut now = state(&rod, 99);
     let commit = |store: &mut Store, now: &State| {
         store.commit(&Commit {
-            record: Some(RecordRow {
-                outcome: &outcome,
-                line: &line(&outcome),
-                emulator: "reduced",
-            }),
+            record: Some(archive::new_record(&outcome, &archive::row(&outcome))),
             rod: Some(RodRow {
                 state: now,
                 stands: &RodState::Monitoring,
@@ -157,7 +152,7 @@ fn a_record_twice_is_refused_and_leaves_no_trace() {
         })
         .unwrap_err();
     assert!(
-        matches!(&error, StoreError::Unkeepable { what, .. } if what == "open"),
+        matches!(&error, StoreError::NotStorable { what, .. } if what == "open"),
         "{error}"
     );
     assert_eq!(store.dump().unwrap(), dump);

@@ -86,6 +86,15 @@ impl Outcome {
         }
     }
 
+    /// Root mean square of the samples, SI, of a record that gave frequencies.
+    pub fn rms(&self) -> Option<f64> {
+        match self {
+            Self::Identified(identification) => identification.measurement.as_ref().map(|m| m.rms),
+            Self::Tabulated(row) => row.rms,
+            Self::Rejected(_) => None,
+        }
+    }
+
     /// What tracking takes from it; `None` for frequencies measured elsewhere that have no time.
     pub fn input(&self) -> Option<Input> {
         match self {

@@ -9,10 +9,10 @@ use crate::site::store::{Asked, Filter, Reader};
 use std::fmt::Write;
 use std::process::ExitCode;
 
-/// Acknowledges alarms: they are no longer told again, and end when their condition ends.
+/// Acknowledge alarms.
 ///
-/// At once if nothing writes to the store; else a running `run` does so within seconds, a running `replay` before the rod's
-/// next record.
+/// They are not repeated any more, and end when their condition ends. This takes effect at once if nothing writes
+/// to the store, within seconds beside a running `run`, and before the rod's next record beside a running `replay`.
 #[derive(Debug, Clone, clap::Args)]
 #[command(
     group = clap::ArgGroup::new("which alarms").required(true).args(["alarms", "rod", "all"]),

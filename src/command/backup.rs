@@ -6,9 +6,10 @@ use std::fs;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// Copies a store to one file that is whole, checked row by row, and replaces an older copy of that name.
+/// Copy a store, also while the daemon writes to it.
 ///
-/// The daemon goes on meanwhile. Copying the files of a store by other means while it is written gives a damaged copy.
+/// The copy is one file, checked row by row; it replaces an older copy of that name. Copying the files of a store
+/// by other means while it is written gives a damaged copy.
 #[derive(Debug, Clone, clap::Args)]
 #[command(after_help = "Example:
   tirante backup --config /etc/tirante/tirante.toml /media/backup/site.sqlite")]

@@ -4,12 +4,14 @@ use crate::config::{Config, ConfigError, Setting};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// Checks a configuration: reports every fault at once with its key and line (exit code 2), or prints
-/// it with all defaults filled in.
+/// Check a configuration: report every fault, or print what holds.
+///
+/// Every fault comes with its key and line (exit code 2). Without a fault the configuration is printed with all
+/// defaults filled in.
 #[derive(Debug, clap::Args)]
-#[command(
-    after_help = "Examples:\n  tirante check config/todi.toml\n  tirante check config/todi.toml --set abc.draws=1000000"
-)]
+#[command(after_help = "Examples:
+  tirante check config/todi.toml
+  tirante check config/todi.toml --set abc.draws=1000000")]
 pub struct Args {
     /// The configuration; without one, the built-in rod of the paper.
     #[arg(value_name = "FILE", conflicts_with = "config")]

@@ -7,6 +7,7 @@ use crate::analysis::rod::beam::{Exact, FiniteElements, finite_elements};
 use crate::analysis::rod::emulator::validate::{self, ErrorReport, GridErrors, ModeErrors, Spread};
 use crate::analysis::rod::emulator::{FitError, Pce, ReducedModel};
 use crate::analysis::rod::prior::RodPrior;
+use crate::command::which_store::Output;
 use crate::config::Config;
 use crate::site::emulator_cache::{Cache, Origin};
 use std::io::{self, Write};
@@ -36,14 +37,17 @@ pub struct Args {
 #[derive(Debug, Clone, clap::Subcommand)]
 pub enum Action {
     /// Fit the paper's chaos and keep it in the cache directory; the reduced emulator needs no training.
-    #[command(after_help = "Example: tirante emulator train --order 5")]
+    #[command(after_help = "Examples:
+  tirante emulator train --order 5")]
     Train {
         /// Total order of the chaos, 1 to 12.
         #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u8).range(1..=12))]
         order: u8,
     },
     /// Print an emulator's errors of value and slope over the prior.
-    #[command(after_help = "Example: tirante emulator validate --model pce --order 5 --sample 100000 --json")]
+    #[command(after_help = "Examples:
+  tirante emulator validate --model pce --order 5 --sample 100000 \\
+      --format json")]
     Validate(ValidateArgs),
 }
 
@@ -65,9 +69,9 @@ pub struct ValidateArgs {
     /// Seed of the draws.
     #[arg(long, default_value_t = validate::SEED)]
     pub seed: u64,
-    /// One JSON object per emulator and line instead of the tables.
-    #[arg(long)]
-    pub json: bool,
+    /// Text or JSON.
+    #[command(flatten)]
+    pub output: Output,
 }
 
 /// Which emulator is judged.
@@ -150,9 +154,13 @@ fn validated(args: &ValidateArgs, cache: &Cache, prior: &RodPrior) -> Result<io:
         reports.push(report);
     }
     let line = |report: &ErrorReport| Ok(serde_json::to_string(report)? + "\n");
-    let texts = reports
-        .iter()
-        .map(|report| if args.json { line(report) } else { table(report) });
+    let texts = reports.iter().map(|report| {
+        if args.output.is_json() {
+            line(report)
+        } else {
+            table(report)
+        }
+    });
     Ok(texts.collect::<io::Result<String>>().map(String::into_bytes))
 }
 
@@ -255,7 +263,7 @@ mod tests {
             reference: Truth::Exact,
             sample: 200,
             seed: 1,
-            json: false,
+            output: Output::default(),
         };
         let nowhere = Cache::at(std::path::Path::new("/nonexistent"));
         let text = |args: &ValidateArgs| {
@@ -266,7 +274,11 @@ mod tests {
             table.contains("reduced against exact: 200 draws from the prior, 0 outside the trained range")
         );
         assert_eq!(table.lines().count(), 9);
-        let json: ErrorReport = serde_json::from_str(&text(&ValidateArgs { json: true, ..args })).unwrap();
+        let json: ErrorReport = serde_json::from_str(&text(&ValidateArgs {
+            output: Output::JSON,
+            ..args
+        }))
+        .unwrap();
         assert_eq!((json.sample, json.modes.len()), (200, 5));
     }
 }

@@ -14,7 +14,7 @@ const HEADING: &str = "Files of other programs";
 #[derive(Debug, Clone, Default, clap::Args)]
 pub struct Foreign {
     /// The format, if neither the file's content nor its ending says it.
-    #[arg(long, value_enum, help_heading = HEADING)]
+    #[arg(long = "input-format", value_enum, help_heading = HEADING)]
     pub format: Option<Format>,
     /// A column or channel wanted, by name or number, with the topic it stands for; any number of times.
     #[arg(long = "channel", visible_alias = "column", value_name = "SOURCE[=TOPIC][,UNIT]", value_parser = Wanted::parse)]

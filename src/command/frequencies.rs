@@ -6,19 +6,21 @@ use crate::analysis::rod::beam::{
 };
 use crate::analysis::rod::emulator::ReducedModel;
 use crate::analysis::rod::prior::RodPrior;
+use crate::command::which_store::Output;
 use crate::site::emulator_cache::Cache;
 use std::io::Write;
 use std::process::ExitCode;
 
-/// Natural frequencies of a given rod by each forward model, with their differences.
+/// Compute natural frequencies of a rod by every forward model.
 ///
-/// Quantities that are not given are those of the paper's rod in Todi, and are named on standard error.
-/// The paper's chaos is trained for that rod's prior and answers only inside it.
+/// Quantities that are not given are those of the paper's rod in Todi, and are named on standard error. The paper's
+/// chaos is trained for that rod's prior and answers only inside it.
 #[derive(Debug, Clone, clap::Args)]
 #[command(
     allow_negative_numbers = true,
-    after_help = "Example: tirante frequencies --length 9.5 --section round --diameter 0.04 \
-                        --axial-force 60e3 --spring-left 0 --spring-right 5e4"
+    after_help = "Examples:
+  tirante frequencies --length 9.5 --section round --diameter 0.04 \\
+      --axial-force 60e3 --spring-left 0 --spring-right 5e4"
 )]
 pub struct Args {
     /// Cross-section.
@@ -69,9 +71,9 @@ pub struct Args {
     /// Total order of the paper's chaos, 1 to 8.
     #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u8).range(1..=8))]
     pub order: u8,
-    /// One JSON object per model and line instead of the table.
-    #[arg(long)]
-    pub json: bool,
+    /// Text or JSON.
+    #[command(flatten)]
+    pub output: Output,
 }
 
 /// The cross-section as typed.
@@ -151,7 +153,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     });
 
     let mut out = Vec::new();
-    if args.json {
+    if args.output.is_json() {
         write_json(&mut out, &parameterisation, &theta, &answers)?;
     } else {
         write_table(&mut out, &answers, modes)?;

@@ -9,13 +9,12 @@ use crate::analysis::signal::record::Timestamp;
 use crate::service::api;
 use crate::service::viewer::{Message, ResultsWriter};
 use crate::site::store::{Filter, Listing, Reader};
-use anyhow::Context;
 use rusqlite::types::Value;
 use serde_json::Value as Json;
 use std::io::{self, IsTerminal, Write};
 use std::process::ExitCode;
 
-/// Lists what the store has: records with their forces, closed periods with the evidence of a change, alarms, or rejected records.
+/// List records, periods, alarms or rejected records of a store.
 ///
 /// It reads beside a running `replay` or `run`.
 #[derive(Debug, Clone, clap::Args)]
@@ -144,10 +143,9 @@ fn write_mcap(reader: &Reader, filter: &Filter, out: &mut impl Write) -> anyhow:
         return Err(BadArguments(why.to_owned()).into());
     }
     let mut results = ResultsWriter::new(out)?;
-    reader.lines(Listing::Records, filter, |line| {
-        for message in Message::of_record(line).context("a record of the store is no JSON line")? {
-            results.write(&message)?;
-        }
+    reader.rows(filter, |row| {
+        let messages = Message::of_record(&row);
+        messages.iter().try_for_each(|message| results.write(message))?;
         anyhow::Ok(())
     })?;
     for rod in reader.rods()? {
@@ -431,60 +429,5 @@ impl Row<'_> {
     fn with_sd(&self, mean: f64, sd: &str, factor: f64, digits: usize) -> String {
         let sd = self.number(sd).unwrap_or(f64::NAN);
         format!("{:.digits$} ± {:.digits$}", mean * factor, sd * factor)
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::analysis::inference::Marginal;
-    use crate::analysis::outcome::{Outcome, Rejected};
-    use crate::analysis::signal::record::{Rejection, RodId};
-    use crate::analysis::track::Interval;
-    use crate::site::store::columns;
-
-    /// The store's columns are taken out of the printed line: each must find its field there.
-    #[test]
-    fn every_column_of_the_store_is_a_field_of_the_line() {
-        let outcome = Outcome::Rejected(Box::new(Rejected {
-            rod: RodId("r".into()),
-            start: Some(Timestamp::from_nanos(1)),
-            duration_s: Some(1.0),
-            fs_hz: None,
-            identity: None,
-            readings: Vec::new(),
-            rejection: Rejection::NoOnset { duration_s: 1.0 },
-            measurement: None,
-            labels: None,
-            waveform: None,
-        }));
-        let line: Json = serde_json::from_str(&crate::site::record_json::json(&outcome, None, "0")).unwrap();
-        let interval = serde_json::to_value(Interval {
-            mean: 1.0,
-            sd: 1.0,
-            q025: 1.0,
-            q975: 1.0,
-        });
-        let marginal = serde_json::to_value(Marginal {
-            mean: 1.0,
-            sd: 1.0,
-            cv: 1.0,
-            q025: 1.0,
-            q50: 1.0,
-            q975: 1.0,
-            mean_error: 1.0,
-        });
-        let (interval, marginal) = (interval.unwrap(), marginal.unwrap());
-        for pointer in columns::pointers() {
-            let mut names = pointer.split('/').skip(1);
-            let (field, inner) = (names.next().unwrap(), names.next());
-            assert!(line.get(field).is_some(), "{pointer}");
-            match (field, inner) {
-                (_, None) => {}
-                ("rejection", Some(_)) => assert!(line.pointer(pointer).unwrap().is_string(), "{pointer}"),
-                ("axial_force_n", Some(inner)) => assert!(marginal.get(inner).is_some(), "{pointer}"),
-                (_, Some(inner)) => assert!(interval.get(inner).is_some(), "{pointer}"),
-            }
-        }
     }
 }

@@ -6,6 +6,7 @@ use crate::analysis::signal::record::{RodChannels, Unit};
 use crate::config::Config;
 use crate::recording::import::{self, Contents, ImportError, Plan};
 use crate::recording::write::{Encoding, Layout, RecordingWriter, WriterOptions};
+use crate::site::hex::hex;
 use anyhow::Context;
 use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
@@ -15,19 +16,30 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-/// Makes a recording (MCAP) of a measurement in CSV, UFF58, WAV, MATLAB, LabVIEW (.lvm, .tdms) or NumPy format. Every sample is kept to the bit; what the
-/// file does not say (unit, rate, start) must be said, nothing is guessed. Without `--out` it shows what is in the file.
+/// Convert a file of another program to a recording (MCAP).
+///
+/// Reads CSV, UFF58, WAV, MATLAB, LabVIEW (.lvm, .tdms) and NumPy. Every sample is kept to the bit. Unit, rate and
+/// start are needed where the file does not say them; nothing is guessed. Without `--out` it shows the content of
+/// the file.
 ///
 /// On stdout it prints what it wrote, as the lines a configuration needs to read it.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   tirante import laser.csv --out laser.mcap
-  tirante import laser.csv --delimiter ';' --decimal-comma --time Datum,Uhrzeit --channel 'Weg 1=/nave-3/displacement' --out laser.mcap
-  tirante import laser.uff --config site.toml --channel 1=/nave-3/displacement --out laser.mcap
-  tirante import laser.wav --full-scale 2.5 --unit mm --start 2026-03-01T06:00:00Z --out laser.mcap
-  tirante import laser.mat --rate 200 --unit um --start 2026-03-01T06:00:00Z --out laser.mcap
-  tirante import hammer.tdms --channel 'Acc 3=/nave-3/acceleration' --out hammer.mcap
-  tirante import camera.npy --rate 250 --channel '[7,:,1]=/nave-3/displacement,mm' --start 2026-03-01T06:00:00Z --out camera.mcap
+  tirante import laser.csv --delimiter ';' --decimal-comma \\
+      --time Datum,Uhrzeit --channel 'Weg 1=/nave-3/displacement' \\
+      --out laser.mcap
+  tirante import laser.uff --config site.toml \\
+      --channel 1=/nave-3/displacement --out laser.mcap
+  tirante import laser.wav --full-scale 2.5 --unit mm \\
+      --start 2026-03-01T06:00:00Z --out laser.mcap
+  tirante import laser.mat --rate 200 --unit um --start 2026-03-01T06:00:00Z \\
+      --out laser.mcap
+  tirante import hammer.tdms --channel 'Acc 3=/nave-3/acceleration' \\
+      --out hammer.mcap
+  tirante import camera.npy --rate 250 \\
+      --channel '[7,:,1]=/nave-3/displacement,mm' \\
+      --start 2026-03-01T06:00:00Z --out camera.mcap
   tirante import laser.csv                 what is in it
 
 `identify` and `replay` read these files as they are, with the same flags.
@@ -163,7 +175,7 @@ fn facts(path: &Path, plan: &Plan) -> anyhow::Result<BTreeMap<String, String>> {
         bytes += read as u64;
         hash.update(&block[..read]);
     }
-    let hash: String = hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect();
+    let hash = hex(&hash.finalize());
     let name = path
         .file_name()
         .unwrap_or_default()

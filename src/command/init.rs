@@ -15,13 +15,17 @@ use std::process::ExitCode;
 /// The id of a rod that nobody names.
 const ID: &str = "rod-1";
 
-/// Writes a commented configuration for one rod: the least that is needed, with priors that claim little. What no flag says is
-/// asked for on a terminal; topic, field, unit and rate come from a recording, if one is given.
+/// Write a commented configuration for one rod.
+///
+/// It holds the least that is needed, with priors that claim little. What no flag says is asked for on a terminal;
+/// topic, field, unit and rate come from a recording, if one is given.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   tirante init laser.mcap --out site.toml
-  tirante init laser.mcap --id nave-3 --length 14 --section s70 --material iron --out site.toml
-  tirante init --length 9500mm --section d45 --material steel --force '20..200 kN' --topic /rod --unit um --out site.toml
+  tirante init laser.mcap --id nave-3 --length 14 --section s70 \\
+      --material iron --out site.toml
+  tirante init --length 9500mm --section d45 --material steel \\
+      --force '20..200 kN' --topic /rod --unit um --out site.toml
 
 Then: tirante check site.toml; tirante identify laser.mcap --config site.toml")]
 pub struct Args {

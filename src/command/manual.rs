@@ -6,7 +6,7 @@ use std::fs;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// Writes man pages (one for each command) and shell completions into a folder.
+/// Write man pages and shell completions into a folder.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// The folder; it is made, files in it are written over.

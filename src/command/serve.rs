@@ -15,18 +15,21 @@ use std::sync::Arc;
 use tokio::signal::unix::{SignalKind, signal};
 use tokio::sync::watch;
 
-/// Shows a store as a web page, beside a running `replay` or `run` or without one.
+/// Serve a store as a web page.
 ///
-/// Runs until Ctrl-C. The page follows what is committed meanwhile: the store is looked at four times a second. Foxglove and
-/// Lichtblick follow it at ws://ADDRESS:PORT/viewer.
+/// It reads beside a running `replay` or `run`, or without one, until Ctrl-C. The page follows what is committed
+/// meanwhile: the store is looked at four times a second. Foxglove and Lichtblick follow it at
+/// ws://ADDRESS:PORT/viewer.
 #[derive(Debug, Clone, clap::Args)]
 #[command(after_help = "Examples:
-  tirante serve --store todi.db                      # then open http://127.0.0.1:7417
+  tirante serve \\
+      --store todi.db                      # then open http://127.0.0.1:7417
   tirante serve --config site.toml --listen 127.0.0.1:0
-  tirante serve --store todi.db --token-file token   # with the right to acknowledge alarms
+  tirante serve --store todi.db \\
+      --token-file token   # with the right to acknowledge alarms
 
-A daemon shows the page itself, at [http] listen. Other machines reach neither unless a proxy that asks for a password
-leads there, or --allow-remote is said.")]
+A daemon shows the page itself, at [http] listen. Other machines reach neither
+unless a proxy that asks for a password leads there, or --allow-remote is said.")]
 pub struct Args {
     /// The store.
     #[command(flatten)]

@@ -2,14 +2,12 @@
 
 use super::BadArguments;
 use super::progress::Progress;
-use crate::analysis::identify::Plan;
 use crate::analysis::signal::record::RodId;
 use crate::config::{Config, ConfigError, RodConfig, Setting};
-use crate::site::prepared::{self, Generation};
+use crate::site::prepared::{self, Generation, Plans};
 use crate::site::store::{Durability, Store};
 use crate::site::trackers::{self, Site};
 use clap::Args;
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// The configuration, and what is put over it for one run.
@@ -76,7 +74,7 @@ impl Setup {
 ///
 /// # Errors
 /// As [`generation::plans`].
-pub fn plans(config: &Config) -> anyhow::Result<BTreeMap<RodId, Plan>> {
+pub fn plans(config: &Config) -> anyhow::Result<Plans> {
     prepared::plans(config, solves_of)
 }
 

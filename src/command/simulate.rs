@@ -17,12 +17,14 @@ use std::io::{Seek, Write};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// Writes a recording of simulated rods as the configuration's `[simulation]` describes it: modes,
-/// damping, noise, temperature, loss of force, faults. The same seed gives the same file to the byte.
+/// Write recordings simulated from the beam model.
+///
+/// The configuration's section `[simulation]` describes rods, modes, damping, noise, temperature, loss of force and
+/// faults. The same seed gives the same file to the byte.
 #[derive(Debug, clap::Args)]
-#[command(
-    after_help = "Example:\n  tirante simulate --config config/campaign.toml --out campaign.mcap --truth truth.jsonl"
-)]
+#[command(after_help = "Examples:
+  tirante simulate --config config/campaign.toml --out campaign.mcap \\
+      --truth truth.jsonl")]
 pub struct Args {
     /// The configuration; it needs a section `[simulation]`.
     #[arg(long, value_name = "FILE")]

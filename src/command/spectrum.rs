@@ -10,6 +10,7 @@ use super::{BadArguments, WITH_LOSSES, findings};
 use crate::analysis::findings::motion_said;
 use crate::command::report_page;
 use crate::command::report_page::view::SpectrumReport;
+use crate::command::which_store::Output;
 use crate::config::Config;
 use crate::recording::atomic::AtomicFile;
 use crate::recording::{import, read};
@@ -31,30 +32,40 @@ const SAMPLES_IN_FLIGHT: usize = 4 << 20;
 /// Most records of a page.
 const PAGE_RECORDS: usize = 100;
 
-/// Shows every peak of a measurement: frequency with standard error, damping, level, and what it was taken for. No rod and no
-/// configuration is needed; every channel of motion in the files is looked at.
+/// Show every peak of a measurement; no rod is needed.
 ///
-/// With --config the records are those of the configured rods: the peaks then bear the orders of their modes, and what the record
-/// says of the force stands above them.
+/// Of each peak: frequency with standard error, damping, level, and its probable nature. Every channel of motion in
+/// the files is analysed.
+///
+/// With --config the records are those of the configured rods: the peaks then bear the orders of their modes, and
+/// the force of the record stands above them.
 #[derive(Debug, Clone, clap::Args)]
 #[command(after_help = "Examples:
   tirante spectrum recordings/todi-pull.mcap
   tirante spectrum laser.mcap --topic /nave-3/displacement --band 2..40
-  tirante spectrum laser.csv --unit mm                 any format that import reads
-  tirante spectrum laser.mcap --html laser.html        waveform and spectrum of every record
-  tirante spectrum /data/2026 --json > peaks.jsonl     one object per record and channel
-  tirante spectrum laser.mcap --config site.toml       with the orders of the modes
+  tirante spectrum laser.csv \\
+      --unit mm                 any format that import reads
+  tirante spectrum laser.mcap \\
+      --html laser.html        waveform and spectrum of every record
+  tirante spectrum /data/2026 --format json > peaks.jsonl     one object per \\
+      record and channel
+  tirante spectrum laser.mcap \\
+      --config site.toml       with the orders of the modes
 
 What a peak is taken for:
   mode 2      with --config alone: the rod's second mode
-  candidate   a resonance, which may be a mode; '2 x 4.492' if it is a multiple of another peak, as the
+  candidate   a resonance, which may be a mode; '2 x 4.492' if it is a \\
+      multiple of another peak, as the
               modes of a taut rod nearly are
   doubtful    a resonance whose shape or level speaks against a mode
-  tone        a pure sine: mains, a motor, a pump; harmonic: a multiple of a tone
-  broad       wider than any rod vibrates (damping above 10 %); drift: the same at the low end
+  tone        a pure sine: mains, a motor, a pump; harmonic: a multiple of a \\
+      tone
+  broad       wider than any rod vibrates (damping above 10 %); drift: the \\
+      same at the low end
 
-The level is the height of the fitted peak over the noise floor. Without --band, peaks are looked for from 15 periods
-in the record up to 0.48 of the sample rate.")]
+The level is the height of the fitted peak over the noise floor. Without --band,
+peaks are looked for from 15 periods in the record up to 0.48 of the sample
+rate.")]
 pub struct Args {
     /// Recordings (MCAP), measurements in any format that `import` reads, or folders of recordings.
     #[arg(value_name = "FILE", required = true)]
@@ -76,9 +87,9 @@ pub struct Args {
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
 
-    /// One JSON object per record and channel instead of tables.
-    #[arg(long)]
-    pub json: bool,
+    /// Text or JSON.
+    #[command(flatten)]
+    pub output: Output,
 
     /// Write a page with waveform, spectrum and peaks of every record, to open without a network.
     #[arg(long, value_name = "FILE")]
@@ -286,7 +297,7 @@ impl<'a> Shown<'a> {
     }
 
     fn show(&self, look: &Look) -> io::Result<()> {
-        let text = match self.args.json {
+        let text = match self.args.output.is_json() {
             true => look.json() + "\n",
             false => self.table(look),
         };

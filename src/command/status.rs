@@ -9,19 +9,20 @@ use crate::service::api::{Goals, RodStatus};
 use crate::site::store::Reader;
 use std::process::ExitCode;
 
-/// Says how every rod stands: its state and since when, the force with its 95 % interval, the change since the
-/// baseline, and the alarms that stand.
+/// Show the state of every rod: force, change, alarms.
 ///
-/// It reads beside a running `replay` or `run`.
+/// The state comes with its time, the force with its 95 % interval. It reads beside a running `replay` or `run`.
 #[derive(Debug, Clone, clap::Args)]
 #[command(after_help = "Examples:
   tirante status --store site.db
   tirante status --config site.toml --rod north --format json
 
-Force and change (since the rod's baseline) are given at the reference temperature. A '~' says that they
-are not: they are those of the latest record at its own temperature, uncompensated. Before there is a baseline the
-force is that of the latest record alone; '!' and '?' say that it may be wrong. The exit code says
-whether the store could be read, not whether an alarm stands: read `alarms` of --format json for that.")]
+Force and change (since the rod's baseline) are given at the reference
+temperature. A '~' says that they are not: they are those of the latest record
+at its own temperature, uncompensated. Before there is a baseline the force is
+that of the latest record alone; '!' and '?' say that it may be wrong. The exit
+code says whether the store could be read, not whether an alarm stands: read
+`alarms` of --format json for that.")]
 pub struct Args {
     /// The store.
     #[command(flatten)]

@@ -10,6 +10,7 @@ use crate::analysis::lab::study::times::Time;
 use crate::analysis::lab::study::{self, Effort, Score, Study};
 use crate::analysis::rod::beam::Quantity;
 use crate::command::report_page;
+use crate::command::which_store::Output;
 use crate::recording::atomic::AtomicFile;
 use anyhow::Context;
 use serde::Serialize;
@@ -20,15 +21,17 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Instant;
 
-/// Runs the study of the source paper and holds every table and figure against what it prints, with Monte Carlo
-/// errors.
+/// Run the source paper's study and compare it with the paper.
+///
+/// Every table and figure is held against the printed one, with Monte Carlo errors.
 #[derive(Debug, Clone, clap::Args)]
 #[command(after_help = "Examples:
   tirante study --out study
   tirante study --quick
 
-Writes study.html (every table and figure), study.json and numbers.csv (every number), curves.csv (every curve). \
-The same seed gives the same bytes. A few minutes on two cores; --quick half a minute.")]
+Writes study.html (every table and figure), study.json and numbers.csv (every
+number), curves.csv (every curve). The same seed gives the same bytes. A few
+minutes on two cores; --quick half a minute.")]
 pub struct Args {
     /// The folder of the report; without it only the table on stdout.
     #[arg(long, value_name = "DIR")]
@@ -51,9 +54,9 @@ pub struct Args {
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
 
-    /// One JSON object with every number instead of the table.
-    #[arg(long)]
-    pub json: bool,
+    /// Text or JSON.
+    #[command(flatten)]
+    pub output: Output,
 }
 
 impl Args {
@@ -105,7 +108,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         write(&out.join("numbers.csv"), &numbers(&study.comparisons()))?;
         write(&out.join("curves.csv"), &curves(&study))?;
     }
-    let text = if args.json {
+    let text = if args.output.is_json() {
         json
     } else {
         table(&study, args.out.as_deref())

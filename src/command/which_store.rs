@@ -30,6 +30,42 @@ pub enum Format {
     Csv,
 }
 
+/// How a command that prints text or JSON answers.
+#[derive(Debug, Clone, Copy, Default, clap::Args)]
+pub struct Output {
+    /// Output format.
+    #[arg(long, value_enum, default_value_t)]
+    format: TextFormat,
+
+    /// The older spelling of `--format json`.
+    #[arg(long, hide = true, conflicts_with = "format")]
+    json: bool,
+}
+
+/// Text or JSON.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, clap::ValueEnum)]
+enum TextFormat {
+    /// Text and tables for people.
+    #[default]
+    #[value(alias = "table")]
+    Text,
+    /// One JSON object per line.
+    Json,
+}
+
+impl Output {
+    /// JSON, as programs ask for it.
+    pub const JSON: Self = Self {
+        format: TextFormat::Json,
+        json: false,
+    };
+
+    /// True if JSON is asked for.
+    pub fn is_json(self) -> bool {
+        self.json || self.format == TextFormat::Json
+    }
+}
+
 impl WhichStore {
     /// The file.
     ///

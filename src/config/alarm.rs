@@ -2,10 +2,10 @@
 
 use super::range::Range;
 use super::reader::{Absent, Table, key};
+use crate::analysis::signal::record::time::DAY_S;
 use crate::analysis::track::AlarmSettings;
 
 const HOUR_S: f64 = 3600.0;
-const DAY_S: f64 = 86_400.0;
 
 /// The section.
 pub(super) fn read(table: &mut Table<'_>) -> AlarmSettings {

@@ -2,6 +2,7 @@
 
 use super::range::Range;
 use super::reader::{Table, key};
+use crate::analysis::signal::record::time::DAY_S;
 use crate::analysis::signal::record::{Cut, RecordSettings};
 
 #[derive(Clone, Copy, PartialEq)]
@@ -21,7 +22,6 @@ const KINDS: [(&str, Kind); 4] = [
 
 /// The shortest and the longest record anyone may ask for \[s\].
 const SHORTEST: f64 = 1e-3;
-const DAY: f64 = 86_400.0;
 
 /// The section.
 pub(super) fn read(table: &mut Table<'_>) -> RecordSettings {
@@ -34,7 +34,7 @@ pub(super) fn read(table: &mut Table<'_>) -> RecordSettings {
         &KINDS,
         Kind::Auto,
     );
-    let length = Range::within(SHORTEST, DAY);
+    let length = Range::within(SHORTEST, DAY_S);
     let window_s = table.number(
         key("window_s", "length of a window [s]").only(kind == Kind::Window, "cut = \"window\""),
         length,

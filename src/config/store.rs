@@ -2,10 +2,9 @@
 
 use super::range::{Range, toml_string};
 use super::reader::{Absent, Table, key};
+use crate::analysis::signal::record::time::DAY_S;
 use crate::config::settings::store::StoreSettings;
 use std::path::PathBuf;
-
-const DAY_S: f64 = 86_400.0;
 
 /// The section.
 pub(super) fn read(table: &mut Table<'_>) -> StoreSettings {

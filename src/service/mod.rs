@@ -6,7 +6,7 @@
 //! ingest -> journal --.
 //! watched folder -----+-> daemon: reader -> pipeline -> core -> store -> alert
 //! ```
-//! * [`daemon`]    its life and its threads: reader, pipeline, core; reload, drain, suspects
+//! * [`daemon`]    its life and its threads: reader, pipeline, core; reload, drain, quarantine
 //! * [`ingest`]    sockets: the protocol, named senders and what is acknowledged, limits, TLS
 //! * [`journal`]   what the sockets took, as MCAP parts on disk
 //! * [`alert`]     news of alarms to the sinks, at least once and in order

@@ -45,9 +45,9 @@ impl Analysed {
 
 /// The record of each rod that passed last, known before or not: what says which record temperatures came after.
 #[derive(Debug, Clone, Default)]
-pub struct Passed(HashMap<RodId, [u8; 32]>);
+pub struct LastSeen(HashMap<RodId, [u8; 32]>);
 
-impl Passed {
+impl LastSeen {
     /// A record of a rod passes.
     pub fn note(&mut self, rod: &RodId, identity: [u8; 32]) {
         match self.0.get_mut(rod) {
@@ -58,9 +58,18 @@ impl Passed {
         }
     }
 
-    /// The rod's last record, if one passed.
-    pub fn last(&self, rod: &RodId) -> Option<[u8; 32]> {
-        self.0.get(rod).copied()
+    /// What came of an event passes; the record of its rod that passed before.
+    pub fn pass(&mut self, analysed: &Analysed) -> Option<[u8; 32]> {
+        let (rod, identity) = match analysed {
+            Analysed::Known(rod, identity) => (rod, Some(*identity)),
+            Analysed::Record(outcome) => (outcome.rod(), outcome.identity()),
+            Analysed::Readings(rod, _) => (rod, None),
+        };
+        let before = self.0.get(rod).copied();
+        if let Some(identity) = identity {
+            self.note(rod, identity);
+        }
+        before
     }
 }
 

@@ -14,8 +14,8 @@ use crate::analysis::rod::emulator::pce::{self, Fitted};
 use crate::analysis::rod::emulator::{FitError, ModelSettings, OrExact, Pce, ReducedModel};
 use crate::analysis::rod::prior::RodPrior;
 use crate::recording::atomic::AtomicFile;
+use crate::site::hex::hex;
 use sha2::{Digest, Sha256};
-use std::fmt::Write as _;
 use std::fs::File;
 use std::io::{ErrorKind, Read, Write};
 use std::path::{Path, PathBuf};
@@ -147,14 +147,6 @@ fn key(prior: &RodPrior, order: usize, elements: usize) -> String {
         part(format!("{prior:?}").as_bytes());
     }
     hex(hash.finalize().as_slice())
-}
-
-fn hex(bytes: &[u8]) -> String {
-    bytes.iter().fold(String::new(), |mut text, byte| {
-        // Writing to a string cannot fail.
-        let _ = write!(text, "{byte:02x}");
-        text
-    })
 }
 
 /// Reads a file; `None` if there is none, and in words what is wrong with one that is not to be trusted.

@@ -6,16 +6,20 @@ use crate::analysis::signal::record::{RodChannels, RodId};
 use crate::analysis::track::TrackPlan;
 use crate::config::Config;
 use crate::site::emulator_cache::{self, Cache};
+use crate::site::hex::hex;
 use crate::site::trackers::Provenance;
 use std::collections::BTreeMap;
 use std::sync::Arc;
+
+/// What analyses each rod's records.
+pub type Plans = BTreeMap<RodId, Plan>;
 
 /// One configuration in force, and everything prepared from it.
 pub struct Generation {
     /// The configuration.
     pub config: Config,
     /// What analyses each rod's records.
-    pub plans: BTreeMap<RodId, Plan>,
+    pub plans: Arc<Plans>,
     /// What follows each rod.
     pub track_plans: Vec<Arc<TrackPlan>>,
     hash: String,
@@ -37,7 +41,7 @@ impl Generation {
             track_plans: track_plans(&config, &plans),
             hash: provenance(&config),
             effective: config.effective(),
-            plans,
+            plans: Arc::new(plans),
             config,
         })
     }
@@ -62,10 +66,6 @@ pub fn provenance(config: &Config) -> String {
     hex(&config.hash()[..8])
 }
 
-fn hex(bytes: &[u8]) -> String {
-    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
-}
-
 /// Prepares the analysis of every rod: model (fitted or from the cache), table, pattern; `solves_of` as for
 /// [`Generation::prepare`].
 ///
@@ -74,7 +74,7 @@ fn hex(bytes: &[u8]) -> String {
 pub fn plans<S: Fn(usize, usize) + Sync>(
     config: &Config,
     solves_of: impl Fn(&RodId) -> S,
-) -> anyhow::Result<BTreeMap<RodId, Plan>> {
+) -> anyhow::Result<Plans> {
     let tables = Tables::new(config.seed);
     let cache = Cache::of_user();
     let mut plans = BTreeMap::new();
@@ -89,7 +89,7 @@ pub fn plans<S: Fn(usize, usize) + Sync>(
 }
 
 /// Prepares the tracking of every rod that has a plan.
-fn track_plans(config: &Config, plans: &BTreeMap<RodId, Plan>) -> Vec<Arc<TrackPlan>> {
+fn track_plans(config: &Config, plans: &Plans) -> Vec<Arc<TrackPlan>> {
     let alarm = &config.alarm;
     plans
         .iter()

@@ -4,9 +4,10 @@ use crate::analysis::outcome::Outcome;
 use crate::analysis::record_view::Snapshot;
 use crate::analysis::signal::record::{Reading, RodId, Timestamp};
 use crate::analysis::track::{AlarmEvent, Others, Peer, TrackPlan, Tracker, Verdict};
-use crate::site::record_json;
+use crate::site::analyse::Analysed;
+use crate::site::record_row::RecordRow;
 use crate::site::store::{
-    Asked, Carry, Commit, FileMark, Position, RecordRow, RodRow, SnapshotRow, Standing, Store, StoreError,
+    Asked, Carry, Commit, FileMark, NewRecord, Position, RodRow, SnapshotRow, Standing, Store, StoreError,
 };
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -20,10 +21,10 @@ pub struct Site {
     renewed: Vec<(RodId, u32)>,
 }
 
-/// One record that was taken: its line, and what it changed.
+/// One record that was taken: its row, and what it changed.
 pub struct Taken {
-    /// The JSON line the store keeps.
-    pub line: String,
+    /// The row the store keeps.
+    pub row: RecordRow,
     /// What tracking made of it.
     pub verdict: Verdict,
 }
@@ -33,7 +34,7 @@ const PICTURE_S: i64 = 600;
 
 /// Whether a record is the first of its stretch of [`PICTURE_S`], or the clock went back: by event time alone, so that a replay keeps the same
 /// pictures.
-fn is_pictured(before: Option<Timestamp>, start: Timestamp) -> bool {
+fn keeps_snapshot(before: Option<Timestamp>, start: Timestamp) -> bool {
     let stretch = |time: Timestamp| time.as_nanos().div_euclid(PICTURE_S * 1_000_000_000);
     before.is_none_or(|before| stretch(start) != stretch(before))
 }
@@ -208,7 +209,7 @@ impl Site {
                 .as_ref()
                 .map(|measurement| measurement.start)
                 .filter(|start| tracker.state().latest == Some(*start) && before != Some(*start))
-                .filter(|start| tracker.state().periods.is_empty() || is_pictured(before, *start))
+                .filter(|start| tracker.state().periods.is_empty() || keeps_snapshot(before, *start))
                 .and_then(|_| Snapshot::of(tracker.plan().prior(), identification)),
             Outcome::Tabulated(_) => None,
             // What a refused record looked like says why it was; as seldom, and never in place of one that was believed.
@@ -217,15 +218,16 @@ impl Site {
                 let has_period = !tracker.state().periods.is_empty();
                 rejected
                     .start
-                    .filter(|start| !has_period || is_pictured(before, *start))
+                    .filter(|start| !has_period || keeps_snapshot(before, *start))
                     .and_then(|_| Snapshot::of_rejected(rejected))
             }
         };
-        let line = record_json::json(outcome, Some(&verdict), &self.config_hash);
+        let row = RecordRow::of(outcome, Some(&verdict), &self.config_hash);
         self.store.commit(&Commit {
-            record: Some(RecordRow {
-                outcome,
-                line: &line,
+            record: Some(NewRecord {
+                row: &row,
+                identity,
+                rms: outcome.rms(),
                 emulator: self.emulators.get(rod).copied().unwrap_or_default(),
             }),
             rod: Some(RodRow {
@@ -242,7 +244,25 @@ impl Site {
             source: position,
             ..Commit::default()
         })?;
-        Ok(Some(Taken { line, verdict }))
+        Ok(Some(Taken { row, verdict }))
+    }
+
+    /// Takes what came of an event and makes it durable; `before` is the record of its rod that passed before it. `None` unless it
+    /// is a record that is new.
+    ///
+    /// # Errors
+    /// As [`Site::take`] and [`Site::take_readings`].
+    pub fn take_event(
+        &mut self,
+        analysed: &Analysed,
+        position: Position<'_>,
+        before: Option<[u8; 32]>,
+    ) -> Result<Option<Taken>, StoreError> {
+        match analysed {
+            Analysed::Record(outcome) => self.take(outcome, Some(position)),
+            Analysed::Readings(rod, readings) => self.take_readings(rod, readings, before).map(|_| None),
+            Analysed::Known(..) => Ok(None),
+        }
     }
 
     /// Takes temperatures a recording held beside its records and makes them durable; whether they said anything new.

@@ -6,7 +6,7 @@ use super::process::Process;
 use std::path::Path;
 use std::time::{Duration, Instant};
 use tirante::analysis::signal::record::RodId;
-use tirante::site::store::{Commit, Durability, RecordRow, Store};
+use tirante::site::store::{Commit, Durability, Store};
 
 const RODS: usize = 100;
 const RECORDS: i64 = 100_000;
@@ -36,11 +36,7 @@ fn fill(plant: &Plant) {
         let outcome = archive::identified(&rod, number);
         store
             .commit(&Commit {
-                record: Some(RecordRow {
-                    outcome: &outcome,
-                    line: &archive::line(&outcome),
-                    emulator: "reduced",
-                }),
+                record: Some(archive::new_record(&outcome, &archive::row(&outcome))),
                 ..Commit::default()
             })
             .unwrap();

@@ -2,8 +2,9 @@
 
 use super::{Adjustment, Method, Withheld};
 use crate::analysis::numerics::diagnostics;
+use crate::analysis::numerics::json_number::nan_if_null;
 use crate::analysis::rod::beam::{Parameterisation, Quantity};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// Why a sequence of populations ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -53,13 +54,14 @@ pub struct Posterior {
 }
 
 /// Mean, spread and quantiles of one quantity.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Marginal {
     /// Mean, SI.
     pub mean: f64,
     /// Standard deviation, SI.
     pub sd: f64,
     /// Coefficient of variation sd / mean.
+    #[serde(deserialize_with = "nan_if_null")]
     pub cv: f64,
     /// 2.5 % quantile, SI.
     pub q025: f64,
@@ -68,6 +70,7 @@ pub struct Marginal {
     /// 97.5 % quantile, SI.
     pub q975: f64,
     /// Monte Carlo standard error of the mean, SI.
+    #[serde(deserialize_with = "nan_if_null")]
     pub mean_error: f64,
 }
 

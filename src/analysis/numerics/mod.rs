@@ -6,8 +6,10 @@
 //! * [`optimum`]     minima of smooth functions
 //! * [`diagnostics`] Monte Carlo errors, effective sample size, tests of calibration
 //! * `tail`          the normal distribution far out
+//! * `json_number`   numbers that may not be finite, out of JSON
 
 pub mod diagnostics;
+pub(crate) mod json_number;
 pub mod optimum;
 pub mod orthogonal;
 pub mod random;

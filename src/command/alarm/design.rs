@@ -5,9 +5,11 @@ use crate::analysis::numerics::random;
 use crate::analysis::rod::beam::Exact;
 use crate::analysis::rod::beam::forward::ForwardModel;
 use crate::analysis::rod::prior::RodPrior;
+use crate::analysis::signal::record::time::DAY_S;
 use crate::analysis::track::drift::ThermalPrior;
 use crate::analysis::track::fold::plan::YEAR_S;
 use crate::command::setup::choose_rod;
+use crate::command::which_store::Output;
 use crate::command::{BadArguments, print};
 use crate::config::{Config, Setting};
 use rayon::prelude::*;
@@ -29,20 +31,20 @@ const SITES: u64 = 30;
 const CURVATURE_PER_K: f64 = 3e-4;
 /// Readings a day from which on they resolve the day.
 const DENSE: u32 = 6;
-/// A day \[s\].
-const DAY_S: f64 = 86_400.0;
 /// Draws from the prior for the range of slopes.
 const DRAWS: usize = 400;
 
-/// Print the false-alarm rate, delays for steps and ramps by simulation of this rod, and the smallest change that is told.
+/// Print the false-alarm rate, the delays and the smallest change told.
 ///
-/// Before commissioning the noise of a period follows from the frequencies' standard error and the rod's prior; once the
-/// rod is followed, give the noise it learned.
+/// Delays for steps and ramps come from a simulation of this rod. Before commissioning the noise of a period
+/// follows from the frequencies' standard error and the rod's prior; once the rod is followed, give the noise it
+/// learned.
 #[derive(Debug, Clone, clap::Args)]
 #[command(after_help = "Examples:
   tirante alarm design
   tirante alarm design --noise 0.003
-  tirante alarm design --config config/campaign.toml --rod nave-3 --set alarm.arl0_years=20 --json")]
+  tirante alarm design --config config/campaign.toml --rod nave-3 \\
+      --set alarm.arl0_years=20 --format json")]
 pub struct Args {
     /// The configuration; without it the built-in one: the paper's tie-rod at Todi.
     #[arg(long, value_name = "FILE")]
@@ -68,9 +70,9 @@ pub struct Args {
     /// Rods of the site: with three or more the others' median is known.
     #[arg(long, value_name = "COUNT", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=50))]
     pub rods: u32,
-    /// One JSON object instead of the tables.
-    #[arg(long)]
-    pub json: bool,
+    /// Text or JSON.
+    #[command(flatten)]
+    pub output: Output,
 }
 
 /// Runs the command.
@@ -100,7 +102,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let fixed_per_k =
         prior.parameterisation().axial_rigidity(&centre) * config.track.expansion_per_k / centre[0];
     let promise = Promise::new(args, rod.analysis.rod.0.clone(), &config, expected, fixed_per_k)?;
-    if args.json {
+    if args.output.is_json() {
         print(format!("{}\n", serde_json::to_string(&promise)?).as_bytes())
     } else {
         print(promise.table()?.as_bytes())

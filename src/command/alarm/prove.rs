@@ -2,10 +2,12 @@
 
 use crate::analysis::lab::synthesis::{Change, Outcome, Raised, Trial, World};
 use crate::analysis::numerics::random;
+use crate::analysis::signal::record::time::{DAY_S, YEAR_D};
 use crate::analysis::signal::record::{RodId, Timestamp};
 use crate::analysis::track::{Kind, TrackPlan, Witness};
 use crate::command::progress::Progress;
 use crate::command::setup::choose_rod;
+use crate::command::which_store::Output;
 use crate::command::{BadArguments, print};
 use crate::config::{Config, Setting};
 use crate::site::emulator_cache::{self, Cache};
@@ -19,20 +21,21 @@ use std::process::ExitCode;
 use std::str::FromStr;
 use std::sync::Arc;
 
-const DAY_S: f64 = 86_400.0;
-const DAYS_PER_YEAR: f64 = 365.25;
 /// 1 March 2025: the first midnight.
 const START_NS: i64 = 1_740_787_200_000_000_000;
 
-/// Simulate years of whole sites, follow every rod with the real tracker, and print how often it alarmed beside what is stated.
+/// Simulate years of whole sites and count the alarms.
 ///
-/// A site has several rods drawn from the prior, each with a static model discrepancy, under common weather and one
-/// thermometer. Frequencies are the exact beam's with measurement errors; no waveform is made. Worlds differ in what makes
-/// tracking difficult; a thermometer that fails does so on day 100. The same seed gives the same output at any number of threads.
+/// Every rod is followed with the real tracker; the counts stand beside what is promised. A site has several rods
+/// drawn from the prior, each with a static model discrepancy, under common weather and one thermometer.
+/// Frequencies are the exact beam's with measurement errors; no waveform is made. Worlds differ in what makes
+/// tracking difficult; a thermometer that fails does so on day 100. The same seed gives the same output at any
+/// number of threads.
 #[derive(Debug, Clone, clap::Args)]
 #[command(after_help = "Examples:
   tirante alarm prove --histories 200
-  tirante alarm prove --world harsh,masonry-30d,mixed --histories 1000 --json
+  tirante alarm prove --world harsh,masonry-30d,mixed --histories 1000 \\
+      --format json
   tirante alarm prove --world drifting-thermometer --rods 5
   tirante alarm prove --change step:-0.03@100 --rods 3
   tirante alarm prove --change ramp:-0.02@400 --years 2")]
@@ -87,9 +90,9 @@ pub struct Args {
     /// Seed of the histories.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
-    /// One JSON object per world instead of the table.
-    #[arg(long)]
-    pub json: bool,
+    /// Text or JSON.
+    #[command(flatten)]
+    pub output: Output,
 }
 
 /// A change as typed.
@@ -131,7 +134,7 @@ impl TrueChange {
     fn within(self, days: usize) -> Change {
         let left = days as f64 - self.start_d;
         let (over_d, relative) = if self.is_ramp {
-            (left, self.relative * left / DAYS_PER_YEAR)
+            (left, self.relative * left / YEAR_D)
         } else {
             (0.0, self.relative)
         };
@@ -216,7 +219,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let (track, alarm) = (config.track.clone(), config.alarm.clone());
     let learned = track.baseline_records.max(track.learning_periods);
     // One more, with which the last period closes.
-    let days = learned + (args.years * DAYS_PER_YEAR).round() as usize + 1;
+    let days = learned + (args.years * YEAR_D).round() as usize + 1;
     if args.change.is_some_and(|change| change.start_d >= days as f64) {
         return Err(BadArguments("--change begins after the last record".to_owned()).into());
     }
@@ -271,7 +274,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     drop(progress);
     let mut text = String::new();
     for (place, proof) in proofs.iter().enumerate() {
-        if args.json {
+        if args.output.is_json() {
             writeln!(text, "{}", serde_json::to_string(proof)?)?;
         } else {
             if place > 0 {

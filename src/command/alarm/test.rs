@@ -8,9 +8,10 @@ use crate::site::clock;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// Sends a test message to every sink of a configuration and says which of them have it: exit code 0 if all, 1 if not.
+/// Send a test message to every sink of a configuration.
 ///
-/// Run it as the user the daemon runs as, so that it reads the same password files.
+/// Exit code 0 if all have it, 1 if not. Run it as the user the daemon runs as, so that it reads the same password
+/// files.
 #[derive(Debug, Clone, clap::Args)]
 pub struct Args {
     /// The configuration.

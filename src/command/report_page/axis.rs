@@ -1,11 +1,11 @@
 //! Scales from data to drawing, and ticks people can read: round numbers, and dates in UTC.
 
+use crate::analysis::signal::record::time::DAY_S;
 use jiff::civil::Date;
 use jiff::tz::TimeZone;
 
 const MINUTE_S: f64 = 60.0;
 const HOUR_S: f64 = 3600.0;
-const DAY_S: f64 = 86_400.0;
 
 /// A linear map from data to drawing units.
 #[derive(Debug, Clone, Copy, PartialEq)]

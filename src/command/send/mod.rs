@@ -9,6 +9,7 @@ use super::progress::Progress;
 use crate::recording::read;
 use crate::service::ingest::{LeftOut, Reply};
 use crate::service::journal::MAX_MESSAGE;
+use crate::site::clock;
 use link::{Address, Link, TlsArgs};
 use playback::{Message, Piece, Playback};
 use std::cell::{Cell, RefCell};
@@ -17,7 +18,7 @@ use std::io;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::str::FromStr;
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use std::time::Duration;
 use stream::Stream;
 use tokio::time::{Instant, sleep, sleep_until, timeout};
 use tokio_rustls::TlsConnector;
@@ -37,18 +38,23 @@ const PATIENCE: Duration = Duration::from_secs(300);
 /// Pauses between attempts to connect.
 const BACK_OFF: (Duration, Duration) = (Duration::from_secs(1), Duration::from_secs(30));
 
-/// Sends recordings into the socket of a running daemon as one MCAP stream, at the speed they were recorded or another.
+/// Send recordings to a running daemon, at a chosen speed.
+///
+/// They go into its socket as one MCAP stream.
 #[derive(Debug, Clone, clap::Args)]
 #[command(after_help = "Examples:
   tirante send recordings/todi-pull.mcap --to tcp://127.0.0.1:7415
-  tirante send day.mcap --to unix:///run/tirante/ingest.sock --sender north-laser --speed 10
+  tirante send day.mcap --to unix:///run/tirante/ingest.sock \\
+      --sender north-laser --speed 10
   tirante send day.mcap --to tcp://127.0.0.1:7415 --speed max --stamp-now
-  tirante send day.mcap --to tcp://tower.example:7415 --tls-ca ca.pem --tls-certificate me.pem --tls-key me.key
+  tirante send day.mcap --to tcp://tower.example:7415 --tls-ca ca.pem \\
+      --tls-certificate me.pem --tls-key me.key
 
-Log times decide when a message is sent. With --sender the daemon acknowledges what is on its disk; after a cut
-the command connects again (after 1 s, then longer, up to 30 s) and goes on from there. Without --sender a cut is
-the end. Exit code 0 says that everything is durable; 1 that it is not, or that a recording is damaged; 3 that some was
-left out, with the reason.")]
+Log times decide when a message is sent. With --sender the daemon acknowledges
+what is on its disk; after a cut the command connects again (after 1 s, then
+longer, up to 30 s) and goes on from there. Without --sender a cut is the end.
+Exit code 0 says that everything is durable; 1 that it is not, or that a
+recording is damaged; 3 that some was left out, with the reason.")]
 pub struct Args {
     /// MCAP recordings, or folders of them; sent in the order of their data.
     #[arg(value_name = "FILE", required = true)]
@@ -375,12 +381,10 @@ impl Errand<'_> {
         if !self.args.stamp_now {
             return;
         }
-        let shift = self.shift_ns.get().unwrap_or_else(|| {
-            let now = SystemTime::now()
-                .duration_since(UNIX_EPOCH)
-                .map_or(0, |time| time.as_nanos());
-            now as i128 - i128::from(message.log_time)
-        });
+        let shift = self
+            .shift_ns
+            .get()
+            .unwrap_or_else(|| i128::from(clock::now_ns()) - i128::from(message.log_time));
         self.shift_ns.set(Some(shift));
         let moved = |time: u64| u64::try_from(i128::from(time) + shift).unwrap_or(time);
         message.log_time = moved(message.log_time);

@@ -210,7 +210,7 @@ impl<'a> Inputs<'a> {
     /// One step of the open file; nothing where there is nothing to tell.
     fn step(&mut self, mut open: Open) -> Option<Step> {
         let event = open.recording.next();
-        let bytes = Recording::position(&open.recording).read;
+        let bytes = Recording::progress(&open.recording).read;
         self.done.store(self.bytes_of_closed + bytes, Ordering::Relaxed);
         let Some(event) = event else {
             self.bytes_of_closed += bytes;

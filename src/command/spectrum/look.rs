@@ -3,7 +3,7 @@
 use super::Band;
 use super::input::Source;
 use crate::analysis::findings::{self, Candidate, Peak};
-use crate::analysis::identify::{Measurement, Plan};
+use crate::analysis::identify::Measurement;
 use crate::analysis::inference::Marginal;
 use crate::analysis::outcome::Rejected;
 use crate::analysis::record_view::Snapshot;
@@ -14,8 +14,8 @@ use crate::analysis::signal::spectrum::{PeakSettings, WelchSettings};
 use crate::command::report_page::view::SpectrumReport;
 use crate::command::setup;
 use crate::config::Config;
+use crate::site::prepared::Plans;
 use serde::Serialize;
-use std::collections::BTreeMap;
 
 /// Most peaks of a record.
 const MOST_PEAKS: usize = 40;
@@ -23,7 +23,7 @@ const MOST_PEAKS: usize = 40;
 /// Looks at records, all in the same way.
 pub(super) struct Looker {
     search: PeakSearch,
-    plans: BTreeMap<RodId, Plan>,
+    plans: Plans,
     band: Band,
 }
 

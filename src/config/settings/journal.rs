@@ -1,5 +1,6 @@
 //! Where the journal is and how long it is kept.
 
+use crate::analysis::signal::record::time::DAY_S;
 use std::path::PathBuf;
 
 /// Where the journal is and how long it is kept.
@@ -23,7 +24,7 @@ impl Default for JournalSettings {
             folder: None,
             part_bytes: 64 << 20,
             part_s: 3600.0,
-            keep_s: Some(30.0 * 86_400.0),
+            keep_s: Some(30.0 * DAY_S),
             keep_bytes: Some(20_000_000_000),
         }
     }

@@ -100,7 +100,7 @@ pub fn kind(head: &[u8], path: &Path) -> Result<Kind, ImportError> {
         None => Err(ImportError {
             is_unknown_format: true,
             ..ImportError::new(format!(
-                "is of no format that is read ({FORMATS}); --format says which one it is"
+                "is of no format that is read ({FORMATS}); --input-format says which one it is"
             ))
         }),
     }
@@ -182,7 +182,7 @@ mod tests {
         assert_eq!(of(b"t,d\n0,1\n", "a.log"), Ok(Kind::Foreign(Format::Csv)));
         assert_eq!(of(b"junk", "a.wav"), Ok(Kind::Foreign(Format::Wav)));
         assert!(of(b"PK\x03\x04", "a.xlsx").unwrap_err().contains("CSV"));
-        assert!(of(b"\0\x01\x02", "a.bin").unwrap_err().contains("--format"));
+        assert!(of(b"\0\x01\x02", "a.bin").unwrap_err().contains("--input-format"));
         assert!(of(b"", "a.bin").unwrap_err().contains("empty"));
     }
 }

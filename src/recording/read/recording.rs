@@ -1,14 +1,15 @@
 //! One recording: an MCAP file as an iterator of records and rejections.
 
-use super::SourceError;
 use super::mcap::{Damage, Progress, Reader};
 use super::path::FieldPath;
 use super::route::{Rod, Router, Timed};
+use super::source::{Source, Step};
 use super::summary::Summary;
 use super::verify::{Check, Trust};
+use super::{Place, SourceError};
 use crate::analysis::signal::record::{Event, RecordSettings, RodChannels, TimeSource, Timestamp};
-use crate::analysis::track::ordered::Reached;
 use std::collections::VecDeque;
+use std::convert::Infallible;
 use std::fs::{self, File};
 use std::io::{Read, Seek, SeekFrom};
 use std::path::Path;
@@ -69,19 +70,6 @@ enum Stage {
     Ended,
 }
 
-/// What one step of reading brought.
-#[derive(Debug)]
-pub enum Poll {
-    /// An event.
-    Event(Event),
-    /// Nothing yet; there is more to read.
-    More,
-    /// Nothing yet, and nothing to read now; the file may grow.
-    Wait,
-    /// The end.
-    End,
-}
-
 /// One recording. Iterate over its events; then look at the [summary](Self::summary).
 ///
 /// Memory is bounded by one chunk and one record a rod, never by the file. It is `Send`: read on one
@@ -90,8 +78,10 @@ pub struct Recording {
     stage: Stage,
     router: Router,
     queue: VecDeque<Timed>,
-    /// When the event that was handed out last was complete, and how far the rods had been followed then.
-    moment: (Timestamp, Reached),
+    /// As it is called in sentences and in the store.
+    name: Arc<str>,
+    /// Records handed out.
+    records: u64,
     follow: Option<Follow>,
     total: u64,
     read: u64,
@@ -193,7 +183,8 @@ impl Recording {
             },
             router: Router::new(rods, settings),
             queue: VecDeque::new(),
-            moment: (Timestamp::from_nanos(0), Arc::from([])),
+            name: Arc::from(name),
+            records: 0,
             follow: None,
             total,
             read: 0,
@@ -220,7 +211,8 @@ impl Recording {
             stage: Stage::Given(Box::new(blocks)),
             router: Router::new(rods, settings),
             queue: VecDeque::new(),
-            moment: (Timestamp::from_nanos(0), Arc::from([])),
+            name: Arc::from(name),
+            records: 0,
             follow: None,
             total,
             // The file was read before.
@@ -241,16 +233,15 @@ impl Recording {
         self.summary.notes.push(sentence);
     }
 
-    /// One step: at most one record of the file is read, or some way into one chunk.
-    pub fn poll(&mut self) -> Poll {
-        if let Some(event) = self.pop() {
-            return Poll::Event(event);
+    fn step(&mut self) -> Step<Infallible> {
+        if let Some((event, place)) = self.pop() {
+            return Step::Event(event, place);
         }
         if self.doubt.is_some() {
-            return Poll::Wait;
+            return Step::Wait;
         }
         let outcome = match &mut self.stage {
-            Stage::Ended => return Poll::End,
+            Stage::Ended => return Step::End,
             Stage::Checking(input, check) => match check.step(input) {
                 Ok(Some(trust)) => {
                     self.believe(trust);
@@ -279,35 +270,45 @@ impl Recording {
         };
         match outcome {
             Ok(Progress::More) => self.router.events(&mut self.queue),
-            Ok(Progress::Wait) => return Poll::Wait,
+            Ok(Progress::Wait) => return Step::Wait,
             // Some writers go back and fill in lengths: until it settles this may be no damage.
             Err(damage) if self.is_live => {
                 self.doubt = Some(damage);
-                return Poll::Wait;
+                return Step::Wait;
             }
             outcome => self.end(outcome),
         }
-        self.pop().map_or(Poll::More, Poll::Event)
+        self.next_step()
+    }
+
+    fn next_step(&mut self) -> Step<Infallible> {
+        self.pop()
+            .map_or(Step::More, |(event, place)| Step::Event(event, place))
     }
 
     /// The next event that is there already.
-    pub(super) fn pop(&mut self) -> Option<Event> {
-        let Timed { event, at, reached } = self.queue.pop_front()?;
-        self.moment = (at, reached);
-        Some(event)
+    pub(super) fn pop(&mut self) -> Option<(Event, Place)> {
+        let timed = self.queue.pop_front()?;
+        self.records += timed.records();
+        Some(timed.at_place(Arc::clone(&self.name), self.read, self.records))
+    }
+
+    /// Its name, bytes read and records handed out.
+    pub(super) fn counts(&self) -> (Arc<str>, u64, u64) {
+        (Arc::clone(&self.name), self.read, self.records)
     }
 
     /// As [`Recording::poll`], for one of several files that are read side by side: hands nothing on that was logged behind
     /// `limit` \[ns\], and leaves open at its end what may go on in the next file.
-    pub(super) fn poll_up_to(&mut self, limit: u64) -> Poll {
+    pub(super) fn poll_up_to(&mut self, limit: u64) -> Step<Infallible> {
         self.is_joined = true;
         if self.queue.is_empty() && self.router.waits() {
             self.router.go_on(limit);
             self.router.events(&mut self.queue);
-            return self.pop().map_or(Poll::More, Poll::Event);
+            return self.next_step();
         }
         self.router.limit(limit);
-        self.poll()
+        self.step()
     }
 
     /// The log time up to which its messages were handed on \[ns\]; `None` before the first, and where they have none.
@@ -328,12 +329,6 @@ impl Recording {
         }
     }
 
-    /// When the event that was handed out last was complete by the rod's own stamps, and how far the rods had been
-    /// followed then.
-    pub fn moment(&self) -> (Timestamp, Reached) {
-        self.moment.clone()
-    }
-
     /// Ends a recording that does not grow any more as one that is cut short; its last events are still to be taken.
     pub fn give_up(&mut self) {
         let outcome = self.doubt.take().map_or(Ok(Progress::Truncated), Err);
@@ -346,24 +341,6 @@ impl Recording {
         self.doubt.is_some()
     }
 
-    /// Ends a recording that may not be read any further; its last events are still to be taken.
-    pub fn abandon(&mut self, why: &str) {
-        self.doubt = None;
-        self.end(Err(Damage {
-            offset: self.offset,
-            what: why.to_owned(),
-        }));
-    }
-
-    /// Ends a recording as if nothing of it had been read; there are no events to be taken any more.
-    pub fn discard(&mut self, why: &str) {
-        self.stage = Stage::Ended;
-        self.doubt = None;
-        self.queue.clear();
-        self.router = Router::of(Vec::new());
-        self.summary.damage = Some(format!("{}: {why}; nothing of it was used", self.summary.file));
-    }
-
     /// Bytes in memory: samples that are no record yet, and what was read of the file and not handed on.
     pub fn held(&self) -> usize {
         let reading = match &self.stage {
@@ -373,11 +350,6 @@ impl Recording {
         self.router.held() + reading
     }
 
-    /// Where the record or chunk stands that the next step goes on with \[bytes\].
-    pub fn offset(&self) -> u64 {
-        self.offset
-    }
-
     fn believe(&mut self, trust: Trust) {
         if let Stage::Checking(input, _) = std::mem::replace(&mut self.stage, Stage::Ended) {
             self.stage = Stage::Reading(Box::new(Reader::new(input, trust, false)));
@@ -385,7 +357,7 @@ impl Recording {
     }
 
     /// How far the file was read, for a progress bar.
-    pub fn position(&self) -> Position {
+    pub fn progress(&self) -> Position {
         Position {
             read: self.read,
             total: self.total.max(self.read),
@@ -442,12 +414,41 @@ impl Iterator for Recording {
 
     fn next(&mut self) -> Option<Event> {
         loop {
-            match self.poll() {
-                Poll::Event(event) => return Some(event),
-                Poll::End => return None,
-                Poll::More => {}
-                Poll::Wait => self.wait_or_give_up(),
+            match self.step() {
+                Step::Event(event, _) => return Some(event),
+                Step::End => return None,
+                Step::More => {}
+                Step::Wait => self.wait_or_give_up(),
             }
         }
+    }
+}
+
+/// One file: its end is the source's, and its summary can be asked for then.
+impl Source for Recording {
+    type File = Infallible;
+
+    fn poll(&mut self) -> Step<Infallible> {
+        self.step()
+    }
+
+    fn position(&self) -> Option<(Arc<str>, u64)> {
+        Some((Arc::clone(&self.name), self.offset))
+    }
+
+    fn abandon(&mut self, why: &str) {
+        self.doubt = None;
+        self.end(Err(Damage {
+            offset: self.offset,
+            what: why.to_owned(),
+        }));
+    }
+
+    fn discard(&mut self, why: &str) {
+        self.stage = Stage::Ended;
+        self.doubt = None;
+        self.queue.clear();
+        self.router = Router::of(Vec::new());
+        self.summary.damage = Some(format!("{}: {why}; nothing of it was used", self.summary.file));
     }
 }

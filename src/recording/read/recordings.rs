@@ -4,10 +4,10 @@
 //! and the rods of a site may lie in files of their own. A file that holds a topic at times at which another one has it too
 //! (a copy, most likely) is a series of its own, and so is one that does not say what it holds before it is read.
 
-use super::Place;
 use super::folder::{Span, first_time_at, span_at};
 use super::route::{Rod, Router};
-use super::{Event, Follow, Options, Parts, Poll, Recording, Series, SeriesPoll, SourceError, Summary};
+use super::source::{Source, Step};
+use super::{Follow, Options, Parts, Recording, Series, SourceError, Summary};
 use crate::analysis::signal::record::{RecordSettings, RodChannels};
 use crate::recording::part;
 use std::collections::{HashMap, VecDeque};
@@ -21,22 +21,16 @@ const FOLLOW_POLL: Duration = Duration::from_millis(200);
 /// Files that overlap by less go on from one to the next all the same: messages at the seam come out of order \[ns\].
 const SEAM_NS: u64 = 1_000_000_000;
 
-/// One step of reading: an event of a recording, or its end.
-pub enum Step {
-    /// An event, and where its recording then stands.
-    Event(Event, Place),
-    /// The end of a recording: what it held, or why it could not be read.
-    File(Result<Summary, SourceError>),
-}
-
 /// Opens a file that stands by itself, whatever its format.
 pub type Opener = Box<dyn Fn(&Path, &Options) -> Result<Recording, SourceError> + Send>;
+
+/// What a file held, or why it could not be read.
+pub type FileResult = Result<Summary, SourceError>;
 
 /// Parts that are read as one file.
 enum Input {
     Waiting(PathBuf),
-    /// The recording, its name, and how many records it has given.
-    File(Box<Recording>, Arc<str>, u64),
+    File(Box<Recording>),
     Journal(Box<Series>),
 }
 
@@ -71,7 +65,7 @@ pub struct Recordings {
     done: Arc<AtomicU64>,
     bytes_of_closed: u64,
     opener: Option<Opener>,
-    ready: VecDeque<Step>,
+    ready: VecDeque<Step<FileResult>>,
 }
 
 impl Recordings {
@@ -195,10 +189,10 @@ impl Recordings {
                 None => Recording::open(path, &self.channels, &self.settings, self.options.clone()),
             };
             match opened {
-                Ok(recording) => lane.input = Input::File(Box::new(recording), name, 0),
+                Ok(recording) => lane.input = Input::File(Box::new(recording)),
                 Err(error) => {
                     self.ready.push_back(Step::File(Err(error)));
-                    self.close(at, &name, 0, 0);
+                    self.close(at, (name, 0, 0));
                 }
             }
             return;
@@ -210,49 +204,38 @@ impl Recordings {
                 let bytes = self.bytes_of_closed + series.bytes_read();
                 self.done.store(bytes, Ordering::Relaxed);
                 match polled {
-                    SeriesPoll::Event(event, place) => self.ready.push_back(Step::Event(event, place)),
-                    SeriesPoll::Part(end) => {
+                    Step::Event(event, place) => self.ready.push_back(Step::Event(event, place)),
+                    Step::File(end) => {
                         self.bytes_of_closed += end.size;
                         self.ready.push_back(Step::File(end.result));
                     }
-                    SeriesPoll::More => {}
+                    Step::More => {}
                     // Only the parts that are there are read: there is nothing to wait for.
-                    SeriesPoll::Wait | SeriesPoll::End => self.close(at, &Arc::from(""), 0, 0),
+                    Step::Wait | Step::End => self.close(at, (Arc::from(""), 0, 0)),
                 }
             }
-            Input::File(recording, file, records) => {
+            Input::File(recording) => {
                 let stream = &mut self.streams[lane.series];
                 recording.swap_rods(&mut stream.rods);
                 let polled = recording.poll_up_to(limit);
                 recording.swap_rods(&mut stream.rods);
                 lane.front = recording.front().unwrap_or(lane.front).max(lane.front);
-                let bytes = Recording::position(recording).read;
+                let (_, bytes, _) = recording.counts();
                 self.done.store(self.bytes_of_closed + bytes, Ordering::Relaxed);
                 match polled {
-                    Poll::Event(event) => {
+                    Step::Event(event, place) => {
+                        self.ready.push_back(Step::Event(event, place));
                         // All of them: another file's turn comes behind what is read already.
-                        let mut event = Some(event);
-                        while let Some(next) = event {
-                            let (at, reached) = recording.moment();
-                            *records += u64::from(!matches!(next, Event::Readings { .. }));
-                            let place = Place {
-                                file: Arc::clone(file),
-                                bytes,
-                                records: *records,
-                                at,
-                                reached,
-                            };
-                            self.ready.push_back(Step::Event(next, place));
-                            event = recording.pop();
+                        while let Some((event, place)) = recording.pop() {
+                            self.ready.push_back(Step::Event(event, place));
                         }
                     }
-                    Poll::More => {}
-                    Poll::Wait => recording.wait_or_give_up(),
-                    Poll::End => {
-                        let (summary, file) = (recording.summary().clone(), Arc::clone(file));
-                        let records = *records;
+                    Step::More => {}
+                    Step::Wait => recording.wait_or_give_up(),
+                    Step::End => {
+                        let (summary, counts) = (recording.summary().clone(), recording.counts());
                         self.bytes_of_closed += bytes;
-                        self.close(at, &file, bytes, records);
+                        self.close(at, counts);
                         self.ready.push_back(Step::File(Ok(summary)));
                     }
                 }
@@ -261,7 +244,7 @@ impl Recordings {
     }
 
     /// A lane is at its end; behind the last one of a series its records end.
-    fn close(&mut self, at: usize, file: &Arc<str>, bytes: u64, mut records: u64) {
+    fn close(&mut self, at: usize, (file, bytes, mut records): (Arc<str>, u64, u64)) {
         let series = self.lanes.remove(at).series;
         let stream = &mut self.streams[series];
         stream.left -= 1;
@@ -280,15 +263,9 @@ impl Recordings {
             .into_iter()
             .filter(|rod| rod.is_followed || !is_elsewhere(rod));
         for timed in Router::of(rods.collect()).ended() {
-            records += u64::from(!matches!(timed.event, Event::Readings { .. }));
-            let place = Place {
-                file: Arc::clone(file),
-                bytes,
-                records,
-                at: timed.at,
-                reached: timed.reached,
-            };
-            self.ready.push_back(Step::Event(timed.event, place));
+            records += timed.records();
+            let (event, place) = timed.at_place(Arc::clone(&file), bytes, records);
+            self.ready.push_back(Step::Event(event, place));
         }
     }
 }
@@ -325,9 +302,9 @@ fn journals(files: &[Result<PathBuf, SourceError>]) -> HashMap<PathBuf, Vec<u32>
 }
 
 impl Iterator for Recordings {
-    type Item = Step;
+    type Item = Step<FileResult>;
 
-    fn next(&mut self) -> Option<Step> {
+    fn next(&mut self) -> Option<Step<FileResult>> {
         loop {
             if let Some(step) = self.ready.pop_front() {
                 return Some(step);

@@ -1,5 +1,6 @@
 //! From a file's channels to the rods: which messages mean what, decoded and handed to the assemblers.
 
+use super::Place;
 use super::decode::{DecodeError, Decoded, SchemaRef, Time};
 use super::hole::Hole;
 use super::mcap::{ChannelInfo, Item, Message};
@@ -31,6 +32,26 @@ pub(super) struct Timed {
     pub at: Timestamp,
     /// Times up to which the rods had been followed then.
     pub reached: Reached,
+}
+
+impl Timed {
+    /// One, or zero for temperatures alone.
+    pub fn records(&self) -> u64 {
+        u64::from(!matches!(self.event, Event::Readings { .. }))
+    }
+
+    /// The event with the place at which it was complete.
+    pub fn at_place(self, file: Arc<str>, bytes: u64, records: u64) -> (Event, Place) {
+        let Self { event, at, reached } = self;
+        let place = Place {
+            file,
+            bytes,
+            records,
+            at,
+            reached,
+        };
+        (event, place)
+    }
 }
 
 /// Everything between messages and events for one file, or for all parts of one journal.

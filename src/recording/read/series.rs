@@ -3,11 +3,11 @@
 //! Where a part ends nothing is cut: the next one goes on, also behind a part that a crash tore. Replay and daemon read
 //! a journal here, so they cut the same records.
 
-use super::Place;
 use super::mcap::{Damage, Progress, Reader};
 use super::route::{Router, Timed};
+use super::source::{Source, Step};
 use super::verify::{Check, Trust};
-use super::{SourceError, Summary, carry};
+use super::{Place, SourceError, Summary, carry};
 use crate::analysis::signal::record::{Event, RecordSettings, RodChannels};
 use crate::analysis::track::ordered::Reached;
 use crate::recording::part;
@@ -17,22 +17,6 @@ use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::UNIX_EPOCH;
-
-/// What one step of reading brought.
-#[derive(Debug)]
-#[expect(clippy::large_enum_variant, reason = "one at a time, moved on at once")]
-pub enum SeriesPoll {
-    /// An event.
-    Event(Event, Place),
-    /// Nothing yet; there is more to read.
-    More,
-    /// Nothing yet, and nothing to read now; the journal may grow.
-    Wait,
-    /// The end of a part.
-    Part(Box<PartEnd>),
-    /// The end of the journal.
-    End,
-}
 
 /// A part that was read to its end.
 #[derive(Debug)]
@@ -58,7 +42,7 @@ pub enum Parts {
     From(u32),
 }
 
-/// The parts of one journal. Call [`Series::poll`] until it says [`SeriesPoll::End`].
+/// The parts of one journal.
 pub struct Series {
     folder: PathBuf,
     channels: Vec<RodChannels>,
@@ -152,28 +136,16 @@ impl Series {
         self.settings = settings.of_stream();
         self.router = Router::new(channels, &self.settings);
         self.router.journal = journal;
-        let place = |Timed { event, at, reached }| {
-            let place = Place {
-                file: Arc::from(part::mark_name(end.part)),
-                bytes: end.size,
-                records: 0,
-                at,
-                reached,
-            };
-            (event, place)
-        };
-        self.queue.drain(..).map(place).collect()
+        let name: Arc<str> = Arc::from(part::mark_name(end.part));
+        let timed = self.queue.drain(..);
+        timed
+            .map(|timed| timed.at_place(Arc::clone(&name), end.size, 0))
+            .collect()
     }
 
     /// Times up to which the rods have been followed.
     pub fn reached(&self) -> Reached {
         self.router.reached()
-    }
-
-    /// What is read now: the part's number and where in it \[bytes\].
-    pub fn position(&self) -> Option<(u32, u64)> {
-        let open = self.open.as_ref()?;
-        Some((open.number, open.offset))
     }
 
     /// The part that is written now, if nothing more of it can be read: only another part brings data again.
@@ -187,98 +159,17 @@ impl Series {
         self.open.as_ref().map_or(0, |open| open.read)
     }
 
-    /// Reads nothing more of the part that is open.
-    pub fn abandon(&mut self, why: &str) {
-        if let Some(open) = &mut self.open
-            && !open.ended
-        {
-            open.fail(Damage {
-                offset: open.offset,
-                what: why.to_owned(),
-            });
-            self.lose();
-        }
-    }
-
-    /// Reads nothing more of the part that is open, and forgets what was read of it: the samples that are no record yet are lost.
-    pub fn discard(&mut self, why: &str) {
-        if let Some(open) = &mut self.open {
-            open.fail(Damage {
-                offset: open.offset,
-                what: why.to_owned(),
-            });
-            self.queue.clear();
-            self.begin_anew();
-        }
-    }
-
-    /// One step: at most one record is read, or some way into one chunk.
-    pub fn poll(&mut self) -> SeriesPoll {
-        if let Some(event) = self.queue.pop_front() {
-            return self.event(event);
-        }
-        if self.open.is_none() {
-            return self.open_next();
-        }
-        let Some(open) = &mut self.open else {
-            return SeriesPoll::End;
-        };
-        if open.ended {
-            return self.end_part();
-        }
-        match open.step(&mut self.router) {
-            Ok(Progress::More) => self.router.events(&mut self.queue),
-            Ok(Progress::Complete) => open.ended = true,
-            Ok(Progress::Wait | Progress::Truncated) => {
-                if open.successor.is_some() || !self.live {
-                    // The end was reached after the part behind it had been seen: it was torn.
-                    open.ended = true;
-                } else {
-                    let number = open.number;
-                    let Some(later) = self.later(number) else {
-                        return SeriesPoll::Wait;
-                    };
-                    // What was written before that part was begun may still be unread.
-                    if let Some(open) = &mut self.open {
-                        open.successor = Some(later);
-                    }
-                }
+    fn event(&mut self, timed: Timed) -> Step<Box<PartEnd>> {
+        let (file, bytes, records) = match &mut self.open {
+            Some(open) => {
+                open.records += timed.records();
+                (Arc::clone(&open.name), open.read, open.records)
             }
-            // After a power cut the end of a torn part may be blank.
-            Err(_) if open.is_blank() => open.ended = true,
-            Err(damage) => {
-                open.fail(damage);
-                self.lose();
-            }
-        }
-        match self.queue.pop_front() {
-            Some(event) => self.event(event),
-            None => SeriesPoll::More,
-        }
-    }
-
-    fn event(&mut self, timed: Timed) -> SeriesPoll {
-        let Timed { event, at, reached } = timed;
-        let Some(open) = &mut self.open else {
             // Events at the very end belong to the part that was read last.
-            let place = Place {
-                file: Arc::from(self.name(self.before.unwrap_or_default())),
-                bytes: 0,
-                records: 0,
-                at,
-                reached,
-            };
-            return SeriesPoll::Event(event, place);
+            None => (Arc::from(self.name(self.before.unwrap_or_default())), 0, 0),
         };
-        open.records += u64::from(!matches!(event, Event::Readings { .. }));
-        let place = Place {
-            file: Arc::clone(&open.name),
-            bytes: open.read,
-            records: open.records,
-            at,
-            reached,
-        };
-        SeriesPoll::Event(event, place)
+        let (event, place) = timed.at_place(file, bytes, records);
+        Step::Event(event, place)
     }
 
     /// After damage: what the open part still held is lost, and records end there.
@@ -311,9 +202,9 @@ impl Series {
         next.into_iter().chain(listed).find(is_there)
     }
 
-    fn open_next(&mut self) -> SeriesPoll {
+    fn open_next(&mut self) -> Step<Box<PartEnd>> {
         let Some(next) = self.next else {
-            return SeriesPoll::End;
+            return Step::End;
         };
         let number = if part::path(&self.folder, next).is_file() {
             next
@@ -321,10 +212,10 @@ impl Series {
             // Not there yet, or removed.
             match self.later(next) {
                 Some(later) => later,
-                None if self.live => return SeriesPoll::Wait,
+                None if self.live => return Step::Wait,
                 None => {
                     self.next = None;
-                    return SeriesPoll::More;
+                    return Step::More;
                 }
             }
         };
@@ -346,18 +237,18 @@ impl Series {
         if is_unreadable {
             self.lose();
         }
-        SeriesPoll::More
+        Step::More
     }
 
     /// A part is at its end: hands it over once the next one is there, or ends the journal.
-    fn end_part(&mut self) -> SeriesPoll {
+    fn end_part(&mut self) -> Step<Box<PartEnd>> {
         let Some(number) = self.open.as_ref().map(|open| open.number) else {
-            return SeriesPoll::End;
+            return Step::End;
         };
         let next = self.later(number);
         if next.is_none() {
             if self.live {
-                return SeriesPoll::Wait;
+                return Step::Wait;
             }
             self.next = None;
             // What is still open may have gone on.
@@ -368,7 +259,7 @@ impl Series {
             }
         }
         let Some(open) = self.open.take() else {
-            return SeriesPoll::End;
+            return Step::End;
         };
         self.before = Some(number);
         self.next = next;
@@ -382,7 +273,7 @@ impl Series {
         // Which topics a part has says nothing about the journal.
         summary.missing.clear();
         summary.samples.clear();
-        SeriesPoll::Part(Box::new(PartEnd {
+        Step::File(Box::new(PartEnd {
             part: number,
             size: open.size,
             modified_ns: open.modified_ns,
@@ -392,6 +283,82 @@ impl Series {
             },
             next,
         }))
+    }
+}
+
+impl Source for Series {
+    type File = Box<PartEnd>;
+
+    fn poll(&mut self) -> Step<Box<PartEnd>> {
+        if let Some(event) = self.queue.pop_front() {
+            return self.event(event);
+        }
+        if self.open.is_none() {
+            return self.open_next();
+        }
+        let Some(open) = &mut self.open else {
+            return Step::End;
+        };
+        if open.ended {
+            return self.end_part();
+        }
+        match open.step(&mut self.router) {
+            Ok(Progress::More) => self.router.events(&mut self.queue),
+            Ok(Progress::Complete) => open.ended = true,
+            Ok(Progress::Wait | Progress::Truncated) => {
+                if open.successor.is_some() || !self.live {
+                    // The end was reached after the part behind it had been seen: it was torn.
+                    open.ended = true;
+                } else {
+                    let number = open.number;
+                    let Some(later) = self.later(number) else {
+                        return Step::Wait;
+                    };
+                    // What was written before that part was begun may still be unread.
+                    if let Some(open) = &mut self.open {
+                        open.successor = Some(later);
+                    }
+                }
+            }
+            // After a power cut the end of a torn part may be blank.
+            Err(_) if open.is_blank() => open.ended = true,
+            Err(damage) => {
+                open.fail(damage);
+                self.lose();
+            }
+        }
+        match self.queue.pop_front() {
+            Some(event) => self.event(event),
+            None => Step::More,
+        }
+    }
+
+    fn position(&self) -> Option<(Arc<str>, u64)> {
+        let open = self.open.as_ref()?;
+        Some((Arc::clone(&open.name), open.offset))
+    }
+
+    fn abandon(&mut self, why: &str) {
+        if let Some(open) = &mut self.open
+            && !open.ended
+        {
+            open.fail(Damage {
+                offset: open.offset,
+                what: why.to_owned(),
+            });
+            self.lose();
+        }
+    }
+
+    fn discard(&mut self, why: &str) {
+        if let Some(open) = &mut self.open {
+            open.fail(Damage {
+                offset: open.offset,
+                what: why.to_owned(),
+            });
+            self.queue.clear();
+            self.begin_anew();
+        }
     }
 }
 

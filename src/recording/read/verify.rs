@@ -14,7 +14,6 @@ pub enum Trust {
     Unverified,
 }
 
-const MAGIC: &[u8; 8] = b"\x89MCAP0\r\n";
 const FOOTER: u64 = 9 + 20;
 const DATA_END: u64 = 9 + 4;
 
@@ -86,7 +85,7 @@ impl Check {
 /// Where the data of a complete file ends, and the checksum over them; `None` without.
 fn find(file: &mut (impl Read + Seek)) -> io::Result<Option<(u64, u32)>> {
     let length = file.seek(SeekFrom::End(0))?;
-    let tail_length = FOOTER + MAGIC.len() as u64;
+    let tail_length = FOOTER + mcap::MAGIC.len() as u64;
     if length < tail_length + DATA_END {
         return Ok(None);
     }
@@ -96,7 +95,7 @@ fn find(file: &mut (impl Read + Seek)) -> io::Result<Option<(u64, u32)>> {
     file.read_exact(&mut tail)?;
     let (footer, magic) = tail.split_at(29);
     let (head, content) = footer.split_at(9);
-    if magic != MAGIC || head != [2, 20, 0, 0, 0, 0, 0, 0, 0] {
+    if magic != mcap::MAGIC || head != [2, 20, 0, 0, 0, 0, 0, 0, 0] {
         return Ok(None);
     }
     let mut summary_at = [0u8; 8];

@@ -4,6 +4,7 @@ use super::post::post;
 use super::{Failure, Message, Sink, What};
 use crate::analysis::signal::record::Timestamp;
 use crate::config::settings::alert::AlertmanagerSettings;
+use crate::site::clock;
 use serde_json::{Value as Json, json};
 use std::time::Duration;
 
@@ -30,7 +31,7 @@ impl Alertmanager {
 
 impl Sink for Alertmanager {
     fn deliver(&mut self, message: &Message) -> Result<(), Failure> {
-        self.post(&[alert(message, super::now())])
+        self.post(&[alert(message, clock::now())])
     }
 
     fn refresh_every(&self) -> Option<Duration> {
@@ -41,7 +42,7 @@ impl Sink for Alertmanager {
         if standing.is_empty() {
             return Ok(());
         }
-        let now = super::now();
+        let now = clock::now();
         let alerts: Vec<Json> = standing.iter().map(|message| alert(message, now)).collect();
         self.post(&alerts)
     }

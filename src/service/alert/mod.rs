@@ -22,7 +22,6 @@ pub use couriers::Couriers;
 pub use marks::Delivered;
 pub use message::{Message, What};
 
-use crate::analysis::signal::record::Timestamp;
 use crate::config::settings::alert::{SinkKind, SinkSettings};
 use crate::config::settings::credential::CredentialError;
 use std::time::Duration;
@@ -87,9 +86,4 @@ pub fn open(settings: &SinkSettings, site: &str, deadline: Duration) -> Box<dyn 
         SinkKind::Mqtt(mqtt) => Box::new(mqtt::Mqtt::new(mqtt.clone(), site, &settings.id, deadline)),
         SinkKind::Email(email) => Box::new(email::Email::new(email.clone(), deadline)),
     }
-}
-
-/// What time it is.
-fn now() -> Timestamp {
-    Timestamp::from_nanos(i64::try_from(jiff::Timestamp::now().as_nanosecond()).unwrap_or(i64::MAX))
 }

@@ -4,6 +4,7 @@ use super::Failure;
 use crate::analysis::signal::record::Timestamp;
 use crate::config::settings::alert::HttpTarget;
 use crate::config::settings::credential::CredentialPath;
+use crate::site::clock;
 use std::io::Read;
 use std::time::Duration;
 use ureq::http::Response;
@@ -63,7 +64,7 @@ fn judge(url: &str, response: Response<Body>) -> Result<(), Failure> {
         .get("Retry-After")
         .filter(|_| matches!(status.as_u16(), 429 | 503))
         .and_then(|value| value.to_str().ok())
-        .and_then(|text| wait(text, super::now()));
+        .and_then(|text| wait(text, clock::now()));
     let mut reason = format!("{url} answers {status}");
     if let Some(place) = response.headers().get("Location").and_then(|l| l.to_str().ok()) {
         reason += &format!(" to {place}, which is not followed: put it into the configuration");

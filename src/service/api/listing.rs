@@ -1,6 +1,7 @@
 //! Records and alarms, page by page, the latest first.
 
 use super::days::Days;
+use crate::analysis::signal::record::time::DAY_S;
 use crate::analysis::signal::record::{RodId, Timestamp};
 use crate::analysis::track::Alarm;
 use crate::site::store::{Lines, Mark, Reader, StoreError};
@@ -42,7 +43,7 @@ impl Records {
             });
             let all = days.between(rod, Timestamp::from_nanos(i64::MIN), end);
             for (day, _) in all.rev().filter(|(_, bucket)| bucket.rejected > 0) {
-                let within = (day, day.plus_seconds(86_400.0));
+                let within = (day, day.plus_seconds(DAY_S));
                 let of_day = reader.lines_before(rod, within, before, true, wanted - lines.found.len())?;
                 lines.found.extend(of_day.found);
                 lines.are_older_removed = of_day.are_older_removed;

@@ -4,8 +4,9 @@ use crate::analysis::findings::Doubt;
 use crate::analysis::signal::record::{RodId, Timestamp};
 use crate::analysis::track::{Alarm, Interval, RodState};
 use crate::config::Config;
+use crate::site::record_row::RecordRow;
 use crate::site::store::{Asked, Reader, Standing, StoreError};
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 /// How one rod stands; every field is always present.
 #[derive(Debug, Clone, Serialize)]
@@ -76,46 +77,19 @@ impl Goals {
     }
 }
 
-/// What a record's line says that is asked for here.
-#[derive(Default, Deserialize)]
-struct Line {
-    start: Option<Timestamp>,
-    axial_force_n: Option<Interval>,
-    conflict: Option<f64>,
-    prior_tail: Option<f64>,
-    label_probability: Option<f64>,
-    tracked_force_n: Option<Interval>,
-    relative_force: Option<Interval>,
-    reference_temperature_c: Option<f64>,
-    force_at_reference_n: Option<Interval>,
-    relative_force_at_reference: Option<Interval>,
-    segment: Option<u32>,
-}
-
 impl RodStatus {
     /// From what the store knows; `counts` are the rod's records and those rejected, `goals` what learning takes.
     ///
     /// # Errors
     /// The latest record's line cannot be understood.
     pub fn of(standing: Standing, counts: (u64, u64), goals: Option<Goals>) -> Result<Self, StoreError> {
-        let line: Line = match &standing.latest {
-            Some(line) => serde_json::from_str(line).map_err(|error| StoreError::Unreadable {
-                what: format!("the latest record of rod {}", standing.rod),
-                detail: error.to_string(),
-            })?,
-            None => Line::default(),
-        };
+        let latest = standing.latest_row()?;
+        let latest_used = latest.as_ref().and_then(|row| row.start);
         // What an older segment's record says is relative to another baseline.
-        let is_present = line.segment == Some(standing.segment);
-        let line = if is_present {
-            line
-        } else {
-            Line {
-                start: line.start,
-                ..Line::default()
-            }
-        };
-        let compensated = line.relative_force_at_reference.is_some();
+        let row = latest
+            .filter(|row| row.segment == Some(standing.segment))
+            .unwrap_or_else(|| RecordRow::new(&standing.rod, ""));
+        let compensated = row.relative_force_at_reference.is_some();
         let (state_reason, baseline_records, learned_periods) = match &standing.state {
             RodState::NotMonitoring { reason } => (Some(reason.clone()), None, None),
             RodState::Learning { records, periods } => (None, Some(*records), Some(*periods)),
@@ -130,12 +104,12 @@ impl RodStatus {
             learned_periods,
             learning_takes: goals.filter(|_| baseline_records.is_some()),
             compensated,
-            reference_temperature_c: line.reference_temperature_c,
-            force_n: line.force_at_reference_n.or(line.tracked_force_n),
-            relative_force: line.relative_force_at_reference.or(line.relative_force),
-            axial_force_n: line.axial_force_n,
-            doubts: Doubt::all(line.conflict, line.prior_tail, line.label_probability),
-            latest_used: line.start,
+            reference_temperature_c: row.reference_temperature_c,
+            force_n: row.force_n(),
+            relative_force: row.ratio(),
+            axial_force_n: row.axial_force_n.as_ref().map(Interval::from),
+            doubts: Doubt::all(row.conflict, row.prior_tail, row.label_probability),
+            latest_used,
             latest_record: standing.latest_start,
             records: counts.0,
             rejected: counts.1,

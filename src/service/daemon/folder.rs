@@ -1,15 +1,16 @@
 //! The watched folder: which recordings in it are to be read, and reading them a step at a time.
 
-use super::steps::{Blame, Steps, Watch};
-use crate::analysis::signal::record::{Event, RecordSettings, RodChannels};
-use crate::recording::read::Place;
+use super::steps::{Guard, Watch};
+use crate::analysis::signal::record::{RecordSettings, RodChannels};
 use crate::recording::read::folder::first_time;
+use crate::recording::read::recordings::FileResult;
 use crate::recording::read::series::modified_ns;
-use crate::recording::read::{Poll, Recording, SourceError, Summary};
+use crate::recording::read::{Recording, SourceError, Step};
 use crate::service::telemetry::{Fault, Health};
 use crate::site::store::{FileMark, FileState};
 use rustix::fs::{Mode, OFlags};
 use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet, VecDeque};
+use std::convert::Infallible;
 use std::ffi::{OsStr, OsString};
 use std::fs::{self, File, Metadata};
 use std::io::{self, Read, Seek, SeekFrom};
@@ -30,8 +31,6 @@ const MOST_GROWING: usize = 64;
 const GROWING_BYTES: usize = 64 << 20;
 /// Pause before a file that cannot be opened is tried again.
 const RETRY: Duration = Duration::from_secs(60);
-/// How an MCAP file ends.
-const MAGIC: &[u8; 8] = b"\x89MCAP0\r\n";
 
 /// A file's length \[bytes\] and when it was written \[ns since 1970\]: how it is seen to change.
 type Stamp = (u64, i64);
@@ -72,27 +71,20 @@ struct Lane {
     name: OsString,
     label: Arc<str>,
     recording: Recording,
-    steps: Steps,
+    guard: Guard,
     file: File,
-    records: u64,
     is_live: bool,
     /// As it was when reading began, or when it was last seen to grow.
     stamp: Stamp,
     grew: Instant,
     /// Whether another file has its name now.
     is_replaced: bool,
-    quarantined: Option<String>,
     /// Bytes in memory after its latest step.
     held: usize,
 }
 
-/// What a step brought.
-pub(super) enum FolderStep {
-    Event(Event, Place),
-    File(FileMark, Result<Summary, SourceError>),
-    More,
-    Idle,
-}
+/// One step of the folder; a file's end comes with its mark.
+pub(super) type FolderStep = Step<(FileMark, FileResult)>;
 
 impl Folder {
     pub fn new(
@@ -172,24 +164,21 @@ impl Folder {
                 return step;
             }
             let step = lane.step(watch, self.settle, &self.health);
+            if let Some(Step::End) = step {
+                return self.close(lane, watch);
+            }
+            self.finished = Some(lane);
             return match step {
-                LaneStep::End => self.close(lane, watch),
-                LaneStep::Event(event, place) => {
-                    self.finished = Some(lane);
-                    FolderStep::Event(event, place)
-                }
-                LaneStep::More | LaneStep::Wait | LaneStep::Again => {
-                    self.finished = Some(lane);
-                    FolderStep::More
-                }
+                Some(Step::Event(event, place)) => Step::Event(event, place),
+                _ => Step::More,
             };
         }
         if self.queue.is_empty() {
             self.catches_up = false;
         } else {
-            return FolderStep::More;
+            return Step::More;
         }
-        self.step_growing(watch).unwrap_or(FolderStep::Idle)
+        self.step_growing(watch).unwrap_or(Step::Wait)
     }
 
     /// A step of the next growing file that has something.
@@ -198,18 +187,18 @@ impl Folder {
             let mut lane = self.growing.pop_front()?;
             let step = lane.step(watch, self.settle, &self.health);
             match step {
-                LaneStep::End => return Some(self.close(lane, watch)),
-                LaneStep::Wait => self.growing.push_back(lane),
-                LaneStep::Again => self.next_scan = Instant::now(),
-                LaneStep::More => {
+                None => self.next_scan = Instant::now(),
+                Some(Step::End) => return Some(self.close(lane, watch)),
+                Some(Step::Wait) => self.growing.push_back(lane),
+                Some(Step::More) => {
                     self.growing.push_back(lane);
                     self.make_room();
-                    return Some(FolderStep::More);
+                    return Some(Step::More);
                 }
-                LaneStep::Event(event, place) => {
+                Some(Step::Event(event, place)) => {
                     // What is read already comes out before the next one has its turn.
                     self.growing.push_front(lane);
-                    return Some(FolderStep::Event(event, place));
+                    return Some(Step::Event(event, place));
                 }
             }
         }
@@ -233,10 +222,11 @@ impl Folder {
         }
     }
 
-    fn close(&mut self, lane: Lane, watch: &Watch) -> FolderStep {
+    fn close(&mut self, mut lane: Lane, watch: &Watch) -> FolderStep {
         let (size, modified_ns) = lane.stamp;
         (watch.is_read)(&lane.label);
-        if lane.quarantined.is_some() {
+        let quarantined = lane.guard.end(&lane.label);
+        if quarantined.is_some() {
             self.set_aside.insert(lane.name.clone());
             // One that goes on growing is not worth every scan.
             self.failed.insert(lane.name.clone(), Instant::now() + RETRY);
@@ -246,9 +236,9 @@ impl Folder {
             name: lane.label.to_string(),
             size,
             modified_ns,
-            state: lane.quarantined.map_or(FileState::Done, FileState::Quarantined),
+            state: quarantined.map_or(FileState::Done, FileState::Quarantined),
         };
-        FolderStep::File(mark, Ok(lane.recording.summary().clone()))
+        Step::File((mark, Ok(lane.recording.summary().clone())))
     }
 
     /// Looks for files that are new or changed.
@@ -376,101 +366,61 @@ impl Folder {
             name: name.to_owned(),
             label: Arc::from(label),
             recording,
-            steps: Steps::default(),
+            guard: Guard::default(),
             file,
-            records: 0,
             is_live,
             stamp,
             grew: Instant::now(),
             is_replaced: false,
-            quarantined: None,
             held: 0,
         })
     }
 }
 
-#[expect(clippy::large_enum_variant, reason = "one at a time, moved on at once")]
-enum LaneStep {
-    /// It is to be found again.
-    Again,
-    Event(Event, Place),
-    More,
-    Wait,
-    End,
-}
-
 impl Lane {
-    fn step(&mut self, watch: &mut Watch, settle: Duration, health: &Health) -> LaneStep {
-        if self.quarantined.is_none()
-            && let Some(Blame { why, is_whole }) =
-                watch.begin(&self.label, self.recording.offset(), &mut self.steps)
-        {
-            health.hold(Fault::Quarantined, &self.label, &why);
-            if is_whole {
-                self.recording.discard(&why);
-            } else {
-                self.recording.abandon(&why);
-            }
-            self.quarantined = Some(why);
-        }
-        let polled = self.recording.poll();
-        watch.end();
+    /// The next step; `None` if the file is to be found again.
+    fn step(&mut self, watch: &mut Watch, settle: Duration, health: &Health) -> Option<Step<Infallible>> {
+        let step = self.guard.poll(&mut self.recording, watch, health);
         self.held = self.recording.held();
-        if matches!(polled, Poll::More | Poll::Event(_)) {
-            self.steps.brought_something();
-        }
-        match polled {
-            Poll::Event(event) => {
-                self.records += u64::from(!matches!(event, Event::Readings { .. }));
-                let (at, reached) = self.recording.moment();
-                let place = Place {
-                    file: Arc::clone(&self.label),
-                    bytes: self.recording.position().read,
-                    records: self.records,
-                    at,
-                    reached,
-                };
-                LaneStep::Event(event, place)
-            }
-            Poll::More => LaneStep::More,
-            Poll::End => {
-                // A growing file was read as far as it is now; a finished one as it was when it was opened, so that
-                // whatever came later is seen.
-                if self.is_live
-                    && let Ok(data) = self.file.metadata()
-                    && data.len() == self.recording.position().read
+        match step {
+            Step::Wait => return self.wait(settle),
+            // A growing file was read as far as it is now; a finished one as it was when it was opened, so that
+            // whatever came later is seen.
+            Step::End if self.is_live => {
+                if let Ok(data) = self.file.metadata()
+                    && data.len() == self.recording.progress().read
                 {
                     self.stamp = stamp(&data);
                 }
-                LaneStep::End
             }
-            Poll::Wait => self.wait(settle),
+            _ => {}
         }
+        Some(step)
     }
 
     /// Nothing to read now: has it grown lately?
-    fn wait(&mut self, settle: Duration) -> LaneStep {
+    fn wait(&mut self, settle: Duration) -> Option<Step<Infallible>> {
         let Ok(data) = self.file.metadata() else {
-            return LaneStep::Wait;
+            return Some(Step::Wait);
         };
         let now = stamp(&data);
-        let shrank = now.0 < self.recording.position().read;
+        let shrank = now.0 < self.recording.progress().read;
         if now != self.stamp && !shrank {
             self.stamp = now;
             self.grew = Instant::now();
             if self.recording.is_in_doubt() && has_end(&self.file) {
-                return LaneStep::Again;
+                return None;
             }
         }
         if shrank || self.is_replaced || self.grew.elapsed() >= settle {
             // What looked like a record in the making is damage: read as a finished file, only that is lost.
             if self.recording.is_in_doubt() && !shrank && !self.is_replaced {
-                return LaneStep::Again;
+                return None;
             }
             self.recording.give_up();
-            return LaneStep::More;
+            return Some(Step::More);
         }
-        LaneStep::Wait
+        Some(Step::Wait)
     }
 }
 
@@ -489,7 +439,7 @@ fn has_end(file: &File) -> bool {
         .seek(SeekFrom::End(-8))
         .and_then(|at| {
             file.read_exact(&mut end)?;
-            Ok(at > 8 && &end == MAGIC)
+            Ok(at > 8 && end == mcap::MAGIC)
         })
         .unwrap_or(false);
     // Whoever reads it next starts at the front.

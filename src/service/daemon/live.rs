@@ -1,6 +1,6 @@
 //! The live half of a daemon: what listens, and the journal behind it.
 
-use super::Happening;
+use super::LifecycleEvent;
 use super::reader::JournalSource;
 use crate::config::{Config, RodConfig};
 use crate::recording::part;
@@ -58,7 +58,7 @@ impl Live {
         bound: Bound,
         runtime: &Runtime,
         telemetry: &Telemetry,
-        tell: &Sender<Happening>,
+        sender: &Sender<LifecycleEvent>,
     ) -> anyhow::Result<Self> {
         let health = &telemetry.health;
         let (topics, wanted) = watch::channel(Arc::new(ingest::topics_of(&config.rods)));
@@ -76,11 +76,11 @@ impl Live {
             return Ok(live);
         }
         let failed = {
-            let (tell, health) = (tell.clone(), Arc::clone(health));
+            let (sender, health) = (sender.clone(), Arc::clone(health));
             move |error: crate::service::journal::JournalError| {
                 health.hold(Fault::Write, "journal", &error);
                 // A daemon that stops does not listen any more.
-                let _ = tell.send(Happening::Failed(error.into()));
+                let _ = sender.send(LifecycleEvent::Failed(error.into()));
             }
         };
         let resume_s = config.ingest.resume_s;
@@ -94,10 +94,10 @@ impl Live {
                 Arc::clone(health),
                 counts,
             )?;
-            let tell = tell.clone();
+            let sender = sender.clone();
             live.serving = Some(runtime.spawn(async move {
                 if let Err(error) = ingest::serve(bound.ingest, server, stopped).await {
-                    let _ = tell.send(Happening::Failed(error.into()));
+                    let _ = sender.send(LifecycleEvent::Failed(error.into()));
                 }
             }));
         }

@@ -3,16 +3,15 @@
 //! Every source has its turn, and a turn is short: a huge file never keeps live data waiting. Nothing is finished when
 //! it stops: what was not committed is read again at the next start.
 
-use super::Job;
-use super::folder::{Folder, FolderStep};
-use super::job::Loads;
-use super::steps::{Blame, Steps, Watch};
+use super::folder::Folder;
+use super::steps::{Guard, Watch};
 use crate::analysis::signal::record::{Event, RodChannels};
 use crate::recording::part;
 use crate::recording::read::Place;
-use crate::recording::read::{PartEnd, Parts, Series, SeriesPoll};
+use crate::recording::read::{PartEnd, Parts, Series, Step};
 use crate::service::journal::{self, Bell};
 use crate::service::telemetry::{Fault, Health};
+use crate::site::driver::{Job, Loads};
 use crate::site::prepared::Generation;
 use crate::site::store::{Carry, FileMark, FileState};
 use std::collections::BTreeMap;
@@ -165,8 +164,7 @@ struct Work {
 struct JournalLane {
     series: Series,
     handle: journal::Handle,
-    steps: Steps,
-    quarantined: Option<(u32, String)>,
+    guard: Guard,
     /// The damaged part for which another one was asked.
     rotated: Option<u32>,
     /// Whether its end has been reached once.
@@ -250,8 +248,7 @@ impl Work {
             JournalLane {
                 series,
                 handle: source.handle,
-                steps: Steps::default(),
-                quarantined: None,
+                guard: Guard::default(),
                 rotated: None,
                 is_read: false,
             }
@@ -345,8 +342,8 @@ impl Work {
         self.send(Job::Event {
             event,
             place,
-            generation: Arc::clone(&self.generation),
-            load,
+            plans: Arc::clone(&self.generation.plans),
+            load: Some(load),
         })
     }
 
@@ -356,10 +353,10 @@ impl Work {
             return Ok(false);
         };
         match folder.step(&mut self.around.watch, &self.stop) {
-            FolderStep::Idle => return Ok(false),
-            FolderStep::More => {}
-            FolderStep::Event(event, place) => self.send_event(event, place)?,
-            FolderStep::File(mark, result) => self.send(Job::File {
+            Step::Wait | Step::End => return Ok(false),
+            Step::More => {}
+            Step::Event(event, place) => self.send_event(event, place)?,
+            Step::File((mark, result)) => self.send(Job::File {
                 mark: Some(mark),
                 result,
                 carry: None,
@@ -373,31 +370,15 @@ impl Work {
         let Some(lane) = &mut self.journal else {
             return Ok(false);
         };
-        if let Some((number, offset)) = lane.series.position() {
-            let is_set_aside = lane.quarantined.as_ref().is_some_and(|(part, _)| *part == number);
-            let name = part::mark_name(number);
-            if !is_set_aside
-                && let Some(Blame { why, is_whole }) = self.around.watch.begin(&name, offset, &mut lane.steps)
-            {
-                self.around.health.hold(Fault::Quarantined, &name, &why);
-                if is_whole {
-                    lane.series.discard(&why);
-                } else {
-                    lane.series.abandon(&why);
-                }
-                lane.quarantined = Some((number, why));
-            }
-        }
-        let polled = lane.series.poll();
-        self.around.watch.end();
-        if matches!(polled, SeriesPoll::More | SeriesPoll::Event(..)) {
-            lane.steps.brought_something();
-        }
-        match polled {
-            SeriesPoll::Event(event, place) => self.send_event(event, place)?,
-            SeriesPoll::More => {}
-            SeriesPoll::Part(end) => self.end_part(*end)?,
-            SeriesPoll::Wait => {
+        let around = &mut self.around;
+        let step = lane
+            .guard
+            .poll(&mut lane.series, &mut around.watch, &around.health);
+        match step {
+            Step::Event(event, place) => self.send_event(event, place)?,
+            Step::More => {}
+            Step::File(end) => self.end_part(*end)?,
+            Step::Wait => {
                 lane.is_read = true;
                 let stuck = lane.series.stuck_in();
                 if stuck > lane.rotated {
@@ -406,7 +387,7 @@ impl Work {
                 }
                 return Ok(false);
             }
-            SeriesPoll::End => return Ok(false),
+            Step::End => return Ok(false),
         }
         Ok(true)
     }
@@ -416,10 +397,8 @@ impl Work {
         let Some(lane) = &mut self.journal else {
             return Ok(());
         };
-        let quarantined = lane
-            .quarantined
-            .take_if(|(part, _)| *part == end.part)
-            .map(|(_, why)| why);
+        let name = part::mark_name(end.part);
+        let quarantined = lane.guard.end(&name);
         let last = waiting.as_ref().map(|generation| {
             lane.series
                 .change(&channels(generation), &generation.config.record, &end)
@@ -433,9 +412,9 @@ impl Work {
             part,
             body,
         });
-        (self.around.watch.is_read)(&part::mark_name(end.part));
+        (self.around.watch.is_read)(&name);
         let mark = FileMark {
-            name: part::mark_name(end.part),
+            name,
             size: end.size,
             modified_ns: end.modified_ns,
             state: quarantined.map_or(FileState::Done, FileState::Quarantined),

@@ -1,11 +1,12 @@
 //! How long each rod has been silent, by a clock that nobody sets.
 
+use crate::analysis::signal::record::time::DAY_S;
 use crate::analysis::signal::record::{RodId, Timestamp};
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
 /// Silence before the start longer than this is that of an old campaign, not of a sensor \[s\].
-const OLD_S: f64 = 90.0 * 86_400.0;
+const OLD_S: f64 = 90.0 * DAY_S;
 
 /// How long each rod has been silent.
 ///
@@ -80,7 +81,7 @@ mod tests {
             first(&silence, now + Duration::from_secs(5))
         };
         assert_eq!(began(Some(3600.0)), 3605.0);
-        assert_eq!(began(Some(100.0 * 86_400.0)), 5.0);
+        assert_eq!(began(Some(100.0 * DAY_S)), 5.0);
         assert_eq!(began(Some(-3600.0)), 5.0);
         assert_eq!(began(None), 5.0);
     }

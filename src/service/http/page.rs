@@ -1,5 +1,6 @@
 //! The page: three documents, their script and style, and the plot library, all from within the program.
 
+use crate::site::hex::hex;
 use axum::Router;
 use axum::extract::Request;
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
@@ -38,11 +39,7 @@ impl Asset {
             .and_then(|()| encoder.finish())
             .unwrap_or_default();
         let hash = Sha256::digest(plain);
-        let tag = hash
-            .iter()
-            .take(8)
-            .map(|byte| format!("{byte:02x}"))
-            .collect::<String>();
+        let tag = hex(&hash[..8]);
         Self {
             kind,
             plain: plain.to_vec(),

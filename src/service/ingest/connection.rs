@@ -9,10 +9,11 @@ use super::server::{GREETING, Server, Socket, Topics, linger};
 use super::writer::{Said, write};
 use crate::service::journal::{Closed, End, Entry};
 use crate::service::telemetry::Fault;
+use crate::site::clock;
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, MutexGuard, PoisonError};
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use std::time::Duration;
 use tokio::io::{AsyncRead, AsyncReadExt};
 use tokio::sync::{OwnedSemaphorePermit, mpsc, watch};
 use tokio::time::{Instant, timeout, timeout_at};
@@ -184,7 +185,7 @@ impl<I: Intake> Client<'_, I> {
             if turn.is_none() {
                 turn = Some(self.server.turns.acquire().await);
             }
-            let step = self.protocol.next(now_ns());
+            let step = self.protocol.next(clock::now_ns());
             if matches!(self.standing, Standing::Entering(_)) && self.protocol.has_spoken() {
                 let place = Arc::clone(&self.server.clients).try_acquire_owned();
                 self.standing = Standing::In {
@@ -396,9 +397,4 @@ impl Drop for Present<'_> {
     fn drop(&mut self) {
         self.0.fetch_sub(1, Ordering::Relaxed);
     }
-}
-
-fn now_ns() -> u64 {
-    let since = SystemTime::now().duration_since(UNIX_EPOCH);
-    since.map_or(0, |time| u64::try_from(time.as_nanos()).unwrap_or(u64::MAX))
 }

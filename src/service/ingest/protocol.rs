@@ -7,13 +7,12 @@ use super::server::TopicSet;
 use super::stream::Stream;
 use crate::recording::read::mcap::{Progress, Reader};
 use crate::service::journal::Batch;
+use mcap::MAGIC;
 use std::mem;
 use std::sync::Arc;
 
 /// Longest JSON line accepted \[bytes\].
 const MAX_LINE: usize = 1 << 20;
-
-const MAGIC: &[u8] = b"\x89MCAP0\r\n";
 
 /// Why a client is not listened to any further.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]

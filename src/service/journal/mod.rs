@@ -18,6 +18,7 @@ pub use bell::Bell;
 pub use handle::{Batch, Closed, Definition, End, Entry, Handle, Line, MAX_MESSAGE};
 
 use crate::service::telemetry::{Fault, Health};
+use crate::site::clock;
 use output::Output;
 use std::fs::{self, File, TryLockError};
 use std::io;
@@ -178,5 +179,5 @@ impl Drop for Journal {
 
 /// A name no other journal has.
 fn new_name() -> String {
-    format!("{:x}-{:x}", output::now_ns(), std::process::id())
+    format!("{:x}-{:x}", clock::now_ns(), std::process::id())
 }

@@ -3,13 +3,14 @@
 use super::Definition;
 use crate::recording::note::{Note, TOPIC};
 use crate::recording::part;
+use crate::site::clock;
 use mcap::records::MessageHeader;
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{self, Write};
 use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
-use std::time::{Instant, SystemTime, UNIX_EPOCH};
+use std::time::Instant;
 
 /// Channels of one part; ids have 16 bits.
 const MAX_CHANNELS: usize = 60_000;
@@ -74,12 +75,6 @@ fn other(fault: mcap::McapError) -> io::Error {
         mcap::McapError::Io(fault) => fault,
         fault => io::Error::other(fault),
     }
-}
-
-/// Now, by this machine's clock \[ns since 1970\].
-pub(super) fn now_ns() -> u64 {
-    let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
-    u64::try_from(since.as_nanos()).unwrap_or(u64::MAX)
 }
 
 impl Output {
@@ -164,7 +159,7 @@ impl Output {
 
     /// Closes the open chunk with a note as its last message; [`Output::write`] puts it on disk.
     pub fn close_chunk(&mut self, note: &Note) -> io::Result<()> {
-        let now = now_ns();
+        let now = clock::now_ns();
         let header = MessageHeader {
             channel_id: self.notes,
             sequence: self.sequence,

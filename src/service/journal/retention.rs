@@ -1,5 +1,6 @@
 //! Which parts of a journal may go.
 
+use crate::analysis::signal::record::time::DAY_S;
 use crate::config::settings::journal::JournalSettings;
 use crate::recording::part;
 use std::fs;
@@ -67,14 +68,14 @@ mod tests {
         let kept = |(at, age_d): (usize, &f64)| Kept {
             part: at as u32 + 1,
             bytes: 100,
-            age_s: age_d * 86_400.0,
+            age_s: age_d * DAY_S,
         };
         ages_d.iter().enumerate().map(kept).collect()
     }
 
     fn settings(keep_d: Option<f64>, keep_bytes: Option<u64>) -> JournalSettings {
         JournalSettings {
-            keep_s: keep_d.map(|days| days * 86_400.0),
+            keep_s: keep_d.map(|days| days * DAY_S),
             keep_bytes,
             ..JournalSettings::default()
         }

@@ -1,7 +1,7 @@
 //! The streams a journal knows: how far each has come, who feeds it now, what is to be told.
 
-use super::output::now_ns;
 use crate::recording::note::{Note, Standing, State};
+use crate::site::clock::now_ns;
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 use tokio::sync::watch;

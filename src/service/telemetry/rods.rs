@@ -11,7 +11,6 @@ use prometheus_client::encoding::EncodeLabelSet;
 use prometheus_client::metrics::family::Family;
 use prometheus_client::metrics::gauge::Gauge;
 use prometheus_client::registry::Unit;
-use serde::Deserialize;
 
 /// The states of [`RodState`].
 const STATES: [&str; 4] = ["learning", "monitoring", "alarm", "not-monitoring"];
@@ -40,16 +39,6 @@ pub(super) struct Rods {
     force_n: Family<OfRod, Quantity>,
     relative: Family<OfRod, Quantity>,
     last_record_s: Family<OfRod, Quantity>,
-}
-
-/// What the store's line of a record says of its force.
-#[derive(Default, Deserialize)]
-struct Line {
-    segment: Option<u32>,
-    tracked_force_n: Option<Interval>,
-    relative_force: Option<Interval>,
-    force_at_reference_n: Option<Interval>,
-    relative_force_at_reference: Option<Interval>,
 }
 
 impl Rods {
@@ -110,14 +99,11 @@ impl Rods {
             let rod = &standing.rod;
             self.stands(rod, &standing.state, &standing.alarms);
             put(&self.last_record_s, rod, standing.latest_start.map(seconds));
-            let line = standing.latest.as_deref().map(serde_json::from_str::<Line>);
             // What an older segment's record says is relative to another baseline.
-            if let Some(Ok(line)) = line
-                && line.segment == Some(standing.segment)
+            if let Ok(Some(row)) = standing.latest_row()
+                && row.segment == Some(standing.segment)
             {
-                let force_n = line.force_at_reference_n.or(line.tracked_force_n);
-                let ratio = line.relative_force_at_reference.or(line.relative_force);
-                self.force(rod, force_n, ratio);
+                self.force(rod, row.force_n(), row.ratio());
             }
         }
     }

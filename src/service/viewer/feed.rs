@@ -93,8 +93,8 @@ impl Feed {
         let left_out = (after_record - self.record) + (after_news - self.news);
 
         let mut messages = Vec::new();
-        for line in reader.lines_after(after_record, MOST)? {
-            messages.extend(of_record(&line)?);
+        for row in reader.rows_after(after_record, MOST)? {
+            messages.extend(Message::of_record(&row));
         }
         let mut pictured = self.pictured.clone();
         let rods: BTreeSet<RodId> = messages
@@ -147,20 +147,17 @@ pub fn standing(reader: &Reader, topic: &Topic) -> Result<Vec<Message>, StoreErr
             alarms.iter().rev().map(Message::of_alarm).collect()
         }
         Topic::Force(rod) | Topic::Modes(rod) => {
-            let line = reader.standing(rod)?.and_then(|standing| standing.latest);
-            line.as_deref().map(of_record).transpose()?.unwrap_or_default()
+            let standing = reader.standing(rod)?;
+            let row = standing
+                .map(|standing| standing.latest_row())
+                .transpose()?
+                .flatten();
+            row.as_ref().map(Message::of_record).unwrap_or_default()
         }
         Topic::Waveform(rod) | Topic::Spectrum(rod) => picture(reader, rod)?,
     };
     messages.retain(|message| message.topic == *topic);
     Ok(messages)
-}
-
-fn of_record(line: &str) -> Result<Vec<Message>, StoreError> {
-    Message::of_record(line).map_err(|error| StoreError::Unreadable {
-        what: "a record's line".to_owned(),
-        detail: error.to_string(),
-    })
 }
 
 /// The rod's last picture: of its last record that counts, or of a refused one if there is no other.

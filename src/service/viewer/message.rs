@@ -4,30 +4,14 @@
 use crate::analysis::record_view::Snapshot;
 use crate::analysis::signal::record::{RodId, Timestamp};
 use crate::analysis::track::{Alarm, AlarmEvent};
-use serde::Deserialize;
-use serde_json::{Map, Value as Json, json};
+use crate::site::record_row::RecordRow;
+use serde_json::{Value as Json, json};
 use std::fmt;
 
 /// Level of a `foxglove.Log` for something to be looked at.
 const WARNING: u8 = 3;
 /// Level for something that is over or known.
 const INFO: u8 = 2;
-
-/// What a force message takes over from a record's line, as it stands there.
-const FORCES: [&str; 12] = [
-    "axial_force_n",
-    "tracked_force_n",
-    "force_at_reference_n",
-    "relative_force",
-    "relative_force_at_reference",
-    "temperature_c",
-    "state",
-    "set_aside",
-    "rejection",
-    "excitation",
-    "label_probability",
-    "candidates",
-];
 
 /// A stream of messages of one schema.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
@@ -42,17 +26,6 @@ pub enum Topic {
     Spectrum(RodId),
     /// Alarms of all rods.
     Alarms,
-}
-
-/// The part of a record's line that is shown.
-#[derive(Deserialize)]
-struct Line {
-    rod: RodId,
-    start: Option<Timestamp>,
-    #[serde(default)]
-    modes: Vec<Json>,
-    #[serde(flatten)]
-    rest: Map<String, Json>,
 }
 
 /// One message.
@@ -142,35 +115,28 @@ impl fmt::Display for Topic {
 }
 
 impl Message {
-    /// Of a record by its JSON line, as `history --format json` prints it: its force, and its modes if it has any. Nothing of a
-    /// record without a time.
-    ///
-    /// # Errors
-    /// It is no such line.
-    pub fn of_record(line: &str) -> Result<Vec<Self>, serde_json::Error> {
-        let line: Line = serde_json::from_str(line)?;
-        let Some(time) = line.start else {
-            return Ok(Vec::new());
+    /// Of a record: its force, and its modes if it has any. Nothing of a record without a time.
+    pub fn of_record(row: &RecordRow) -> Vec<Self> {
+        let Some(time) = row.start else {
+            return Vec::new();
         };
-        let mut force = Map::new();
-        force.insert("timestamp".to_owned(), stamp(time));
-        for name in FORCES {
-            let value = line.rest.get(name).cloned().unwrap_or(Json::Null);
-            force.insert(name.to_owned(), value);
-        }
         let mut messages = vec![Self {
-            topic: Topic::Force(line.rod.clone()),
+            topic: Topic::Force(row.rod.clone()),
             time,
-            body: Json::Object(force),
+            body: json!({"timestamp": stamp(time), "axial_force_n": row.axial_force_n, "tracked_force_n": row.tracked_force_n,
+                "force_at_reference_n": row.force_at_reference_n, "relative_force": row.relative_force,
+                "relative_force_at_reference": row.relative_force_at_reference, "temperature_c": row.temperature_c,
+                "state": row.state, "set_aside": row.set_aside, "rejection": row.rejection, "excitation": row.excitation,
+                "label_probability": row.label_probability, "candidates": row.candidates}),
         }];
-        if !line.modes.is_empty() {
+        if !row.modes.is_empty() {
             messages.push(Self {
-                topic: Topic::Modes(line.rod),
+                topic: Topic::Modes(row.rod.clone()),
                 time,
-                body: json!({"timestamp": stamp(time), "modes": line.modes}),
+                body: json!({"timestamp": stamp(time), "modes": row.modes}),
             });
         }
-        Ok(messages)
+        messages
     }
 
     /// Of a record's picture: its spectrum if it has one, and its waveform if that was kept, with the reason if it was refused. `unit`

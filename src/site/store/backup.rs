@@ -1,7 +1,7 @@
 //! A copy of a store, taken while another process may be writing.
 
 use super::lock::beside;
-use super::state::Trouble;
+use super::state::Failure;
 use super::{Reader, StoreError, open};
 use std::fs::{self, File};
 use std::io::{self, ErrorKind};
@@ -56,7 +56,7 @@ impl Reader {
         })?;
         self.connection
             .execute("VACUUM INTO ?", [name])
-            .map_err(|error| self.fault(Trouble::Sql(error)))?;
+            .map_err(|error| self.fault(Failure::Sql(error)))?;
         open::check_copy(part)?;
         File::open(part).and_then(|file| file.sync_all()).map_err(io)
     }

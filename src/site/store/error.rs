@@ -69,7 +69,7 @@ pub enum StoreError {
     },
     /// Something to be kept would read back as something else.
     #[error("{what} cannot be kept: {detail}")]
-    Unkeepable {
+    NotStorable {
         /// Which part.
         what: String,
         /// Why.

@@ -6,7 +6,7 @@
 //! docs/store.md describes tables and columns.
 
 mod backup;
-pub(crate) mod columns;
+mod columns;
 mod commit;
 mod dump;
 mod error;
@@ -24,7 +24,7 @@ mod schema;
 mod snapshot;
 mod state;
 
-pub use commit::{Commit, Position, RecordRow, RodRow};
+pub use commit::{Commit, NewRecord, Position, RodRow};
 pub use error::StoreError;
 pub use file_id::FileId;
 pub use kinds::ColumnKind;
@@ -40,7 +40,7 @@ use crate::analysis::track::State;
 use crate::analysis::track::alarm::Board;
 use lock::Lock;
 use rusqlite::TransactionBehavior;
-use state::{Kept, Trouble};
+use state::{Failure, Kept};
 use std::collections::{BTreeMap, HashMap, HashSet};
 use std::ops::Deref;
 use std::path::{Path, PathBuf};
@@ -140,7 +140,7 @@ impl Store {
                 .with("effective", effective.to_owned())
                 .insert(connection)
         };
-        write().map_err(|error| self.reader.fault(Trouble::Sql(error)))
+        write().map_err(|error| self.reader.fault(Failure::Sql(error)))
     }
 
     /// What every rod's fold remembers, to go on with.
@@ -162,24 +162,20 @@ impl Store {
     /// system that refuses.
     pub fn commit(&mut self, commit: &Commit<'_>) -> Result<(), StoreError> {
         let result = self.try_commit(commit);
-        if let Err(trouble) = result {
+        if let Err(failure) = result {
             if let Some(rod) = &commit.rod {
                 self.kept.distrust(&rod.state.rod);
             }
-            return Err(self.reader.fault(trouble));
+            return Err(self.reader.fault(failure));
         }
-        if let Some(outcome) = commit.record.as_ref().map(|record| record.outcome)
-            && let Some(identity) = outcome.identity()
-        {
-            self.known
-                .entry(outcome.rod().clone())
-                .or_default()
-                .insert(identity);
+        if let Some(record) = &commit.record {
+            let known = self.known.entry(record.row.rod.clone()).or_default();
+            known.insert(record.identity);
         }
         Ok(())
     }
 
-    fn try_commit(&mut self, commit: &Commit<'_>) -> Result<(), Trouble> {
+    fn try_commit(&mut self, commit: &Commit<'_>) -> Result<(), Failure> {
         if self.is_grouping {
             // A group that lost a part must not be ended: what is left of it goes with the connection.
             return commit.write(&self.reader.connection, &mut self.kept);
@@ -216,7 +212,7 @@ impl Store {
 
     fn batch(&self, words: &str) -> Result<(), StoreError> {
         let done = self.reader.connection.execute_batch(words);
-        done.map_err(|error| self.reader.fault(Trouble::Sql(error)))
+        done.map_err(|error| self.reader.fault(Failure::Sql(error)))
     }
 
     /// Applies at once the acknowledgements that wait and that no other request of their rod stands before; the number
@@ -261,7 +257,7 @@ impl Store {
     /// It cannot be written.
     pub fn request(&mut self, rod: &RodId, what: &Asked, asked: Timestamp) -> Result<i64, StoreError> {
         request::put(&self.reader.connection, rod, what, asked)
-            .map_err(|error| self.reader.fault(Trouble::Sql(error)))
+            .map_err(|error| self.reader.fault(Failure::Sql(error)))
     }
 }
 

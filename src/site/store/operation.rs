@@ -2,7 +2,7 @@
 //! part, news each sink has.
 
 use super::row::Row;
-use super::state::Trouble;
+use super::state::Failure;
 use super::{Reader, StoreError, state};
 use crate::analysis::signal::record::RodId;
 use crate::analysis::track::AlarmEvent;
@@ -108,7 +108,7 @@ impl Reader {
             })?;
             files.collect()
         };
-        files().map_err(|error| self.fault(Trouble::Sql(error)))
+        files().map_err(|error| self.fault(Failure::Sql(error)))
     }
 
     /// What a journal's read parts leave for the next.
@@ -128,7 +128,7 @@ impl Reader {
                 })
                 .optional()
         };
-        carry().map_err(|error| self.fault(Trouble::Sql(error)))
+        carry().map_err(|error| self.fault(Failure::Sql(error)))
     }
 
     /// The number of the latest news a sink has; `None` for a sink that is not known yet.
@@ -142,7 +142,7 @@ impl Reader {
                 .query_row([sink], |row| row.get(0))
                 .optional()
         };
-        through().map_err(|error| self.fault(Trouble::Sql(error)))
+        through().map_err(|error| self.fault(Failure::Sql(error)))
     }
 
     /// The number of the latest news there are, 0 without any.
@@ -155,7 +155,7 @@ impl Reader {
                 .prepare_cached("SELECT coalesce(max(number), 0) FROM outbox")?
                 .query_row((), |row| row.get(0))
         };
-        latest().map_err(|error| self.fault(Trouble::Sql(error)))
+        latest().map_err(|error| self.fault(Failure::Sql(error)))
     }
 
     /// The news behind `number`, in order, at most `limit` of them.
@@ -172,7 +172,7 @@ impl Reader {
                 statement.query_map([number, limit], |row| Ok((row.get(0)?, row.get(1)?, row.get(2)?)))?;
             rows.collect()
         };
-        let rows = rows().map_err(|error| self.fault(Trouble::Sql(error)))?;
+        let rows = rows().map_err(|error| self.fault(Failure::Sql(error)))?;
         rows.into_iter()
             .map(|(number, rod, json)| {
                 Ok(News {

@@ -1,10 +1,12 @@
 //! Bounded questions, for pages: each is answered from an index, and every row it reads is compared with its checksum.
 
-use super::state::{self, Trouble};
+use super::read::parse;
+use super::state::{self, Failure};
 use super::{Reader, StoreError, row};
 use crate::analysis::signal::record::{RodId, Timestamp};
 use crate::analysis::track::fold::packed::Packed;
 use crate::analysis::track::{Alarm, DriftWatch, Interval, Period};
+use crate::site::record_row::RecordRow;
 use rusqlite::Params;
 use rusqlite::types::Value;
 use serde::de::DeserializeOwned;
@@ -62,7 +64,7 @@ impl Reader {
     pub fn data_version(&self) -> Result<i64, StoreError> {
         self.connection
             .pragma_query_value(None, "data_version", |row| row.get(0))
-            .map_err(|error| self.fault(Trouble::Sql(error)))
+            .map_err(|error| self.fault(Failure::Sql(error)))
     }
 
     /// Asks several things of the store as it is at one moment, whatever is committed meanwhile.
@@ -73,7 +75,7 @@ impl Reader {
         let view = self
             .connection
             .unchecked_transaction()
-            .map_err(|error| self.fault(Trouble::Sql(error)))?;
+            .map_err(|error| self.fault(Failure::Sql(error)))?;
         let answer = ask(self);
         drop(view);
         answer
@@ -162,7 +164,7 @@ impl Reader {
             })?;
             rows.collect()
         };
-        let marks = marks().map_err(|error| self.fault(Trouble::Sql(error)))?;
+        let marks = marks().map_err(|error| self.fault(Failure::Sql(error)))?;
         let mut lines = Lines::default();
         for mark in marks {
             let known = lines.found.len();
@@ -187,15 +189,15 @@ impl Reader {
         self.connection
             .prepare_cached("SELECT coalesce(max(id), 0) FROM record")
             .and_then(|mut statement| statement.query_row((), |row| row.get(0)))
-            .map_err(|error| self.fault(Trouble::Sql(error)))
+            .map_err(|error| self.fault(Failure::Sql(error)))
     }
 
-    /// The JSON lines of records with numbers above `after`, ascending, at most `most`.
+    /// The rows of records with numbers above `after`, ascending, at most `most`.
     ///
     /// # Errors
-    /// As [`Reader::points_after`].
-    pub fn lines_after(&self, after: i64, most: usize) -> Result<Vec<String>, StoreError> {
-        let mut lines = Vec::new();
+    /// As [`Reader::points_after`], or a line cannot be understood.
+    pub fn rows_after(&self, after: i64, most: usize) -> Result<Vec<RecordRow>, StoreError> {
+        let mut lines: Vec<String> = Vec::new();
         self.verified(
             "line",
             "record > ? ORDER BY record LIMIT ?",
@@ -205,7 +207,7 @@ impl Reader {
                 Ok(())
             },
         )?;
-        Ok(lines)
+        lines.iter().map(|line| parse(line)).collect()
     }
 
     /// Alarms, the latest first, at most `most`: those raised before an alarm, of one rod or all, those that stand or all.
@@ -325,7 +327,7 @@ impl Reader {
                 path: self.path.clone(),
                 detail: format!("a row of table {table} is not what was written"),
             }),
-            Err(error) => Err(self.fault(Trouble::Sql(error))),
+            Err(error) => Err(self.fault(Failure::Sql(error))),
         }
     }
 }

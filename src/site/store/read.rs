@@ -1,10 +1,11 @@
 //! Questions to a store, answered beside a writer.
 
 use super::request::{self, Request};
-use super::state::{self, Trouble};
+use super::state::{self, Failure};
 use super::{FileId, StoreError, open, row, schema};
 use crate::analysis::signal::record::{RodId, Timestamp};
 use crate::analysis::track::{Alarm, AlarmEvent, Period, RodState, Segment, State};
+use crate::site::record_row::RecordRow;
 use rusqlite::types::Value;
 use rusqlite::{Connection, OptionalExtension};
 use std::collections::BTreeMap;
@@ -62,6 +63,24 @@ pub struct Standing {
     pub waiting: Vec<Request>,
 }
 
+impl Standing {
+    /// The row of the latest record that was not rejected.
+    ///
+    /// # Errors
+    /// Its line cannot be understood.
+    pub fn latest_row(&self) -> Result<Option<RecordRow>, StoreError> {
+        self.latest.as_deref().map(parse).transpose()
+    }
+}
+
+/// The row of a JSON line of the store.
+pub(super) fn parse(line: &str) -> Result<RecordRow, StoreError> {
+    RecordRow::parse(line).map_err(|error| StoreError::Unreadable {
+        what: "a record's line".to_owned(),
+        detail: error.to_string(),
+    })
+}
+
 impl Reader {
     /// Opens a store for reading. What rods, periods and alarms say is compared with its checksums now, records when
     /// they are asked for.
@@ -81,7 +100,7 @@ impl Reader {
     fn check(&self, tables: &[&str]) -> Result<(), StoreError> {
         for table in tables {
             let bad = row::verify(&self.connection, table, |_| Ok(()));
-            if let Some(number) = bad.map_err(|error| self.fault(Trouble::Sql(error)))? {
+            if let Some(number) = bad.map_err(|error| self.fault(Failure::Sql(error)))? {
                 return Err(StoreError::Damaged {
                     path: self.path.clone(),
                     detail: format!("row {number} of table {table} is not what was written"),
@@ -109,10 +128,10 @@ impl Reader {
         &self.path
     }
 
-    pub(super) fn fault(&self, trouble: Trouble) -> StoreError {
-        match trouble {
-            Trouble::Other(error) => error,
-            Trouble::Sql(error) => open::is_damage(&self.path, error),
+    pub(super) fn fault(&self, failure: Failure) -> StoreError {
+        match failure {
+            Failure::Other(error) => error,
+            Failure::Sql(error) => open::is_damage(&self.path, error),
         }
     }
 
@@ -121,7 +140,7 @@ impl Reader {
     /// # Errors
     /// It cannot be read, or not be understood.
     pub fn states(&self) -> Result<BTreeMap<RodId, State>, StoreError> {
-        state::load(&self.connection).map_err(|trouble| self.fault(trouble))
+        state::load(&self.connection).map_err(|failure| self.fault(failure))
     }
 
     /// The segments of a rod, ascending.
@@ -129,7 +148,7 @@ impl Reader {
     /// # Errors
     /// They cannot be read.
     pub fn segments(&self, rod: &RodId) -> Result<Vec<Segment>, StoreError> {
-        state::segments(&self.connection, rod).map_err(|trouble| self.fault(trouble))
+        state::segments(&self.connection, rod).map_err(|failure| self.fault(failure))
     }
 
     /// The closed periods of one segment, ascending.
@@ -137,7 +156,7 @@ impl Reader {
     /// # Errors
     /// They cannot be read.
     pub fn periods(&self, rod: &RodId, segment: u32) -> Result<Vec<Period>, StoreError> {
-        state::periods(&self.connection, rod, segment).map_err(|trouble| self.fault(trouble))
+        state::periods(&self.connection, rod, segment).map_err(|failure| self.fault(failure))
     }
 
     /// The identity of the record of a rod that was committed last.
@@ -151,7 +170,7 @@ impl Reader {
                 .query_row([&rod.0], |row| row.get(0))
                 .optional()
         };
-        ask().map_err(|error| self.fault(Trouble::Sql(error)))
+        ask().map_err(|error| self.fault(Failure::Sql(error)))
     }
 
     /// The requests about a rod that wait, in the order they were made.
@@ -159,7 +178,7 @@ impl Reader {
     /// # Errors
     /// They cannot be read.
     pub fn waiting(&self, rod: &RodId) -> Result<Vec<Request>, StoreError> {
-        request::waiting(&self.connection, rod).map_err(|trouble| self.fault(trouble))
+        request::waiting(&self.connection, rod).map_err(|failure| self.fault(failure))
     }
 
     /// The rods requests wait for.
@@ -174,7 +193,7 @@ impl Reader {
             let rods = statement.query_map((), |row| Ok(RodId(row.get(0)?)))?;
             rods.collect()
         };
-        rods().map_err(|error| self.fault(Trouble::Sql(error)))
+        rods().map_err(|error| self.fault(Failure::Sql(error)))
     }
 
     /// The alarm with this id, as it stands now.
@@ -218,7 +237,7 @@ impl Reader {
             })?;
             rows.collect()
         };
-        let rows = rows().map_err(|error| self.fault(Trouble::Sql(error)))?;
+        let rows = rows().map_err(|error| self.fault(Failure::Sql(error)))?;
         rows.iter().map(|(rod, json)| state::read(rod, json)).collect()
     }
 
@@ -243,7 +262,7 @@ impl Reader {
             "SELECT line.json FROM record JOIN line ON line.record = record.id
              WHERE {wanted} {rejected} ORDER BY rod, start_ns, id"
         );
-        let fault = |error| E::from(self.fault(Trouble::Sql(error)));
+        let fault = |error| E::from(self.fault(Failure::Sql(error)));
         let mut statement = self.connection.prepare(&sql).map_err(fault)?;
         let mut rows = statement
             .query(rusqlite::params_from_iter(values))
@@ -253,6 +272,18 @@ impl Reader {
             on_line(line.as_str().map_err(|error| fault(error.into()))?)?;
         }
         Ok(())
+    }
+
+    /// Hands the row of every record that is wanted to `on_row`, in the order of time.
+    ///
+    /// # Errors
+    /// The store cannot be read, a line not be understood, or `on_row` failed.
+    pub fn rows<E: From<StoreError>>(
+        &self,
+        filter: &Filter,
+        mut on_row: impl FnMut(RecordRow) -> Result<(), E>,
+    ) -> Result<(), E> {
+        self.lines(Listing::Records, filter, |line| on_row(parse(line)?))
     }
 
     /// The names of a listing's columns.
@@ -265,7 +296,7 @@ impl Reader {
             let statement = self.connection.prepare(&sql)?;
             Ok(statement.column_names().map(str::to_owned).collect())
         };
-        names().map_err(|error| self.fault(Trouble::Sql(error)))
+        names().map_err(|error| self.fault(Failure::Sql(error)))
     }
 
     /// Hands every row of a listing to `on_row` with the names of its columns, in the order of time.
@@ -278,7 +309,7 @@ impl Reader {
         filter: &Filter,
         mut on_row: impl FnMut(&[String], &[Value]) -> Result<(), E>,
     ) -> Result<(), E> {
-        let fault = |error| E::from(self.fault(Trouble::Sql(error)));
+        let fault = |error| E::from(self.fault(Failure::Sql(error)));
         if matches!(listing, Listing::Records | Listing::Rejections) {
             self.check(&["record", "mode"])?;
         }
@@ -316,7 +347,7 @@ impl Reader {
             let rods = statement.query_map((), |row| Ok(RodId(row.get(0)?)))?;
             rods.collect()
         };
-        rods().map_err(|error| self.fault(Trouble::Sql(error)))
+        rods().map_err(|error| self.fault(Failure::Sql(error)))
     }
 
     /// How every rod stands.
@@ -336,14 +367,14 @@ impl Reader {
     }
 
     fn standings_of(&self, rod: Option<&RodId>) -> Result<Vec<Standing>, StoreError> {
-        let mut standings = self.try_standings(rod).map_err(|trouble| self.fault(trouble))?;
+        let mut standings = self.try_standings(rod).map_err(|failure| self.fault(failure))?;
         for standing in &mut standings {
             standing.waiting = self.waiting(&standing.rod)?;
         }
         Ok(standings)
     }
 
-    fn try_standings(&self, rod: Option<&RodId>) -> Result<Vec<Standing>, Trouble> {
+    fn try_standings(&self, rod: Option<&RodId>) -> Result<Vec<Standing>, Failure> {
         let mut statement = self.connection.prepare_cached(
             "SELECT rod, detail, since, segment,
                 (SELECT json FROM line WHERE line.record =
@@ -381,11 +412,11 @@ impl Reader {
             .connection
             .prepare_cached("SELECT count(*), count(rejection) FROM record WHERE rod = ?")
             .and_then(|mut statement| statement.query_row([&rod.0], |row| Ok((row.get(0)?, row.get(1)?))))
-            .map_err(|error| self.fault(Trouble::Sql(error)))?;
+            .map_err(|error| self.fault(Failure::Sql(error)))?;
         Ok((counted.0.unsigned_abs(), counted.1.unsigned_abs()))
     }
 
-    fn standing_alarms(&self, rod: &str) -> Result<Vec<Alarm>, Trouble> {
+    fn standing_alarms(&self, rod: &str) -> Result<Vec<Alarm>, Failure> {
         let mut statement = self
             .connection
             .prepare_cached("SELECT json FROM alarm WHERE rod = ? AND stands = 1 ORDER BY raised_ns, id")?;

@@ -2,7 +2,7 @@
 
 use super::StoreError;
 use super::row::Row;
-use super::state::{Trouble, time};
+use super::state::{Failure, time};
 use crate::analysis::signal::record::{RodId, Timestamp};
 use rusqlite::Connection;
 
@@ -78,7 +78,7 @@ fn row(number: i64, rod: &RodId, what: &Asked, asked: Timestamp, applied: bool) 
 }
 
 /// The requests about a rod that wait, in order.
-pub(super) fn waiting(connection: &Connection, rod: &RodId) -> Result<Vec<Request>, Trouble> {
+pub(super) fn waiting(connection: &Connection, rod: &RodId) -> Result<Vec<Request>, Failure> {
     select(
         connection,
         "SELECT number, rod, what, alarm, reason, asked FROM request WHERE applied = 0 AND rod = ? ORDER BY number",
@@ -86,14 +86,14 @@ pub(super) fn waiting(connection: &Connection, rod: &RodId) -> Result<Vec<Reques
     )
 }
 
-pub(super) fn mark_applied(connection: &Connection, number: i64) -> Result<(), Trouble> {
+pub(super) fn mark_applied(connection: &Connection, number: i64) -> Result<(), Failure> {
     let found = select(
         connection,
         "SELECT number, rod, what, alarm, reason, asked FROM request WHERE number = ?",
         &number,
     )?;
     let Some(request) = found.first() else {
-        return Err(Trouble::Other(StoreError::Unreadable {
+        return Err(Failure::Other(StoreError::Unreadable {
             what: format!("request {number}"),
             detail: "there is none".to_owned(),
         }));
@@ -106,7 +106,7 @@ fn select(
     connection: &Connection,
     sql: &str,
     parameter: &dyn rusqlite::ToSql,
-) -> Result<Vec<Request>, Trouble> {
+) -> Result<Vec<Request>, Failure> {
     let mut statement = connection.prepare_cached(sql)?;
     let mut rows = statement.query([parameter])?;
     let mut requests = Vec::new();
@@ -118,7 +118,7 @@ fn select(
             ("acknowledge", Some(alarm)) => Asked::Acknowledge { alarm },
             ("rebaseline", None) => Asked::Rebaseline { reason: row.get(4)? },
             _ => {
-                return Err(Trouble::Other(StoreError::Unreadable {
+                return Err(Failure::Other(StoreError::Unreadable {
                     what: format!("request {number}"),
                     detail: format!("{what} is not known here"),
                 }));

@@ -1,6 +1,6 @@
 //! What may go: JSON lines of long ago. Identities, numbers and history stay as they are.
 
-use super::state::Trouble;
+use super::state::Failure;
 use super::{Store, StoreError};
 use crate::analysis::signal::record::{RodId, Timestamp};
 use rusqlite::TransactionBehavior;
@@ -21,7 +21,7 @@ impl Store {
         before: Timestamp,
     ) -> Result<Option<Timestamp>, StoreError> {
         self.try_forget_lines(rod, from, before)
-            .map_err(|error| self.fault(Trouble::Sql(error)))
+            .map_err(|error| self.fault(Failure::Sql(error)))
     }
 
     fn try_forget_lines(

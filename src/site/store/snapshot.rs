@@ -2,7 +2,7 @@
 //! refused one.
 
 use super::row::Row;
-use super::state::{self, Trouble};
+use super::state::{self, Failure};
 use super::{Reader, StoreError};
 use crate::analysis::record_view::Snapshot;
 use crate::analysis::signal::record::{RodId, Timestamp};
@@ -38,8 +38,8 @@ pub struct Snapshots {
 impl SnapshotRow<'_> {
     /// Keeps it as the first of its segment if there is none, and as the latest; that of a refused record as the latest
     /// refused one alone.
-    pub(super) fn write(&self, connection: &Connection) -> Result<(), Trouble> {
-        let json = serde_json::to_string(self.snapshot).map_err(|error| StoreError::Unkeepable {
+    pub(super) fn write(&self, connection: &Connection) -> Result<(), Failure> {
+        let json = serde_json::to_string(self.snapshot).map_err(|error| StoreError::NotStorable {
             what: format!("the snapshot of a record of rod {}", self.rod),
             detail: error.to_string(),
         })?;
@@ -70,8 +70,8 @@ impl Reader {
     /// # Errors
     /// It cannot be read.
     pub fn snapshots(&self, rod: &RodId) -> Result<Snapshots, StoreError> {
-        let read = || -> Result<Snapshots, Trouble> {
-            let one = |sql: &str| -> Result<Option<Snapshot>, Trouble> {
+        let read = || -> Result<Snapshots, Failure> {
+            let one = |sql: &str| -> Result<Option<Snapshot>, Failure> {
                 let json: Option<String> = self
                     .connection
                     .prepare_cached(sql)?
@@ -87,7 +87,7 @@ impl Reader {
                 refused: one("SELECT json FROM snapshot WHERE rod = ? AND number = -1")?,
             })
         };
-        read().map_err(|trouble| self.fault(trouble))
+        read().map_err(|failure| self.fault(failure))
     }
 
     /// When the latest refused record of a rod began of which a picture is kept.
@@ -101,7 +101,7 @@ impl Reader {
                 .query_row((&rod.0, REFUSED), |row| row.get(0))
                 .optional()
         };
-        let start_ns = ask().map_err(|error| self.fault(Trouble::Sql(error)))?;
+        let start_ns = ask().map_err(|error| self.fault(Failure::Sql(error)))?;
         Ok(start_ns.map(Timestamp::from_nanos))
     }
 
@@ -117,7 +117,7 @@ impl Reader {
             let rows = statement.query_map((), |row| Ok([row.get(0)?, row.get(1)?, row.get(2)?]))?;
             rows.collect()
         };
-        read().map_err(|error| self.fault(Trouble::Sql(error)))
+        read().map_err(|error| self.fault(Failure::Sql(error)))
     }
 }
 

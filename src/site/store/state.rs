@@ -23,16 +23,16 @@ pub(super) fn kept<T: Serialize + DeserializeOwned + PartialEq>(
     what: &str,
     value: &T,
 ) -> Result<String, StoreError> {
-    let unkeepable = |detail: String| StoreError::Unkeepable {
+    let not_storable = |detail: String| StoreError::NotStorable {
         what: what.to_owned(),
         detail,
     };
-    let json = serde_json::to_string(value).map_err(|error| unkeepable(error.to_string()))?;
-    let back: T = serde_json::from_str(&json).map_err(|error| unkeepable(error.to_string()))?;
+    let json = serde_json::to_string(value).map_err(|error| not_storable(error.to_string()))?;
+    let back: T = serde_json::from_str(&json).map_err(|error| not_storable(error.to_string()))?;
     if back == *value {
         Ok(json)
     } else {
-        Err(unkeepable("it reads back as something else".to_owned()))
+        Err(not_storable("it reads back as something else".to_owned()))
     }
 }
 
@@ -68,7 +68,7 @@ impl Kept {
     }
 
     /// Writes the parts of a state that are not in the store already.
-    pub(super) fn write(&mut self, connection: &Connection, state: &State) -> Result<(), Trouble> {
+    pub(super) fn write(&mut self, connection: &Connection, state: &State) -> Result<(), Failure> {
         let mut fresh = false;
         let known = self.0.entry(state.rod.clone()).or_insert_with(|| {
             fresh = true;
@@ -118,18 +118,18 @@ impl Kept {
 }
 
 /// A refusal on the way into or out of the tables.
-pub(super) enum Trouble {
+pub(super) enum Failure {
     Sql(rusqlite::Error),
     Other(StoreError),
 }
 
-impl From<rusqlite::Error> for Trouble {
+impl From<rusqlite::Error> for Failure {
     fn from(error: rusqlite::Error) -> Self {
         Self::Sql(error)
     }
 }
 
-impl From<StoreError> for Trouble {
+impl From<StoreError> for Failure {
     fn from(error: StoreError) -> Self {
         Self::Other(error)
     }
@@ -143,7 +143,7 @@ fn write_part(connection: &Connection, rod: &str, part: &'static str, json: Stri
         .upsert(connection, &["rod", "part"])
 }
 
-fn write_segment(connection: &Connection, rod: &str, segment: &Segment) -> Result<(), Trouble> {
+fn write_segment(connection: &Connection, rod: &str, segment: &Segment) -> Result<(), Failure> {
     let baseline = segment.baseline.as_ref();
     Row::of("segment")
         .with("rod", rod.to_owned())
@@ -174,7 +174,7 @@ pub(super) fn write_period(
     rod: &RodId,
     segment: u32,
     period: &Period,
-) -> Result<(), Trouble> {
+) -> Result<(), Failure> {
     let charted = period.charted.as_ref();
     let evidence = charted.map(|charted| charted.evidence).unwrap_or_default();
     Row::of("period")
@@ -203,7 +203,7 @@ pub(super) fn write_period(
 }
 
 /// Every rod's state, its periods included.
-pub(super) fn load(connection: &Connection) -> Result<BTreeMap<RodId, State>, Trouble> {
+pub(super) fn load(connection: &Connection) -> Result<BTreeMap<RodId, State>, Failure> {
     let mut parts: BTreeMap<String, serde_json::Map<String, Json>> = BTreeMap::new();
     let mut statement = connection.prepare("SELECT rod, part, json FROM state")?;
     let mut rows = statement.query(())?;
@@ -229,7 +229,7 @@ pub(super) fn load(connection: &Connection) -> Result<BTreeMap<RodId, State>, Tr
 }
 
 /// The closed periods of one segment, ascending.
-pub(super) fn periods(connection: &Connection, rod: &RodId, segment: u32) -> Result<Vec<Period>, Trouble> {
+pub(super) fn periods(connection: &Connection, rod: &RodId, segment: u32) -> Result<Vec<Period>, Failure> {
     let mut statement =
         connection.prepare_cached("SELECT json FROM period WHERE rod = ? AND segment = ? ORDER BY period")?;
     let mut rows = statement.query((&rod.0, segment))?;
@@ -244,7 +244,7 @@ pub(super) fn periods(connection: &Connection, rod: &RodId, segment: u32) -> Res
 }
 
 /// The segments of a rod, ascending.
-pub(super) fn segments(connection: &Connection, rod: &RodId) -> Result<Vec<Segment>, Trouble> {
+pub(super) fn segments(connection: &Connection, rod: &RodId) -> Result<Vec<Segment>, Failure> {
     let mut statement = connection.prepare("SELECT json FROM segment WHERE rod = ? ORDER BY number")?;
     let mut rows = statement.query([&rod.0])?;
     let mut segments = Vec::new();
@@ -257,7 +257,7 @@ pub(super) fn segments(connection: &Connection, rod: &RodId) -> Result<Vec<Segme
     Ok(segments)
 }
 
-fn segment_json(connection: &Connection, rod: &str, number: i64) -> Result<String, Trouble> {
+fn segment_json(connection: &Connection, rod: &str, number: i64) -> Result<String, Failure> {
     let json = connection
         .query_row(
             "SELECT json FROM segment WHERE rod = ? AND number = ?",

@@ -6,12 +6,11 @@ use super::site_years::{Fate, Moment, SiteYears};
 use super::world::World;
 use crate::analysis::numerics::random;
 use crate::analysis::signal::record::Timestamp;
+use crate::analysis::signal::record::time::{DAY_S, YEAR_D};
 use crate::analysis::track::drift::{
     BankPrior, Companions, Detector, Filters, Regressors, Seen, Shape, ThermalPrior,
 };
 
-const DAY_S: f64 = 86_400.0;
-const YEAR_D: f64 = 365.25;
 /// Days after their beginning for which steps and ramps are followed.
 pub const HORIZON_D: [usize; 2] = [60, 730];
 /// Periods that the reference of ratios is the mean of.

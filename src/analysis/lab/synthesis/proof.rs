@@ -8,6 +8,7 @@ use crate::analysis::numerics::random;
 use crate::analysis::rod::beam::Exact;
 use crate::analysis::rod::beam::forward::ForwardModel;
 use crate::analysis::rod::prior::RodPrior;
+use crate::analysis::signal::record::time::DAY_S;
 use crate::analysis::signal::record::{Reading, Timestamp};
 use crate::analysis::track::{
     Input, Kind, LogMode, Observation, Others, RodState, TrackPlan, Tracker, What, Witness,
@@ -15,7 +16,6 @@ use crate::analysis::track::{
 use serde::Serialize;
 use std::sync::Arc;
 
-const DAY_S: f64 = 86_400.0;
 const RECORD_S: f64 = 120.0;
 /// Share of its force a rod keeps at the warmest: others are drawn anew, as rods near to slack are not followed.
 const TAUT: f64 = 0.4;

@@ -4,6 +4,7 @@ use super::climate::{Lagged, Weather};
 use super::settings::{SimulatedRod, Simulation, Truth};
 use super::shape::Shape;
 use crate::analysis::rod::beam::{OutsideRange, Parameterisation, Quantity, exact};
+use crate::analysis::signal::record::time::DAY_S;
 use crate::analysis::signal::record::{RodId, Timestamp};
 use thiserror::Error;
 
@@ -98,7 +99,7 @@ impl<'s> Rod<'s> {
     /// frequency by Rayleigh's quotient with the bare rod's shape,
     /// f' = f / sqrt(1 + M w(x)^2 / (m l mean(w^2))): right to first order in M over the modal mass.
     pub(super) fn at(&self, time: Timestamp, fluctuation: f64) -> Result<State, SynthesisError> {
-        let days = time.seconds_since(self.start) / 86_400.0;
+        let days = time.seconds_since(self.start) / DAY_S;
         let relative_force = 1.0
             + self
                 .settings

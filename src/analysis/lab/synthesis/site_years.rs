@@ -11,12 +11,11 @@ use super::Change;
 use super::oscillator::normal;
 use super::world::{FAULT_D, Thermometer, World};
 use crate::analysis::numerics::random;
+use crate::analysis::signal::record::time::{DAY_S, YEAR_D};
 use crate::analysis::signal::record::{Reading, Timestamp};
 use rand::{Rng, RngExt};
 use std::f64::consts::TAU;
 
-const DAY_S: f64 = 86_400.0;
-const YEAR_D: f64 = 365.25;
 /// Mean of the air \[degC\]; forces are relative to theirs at it.
 const MEAN_C: f64 = 13.0;
 /// Coldest day of the year, warmest hour of the day.

@@ -4,7 +4,7 @@ use super::Resonance;
 use super::fit::{Fit, HALF_WIDTHS, Stretch};
 use super::likelihood::Start;
 use super::pair::{Member, Pair, pair};
-use realfft::num_complex::Complex;
+use rustfft::num_complex::Complex;
 use std::f64::consts::TAU;
 
 /// Distance of two fits that are judged together, over the sum of their half-power half-widths.

@@ -4,7 +4,7 @@ use super::Mask;
 use crate::analysis::signal::spectrum::welch::transform;
 use crate::analysis::signal::spectrum::window::line;
 use crate::analysis::signal::spectrum::{Transforms, fast_length};
-use realfft::num_complex::Complex;
+use rustfft::num_complex::Complex;
 
 /// The Fourier coefficients `J_k = dt / sqrt(T) sum_t x_t e^(-2 pi i k t / n)` of a record less its
 /// straight line, without taper: `|J_k|^2` is the two-sided raw periodogram \[unit^2/Hz\].

@@ -7,7 +7,7 @@
 //! "sandwich"; Godambe 1960, Jesus and Chandler 2016).
 
 use super::subband::{LEAST_SAMPLES, Pole, Subband, kurtosis};
-use realfft::num_complex::Complex;
+use rustfft::num_complex::Complex;
 use std::f64::consts::TAU;
 
 /// Variance of the unknown first state, in units of the innovations'.

@@ -12,7 +12,7 @@ use super::tone::{Tone, tone};
 use super::{Mask, Resonance};
 use crate::analysis::numerics::optimum::golden;
 use crate::analysis::signal::spectrum::Transforms;
-use realfft::num_complex::Complex;
+use rustfft::num_complex::Complex;
 
 /// Half width of a band in half-power half-widths of its peak: beyond 8 the band holds less than a
 /// tenth more of what there is to know about the frequency (bandwidth factor 0.84, Au 2014).

@@ -26,7 +26,7 @@ use super::band::{Band, Block, LANES};
 use super::logarithm::ln;
 use super::softened::Softened;
 use crate::analysis::numerics::simd::{Kernel, vectorised};
-use realfft::num_complex::Complex;
+use rustfft::num_complex::Complex;
 use std::f64::consts::TAU;
 
 /// Number of smooth nuisance terms (constant, slope).

@@ -6,7 +6,7 @@
 
 use super::subband::{LEAST_SAMPLES, Pole, Subband};
 use nalgebra::{DMatrix, DVector};
-use realfft::num_complex::Complex;
+use rustfft::num_complex::Complex;
 
 /// Parameters: frequency and ln damping of each, ln of the second force's power and of the noise over the first's.
 const PARAMETERS: usize = 6;

@@ -17,7 +17,7 @@
 //! Each has its coefficients `(1 - e^((s - n gamma) T)) / (2 pi i f_k - s + n gamma)` at the Fourier frequencies, exact for any
 //! record length.
 
-use realfft::num_complex::Complex;
+use rustfft::num_complex::Complex;
 use std::f64::consts::TAU;
 
 /// Most terms of the series; with [`MOST_PHASE`] the first one left out is below 1e-7 of the largest.

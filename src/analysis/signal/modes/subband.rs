@@ -14,7 +14,7 @@
 
 use super::band::Coefficients;
 use crate::analysis::signal::spectrum::{Transforms, fast_length};
-use realfft::num_complex::Complex;
+use rustfft::num_complex::Complex;
 use std::f64::consts::TAU;
 
 /// Fewest samples of a series that anything is told from.

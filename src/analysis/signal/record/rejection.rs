@@ -1,5 +1,6 @@
 //! Why a record was refused, or what was noticed about one that was not: data, not errors.
 
+use crate::analysis::numerics::json_number::nan_if_null;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
@@ -7,7 +8,7 @@ use thiserror::Error;
 pub const UNDERSAMPLED: f64 = 0.45;
 
 /// Why a record gives no frequencies or no force. Stored, counted and shown; never an error.
-#[derive(Debug, Clone, PartialEq, Error, Serialize)]
+#[derive(Debug, Clone, PartialEq, Error, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", tag = "reason")]
 pub enum Rejection {
     /// Too short to resolve the modes.
@@ -34,6 +35,7 @@ pub enum Rejection {
     )]
     Constant {
         /// The value, SI.
+        #[serde(deserialize_with = "nan_if_null")]
         value: f64,
     },
     /// The sensor repeated its last value too often.
@@ -66,6 +68,7 @@ pub enum Rejection {
     )]
     Step {
         /// Height, SI.
+        #[serde(deserialize_with = "nan_if_null")]
         height: f64,
         /// Where, from the record's start \[s\].
         time_s: f64,
@@ -74,6 +77,7 @@ pub enum Rejection {
     #[error("{}", irregular(*jitter, *allowed))]
     Irregular {
         /// Scatter over the interval of messages; infinite if the stamps do not advance.
+        #[serde(deserialize_with = "nan_if_null")]
         jitter: f64,
         /// Largest allowed.
         allowed: f64,
@@ -86,6 +90,7 @@ pub enum Rejection {
         /// Declared sample rate \[Hz\].
         declared_hz: f64,
         /// Measured sample rate \[Hz\].
+        #[serde(deserialize_with = "nan_if_null")]
         measured_hz: f64,
     },
     /// The sample rate is too low for the band of the modes.
@@ -114,6 +119,7 @@ pub enum Rejection {
     )]
     Level {
         /// Larger over smaller level.
+        #[serde(deserialize_with = "nan_if_null")]
         ratio: f64,
         /// Where, from the record's start \[s\].
         time_s: f64,
@@ -158,6 +164,7 @@ pub enum Rejection {
     )]
     OutsidePrior {
         /// Distance over that of the farthest draw.
+        #[serde(deserialize_with = "nan_if_null")]
         distance: f64,
     },
     /// Approximate Bayesian computation accepted too few draws.
@@ -171,6 +178,7 @@ pub enum Rejection {
         /// All draws.
         draws: usize,
         /// The tolerance.
+        #[serde(deserialize_with = "nan_if_null")]
         epsilon: f64,
         /// Fewest accepted for a posterior.
         needed: usize,

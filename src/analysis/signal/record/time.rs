@@ -3,6 +3,12 @@
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
 use std::fmt;
 
+/// A day \[s\].
+pub const DAY_S: f64 = 86_400.0;
+
+/// A Julian year \[d\].
+pub const YEAR_D: f64 = 365.25;
+
 /// Nanoseconds since 1970-01-01T00:00:00 UTC, leap seconds ignored (Unix time).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Timestamp(i64);

@@ -1,9 +1,9 @@
 //! Welch's one-sided power spectral density (Welch 1967), planned once and run many times.
 
 use super::{Window, window};
-use realfft::num_complex::Complex;
 use realfft::{RealFftPlanner, RealToComplex};
 use rustfft::FftPlanner;
+use rustfft::num_complex::Complex;
 use std::fmt;
 use std::sync::{Arc, Mutex, PoisonError};
 use thiserror::Error;

@@ -1,9 +1,9 @@
-//! Steps that ended the program: marked before they are taken, remembered when the program did not come back from them.
+//! Quarantine for inputs that crash the process: each step is recorded before it runs and cleared after.
 //!
 //! Before a risky step its name is written into a slot of `STORE.working`, and wiped out after it. The file survives the
 //! end of the process however it comes. What stands in it at the next start is suspect: it is tried again with nothing
-//! else at work, so that no other step is blamed. A step the program died of [`CONDEMNED`] times *alone* is not
-//! tried any more. A kill from outside that happens to meet a step costs it nothing but being tried alone: to be condemned
+//! else at work, so that no other step is blamed. A step the program died of [`DEATHS`] times *alone* is not
+//! tried any more. A kill from outside that happens to meet a step costs it nothing but being tried alone: to be quarantined
 //! it would have to be met again and again, with a growing pause before each try.
 
 use crate::recording::atomic::AtomicFile;
@@ -18,13 +18,13 @@ use std::time::Duration;
 
 /// So many deaths of a step alone, and it is not tried any more. With the first death, which blames nobody, these are three:
 /// systemd must not give up before (docs/daemon.md).
-pub const CONDEMNED: u32 = 2;
+pub const DEATHS: u32 = 2;
 
 /// So many deaths of a file, and nothing of it is used any more: those alone at one place, and one more when what came before
 /// that place was brought to its end.
-pub const FILE_CONDEMNED: u32 = CONDEMNED + 1;
+pub const FILE_DEATHS: u32 = DEATHS + 1;
 
-/// How the step of a file is called that brings what came before a condemned place to its end.
+/// How the step of a file is called that brings what came before a quarantined place to its end.
 const END: &str = "end";
 
 /// Bytes of a slot.
@@ -38,9 +38,9 @@ const PATIENCE: Duration = Duration::from_secs(10);
 /// The pause before a step is tried that died alone, times its deaths.
 const PAUSE: Duration = Duration::from_secs(1);
 
-/// The memory of one store's suspects.
+/// Quarantine of one store: steps that ended the program, and how often.
 #[derive(Debug)]
-pub struct Suspects {
+pub struct Quarantine {
     working: File,
     memory: PathBuf,
     inner: Mutex<Inner>,
@@ -60,7 +60,7 @@ struct Inner {
 /// Where one thread marks what it works on.
 #[derive(Debug)]
 pub struct Slot {
-    suspects: Arc<Suspects>,
+    quarantine: Arc<Quarantine>,
     number: usize,
     step: Option<Step>,
 }
@@ -71,7 +71,7 @@ struct Step {
     is_alone: bool,
 }
 
-impl Suspects {
+impl Quarantine {
     /// Reads what the last process of this store was at when it ended, and begins anew.
     ///
     /// # Errors
@@ -128,8 +128,8 @@ impl Suspects {
     }
 
     /// Whether a step is not to be tried any more.
-    pub fn is_condemned(&self, step: &str) -> bool {
-        self.deaths(step) >= CONDEMNED
+    pub fn is_quarantined(&self, step: &str) -> bool {
+        self.deaths(step) >= DEATHS
     }
 
     /// A file was read to its end: it is suspected of nothing any more.
@@ -154,7 +154,7 @@ impl Suspects {
         let number = inner.slots;
         inner.slots += 1;
         Slot {
-            suspects: Arc::clone(self),
+            quarantine: Arc::clone(self),
             number,
             step: None,
         }
@@ -214,12 +214,12 @@ impl Slot {
     /// before [`Slot::idle`].
     pub fn working_on(&mut self, step: &str) {
         self.idle();
-        let is_alone = self.suspects.begin(step);
+        let is_alone = self.quarantine.begin(step);
         let mut content = [0; SLOT];
         let mut rest = &mut content[..];
         // What does not fit is cut off: the name alone tells steps apart.
         let _ = write!(rest, "{}\t{step}", if is_alone { "alone" } else { "beside" });
-        self.suspects.mark(self.number, &content);
+        self.quarantine.mark(self.number, &content);
         self.step = Some(Step {
             name: step.to_owned(),
             is_alone,
@@ -229,8 +229,8 @@ impl Slot {
     /// It came to the step's end.
     pub fn idle(&mut self) {
         if let Some(step) = self.step.take() {
-            self.suspects.mark(self.number, &[0; SLOT]);
-            self.suspects.end(&step);
+            self.quarantine.mark(self.number, &[0; SLOT]);
+            self.quarantine.end(&step);
         }
     }
 }
@@ -294,49 +294,49 @@ mod tests {
 
     /// A process that dies at these steps.
     fn dies_at(store: &Path, steps: &[&str]) {
-        let suspects = Arc::new(Suspects::open(store).unwrap());
+        let quarantine = Arc::new(Quarantine::open(store).unwrap());
         for step in steps {
-            let mut slot = suspects.slot();
+            let mut slot = quarantine.slot();
             slot.working_on(step);
             std::mem::forget(slot);
         }
     }
 
     #[test]
-    fn a_step_that_ends_the_program_alone_again_and_again_is_condemned() {
+    fn a_step_that_ends_the_program_alone_again_and_again_is_quarantined() {
         let folder = tempfile::tempdir().unwrap();
         let store = folder.path().join("site.db");
         dies_at(&store, &["good", "bad"]);
-        for death in 0..CONDEMNED {
-            let suspects = Suspects::open(&store).unwrap();
-            assert_eq!(suspects.deaths("bad"), death);
-            assert!(!suspects.is_condemned("bad"));
-            drop(suspects);
+        for death in 0..DEATHS {
+            let quarantine = Quarantine::open(&store).unwrap();
+            assert_eq!(quarantine.deaths("bad"), death);
+            assert!(!quarantine.is_quarantined("bad"));
+            drop(quarantine);
             // Nothing was lost by looking.
             dies_at(&store, &["bad"]);
         }
-        let suspects = Arc::new(Suspects::open(&store).unwrap());
-        assert!(suspects.is_condemned("bad"));
-        assert_eq!(suspects.deaths("good"), 0);
+        let quarantine = Arc::new(Quarantine::open(&store).unwrap());
+        assert!(quarantine.is_quarantined("bad"));
+        assert_eq!(quarantine.deaths("good"), 0);
     }
 
     #[test]
-    fn a_file_whose_beginning_is_deadly_too_is_condemned_as_a_whole_until_it_is_read() {
+    fn a_file_whose_beginning_is_deadly_too_is_quarantined_as_a_whole_until_it_is_read() {
         let folder = tempfile::tempdir().unwrap();
         let store = folder.path().join("site.db");
-        let deaths = || Suspects::open(&store).unwrap().deaths(&file_step("a@b.mcap"));
+        let deaths = || Quarantine::open(&store).unwrap().deaths(&file_step("a@b.mcap"));
         // What a kill from outside happens to meet blames nobody.
         for place in 0..10 {
             dies_at(&store, &[&format!("a@b.mcap@{place}+0")]);
         }
         assert_eq!(deaths(), 0);
-        for _ in 0..=CONDEMNED {
+        for _ in 0..=DEATHS {
             dies_at(&store, &["a@b.mcap@77+0"]);
         }
-        assert_eq!(deaths(), CONDEMNED);
+        assert_eq!(deaths(), DEATHS);
         dies_at(&store, &[&last_step("a@b.mcap", 77)]);
-        assert_eq!(deaths(), FILE_CONDEMNED);
-        Suspects::open(&store).unwrap().is_read("a@b.mcap");
+        assert_eq!(deaths(), FILE_DEATHS);
+        Quarantine::open(&store).unwrap().is_read("a@b.mcap");
         assert_eq!(deaths(), 0);
     }
 
@@ -346,17 +346,17 @@ mod tests {
         let store = folder.path().join("site.db");
         dies_at(&store, &["step"]);
         dies_at(&store, &["step"]);
-        let suspects = Arc::new(Suspects::open(&store).unwrap());
-        assert_eq!(suspects.deaths("step"), 1);
-        let mut slot = suspects.slot();
+        let quarantine = Arc::new(Quarantine::open(&store).unwrap());
+        assert_eq!(quarantine.deaths("step"), 1);
+        let mut slot = quarantine.slot();
         slot.working_on("step");
         slot.idle();
-        assert_eq!(suspects.deaths("step"), 0);
+        assert_eq!(quarantine.deaths("step"), 0);
         slot.working_on("another");
-        suspects.stand_down();
+        quarantine.stand_down();
         std::mem::forget(slot);
-        let suspects = Suspects::open(&store).unwrap();
-        assert!(suspects.lock().deaths.is_empty(), "{suspects:?}");
+        let quarantine = Quarantine::open(&store).unwrap();
+        assert!(quarantine.lock().deaths.is_empty(), "{quarantine:?}");
     }
 
     #[test]
@@ -364,14 +364,14 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let store = folder.path().join("site.db");
         dies_at(&store, &["suspect"]);
-        let suspects = Arc::new(Suspects::open(&store).unwrap());
-        let mut one = suspects.slot();
+        let quarantine = Arc::new(Quarantine::open(&store).unwrap());
+        let mut one = quarantine.slot();
         one.working_on("good");
-        let mut other = suspects.slot();
+        let mut other = quarantine.slot();
         let waiting = thread::spawn(move || {
             other.working_on("suspect");
-            assert_eq!(other.suspects.lock().busy, 1);
-            let third = Arc::clone(&other.suspects);
+            assert_eq!(other.quarantine.lock().busy, 1);
+            let third = Arc::clone(&other.quarantine);
             let later = thread::spawn(move || third.slot().working_on("third"));
             thread::sleep(Duration::from_millis(20));
             assert!(!later.is_finished());
@@ -390,7 +390,7 @@ mod tests {
         let store = folder.path().join("site.db");
         fs::write(beside(&store, ".suspects"), b"{").unwrap();
         fs::write(beside(&store, ".working"), [0xff; 3000]).unwrap();
-        let suspects = Suspects::open(&store).unwrap();
-        assert_eq!(suspects.deaths("anything"), 0);
+        let quarantine = Quarantine::open(&store).unwrap();
+        assert_eq!(quarantine.deaths("anything"), 0);
     }
 }

@@ -1,10 +1,11 @@
-//! What passes through the daemon's pipeline, in order: everything that changes the store is one of these.
+//! What passes through the driver, in order: everything that changes the store is one of these.
 
 use crate::analysis::signal::record::Event;
 use crate::analysis::track::ordered::Reached;
 use crate::recording::read::Place;
-use crate::recording::read::{SourceError, Summary};
-use crate::site::prepared::Generation;
+use crate::recording::read::recordings::FileResult;
+use crate::site::analyse::Analysed;
+use crate::site::prepared::{Generation, Plans};
 use crate::site::store::{Carry, FileMark};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -47,23 +48,23 @@ impl Drop for Load {
 
 /// One item of work.
 pub enum Job {
-    /// An event of a source, to be analysed by the configuration it was cut with.
+    /// An event of a source, to be analysed by the plans of the configuration it was cut with.
     Event {
         /// The event.
         event: Event,
         /// Where its source then stands.
         place: Place,
-        /// The configuration.
-        generation: Arc<Generation>,
-        /// What it weighs, until it is analysed.
-        load: Load,
+        /// The plans.
+        plans: Arc<Plans>,
+        /// What it weighs, until it is analysed, where that is bounded.
+        load: Option<Load>,
     },
     /// A file was read to its end: every event of it came before.
     File {
         /// What to remember of it; `None` for one that may still grow.
         mark: Option<FileMark>,
         /// What it held, or why it could not be read.
-        result: Result<Summary, SourceError>,
+        result: FileResult,
         /// What its journal leaves for the next part.
         carry: Option<Carry>,
     },
@@ -84,6 +85,14 @@ pub enum Job {
         /// Whether the reader had read everything there was when this was sent: only then is silence a silence.
         is_caught_up: bool,
     },
+}
+
+/// What comes out of the driver.
+pub enum Done {
+    /// What came of an event.
+    Event(Analysed, Place),
+    /// A job that needs no analysis.
+    Job(Job),
 }
 
 #[cfg(test)]

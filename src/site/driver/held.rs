@@ -1,7 +1,6 @@
 //! Queue between the pipeline and the store: events in the order of their own times, files behind their events.
 
-use super::Job;
-use super::core::Done;
+use super::{Done, Job};
 use crate::analysis::signal::record::{RodId, Timestamp};
 use crate::analysis::track::ordered::{Ordered, Reached};
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
@@ -20,6 +19,8 @@ pub struct Held {
     next: u64,
     /// Time up to which each rod has been followed, and since when.
     reached: BTreeMap<RodId, (Option<Timestamp>, Instant)>,
+    /// False if events go as they come.
+    waits: bool,
 }
 
 impl Held {
@@ -31,7 +32,20 @@ impl Held {
             files: VecDeque::new(),
             next: 0,
             reached: BTreeMap::new(),
+            waits: true,
         }
+    }
+
+    /// The same, waiting for no rod.
+    pub fn impatient(self) -> Self {
+        Self { waits: false, ..self }
+    }
+
+    /// All that is still held, in its order: nothing more comes.
+    pub fn rest(&mut self) -> Vec<Done> {
+        let mut going = Vec::new();
+        self.release_all(&mut going);
+        going
     }
 
     /// Takes what came out of the pipeline; what goes now, in its order.
@@ -88,6 +102,9 @@ impl Held {
     }
 
     fn release(&mut self, going: &mut Vec<Done>) {
+        if !self.waits {
+            return self.release_all(going);
+        }
         while let Some(item) = self.events.next_settled() {
             self.gone(item, going);
         }

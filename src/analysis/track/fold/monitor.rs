@@ -48,6 +48,9 @@ pub(crate) fn close(tracker: &mut Tracker, mut period: Period, others: &Others, 
     period
 }
 
+/// Periods in a row above the limit before rods are told to move together.
+const COMMON_PERIODS: usize = 3;
+
 /// Residual of a period, in standard deviations, and evidence over its limit from which on a change may be about to be told.
 const SUSPECT_SD: f64 = 3.0;
 const SUSPECT_EVIDENCE: f64 = 0.05;
@@ -199,9 +202,12 @@ fn look_at_finding(tracker: &mut Tracker, period: &Period, others: &Others, time
             };
             tracker.state.watches.begin(cause);
         }
-        // A rod that was told by itself stays so.
-        watch::Finding::Common if state.drifts() || state.holds(Kind::Common) || others.has_told_common() => {
-        }
+        // A rod that was told by itself stays so; one that moves alone is confirmed before others seem to move with it.
+        watch::Finding::Common
+            if state.drifts()
+                || state.holds(Kind::Common)
+                || others.has_told_common()
+                || !has_lasted(state) => {}
         watch::Finding::Common => {
             let message = common_message(&change, others);
             let known = Known {
@@ -212,6 +218,16 @@ fn look_at_finding(tracker: &mut Tracker, period: &Period, others: &Others, time
             tracker.state.watches.begin(Cause::Change);
         }
     }
+}
+
+/// True if the periods before the present one were above the limit, too.
+fn has_lasted(state: &State) -> bool {
+    let before = state.periods.iter().rev().take(COMMON_PERIODS - 1);
+    let is_above = |period: &&Period| {
+        let evidence = period.charted.map(|charted| charted.evidence);
+        evidence.is_some_and(|evidence| evidence.best_informed() > 1.0)
+    };
+    before.filter(is_above).count() == COMMON_PERIODS - 1
 }
 
 /// The other rods confirm a change that was told before they did: it is told again.

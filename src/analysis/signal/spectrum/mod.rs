@@ -23,7 +23,7 @@ pub enum Window {
     Rectangular,
 }
 
-/// How a spectrum is estimated (Welch 1967).
+/// Settings of the spectral estimate (Welch 1967).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct WelchSettings {
     /// The taper.
@@ -67,12 +67,12 @@ impl WelchSettings {
     }
 }
 
-/// Which maxima of a spectrum count as peaks.
+/// Criteria for a maximum of a spectrum to be a peak.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct PeakSettings {
     /// Least height above the local noise floor \[dB\]; the maximum's prominence must reach half of it.
     pub prominence_db: f64,
-    /// The most peaks kept, the most prominent first.
+    /// Most peaks kept: the highest above the local noise floor.
     pub max_peaks: usize,
 }
 

@@ -2,14 +2,15 @@
 
 use super::{PeakSettings, Spectrum};
 
-/// Half width of the stretch that the local noise floor is taken from, as a share of the frequency, and at least \[Hz\].
+/// Half width of the stretch that gives the local noise floor, as a share of the frequency, and its least
+/// \[Hz\].
 const REACH: f64 = 0.2;
 const LEAST_REACH_HZ: f64 = 2.0;
 
 /// A local maximum of a spectrum.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Peak {
-    /// The line it stands at.
+    /// Index of the line of the maximum.
     pub line: usize,
     /// Frequency of the parabola through the maximum and its neighbours, in decibels \[Hz\].
     pub frequency_hz: f64,

@@ -11,14 +11,15 @@
 
 use super::super::Resonance;
 
-/// Usual damping ratio \[-\], and how far resonances of any kind scatter about it (standard deviation of ln zeta).
+/// Usual damping ratio \[-\], and the scatter of resonances of any kind about it (standard deviation of ln
+/// zeta).
 const USUAL: f64 = 0.005;
 const SPREAD: f64 = 1.0;
 /// Scatter of ln zeta among the modes of one rod.
 const WITHIN: f64 = 0.35;
 /// Share of rods whose modes are no more alike than foreign peaks.
 const UNLIKE: f64 = 0.1;
-/// The same of whatever rings where there is no rod: often it is one other structure, whose modes are alike, too.
+/// The same where there is no rod: often it is one other structure, whose modes are alike, too.
 const UNLIKE_ELSEWHERE: f64 = 0.5;
 
 /// Sums over peaks taken for modes.
@@ -33,7 +34,7 @@ pub(super) struct Likeness {
 }
 
 impl Likeness {
-    /// Damping of one peak; a tone has none.
+    /// Likeness of one peak by its damping; zero for a tone.
     pub(super) fn of(resonance: &Resonance) -> Self {
         let off = libm::log(resonance.damping / USUAL);
         let variance = resonance.damping_log_sd * resonance.damping_log_sd;
@@ -49,7 +50,7 @@ impl Likeness {
         }
     }
 
-    /// Both together.
+    /// Sum of both.
     pub(super) fn with(self, other: Self) -> Self {
         Self {
             weight: self.weight + other.weight,
@@ -58,12 +59,12 @@ impl Likeness {
         }
     }
 
-    /// Log density as modes of the rod, less that as peaks that have nothing in common.
+    /// Log density as modes of the rod, less that as unrelated peaks.
     pub(super) fn of_rod(self) -> f64 {
         self.log_gain(UNLIKE)
     }
 
-    /// The same as peaks of anything else.
+    /// The same for the peaks of a record without the rod.
     pub(super) fn of_no_rod(self) -> f64 {
         self.log_gain(UNLIKE_ELSEWHERE)
     }

@@ -1,4 +1,4 @@
-//! Which resonance is which mode: inference over assignments of peaks to orders.
+//! Mode orders of resonances, by inference over assignments of peaks to orders.
 //!
 //! An assignment says which orders are seen, as which peaks; all other peaks are foreign. Its probability
 //! follows from the frequencies (a tensioned beam on springs with the rod's prior, the force's prior

@@ -37,15 +37,15 @@ pub use crate::analysis::signal::record::Event;
 use std::io;
 use thiserror::Error;
 
-/// Why a recording cannot be opened.
+/// Reason why a recording cannot be opened.
 #[derive(Debug, Error)]
 pub enum SourceError {
-    /// The file system said no.
+    /// The file system returned an error.
     #[error("{path}: cannot be read: {source}")]
     Io {
         /// The file.
         path: String,
-        /// What it said.
+        /// Error of the file system.
         source: io::Error,
     },
     /// A pipe, a device, a folder where a file is needed.
@@ -59,7 +59,7 @@ pub enum SourceError {
     Foreign {
         /// The file.
         path: String,
-        /// What is missing or wrong.
+        /// Description of the fault.
         what: String,
     },
     /// A folder without recordings.
@@ -68,12 +68,12 @@ pub enum SourceError {
         /// The folder.
         path: String,
     },
-    /// A field path that is none.
+    /// The path of a field is malformed.
     #[error("rod {rod}: {source}")]
     Field {
         /// The rod.
         rod: String,
-        /// What is wrong with it.
+        /// Fault of the path.
         source: path::PathError,
     },
 }

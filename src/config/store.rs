@@ -1,4 +1,4 @@
-//! `[store]`: where results are kept.
+//! `[store]`: path and retention of results.
 
 use super::range::{Range, toml_string};
 use super::reader::{Absent, Table, key};
@@ -7,7 +7,7 @@ use std::path::PathBuf;
 
 const DAY_S: f64 = 86_400.0;
 
-/// The section.
+/// Reads the section.
 pub(super) fn read(table: &mut Table<'_>) -> StoreSettings {
     let path = table
         .take(

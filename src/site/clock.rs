@@ -1,9 +1,9 @@
-//! What the clock says: the time people's requests carry, never a result.
+//! The wall clock: the time of people's requests, never part of a result.
 
 use crate::analysis::signal::record::Timestamp;
 use std::time::SystemTime;
 
-/// Now; 1970 for a clock that stands before it.
+/// The present time; 1970 for a clock set before it.
 pub fn now() -> Timestamp {
     let nanos = SystemTime::now()
         .duration_since(SystemTime::UNIX_EPOCH)

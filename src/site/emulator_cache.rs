@@ -23,10 +23,10 @@ use std::sync::Arc;
 
 /// First line of every file.
 const FORMAT: &str = "tirante-emulator 1";
-/// The longest file that is read \[bytes\].
+/// Longest file that is read \[bytes\].
 const LONGEST: u64 = 64 << 20;
 
-/// The forward model that `settings` name, for rods with this prior.
+/// Forward model by `settings`, for rods with this prior.
 ///
 /// A Hermite chaos comes from the user's cache directory, or is fitted and kept there; outside its trained
 /// range the exact model answers ([`OrExact`]).
@@ -50,10 +50,10 @@ pub fn model(
     })
 }
 
-/// Where a fitted emulator came from.
+/// Origin of a fitted emulator.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Origin {
-    /// From this file.
+    /// Read from this file.
     Read(PathBuf),
     /// Fitted, and kept in this file.
     Kept(PathBuf),
@@ -82,7 +82,7 @@ impl Cache {
         Self { directory }
     }
 
-    /// This directory.
+    /// Cache in this directory.
     pub fn at(directory: impl Into<PathBuf>) -> Self {
         Self {
             directory: Some(directory.into()),
@@ -129,7 +129,7 @@ impl Cache {
     }
 }
 
-/// The hash of everything a fitted chaos depends on.
+/// Hash of everything that a fitted chaos depends on.
 fn key(prior: &RodPrior, order: usize, elements: usize) -> String {
     let mut hash = Sha256::new();
     let mut part = |bytes: &[u8]| {
@@ -157,7 +157,7 @@ fn hex(bytes: &[u8]) -> String {
     })
 }
 
-/// Reads a file; `None` if there is none, and in words what is wrong with one that is not to be trusted.
+/// Reads a file; `None` if there is none, and the fault in words of one that cannot be trusted.
 fn read(path: &Path, key: &str) -> Result<Option<Fitted>, String> {
     let mut bytes = Vec::new();
     match File::open(path) {

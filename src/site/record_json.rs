@@ -1,4 +1,4 @@
-//! A record as one JSON line: what programs read and the store keeps.
+//! A record as one JSON line, as programs read it and the store keeps it.
 
 use crate::analysis::findings::{self, CERTAIN, Candidate, Peak};
 use crate::analysis::identify::{Identification, VERSION};
@@ -16,7 +16,7 @@ use std::collections::BTreeMap;
 /// The state of a rod whose force is not tracked.
 const NOT_MONITORING: &str = "not-monitoring";
 
-/// The fields other programs rely on; all are always present.
+/// Fields that other programs rely on; all are always present.
 #[derive(Serialize)]
 struct Line<'a> {
     rod: &'a RodId,
@@ -27,7 +27,7 @@ struct Line<'a> {
     modes: Vec<LineMode>,
     label_probability: Option<f64>,
     candidates: Vec<Candidate>,
-    /// Of a refused record, the peaks it has; of others they are in the picture.
+    /// Peaks of a refused record; those of others are in the snapshot.
     peaks: Option<Vec<Peak>>,
     axial_force_n: Option<Marginal>,
     parameters: BTreeMap<&'static str, Parameter>,
@@ -59,7 +59,7 @@ struct Line<'a> {
     analysis_version: u32,
 }
 
-/// A mode, and how well its peak is one.
+/// A mode with the goodness of fit of its peak.
 #[derive(Serialize)]
 struct LineMode {
     #[serde(flatten)]
@@ -74,7 +74,7 @@ struct Parameter {
     cv: f64,
 }
 
-/// What was done to the accepted draws: `linear`, `none`, or `withheld` with the reason.
+/// Adjustment of the accepted draws: `linear`, `none`, or `withheld` with the reason.
 fn adjustment(posterior: &Posterior) -> String {
     match (posterior.adjustment, posterior.withheld) {
         (Adjustment::Linear, _) => "linear".to_owned(),
@@ -91,7 +91,7 @@ struct Reason<'a> {
     detail: &'a Rejection,
 }
 
-/// An alarm that stands.
+/// An active alarm.
 #[derive(Serialize)]
 struct Standing<'a> {
     id: &'a str,
@@ -105,7 +105,7 @@ struct Standing<'a> {
     alternatives: Option<&'a Explained>,
 }
 
-/// What happened to an alarm with this record.
+/// Change of an alarm by this record.
 #[derive(Serialize)]
 struct Told<'a> {
     what: What,
@@ -114,7 +114,7 @@ struct Told<'a> {
     kind: Kind,
 }
 
-/// The modes, each with the misfit of its peak.
+/// Modes, each with the misfit of its peak.
 fn modes(identification: &Identification) -> Vec<LineMode> {
     let resonances = identification
         .measurement
@@ -130,7 +130,7 @@ fn modes(identification: &Identification) -> Vec<LineMode> {
         .collect()
 }
 
-/// The uncertain quantities besides the axial force.
+/// Uncertain quantities besides the axial force.
 fn parameters(posterior: &Posterior) -> BTreeMap<&'static str, Parameter> {
     let quantities = posterior.parameterisation.quantities().iter();
     quantities
@@ -168,7 +168,7 @@ pub fn json(outcome: &Outcome, verdict: Option<&Verdict>, config_hash: &str) -> 
 }
 
 impl<'a> Line<'a> {
-    /// A line about which nothing is known.
+    /// A line without any results.
     fn new(rod: &'a RodId, config: &'a str) -> Self {
         Self {
             rod,

@@ -1,9 +1,9 @@
-//! The columns of a record that repeat what its JSON line says, so that SQL and spreadsheets can ask for them.
+//! Columns that repeat fields of a record's JSON line, for SQL and spreadsheets.
 
 use rusqlite::types::Value;
 use serde_json::Value as Json;
 
-/// One column: its name, its SQL type, and where the JSON line has it.
+/// One column: its name, its SQL type, and its path in the JSON line.
 pub(super) struct Column {
     pub(super) name: &'static str,
     kind: Kind,
@@ -16,7 +16,7 @@ enum Kind {
     Required,
     Integer,
     Real,
-    /// A number of 64 bits without sign, as decimal text: SQLite's integers have a sign.
+    /// An unsigned 64-bit number, as decimal text: SQLite's integers are signed.
     Seed,
     /// A JSON object or list.
     Json,
@@ -101,7 +101,7 @@ pub(super) const COLUMNS: [Column; 47] = [
     column("events", Kind::Json, "/events"),
 ];
 
-/// The columns as a table's definition lists them.
+/// Column definitions of the table.
 pub(super) fn definitions() -> String {
     let columns: Vec<String> = COLUMNS
         .iter()
@@ -119,7 +119,7 @@ pub(super) fn definitions() -> String {
 }
 
 impl Column {
-    /// The column's value in a line; NULL for what is absent or of another type.
+    /// Value of the column in a line; NULL if absent or of another type.
     pub(super) fn of(&self, line: &Json) -> Value {
         let Some(value) = line.pointer(self.pointer).filter(|value| !value.is_null()) else {
             return Value::Null;
@@ -135,7 +135,7 @@ impl Column {
     }
 }
 
-/// Where the columns look in a line.
+/// Paths of the columns in a line.
 #[cfg(test)]
 pub(crate) fn pointers() -> impl Iterator<Item = &'static str> {
     COLUMNS.iter().map(|column| column.pointer)

@@ -1,4 +1,4 @@
-//! Questions to a store, answered beside a writer.
+//! Queries of a store, possible while another process writes it.
 
 use super::request::{self, Request};
 use super::state::{self, Trouble};
@@ -10,17 +10,17 @@ use rusqlite::{Connection, OptionalExtension};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// A store that is read.
+/// A store open for reading.
 pub struct Reader {
     pub(super) connection: Connection,
     pub(super) path: PathBuf,
     file: FileId,
 }
 
-/// Which rows are wanted.
+/// Selection of rows.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Filter {
-    /// Of this rod only.
+    /// Only this rod; `None`: all.
     pub rod: Option<RodId>,
     /// From this time on.
     pub from: Option<Timestamp>,
@@ -28,43 +28,43 @@ pub struct Filter {
     pub to: Option<Timestamp>,
 }
 
-/// What can be listed.
+/// Tables that can be listed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Listing {
     /// Every record, rejected ones too.
     Records,
-    /// Records that were rejected.
+    /// Rejected records.
     Rejections,
-    /// Periods that closed.
+    /// Closed periods.
     Periods,
-    /// Alarms, over or not.
+    /// Alarms, active or over.
     Alarms,
 }
 
-/// How one rod stands.
+/// Status of one rod.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Standing {
     /// The rod.
     pub rod: RodId,
-    /// How it stands.
+    /// State of the rod.
     pub state: RodState,
-    /// Since when, in event time.
+    /// Time of the last change of state, in event time.
     pub since: Option<Timestamp>,
-    /// The present segment.
+    /// Number of the current segment.
     pub segment: u32,
     /// The JSON line of the rod's latest record that was not rejected.
     pub latest: Option<String>,
     /// The start of the rod's latest record, rejected or not.
     pub latest_start: Option<Timestamp>,
-    /// Alarms that stand, in the order they were raised.
+    /// Active alarms, in the order they were raised.
     pub alarms: Vec<Alarm>,
     /// Requests that wait for the rod's next record.
     pub waiting: Vec<Request>,
 }
 
 impl Reader {
-    /// Opens a store for reading. What rods, periods and alarms say is compared with its checksums now, records when
-    /// they are asked for.
+    /// Opens a store for reading. Rods, periods and alarms are compared with their checksums now, records
+    /// when queried.
     ///
     /// # Errors
     /// There is none, it is another program's, a newer format, or damaged.
@@ -99,12 +99,12 @@ impl Reader {
         }
     }
 
-    /// The file that was opened; another one may have its name by now.
+    /// Identity of the file opened; another one may have its name by now.
     pub fn file(&self) -> FileId {
         self.file
     }
 
-    /// Where it is, links followed.
+    /// Path of the store, links followed.
     pub fn path(&self) -> &Path {
         &self.path
     }
@@ -116,7 +116,7 @@ impl Reader {
         }
     }
 
-    /// What every rod's fold remembers.
+    /// State of every rod's fold.
     ///
     /// # Errors
     /// It cannot be read, or not be understood.
@@ -124,7 +124,7 @@ impl Reader {
         state::load(&self.connection).map_err(|trouble| self.fault(trouble))
     }
 
-    /// The segments of a rod, ascending.
+    /// Segments of a rod, ascending.
     ///
     /// # Errors
     /// They cannot be read.
@@ -140,7 +140,7 @@ impl Reader {
         state::periods(&self.connection, rod, segment).map_err(|trouble| self.fault(trouble))
     }
 
-    /// The identity of the record of a rod that was committed last.
+    /// Identity of a rod's record committed last.
     ///
     /// # Errors
     /// It cannot be read.
@@ -154,7 +154,7 @@ impl Reader {
         ask().map_err(|error| self.fault(Trouble::Sql(error)))
     }
 
-    /// The requests about a rod that wait, in the order they were made.
+    /// Waiting requests about a rod, in the order they were made.
     ///
     /// # Errors
     /// They cannot be read.
@@ -162,7 +162,7 @@ impl Reader {
         request::waiting(&self.connection, rod).map_err(|trouble| self.fault(trouble))
     }
 
-    /// The rods requests wait for.
+    /// Rods with waiting requests.
     ///
     /// # Errors
     /// They cannot be read.
@@ -177,7 +177,7 @@ impl Reader {
         rods().map_err(|error| self.fault(Trouble::Sql(error)))
     }
 
-    /// The alarm with this id, as it stands now.
+    /// The alarm with this id, in its present state.
     ///
     /// # Errors
     /// It cannot be read.
@@ -187,7 +187,7 @@ impl Reader {
         Ok(found.pop())
     }
 
-    /// Alarms, as they stand now, in the order they were raised.
+    /// Alarms in their present state, in the order they were raised.
     ///
     /// # Errors
     /// They cannot be read.
@@ -197,7 +197,7 @@ impl Reader {
         self.parsed(&sql, values)
     }
 
-    /// What happened to alarms, in order.
+    /// Events of a rod's alarms, in order.
     ///
     /// # Errors
     /// It cannot be read.
@@ -222,8 +222,8 @@ impl Reader {
         rows.iter().map(|(rod, json)| state::read(rod, json)).collect()
     }
 
-    /// Hands the JSON line of every record that is wanted to `on_line`, in the order of time, as `replay --json` printed
-    /// it.
+    /// Calls `on_line` with the JSON line of every record selected, in the order of time, as `replay --json`
+    /// printed it.
     ///
     /// # Errors
     /// The store cannot be read, or `on_line` failed.
@@ -255,7 +255,7 @@ impl Reader {
         Ok(())
     }
 
-    /// The names of a listing's columns.
+    /// Names of a listing's columns.
     ///
     /// # Errors
     /// The store cannot be read.
@@ -268,7 +268,7 @@ impl Reader {
         names().map_err(|error| self.fault(Trouble::Sql(error)))
     }
 
-    /// Hands every row of a listing to `on_row` with the names of its columns, in the order of time.
+    /// Calls `on_row` with every row of a listing and the names of its columns, in the order of time.
     ///
     /// # Errors
     /// The store cannot be read, or `on_row` failed.
@@ -298,7 +298,7 @@ impl Reader {
         Ok(())
     }
 
-    /// The highest mode order of any record.
+    /// Highest mode order of any record.
     fn orders(&self) -> rusqlite::Result<i64> {
         self.connection
             .query_row("SELECT coalesce(max(mode_order), 0) FROM mode", (), |row| {
@@ -306,7 +306,7 @@ impl Reader {
             })
     }
 
-    /// The rods the store knows, in alphabetical order.
+    /// Rods in the store, in alphabetical order.
     ///
     /// # Errors
     /// The store cannot be read.
@@ -319,7 +319,7 @@ impl Reader {
         rods().map_err(|error| self.fault(Trouble::Sql(error)))
     }
 
-    /// How every rod stands.
+    /// Status of every rod.
     ///
     /// # Errors
     /// The store cannot be read.
@@ -327,7 +327,7 @@ impl Reader {
         self.standings_of(None)
     }
 
-    /// How one rod stands; `None` if the store does not know it.
+    /// Status of one rod; `None` if it is not in the store.
     ///
     /// # Errors
     /// The store cannot be read.
@@ -372,7 +372,7 @@ impl Reader {
         Ok(standings)
     }
 
-    /// A rod's records in the store, and how many of them were rejected. Looks at every one of them.
+    /// Number of a rod's records in the store, and of those rejected. Reads every one of them.
     ///
     /// # Errors
     /// The store cannot be read.
@@ -400,7 +400,7 @@ impl Reader {
 }
 
 impl Filter {
-    /// As a condition, and the values in it; `time` is the column of the times in nanoseconds.
+    /// The selection as an SQL condition with its values; `time` is the column of times in nanoseconds.
     fn sql(&self, time: &str) -> (String, Vec<Value>) {
         let mut wanted = vec!["1".to_owned()];
         let mut values = Vec::new();

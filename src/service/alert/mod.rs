@@ -27,7 +27,7 @@ use crate::config::settings::alert::{SinkKind, SinkSettings};
 use crate::config::settings::credential::CredentialError;
 use std::time::Duration;
 
-/// Somewhere alarms go.
+/// A destination of alarms.
 pub trait Sink: Send {
     /// Sends a message; returns when the other side has it.
     ///
@@ -35,12 +35,12 @@ pub trait Sink: Send {
     /// It is not known to have it.
     fn deliver(&mut self, message: &Message) -> Result<(), Failure>;
 
-    /// After which time it wants to hear again of everything that stands; `None` for one that remembers.
+    /// Interval at which it needs all active alarms again; `None` for one that remembers.
     fn refresh_every(&self) -> Option<Duration> {
         None
     }
 
-    /// Sends again what stands.
+    /// Sends the active alarms again.
     ///
     /// # Errors
     /// It is not known to have it.
@@ -49,18 +49,18 @@ pub trait Sink: Send {
     }
 }
 
-/// Why a message was not delivered.
+/// Reason why a message was not delivered.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{reason}")]
 pub struct Failure {
-    /// One sentence.
+    /// Reason in one sentence.
     pub reason: String,
-    /// The time before which the other side does not want to be asked again.
+    /// Least wait that the other side asks for.
     pub retry_after: Option<Duration>,
 }
 
 impl Failure {
-    /// A failure the other side says nothing more about.
+    /// A failure without a requested wait.
     pub fn new(reason: impl Into<String>) -> Self {
         Self {
             reason: reason.into(),
@@ -89,7 +89,7 @@ pub fn open(settings: &SinkSettings, site: &str, deadline: Duration) -> Box<dyn 
     }
 }
 
-/// What time it is.
+/// The present time.
 fn now() -> Timestamp {
     Timestamp::from_nanos(i64::try_from(jiff::Timestamp::now().as_nanosecond()).unwrap_or(i64::MAX))
 }

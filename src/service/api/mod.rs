@@ -1,4 +1,5 @@
-//! What a store says to the page and to other programs, as JSON: one struct per answer, docs/openapi.json describes them.
+//! Answers of a store to the page and to other programs, as JSON: one struct per answer, described by
+//! docs/openapi.json.
 //!
 //! * [`standing`] how one rod stands
 //! * [`site`](mod@site)     all rods at a glance

@@ -44,21 +44,21 @@ use std::time::Duration;
 use tokio::runtime::Runtime;
 use tokio::sync::watch;
 
-/// How often the threads are looked after.
+/// Interval between checks of the threads.
 const LOOK: Duration = Duration::from_secs(1);
 
-/// What a daemon is started with.
+/// Start options of a daemon.
 #[derive(Debug, Clone)]
 pub struct Options {
-    /// The configuration; it is read again on SIGHUP.
+    /// Path of the configuration; it is read again on SIGHUP.
     pub config: PathBuf,
-    /// What is put over it.
+    /// Settings that override it.
     pub settings: Vec<Setting>,
-    /// Threads that analyse; by default one per core.
+    /// Number of threads that analyse; by default one per core.
     pub threads: Option<usize>,
 }
 
-/// What happens to a daemon.
+/// Lifecycle event of a daemon.
 enum Happening {
     /// SIGTERM or SIGINT.
     Stop,
@@ -68,13 +68,13 @@ enum Happening {
     Opened(anyhow::Result<(Arc<Generation>, Box<Site>)>),
     /// Another configuration is prepared, or cannot be.
     Prepared(anyhow::Result<Arc<Generation>>),
-    /// Something without which the daemon cannot go on.
+    /// A failure without which the daemon cannot go on.
     Failed(anyhow::Error),
-    /// The work loop came to its end.
+    /// The work loop ended.
     Ended(Result<(), core::Broken>),
 }
 
-/// Runs until it is told to stop (exit code 0), or cannot go on.
+/// Runs until stopped (exit code 0), or until it cannot go on.
 ///
 /// # Errors
 /// The configuration is bad, the store is another process's or cannot be opened, or something that must be durable
@@ -117,7 +117,7 @@ pub fn run(options: &Options) -> anyhow::Result<ExitCode> {
     result
 }
 
-/// The HTTP server, from the first moment: it tells that the daemon is not ready yet, and why.
+/// Starts the HTTP server from the first moment: it reports that the daemon is not ready yet, and why.
 fn show(
     config: &Config,
     runtime: &Runtime,
@@ -154,7 +154,7 @@ fn show(
     Ok(())
 }
 
-/// What the daemon's life goes on in.
+/// State of a daemon's life.
 struct Daemon<'a> {
     options: &'a Options,
     runtime: &'a Runtime,
@@ -163,7 +163,7 @@ struct Daemon<'a> {
 }
 
 impl Daemon<'_> {
-    /// From one happening to the next, to the end.
+    /// Handles lifecycle events to the end.
     fn live(&self, happenings: &Receiver<Happening>, bound: &mut Option<Bound>) -> anyhow::Result<ExitCode> {
         let Self {
             options,
@@ -233,7 +233,7 @@ impl Daemon<'_> {
     }
 }
 
-/// The configuration of a daemon: one that names a store.
+/// Loads the configuration of a daemon, which must name a store.
 fn load(options: &Options) -> Result<Config, ConfigError> {
     let config = Config::resolve(Some(&options.config), &options.settings)?;
     if config.store.path.is_none() {
@@ -262,7 +262,7 @@ fn prepare(config: Config, tell: Sender<Happening>) -> io::Result<()> {
     beside("prepare", tell, || prepared(config), Happening::Prepared)
 }
 
-/// Does some work on a thread called `name` and tells what came of it, whatever that is.
+/// Runs work on a thread called `name` and sends its result, even a panic.
 fn beside<T: 'static>(
     name: &str,
     tell: Sender<Happening>,
@@ -289,7 +289,7 @@ fn prepared(config: Config) -> anyhow::Result<Arc<Generation>> {
     .map(Arc::new)
 }
 
-/// Begins a reload; whether one is under way.
+/// Begins a reload; returns true if one is under way.
 fn begin_reload(options: &Options, health: &Health, tell: &Sender<Happening>) -> bool {
     notify::reloading();
     let begun = load(options)
@@ -304,7 +304,7 @@ fn begin_reload(options: &Options, health: &Health, tell: &Sender<Happening>) ->
     }
 }
 
-/// The reload is over. All faults go to the log, one fault to health.
+/// Ends a failed reload. All faults go to the log, one fault to health.
 fn keep_old(health: &Health, error: &anyhow::Error) {
     for line in error.to_string().lines() {
         tracing::error!("{line}");

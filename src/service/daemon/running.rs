@@ -1,4 +1,4 @@
-//! A daemon at work: its threads, and how they are begun, given another configuration, and ended.
+//! A running daemon: starts, reloads and ends its threads.
 
 use super::core::{Broken, Core, Word};
 use super::live::{Bound, Live};
@@ -24,12 +24,12 @@ use std::thread;
 use std::time::{Duration, Instant};
 use tokio::runtime::Runtime;
 
-/// How long what is in the pipeline may take to come to its end.
+/// Longest time for the pipeline to finish its content.
 const DRAIN: Duration = Duration::from_secs(4);
-/// How often the pipeline is ticked.
+/// Interval of ticks through the pipeline.
 const TICK: Duration = Duration::from_secs(1);
 
-/// A daemon at work.
+/// A running daemon.
 pub struct Running {
     generation: Arc<Generation>,
     reader: Reader,
@@ -40,7 +40,7 @@ pub struct Running {
 }
 
 impl Running {
-    /// Begins everything.
+    /// Starts all threads.
     ///
     /// # Errors
     /// What stands beside the store or the journal cannot be read or written, or the system gives no thread.
@@ -122,7 +122,7 @@ impl Running {
         })
     }
 
-    /// Goes on with another configuration.
+    /// Changes to another configuration.
     pub fn reload(&mut self, generation: Arc<Generation>) {
         for key in restart::needed_for(&self.generation.config, &generation.config) {
             tracing::warn!("{key} changed: it holds after a restart, the old one until then");
@@ -136,7 +136,7 @@ impl Running {
         self.generation = generation;
     }
 
-    /// Whether everything that is to run does.
+    /// Checks that all threads run.
     ///
     /// # Errors
     /// The reader ended by itself: nothing would be read any more.
@@ -147,8 +147,8 @@ impl Running {
         Ok(())
     }
 
-    /// Stops listening and reading, lets what was read come to its end, and closes the store; what takes too long is read
-    /// again at the next start.
+    /// Stops listening and reading, finishes the data already read, and closes the store; data that takes too
+    /// long is read again at the next start.
     ///
     /// # Errors
     /// The core could not go on.
@@ -175,7 +175,7 @@ impl Running {
         result
     }
 
-    /// The work loop came to its end by itself, or something else that is needed did.
+    /// Ends the rest after the work loop, or another necessary thread, ended by itself.
     pub fn abandon(self, runtime: &Runtime) {
         self.live.hang_up();
         self.ending.drain.store(true, Ordering::Relaxed);
@@ -186,7 +186,7 @@ impl Running {
     }
 }
 
-/// The pipeline and the core, on a thread of their own.
+/// Runs the pipeline and the core on a thread of their own.
 fn work(
     mut core: Core,
     jobs: Receiver<Job>,
@@ -209,7 +209,7 @@ fn work(
     Ok(())
 }
 
-/// Sends a tick through the whole pipeline every second; a full channel makes it late, which is what it is to show.
+/// Sends a tick through the whole pipeline every second; a full channel delays it, as it should.
 fn tick(jobs: SyncSender<Job>, caught_up: Arc<AtomicBool>) -> std::io::Result<()> {
     let work = move || {
         loop {
@@ -224,8 +224,8 @@ fn tick(jobs: SyncSender<Job>, caught_up: Arc<AtomicBool>) -> std::io::Result<()
     Ok(())
 }
 
-/// Draws the tables of all rods, on a thread beside those that analyse: a site of many rods is ready before, and a record that
-/// comes meanwhile draws its rod's itself.
+/// Draws the tables of all rods on a separate thread: a site of many rods is ready before, and a record that
+/// comes meanwhile draws its rod's table itself.
 fn draw_tables(generation: &Arc<Generation>, ending: &Ending) -> std::io::Result<()> {
     let (generation, drain) = (Arc::clone(generation), Arc::clone(&ending.drain));
     let work = move || {
@@ -245,7 +245,7 @@ fn draw_tables(generation: &Arc<Generation>, ending: &Ending) -> std::io::Result
     Ok(())
 }
 
-/// Marks what the reader is at among the suspects.
+/// Marks the reader's present step in the quarantine file.
 fn watch(suspects: &Arc<Suspects>) -> Watch {
     let mut slot = suspects.slot();
     let (suspects, reads) = (Arc::clone(suspects), Arc::clone(suspects));
@@ -259,7 +259,7 @@ fn watch(suspects: &Arc<Suspects>) -> Watch {
     }
 }
 
-/// What is done with what the core says.
+/// Handles notifications of the core.
 fn hear(
     telemetry: Telemetry,
     live: &Live,

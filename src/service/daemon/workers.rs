@@ -1,4 +1,4 @@
-//! What the pipeline's threads do with a job: analyse events, with a mark of what they are at.
+//! Work of the pipeline's threads on a job: analyse events, with a mark of the present step.
 
 use super::Job;
 use super::core::Done;
@@ -13,7 +13,7 @@ use std::time::Instant;
 
 /// The pipeline's threads.
 pub struct Workers {
-    /// Records that were in the store when the daemon started; those that came since are found by the core.
+    /// Records in the store when the daemon started; later ones are found by the core.
     known: Known,
     suspects: Arc<Suspects>,
     metrics: Arc<Metrics>,
@@ -21,7 +21,7 @@ pub struct Workers {
 }
 
 impl Workers {
-    /// Threads that leave out `known` and mark what they are at with `suspects`.
+    /// Workers that skip `known` records and mark their steps in `suspects`.
     pub fn new(known: Known, suspects: Arc<Suspects>, metrics: Arc<Metrics>) -> Self {
         Self {
             known,
@@ -31,7 +31,7 @@ impl Workers {
         }
     }
 
-    /// Does what can be done of a job before it is its turn.
+    /// Does the part of a job that can be done before its turn.
     pub fn work(&self, job: Job) -> Done {
         match job {
             Job::Event {
@@ -85,7 +85,7 @@ impl Workers {
     }
 }
 
-/// The name of a record's analysis among the [`Suspects`].
+/// Name of a record's analysis among the [`Suspects`].
 fn step_of(record: &Record, identity: &[u8; 32]) -> String {
     let digits: String = identity.iter().map(|byte| format!("{byte:02x}")).collect();
     format!("record {digits} of rod {}", record.rod)

@@ -7,7 +7,7 @@ use serde_json::Value;
 /// A line.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Line {
-    /// The client has a name and wants to resume.
+    /// Hello: the client gives its name and wants to resume.
     Hello(String),
     /// The stream ends.
     End,
@@ -15,7 +15,7 @@ pub enum Line {
     Data {
         /// The topic.
         topic: String,
-        /// When it was measured \[ns since 1970\]; `None` for now.
+        /// Time of measurement \[ns since 1970\]; `None` for now.
         time: Option<u64>,
     },
 }
@@ -28,7 +28,7 @@ struct Keys {
     end: Option<Value>,
 }
 
-/// Reads a line.
+/// Parses a line.
 ///
 /// # Errors
 /// What is wrong with it, to stand behind "line N".

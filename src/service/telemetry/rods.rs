@@ -1,4 +1,4 @@
-//! Gauges of the rods: how each stands after its latest record.
+//! Gauges of the rods: the status of each after its latest record.
 
 use super::metrics::{Quantity, Register, count};
 use crate::analysis::identify::Identification;
@@ -13,7 +13,7 @@ use prometheus_client::metrics::gauge::Gauge;
 use prometheus_client::registry::Unit;
 use serde::Deserialize;
 
-/// The states of [`RodState`].
+/// States of [`RodState`].
 const STATES: [&str; 4] = ["learning", "monitoring", "alarm", "not-monitoring"];
 
 #[derive(Debug, Clone, PartialEq, Eq, Hash, EncodeLabelSet)]
@@ -42,7 +42,7 @@ pub(super) struct Rods {
     last_record_s: Family<OfRod, Quantity>,
 }
 
-/// What the store's line of a record says of its force.
+/// Force fields of a record's line in the store.
 #[derive(Default, Deserialize)]
 struct Line {
     segment: Option<u32>,
@@ -83,7 +83,7 @@ impl Rods {
         }
     }
 
-    /// A record was taken.
+    /// Updates the gauges after a record.
     pub(super) fn taken(&self, outcome: &Outcome, verdict: &Verdict) {
         let rod = outcome.rod();
         self.stands(rod, &verdict.state, &verdict.alarms);
@@ -99,7 +99,7 @@ impl Rods {
         }
     }
 
-    /// How all rods stand, and no other.
+    /// Sets the status of all rods, and removes any other.
     pub(super) fn all(&self, standings: &[Standing]) {
         self.alarms.clear();
         self.state.clear();
@@ -146,7 +146,7 @@ impl Rods {
     }
 }
 
-/// Shows a value, or that there is none.
+/// Sets a value, or removes it if there is none.
 fn put(gauges: &Family<OfRod, Quantity>, rod: &RodId, value: Option<f64>) {
     let of = OfRod { rod: rod.0.clone() };
     match value {
@@ -159,7 +159,7 @@ fn put(gauges: &Family<OfRod, Quantity>, rod: &RodId, value: Option<f64>) {
     }
 }
 
-/// The time of a record's first sample, if known.
+/// Time of a record's first sample, if known.
 fn start(outcome: &Outcome) -> Option<Timestamp> {
     match outcome {
         Outcome::Identified(identification) => measured(identification).map(|(start, _)| start),
@@ -168,7 +168,7 @@ fn start(outcome: &Outcome) -> Option<Timestamp> {
     }
 }
 
-/// The end of a record that gave a force \[s since 1970\].
+/// End of a record that gave a force \[s since 1970\].
 pub(super) fn end_s(outcome: &Outcome) -> Option<f64> {
     match outcome {
         Outcome::Identified(identification) => {

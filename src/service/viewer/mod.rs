@@ -1,4 +1,5 @@
-//! What robotics viewers (Foxglove, Lichtblick) are shown: topics of JSON messages with a schema each, the same in a file and live.
+//! Topics for robotics viewers (Foxglove, Lichtblick): JSON messages with a schema each, the same in a file
+//! and live.
 //!
 //! * `message`   the topics: what a record, its picture and an alarm look like as messages
 //! * `file`      an MCAP file of them, to be opened beside the recordings

@@ -1,4 +1,5 @@
-//! Recorded campaigns through the plans: every record's outcome in order, losses named, all counted.
+//! Runs recorded campaigns through the plans: every record's outcome in order, with losses reported and all
+//! counted.
 
 use super::foreign;
 use super::progress::Progress;
@@ -27,23 +28,23 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::thread;
 
-/// Samples of records in memory between reading and analysis (8 bytes each).
+/// Most samples of records in memory between reading and analysis (8 bytes each).
 const SAMPLES_IN_FLIGHT: usize = 4 << 20;
 
-/// How recordings are read.
+/// Options for reading recordings.
 #[derive(Debug, Clone, Copy, Default, clap::Args)]
 pub struct Reading {
-    /// Threads that analyse records; the reader has one more. Default: one per core. The results are
-    /// the same, bit for bit, for any number.
+    /// Number of threads that analyse records, besides the reader's; default: one per core. Results are
+    /// bit-identical for any number.
     #[arg(long, value_name = "COUNT", value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub threads: Option<u16>,
 
-    /// Go on reading a recording that is still being written, until it is finished.
+    /// Keep reading a recording that is still being written, until it is finished.
     #[arg(long)]
     pub follow: bool,
 }
 
-/// Says on stderr what came of a campaign, and gives the exit code.
+/// Reports the result of a campaign on stderr and returns the exit code.
 pub fn conclude(tally: Option<Tally>) -> ExitCode {
     tally.map_or(ExitCode::SUCCESS, |tally| {
         tell!("{tally}");
@@ -51,7 +52,7 @@ pub fn conclude(tally: Option<Tally>) -> ExitCode {
     })
 }
 
-/// What came of a campaign.
+/// Result of a campaign.
 #[derive(Debug, Default)]
 pub struct Tally {
     identified: usize,
@@ -64,7 +65,7 @@ pub struct Tally {
 }
 
 impl Tally {
-    /// 0 good, 1 nothing could be read or something broke, 3 rejected records or lost data.
+    /// Exit code: 0 good, 1 nothing could be read or the analysis failed, 3 rejected records or lost data.
     fn exit_code(&self) -> ExitCode {
         if self.broken > 0 || (self.files > 0 && self.unreadable == self.files) {
             ExitCode::FAILURE
@@ -113,21 +114,21 @@ impl Display for Tally {
     }
 }
 
-/// Another program's files among the recordings.
+/// Options for other programs' files among the recordings.
 #[derive(Debug)]
 pub struct Others {
-    /// What is said of them.
+    /// Options for reading them.
     pub how: How,
-    /// Whether the configuration was named for them.
+    /// True if the configuration was named for them.
     pub is_meant: bool,
-    /// Whether one that does not say when it began is taken all the same.
+    /// True if one without a start is accepted.
     pub any_start: bool,
 }
 
-/// Runs every record of `paths` (files, or folders of them) through its rod's plan and hands what came
-/// of them to `on_news` in the order of its time. What was lost is said on stderr. `None` if
-/// the reader of stdout has seen enough (`| head`). A record with the same data as one before (a copied or
-/// renamed file), or one of `known`, is counted and left out.
+/// Runs every record of `paths` (files, or folders of them) through its rod's plan and passes the results to
+/// `on_news` in the order of time. Losses are reported on stderr. `None` if the reader of stdout closed it
+/// (`| head`). A record with the same data as an earlier one (a copied or renamed file), or one of `known`,
+/// is counted and left out.
 ///
 /// # Errors
 /// `on_news` failed.
@@ -232,12 +233,12 @@ pub fn run(
     }
 }
 
-/// Hands on what came of events and counts it.
+/// Passes on the results of events and counts them.
 struct Delivery<'a, F> {
     on_news: F,
     bar: &'a Progress,
     tally: Tally,
-    /// Records of this run.
+    /// Identities of the records of this run.
     seen: HashSet<[u8; 32]>,
     passed: Passed,
     failure: Option<anyhow::Error>,
@@ -300,7 +301,8 @@ impl<F: FnMut(News<'_>, &Progress) -> anyhow::Result<Taken>> Delivery<'_, F> {
     }
 }
 
-/// Puts other programs' files among the recordings by the time of their first sample; those that do not say it stay last.
+/// Sorts other programs' files among the recordings by the time of their first sample; those without a start
+/// stay last.
 fn in_order(files: Vec<Result<PathBuf, SourceError>>, how: &How) -> Vec<Result<PathBuf, SourceError>> {
     if files.len() < 2 {
         return files;
@@ -340,7 +342,7 @@ fn opener(others: Others, rods: Vec<RodChannels>, settings: RecordSettings) -> O
 }
 
 impl Tally {
-    /// Counts a file and says what was wrong with it; without `is_meant` the rod looked for was the built-in one.
+    /// Counts a file and reports its faults; without `is_meant` the rod searched for was the built-in one.
     fn file(&mut self, result: &Result<Summary, SourceError>, is_meant: bool, bar: &Progress) {
         self.files += 1;
         let summary = match result {
@@ -382,22 +384,22 @@ fn is_broken_pipe(error: &anyhow::Error) -> bool {
         .is_some_and(|error| error.kind() == io::ErrorKind::BrokenPipe)
 }
 
-/// What a campaign hands on.
+/// Result that a campaign passes on.
 pub enum News<'a> {
-    /// What came of a record, and where in its recording the record ended.
+    /// Outcome of a record, and its end in its recording.
     Outcome(&'a Outcome, Position<'a>),
-    /// Temperatures that no record of a recording left with.
+    /// Temperatures of a recording that belong to no record.
     Readings {
         /// The rod.
         rod: &'a RodId,
         /// Ascending in time.
         readings: &'a [Temperature],
-        /// The identity of the rod's record before them, if there was one.
+        /// Identity of the rod's record before them, if there was one.
         after: Option<[u8; 32]>,
     },
 }
 
-/// What became of news that were handed on.
+/// Result of passing on a record.
 pub enum Taken {
     /// It is new.
     New,
@@ -405,7 +407,7 @@ pub enum Taken {
     Known,
 }
 
-/// What is delivered of a step.
+/// Result of a step to be delivered.
 enum Done {
     Event(Analysed, Place),
     File(Result<Summary, SourceError>),

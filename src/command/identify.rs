@@ -30,13 +30,14 @@ use std::process::ExitCode;
 /// Standard error of a frequency given without one \[Hz\]: the paper's Sigma = 1e-3 Hz^2.
 const DEFAULT_SD_HZ: f64 = 0.031_622_776_601_683_79;
 
-/// No rod vibrates faster \[Hz\].
+/// Highest frequency accepted; no rod vibrates faster \[Hz\].
 const HIGHEST_HZ: f64 = 1e5;
 
-/// Identifies the axial force from one recording, or from natural frequencies measured elsewhere.
+/// Identify the axial force from one recording, or from natural frequencies measured elsewhere.
 ///
-/// Prints prior and posterior of every uncertain parameter, or one JSON object with --json. Of a record that gives no force
-/// it prints the reason, every peak, and what the peaks may be, each assignment with its probability and its force.
+/// Prints prior and posterior of every uncertain parameter, or one JSON object with --json. For a record
+/// without a force it prints the reason, every peak, and the possible assignments of peaks to modes, each
+/// with its probability and force.
 #[derive(Debug, Clone, clap::Args)]
 #[command(after_help = "Examples:
   tirante identify recordings/todi-pull.mcap
@@ -46,7 +47,7 @@ const HIGHEST_HZ: f64 = 1e5;
   tirante identify --frequencies 4.492,9.288,13.252
   tirante identify --frequencies 4.492,-,13.252 --sd 0.005,-,0.01    (mode 2 not measured)")]
 pub struct Args {
-    /// A recording (MCAP), or a file of another program; all its records are identified.
+    /// Recording (MCAP), or file of another program; all its records are identified.
     #[arg(
         value_name = "PATH",
         required_unless_present = "frequencies",
@@ -59,7 +60,8 @@ pub struct Args {
     #[arg(long, value_name = "HZ,HZ,...", allow_hyphen_values = true)]
     pub frequencies: Option<String>,
 
-    /// Their standard errors in Hz: one for all, or one per frequency. Default: the paper's 0.0316 Hz.
+    /// Standard errors of the frequencies in Hz: one for all, or one per frequency. Default: the paper's
+    /// 0.0316 Hz.
     #[arg(
         long,
         value_name = "HZ[,HZ,...]",
@@ -68,23 +70,23 @@ pub struct Args {
     )]
     pub sd: Option<String>,
 
-    /// The rod of the configuration; needed if it has several.
+    /// Rod of the configuration; required if it has several.
     #[arg(long, value_name = "ID")]
     pub rod: Option<String>,
 
-    /// One JSON object per record instead of tables.
+    /// Print one JSON object per record instead of tables.
     #[arg(long)]
     pub json: bool,
 
-    /// Whether a small plot is drawn in the end.
+    /// Draw a small plot at the end.
     #[arg(long, value_name = "WHEN", value_enum, default_value_t)]
     pub plot: When,
 
-    /// The configuration.
+    /// Configuration of the run.
     #[command(flatten)]
     pub setup: Setup,
 
-    /// What another program's file does not say.
+    /// Facts missing in another program's file.
     #[command(flatten)]
     pub foreign: Foreign,
 }
@@ -185,7 +187,7 @@ fn show(args: &Args, config: &Config, plans: &BTreeMap<RodId, Plan>, outcome: &O
     io::stdout().lock().write_all(text.as_bytes())
 }
 
-/// The small plot of a record's spectrum, if one is wanted and there is a spectrum.
+/// Small plot of a record's spectrum, if wanted and there is a spectrum.
 fn plot(args: &Args, picture: impl FnOnce() -> Option<Snapshot>) -> String {
     let width = args.plot.width();
     let drawn = width.and_then(|width| Some(sketch::spectrum(&picture()?, width)));
@@ -195,7 +197,7 @@ fn plot(args: &Args, picture: impl FnOnce() -> Option<Snapshot>) -> String {
     }
 }
 
-/// Prior and posterior of every uncertain parameter, and how much to believe them.
+/// Prior and posterior of every uncertain parameter, with remarks on their reliability.
 fn describe(plan: &Plan, identification: &Identification) -> String {
     let mut text = String::new();
     let mut line = |content: String| {
@@ -282,7 +284,7 @@ fn describe(plan: &Plan, identification: &Identification) -> String {
     text
 }
 
-/// A support given by its fixity: the stiffness has no mean worth showing.
+/// Row of a support given by its fixity: its stiffness has no meaningful mean.
 fn fixity_row(support: Quantity, fixity: &Fixity, posterior: &Posterior) -> String {
     let (mean, sd) = fixity.fixity_mean_and_sd();
     let name = match support {

@@ -24,12 +24,13 @@ use std::io::{self, BufRead, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-/// Measures the axial force once: reads a file of any format, asks for length, section and material, recognises the motion, and shows
-/// the spectrum's peaks, the force with its 95 % interval and what it hangs on.
+/// Measure the axial force once: read a file of any format, ask for length, section and material, recognise
+/// the motion, and show the spectrum's peaks, the force with its 95 % interval and the sources of its
+/// variance.
 ///
-/// It writes a configuration, to be corrected and used again by `identify`, `replay` and `run`, and a report to print and sign. What
-/// flags say is not asked. A mark stands before every force that may be wrong: '!' where model or prior and data disagree, '?' where
-/// the orders of the modes are not certain.
+/// Writes a configuration, to be corrected and used again by `identify`, `replay` and `run`, and a report to
+/// print and sign. Values given by flags are not asked for. A mark precedes every force that may be wrong:
+/// '!' where model or prior and data disagree, '?' where the orders of the modes are not certain.
 #[derive(Debug, Clone, clap::Args)]
 #[command(after_help = "Examples:
   tirante measure laser.csv
@@ -42,43 +43,43 @@ Files: laser.toml and laser.html in --out. A configuration that exists is never 
 Exit codes: 0 a force was told, marked or not (read the marks, or conflict, prior_tail and label_probability of --json);
 1 the file cannot be read; 2 something is not said or makes no sense; 3 a record was refused, or data were lost.")]
 pub struct Args {
-    /// A recording (MCAP), or a file of another program (CSV, UFF, WAV, MATLAB, LabVIEW, NumPy).
+    /// Recording (MCAP), or file of another program (CSV, UFF, WAV, MATLAB, LabVIEW, NumPy).
     #[arg(value_name = "FILE")]
     pub file: PathBuf,
 
-    /// The rod.
+    /// Facts of the rod.
     #[command(flatten)]
     pub rod: RodFlags,
 
-    /// The name of the rod; without it that of the file.
+    /// Name of the rod; default: that of the file.
     #[arg(long, value_parser = crate::config::rod_id)]
     pub id: Option<String>,
 
-    /// The name of the site, which heads the report; without it that of the file.
+    /// Name of the site, which heads the report; default: that of the file.
     #[arg(long)]
     pub site: Option<String>,
 
-    /// The channel of its motion, if the file has several.
+    /// Channel of its motion, if the file has several.
     #[arg(long)]
     pub topic: Option<String>,
 
-    /// The field of a message that holds the samples, if it is none of the usual ones; of recordings alone.
+    /// Field of a message that holds the samples, if it is not one of the usual ones; only for recordings.
     #[arg(long, value_name = "PATH")]
     pub field: Option<String>,
 
-    /// The folder for configuration and report.
+    /// Folder for configuration and report.
     #[arg(long, value_name = "DIR", default_value = ".")]
     pub out: PathBuf,
 
-    /// One JSON object per record on stdout instead of the text.
+    /// Print one JSON object per record on stdout instead of the text.
     #[arg(long)]
     pub json: bool,
 
-    /// Whether a small plot of the spectrum is drawn.
+    /// Draw a small plot of the spectrum.
     #[arg(long, value_name = "WHEN", value_enum, default_value_t)]
     pub plot: When,
 
-    /// What another program's file does not say.
+    /// Facts missing in another program's file.
     #[command(flatten)]
     pub foreign: Foreign,
 }
@@ -172,7 +173,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     Ok(code)
 }
 
-/// The channels of a file; its rate is asked for if it says none.
+/// Channels of a file; asks for its rate if it has none.
 fn look<R: BufRead>(
     file: &Path,
     how: &mut How,
@@ -189,8 +190,8 @@ fn look<R: BufRead>(
     Ok(import::topics(file, how, &foreign::watch)?)
 }
 
-/// The file as it is read with the configuration. That of a recording has rate and unit; the scale of samples moves no frequency, so one
-/// that nobody tells is 1.
+/// Options for reading the file with the configuration. That of a recording has rate and unit; the scale of
+/// the samples does not affect frequencies, so an unknown one is 1.
 fn as_read(file: &Path, how: How, sensor: &Sensor) -> anyhow::Result<How> {
     let Some(format) = import::format(file, &how)? else {
         return Ok(How {
@@ -226,7 +227,7 @@ fn id_of(stem: &str) -> String {
     }
 }
 
-/// Writes configuration and report, and says so.
+/// Writes configuration and report, and reports their paths.
 fn keep(toml: &Path, text: &str, site: &Site, page: &Path) -> anyhow::Result<()> {
     let folder = toml.parent().filter(|folder| !folder.as_os_str().is_empty());
     if let Some(folder) = folder {
@@ -238,7 +239,8 @@ fn keep(toml: &Path, text: &str, site: &Site, page: &Path) -> anyhow::Result<()>
     Ok(())
 }
 
-/// A record in words: peaks, spectrum, force with its marks, and what it hangs on; of a refused one the reason.
+/// A record in words: peaks, spectrum, force with its marks and the sources of its variance; for a refused
+/// one the reason.
 fn told(config: &Config, outcome: &Outcome, width: Option<usize>) -> String {
     let prior = config.rod(&outcome.rod().0).map(|rod| &rod.analysis.prior);
     let picture = prior.and_then(|prior| Snapshot::of_outcome(prior, outcome));

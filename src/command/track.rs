@@ -1,4 +1,4 @@
-//! `tirante track`: tables of natural frequencies that were identified elsewhere, followed as records are.
+//! `tirante track`: tracks rods from tables of natural frequencies identified elsewhere.
 
 use super::progress::Progress;
 use super::render::Table;
@@ -22,11 +22,11 @@ use std::io::{self, BufReader, IsTerminal, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-/// Follows rods from tables of natural frequencies that were identified elsewhere: a researcher's series, or years of which
-/// no samples are left.
+/// Track rods from tables of natural frequencies identified elsewhere: a researcher's series, or years
+/// without samples.
 ///
 /// Per row it prints what `replay` prints per record: the change of the force since the baseline, the state, alarms as they are
-/// raised; in the end every alarm, and how every rod stands.
+/// raised; at the end every alarm, and the status of every rod.
 #[derive(Debug, Clone, clap::Args)]
 #[command(after_help = "Examples:
   tirante track frequencies.csv --config site.toml
@@ -52,20 +52,20 @@ pub struct Args {
     #[arg(value_name = "TABLE", required = true)]
     pub paths: Vec<PathBuf>,
 
-    /// One JSON object per record on stdout instead of the table.
+    /// Print one JSON object per record on stdout instead of the table.
     #[arg(long)]
     pub json: bool,
 
-    /// Keep results in this database (SQLite) and go on where it left off; over `[store] path` of the configuration. Without
-    /// either, nothing is remembered afterwards.
+    /// Keep results in this database (SQLite) and resume from it; overrides `[store] path` of the
+    /// configuration. Without either, nothing is kept afterwards.
     #[arg(long, value_name = "FILE")]
     pub store: Option<PathBuf>,
 
-    /// Decimals stand behind a comma.
+    /// The decimal sign is a comma.
     #[arg(long)]
     pub decimal_comma: bool,
 
-    /// The configuration.
+    /// Configuration of the run.
     #[command(flatten)]
     pub setup: Setup,
 }
@@ -156,7 +156,7 @@ fn fold(site: &mut Site, outcome: &Outcome) -> Result<Option<Taken>, StoreError>
     site.take(outcome, None)
 }
 
-/// The rows of a table; every rod is configured, and every record's rod is known.
+/// Reads the rows of a table; every rod must be configured, and every record's rod known.
 fn read(path: &Path, decimal_comma: bool, config: &Config) -> anyhow::Result<Vec<FrequencyRow>> {
     let named = || path.display();
     let file = File::open(path).with_context(|| named().to_string())?;
@@ -216,7 +216,7 @@ fn first_hz(row: &FrequencyRow) -> f64 {
     row.modes.first().map_or(0.0, |mode| mode.frequency_hz)
 }
 
-/// Outcome of a row: followed, or refused because no rod of the prior has its frequencies.
+/// Outcome of a row: tracked, or refused because no rod of the prior has its frequencies.
 fn outcome_of(row: FrequencyRow, plan: &Plan, readings: Vec<Reading>) -> Outcome {
     let rod = plan.settings().rod.clone();
     match plan.conflict(&row.modes) {
@@ -280,7 +280,7 @@ impl Waiting {
         }
     }
 
-    /// Readings that no record left with: rod, readings, the record before them.
+    /// Readings that belong to no record: rod, readings, the record before them.
     fn rest(self) -> impl Iterator<Item = (RodId, Vec<Reading>, Option<[u8; 32]>)> {
         let rods = self.0.into_iter();
         rods.map(|(rod, (readings, after))| (rod, readings, after))
@@ -288,7 +288,7 @@ impl Waiting {
     }
 }
 
-/// Counts of a run, and every alarm that was told.
+/// Counts of a run, and every alarm raised.
 #[derive(Default)]
 struct Tally {
     followed: usize,
@@ -313,7 +313,7 @@ impl Tally {
         }
     }
 
-    /// Tells counts and alarms on stderr.
+    /// Reports counts and alarms on stderr.
     fn tell(&self) {
         let Self {
             followed,

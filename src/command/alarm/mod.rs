@@ -1,4 +1,5 @@
-//! `tirante alarm`: what the drift alarm promises, the proof, and whether messages arrive.
+//! `tirante alarm`: limits and false-alarm rate of the drift alarm, their check by simulation, and a test of
+//! its messages.
 
 mod design;
 mod prove;
@@ -6,7 +7,7 @@ mod test;
 
 use std::process::ExitCode;
 
-/// What the drift alarm promises for a rod, the proof of it by simulated years of sites, and whether its messages arrive.
+/// Show the drift alarm's limits and false-alarm rate, check them by simulation, and test its messages.
 #[derive(Debug, Clone, clap::Args)]
 #[command(after_help = "Examples:
   tirante alarm design --noise 0.003
@@ -14,19 +15,20 @@ use std::process::ExitCode;
   tirante alarm prove --world masonry-30d,harsh --histories 400
   tirante alarm test --config site.toml --sink mail")]
 pub struct Args {
-    /// What to do.
+    /// Action to take.
     #[command(subcommand)]
     pub action: Action,
 }
 
-/// What to do with the alarm.
+/// Action of `tirante alarm`.
 #[derive(Debug, Clone, clap::Subcommand)]
 pub enum Action {
-    /// Print the false-alarm rate, delays by simulation of this rod, and the smallest change that is told.
+    /// Print the false-alarm rate, delays by simulation of this rod, and the smallest change detected.
     Design(design::Args),
-    /// Simulate years of whole sites, follow them with the real trackers, and print how often they alarmed beside what is stated.
+    /// Simulate years of whole sites, track them with the real trackers, and compare their alarm rates with
+    /// the stated ones.
     Prove(prove::Args),
-    /// Send a test message to every sink of a configuration, and say which of them have it.
+    /// Send a test message to every sink of a configuration, and list the sinks that received it.
     Test(test::Args),
 }
 

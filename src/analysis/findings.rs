@@ -5,8 +5,8 @@ use crate::analysis::identify::Measurement;
 use crate::analysis::signal::modes::{Labels, Mode, Motion, MotionKind, Resonance};
 use serde::{Deserialize, Serialize};
 
-/// Largest damping ratio of a rod's vibration, support losses included; above lie filtered noise, a swaying
-/// stand.
+/// Largest damping ratio of a rod's vibration, support losses included; above it lie filtered noise or a
+/// swaying stand.
 const BROAD: f64 = 0.1;
 /// Periods within the record below which a broad peak is slow drift.
 const DRIFT_PERIODS: f64 = 40.0;

@@ -141,7 +141,7 @@ impl Plan {
     /// Prepares one rod; `model` computes its frequencies, `tables` are shared between rods.
     ///
     /// # Errors
-    /// Settings that contradict each other or ask for what the model cannot give.
+    /// Settings that contradict each other or exceed the model.
     pub fn new(
         settings: AnalysisSettings,
         model: Arc<dyn ForwardModel>,
@@ -194,7 +194,7 @@ impl Plan {
     /// record: the same record gives the same bits on any number of threads.
     ///
     /// # Errors
-    /// The reason why the record gives no force, with what was found in it.
+    /// The reason why the record gives no force, with its findings.
     pub fn run(&self, record: &Record) -> Result<Identification, Refusal> {
         let identity = record.identity();
         let measured = |evidence| Measurement::new(record, identity, evidence);

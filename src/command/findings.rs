@@ -1,5 +1,5 @@
-//! Findings of a record as text of at most 80 columns: its peaks and what they may be, marks of doubt,
-//! sources of the force's variance.
+//! Findings of a record as text of at most 80 columns: its peaks and their nature, marks of doubt, sources of
+//! the force's variance.
 
 use crate::analysis::findings::{CONFLICT_SHOWN, Candidate, PRIOR_TAIL_SHOWN, motion_said, three_digits};
 use crate::analysis::identify::Measurement;

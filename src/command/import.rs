@@ -70,7 +70,7 @@ pub enum MessageEncoding {
 /// Runs the command.
 ///
 /// # Errors
-/// The file cannot be read or does not say enough, or the recording cannot be written.
+/// The file cannot be read or lacks facts, or the recording cannot be written.
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let rods: Vec<RodChannels> = match &args.config {
         Some(path) => Config::load(path)?
@@ -123,7 +123,7 @@ fn refuse(path: &Path, error: ImportError) -> anyhow::Error {
     }
 }
 
-/// Opens a regular file and returns its size; anything else could block for ever.
+/// Opens a regular file and returns its size; anything else could block forever.
 fn open(path: &Path) -> anyhow::Result<(File, u64)> {
     let refuse = |what: String| anyhow::anyhow!("{}: {what}", path.display());
     let unreadable = |error: std::io::Error| refuse(format!("cannot be read: {error}"));

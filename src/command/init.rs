@@ -58,7 +58,8 @@ pub struct Args {
 /// Runs the command.
 ///
 /// # Errors
-/// Something is not said and cannot be asked for, the recording cannot be read, or the file exists or cannot be written.
+/// A fact is missing and cannot be asked for, the recording cannot be read, or the file exists or cannot be
+/// written.
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     if args.out.exists() {
         return Err(BadArguments(format!(

@@ -87,7 +87,7 @@ pub struct Args {
 /// Runs the command.
 ///
 /// # Errors
-/// Something is not said and nobody is there to ask, the file cannot be read, or an output cannot be written.
+/// A fact is missing and cannot be asked for, the file cannot be read, or an output cannot be written.
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let stem = args.file.file_stem().unwrap_or_default().to_string_lossy();
     let named = |ending: &str| {

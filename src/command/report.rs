@@ -47,7 +47,7 @@ pub struct Args {
 /// Runs the command.
 ///
 /// # Errors
-/// No store, one that cannot be read, a rod it does not know, or a page that cannot be written.
+/// No store, one that cannot be read, a rod that is not in it, or a page that cannot be written.
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let reader = Reader::open(&args.which.path()?)?;
     let rod = check_rod(&reader, args.rod.as_deref())?;

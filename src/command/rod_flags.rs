@@ -105,7 +105,7 @@ impl Rod {
     /// Rod from flags, and from answers where a flag is missing; asks for a force if `asks_force`.
     ///
     /// # Errors
-    /// Flags are missing and nobody is there to answer, or the answers end; all that is missing is named.
+    /// Flags are missing and cannot be asked for, or the answers end; the error names all of them.
     pub fn of<R: BufRead>(
         flags: &RodFlags,
         asks_force: bool,

@@ -40,7 +40,7 @@ impl Sensor {
     /// Chooses among the channels of a file; among none without a file.
     ///
     /// # Errors
-    /// There is no such channel, its field or unit cannot be told, or nobody is there to choose.
+    /// There is no such channel, its field or unit is unknown, or a choice is needed and cannot be asked for.
     pub fn of<R: BufRead>(
         wanted: &Wanted<'_>,
         found: Option<&[Content]>,

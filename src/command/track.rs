@@ -73,8 +73,8 @@ pub struct Args {
 /// Runs the command.
 ///
 /// # Errors
-/// Bad arguments or configuration, a table that cannot be read or names a rod nobody configured, a store or an output that
-/// cannot be written.
+/// Bad arguments or configuration, a table that cannot be read or names a rod that is not configured, a store
+/// or an output that cannot be written.
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let config = args.setup.load()?;
     let mut rows = Vec::new();

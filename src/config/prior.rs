@@ -67,7 +67,7 @@ enum Scale {
     Logarithm,
 }
 
-/// The forms of a distribution, for whoever wrote none of them.
+/// Forms of a distribution, for the error message.
 const FORMS: &str = "wants { mean, cv }, { mean, sd }, { median, log_sd }, { low, high } or, of a support, { fixity_low, fixity_high }";
 
 /// Reads a prior: a fixed number, `{ mean, cv }`, `{ mean, sd }`, `{ median, log_sd }`, `{ low, high }` or

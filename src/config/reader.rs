@@ -1,10 +1,9 @@
 //! A cursor over one TOML table: takes typed keys, collects every fault, records the values in
 //! effect.
 //!
-//! Whoever reads a section asks for its keys one by one and always gets a value back, so that one
-//! fault never hides the next; the configuration is built only if none was found. Each key is
-//! written down as it is asked for ([`Node`]), which gives the effective configuration, the
-//! reference table of the documentation, and the keys nobody asked for.
+//! A section's reader takes its keys one by one and always gets a value back, so that one fault never hides
+//! the next; the configuration is built only if there was none. Each key is recorded when taken ([`Node`]),
+//! which gives the effective configuration, the reference table of the documentation, and the unknown keys.
 
 use super::effective::{Line, Node};
 use super::fault::Faults;

@@ -1,12 +1,11 @@
-//! Fitted emulators on disk, under the hash of what they depend on; a damaged or stale file is refitted.
+//! Fitted emulators on disk, named by the hash of their inputs; a damaged or stale file is refitted.
 //!
 //! A file is four parts: a line with the format, the key, the SHA-256 of the body, and the body as JSON. It is
-//! written beside its place, flushed and renamed, so that a reader sees all of it or nothing. Whatever is
-//! wrong with a file is said in a warning and answered by a new fit; whatever is wrong with the directory
-//! costs nothing but the next start's fit.
+//! written next to its place, flushed and renamed, so that a reader sees all of it or nothing. A faulty file
+//! gives a warning and a new fit; a faulty directory costs only a fit at the next start.
 //!
-//! Only the Hermite chaos is kept. The reduced emulator serves every rod and is fitted in about 20 ms, in
-//! less time than the care a file deserves: there is nothing to go stale.
+//! Only the Hermite chaos is kept. The reduced emulator serves every rod and is fitted in about 20 ms, faster
+//! than a file could be checked, so there is nothing to go stale.
 
 use crate::analysis::rod::beam::forward::ForwardModel;
 use crate::analysis::rod::beam::{Exact, FiniteElements, finite_elements};
@@ -30,7 +29,7 @@ const LONGEST: u64 = 64 << 20;
 ///
 /// A Hermite chaos comes from the user's cache directory, or is fitted and kept there; outside its trained
 /// range the exact model answers ([`OrExact`]).
-/// `solved` is told how many model solves more a fit has done, and of how many.
+/// `solved` is called with the number of model solves newly done and the total.
 pub fn model(
     settings: &ModelSettings,
     prior: &RodPrior,

@@ -4,7 +4,7 @@
 //! * [`analyse`]        one record through its rod's plan, the same for `replay` and daemon
 //! * [`ordered_map`]    reading and computing at once, results in order
 //! * [`trackers`]       the trackers of a site's rods, folded in the order of event time
-//! * [`store`]          what is remembered: SQLite, one transaction per record
+//! * [`store`]          results on disk: SQLite, one transaction per record
 //! * [`record_json`]    a record as one JSON line
 //! * [`emulator_cache`] fitted emulators on disk
 //! * [`clock`]          the time people's requests carry

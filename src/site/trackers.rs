@@ -155,10 +155,10 @@ impl Site {
         &self.store
     }
 
-    /// Does several things that become durable at once, and are visible to others only then.
+    /// Runs several changes that become durable, and visible to others, at once.
     ///
     /// # Errors
-    /// As what is done; the site must be given up, nothing of it was kept.
+    /// As of the changes; the site must be closed, none of them was kept.
     pub fn together<T>(
         &mut self,
         act: impl FnOnce(&mut Self) -> Result<T, StoreError>,
@@ -307,7 +307,7 @@ impl Site {
     /// Applies the requests about any rod of the site, in their order; returns their number.
     ///
     /// # Errors
-    /// The store refuses: what was not done yet still waits.
+    /// The store returned an error: requests not applied yet still wait.
     pub fn apply_requests(&mut self) -> Result<usize, StoreError> {
         let mut applied = 0;
         for rod in self.store.rods_asked()? {

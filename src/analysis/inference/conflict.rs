@@ -1,4 +1,4 @@
-//! The conflict score: how far observed frequencies lie from everything a tensioned beam on rotational
+//! The conflict score: distance of observed frequencies from everything that a tensioned beam on rotational
 //! springs can produce, whatever its prior.
 //!
 //! By dimensional analysis f_n = c n G_n(lambda, s_l, s_r) with any scale c > 0 (design 4.2). The score is
@@ -7,9 +7,9 @@
 //! min over c, lambda, s_l, s_r of sqrt( sum_n ((f_n - c n G_n) / sd_n)^2 ),
 //! ```
 //!
-//! in standard deviations: zero for what the model reproduces, and for a right model with noise at
-//! most the root of a chi-square with as many degrees of freedom as modes. The search is global: the
-//! best patterns of a fixed grid, each refined by Levenberg's method on exact frequencies.
+//! in standard deviations: zero for frequencies that the model reproduces, and for a right model with noise
+//! at most the root of a chi-square with as many degrees of freedom as modes. The search is global: the best
+//! patterns of a fixed grid, each refined by Levenberg's method on exact frequencies.
 
 use crate::analysis::rod::beam::exact::{self, Support};
 use crate::analysis::rod::beam::forward::MAX_MODES;
@@ -43,7 +43,8 @@ pub struct Conflict {
     /// Ratio of frequencies furthest outside the range of any such beam, if one is.
     pub violation: Option<Violation>,
     /// Share of the *prior's* simulated records that lie as far out as this one or further, from 1 (in
-    /// their middle) to 1 / (draws looked at). Small with a small score: the beam is fine, the prior is not.
+    /// their middle) to 1 / (number of draws used). Small with a small score: the beam is fine, the prior is
+    /// not.
     pub prior_tail: f64,
     /// Distance of the frequencies, each by itself, from the mean of the prior's records in ln f, as a multiple of the farthest of
     /// 4096 of them; of the least distant frequency. At [`Conflict::OUTSIDE`] or more, no rod of the prior

@@ -1,12 +1,12 @@
 //! Metropolis-Hastings on the augmented space of parameters and latent variables (paper, Algorithm 1): the
-//! springs are moved with everything else and integrated out by looking away.
+//! springs are sampled with everything else and integrated out by ignoring them.
 //!
 //! A random walk in the logarithms of positive quantities (the logit between the ends of a uniform) with a
 //! normal proposal. During the burn-in its covariance follows that of the chains (Haario et al. 2001) and its
-//! size the share accepted (Robbins and Monro); then both are frozen, so that what is kept comes from a proper
-//! Metropolis chain. Chains move in groups side by side: an emulator answers for a group in one block, and a
-//! group adapts together. Each chain draws from its own stream: the same seed gives the same bytes at any
-//! number of threads.
+//! size the share accepted (Robbins and Monro); then both are frozen, so that the draws kept come from a
+//! proper Metropolis chain. Chains move in groups side by side: an emulator answers for a group in one block,
+//! and a group adapts together. Each chain draws from its own stream: the same seed gives the same bytes at
+//! any number of threads.
 
 mod proposal;
 

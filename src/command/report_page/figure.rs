@@ -6,7 +6,7 @@ use std::fmt::Write;
 
 /// Width of a drawing over the whole page, in its own units; the page scales it.
 const WIDTH: f64 = 760.0;
-/// Width of a drawing that stands beside another: letters keep their size.
+/// Width of a drawing next to another: letters keep their size.
 const HALF_WIDTH: f64 = 380.0;
 const LEFT: f64 = 64.0;
 const HALF_LEFT: f64 = 26.0;

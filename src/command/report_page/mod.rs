@@ -1,6 +1,6 @@
 //! Figures and the self-contained report page, drawn from plain data.
 //!
-//! [`view`] says what a report is about; everything else turns it into one HTML page:
+//! [`view`] is the content of a report; everything else turns it into one HTML page:
 //! * [`page`](mod@page)      the whole page
 //! * [`terminal`] a small plot in the terminal
 //! * [`study`](fn@study) the paper's study as a page

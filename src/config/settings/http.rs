@@ -31,7 +31,7 @@ impl Default for HttpSettings {
 /// has no host.
 ///
 /// # Errors
-/// It is none; the text says what is expected.
+/// It is none; the text names the expected form.
 pub fn origin(text: &str) -> Result<String, String> {
     let is_origin = text.split_once("://").is_some_and(|(scheme, host)| {
         !scheme.is_empty() && !host.contains(['/', '*', ' ']) && (scheme == "file") == host.is_empty()

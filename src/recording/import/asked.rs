@@ -18,7 +18,7 @@ impl Wanted {
     /// Parses `SOURCE`, `SOURCE=TOPIC`, `SOURCE=TOPIC,UNIT` or `SOURCE=,UNIT`.
     ///
     /// # Errors
-    /// There is no source, or the unit is none of ours.
+    /// There is no source, or the unit is not supported.
     pub fn parse(text: &str) -> Result<Self, String> {
         let (source, rest) = text.split_once('=').unwrap_or((text, ""));
         let (topic, unit) = match rest.rsplit_once(',') {

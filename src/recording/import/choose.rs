@@ -16,7 +16,7 @@ type Chosen = (Vec<(Signal, Wanted)>, Vec<String>);
 /// assigned.
 ///
 /// # Errors
-/// It is not clear which channel is whose; the sentence names what there is and the next step.
+/// The assignment is not clear; the sentence names the channels and the next step.
 pub(super) fn for_rods(
     signals: Vec<Signal>,
     asked: &Asked<'_>,

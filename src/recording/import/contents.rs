@@ -72,7 +72,7 @@ impl Contents {
     /// Returns an error if the full scale is unknown.
     ///
     /// # Errors
-    /// Nobody says it.
+    /// It is not given.
     pub fn check_full_scale(&self) -> Result<(), ImportError> {
         match self.is_of_full_scale {
             false => Ok(()),
@@ -87,7 +87,7 @@ impl Contents {
 /// determine the format.
 ///
 /// # Errors
-/// It is of no format that is read, damaged, or does not fit what is said of it.
+/// It is of no format that is read, damaged, or does not fit the options.
 pub fn read(mut from: impl Read, path: &Path, how: &How) -> Result<Option<Contents>, ImportError> {
     let mut head = Vec::new();
     from.by_ref()

@@ -1,9 +1,9 @@
 //! Text tables: any delimiter, decimal comma, heads, dates.
 //!
 //! * `beginning` the first lines: delimiter, decimal sign, layout
-//! * `cells`   lines to cells, and what a cell may be
+//! * `cells`   lines to cells, and kinds of cells
 //! * `columns` rows of cells to signals
-//! * `layout`  where data begin, and what the lines above call them
+//! * `layout`  first row of data, and names in the lines above
 
 mod beginning;
 mod cells;

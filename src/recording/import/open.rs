@@ -55,7 +55,8 @@ pub struct Seen {
 /// else as by `import`.
 ///
 /// # Errors
-/// The file cannot be read, or what it does not say is not said; the sentence names what it holds and the next step.
+/// The file cannot be read, or lacks facts that were not given; the sentence names its content and the next
+/// step.
 pub fn open(
     path: &Path,
     how: &How,
@@ -125,7 +126,7 @@ pub fn open(
 /// after its topic. Units and start may be unknown.
 ///
 /// # Errors
-/// The file cannot be read, or says no rate and `how` does not either.
+/// The file cannot be read, or neither it nor `how` gives a rate.
 pub fn open_any(
     path: &Path,
     how: &How,

@@ -69,7 +69,8 @@ impl Plan {
     /// Settles all that is open.
     ///
     /// # Errors
-    /// Something is missing or contradicts: a unit, the rate, the time, a channel; the sentence says what to add.
+    /// Something is missing or contradicts: a unit, the rate, the time, a channel; the sentence names the
+    /// remedy.
     pub fn new(signals: Vec<Signal>, asked: &Asked<'_>, encoding: Encoding) -> Result<Self, ImportError> {
         let chosen = choose(signals, asked.channels)?;
         let plan = Self::of(chosen, asked, encoding)?;

@@ -6,7 +6,7 @@
 //!
 //! * `metadata` the objects of a segment, their properties, and where their raw data lie
 //! * `data`     raw data to numbers
-//! * `channels` what was read of each object, as signals
+//! * `channels` objects to signals
 
 mod channels;
 mod data;

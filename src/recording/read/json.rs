@@ -423,8 +423,8 @@ fn into<'p>(path: Found<'p>, key: &str) -> Found<'p> {
     into_field(path, key)
 }
 
-/// A number of the common kind, `-?digits.digits` with at most 15 of them, and where it ends; `None` for
-/// any other, and for what is none.
+/// Reads a number of the common form `-?digits.digits` with at most 15 digits, and its end; `None` for any
+/// other text.
 #[inline(always)]
 fn plain(bytes: &[u8], start: usize) -> Option<(f64, usize)> {
     let rest = bytes.get(start..)?;

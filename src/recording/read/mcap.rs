@@ -3,8 +3,8 @@
 //! The framing is the `mcap` crate's reader; chunks are decompressed and checked here before anything
 //! in them is handed out. Besides broken framing and wrong checksums, these are refused: a message
 //! before its channel, a channel or schema that changes under its id, names that are not UTF-8,
-//! a chunk in a chunk, messages behind the data section, and sizes beyond any recorder's. A chunk that begins and ends where
-//! it says, but holds other bytes than were written, is a hole: it is told, and reading goes on behind it.
+//! a chunk in a chunk, messages after the data section, and sizes beyond any recorder's. A chunk of correct
+//! length with damaged content is a hole: it is reported, and reading continues after it.
 
 use super::chunk::{BadChunk, ChunkReader, MAX_CHUNK};
 use super::decode::SchemaRef;

@@ -1,8 +1,8 @@
 //! Alarms that arrive: the outbox delivered to every sink, in order, at least once.
 //!
-//! The store's outbox is the queue. One thread a sink, a courier, reads it beside the writer, sends one piece of news
-//! at a time, and only when the other side has taken it reports the place reached to whoever started it. A sink
-//! that fails is tried again for ever and holds up nobody else. docs/sinks.md is the page for operators.
+//! The store's outbox is the queue. One thread per sink, a courier, reads it beside the writer, sends one
+//! event at a time, and reports its position to its owner only when the other side has taken the event. A
+//! failed sink is retried indefinitely and delays no other. docs/sinks.md is the page for operators.
 
 mod alertmanager;
 pub mod backoff;

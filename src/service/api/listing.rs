@@ -14,7 +14,7 @@ pub struct Records {
     pub records: Vec<Box<RawValue>>,
     /// Cursor of the next page; `None` after the last.
     pub next: Option<String>,
-    /// True if the list ends here because older records have no line any more (`[store] keep_lines_d`);
+    /// True if the list ends here because the lines of older records were removed (`[store] keep_lines_d`);
     /// `history --format csv` has their numbers.
     pub older_lines_removed: bool,
 }

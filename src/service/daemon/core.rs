@@ -134,7 +134,7 @@ impl Core {
     /// their file is not marked yet.
     ///
     /// # Errors
-    /// The daemon cannot go on; what was not told was not kept.
+    /// The daemon cannot go on; results not announced were not kept.
     pub fn take(&mut self, group: Vec<Done>) -> Result<(), Broken> {
         let group = self.held.take(group, Instant::now());
         for run in group.chunk_by(|one, next| one.is_kept() && next.is_kept()) {

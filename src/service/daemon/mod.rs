@@ -1,6 +1,7 @@
 //! The daemon: sources, pipeline, site and sinks, all live at once.
 //!
-//! docs/daemon.md tells the way of a record through it. [`run`] is its life: prepare, open, run, reload, drain.
+//! docs/daemon.md shows the way of a record through it. [`run`] is its life cycle: prepare, open, run,
+//! reload, drain.
 
 pub mod core;
 mod folder;

@@ -1,7 +1,7 @@
 //! The reader's thread: turns the journal and the watched folder into jobs.
 //!
-//! Every source has its turn, and a turn is short: a huge file never keeps live data waiting. Nothing is finished when
-//! it stops: what was not committed is read again at the next start.
+//! Every source has its turn, and a turn is short: a huge file never keeps live data waiting. When it stops,
+//! data not committed yet is left to be read again at the next start.
 
 use super::Job;
 use super::folder::{Folder, FolderStep};

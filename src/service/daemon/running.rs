@@ -43,7 +43,7 @@ impl Running {
     /// Starts all threads.
     ///
     /// # Errors
-    /// What stands beside the store or the journal cannot be read or written, or the system gives no thread.
+    /// The files beside the store or the journal cannot be read or written, or the system gives no thread.
     pub fn start(
         generation: Arc<Generation>,
         site: Site,
@@ -139,7 +139,7 @@ impl Running {
     /// Checks that all threads run.
     ///
     /// # Errors
-    /// The reader ended by itself: nothing would be read any more.
+    /// The reader ended by itself, so that nothing would be read.
     pub fn check(&self) -> Result<(), Broken> {
         if self.reader.is_finished() && !self.ending.drain.load(Ordering::Relaxed) {
             return Err(Broken::Panicked("the reader ended by itself".to_owned()));

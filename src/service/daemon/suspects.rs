@@ -1,10 +1,10 @@
 //! Quarantine for inputs that crash the process: each step is recorded before it runs and cleared after.
 //!
 //! Before a risky step its name is written into a slot of `STORE.working`, and wiped out after it. The file survives the
-//! end of the process however it comes. What stands in it at the next start is suspect: it is tried again with nothing
-//! else at work, so that no other step is blamed. A step the program died of [`CONDEMNED`] times *alone* is not
-//! tried any more. A kill from outside that happens to meet a step costs it nothing but being tried alone: to be condemned
-//! it would have to be met again and again, with a growing pause before each try.
+//! end of the process however it comes. A step found in it at the next start is suspect: it is tried again
+//! with no other step at work, so that no other is blamed. A step at which the process crashed [`CONDEMNED`]
+//! times *alone* is not tried again. A kill from outside during a step only makes it run alone next time: to
+//! be quarantined, the step would have to be hit repeatedly, with a growing pause before each try.
 
 use crate::recording::atomic::AtomicFile;
 use std::collections::BTreeMap;

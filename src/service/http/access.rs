@@ -26,7 +26,7 @@ impl Access {
     /// Rules from the settings, with the present token of its file.
     ///
     /// # Errors
-    /// The file cannot be read, or what it holds is no token.
+    /// The file cannot be read, or its content is not a token.
     pub fn of(settings: &HttpSettings) -> anyhow::Result<Self> {
         let token = match &settings.token_file {
             Some(file) => {

@@ -7,9 +7,9 @@
 //! * `live`    `/api/v1/events`
 //! * `viewer`  `/viewer`, for robotics viewers
 //! * `shown`   the store behind both
-//! * `access`  who may ask, who may change something
-//! * `seats`   which connection may stay when there are many
-//! * `problem` what is answered when there is no answer
+//! * `access`  access control: host names, tokens
+//! * `seats`   limits on connections
+//! * `problem` error answers
 
 mod access;
 mod api;

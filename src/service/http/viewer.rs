@@ -1,5 +1,5 @@
 //! `/viewer`: the live view of robotics viewers (Foxglove, Lichtblick) over a WebSocket. One task per viewer asks the store
-//! itself when the bell rings, so that a slow viewer holds up nobody and fills no queue.
+//! itself when the bell rings, so that a slow viewer delays no other and fills no queue.
 
 use super::api::Api;
 use super::live::LISTENERS;

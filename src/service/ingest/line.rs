@@ -31,7 +31,7 @@ struct Keys {
 /// Parses a line.
 ///
 /// # Errors
-/// What is wrong with it, to stand behind "line N".
+/// The fault, as text after "line N".
 pub fn parse(line: &[u8]) -> Result<Line, String> {
     let keys: Keys = serde_json::from_slice(line).map_err(|fault| {
         let what = fault.to_string().replace(" at line 1 column ", " at column ");

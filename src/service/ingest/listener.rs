@@ -50,7 +50,7 @@ impl Listener {
     /// Listens at an address. The file of a Unix socket without a listener is replaced.
     ///
     /// # Errors
-    /// It is taken, or the system says no.
+    /// It is taken, or the system returns an error.
     pub fn bind(listen: &Listen) -> Result<Self, ListenError> {
         let failed = |source| ListenError::Io {
             address: listen.to_string(),
@@ -100,7 +100,7 @@ impl Listener {
     /// All sockets: those handed over by systemd, and the other configured ones.
     ///
     /// # Errors
-    /// One of them is taken, or the system says no.
+    /// One of them is taken, or the system returns an error.
     pub fn all(inherited: Vec<Self>, listen: &[Listen]) -> Result<Vec<Self>, ListenError> {
         let known: Vec<String> = inherited.iter().map(Self::address).collect();
         let mut all = inherited;

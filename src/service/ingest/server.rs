@@ -33,7 +33,7 @@ const FAREWELL: Duration = Duration::from_millis(1500);
 /// Longest time for a disconnected client to read the reason.
 const LINGER: Duration = Duration::from_secs(1);
 
-/// Most clients that are told at once why they are turned away.
+/// Most clients turned away at once with a reason.
 const TOLD_AT_ONCE: usize = 16;
 
 /// Most batches on their way from clients to the journal: they take turns.

@@ -75,7 +75,7 @@ impl Feed {
     /// Changes since the last call, of the wanted topics.
     ///
     /// # Errors
-    /// The store cannot be read, or a row is damaged; the next question then says what this one did not.
+    /// The store cannot be read, or a row is damaged; the next call then returns the missed changes.
     pub fn news(&mut self, reader: &Reader, wanted: &BTreeSet<Topic>) -> Result<News, StoreError> {
         let is_other_store = reader.file() != self.file;
         if is_other_store {

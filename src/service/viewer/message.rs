@@ -1,5 +1,6 @@
 //! Records, their pictures and alarms as messages: `/tirante/ROD/force`, `modes`, `waveform`, `spectrum`, and `/tirante/alarms` as
-//! `foxglove.Log`, the schema viewers know. Every message has the `timestamp` of the record's first sample, or of the alarm.
+//! `foxglove.Log`, a schema that viewers support. Every message has the `timestamp` of the record's first
+//! sample, or of the alarm.
 
 use crate::analysis::record_view::Snapshot;
 use crate::analysis::signal::record::{RodId, Timestamp};

@@ -12,7 +12,8 @@ impl Reader {
     /// its name; an older copy of that name is replaced. The writer continues meanwhile.
     ///
     /// # Errors
-    /// `target` is a store somebody writes, or cannot be written; the store cannot be read; the copy is not what was read.
+    /// `target` is a store in use by a writer, or cannot be written; the store cannot be read; the copy
+    /// differs from it.
     pub fn copy_to(&self, target: &Path) -> Result<(), StoreError> {
         let io = |source| StoreError::Io {
             path: target.to_owned(),

@@ -2,9 +2,9 @@
 //! together.
 //!
 //! A [`Store`] writes, one process at a time; a [`Reader`] reads beside it. Every row carries a checksum, and a
-//! store whose content contradicts itself is moved aside, never written to and never believed. Nothing in the
-//! tables of [results](Reader::dump) depends on the clock or on how often a run was interrupted.
-//! docs/store.md describes tables and columns.
+//! store whose content contradicts itself is moved aside, and neither written nor used. Nothing in the tables
+//! of [results](Reader::dump) depends on the clock or on how often a run was interrupted. docs/store.md
+//! describes tables and columns.
 
 mod backup;
 pub(crate) mod columns;
@@ -159,8 +159,8 @@ impl Store {
     /// Makes all of `commit` durable, or nothing; within a [group](Store::begin_group) when that ends.
     ///
     /// # Errors
-    /// A record that is [known](Store::known) already, something that would not read back as it is, or a file
-    /// system that refuses.
+    /// A record that is [known](Store::known) already, a value that would not read back equal, or an error of
+    /// the file system.
     pub fn commit(&mut self, commit: &Commit<'_>) -> Result<(), StoreError> {
         let result = self.try_commit(commit);
         if let Err(trouble) = result {

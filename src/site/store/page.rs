@@ -68,7 +68,7 @@ impl Reader {
     /// Runs several queries on one snapshot of the store, whatever is committed meanwhile.
     ///
     /// # Errors
-    /// The store cannot be read, or what is asked fails.
+    /// The store cannot be read, or a query fails.
     pub fn together<T>(&self, ask: impl FnOnce(&Self) -> Result<T, StoreError>) -> Result<T, StoreError> {
         let view = self
             .connection

@@ -1,15 +1,15 @@
-//! The paper's own study, run from the same code as the product, figure by figure beside what the paper prints.
+//! The paper's own study, run from the same code as the product, figure by figure beside the paper's.
 //!
-//! * [`paper`]       what the paper prints
-//! * [`setting`]     as printed, and as its numbers come out
+//! * [`paper`]       the paper's printed figures
+//! * [`setting`]     as printed, and as its numbers require
 //! * [`table2`]      Table 2: posteriors of the real record by every sampler on every model
 //! * [`cases`]       figure 6: divergences and ratios
 //! * [`table3`]      Table 3, figures 7 and 8: one to five frequencies of a known rod
 //! * [`sensitivity`] Sobol's indices, figure 4
 //! * [`predictive`]  posterior predictive checks
-//! * [`assumptions`], [`worth`], [`ladder`] beyond the paper: other assumptions, what to measure next, samplers
-//! * [`claims`]      which statements hold, by the rules of [`verdict`]; [`reasons`] why figures disagree
-//! * [`times`]       what emulators and samplers cost
+//! * [`assumptions`], [`worth`], [`ladder`] beyond the paper: other assumptions, worth of measurements, samplers
+//! * [`claims`]      verdicts on statements, by the rules of [`verdict`]; [`reasons`] of disagreements
+//! * [`times`]       times of emulators and samplers
 //! * [`estimate`]    a figure with its Monte Carlo error
 //! * [`density`]     densities and the Kullback-Leibler divergence
 //!

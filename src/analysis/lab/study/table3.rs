@@ -50,7 +50,7 @@ struct Run {
 /// means.
 ///
 /// # Errors
-/// The model does not know the rod.
+/// The rod is outside the model's range.
 pub fn frequencies(prior: &RodPrior, model: &dyn ForwardModel) -> Result<[f64; MAX_MODES], StudyError> {
     let mut theta = prior.centre();
     theta[..4].copy_from_slice(&paper::TRUTH);

@@ -1,4 +1,4 @@
-//! The map from a rod's parameters to its natural frequencies, by whichever model stands behind it.
+//! The map from a rod's parameters to its natural frequencies, by any forward model.
 
 use super::{OutsideRange, Parameterisation};
 

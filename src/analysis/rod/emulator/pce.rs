@@ -190,7 +190,7 @@ impl Pce {
         out.iter_mut().zip(rows).for_each(|(out, [f])| *out = f);
     }
 
-    /// The germ of the axial force, or a refusal if the force is fixed: the chaos knows no slope then.
+    /// The germ of the axial force, or a refusal if the force is fixed: the chaos then has no slope.
     fn force(&self) -> Result<&Axis, OutsideRange> {
         let value = self.prior.priors()[0].centre();
         let refusal = OutsideRange {

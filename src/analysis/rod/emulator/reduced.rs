@@ -16,7 +16,7 @@
 //! The wavenumber is smoother than the frequency and costs a square root at the end instead of an
 //! exponential. It is symmetric in the two ends, which halves the terms. Coefficients are discrete
 //! projections on a tensor Gauss-Legendre grid of exact solutions; terms that contribute less than 1e-7
-//! are left out. Measured errors stand in docs/emulators.md.
+//! are left out. Measured errors are in docs/emulators.md.
 
 use super::expansion::{Expansion, LANES};
 use super::reduced_fit::{DEGREES_S, INNER};

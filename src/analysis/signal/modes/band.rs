@@ -107,7 +107,7 @@ pub struct Cell {
     pub floor: f64,
 }
 
-/// Cells side by side: what the likelihood adds up at once. Lanes beyond the last cell hold no lines.
+/// Number of cells that the likelihood adds up at once. Lanes beyond the last cell hold no lines.
 pub const LANES: usize = 8;
 
 /// [`LANES`] neighbouring cells, quantity by quantity.

@@ -15,7 +15,7 @@ use crate::analysis::signal::spectrum::Transforms;
 use realfft::num_complex::Complex;
 
 /// Half width of a band in half-power half-widths of its peak: beyond 8 the band holds less than a
-/// tenth more of what there is to learn about the frequency (bandwidth factor 0.84, Au 2014).
+/// tenth more of the information on the frequency (bandwidth factor 0.84, Au 2014).
 pub(super) const HALF_WIDTHS: f64 = 8.0;
 /// Fewest lines to either side of the peak: the noise floor must be known from lines that the mode does
 /// not reach, or excitation that goes on during a decay is taken for noise.

@@ -19,8 +19,8 @@
 //! so that the covariance of the band is a diagonal plus a matrix of rank two: the exact likelihood
 //! costs one pass over the lines. After a pull or a blow, or from within a decay, `c` is unknown with a very wide
 //! prior ([`Start::Free`]), and `W_k` stands for ambient excitation that goes on meanwhile.
-//! Whatever else varies smoothly across the band (leakage of drift and of other modes, the mode's
-//! own negative-frequency image) is `d_0 + d_1 x_k` with flat priors, integrated out.
+//! All else that varies smoothly across the band (leakage of drift and of other modes, the mode's own
+//! negative-frequency image) is `d_0 + d_1 x_k` with flat priors, integrated out.
 
 use super::band::{Band, Block, LANES};
 use super::logarithm::ln;

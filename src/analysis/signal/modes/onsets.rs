@@ -1,9 +1,9 @@
 //! Onsets of free decays and blows within a record.
 //!
-//! A release or a blow that stands out of everything is seen in the samples themselves ([`releases`]): the level
-//! of the smoothed slope, which a slow pull before a release hardly moves, just after an instant over that
-//! before it. A weaker one is seen in the innovations of the fitted modes ([`blows`]), where the
-//! motion that goes on anyway is taken out.
+//! A strong release or blow is seen in the samples themselves ([`releases`]): the level of the smoothed
+//! slope, which a slow pull before a release hardly moves, just after an instant over that before it. A
+//! weaker one is seen in the innovations of the fitted modes ([`blows`]), where the motion that goes on
+//! anyway is taken out.
 
 use super::subband::{Pole, Subband};
 use crate::analysis::signal::record::slope::Slope;

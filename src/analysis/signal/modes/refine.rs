@@ -49,8 +49,8 @@ pub struct Refinement {
 /// Fits a resonance to the raw Fourier coefficients around each peak; peaks that turn out to be
 /// noise, or part of a resonance already fitted, are left out.
 ///
-/// The highest peaks come first; what a lower one shows must stand above the skirts of those already
-/// fitted. A record declared as a free decay is used from its first release on.
+/// The highest peaks come first; a lower one must rise above the skirts of those already fitted. A record
+/// declared as a free decay is used from its first release on.
 pub fn refine(transforms: &Transforms, record: &Record, peaks: &[Peak], search: &Search<'_>) -> Refinement {
     let mut by_height: Vec<&Peak> = peaks.iter().collect();
     by_height.sort_by(|a, b| b.height_db.total_cmp(&a.height_db));

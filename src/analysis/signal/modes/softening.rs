@@ -1,11 +1,12 @@
 //! Softening shared by the modes of a record: how far their frequencies move with amplitude.
 //!
-//! How much one decay tells of its own softening `b` depends on its level and its damping; that rods soften at all, and
-//! about how much, all decays of a record tell together. As often as not a rod at small swings does not soften at all;
-//! else the `b` are normal about zero with a standard deviation `tau` that is itself unknown, even in its logarithm. A
-//! record whose clearest modes keep their frequency to 1e-6 so vouches for its weak ones, and one whose clearest mode
-//! falls by 0.1 % widens the errors of all. Without the first possibility the errors of clean decays are those of a rod
-//! that may always soften by a little less than can be seen: twice their scatter.
+//! The information of one decay on its own softening `b` depends on its level and damping; all decays of a
+//! record together show if the rod softens at all, and about how much. With probability 1/2 a rod at small
+//! swings does not soften at all; else the `b` are normal about zero with a standard deviation `tau` that is
+//! itself unknown, even in its logarithm. A record whose clearest modes keep their frequency to 1e-6 so
+//! vouches for its weak ones, and one whose clearest mode falls by 0.1 % widens the errors of all. Without
+//! the first possibility the errors of clean decays are those of a rod that may always soften by a little
+//! less than can be seen: twice their scatter.
 
 use super::fit::Fit;
 

@@ -63,7 +63,7 @@ type Message = (i64, Vec<f64>);
 
 /// Cuts one rod's samples into records.
 ///
-/// What it holds between two messages survives a restart ([`Assembler::save`]).
+/// Its state between two messages survives a restart ([`Assembler::save`]).
 #[derive(Debug, Serialize, Deserialize)]
 pub struct Assembler {
     rod: RodId,

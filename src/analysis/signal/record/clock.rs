@@ -177,8 +177,8 @@ fn student(freedom: f64) -> f64 {
 
 /// A measured rate and a declared one \[Hz\], each by its precision: the rate and its relative standard error.
 ///
-/// A measured rate that is sure stands, and so does one that contradicts the declared rate. `stamps` is how many it was
-/// measured with: two tell no scatter, so the difference itself is the error.
+/// A precise measured rate is used alone, and so is one that contradicts the declared rate. `stamps` is the
+/// number of stamps behind it: two have no scatter, so the difference itself is the error.
 pub(super) fn weigh(measured_hz: f64, sd: f64, declared_hz: f64, stamps: usize) -> (f64, f64) {
     let difference = declared_hz / measured_hz - 1.0;
     if difference.abs() < 1e-9 {

@@ -242,8 +242,8 @@ struct Rails {
 /// Samples at a rail: at an extreme that holds far more than the band just inside it.
 ///
 /// Just inside its peak a sine spends no more than half the time it spends in the next eight steps, and
-/// a random signal less; a rail piles up what would have gone beyond it. Signals of fewer than some ten
-/// steps cannot be told apart. A rod that is held still by a rope stays there for long.
+/// a random signal less; a rail piles up what would have gone beyond it. Signals of fewer than about ten
+/// steps cannot be judged. A rod held still by a rope stays at an extreme for long.
 fn clipped(samples: &[f64], range: &Extent, fs_hz: f64) -> Rails {
     let reach = 0.5 * (range.high - range.low);
     let band = (0.05 * reach).max(8.0 * range.step);

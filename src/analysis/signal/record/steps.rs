@@ -1,8 +1,9 @@
 //! Steps of a signal's mean and of its level that no vibration makes.
 //!
-//! A rod that is pulled and let go makes steps too. They are told from a sensor that moved by what follows: the rod answers a release
-//! by swinging through, as far again on the other side, and a pull ends in a release. A level changes with every gust, blow or hand
-//! on the rod; only a changed unit, range or sensor changes the noise between the resonances along with it, and at once.
+//! A rod that is pulled and let go makes steps too. They differ from those of a moved sensor by what follows:
+//! after a release the rod swings through, as far again on the other side, and a pull ends in a release. A
+//! level changes with every gust, blow or hand on the rod; only a changed unit, range or sensor changes the
+//! noise between the resonances along with it, and at once.
 
 use realfft::RealFftPlanner;
 use std::ops::Range;

@@ -46,7 +46,7 @@ impl Timestamp {
     /// (`2026-03-01T06:00:00Z`; UTC if no zone is given).
     ///
     /// # Errors
-    /// It is neither; the text says what is expected.
+    /// It is neither; the text names the expected forms.
     pub fn as_written(text: &str) -> Result<Self, String> {
         let whole = if text.contains('T') || text.contains(' ') {
             text.to_owned()

@@ -101,9 +101,9 @@ pub fn noise_floor(spectrum: &Spectrum, first: usize, level_db: &[f64]) -> Vec<f
     floor
 }
 
-/// The peaks of a spectrum between `low_hz` and `high_hz` that stand `settings.prominence_db` above
-/// the local noise floor with a prominence of at least half of that; the highest above the floor
-/// are kept, in ascending order of frequency.
+/// The peaks of a spectrum between `low_hz` and `high_hz` that rise `settings.prominence_db` above the local
+/// noise floor with a prominence of at least half of that; the highest above the floor are kept, in ascending
+/// order of frequency.
 pub fn pick_peaks(spectrum: &Spectrum, settings: &PeakSettings, low_hz: f64, high_hz: f64) -> Vec<Peak> {
     let tiny = f64::MIN_POSITIVE;
     // Levels are needed only around the band; its neighbourhood feeds the floor and the prominences.

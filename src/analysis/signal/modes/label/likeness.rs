@@ -6,8 +6,9 @@
 //! x_i ~ N(m, t^2 + v_i),   m ~ N(m0, s0^2),      foreign:  x_i ~ N(m0, s0^2 + t^2 + v_i),
 //! ```
 //!
-//! so that one peak alone says nothing, whatever its damping, and several say how alike they are. A support may damp one mode
-//! far more than the others: some rods have no such pattern, which bounds what unlike dampings can take away.
+//! so that one peak alone carries no evidence, whatever its damping, and several carry that of their
+//! likeness. A support may damp one mode far more than the others: some rods have no such pattern, which
+//! bounds what unlike dampings can take away.
 
 use super::super::Resonance;
 

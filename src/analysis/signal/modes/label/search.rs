@@ -1,8 +1,8 @@
 //! Candidates: the assignments that a coarse grid of rods suggests.
 //!
 //! The grid spans dimensionless tension, both ends and the level of all frequencies. Its spectra are rounded
-//! to bins of ln f once per rod; a record fills the bins with what a mode there would gain over a foreign
-//! peak, and a node's score is a sum of look-ups.
+//! to bins of ln f once per rod; a record fills the bins with the gain of a mode there over a foreign peak,
+//! and a node's score is a sum of look-ups.
 
 use super::code::Code;
 use super::peak::Peak;
@@ -143,8 +143,8 @@ impl Grid {
         (self.range, self.first_high)
     }
 
-    /// The likeliest assignments of `peaks` between `band` (ln f), best first; `log_least` is what a foreign
-    /// peak costs beside its density, `spread` the relative model discrepancy.
+    /// The likeliest assignments of `peaks` between `band` (ln f), best first; `log_least` is the log cost of
+    /// a foreign peak beside its density, `spread` the relative model discrepancy.
     pub(super) fn suggestions(
         &self,
         peaks: &[Peak],

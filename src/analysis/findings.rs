@@ -98,7 +98,7 @@ pub enum Nature {
 /// An integer multiple of another peak's frequency. The modes of a taut string are multiples too.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Multiple {
-    /// The factor, from 2.
+    /// Factor of the multiple, from 2.
     pub times: u32,
     /// Frequency of the other peak \[Hz\].
     pub frequency_hz: f64,

@@ -20,7 +20,7 @@ pub const VERSION: u32 = 2;
 /// Settings of the analysis of one rod.
 #[derive(Debug, Clone, PartialEq)]
 pub struct AnalysisSettings {
-    /// The rod.
+    /// Id of the rod.
     pub rod: RodId,
     /// Prior of the rod's quantities.
     pub prior: RodPrior,
@@ -44,7 +44,7 @@ pub struct AnalysisSettings {
 /// Result of one record: modes, posterior and conflict.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Identification {
-    /// The rod.
+    /// Id of the rod.
     pub rod: RodId,
     /// Time and data of the measurement; `None` for frequencies measured elsewhere.
     pub measurement: Option<Measurement>,
@@ -81,7 +81,7 @@ pub struct Measurement {
     pub waveform: Envelope,
     /// Faults noticed by the quality checks.
     pub flags: Vec<Flag>,
-    /// Welch's spectrum.
+    /// Welch's spectrum of the record.
     pub spectrum: Spectrum,
     /// Every resonance and line found in the spectrum, labelled as a mode or not.
     pub resonances: Vec<Resonance>,
@@ -92,7 +92,7 @@ pub struct Measurement {
 /// A record that gives no force, with the evidence found in it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Refusal {
-    /// The reason.
+    /// Reason of the rejection.
     pub rejection: Rejection,
     /// Spectrum and resonances, if it has any.
     pub measurement: Option<Box<Measurement>>,

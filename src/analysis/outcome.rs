@@ -21,7 +21,7 @@ pub enum Outcome {
 /// A record known only by its natural frequencies in a table, without samples.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Tabulated {
-    /// The rod.
+    /// Id of the rod.
     pub rod: RodId,
     /// Time of the record.
     pub start: Timestamp,
@@ -42,7 +42,7 @@ pub struct Tabulated {
 /// A record that gave no force.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Rejected {
-    /// The rod.
+    /// Id of the rod.
     pub rod: RodId,
     /// Time of the first sample, if it is known.
     pub start: Option<Timestamp>,
@@ -54,7 +54,7 @@ pub struct Rejected {
     pub identity: Option<[u8; 32]>,
     /// Temperature readings that came with it.
     pub readings: Vec<Reading>,
-    /// The reason.
+    /// Reason of the rejection.
     pub rejection: Rejection,
     /// Waveform, spectrum and resonances, if the analysis came that far.
     pub measurement: Option<Box<Measurement>>,
@@ -65,7 +65,7 @@ pub struct Rejected {
 }
 
 impl Outcome {
-    /// The rod.
+    /// Id of the rod.
     pub fn rod(&self) -> &RodId {
         match self {
             Self::Identified(identification) => &identification.rod,

@@ -390,7 +390,7 @@ pub enum News<'a> {
     Outcome(&'a Outcome, Position<'a>),
     /// Temperatures of a recording that belong to no record.
     Readings {
-        /// The rod.
+        /// Id of the rod.
         rod: &'a RodId,
         /// Ascending in time.
         readings: &'a [Temperature],

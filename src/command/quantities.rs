@@ -59,7 +59,7 @@ impl Profile {
         }
     }
 
-    /// Its area \[m^2\].
+    /// Area \[m^2\].
     pub fn area_m2(self) -> f64 {
         match self {
             Self::Square(side) => side * side,

@@ -46,7 +46,7 @@ impl Table {
         }
     }
 
-    /// The two header lines.
+    /// Two header lines of the table.
     pub fn header(&self) -> String {
         let mut line = format!("{:<width$}  {:<16}", "rod", "start (UTC)", width = self.rod_width);
         for order in 1..=self.modes {

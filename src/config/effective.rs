@@ -40,7 +40,7 @@ impl PartialEq for Line {
 pub struct KeyReference {
     /// Section: `rod.channel`; `[[` … `]]` for those that may occur several times.
     pub section: String,
-    /// The key.
+    /// Name of the key.
     pub key: &'static str,
     /// Default, `required`, or the behaviour without it.
     pub default: String,

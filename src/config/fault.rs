@@ -37,7 +37,7 @@ pub enum ConfigError {
     /// The file cannot be read.
     #[error("{}: {reason}", path.display())]
     Unreadable {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// Error of the system.
         reason: String,

@@ -150,7 +150,7 @@ impl Site {
         Ok(standings)
     }
 
-    /// The store.
+    /// Store of the site.
     pub fn store(&self) -> &Store {
         &self.store
     }

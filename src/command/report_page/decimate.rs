@@ -5,7 +5,7 @@
 pub struct Point {
     /// Time \[Unix s\].
     pub time: f64,
-    /// Value.
+    /// Value of the series.
     pub value: f64,
     /// Its 95 % interval; both ends the value itself where there is none.
     pub interval: (f64, f64),

@@ -17,7 +17,7 @@ const CANDIDATES: usize = 6;
 
 /// A record with the context of its drawing.
 pub(super) struct Drawn<'s> {
-    /// The record.
+    /// Record to draw.
     pub record: &'s Snapshot,
     /// Its entry in the key.
     pub key: String,

@@ -16,7 +16,7 @@ pub struct SiteReport {
     pub provenance: Vec<(String, String)>,
 }
 
-/// One rod.
+/// Content of a report for one rod.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RodReport {
     /// Id of the rod.
@@ -178,7 +178,7 @@ pub struct SegmentReport {
 pub struct ThermalLine {
     /// Slope \[1/K\].
     pub slope_per_k: f64,
-    /// Its standard deviation \[1/K\].
+    /// Standard deviation of the slope \[1/K\].
     pub slope_sd_per_k: f64,
 }
 

@@ -109,7 +109,7 @@ pub(super) struct Link {
 }
 
 impl Link {
-    /// Connects.
+    /// Connects to the daemon.
     pub async fn open(to: &Address, tls: Option<&TlsConnector>) -> anyhow::Result<Self> {
         timeout(CONNECT, Self::connect(to, tls))
             .await

@@ -28,7 +28,7 @@ pub(super) struct Wanted<'a> {
 /// Origin of a record.
 #[derive(Debug, Clone)]
 pub(super) struct Source {
-    /// The file.
+    /// Path of the file.
     pub file: Arc<str>,
     /// Topic of the channel.
     pub channel: String,

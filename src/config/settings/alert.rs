@@ -10,7 +10,7 @@ pub const LOG: &str = "log";
 /// Names in braces that a topic may hold.
 pub const TOPIC_PLACES: [&str; 5] = ["{site}", "{rod}", "{kind}", "{what}", "{alarm}"];
 
-/// One sink.
+/// Settings of one sink.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SinkSettings {
     /// Its name, unique within the site; the store records deliveries under it.

@@ -120,7 +120,7 @@ pub enum Timing {
     Stamps(Arc<Stamps>),
 }
 
-/// The stamps of samples.
+/// Stamps of a file's samples.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Stamps {
     /// Nanoseconds since 1970, or since an origin that the file does not give.

@@ -16,7 +16,7 @@ pub enum DecodeError {
     /// The path leads nowhere.
     #[error("no field `{path}`; there is: {has}")]
     Missing {
-        /// The path.
+        /// Path as configured.
         path: String,
         /// Content where the path ends.
         has: String,
@@ -24,7 +24,7 @@ pub enum DecodeError {
     /// The path leads to something that is not a number.
     #[error("field `{path}` is {found}, not a number or an array of numbers")]
     Type {
-        /// The path.
+        /// Path as configured.
         path: String,
         /// Type found.
         found: &'static str,
@@ -35,7 +35,7 @@ pub enum DecodeError {
          between 1677 and 2262)"
     )]
     Time {
-        /// The path.
+        /// Path as configured.
         path: String,
     },
     /// The stamp beside the message is no possible time.
@@ -47,7 +47,7 @@ pub enum DecodeError {
     /// An array of samples without their rate.
     #[error("field `{path}` is an array: its sample rate is needed (`fs_hz`)")]
     Rate {
-        /// The path.
+        /// Path as configured.
         path: String,
     },
     /// The message has more bytes than allowed.
@@ -64,7 +64,7 @@ pub enum DecodeError {
         "channels {channels} have this topic at once, and nothing says which is the rod's; give each sensor a topic of its own"
     )]
     SharedTopic {
-        /// The channels' ids.
+        /// Ids of the channels, for people.
         channels: String,
     },
     /// The schema cannot be used.

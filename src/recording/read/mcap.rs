@@ -63,9 +63,9 @@ pub enum Progress {
 /// A channel as the file describes it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ChannelInfo {
-    /// The topic.
+    /// MCAP topic.
     pub topic: String,
-    /// The message encoding.
+    /// Message encoding, by the MCAP registry.
     pub encoding: String,
     /// The id of its schema, 0 for none; its content does not change within a file.
     pub schema: u16,
@@ -92,7 +92,7 @@ pub enum Item<'a> {
     Hole(&'a Hole),
 }
 
-/// A message.
+/// A message with its channel and times.
 #[derive(Debug, Clone, Copy)]
 pub struct Message<'a> {
     /// Id of its channel.
@@ -313,7 +313,7 @@ impl<R: Read> Reader<R> {
         self.contents.offset
     }
 
-    /// The input.
+    /// Input of the reader.
     pub fn input_mut(&mut self) -> &mut R {
         &mut self.input
     }

@@ -43,7 +43,7 @@ pub enum SourceError {
     /// The file system returned an error.
     #[error("{path}: cannot be read: {source}")]
     Io {
-        /// The file.
+        /// Path of the file.
         path: String,
         /// Error of the file system.
         source: io::Error,
@@ -51,13 +51,13 @@ pub enum SourceError {
     /// A pipe, a device, a folder where a file is needed.
     #[error("{path}: not a regular file")]
     NotAFile {
-        /// The path.
+        /// Path that is no file.
         path: String,
     },
     /// Another program's file that cannot be read, or not for these rods.
     #[error("{path}: {what}")]
     Foreign {
-        /// The file.
+        /// Path of the file.
         path: String,
         /// Description of the fault.
         what: String,
@@ -65,13 +65,13 @@ pub enum SourceError {
     /// A folder without recordings.
     #[error("{path}: no recordings (*.mcap) in this folder")]
     Empty {
-        /// The folder.
+        /// Path of the folder.
         path: String,
     },
     /// The path of a field is malformed.
     #[error("rod {rod}: {source}")]
     Field {
-        /// The rod.
+        /// Id of the rod.
         rod: String,
         /// Fault of the path.
         source: path::PathError,

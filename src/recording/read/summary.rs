@@ -33,7 +33,7 @@ pub struct Summary {
 /// Content of one topic.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct TopicSummary {
-    /// Its message encoding.
+    /// Message encoding of the topic.
     pub encoding: String,
     /// Number of its messages.
     pub messages: u64,

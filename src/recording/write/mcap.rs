@@ -15,7 +15,7 @@ pub enum SinkError {
     /// The file system returned an error.
     #[error("cannot write {path}: {source}")]
     Io {
-        /// The file.
+        /// Path of the file.
         path: String,
         /// Error of the file system.
         source: io::Error,

@@ -14,7 +14,7 @@ const MOST_READ: u64 = 20_000;
 /// A rod's history; all columns are equally long, ascending in time.
 #[derive(Debug, Serialize)]
 pub struct History {
-    /// The rod.
+    /// Id of the rod.
     pub rod: RodId,
     /// Begin of the history.
     pub from: Timestamp,

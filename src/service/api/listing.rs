@@ -90,7 +90,7 @@ pub fn mark(next: &str) -> Option<Mark> {
 /// An alarm, as `history --what alarms --format json` prints it.
 #[derive(Debug, Serialize)]
 pub struct AlarmAnswer {
-    /// The alarm.
+    /// The alarm, in its present state.
     #[serde(flatten)]
     pub alarm: Alarm,
     /// True if it is active.

@@ -9,7 +9,7 @@ use crate::site::store::{Reader, StoreError};
 use serde::Serialize;
 use serde_json::value::RawValue;
 
-/// One rod.
+/// Answer about one rod.
 #[derive(Debug, Serialize)]
 pub struct RodAnswer {
     /// Status of the rod.
@@ -45,7 +45,7 @@ pub struct SegmentAnswer {
 pub struct Thermal {
     /// Slope \[1/K\].
     pub slope_per_k: f64,
-    /// Its standard deviation \[1/K\].
+    /// Standard deviation of the slope \[1/K\].
     pub slope_sd_per_k: f64,
 }
 
@@ -87,7 +87,7 @@ impl RodAnswer {
 /// Views of single records of a rod.
 #[derive(Debug, Serialize)]
 pub struct Looks {
-    /// The rod.
+    /// Id of the rod.
     pub rod: RodId,
     /// SI unit of the waveform.
     pub unit: Option<&'static str>,
@@ -145,7 +145,7 @@ impl Looks {
 /// The drift watch of a rod's present segment, in columns, ascending in time: one point per closed period.
 #[derive(Debug, Default, Serialize)]
 pub struct Chart {
-    /// The segment.
+    /// Number of the segment.
     pub segment: u32,
     /// Begin of each period.
     pub time: Vec<Timestamp>,

@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 /// Status of one rod; every field is always present.
 #[derive(Debug, Clone, Serialize)]
 pub struct RodStatus {
-    /// The rod.
+    /// Id of the rod.
     pub rod: RodId,
     /// `learning`, `monitoring`, `alarm` or `not-monitoring`.
     pub state: &'static str,

@@ -39,17 +39,17 @@ pub const JOURNAL: &str = "journal";
 
 /// Sources to read.
 pub struct Sources {
-    /// The watched folder.
+    /// Watched folder, if any.
     pub folder: Option<PathBuf>,
     /// Time without growth after which a recording counts as cut short \[s\].
     pub settle_s: f64,
-    /// The journal.
+    /// Journal to read, if any.
     pub journal: Option<JournalSource>,
 }
 
 /// The journal to read.
 pub struct JournalSource {
-    /// Its folder.
+    /// Folder of the journal.
     pub folder: PathBuf,
     /// Handle of its writer: a change of the configuration begins a new part.
     pub handle: journal::Handle,

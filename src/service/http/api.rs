@@ -28,7 +28,7 @@ const PERIODS: (usize, usize) = (4000, 1500);
 /// Shared state of all answers.
 #[derive(Clone)]
 pub struct Api {
-    /// The store.
+    /// Store behind the page.
     pub(super) shown: Arc<Shown>,
     /// Rules of access.
     pub(super) access: Access,

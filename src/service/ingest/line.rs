@@ -4,7 +4,7 @@ use crate::recording::read::stamp;
 use serde::Deserialize;
 use serde_json::Value;
 
-/// A line.
+/// A JSON line of a client.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Line {
     /// Hello: the client gives its name and wants to resume.
@@ -13,7 +13,7 @@ pub enum Line {
     End,
     /// Data of a topic.
     Data {
-        /// The topic.
+        /// Topic of the data.
         topic: String,
         /// Time of measurement \[ns since 1970\]; `None` for now.
         time: Option<u64>,

@@ -25,7 +25,7 @@ pub struct Refusal(pub String);
 pub enum Step {
     /// The client gave its name: call [`Protocol::welcome`] before anything else is parsed.
     Hello(String),
-    /// Messages.
+    /// A batch of messages.
     Batch(Batch),
     /// The stream ended properly; the client may begin another one.
     End {

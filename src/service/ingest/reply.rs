@@ -5,12 +5,12 @@ use serde_json::{Value, json};
 use std::fmt;
 use std::str::FromStr;
 
-/// An answer.
+/// Answer of the daemon to a client.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Reply {
     /// To a hello: the sender continues with this message, counted from 0.
     Welcome {
-        /// The sender.
+        /// Name of the sender.
         sender: String,
         /// Number of messages that need not be sent again.
         messages: u64,

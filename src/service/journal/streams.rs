@@ -9,7 +9,7 @@ use tokio::sync::watch;
 /// Most senders remembered; beyond, the one that was silent longest is forgotten.
 const MAX_SENDERS: usize = 4096;
 
-/// One stream.
+/// State of one stream.
 struct Stream {
     standing: Standing,
     /// Id of the connection that feeds it.

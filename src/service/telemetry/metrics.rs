@@ -29,7 +29,7 @@ pub(super) type Quantity = Gauge<f64, AtomicU64>;
 /// Result of one attempt to deliver an event.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Delivery {
-    /// The sink has it.
+    /// Delivered to the sink.
     Delivered,
     /// It is tried again later.
     Failed,

@@ -70,7 +70,7 @@ pub enum StoreError {
     /// A value to be kept would not read back equal.
     #[error("{what} cannot be kept: {detail}")]
     Unkeepable {
-        /// The value.
+        /// Name of the value.
         what: String,
         /// Reason.
         detail: String,
@@ -78,7 +78,7 @@ pub enum StoreError {
     /// A value in the store cannot be parsed.
     #[error("{what} cannot be read back: {detail}")]
     Unreadable {
-        /// The value.
+        /// Name of the value.
         what: String,
         /// Reason.
         detail: String,

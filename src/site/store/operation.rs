@@ -50,7 +50,7 @@ pub struct News {
     pub number: i64,
     /// Rod of the alarm.
     pub rod: RodId,
-    /// The event.
+    /// The alarm event.
     pub event: AlarmEvent,
 }
 

@@ -14,7 +14,7 @@ use serde::de::DeserializeOwned;
 pub struct Point {
     /// Number in the store, ascending with commits.
     pub id: i64,
-    /// The rod.
+    /// Id of the rod.
     pub rod: RodId,
     /// Time of its first sample, if it had one.
     pub start: Option<Timestamp>,

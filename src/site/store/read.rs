@@ -44,7 +44,7 @@ pub enum Listing {
 /// Status of one rod.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Standing {
-    /// The rod.
+    /// Id of the rod.
     pub rod: RodId,
     /// State of the rod.
     pub state: RodState,

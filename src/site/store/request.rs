@@ -6,7 +6,7 @@ use super::state::{Trouble, time};
 use crate::analysis::signal::record::{RodId, Timestamp};
 use rusqlite::Connection;
 
-/// A request.
+/// A person's request to a store.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Request {
     /// Number in the order of requests, from 1.

@@ -16,7 +16,7 @@ const REFUSED: i64 = -1;
 /// View of a record with its place.
 #[derive(Clone, Copy)]
 pub struct SnapshotRow<'a> {
-    /// The rod.
+    /// Id of the rod.
     pub rod: &'a RodId,
     /// Segment of the record.
     pub segment: u32,

@@ -70,9 +70,9 @@ pub struct Comparison {
     pub part: String,
     /// Column or row of it.
     pub column: String,
-    /// Quantity.
+    /// Quantity compared.
     pub quantity: String,
-    /// Statistic.
+    /// Statistic compared.
     pub statistic: &'static str,
     /// The paper's figure, if it prints one.
     pub paper: Option<Printed>,

@@ -135,7 +135,7 @@ pub struct Traces {
 pub struct Column {
     /// Sampler and model.
     pub which: Which,
-    /// The runs.
+    /// Runs of the column.
     pub runs: Vec<Run>,
 }
 

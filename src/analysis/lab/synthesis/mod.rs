@@ -53,7 +53,7 @@ pub struct Synthesis<'s> {
 /// One record of one rod, with the truth behind it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SimulatedRecord {
-    /// The rod.
+    /// Id of the rod.
     pub rod: RodId,
     /// Number of the record, from 1.
     pub number: usize,

@@ -16,7 +16,7 @@ pub enum SynthesisError {
          but a tie-rod stays in tension; lower the restraint, the temperature range or the loss"
     )]
     Slack {
-        /// The rod.
+        /// Id of the rod.
         rod: RodId,
         /// Time of going slack.
         time: Timestamp,
@@ -26,7 +26,7 @@ pub enum SynthesisError {
     /// The beam has no natural frequencies.
     #[error("rod {rod}: {reason}")]
     Beam {
-        /// The rod.
+        /// Id of the rod.
         rod: RodId,
         /// Reason given by the beam model.
         reason: OutsideRange,
@@ -36,7 +36,7 @@ pub enum SynthesisError {
         "rod {rod}: its first natural frequency, {frequency_hz:.3} Hz, is not below half the sample rate of {fs_hz} Hz"
     )]
     Undersampled {
-        /// The rod.
+        /// Id of the rod.
         rod: RodId,
         /// Its first natural frequency \[Hz\].
         frequency_hz: f64,

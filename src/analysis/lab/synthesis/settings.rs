@@ -53,7 +53,7 @@ pub struct Climate {
 /// One simulated rod.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SimulatedRod {
-    /// The rod.
+    /// Id of the rod.
     pub rod: RodId,
     /// Channel of its displacement.
     pub displacement: Channel,

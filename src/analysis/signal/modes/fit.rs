@@ -76,7 +76,7 @@ impl Fit {
 /// Starting point of a fit.
 #[derive(Debug, Clone, Copy)]
 pub struct Aim {
-    /// The peak \[Hz\].
+    /// Frequency of the peak \[Hz\].
     pub peak_hz: f64,
     /// Parameters found in another stretch of the record.
     pub before: Option<Parameters>,

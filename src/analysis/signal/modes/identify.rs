@@ -45,7 +45,7 @@ pub struct ModalEstimate {
 /// A record without labelled frequencies, with the evidence found in it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Unidentified {
-    /// The reason.
+    /// Reason of the rejection.
     pub rejection: Rejection,
     /// Spectrum and resonances, if it has any.
     pub evidence: Option<Box<Evidence>>,

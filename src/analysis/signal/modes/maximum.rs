@@ -29,9 +29,9 @@ const ENOUGH: f64 = 45.0;
 
 /// A maximum of the likelihood, with the band it was found in.
 pub struct Found {
-    /// The band.
+    /// Band in which it was found.
     pub band: Band,
-    /// The maximum.
+    /// Maximum with its curvature.
     pub top: Optimum,
     /// Start assumed.
     pub start: Start,

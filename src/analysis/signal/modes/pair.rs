@@ -26,7 +26,7 @@ const ITERATIONS: usize = 25;
 /// One of two modes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Member {
-    /// Its pole.
+    /// Pole of the mode.
     pub pole: Pole,
     /// Standard error of its frequency \[Hz\].
     pub frequency_sd_hz: f64,

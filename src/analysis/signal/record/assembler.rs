@@ -22,11 +22,11 @@ pub enum Event {
     Record(Record),
     /// A stretch that gives no record.
     Rejected {
-        /// The rod.
+        /// Id of the rod.
         rod: RodId,
         /// Time of its first sample, if stamped.
         start: Option<Timestamp>,
-        /// Its length \[s\].
+        /// Length of the stretch \[s\].
         duration_s: f64,
         /// Sample rate \[Hz\], if it could be measured.
         fs_hz: Option<f64>,
@@ -37,7 +37,7 @@ pub enum Event {
     },
     /// Temperatures at the end of the stream that belong to no record.
     Readings {
-        /// The rod.
+        /// Id of the rod.
         rod: RodId,
         /// Ascending in time.
         readings: Vec<Reading>,
@@ -112,7 +112,7 @@ pub struct Assembler {
 /// A message before which others were inserted, because of their stamps.
 #[derive(Debug, Clone, Copy, Serialize, Deserialize)]
 struct Ahead {
-    /// Its stamp \[ns\].
+    /// Stamp of the message \[ns\].
     time: i64,
     /// Stamp of the message before it \[ns\].
     behind: i64,

@@ -18,7 +18,7 @@ pub enum TimeSource {
 /// Location of one quantity in a recording.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Channel {
-    /// The topic.
+    /// MCAP topic.
     pub topic: String,
     /// The path inside the message, dots between names, indices in brackets: `point.z`, `data[3]`,
     /// `sensors[0].value`. A path that ends at an array of numbers gives one sample per entry.
@@ -34,7 +34,7 @@ pub struct Channel {
 /// The channels of one rod.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct RodChannels {
-    /// The rod.
+    /// Id of the rod.
     pub rod: RodId,
     /// Its displacement, velocity or acceleration.
     pub displacement: Channel,

@@ -50,7 +50,7 @@ impl Offsets {
         Self { late, scatter, size }
     }
 
-    /// The holes.
+    /// Finds the holes.
     pub fn holes(&self) -> Holes {
         let quantum = if self.scatter < COUNTABLE { 1.0 } else { self.size };
         if self.scatter < CLEAR * quantum {

@@ -33,7 +33,7 @@ pub enum Rejection {
         "constant signal: every sample is {value:e}; check that the sensor measures, and that `field` names what moves"
     )]
     Constant {
-        /// The value, SI.
+        /// Constant value of the samples, SI.
         value: f64,
     },
     /// The sensor repeated its last value too often.
@@ -75,7 +75,7 @@ pub enum Rejection {
     Irregular {
         /// Scatter over the interval of messages; infinite if the stamps do not advance.
         jitter: f64,
-        /// Largest allowed.
+        /// Largest jitter allowed.
         allowed: f64,
     },
     /// The declared rate is not the measured one.
@@ -166,11 +166,11 @@ pub enum Rejection {
          larger share or distance with abc.accept"
     )]
     NothingAccepted {
-        /// Accepted draws.
+        /// Number of accepted draws.
         accepted: usize,
-        /// All draws.
+        /// Number of draws.
         draws: usize,
-        /// The tolerance.
+        /// Tolerance used.
         epsilon: f64,
         /// Fewest accepted for a posterior.
         needed: usize,
@@ -180,7 +180,7 @@ pub enum Rejection {
         "topic {topic} has several channels at once ({channels}): nothing says which is the rod's; give each sensor a topic of its own"
     )]
     SharedTopic {
-        /// The topic.
+        /// MCAP topic.
         topic: String,
         /// Names of the channels, for people.
         channels: String,

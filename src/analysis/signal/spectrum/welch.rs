@@ -14,7 +14,7 @@ pub enum WelchError {
     /// The sample rate is not a positive number.
     #[error("sample rate {fs_hz} Hz is not a positive number")]
     SampleRate {
-        /// The rate \[Hz\].
+        /// Sample rate \[Hz\].
         fs_hz: f64,
     },
     /// Fewer than two samples a segment, or segments that overlap completely.
@@ -22,7 +22,7 @@ pub enum WelchError {
     Segment {
         /// Samples per segment.
         nperseg: usize,
-        /// Samples shared.
+        /// Samples shared by neighbouring segments.
         noverlap: usize,
     },
     /// Fewer samples than one segment.

@@ -112,7 +112,7 @@ pub(super) struct Object {
     /// Index in the list of the segment, if it is there.
     place: usize,
     pub(super) properties: HashMap<String, Property>,
-    /// Its numbers.
+    /// Numeric values read so far.
     pub(super) values: Vec<f64>,
     /// Its stamps \[ns since 1970\].
     pub(super) stamps: Vec<i64>,

@@ -63,7 +63,7 @@ pub struct Labelling {
 pub struct Unlabelled {
     /// Reason, with advice on what would decide between the candidates.
     pub rejection: Rejection,
-    /// The candidates.
+    /// Candidate assignments of the peaks.
     pub labels: Labels,
 }
 

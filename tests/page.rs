@@ -1,5 +1,6 @@
-//! The page's server over the store of a campaign: what the API says is what `history` and `status` say, its description
-//! holds, strangers are refused, and a new record rings. tests/browser.rs looks at the page itself.
+//! The page's server over the store of a campaign: the API's answers equal those of `history` and `status`
+//! and match its description, foreign clients are refused, and a new record is announced. tests/browser.rs
+//! tests the page itself.
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
 mod archive;

@@ -1,4 +1,4 @@
-//! `tirante ack`: somebody knows of an alarm.
+//! `tirante ack`: acknowledges alarms.
 
 use super::BadArguments;
 use super::which_store::{WhichStore, ask, check_rod};
@@ -22,19 +22,19 @@ use std::process::ExitCode;
   tirante ack --store site.db --all"
 )]
 pub struct Args {
-    /// The alarms, by the ids that `status` and `history --what alarms` show.
+    /// Ids of the alarms, as shown by `status` and `history --what alarms`.
     #[arg(value_name = "ALARM")]
     pub alarms: Vec<String>,
 
-    /// Every alarm of this rod that stands.
+    /// Acknowledge every active alarm of this rod.
     #[arg(long, value_name = "ID")]
     pub rod: Option<String>,
 
-    /// Every alarm that stands.
+    /// Acknowledge every active alarm.
     #[arg(long)]
     pub all: bool,
 
-    /// The store.
+    /// Store to use.
     #[command(flatten)]
     pub which: WhichStore,
 }
@@ -76,7 +76,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     super::print(out.as_bytes())
 }
 
-/// The alarms that are meant and that nobody acknowledged.
+/// Alarms selected that are not acknowledged.
 fn wanted(args: &Args, reader: &Reader) -> anyhow::Result<Vec<Alarm>> {
     let mut wanted = Vec::new();
     for id in &args.alarms {

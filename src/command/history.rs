@@ -1,4 +1,4 @@
-//! `tirante history`: what the store has of records, periods, alarms and rejections.
+//! `tirante history`: lists records, periods, alarms and rejections of a store.
 
 use super::BadArguments;
 use super::listing::{Aligned, cell, csv, object, seconds};
@@ -16,7 +16,7 @@ use std::process::ExitCode;
 
 /// List records, periods, alarms or rejected records of a store.
 ///
-/// It reads beside a running `replay` or `run`.
+/// A running `replay` or `run` is not disturbed.
 #[derive(Debug, Clone, clap::Args)]
 #[command(after_help = "Examples:
   tirante history --store site.db
@@ -28,35 +28,35 @@ use std::process::ExitCode;
 
 A '~' before a change or force says that it is not compensated for temperature.")]
 pub struct Args {
-    /// The store.
+    /// Store to read.
     #[command(flatten)]
     pub which: WhichStore,
 
-    /// This rod only.
+    /// Only this rod.
     #[arg(long, value_name = "ID")]
     pub rod: Option<String>,
 
-    /// From this time on: a day (2026-03-01, from midnight UTC) or a time (2026-03-01T06:00:00Z).
+    /// Begin of the listing: a day (2026-03-01, from midnight UTC) or a time (2026-03-01T06:00:00Z).
     #[arg(long, value_name = "TIME", value_parser = Timestamp::as_written)]
     pub from: Option<Timestamp>,
 
-    /// Before this time.
+    /// End of the listing, exclusive.
     #[arg(long, value_name = "TIME", value_parser = Timestamp::as_written)]
     pub to: Option<Timestamp>,
 
-    /// What is listed.
+    /// Table to list.
     #[arg(long, value_enum, default_value_t)]
     pub what: What,
 
-    /// How it is listed.
+    /// Output format.
     #[arg(long, value_enum, default_value_t)]
     pub format: AnyFormat,
 }
 
-/// How a listing is written.
+/// Output format of a listing.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, clap::ValueEnum)]
 pub enum AnyFormat {
-    /// Aligned columns for people.
+    /// Aligned columns.
     #[default]
     Table,
     /// One JSON object per line.
@@ -65,26 +65,26 @@ pub enum AnyFormat {
     Csv,
     /// Parquet: the columns of the CSV, typed (only if built with `--features parquet`).
     Parquet,
-    /// MCAP: records and alarms as messages, to be opened beside the recordings in Foxglove or Lichtblick.
+    /// MCAP: records and alarms as messages, to open next to the recordings in Foxglove or Lichtblick.
     Mcap,
 }
 
-/// What can be listed.
+/// Table of a store to list.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, clap::ValueEnum)]
 pub enum What {
-    /// Every record, rejected ones too.
+    /// Every record, including rejected ones.
     #[default]
     Records,
-    /// Decorrelation periods (a day by default) that closed, with the evidence of a change.
+    /// Closed decorrelation periods (a day by default), with the evidence of a change.
     Periods,
-    /// Alarms, over or not.
+    /// Alarms, active or over.
     Alarms,
-    /// Records that were rejected.
+    /// Rejected records.
     Rejections,
 }
 
 impl What {
-    /// As the store calls it.
+    /// Listing of the store.
     pub fn listing(self) -> Listing {
         match self {
             Self::Records => Listing::Records,
@@ -136,7 +136,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// Records and alarms as messages.
+/// Writes records and alarms as messages.
 fn write_mcap(reader: &Reader, filter: &Filter, out: &mut impl Write) -> anyhow::Result<()> {
     if io::stdout().is_terminal() {
         let why = "MCAP is not for a terminal: send it to a file, > results.mcap";
@@ -199,7 +199,7 @@ fn write_parquet(_: &Reader, _: &Filter, _: What, _: &mut impl Write) -> anyhow:
     .into())
 }
 
-/// Writes what is wanted of a store.
+/// Writes a listing of a store.
 ///
 /// # Errors
 /// The store cannot be read, or `out` cannot be written.
@@ -379,7 +379,7 @@ fn cells(what: What, row: &Row<'_>) -> Vec<String> {
     }
 }
 
-/// A row whose columns are asked for by name.
+/// A row with columns by name.
 struct Row<'a> {
     names: &'a [String],
     values: &'a [Value],

@@ -1,4 +1,4 @@
-//! `tirante status`: how every rod stands, since when, and why.
+//! `tirante status`: shows the state of every rod, since when, and why.
 
 use super::listing::{Aligned, csv, minutes};
 use super::render::signed_percent;
@@ -24,15 +24,15 @@ that of the latest record alone; '!' and '?' say that it may be wrong. The exit
 code says whether the store could be read, not whether an alarm stands: read
 `alarms` of --format json for that.")]
 pub struct Args {
-    /// The store.
+    /// Store to read.
     #[command(flatten)]
     pub which: WhichStore,
 
-    /// This rod only.
+    /// Only this rod.
     #[arg(long, value_name = "ID")]
     pub rod: Option<String>,
 
-    /// How it is said.
+    /// Output format.
     #[arg(long, value_enum, default_value_t)]
     pub format: Format,
 }
@@ -51,7 +51,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     super::print(text.as_bytes())
 }
 
-/// How the rods of a store stand, or this one; nothing if it has no rod yet.
+/// Status of the rods of a store, or of one; empty if it has no rod yet.
 ///
 /// # Errors
 /// The store cannot be read.

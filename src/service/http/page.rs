@@ -12,7 +12,7 @@ use sha2::{Digest, Sha256};
 use std::io::Write;
 use std::sync::LazyLock;
 
-/// What a browser may do with the page: run, show and ask what this server sends, and nothing else. Plotly writes `style`
+/// Content security policy of the page: run, show and ask only what this server sends. Plotly writes `style`
 /// attributes, which the style rule has to let pass.
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; \
                       connect-src 'self'; manifest-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
@@ -26,7 +26,7 @@ struct Asset {
     kind: &'static str,
     plain: Vec<u8>,
     gzip: Vec<u8>,
-    /// Follows from the content.
+    /// Tag that follows from the content.
     tag: String,
 }
 
@@ -48,7 +48,7 @@ impl Asset {
         }
     }
 
-    /// The file, or that the browser has it already.
+    /// Answers with the file, or that the browser has it already.
     fn answer(&self, asked: &HeaderMap) -> Response {
         let said = |name| {
             asked
@@ -105,7 +105,7 @@ fn plotly() -> String {
     script.map(|(script, _)| script.to_owned()).unwrap_or_default()
 }
 
-/// The page's documents and what they load.
+/// Routes of the page's documents and of the files they load.
 pub fn routes<S: Clone + Send + Sync + 'static>() -> Router<S> {
     let file =
         |asset: &'static LazyLock<Asset>| get(async move |request: Request| asset.answer(request.headers()));

@@ -1,4 +1,4 @@
-//! Bounded questions, for pages: each is answered from an index, and every row it reads is compared with its checksum.
+//! Bounded queries, for pages: each uses an index, and every row it reads is compared with its checksum.
 
 use super::read::parse;
 use super::state::{self, Failure};
@@ -11,18 +11,18 @@ use rusqlite::Params;
 use rusqlite::types::Value;
 use serde::de::DeserializeOwned;
 
-/// A record's numbers that are drawn over time.
+/// Values of a record that are plotted over time.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Point {
-    /// Its number in the store: later commits have larger ones.
+    /// Number in the store, ascending with commits.
     pub id: i64,
-    /// The rod.
+    /// Id of the rod.
     pub rod: RodId,
     /// Time of its first sample, if it had one.
     pub start: Option<Timestamp>,
-    /// Why it was rejected, if it was.
+    /// Code of the rejection, if it was rejected.
     pub rejection: Option<String>,
-    /// Why it does not count on the charts, if it does not.
+    /// Reason why it does not count on the charts, if it does not.
     pub set_aside: Option<String>,
     /// N_t / N_0 at the measured temperature.
     pub relative_force: Option<Interval>,
@@ -38,26 +38,26 @@ pub struct Point {
     pub temperature_c: Option<f64>,
 }
 
-/// Where a page of records ends: time and number of its last.
+/// End of a page of records: time and number of the last one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Mark {
     /// Time of its first sample \[ns\].
     pub start_ns: i64,
-    /// Its number in the store.
+    /// Number in the store.
     pub id: i64,
 }
 
 /// JSON lines of records, the latest first.
 #[derive(Debug, Default)]
 pub struct Lines {
-    /// Each with its record's mark.
+    /// JSON lines, each with its record's mark.
     pub found: Vec<(Mark, String)>,
-    /// Whether they end because retention removed the lines of older records.
+    /// True if they end because retention removed the lines of older records.
     pub are_older_removed: bool,
 }
 
 impl Reader {
-    /// A number that changes whenever somebody commits to the store.
+    /// A number that changes with every commit to the store.
     ///
     /// # Errors
     /// The store cannot be read.
@@ -67,10 +67,10 @@ impl Reader {
             .map_err(|error| self.fault(Failure::Sql(error)))
     }
 
-    /// Asks several things of the store as it is at one moment, whatever is committed meanwhile.
+    /// Runs several queries on one snapshot of the store, whatever is committed meanwhile.
     ///
     /// # Errors
-    /// The store cannot be read, or what is asked fails.
+    /// The store cannot be read, or a query fails.
     pub fn together<T>(&self, ask: impl FnOnce(&Self) -> Result<T, StoreError>) -> Result<T, StoreError> {
         let view = self
             .connection
@@ -181,7 +181,7 @@ impl Reader {
         Ok(lines)
     }
 
-    /// The number of the record that was committed last; 0 before the first.
+    /// Number of the record committed last; 0 before the first.
     ///
     /// # Errors
     /// The store cannot be read.
@@ -210,7 +210,8 @@ impl Reader {
         lines.iter().map(|line| parse(line)).collect()
     }
 
-    /// Alarms, the latest first, at most `most`: those raised before an alarm, of one rod or all, those that stand or all.
+    /// Alarms, the latest first, at most `most`: those raised before an alarm, of one rod or all, only active
+    /// ones or all.
     ///
     /// # Errors
     /// As [`Reader::points_after`].
@@ -250,7 +251,7 @@ impl Reader {
         Ok(self.part(rod, state::WATCH)?.unwrap_or_default())
     }
 
-    /// One part of what a rod's fold remembers.
+    /// One part of the state of a rod's fold.
     fn part<T: DeserializeOwned>(&self, rod: &RodId, part: &str) -> Result<Option<T>, StoreError> {
         let mut json = None;
         self.verified("state", "rod = ? AND part = ?", (&rod.0, part), |row| {
@@ -281,7 +282,7 @@ impl Reader {
         found.iter().rev().map(|json| state::read(&rod.0, json)).collect()
     }
 
-    /// The configuration of the record that was committed last: hash, site, and the text with every default filled in.
+    /// Configuration of the record committed last: hash, site, and the text with every default filled in.
     ///
     /// # Errors
     /// As [`Reader::points_after`].
@@ -289,7 +290,7 @@ impl Reader {
         self.config_where("hash = (SELECT config FROM record ORDER BY id DESC LIMIT 1)", ())
     }
 
-    /// The configuration of a rod's record that began at a time.
+    /// Configuration of a rod's record that began at `start`.
     ///
     /// # Errors
     /// As [`Reader::points_after`].
@@ -313,7 +314,7 @@ impl Reader {
         Ok(found)
     }
 
-    /// Hands the rows of a table that a condition picks to `on_row`, each compared with its checksum.
+    /// Calls `on_row` with each row of a table that meets a condition, after comparing it with its checksum.
     fn verified(
         &self,
         table: &str,
@@ -336,7 +337,7 @@ fn limit(most: usize) -> i64 {
     i64::try_from(most).unwrap_or(i64::MAX)
 }
 
-/// The columns of a point: what every record has, then four of each interval.
+/// Columns of a point: those of every record, then four of each interval.
 const COLUMNS: [&str; 26] = [
     "id",
     "rod",
@@ -366,7 +367,7 @@ const COLUMNS: [&str; 26] = [
     "axial_force_q975_n",
 ];
 
-/// Where the columns of a point stand in a row.
+/// Indices of the columns of a point in a row.
 struct Places([usize; 26]);
 
 impl Places {

@@ -1,4 +1,4 @@
-//! What people ask of a store while it may be in use: rows that the fold applies before the rod's next record.
+//! Requests of people to a store that may be in use: rows that the fold applies before the rod's next record.
 
 use super::StoreError;
 use super::row::Row;
@@ -6,30 +6,30 @@ use super::state::{Failure, time};
 use crate::analysis::signal::record::{RodId, Timestamp};
 use rusqlite::Connection;
 
-/// Something somebody asked for.
+/// A person's request to a store.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Request {
-    /// Its place in the order of requests, from 1.
+    /// Number in the order of requests, from 1.
     pub number: i64,
-    /// The rod it is about.
+    /// Rod of the request.
     pub rod: RodId,
-    /// What is asked.
+    /// Action asked for.
     pub what: Asked,
-    /// When it was asked, by the clock of the person's machine.
+    /// Time of the request, by the clock of the person's machine.
     pub asked: Timestamp,
 }
 
-/// What can be asked.
+/// Action that can be asked for.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Asked {
-    /// Somebody knows of this alarm.
+    /// Acknowledge an alarm.
     Acknowledge {
-        /// The alarm.
+        /// Id of the alarm.
         alarm: String,
     },
-    /// A new baseline.
+    /// Learn a new baseline.
     Rebaseline {
-        /// Why, in the person's words.
+        /// Reason in the person's words.
         reason: Option<String>,
     },
 }
@@ -43,7 +43,7 @@ impl Asked {
     }
 }
 
-/// Puts a request behind those already there; its number.
+/// Appends a request to the queue; returns its number.
 pub(super) fn put(
     connection: &Connection,
     rod: &RodId,
@@ -77,7 +77,7 @@ fn row(number: i64, rod: &RodId, what: &Asked, asked: Timestamp, applied: bool) 
         .with("applied", i64::from(applied))
 }
 
-/// The requests about a rod that wait, in order.
+/// Waiting requests about a rod, in order.
 pub(super) fn waiting(connection: &Connection, rod: &RodId) -> Result<Vec<Request>, Failure> {
     select(
         connection,

@@ -30,6 +30,8 @@ pub struct RodStatus {
     pub compensated: bool,
     /// Reference temperature \[degC\].
     pub reference_temperature_c: Option<f64>,
+    /// Temperature of the record in `latest_used` \[degC\].
+    pub temperature_c: Option<f64>,
     /// Force given the baseline \[N\].
     pub force_n: Option<Interval>,
     /// N_t / N_0.
@@ -61,15 +63,19 @@ pub struct Goals {
     pub periods: usize,
 }
 
+/// The latest configuration of a store; `None` if it has none that this program understands.
+pub(super) fn latest_config(reader: &Reader) -> Result<Option<Config>, StoreError> {
+    let config = reader.latest_config()?;
+    Ok(config.and_then(|[_, _, text]| Config::parse(&text, "the store").ok()))
+}
+
 impl Goals {
     /// By the latest configuration of a store; `None` if it has none that this program understands.
     ///
     /// # Errors
     /// The store cannot be read.
     pub fn of(reader: &Reader) -> Result<Option<Self>, StoreError> {
-        let config = reader.latest_config()?;
-        let config = config.and_then(|[_, _, text]| Config::parse(&text, "the store").ok());
-        Ok(config.map(|config| Self {
+        Ok(latest_config(reader)?.map(|config| Self {
             records: config.track.baseline_records,
             periods: config.track.learning_periods,
         }))
@@ -86,6 +92,7 @@ struct Line {
     label_probability: Option<f64>,
     tracked_force_n: Option<Interval>,
     relative_force: Option<Interval>,
+    temperature_c: Option<f64>,
     reference_temperature_c: Option<f64>,
     force_at_reference_n: Option<Interval>,
     relative_force_at_reference: Option<Interval>,
@@ -130,6 +137,7 @@ impl RodStatus {
             learned_periods,
             learning_takes: goals.filter(|_| baseline_records.is_some()),
             compensated,
+            temperature_c: line.temperature_c,
             reference_temperature_c: line.reference_temperature_c,
             force_n: line.force_at_reference_n.or(line.tracked_force_n),
             relative_force: line.relative_force_at_reference.or(line.relative_force),
@@ -144,7 +152,7 @@ impl RodStatus {
                 .waiting
                 .iter()
                 .map(|request| match &request.what {
-                    Asked::Acknowledge { alarm } => format!("acknowledge {alarm}"),
+                    Asked::Acknowledge { alarm, .. } => format!("acknowledge {alarm}"),
                     Asked::Rebaseline { .. } => "rebaseline".to_owned(),
                 })
                 .collect(),

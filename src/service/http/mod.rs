@@ -2,7 +2,8 @@
 //!
 //! [`routes`] is what it answers; [`serve`] is how it listens: at most so many connections, each with limits and deadlines, so
 //! that no client can cost the daemon more than a little memory.
-//! * `page`    documents, scripts and style (`src/service/http/page/`), the plot library
+//! * `page`    documents, scripts and style (`src/service/http/page/`)
+//! * `packed`  compression, entity tags
 //! * `api`     `/api/v1`, read-only but for what brings the token
 //! * `live`    `/api/v1/events`
 //! * `viewer`  `/viewer`, for robotics viewers
@@ -14,6 +15,7 @@
 mod access;
 mod api;
 mod live;
+mod packed;
 mod page;
 mod problem;
 mod routes;

@@ -113,7 +113,13 @@ fn with_requests(site: &Site, store: &str, steps: &[&[&str]]) -> String {
     let alarm = alarms[0]["id"].as_str().unwrap().to_owned();
     let (north, south) = (RodId("north".into()), RodId("south".into()));
     let requests = [
-        (&north, Asked::Acknowledge { alarm }),
+        (
+            &north,
+            Asked::Acknowledge {
+                alarm,
+                said: Some("M. Rossi: looked at".to_owned()),
+            },
+        ),
         (&south, Asked::Rebaseline { reason: None }),
         (
             &north,

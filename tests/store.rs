@@ -217,7 +217,10 @@ fn requests_wait_for_the_writer_and_keep_their_order() {
     let alarm = store.alarms(&Filter::default()).unwrap()[0].id.clone();
     assert_eq!(store.alarm(&alarm).unwrap().unwrap().acknowledged, None);
     assert_eq!(store.alarm("none").unwrap(), None);
-    let acknowledge = Asked::Acknowledge { alarm: alarm.clone() };
+    let acknowledge = Asked::Acknowledge {
+        alarm: alarm.clone(),
+        said: Some("M. Rossi: looked at".to_owned()),
+    };
     let rebaseline = Asked::Rebaseline {
         reason: Some("tightened".into()),
     };

@@ -18,7 +18,7 @@ use std::process::ExitCode;
     group = clap::ArgGroup::new("which alarms").required(true).args(["alarms", "rod", "all"]),
     after_help = "Examples:
   tirante ack --store site.db 5f1d0c7a9e3b2468
-  tirante ack --config site.toml --rod north
+  tirante ack --config site.toml --rod north --by 'M. Rossi' --note 'wedge inspected, sound'
   tirante ack --store site.db --all"
 )]
 pub struct Args {
@@ -33,6 +33,14 @@ pub struct Args {
     /// Acknowledge every active alarm.
     #[arg(long)]
     pub all: bool,
+
+    /// Who knows of it; kept with the alarm and shown on the page.
+    #[arg(long, value_name = "NAME")]
+    pub by: Option<String>,
+
+    /// What there is to say of it.
+    #[arg(long, value_name = "TEXT")]
+    pub note: Option<String>,
 
     /// Store to use.
     #[command(flatten)]
@@ -57,9 +65,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         .map(|alarm| {
             (
                 alarm.rod.clone(),
-                Asked::Acknowledge {
-                    alarm: alarm.id.clone(),
-                },
+                Asked::acknowledge(&alarm.id, args.by.as_deref(), args.note.as_deref()),
             )
         })
         .collect();

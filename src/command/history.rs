@@ -1,16 +1,15 @@
 //! `tirante history`: lists records, periods, alarms and rejections of a store.
 
 use super::BadArguments;
-use super::listing::{Aligned, cell, csv, object, seconds};
+use super::listing::{Aligned, cell, csv, is_coloured, minutes, object};
 use super::render::percent;
 use super::which_store::{Format, WhichStore, check_rod};
 use crate::analysis::record_view::Snapshot;
 use crate::analysis::signal::record::Timestamp;
-use crate::service::api;
+use crate::service::api::{self, listing::AlarmAnswer};
 use crate::service::viewer::{Message, ResultsWriter};
 use crate::site::store::{Filter, Listing, Reader};
 use rusqlite::types::Value;
-use serde_json::Value as Json;
 use std::io::{self, IsTerminal, Write};
 use std::process::ExitCode;
 
@@ -217,11 +216,8 @@ pub fn write(
         }
         (Format::Json, What::Alarms) => {
             for alarm in reader.alarms(filter)? {
-                let mut object = serde_json::to_value(&alarm)?;
-                if let Json::Object(fields) = &mut object {
-                    fields.insert("stands".to_owned(), Json::Bool(!alarm.is_over()));
-                }
-                writeln!(out, "{object}")?;
+                let answer = serde_json::to_value(AlarmAnswer::of(reader, alarm)?)?;
+                writeln!(out, "{answer}")?;
             }
             Ok(())
         }
@@ -241,11 +237,15 @@ pub fn write(
             let mut found = false;
             reader.list(listing, filter, |names, values| -> anyhow::Result<()> {
                 found = true;
-                table.push(cells(what, &Row { names, values }));
+                let row = Row { names, values };
+                table.push(cells(what, &row));
+                if what == What::Alarms && row.number("stands") == Some(1.0) {
+                    table.stress();
+                }
                 Ok(())
             })?;
             if found {
-                out.write_all(table.print().as_bytes())?;
+                out.write_all(table.print(is_coloured()).as_bytes())?;
             } else {
                 tell!("nothing of that is in {}", reader.path().display());
             }
@@ -261,33 +261,20 @@ fn heads(what: What) -> &'static [&'static str] {
             "start (UTC)",
             ">change [%]",
             ">force [kN]",
-            ">absolute [kN]",
-            ">air [degC]",
+            ">alone [kN]",
+            ">degC",
             "state",
         ],
         What::Periods => &[
             "rod",
-            ">segment",
-            "start (UTC)",
-            ">records",
+            "day (UTC)",
             ">change [%]",
-            ">at reference [%]",
-            ">rod [degC]",
-            ">residual",
+            ">at reference",
             ">evidence",
             ">by peers",
             ">alone",
         ],
-        What::Alarms => &[
-            "id",
-            "rod",
-            "kind",
-            "raised (UTC)",
-            "acknowledged",
-            "cleared",
-            "stands",
-            "message",
-        ],
+        What::Alarms => &["id", "rod", "kind", "raised (UTC)", "stands", "message"],
         What::Rejections => &["rod", "start (UTC)", ">length [s]", "reason", "message"],
     }
 }
@@ -342,13 +329,9 @@ fn cells(what: What, row: &Row<'_>) -> Vec<String> {
             };
             vec![
                 row.shown("rod"),
-                row.shown("segment"),
-                row.time("start"),
-                row.shown("records"),
+                row.time("start").chars().take(10).collect(),
                 percent("delta", "delta_sd"),
                 percent("at_reference", "at_reference_sd"),
-                row.fixed("temperature_c", 1.0, 1),
-                row.fixed("residual", 1.0, 2),
                 evidence("evidence"),
                 evidence("evidence_peers"),
                 evidence("evidence_blind"),
@@ -359,15 +342,18 @@ fn cells(what: What, row: &Row<'_>) -> Vec<String> {
             row.shown("rod"),
             row.shown("kind"),
             row.time("raised"),
-            row.time("acknowledged"),
-            row.time("cleared"),
             if row.number("stands") == Some(1.0) {
                 "yes"
             } else {
                 "no"
             }
             .to_owned(),
-            row.shown("message"),
+            [("acknowledged", "acknowledged"), ("cleared", "condition ended")]
+                .iter()
+                .filter(|(column, _)| row.text(column).is_some())
+                .map(|(column, words)| format!("{words} {}; ", row.time(column)))
+                .chain([row.shown("message")])
+                .collect(),
         ],
         What::Rejections => vec![
             row.shown("rod"),
@@ -416,7 +402,7 @@ impl Row<'_> {
     }
 
     fn time(&self, name: &str) -> String {
-        self.text(name).map_or_else(|| "-".to_owned(), seconds)
+        self.text(name).map_or_else(|| "-".to_owned(), minutes)
     }
 
     fn fixed(&self, name: &str, factor: f64, digits: usize) -> String {

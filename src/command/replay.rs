@@ -22,8 +22,7 @@ use crate::site::record_row::RecordRow;
 use crate::site::store::Position;
 use crate::site::trackers::Taken;
 use anyhow::Context;
-use std::env;
-use std::io::{self, IsTerminal, Write};
+use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -111,7 +110,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         .unwrap_or(0);
     let rods: Vec<&RodId> = config.rods.iter().map(|rod| &rod.analysis.rod).collect();
     let store = args.store.as_deref().or(config.store.path.as_deref());
-    let is_coloured = io::stdout().is_terminal() && env::var_os("NO_COLOR").is_none_or(|set| set.is_empty());
+    let is_coloured = super::listing::is_coloured();
     let table = Table::new(
         rods.into_iter(),
         modes,

@@ -16,9 +16,8 @@ use crate::site::store::StoreError;
 use crate::site::trackers::{Site, Taken};
 use anyhow::{Context, anyhow};
 use std::collections::BTreeMap;
-use std::env;
 use std::fs::File;
-use std::io::{self, BufReader, IsTerminal, Write};
+use std::io::{self, BufReader, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -101,7 +100,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         .max()
         .unwrap_or(0);
     let store = args.store.as_deref().or(config.store.path.as_deref());
-    let is_coloured = io::stdout().is_terminal() && env::var_os("NO_COLOR").is_none_or(|set| set.is_empty());
+    let is_coloured = super::listing::is_coloured();
     let table = Table::new(
         config.rods.iter().map(|rod| &rod.analysis.rod),
         modes,

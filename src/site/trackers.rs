@@ -379,7 +379,7 @@ impl Site {
         let requests = self.store.waiting(rod)?;
         for request in &requests {
             let events = match &request.what {
-                Asked::Acknowledge { alarm } => tracker.acknowledge(alarm, request.asked),
+                Asked::Acknowledge { alarm, .. } => tracker.acknowledge(alarm, request.asked),
                 Asked::Rebaseline { .. } => tracker.rebaseline(None),
             };
             self.store.commit(&Commit {

@@ -60,15 +60,24 @@ impl Server {
         stream
     }
 
-    fn whole(&self, method: &str, path: &str, headers: &str) -> (String, String) {
+    fn answer(&self, method: &str, path: &str, headers: &str) -> (String, Vec<u8>) {
         let mut stream = self.send(method, path, &format!("Connection: close\r\n{headers}"));
         let mut answer = Vec::new();
         stream.read_to_end(&mut answer).unwrap();
-        let answer = String::from_utf8(answer).unwrap();
-        let (head, body) = answer
-            .split_once("\r\n\r\n")
-            .unwrap_or_else(|| panic!("{answer}"));
-        (head.to_ascii_lowercase(), body.to_owned())
+        let end = answer.windows(4).position(|four| four == b"\r\n\r\n").unwrap();
+        let body = answer.split_off(end + 4);
+        (String::from_utf8(answer).unwrap().to_ascii_lowercase(), body)
+    }
+
+    fn whole(&self, method: &str, path: &str, headers: &str) -> (String, String) {
+        let (head, body) = self.answer(method, path, headers);
+        (head, String::from_utf8(body).unwrap())
+    }
+
+    /// Status and body as they were sent.
+    pub fn bytes(&self, path: &str, headers: &str) -> (u16, Vec<u8>) {
+        let (head, body) = self.answer("GET", path, headers);
+        (head.split(' ').nth(1).unwrap().parse().unwrap(), body)
     }
 
     /// Status and body.

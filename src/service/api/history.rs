@@ -5,6 +5,7 @@ use crate::analysis::signal::record::{RodId, Timestamp};
 use crate::analysis::track::Interval;
 use crate::site::store::{Point, Reader, StoreError};
 use serde::Serialize;
+use std::collections::BTreeSet;
 
 const SECOND_NS: i64 = 1_000_000_000;
 
@@ -209,6 +210,69 @@ impl History {
         self.tracked_force_n.push_interval(point.tracked_force_n.as_ref());
         self.axial_force_n.push_interval(point.axial_force_n.as_ref());
         self.temperature_c.push(point.temperature_c);
+    }
+}
+
+/// The natural frequencies of a rod's records; all columns are equally long, ascending in time.
+#[derive(Debug, Serialize)]
+pub struct Frequencies {
+    /// The rod.
+    pub rod: RodId,
+    /// One record in so many is listed.
+    pub every: usize,
+    /// Time of the record's first sample.
+    pub time: Vec<Timestamp>,
+    /// One entry a mode, ascending.
+    pub modes: Vec<ModeColumn>,
+}
+
+/// One mode over time.
+#[derive(Debug, Serialize)]
+pub struct ModeColumn {
+    /// Its order, from 1.
+    pub order: u32,
+    /// Frequency \[Hz\]; `null` where a record does not show the mode.
+    pub frequency_hz: Vec<Option<f64>>,
+    /// Standard error \[Hz\].
+    pub sd_hz: Vec<Option<f64>>,
+}
+
+impl Frequencies {
+    /// Those of a rod from one time to before another, of at most `points` records.
+    ///
+    /// # Errors
+    /// The store cannot be read, or a row is damaged.
+    pub fn of(
+        reader: &Reader,
+        rod: &RodId,
+        (from, to): (Timestamp, Timestamp),
+        points: usize,
+    ) -> Result<Self, StoreError> {
+        let (records, every) = reader.modes_between(rod, from, to, points)?;
+        let orders: BTreeSet<u32> = records
+            .iter()
+            .flat_map(|record| record.modes.iter().map(|(order, ..)| *order))
+            .collect();
+        let column = |order: u32| {
+            let of_order = records.iter().map(|record| {
+                let mode = record.modes.iter().find(|(one, ..)| *one == order)?;
+                Some((mode.1, mode.2))
+            });
+            let (frequency_hz, sd_hz) = of_order
+                .map(|mode| (mode.map(|m| m.0), mode.map(|m| m.1)))
+                .unzip();
+            ModeColumn {
+                order,
+                frequency_hz,
+                sd_hz,
+            }
+        };
+        Ok(Self {
+            rod: rod.clone(),
+            every,
+            time: records.iter().map(|record| record.start).collect(),
+            modes: orders.into_iter().map(column).collect(),
+        })
     }
 }
 

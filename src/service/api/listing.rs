@@ -96,6 +96,25 @@ pub struct AlarmAnswer {
     pub alarm: Alarm,
     /// True if it is active.
     pub stands: bool,
+    /// Who acknowledged it and what they said: `NAME: TEXT`.
+    pub acknowledged_words: Option<String>,
+}
+
+impl AlarmAnswer {
+    /// An alarm of a store.
+    ///
+    /// # Errors
+    /// The store cannot be read.
+    pub fn of(reader: &Reader, alarm: Alarm) -> Result<Self, StoreError> {
+        Ok(Self {
+            stands: !alarm.is_over(),
+            acknowledged_words: match alarm.acknowledged {
+                Some(_) => reader.acknowledged_words(&alarm.id)?,
+                None => None,
+            },
+            alarm,
+        })
+    }
 }
 
 /// A page of alarms.
@@ -127,12 +146,9 @@ impl Alarms {
         let is_more = alarms.len() > most;
         alarms.truncate(most);
         let next = alarms.last().filter(|_| is_more).map(|alarm| alarm.id.clone());
-        let alarms = alarms.into_iter().map(|alarm| AlarmAnswer {
-            stands: !alarm.is_over(),
-            alarm,
-        });
+        let alarms = alarms.into_iter().map(|alarm| AlarmAnswer::of(reader, alarm));
         Ok(Some(Self {
-            alarms: alarms.collect(),
+            alarms: alarms.collect::<Result<_, _>>()?,
             next,
         }))
     }

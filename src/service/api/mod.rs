@@ -16,7 +16,7 @@ pub mod site;
 pub mod standing;
 
 pub use days::Days;
-pub use history::History;
+pub use history::{Frequencies, History};
 pub use listing::{Alarms, Records};
 pub use rod::{Chart, Looks, RodAnswer};
 pub use site::SiteAnswer;

@@ -1,7 +1,7 @@
 //! One rod: segments, effect of temperature, charts, and views of its records.
 
 use super::days::Days;
-use super::standing::{Goals, RodStatus};
+use super::standing::{Goals, RodStatus, latest_config};
 use crate::analysis::record_view::Snapshot;
 use crate::analysis::signal::record::{RodId, Timestamp};
 use crate::analysis::track::DriftWatch;
@@ -22,6 +22,10 @@ pub struct RodAnswer {
     pub segments: Vec<SegmentAnswer>,
     /// Effect of temperature, as learned.
     pub thermal: Option<Thermal>,
+    /// Relative loss of force from which on an alarm is raised \[-\].
+    pub limit_loss: Option<f64>,
+    /// Silence that is told as an alarm \[s\]: data that are older are stale.
+    pub silence_s: Option<f64>,
 }
 
 /// A stretch of history with one baseline.
@@ -76,7 +80,10 @@ impl RodAnswer {
             slope_per_k,
             slope_sd_per_k,
         });
+        let alarm = latest_config(reader)?.map(|config| config.alarm);
         Ok(Some(Self {
+            limit_loss: alarm.as_ref().map(|alarm| alarm.limit_loss),
+            silence_s: alarm.as_ref().map(|alarm| alarm.silence_s),
             span: days.span(rod).map(|(first, last)| [first, last]),
             segments,
             thermal,

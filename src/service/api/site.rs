@@ -1,7 +1,7 @@
 //! All rods of a site at a glance.
 
 use super::days::{DAY_NS, Days};
-use super::standing::{Goals, RodStatus};
+use super::standing::{Goals, RodStatus, latest_config};
 use crate::analysis::signal::record::{RodId, Timestamp};
 use crate::site::store::{Reader, StoreError};
 use serde::Serialize;
@@ -19,6 +19,8 @@ pub struct SiteAnswer {
     pub site: String,
     /// Version of the program that answers.
     pub version: &'static str,
+    /// Silence that is told as an alarm \[s\]: data that are older are stale.
+    pub silence_s: Option<f64>,
     /// Its rods, in alphabetical order.
     pub rods: Vec<RodGlance>,
 }
@@ -76,6 +78,7 @@ impl SiteAnswer {
         Ok(Self {
             site: config.map_or_else(|| "Site".to_owned(), |[_, site, _]| site),
             version: env!("CARGO_PKG_VERSION"),
+            silence_s: latest_config(reader)?.map(|config| config.alarm.silence_s),
             rods,
         })
     }

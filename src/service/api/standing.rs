@@ -31,6 +31,8 @@ pub struct RodStatus {
     pub compensated: bool,
     /// Reference temperature \[degC\].
     pub reference_temperature_c: Option<f64>,
+    /// Temperature of the record in `latest_used` \[degC\].
+    pub temperature_c: Option<f64>,
     /// Force given the baseline \[N\].
     pub force_n: Option<Interval>,
     /// N_t / N_0.
@@ -62,15 +64,19 @@ pub struct Goals {
     pub periods: usize,
 }
 
+/// The latest configuration of a store; `None` if it has none that this program understands.
+pub(super) fn latest_config(reader: &Reader) -> Result<Option<Config>, StoreError> {
+    let config = reader.latest_config()?;
+    Ok(config.and_then(|[_, _, text]| Config::parse(&text, "the store").ok()))
+}
+
 impl Goals {
     /// Goals by the latest configuration of a store; `None` if it has none that this program can parse.
     ///
     /// # Errors
     /// The store cannot be read.
     pub fn of(reader: &Reader) -> Result<Option<Self>, StoreError> {
-        let config = reader.latest_config()?;
-        let config = config.and_then(|[_, _, text]| Config::parse(&text, "the store").ok());
-        Ok(config.map(|config| Self {
+        Ok(latest_config(reader)?.map(|config| Self {
             records: config.track.baseline_records,
             periods: config.track.learning_periods,
         }))
@@ -105,6 +111,7 @@ impl RodStatus {
             learned_periods,
             learning_takes: goals.filter(|_| baseline_records.is_some()),
             compensated,
+            temperature_c: row.temperature_c,
             reference_temperature_c: row.reference_temperature_c,
             force_n: row.force_n(),
             relative_force: row.ratio(),
@@ -119,7 +126,7 @@ impl RodStatus {
                 .waiting
                 .iter()
                 .map(|request| match &request.what {
-                    Asked::Acknowledge { alarm } => format!("acknowledge {alarm}"),
+                    Asked::Acknowledge { alarm, .. } => format!("acknowledge {alarm}"),
                     Asked::Rebaseline { .. } => "rebaseline".to_owned(),
                 })
                 .collect(),

@@ -2,16 +2,19 @@
 
 use super::access::Access;
 use super::live;
+use super::packed;
 use super::problem::{self, Problem};
 use super::shown::Shown;
 use crate::analysis::signal::record::{RodId, Timestamp};
-use crate::service::api::{Alarms, Chart, Days, History, Looks, Records, RodAnswer, SiteAnswer, listing};
+use crate::service::api::{
+    Alarms, Chart, Days, Frequencies, History, Looks, Records, RodAnswer, SiteAnswer, listing,
+};
 use crate::site::store::{Asked, Reader, StoreError};
-use axum::Router;
 use axum::extract::{Path, Query, State};
 use axum::http::{HeaderMap, header};
 use axum::response::{IntoResponse, Response};
 use axum::routing::{get, post};
+use axum::{Router, middleware};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 use tokio::sync::{Semaphore, watch};
@@ -97,11 +100,13 @@ pub fn routes() -> Router<Api> {
         .route("/api/v1/site", get(site))
         .route("/api/v1/rods/{rod}", get(rod))
         .route("/api/v1/rods/{rod}/history", get(history))
+        .route("/api/v1/rods/{rod}/frequencies", get(frequencies))
         .route("/api/v1/rods/{rod}/records", get(records))
         .route("/api/v1/rods/{rod}/chart", get(chart))
         .route("/api/v1/rods/{rod}/latest", get(latest))
         .route("/api/v1/alarms", get(alarms))
         .route("/api/v1/alarms/{id}/acknowledge", post(acknowledge))
+        .layer(middleware::from_fn(packed::pack))
         .route("/api/v1/events", get(events))
 }
 
@@ -148,6 +153,26 @@ async fn history(
         };
         let span = (from.unwrap_or(first), to.unwrap_or(end));
         Ok(Ok(History::of(reader, days, &rod, span, points)?))
+    })
+    .await
+}
+
+async fn frequencies(
+    State(api): State<Api>,
+    Path(rod): Path<String>,
+    Query(span): Query<Span>,
+) -> Result<Response, Problem> {
+    let (from, to) = (
+        time("from", span.from.as_deref())?,
+        time("to", span.to.as_deref())?,
+    );
+    let points = within("points", span.points, POINTS)?;
+    api.answer_at_once(move |reader| {
+        let span = (
+            from.unwrap_or(Timestamp::from_nanos(i64::MIN)),
+            to.unwrap_or(Timestamp::MAX),
+        );
+        Ok(Ok(Frequencies::of(reader, &RodId(rod), span, points)?))
     })
     .await
 }
@@ -229,9 +254,17 @@ struct Acknowledged {
     when: String,
 }
 
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Words {
+    by: Option<String>,
+    note: Option<String>,
+}
+
 async fn acknowledge(
     State(api): State<Api>,
     Path(id): Path<String>,
+    Query(words): Query<Words>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
     if !api.access.has_token() {
@@ -251,8 +284,10 @@ async fn acknowledge(
         // Outside the question: it may look at the whole store first, and others ask meanwhile.
         let when = match alarm.acknowledged {
             Some(time) => format!("it was acknowledged at {time}"),
-            None => ask_writer(alarm.rod, Asked::Acknowledge { alarm: id.clone() })
-                .map_err(problem::unavailable)?,
+            None => {
+                let asked = Asked::acknowledge(&id, words.by.as_deref(), words.note.as_deref());
+                ask_writer(alarm.rod, asked).map_err(problem::unavailable)?
+            }
         };
         Ok(Acknowledged { alarm: id, when })
     })

@@ -14,6 +14,7 @@
 mod access;
 mod api;
 mod live;
+mod packed;
 mod page;
 mod problem;
 mod routes;

@@ -62,6 +62,7 @@ pub(super) fn apply(folder: &Path, done: u32, settings: &JournalSettings) -> std
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::analysis::signal::record::time::DAY_S;
 
     fn parts(ages_d: &[f64]) -> Vec<Kept> {
         let kept = |(at, age_d): (usize, &f64)| Kept {

@@ -31,7 +31,7 @@ pub use file_id::FileId;
 pub use kinds::ColumnKind;
 pub use open::Durability;
 pub use operation::{Carry, FileMark, FileState, News};
-pub use page::{Lines, Mark, Point};
+pub use page::{Lines, Mark, Modes, Point};
 pub use read::{Filter, Listing, Reader, Standing};
 pub use request::{Asked, Request};
 pub use snapshot::{SnapshotRow, Snapshots};
@@ -227,7 +227,7 @@ impl Store {
             let mut requests = self.reader.waiting(rod)?.into_iter().peekable();
             while let Some(Request {
                 number,
-                what: Asked::Acknowledge { alarm },
+                what: Asked::Acknowledge { alarm, .. },
                 asked,
                 ..
             }) = requests.next_if(|request| matches!(request.what, Asked::Acknowledge { .. }))

@@ -38,6 +38,15 @@ pub struct Point {
     pub temperature_c: Option<f64>,
 }
 
+/// The modes of one record.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Modes {
+    /// Time of the record's first sample.
+    pub start: Timestamp,
+    /// Order, frequency \[Hz\] and its standard error \[Hz\], ascending; empty for a rejected record.
+    pub modes: Vec<(u32, f64, f64)>,
+}
+
 /// End of a page of records: time and number of the last one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Mark {
@@ -117,6 +126,48 @@ impl Reader {
             Ok(())
         })?;
         Ok(points)
+    }
+
+    /// The modes of a rod's records from a time on and before another, in the order of time: of every record, or of each n-th so
+    /// that they are at most `most`. The second value is n.
+    ///
+    /// # Errors
+    /// As [`Reader::points_after`].
+    pub fn modes_between(
+        &self,
+        rod: &RodId,
+        from: Timestamp,
+        to: Timestamp,
+        most: usize,
+    ) -> Result<(Vec<Modes>, usize), StoreError> {
+        let records = || -> rusqlite::Result<Vec<(i64, i64)>> {
+            let mut statement = self.connection.prepare_cached(
+                "SELECT id, start_ns FROM record WHERE rod = ? AND start_ns >= ? AND start_ns < ? ORDER BY start_ns, id",
+            )?;
+            let rows = statement.query_map((&rod.0, from.as_nanos(), to.as_nanos()), |row| {
+                Ok((row.get(0)?, row.get(1)?))
+            })?;
+            rows.collect()
+        };
+        let records = records().map_err(|error| self.fault(Failure::Sql(error)))?;
+        let every = records.len().div_ceil(most.max(1)).max(1);
+        let mut found = Vec::new();
+        for (id, start_ns) in records.into_iter().step_by(every) {
+            let mut modes = Vec::new();
+            self.verified("mode", "record = ? ORDER BY mode_order", [id], |row| {
+                modes.push((
+                    row.get("mode_order")?,
+                    row.get("frequency_hz")?,
+                    row.get("sd_hz")?,
+                ));
+                Ok(())
+            })?;
+            found.push(Modes {
+                start: Timestamp::from_nanos(start_ns),
+                modes,
+            });
+        }
+        Ok((found, every))
     }
 
     /// The JSON lines of a rod's records before a mark, the latest first, at most `most`, each with its own mark; of one day

@@ -206,6 +206,14 @@ impl Reader {
         Ok(found.pop())
     }
 
+    /// The words with which an alarm was acknowledged: `NAME: TEXT`.
+    ///
+    /// # Errors
+    /// They cannot be read.
+    pub fn acknowledged_words(&self, alarm: &str) -> Result<Option<String>, StoreError> {
+        request::said_of(&self.connection, alarm).map_err(|trouble| self.fault(trouble))
+    }
+
     /// Alarms in their present state, in the order they were raised.
     ///
     /// # Errors

@@ -26,6 +26,8 @@ pub enum Asked {
     Acknowledge {
         /// Id of the alarm.
         alarm: String,
+        /// Who knows, and what they have to say of it.
+        said: Option<String>,
     },
     /// Learn a new baseline.
     Rebaseline {
@@ -35,6 +37,16 @@ pub enum Asked {
 }
 
 impl Asked {
+    /// Somebody knows of an alarm: who, and what they have to say, kept as `NAME: TEXT`.
+    pub fn acknowledge(alarm: &str, by: Option<&str>, note: Option<&str>) -> Self {
+        let words = [by, note].into_iter().flatten().map(str::trim);
+        let words: Vec<&str> = words.filter(|words| !words.is_empty()).collect();
+        Self::Acknowledge {
+            alarm: alarm.to_owned(),
+            said: (!words.is_empty()).then(|| words.join(": ")),
+        }
+    }
+
     fn code(&self) -> &'static str {
         match self {
             Self::Acknowledge { .. } => "acknowledge",
@@ -64,7 +76,7 @@ pub(super) fn put(
 
 fn row(number: i64, rod: &RodId, what: &Asked, asked: Timestamp, applied: bool) -> Row {
     let (alarm, reason) = match what {
-        Asked::Acknowledge { alarm } => (Some(alarm.clone()), None),
+        Asked::Acknowledge { alarm, said } => (Some(alarm.clone()), said.clone()),
         Asked::Rebaseline { reason } => (None, reason.clone()),
     };
     Row::of("request")
@@ -84,6 +96,19 @@ pub(super) fn waiting(connection: &Connection, rod: &RodId) -> Result<Vec<Reques
         "SELECT number, rod, what, alarm, reason, asked FROM request WHERE applied = 0 AND rod = ? ORDER BY number",
         &rod.0,
     )
+}
+
+/// The first words somebody said when acknowledging an alarm.
+pub(super) fn said_of(connection: &Connection, alarm: &str) -> Result<Option<String>, Failure> {
+    let found = select(
+        connection,
+        "SELECT number, rod, what, alarm, reason, asked FROM request WHERE what = 'acknowledge' AND alarm = ? ORDER BY number",
+        &alarm,
+    )?;
+    Ok(found.into_iter().find_map(|request| match request.what {
+        Asked::Acknowledge { said, .. } => said,
+        Asked::Rebaseline { .. } => None,
+    }))
 }
 
 pub(super) fn mark_applied(connection: &Connection, number: i64) -> Result<(), Failure> {
@@ -115,7 +140,10 @@ fn select(
         let alarm: Option<String> = row.get(3)?;
         let asked: String = row.get(5)?;
         let what = match (what.as_str(), alarm) {
-            ("acknowledge", Some(alarm)) => Asked::Acknowledge { alarm },
+            ("acknowledge", Some(alarm)) => Asked::Acknowledge {
+                alarm,
+                said: row.get(4)?,
+            },
             ("rebaseline", None) => Asked::Rebaseline { reason: row.get(4)? },
             _ => {
                 return Err(Failure::Other(StoreError::Unreadable {

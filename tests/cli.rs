@@ -1,4 +1,4 @@
-//! The program as users run it: exit codes, what goes to stdout and to stderr.
+//! The program as users run it: exit codes, stdout and stderr.
 
 use assert_cmd::Command;
 use serde_json::Value;

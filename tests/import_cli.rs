@@ -1,4 +1,4 @@
-//! `tirante import` as users run it: exit codes, the lines it prints, and what `check` and `replay` make of them.
+//! `tirante import` as users run it: exit codes, printed lines, and their use by `check` and `replay`.
 
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 

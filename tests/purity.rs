@@ -1,4 +1,5 @@
-//! The floors of the house: imports go downward only, and the pure wing does not wait, read, remember or ask the machine.
+//! The floors of the house: imports go downward only, and the pure wing does no I/O, waits for nothing and
+//! keeps no global state.
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -80,7 +81,7 @@ const STAIRS: [&str; 9] = [
     "service",
 ];
 
-/// Paths and macros that wait, read, remember or ask the machine.
+/// Paths and macros of I/O, waiting, global state or the machine.
 const FORBIDDEN: [&str; 21] = [
     "std::env",
     "std::fs",

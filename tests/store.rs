@@ -1,4 +1,4 @@
-//! The store: what goes in comes out, once; what is damaged is never believed; one writer at a time.
+//! The store: data is read back as written, once; damaged data is never used; one writer at a time.
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
 mod archive;
@@ -217,7 +217,10 @@ fn requests_wait_for_the_writer_and_keep_their_order() {
     let alarm = store.alarms(&Filter::default()).unwrap()[0].id.clone();
     assert_eq!(store.alarm(&alarm).unwrap().unwrap().acknowledged, None);
     assert_eq!(store.alarm("none").unwrap(), None);
-    let acknowledge = Asked::Acknowledge { alarm: alarm.clone() };
+    let acknowledge = Asked::Acknowledge {
+        alarm: alarm.clone(),
+        said: Some("M. Rossi: looked at".to_owned()),
+    };
     let rebaseline = Asked::Rebaseline {
         reason: Some("tightened".into()),
     };
@@ -327,7 +330,8 @@ fn a_newer_format_is_refused_by_name_and_left_alone() {
     assert_eq!(std::fs::read(&path).unwrap(), before);
 }
 
-/// Opens a damaged copy as a writer: fine and equal, refused with a reason, or moved aside with its journals.
+/// Opens a damaged copy as a writer: it must be intact and equal, refused with a reason, or moved aside with
+/// its journals.
 fn survives(path: &Path, damaged: &[u8], dump: &str, what: &str) -> bool {
     let folder = path.parent().unwrap();
     for entry in std::fs::read_dir(folder).unwrap().flatten() {
@@ -434,8 +438,8 @@ fn a_reader_does_not_believe_a_changed_row() {
     }
 }
 
-/// A store that the program of format 1 wrote (`replay recordings/todi-pull.mcap`), and what its `history --format json`
-/// printed.
+/// A store that the program of format 1 wrote (`replay recordings/todi-pull.mcap`), and its output of
+/// `history --format json`.
 #[test]
 fn a_store_of_the_first_format_is_read_as_it_is_and_brought_up_to_date_by_a_writer() {
     let folder = tempfile::tempdir().unwrap();

@@ -1,4 +1,4 @@
-//! `tirante backup`: a copy of a store, while the daemon writes to it.
+//! `tirante backup`: copies a store, while the daemon writes to it.
 
 use super::which_store::WhichStore;
 use crate::site::store::Reader;
@@ -14,11 +14,11 @@ use std::process::ExitCode;
 #[command(after_help = "Example:
   tirante backup --config /etc/tirante/tirante.toml /media/backup/site.sqlite")]
 pub struct Args {
-    /// The copy.
+    /// File to write.
     #[arg(value_name = "FILE")]
     pub target: PathBuf,
 
-    /// The store.
+    /// Store to copy.
     #[command(flatten)]
     pub which: WhichStore,
 }

@@ -1,4 +1,5 @@
-//! Recorded campaigns through the plans: every record's outcome in order, losses named, all counted.
+//! Runs recorded campaigns through the plans: every record's outcome in order, with losses reported and all
+//! counted.
 
 use super::foreign;
 use super::progress::Progress;
@@ -26,23 +27,23 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::thread;
 use std::time::Instant;
 
-/// Samples of records in memory between reading and analysis (8 bytes each).
+/// Most samples of records in memory between reading and analysis (8 bytes each).
 const SAMPLES_IN_FLIGHT: usize = 4 << 20;
 
-/// How recordings are read.
+/// Options for reading recordings.
 #[derive(Debug, Clone, Copy, Default, clap::Args)]
 pub struct Reading {
-    /// Threads that analyse records; the reader has one more. Default: one per core. The results are
-    /// the same, bit for bit, for any number.
+    /// Number of threads that analyse records, besides the reader's; default: one per core. Results are
+    /// bit-identical for any number.
     #[arg(long, value_name = "COUNT", value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub threads: Option<u16>,
 
-    /// Go on reading a recording that is still being written, until it is finished.
+    /// Keep reading a recording that is still being written, until it is finished.
     #[arg(long)]
     pub follow: bool,
 }
 
-/// Says on stderr what came of a campaign, and gives the exit code.
+/// Reports the result of a campaign on stderr and returns the exit code.
 pub fn conclude(tally: Option<Tally>) -> ExitCode {
     tally.map_or(ExitCode::SUCCESS, |tally| {
         tell!("{tally}");
@@ -50,7 +51,7 @@ pub fn conclude(tally: Option<Tally>) -> ExitCode {
     })
 }
 
-/// What came of a campaign.
+/// Result of a campaign.
 #[derive(Debug, Default)]
 pub struct Tally {
     identified: usize,
@@ -63,7 +64,7 @@ pub struct Tally {
 }
 
 impl Tally {
-    /// 0 good, 1 nothing could be read or something broke, 3 rejected records or lost data.
+    /// Exit code: 0 good, 1 nothing could be read or the analysis failed, 3 rejected records or lost data.
     fn exit_code(&self) -> ExitCode {
         if self.broken > 0 || (self.files > 0 && self.unreadable == self.files) {
             ExitCode::FAILURE
@@ -112,14 +113,14 @@ impl Display for Tally {
     }
 }
 
-/// Another program's files among the recordings.
+/// Options for other programs' files among the recordings.
 #[derive(Debug)]
 pub struct Others {
-    /// What is said of them.
+    /// Options for reading them.
     pub how: How,
-    /// Whether the configuration was named for them.
+    /// True if the configuration was named for them.
     pub is_meant: bool,
-    /// Whether one that does not say when it began is taken all the same.
+    /// True if one without a start is accepted.
     pub any_start: bool,
 }
 
@@ -223,7 +224,7 @@ pub fn run(
     }
 }
 
-/// Hands on what came of events and counts it.
+/// Passes on the results of events and counts them.
 struct Delivery<'a, F> {
     on_event: F,
     held: Held,
@@ -233,7 +234,7 @@ struct Delivery<'a, F> {
     is_meant: bool,
     bar: &'a Progress,
     tally: Tally,
-    /// Records of this run.
+    /// Identities of the records of this run.
     seen: HashSet<[u8; 32]>,
     passed: LastSeen,
     failure: Option<anyhow::Error>,
@@ -290,7 +291,8 @@ impl<F: OnEvent> Delivery<'_, F> {
     }
 }
 
-/// Puts other programs' files among the recordings by the time of their first sample; those that do not say it stay last.
+/// Sorts other programs' files among the recordings by the time of their first sample; those without a start
+/// stay last.
 fn in_order(files: Vec<Result<PathBuf, SourceError>>, how: &How) -> Vec<Result<PathBuf, SourceError>> {
     if files.len() < 2 {
         return files;
@@ -344,7 +346,7 @@ impl Tally {
         }
     }
 
-    /// Counts a file and says what was wrong with it; without `is_meant` the rod looked for was the built-in one.
+    /// Counts a file and reports its faults; without `is_meant` the rod searched for was the built-in one.
     fn file(&mut self, result: &Result<Summary, SourceError>, is_meant: bool, bar: &Progress) {
         self.files += 1;
         let summary = match result {

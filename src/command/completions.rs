@@ -1,4 +1,4 @@
-//! `tirante completions`: what a shell completes after `tirante`.
+//! `tirante completions`: prints a shell completion script.
 
 use clap_complete::Shell;
 use std::process::ExitCode;
@@ -10,7 +10,7 @@ use std::process::ExitCode;
       > ~/.local/share/bash-completion/completions/tirante
   tirante completions fish > ~/.config/fish/completions/tirante.fish")]
 pub struct Args {
-    /// The shell.
+    /// Shell of the script.
     pub shell: Shell,
 }
 

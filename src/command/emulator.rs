@@ -1,4 +1,4 @@
-//! `tirante emulator`: fits emulators into the cache, and says how wrong they are.
+//! `tirante emulator`: fits emulators into the cache, and prints their errors.
 
 use super::progress::Progress;
 use super::{USAGE, print, setup};
@@ -14,26 +14,26 @@ use std::io::{self, Write};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// Fit an emulator, or judge one.
+/// Fit an emulator, or print its errors.
 #[derive(Debug, Clone, clap::Args)]
 #[command(after_help = "Examples:
   tirante emulator validate
   tirante emulator train --order 5 --config config/campaign.toml --rod nave-3")]
 pub struct Args {
-    /// What to do.
+    /// Action to take.
     #[command(subcommand)]
     pub action: Action,
 
-    /// The configuration whose rod's prior is meant; without it the paper's rod.
+    /// Configuration whose rod's prior is used; default: the paper's rod.
     #[arg(long, global = true, value_name = "FILE")]
     pub config: Option<PathBuf>,
 
-    /// The rod of the configuration; needed if it has several.
+    /// Rod of the configuration; required if it has several.
     #[arg(long, global = true, value_name = "ID")]
     pub rod: Option<String>,
 }
 
-/// What to do with an emulator.
+/// Action of `tirante emulator`.
 #[derive(Debug, Clone, clap::Subcommand)]
 pub enum Action {
     /// Fit the paper's chaos and keep it in the cache directory; the reduced emulator needs no training.
@@ -51,19 +51,19 @@ pub enum Action {
     Validate(ValidateArgs),
 }
 
-/// How an emulator is judged.
+/// Options for measuring the errors of an emulator.
 #[derive(Debug, Clone, clap::Args)]
 pub struct ValidateArgs {
-    /// Which emulator.
+    /// Emulator to check.
     #[arg(long, value_enum, default_value_t = Which::All)]
     pub model: Which,
     /// Total order of the paper's chaos, 1 to 12.
     #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u8).range(1..=12))]
     pub order: u8,
-    /// What is taken as the truth.
+    /// Model taken as the truth.
     #[arg(long, value_enum, default_value_t = Truth::Exact)]
     pub reference: Truth,
-    /// Draws from the prior.
+    /// Number of draws from the prior.
     #[arg(long, default_value_t = validate::SAMPLE as u32, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     pub sample: u32,
     /// Seed of the draws.
@@ -74,18 +74,18 @@ pub struct ValidateArgs {
     pub output: Output,
 }
 
-/// Which emulator is judged.
+/// Emulator to check.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum Which {
-    /// The reduced one (default model).
+    /// The reduced emulator (default model).
     Reduced,
     /// The paper's Hermite chaos.
     Pce,
-    /// Both.
+    /// Both emulators.
     All,
 }
 
-/// What an emulator is judged by.
+/// Model taken as the truth.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum Truth {
     /// The exact model.
@@ -182,7 +182,7 @@ fn judging(args: &ValidateArgs, work: impl FnOnce(&(dyn Fn(usize) + Sync)) -> Er
     work(&|more| judged.add(more as u64, sample))
 }
 
-/// An error report for people.
+/// Error report as tables.
 fn table(report: &ErrorReport) -> io::Result<String> {
     let mut out = Vec::new();
     let ErrorReport {

@@ -1,4 +1,4 @@
-//! `tirante frequencies`: the natural frequencies of a given rod, by every forward model side by side.
+//! `tirante frequencies`: natural frequencies of a given rod, by every forward model side by side.
 
 use crate::analysis::rod::beam::forward::{ForwardModel, MAX_MODES};
 use crate::analysis::rod::beam::{
@@ -62,10 +62,10 @@ pub struct Args {
     /// Free length in m.
     #[arg(long, value_name = "M")]
     pub length: Option<f64>,
-    /// How many modes, 1 to 5.
+    /// Number of modes, 1 to 5.
     #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u8).range(1..=MAX_MODES as i64))]
     pub modes: u8,
-    /// Finite elements.
+    /// Number of finite elements.
     #[arg(long, default_value_t = finite_elements::ELEMENTS as u16, value_parser = clap::value_parser!(u16).range(8..=2000))]
     pub elements: u16,
     /// Total order of the paper's chaos, 1 to 8.
@@ -76,7 +76,7 @@ pub struct Args {
     pub output: Output,
 }
 
-/// The cross-section as typed.
+/// Cross-section of the rod.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum Shape {
     /// Square of side `--side`.
@@ -100,13 +100,13 @@ impl From<Shape> for Section {
     }
 }
 
-/// What one model says, or why it says nothing.
+/// Answer of one model, or its error.
 struct Answer {
     model: &'static str,
     result: Result<(Vec<f64>, Vec<f64>), String>,
 }
 
-/// Prints the table, or a line of JSON per model. Exit code 2: what is given describes no rod.
+/// Prints the table, or a line of JSON per model. Exit code 2: the arguments describe no rod.
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let parameterisation = Parameterisation::new(args.section.into());
     let theta = match args.theta(&parameterisation) {
@@ -162,7 +162,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
 }
 
 impl Args {
-    /// The parameter vector and which of its entries are the paper's, or what is wrong.
+    /// Parameter vector and the names of the entries taken from the paper, or the fault.
     fn theta(&self, parameterisation: &Parameterisation) -> Result<(Vec<f64>, Vec<String>), String> {
         let paper = RodPrior::todi();
         let given = [

@@ -32,7 +32,7 @@ use std::sync::Arc;
 /// Standard error of a frequency given without one \[Hz\]: the paper's Sigma = 1e-3 Hz^2.
 const DEFAULT_SD_HZ: f64 = 0.031_622_776_601_683_79;
 
-/// No rod vibrates faster \[Hz\].
+/// Highest frequency accepted; no rod vibrates faster \[Hz\].
 const HIGHEST_HZ: f64 = 1e5;
 
 /// Compute the posterior of the axial force from one recording.
@@ -51,7 +51,7 @@ const HIGHEST_HZ: f64 = 1e5;
   tirante identify --frequencies 4.492,-,13.252 \\
       --sd 0.005,-,0.01    (mode 2 not measured)")]
 pub struct Args {
-    /// A recording (MCAP), or a file of another program; all its records are identified.
+    /// Recording (MCAP), or file of another program; all its records are identified.
     #[arg(
         value_name = "PATH",
         required_unless_present = "frequencies",
@@ -64,7 +64,8 @@ pub struct Args {
     #[arg(long, value_name = "HZ,HZ,...", allow_hyphen_values = true)]
     pub frequencies: Option<String>,
 
-    /// Their standard errors in Hz: one for all, or one per frequency. Default: the paper's 0.0316 Hz.
+    /// Standard errors of the frequencies in Hz: one for all, or one per frequency. Default: the paper's
+    /// 0.0316 Hz.
     #[arg(
         long,
         value_name = "HZ[,HZ,...]",
@@ -73,7 +74,7 @@ pub struct Args {
     )]
     pub sd: Option<String>,
 
-    /// The rod of the configuration; needed if it has several.
+    /// Rod of the configuration; required if it has several.
     #[arg(long, value_name = "ID")]
     pub rod: Option<String>,
 
@@ -81,15 +82,15 @@ pub struct Args {
     #[command(flatten)]
     pub output: Output,
 
-    /// Whether a small plot is drawn in the end.
+    /// Draw a small plot at the end.
     #[arg(long, value_name = "WHEN", value_enum, default_value_t)]
     pub plot: When,
 
-    /// The configuration.
+    /// Configuration of the run.
     #[command(flatten)]
     pub setup: Setup,
 
-    /// What another program's file does not say.
+    /// Facts missing in another program's file.
     #[command(flatten)]
     pub foreign: Foreign,
 }
@@ -191,7 +192,7 @@ fn show(args: &Args, config: &Config, plans: &Plans, outcome: &Outcome) -> io::R
     io::stdout().lock().write_all(text.as_bytes())
 }
 
-/// The small plot of a record's spectrum, if one is wanted and there is a spectrum.
+/// Small plot of a record's spectrum, if wanted and there is a spectrum.
 fn plot(args: &Args, picture: impl FnOnce() -> Option<Snapshot>) -> String {
     let width = args.plot.width();
     let drawn = width.and_then(|width| Some(sketch::spectrum(&picture()?, width)));
@@ -201,7 +202,7 @@ fn plot(args: &Args, picture: impl FnOnce() -> Option<Snapshot>) -> String {
     }
 }
 
-/// Prior and posterior of every uncertain parameter, and how much to believe them.
+/// Prior and posterior of every uncertain parameter, with remarks on their reliability.
 fn describe(plan: &Plan, identification: &Identification) -> String {
     let mut text = String::new();
     let mut line = |content: String| {
@@ -288,7 +289,7 @@ fn describe(plan: &Plan, identification: &Identification) -> String {
     text
 }
 
-/// A support given by its fixity: the stiffness has no mean worth showing.
+/// Row of a support given by its fixity: its stiffness has no meaningful mean.
 fn fixity_row(support: Quantity, fixity: &Fixity, posterior: &Posterior) -> String {
     let (mean, sd) = fixity.fixity_mean_and_sd();
     let name = match support {

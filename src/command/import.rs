@@ -1,4 +1,4 @@
-//! `tirante import`: measurements of other programs to a recording.
+//! `tirante import`: converts measurements of other programs to a recording.
 
 use super::foreign::{self, Foreign};
 use super::{BadArguments, print};
@@ -22,7 +22,7 @@ use std::process::ExitCode;
 /// start are needed where the file does not say them; nothing is guessed. Without `--out` it shows the content of
 /// the file.
 ///
-/// On stdout it prints what it wrote, as the lines a configuration needs to read it.
+/// Prints the lines that a configuration needs to read the recording.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   tirante import laser.csv --out laser.mcap
@@ -46,28 +46,28 @@ use std::process::ExitCode;
 
 The whole story is in docs/imports.md.")]
 pub struct Args {
-    /// The measurement.
+    /// Measurement to read.
     #[arg(value_name = "FILE")]
     pub path: PathBuf,
-    /// The recording to write (MCAP).
+    /// Recording to write (MCAP).
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
-    /// The configuration that will read it: units, fields and rates must be those it says.
+    /// Configuration that will read the recording: units, fields and rates must match it.
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
-    /// How messages are encoded.
+    /// Encoding of messages.
     #[arg(long, value_enum, default_value_t = MessageEncoding::Protobuf)]
     pub encoding: MessageEncoding,
-    /// Overwrite a file that exists.
+    /// Overwrite an existing file.
     #[arg(long)]
     pub force: bool,
 
-    /// What the file does not say.
+    /// Facts missing in the file.
     #[command(flatten)]
     pub foreign: Foreign,
 }
 
-/// How messages can be encoded.
+/// Encoding of messages.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum MessageEncoding {
     /// JSON.
@@ -81,7 +81,7 @@ pub enum MessageEncoding {
 /// Runs the command.
 ///
 /// # Errors
-/// The file cannot be read or does not say enough, or the recording cannot be written.
+/// The file cannot be read or lacks facts, or the recording cannot be written.
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let rods: Vec<RodChannels> = match &args.config {
         Some(path) => Config::load(path)?
@@ -125,7 +125,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     print(snippet(&args.path, out, &plan, messages).as_bytes())
 }
 
-/// A fault of the file or of what is asked of it, with its name.
+/// Error of the file or of its options, with its name.
 fn refuse(path: &Path, error: ImportError) -> anyhow::Error {
     let what = format!("{}: {error}", path.display());
     match error.is_unknown_format() {
@@ -134,7 +134,7 @@ fn refuse(path: &Path, error: ImportError) -> anyhow::Error {
     }
 }
 
-/// A regular file, opened, and its bytes; anything else could wait for ever.
+/// Opens a regular file and returns its size; anything else could block forever.
 fn open(path: &Path) -> anyhow::Result<(File, u64)> {
     let refuse = |what: String| anyhow::anyhow!("{}: {what}", path.display());
     let unreadable = |error: std::io::Error| refuse(format!("cannot be read: {error}"));
@@ -145,7 +145,7 @@ fn open(path: &Path) -> anyhow::Result<(File, u64)> {
     Ok((File::open(path).map_err(unreadable)?, kind.len()))
 }
 
-/// Refuses to overwrite without being told, and to replace what is no file.
+/// Refuses to overwrite without `force`, and to replace anything but a file.
 fn check_target(out: &Path, force: bool) -> Result<(), BadArguments> {
     match std::fs::metadata(out) {
         Ok(kind) if !kind.is_file() => Err(BadArguments(format!(
@@ -160,7 +160,7 @@ fn check_target(out: &Path, force: bool) -> Result<(), BadArguments> {
     }
 }
 
-/// What the recording says of its origin; nothing of the machine or the day.
+/// Facts about the origin, for the recording; nothing of the machine or the day.
 fn facts(path: &Path, plan: &Plan) -> anyhow::Result<BTreeMap<String, String>> {
     let mut hash = Sha256::new();
     let mut file = File::open(path).with_context(|| path.display().to_string())?;
@@ -205,7 +205,7 @@ fn facts(path: &Path, plan: &Plan) -> anyhow::Result<BTreeMap<String, String>> {
     Ok(facts)
 }
 
-/// What is in a file, for people.
+/// Content of a file, for people.
 fn contents(path: &Path, found: &Contents) -> String {
     let mut text = format!("{}: {}\n", path.display(), found.format.name());
     for signal in &found.signals {
@@ -222,7 +222,7 @@ fn contents(path: &Path, found: &Contents) -> String {
     text
 }
 
-/// What was written, as the lines a configuration needs to read it.
+/// Summary of the recording, as the lines that a configuration needs to read it.
 fn snippet(path: &Path, out: &Path, plan: &Plan, messages: u64) -> String {
     let mut text = format!("# {} -> {}: {messages} messages\n", path.display(), out.display());
     for channel in &plan.channels {

@@ -53,31 +53,31 @@ prior_tail and label_probability of --format json); 1 the file cannot be read; 2
 something is not said or makes no sense; 3 a record was refused, or data were
 lost.")]
 pub struct Args {
-    /// A recording (MCAP), or a file of another program (CSV, UFF, WAV, MATLAB, LabVIEW, NumPy).
+    /// Recording (MCAP), or file of another program (CSV, UFF, WAV, MATLAB, LabVIEW, NumPy).
     #[arg(value_name = "FILE")]
     pub file: PathBuf,
 
-    /// The rod.
+    /// Facts of the rod.
     #[command(flatten)]
     pub rod: RodFlags,
 
-    /// The name of the rod; without it that of the file.
+    /// Name of the rod; default: that of the file.
     #[arg(long, value_parser = crate::config::rod_id)]
     pub id: Option<String>,
 
-    /// The name of the site, which heads the report; without it that of the file.
+    /// Name of the site, which heads the report; default: that of the file.
     #[arg(long)]
     pub site: Option<String>,
 
-    /// The channel of its motion, if the file has several.
+    /// Channel of its motion, if the file has several.
     #[arg(long)]
     pub topic: Option<String>,
 
-    /// The field of a message that holds the samples, if it is none of the usual ones; of recordings alone.
+    /// Field of a message that holds the samples, if it is not one of the usual ones; only for recordings.
     #[arg(long, value_name = "PATH")]
     pub field: Option<String>,
 
-    /// The folder for configuration and report.
+    /// Folder for configuration and report.
     #[arg(long, value_name = "DIR", default_value = ".")]
     pub out: PathBuf,
 
@@ -85,11 +85,11 @@ pub struct Args {
     #[command(flatten)]
     pub output: Output,
 
-    /// Whether a small plot of the spectrum is drawn.
+    /// Draw a small plot of the spectrum.
     #[arg(long, value_name = "WHEN", value_enum, default_value_t)]
     pub plot: When,
 
-    /// What another program's file does not say.
+    /// Facts missing in another program's file.
     #[command(flatten)]
     pub foreign: Foreign,
 }
@@ -97,7 +97,7 @@ pub struct Args {
 /// Runs the command.
 ///
 /// # Errors
-/// Something is not said and nobody is there to ask, the file cannot be read, or an output cannot be written.
+/// A fact is missing and cannot be asked for, the file cannot be read, or an output cannot be written.
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let stem = args.file.file_stem().unwrap_or_default().to_string_lossy();
     let named = |ending: &str| {
@@ -183,7 +183,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     Ok(code)
 }
 
-/// The channels of a file; its rate is asked for if it says none.
+/// Channels of a file; asks for its rate if it has none.
 fn look<R: BufRead>(
     file: &Path,
     how: &mut How,
@@ -200,8 +200,8 @@ fn look<R: BufRead>(
     Ok(import::topics(file, how, &foreign::watch)?)
 }
 
-/// The file as it is read with the configuration. That of a recording has rate and unit; the scale of samples moves no frequency, so one
-/// that nobody tells is 1.
+/// Options for reading the file with the configuration. That of a recording has rate and unit; the scale of
+/// the samples does not affect frequencies, so an unknown one is 1.
 fn as_read(file: &Path, how: How, sensor: &Sensor) -> anyhow::Result<How> {
     let Some(format) = import::format(file, &how)? else {
         return Ok(How {
@@ -237,7 +237,7 @@ fn id_of(stem: &str) -> String {
     }
 }
 
-/// Writes configuration and report, and says so.
+/// Writes configuration and report, and reports their paths.
 fn keep(toml: &Path, text: &str, site: &Site, page: &Path) -> anyhow::Result<()> {
     let folder = toml.parent().filter(|folder| !folder.as_os_str().is_empty());
     if let Some(folder) = folder {
@@ -249,7 +249,8 @@ fn keep(toml: &Path, text: &str, site: &Site, page: &Path) -> anyhow::Result<()>
     Ok(())
 }
 
-/// A record in words: peaks, spectrum, force with its marks, and what it hangs on; of a refused one the reason.
+/// A record in words: peaks, spectrum, force with its marks and the sources of its variance; for a refused
+/// one the reason.
 fn told(config: &Config, outcome: &Outcome, width: Option<usize>) -> String {
     let prior = config.rod(&outcome.rod().0).map(|rod| &rod.analysis.prior);
     let picture = prior.and_then(|prior| Snapshot::of_outcome(prior, outcome));

@@ -1,4 +1,4 @@
-//! `tirante rebaseline`: a rod's force is compared with a new baseline from now on.
+//! `tirante rebaseline`: begins a new baseline of a rod.
 
 use super::which_store::{WhichStore, ask, check_rod};
 use crate::site::clock;
@@ -13,15 +13,15 @@ use std::process::ExitCode;
 #[command(after_help = "Example:
   tirante rebaseline --store site.db north --reason \"retensioned by 20 kN\"")]
 pub struct Args {
-    /// The rod.
+    /// Id of the rod.
     #[arg(value_name = "ROD")]
     pub rod: String,
 
-    /// Why, for whoever reads the history.
+    /// Reason, for readers of the history.
     #[arg(long, value_name = "TEXT")]
     pub reason: Option<String>,
 
-    /// The store.
+    /// Store to use.
     #[command(flatten)]
     pub which: WhichStore,
 }

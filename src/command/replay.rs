@@ -1,4 +1,4 @@
-//! `tirante replay`: recordings through the whole pipeline.
+//! `tirante replay`: runs recordings through the whole pipeline.
 
 use super::BadArguments;
 use super::campaign::{self, Reading};
@@ -22,8 +22,7 @@ use crate::site::record_row::RecordRow;
 use crate::site::store::Position;
 use crate::site::trackers::Taken;
 use anyhow::Context;
-use std::env;
-use std::io::{self, IsTerminal, Write};
+use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -63,33 +62,34 @@ pub struct Args {
     #[command(flatten)]
     pub output: Output,
 
-    /// Keep results in this database (SQLite) and go on where it left off; over `[store] path` of the configuration. Without
-    /// either, nothing is remembered after the replay.
+    /// Keep results in this database (SQLite) and resume from it; overrides `[store] path` of the
+    /// configuration. Without either, nothing is kept after the replay.
     #[arg(long, value_name = "FILE")]
     pub store: Option<PathBuf>,
 
-    /// Write the report into this folder in the end: one page per site, to open without a network.
+    /// Write the report into this folder at the end: one page per site that needs no network.
     #[arg(long, value_name = "DIR")]
     pub report: Option<PathBuf>,
 
-    /// Write what came of every record, its waveform and spectrum too, into this MCAP file, to be opened beside the recordings in
-    /// Foxglove or Lichtblick. It must not be there yet; records the store had already are not in it.
+    /// Write the results of every record, with waveform and spectrum, into this MCAP file, to open next to
+    /// the recordings in Foxglove or Lichtblick. The file must not exist; records already in the store are
+    /// not in it.
     #[arg(long, value_name = "FILE")]
     pub results: Option<PathBuf>,
 
-    /// How recordings are read.
+    /// Options for reading recordings.
     #[command(flatten)]
     pub reading: Reading,
 
-    /// Whether a small plot is drawn in the end.
+    /// Draw a small plot at the end.
     #[arg(long, value_name = "WHEN", value_enum, default_value_t)]
     pub plot: When,
 
-    /// The configuration.
+    /// Configuration of the run.
     #[command(flatten)]
     pub setup: Setup,
 
-    /// What another program's file does not say.
+    /// Facts missing in another program's file.
     #[command(flatten)]
     pub foreign: Foreign,
 }
@@ -110,7 +110,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         .unwrap_or(0);
     let rods: Vec<&RodId> = config.rods.iter().map(|rod| &rod.analysis.rod).collect();
     let store = args.store.as_deref().or(config.store.path.as_deref());
-    let is_coloured = io::stdout().is_terminal() && env::var_os("NO_COLOR").is_none_or(|set| set.is_empty());
+    let is_coloured = super::listing::is_coloured();
     let table = Table::new(
         rods.into_iter(),
         modes,
@@ -175,12 +175,12 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     Ok(code)
 }
 
-/// The MCAP file of results: it appears whole or not at all.
+/// MCAP file of results: it appears complete or not at all.
 struct Results<'p> {
     writer: ResultsWriter<AtomicFile>,
     path: &'p Path,
     records: usize,
-    /// What went wrong first; nothing is written after it, and the replay goes on.
+    /// First error; nothing is written after it, and the replay goes on.
     failure: Option<anyhow::Error>,
 }
 

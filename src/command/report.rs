@@ -1,4 +1,4 @@
-//! `tirante report`: what the store knows as one page per site.
+//! `tirante report`: writes a store's content as one page per site.
 
 use super::which_store::{WhichStore, check_rod};
 use crate::analysis::findings::Doubt;
@@ -33,15 +33,15 @@ use std::process::ExitCode;
 The same store gives the same page, byte for byte. It may be written beside a
 running `replay`.")]
 pub struct Args {
-    /// The store.
+    /// Store to read.
     #[command(flatten)]
     pub which: WhichStore,
 
-    /// A folder, in which the page is called after the site, or the page itself (*.html).
+    /// Folder, in which the page is named after the site, or the page itself (*.html).
     #[arg(long, value_name = "DIR|FILE", default_value = ".")]
     pub out: PathBuf,
 
-    /// This rod alone.
+    /// Only this rod.
     #[arg(long, value_name = "ID")]
     pub rod: Option<String>,
 }
@@ -49,7 +49,7 @@ pub struct Args {
 /// Runs the command.
 ///
 /// # Errors
-/// No store, one that cannot be read, a rod it does not know, or a page that cannot be written.
+/// No store, one that cannot be read, a rod that is not in it, or a page that cannot be written.
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let reader = Reader::open(&args.which.path()?)?;
     let rod = check_rod(&reader, args.rod.as_deref())?;
@@ -57,8 +57,8 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     super::print(format!("{}\n", page.display()).as_bytes())
 }
 
-/// Writes the page of what a store knows into the folder, or to the `*.html` file, `out`; all rods or one. Gives
-/// its path.
+/// Writes the page of a store into the folder, or to the `*.html` file, `out`; all rods or one. Returns its
+/// path.
 ///
 /// # Errors
 /// The store cannot be read, or the page cannot be written.
@@ -83,7 +83,7 @@ pub fn write(reader: &Reader, rod: Option<&RodId>, out: &Path) -> anyhow::Result
     Ok(page)
 }
 
-/// A site's name as a file's: letters, digits, `-`, `_`.
+/// File name for a site's name: letters, digits, `-`, `_`.
 fn file_name(site: &str) -> String {
     let mut name = String::new();
     for c in site.chars() {
@@ -101,7 +101,7 @@ fn file_name(site: &str) -> String {
     }
 }
 
-/// What a store knows, as a report; all rods or one.
+/// Reads a store's content as a report; all rods or one.
 ///
 /// # Errors
 /// The store cannot be read.
@@ -117,7 +117,7 @@ pub fn load(reader: &Reader, rod: Option<&RodId>) -> anyhow::Result<SiteReport> 
     {
         let mut report = load_rod(reader, standing, &mut meaning)?;
         if let Some(state) = states.get(&standing.rod) {
-            let slope = state.watch.as_ref().and_then(|watch| watch.slope());
+            let slope = state.watch.get().and_then(|watch| watch.slope());
             report.thermal = slope.map(|(slope_per_k, slope_sd_per_k)| ThermalLine {
                 slope_per_k,
                 slope_sd_per_k,
@@ -162,7 +162,7 @@ pub fn load(reader: &Reader, rod: Option<&RodId>) -> anyhow::Result<SiteReport> 
     })
 }
 
-/// Facts of a rod as its configuration has them: what is known of its quantities.
+/// Facts of a rod from its configuration: the priors of its quantities.
 fn facts(rod: &RodConfig) -> Vec<(String, String)> {
     let prior = &rod.analysis.prior;
     let mut facts = vec![(
@@ -210,7 +210,7 @@ fn rounded(value: f64, digits: usize) -> f64 {
         .unwrap_or(value)
 }
 
-/// What gave the numbers their meaning, over all records.
+/// Everything that determines the meaning of the numbers, over all records.
 #[derive(Default)]
 struct Meaning {
     configs: BTreeSet<String>,

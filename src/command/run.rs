@@ -1,4 +1,4 @@
-//! `tirante run`: the daemon.
+//! `tirante run`: runs the daemon.
 
 use crate::config::Setting;
 use crate::service::daemon::{self, Options};
@@ -22,16 +22,16 @@ configuration, found before anything is opened. A full disk is waited for.
 `tirante status --config site.toml`, `history`, `report`, `ack` and `rebaseline`
 work beside it.")]
 pub struct Args {
-    /// The configuration. It must name a store: `[store] path`.
+    /// Configuration. It must name a store: `[store] path`.
     #[arg(long, value_name = "FILE")]
     pub config: PathBuf,
 
-    /// Puts one key over the configuration, any number of times, after every reload too.
+    /// Override one configuration key, also after every reload; may be repeated.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub settings: Vec<Setting>,
 
-    /// Threads that analyse records; others read, write and send. Default: one per core. The results are the same, bit for
-    /// bit, for any number.
+    /// Number of threads that analyse records; others read, write and send. Default: one per core. Results
+    /// are bit-identical for any number.
     #[arg(long, value_name = "COUNT", value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub threads: Option<u16>,
 }

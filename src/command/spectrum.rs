@@ -1,4 +1,4 @@
-//! `tirante spectrum`: every peak of a measurement, without a rod.
+//! `tirante spectrum`: shows every peak of a measurement, without a rod.
 
 mod input;
 mod look;
@@ -27,7 +27,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::thread;
 
-/// Samples of records in memory between reading and analysis (8 bytes each).
+/// Most samples of records in memory between reading and analysis (8 bytes each).
 const SAMPLES_IN_FLIGHT: usize = 4 << 20;
 /// Most records of a page.
 const PAGE_RECORDS: usize = 100;
@@ -71,19 +71,19 @@ pub struct Args {
     #[arg(value_name = "FILE", required = true)]
     pub paths: Vec<PathBuf>,
 
-    /// A channel of a recording by its topic, any number of times; the same as --channel.
+    /// Channel of a recording by its topic; may be repeated; the same as --channel.
     #[arg(long, value_name = "NAME", conflicts_with = "config")]
     pub topic: Vec<String>,
 
-    /// The field of a message that holds the samples, if it is none of the usual ones; of recordings alone.
+    /// Field of a message that holds the samples, if it is not one of the usual ones; only for recordings.
     #[arg(long, value_name = "PATH", conflicts_with = "config")]
     pub field: Option<String>,
 
-    /// Where peaks are looked for in Hz; either end may be left out.
+    /// Band searched for peaks in Hz; either end may be left out.
     #[arg(long, value_name = "LOW..HIGH")]
     pub band: Option<Band>,
 
-    /// A configuration: the records of its rods, with the orders of their modes.
+    /// Configuration: use the records of its rods, with the orders of their modes.
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
 
@@ -91,15 +91,15 @@ pub struct Args {
     #[command(flatten)]
     pub output: Output,
 
-    /// Write a page with waveform, spectrum and peaks of every record, to open without a network.
+    /// Write a page with waveform, spectrum and peaks of every record, which needs no network.
     #[arg(long, value_name = "FILE")]
     pub html: Option<PathBuf>,
 
-    /// Whether a small plot is drawn under each table.
+    /// Draw a small plot under each table.
     #[arg(long, value_name = "WHEN", value_enum, default_value_t)]
     pub plot: When,
 
-    /// What a file does not say itself.
+    /// Facts missing in a file.
     #[command(flatten)]
     pub foreign: Foreign,
 }
@@ -227,7 +227,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     Ok(shown.exit_code())
 }
 
-/// What becomes of a step.
+/// Result of a step.
 enum Done {
     Look(Option<Box<Look>>),
     Note(String),
@@ -235,7 +235,7 @@ enum Done {
     Failed(String),
 }
 
-/// Results on their way out, and how many of each there were.
+/// Output of results, with counts of each kind.
 struct Shown<'a> {
     args: &'a Args,
     page: Vec<SpectrumReport>,
@@ -386,7 +386,8 @@ impl<'a> Shown<'a> {
         Ok(())
     }
 
-    /// 0 good, 1 nothing could be looked at or something broke, 3 refused records, unreadable files or lost data.
+    /// Exit code: 0 good, 1 nothing could be read or the analysis failed, 3 refused records, unreadable files
+    /// or lost data.
     fn exit_code(&self) -> ExitCode {
         if self.broken > 0 || self.looks == 0 {
             if self.looks == 0 && self.failed == 0 && self.broken == 0 {

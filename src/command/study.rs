@@ -1,4 +1,4 @@
-//! `tirante study`: the source paper, run again and held against what it prints.
+//! `tirante study`: repeats the source paper and compares its printed figures.
 
 use super::print;
 use super::progress::Progress;
@@ -33,20 +33,20 @@ Writes study.html (every table and figure), study.json and numbers.csv (every
 number), curves.csv (every curve). The same seed gives the same bytes. A few
 minutes on two cores; --quick half a minute.")]
 pub struct Args {
-    /// The folder of the report; without it only the table on stdout.
+    /// Folder of the report; without it only the table on stdout.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
 
-    /// Repetitions of every ABC; of every MCMC a quarter as many.
+    /// Number of repetitions of every ABC; of every MCMC a quarter as many.
     #[arg(long, value_name = "COUNT", default_value_t = 40, value_parser = clap::value_parser!(u16).range(8..=10_000), conflicts_with = "quick")]
     pub repeats: u16,
 
-    /// A small part of the work, to see what comes out; its errors are large.
+    /// Do a small part of the work, as a trial; its errors are large.
     #[arg(long)]
     pub quick: bool,
 
-    /// Also takes the times of training, evaluation and sampling on one thread, half a minute more; these are not the
-    /// same twice, everything else is.
+    /// Also measure the times of training, evaluation and sampling on one thread, half a minute more; these
+    /// are not reproducible, everything else is.
     #[arg(long)]
     pub times: bool,
 
@@ -123,7 +123,7 @@ fn write(path: &Path, text: &str) -> anyhow::Result<()> {
     file.commit().with_context(at)
 }
 
-/// Every number.
+/// All numbers of the study.
 #[derive(Serialize)]
 struct Document<'a> {
     program: &'static str,
@@ -222,7 +222,7 @@ fn curves(study: &Study) -> String {
     csv
 }
 
-/// The study for people: what agrees, what does not, which statements hold.
+/// Summary of the study: figures that agree or disagree, and verdicts on the statements.
 fn table(study: &Study, out: Option<&Path>) -> String {
     let mut text = String::new();
     let _ = writeln!(

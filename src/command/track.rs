@@ -1,4 +1,4 @@
-//! `tirante track`: tables of natural frequencies that were identified elsewhere, followed as records are.
+//! `tirante track`: tracks rods from tables of natural frequencies identified elsewhere.
 
 use super::progress::Progress;
 use super::render::Table;
@@ -16,9 +16,8 @@ use crate::site::store::StoreError;
 use crate::site::trackers::{Site, Taken};
 use anyhow::{Context, anyhow};
 use std::collections::BTreeMap;
-use std::env;
 use std::fs::File;
-use std::io::{self, BufReader, IsTerminal, Write};
+use std::io::{self, BufReader, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -61,16 +60,16 @@ pub struct Args {
     #[command(flatten)]
     pub output: Output,
 
-    /// Keep results in this database (SQLite) and go on where it left off; over `[store] path` of the configuration. Without
-    /// either, nothing is remembered afterwards.
+    /// Keep results in this database (SQLite) and resume from it; overrides `[store] path` of the
+    /// configuration. Without either, nothing is kept afterwards.
     #[arg(long, value_name = "FILE")]
     pub store: Option<PathBuf>,
 
-    /// Decimals stand behind a comma.
+    /// The decimal sign is a comma.
     #[arg(long)]
     pub decimal_comma: bool,
 
-    /// The configuration.
+    /// Configuration of the run.
     #[command(flatten)]
     pub setup: Setup,
 }
@@ -78,8 +77,8 @@ pub struct Args {
 /// Runs the command.
 ///
 /// # Errors
-/// Bad arguments or configuration, a table that cannot be read or names a rod nobody configured, a store or an output that
-/// cannot be written.
+/// Bad arguments or configuration, a table that cannot be read or names a rod that is not configured, a store
+/// or an output that cannot be written.
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let config = args.setup.load()?;
     let mut rows = Vec::new();
@@ -101,7 +100,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         .max()
         .unwrap_or(0);
     let store = args.store.as_deref().or(config.store.path.as_deref());
-    let is_coloured = io::stdout().is_terminal() && env::var_os("NO_COLOR").is_none_or(|set| set.is_empty());
+    let is_coloured = super::listing::is_coloured();
     let table = Table::new(
         config.rods.iter().map(|rod| &rod.analysis.rod),
         modes,
@@ -161,7 +160,7 @@ fn fold(site: &mut Site, outcome: &Outcome) -> Result<Option<Taken>, StoreError>
     site.take(outcome, None)
 }
 
-/// The rows of a table; every rod is configured, and every record's rod is known.
+/// Reads the rows of a table; every rod must be configured, and every record's rod known.
 fn read(path: &Path, decimal_comma: bool, config: &Config) -> anyhow::Result<Vec<FrequencyRow>> {
     let named = || path.display();
     let file = File::open(path).with_context(|| named().to_string())?;
@@ -221,7 +220,7 @@ fn first_hz(row: &FrequencyRow) -> f64 {
     row.modes.first().map_or(0.0, |mode| mode.frequency_hz)
 }
 
-/// Outcome of a row: followed, or refused because no rod of the prior has its frequencies.
+/// Outcome of a row: tracked, or refused because no rod of the prior has its frequencies.
 fn outcome_of(row: FrequencyRow, plan: &Plan, readings: Vec<Reading>) -> Outcome {
     let rod = plan.settings().rod.clone();
     match plan.conflict(&row.modes) {
@@ -285,7 +284,7 @@ impl Waiting {
         }
     }
 
-    /// Readings that no record left with: rod, readings, the record before them.
+    /// Readings that belong to no record: rod, readings, the record before them.
     fn rest(self) -> impl Iterator<Item = (RodId, Vec<Reading>, Option<[u8; 32]>)> {
         let rods = self.0.into_iter();
         rods.map(|(rod, (readings, after))| (rod, readings, after))
@@ -293,7 +292,7 @@ impl Waiting {
     }
 }
 
-/// Counts of a run, and every alarm that was told.
+/// Counts of a run, and every alarm raised.
 #[derive(Default)]
 struct Tally {
     followed: usize,
@@ -318,7 +317,7 @@ impl Tally {
         }
     }
 
-    /// Tells counts and alarms on stderr.
+    /// Reports counts and alarms on stderr.
     fn tell(&self) {
         let Self {
             followed,

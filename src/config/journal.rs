@@ -9,7 +9,7 @@ use std::path::PathBuf;
 const MB: f64 = (1u64 << 20) as f64;
 const GB: f64 = 1e9;
 
-/// The section.
+/// Reads the section.
 pub(super) fn read(table: &mut Table<'_>) -> JournalSettings {
     let default = JournalSettings::default();
     let folder = table

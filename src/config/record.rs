@@ -1,4 +1,4 @@
-//! `[record]`: how samples are cut into records and when a record is refused.
+//! `[record]`: settings of cutting samples into records and of refusing records.
 
 use super::range::Range;
 use super::reader::{Table, key};
@@ -20,10 +20,10 @@ const KINDS: [(&str, Kind); 4] = [
     ("free-decay", Kind::FreeDecay),
 ];
 
-/// The shortest and the longest record anyone may ask for \[s\].
+/// Shortest and longest record that may be configured \[s\].
 const SHORTEST: f64 = 1e-3;
 
-/// The section.
+/// Reads the section.
 pub(super) fn read(table: &mut Table<'_>) -> RecordSettings {
     let default = RecordSettings::default();
     let kind = table.choice(

@@ -1,4 +1,4 @@
-//! `[store]`: where results are kept.
+//! `[store]`: path and retention of results.
 
 use super::range::{Range, toml_string};
 use super::reader::{Absent, Table, key};
@@ -6,7 +6,7 @@ use crate::analysis::signal::record::time::DAY_S;
 use crate::config::settings::store::StoreSettings;
 use std::path::PathBuf;
 
-/// The section.
+/// Reads the section.
 pub(super) fn read(table: &mut Table<'_>) -> StoreSettings {
     let path = table
         .take(

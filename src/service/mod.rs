@@ -12,7 +12,7 @@
 //! * [`alert`]     news of alarms to the sinks, at least once and in order
 //! * [`telemetry`] faults and health, metrics, the log
 //! * [`viewer`]    results as messages for robotics viewers, as a file and live
-//! * [`api`]       what a store says to the page and to other programs, as JSON
+//! * [`api`]       answers of a store to the page and to other programs, as JSON
 //! * [`http`]      the page, its API, `/healthz`, `/readyz`, `/metrics`
 
 pub mod alert;

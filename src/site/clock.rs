@@ -3,7 +3,7 @@
 use crate::analysis::signal::record::Timestamp;
 use std::time::SystemTime;
 
-/// Now; 1970 for a clock that stands before it.
+/// The present time; 1970 for a clock set before it.
 pub fn now() -> Timestamp {
     Timestamp::from_nanos(i64::try_from(now_ns()).unwrap_or(i64::MAX))
 }

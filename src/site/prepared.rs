@@ -16,19 +16,19 @@ pub type Plans = BTreeMap<RodId, Plan>;
 
 /// One configuration in force, and everything prepared from it.
 pub struct Generation {
-    /// The configuration.
+    /// The configuration in force.
     pub config: Config,
-    /// What analyses each rod's records.
+    /// Plan of each rod's analysis.
     pub plans: Arc<Plans>,
-    /// What follows each rod.
+    /// Plan of each rod's tracking.
     pub track_plans: Vec<Arc<TrackPlan>>,
     hash: String,
     effective: String,
 }
 
 impl Generation {
-    /// Prepares everything; `solves_of` gives who is told of a rod's model solves (done, of how many), where a model is
-    /// fitted. This may take minutes.
+    /// Prepares everything; `solves_of` gives the progress callback (solves newly done, total) of a rod whose
+    /// model is fitted. This may take minutes.
     ///
     /// # Errors
     /// Settings that contradict each other, or an emulator that cannot be fitted.
@@ -46,7 +46,7 @@ impl Generation {
         })
     }
 
-    /// The configuration as the store keeps it.
+    /// The configuration in the form of the store.
     pub fn provenance(&self) -> Provenance<'_> {
         Provenance {
             site: &self.config.site,
@@ -55,13 +55,13 @@ impl Generation {
         }
     }
 
-    /// Where the rods' samples stand in recordings.
+    /// Location of the rods' samples in recordings.
     pub fn channels(&self) -> Vec<RodChannels> {
         self.config.rods.iter().map(|rod| rod.channels.clone()).collect()
     }
 }
 
-/// Sixteen hexadecimal digits that name everything a result depends on besides its record.
+/// Sixteen hexadecimal digits that identify everything a result depends on besides its record.
 pub fn provenance(config: &Config) -> String {
     hex(&config.hash()[..8])
 }

@@ -12,7 +12,7 @@ use crate::site::store::{
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
-/// The rods of a site as they stand.
+/// Trackers of a site's rods, and their store.
 pub struct Site {
     trackers: BTreeMap<RodId, Tracker>,
     emulators: BTreeMap<RodId, &'static str>,
@@ -25,52 +25,52 @@ pub struct Site {
 pub struct Taken {
     /// The row the store keeps.
     pub row: RecordRow,
-    /// What tracking made of it.
+    /// Verdict of tracking.
     pub verdict: Verdict,
 }
 
-/// One picture of a record in so many seconds is enough for people \[s\].
+/// Interval between snapshots of records \[s\].
 const PICTURE_S: i64 = 600;
 
-/// Whether a record is the first of its stretch of [`PICTURE_S`], or the clock went back: by event time alone, so that a replay keeps the same
-/// pictures.
+/// True if a record is the first of its stretch of [`PICTURE_S`], or the clock went back: by event time
+/// alone, so that a replay keeps the same snapshots.
 fn keeps_snapshot(before: Option<Timestamp>, start: Timestamp) -> bool {
     let stretch = |time: Timestamp| time.as_nanos().div_euclid(PICTURE_S * 1_000_000_000);
     before.is_none_or(|before| stretch(start) != stretch(before))
 }
 
-/// The configuration a site runs with, as the store keeps it.
+/// The configuration of a site, in the form of the store.
 #[derive(Debug, Clone, Copy)]
 pub struct Provenance<'a> {
-    /// The site's name.
+    /// Name of the site.
     pub site: &'a str,
-    /// The hash records name it by.
+    /// Hash by which records refer to it.
     pub hash: &'a str,
-    /// The text with every default filled in.
+    /// Text with every default filled in.
     pub effective: &'a str,
 }
 
-/// What a daemon remembers besides records.
+/// State of a daemon besides records.
 #[derive(Debug, Clone, Copy)]
 pub enum Note<'a> {
     /// A file was read to its end.
     File {
-        /// The file; `None` for one that may still grow.
+        /// Mark of the file; `None` for one that may still grow.
         mark: Option<&'a FileMark>,
-        /// What its journal leaves for the next part.
+        /// State that its journal leaves for the next part.
         carry: Option<&'a Carry>,
     },
-    /// A sink has all news up to a number.
+    /// A sink has all events up to a number.
     Delivered {
-        /// The sink's id.
+        /// Id of the sink.
         sink: &'a str,
-        /// The number.
+        /// Number of the latest event delivered.
         through: i64,
     },
 }
 
 impl Site {
-    /// Goes on where the store left off. A rod whose numbers have another meaning now begins a new segment.
+    /// Resumes from the store. A rod whose numbers have another meaning now begins a new segment.
     ///
     /// # Errors
     /// The store cannot be read or written.
@@ -117,7 +117,7 @@ impl Site {
         })
     }
 
-    /// Goes on with another configuration and the same store.
+    /// Continues with another configuration and the same store.
     ///
     /// # Errors
     /// The store cannot be read or written; the site is given up.
@@ -129,19 +129,19 @@ impl Site {
         Self::open(plans, self.store, provenance)
     }
 
-    /// The rods whose numbers have another meaning since the site was opened, with the segment they began.
+    /// Rods whose numbers have another meaning since the site was opened, with the segment they began.
     pub fn renewed(&self) -> &[(RodId, u32)] {
         &self.renewed
     }
 
-    /// The rods, and the latest record of each that was believed.
+    /// Rods with the start of their latest accepted record.
     pub fn latest(&self) -> impl Iterator<Item = (&RodId, Option<Timestamp>)> {
         self.trackers
             .iter()
             .map(|(rod, tracker)| (rod, tracker.state().latest))
     }
 
-    /// How its rods stand; the store may know others, which are no longer configured.
+    /// Status of its rods; the store may have others, which are no longer configured.
     ///
     /// # Errors
     /// The store cannot be read.
@@ -151,15 +151,15 @@ impl Site {
         Ok(standings)
     }
 
-    /// What is remembered.
+    /// Store of the site.
     pub fn store(&self) -> &Store {
         &self.store
     }
 
-    /// Does several things that become durable at once, and are visible to others only then.
+    /// Runs several changes that become durable, and visible to others, at once.
     ///
     /// # Errors
-    /// As what is done; the site must be given up, nothing of it was kept.
+    /// As of the changes; the site must be closed, none of them was kept.
     pub fn together<T>(
         &mut self,
         act: impl FnOnce(&mut Self) -> Result<T, StoreError>,
@@ -170,8 +170,8 @@ impl Site {
         Ok(value)
     }
 
-    /// Takes what came of one record and makes it durable; `None` if the store has the record already, or the site does not
-    /// have its rod. What people asked of the rod is done first.
+    /// Takes the outcome of one record and makes it durable; `None` if the store has the record already, or
+    /// the site does not have its rod. Requests about the rod are applied first.
     ///
     /// # Errors
     /// The store refuses: nothing of the record was kept, and nothing more can be.
@@ -265,7 +265,8 @@ impl Site {
         }
     }
 
-    /// Takes temperatures a recording held beside its records and makes them durable; whether they said anything new.
+    /// Takes temperatures of a recording that belong to no record and makes them durable; returns true if any
+    /// were new.
     ///
     /// `after` is the rod's record that came before them. They count only where that is the record the rod took last: so
     /// the same recording read again, or the same run begun again, changes nothing.
@@ -296,7 +297,8 @@ impl Site {
         Ok(true)
     }
 
-    /// Looks at the clock for a rod whose last record was taken `elapsed_s` ago \[s\]: tells when there is no data. The news.
+    /// Checks for missing data of a rod whose last record was taken `elapsed_s` ago \[s\]; returns the alarm
+    /// events.
     ///
     /// # Errors
     /// The store refuses: nothing of it was kept.
@@ -322,10 +324,10 @@ impl Site {
         Ok(events)
     }
 
-    /// Does what people asked of any rod of the site, in the order they did; how much that was.
+    /// Applies the requests about any rod of the site, in their order; returns their number.
     ///
     /// # Errors
-    /// The store refuses: what was not done yet still waits.
+    /// The store returned an error: requests not applied yet still wait.
     pub fn apply_requests(&mut self) -> Result<usize, StoreError> {
         let mut applied = 0;
         for rod in self.store.rods_asked()? {
@@ -334,7 +336,7 @@ impl Site {
         Ok(applied)
     }
 
-    /// Keeps what a daemon remembers of its sources and sinks.
+    /// Stores the state of a daemon's sources and sinks.
     ///
     /// # Errors
     /// The store refuses: nothing of it was kept.
@@ -369,7 +371,7 @@ impl Site {
         self.store.forget_lines(rod, from, latest.plus_seconds(-keep_s))
     }
 
-    /// Does what people asked of a rod, in the order they did; how much that was.
+    /// Applies the requests about a rod, in their order; returns their number.
     fn do_as_asked(&mut self, rod: &RodId) -> Result<usize, StoreError> {
         let Some(tracker) = self.trackers.get_mut(rod) else {
             return Ok(0);
@@ -377,7 +379,7 @@ impl Site {
         let requests = self.store.waiting(rod)?;
         for request in &requests {
             let events = match &request.what {
-                Asked::Acknowledge { alarm } => tracker.acknowledge(alarm, request.asked),
+                Asked::Acknowledge { alarm, .. } => tracker.acknowledge(alarm, request.asked),
                 Asked::Rebaseline { .. } => tracker.rebaseline(None),
             };
             self.store.commit(&Commit {
@@ -395,7 +397,7 @@ impl Site {
     }
 }
 
-/// The other sites a store holds records of.
+/// Other sites with records in a store.
 ///
 /// # Errors
 /// The store cannot be read.

@@ -1,4 +1,4 @@
-//! A site of two rods with made-up results: what a store is filled with.
+//! A site of two rods with made-up results, to fill a store.
 
 #![allow(clippy::unwrap_used, dead_code)] // helpers of tests are tests; not every test uses all of them
 use tirante::analysis::identify::{Identification, Measurement};
@@ -96,7 +96,7 @@ pub fn identified(rod: &RodId, number: i64) -> Outcome {
     }))
 }
 
-/// What an identified record looked like.
+/// View of an identified record.
 pub fn snapshot(outcome: &Outcome) -> Option<Snapshot> {
     let Outcome::Identified(identification) = outcome else {
         return None;
@@ -219,7 +219,7 @@ pub fn state(rod: &RodId, number: i64) -> State {
             6
         ],
         filters: filters(number),
-        watch: tirante::analysis::track::fold::packed::Packed(None),
+        watch: tirante::analysis::track::fold::packed::Packed::default(),
         early: None,
         closed: Some(number.div_euclid(24)),
         periods: Vec::new(),

@@ -1,4 +1,5 @@
-//! How long the daemon takes to be ready: a hundred rods, no two alike, with nothing and with a hundred thousand records.
+//! Time for the daemon to be ready: a hundred rods, no two alike, with nothing and with a hundred thousand
+//! records.
 
 use super::archive;
 use super::plant::{Plan, Plant};
@@ -12,7 +13,7 @@ const RODS: usize = 100;
 const RECORDS: i64 = 100_000;
 const LIMIT: Duration = Duration::from_secs(2);
 
-/// Starts a daemon, kills it when it is ready, and tells how long that took.
+/// Starts a daemon, kills it when ready, and returns the time to be ready.
 fn ready(plant: &Plant, cache: &Path) -> Duration {
     let begun = Instant::now();
     let variables = [("TIRANTE_CACHE_DIR", cache.to_str().unwrap())];

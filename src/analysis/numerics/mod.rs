@@ -1,4 +1,4 @@
-//! Numerical tools that know nothing of rods: they import from no other module.
+//! Numerical tools independent of rods: they import from no other module.
 //!
 //! * [`random`]      seeds and counter-based streams
 //! * `simd`          inner loops on the widest vectors a processor has

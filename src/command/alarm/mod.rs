@@ -1,4 +1,5 @@
-//! `tirante alarm`: what the drift alarm promises, the proof, and whether messages arrive.
+//! `tirante alarm`: limits and false-alarm rate of the drift alarm, their check by simulation, and a test of
+//! its messages.
 
 mod design;
 mod prove;
@@ -15,7 +16,7 @@ use std::process::ExitCode;
   tirante alarm prove --world masonry-30d,harsh --histories 400
   tirante alarm test --config site.toml --sink mail")]
 pub struct Args {
-    /// What to do.
+    /// Action to take.
     #[command(subcommand)]
     pub action: Action,
 }

@@ -1,4 +1,4 @@
-//! `tirante alarm test`: a message to every sink, to see whether alarms would arrive.
+//! `tirante alarm test`: sends a message to every sink, to check that alarms would arrive.
 
 use crate::command::BadArguments;
 use crate::config::settings::alert::SinkSettings;
@@ -14,13 +14,13 @@ use std::process::ExitCode;
 /// files.
 #[derive(Debug, Clone, clap::Args)]
 pub struct Args {
-    /// The configuration.
+    /// Configuration.
     #[arg(long, value_name = "FILE")]
     pub config: PathBuf,
-    /// Only this sink; may be repeated.
+    /// Test only this sink; may be repeated.
     #[arg(long = "sink", value_name = "ID")]
     pub sinks: Vec<String>,
-    /// A setting over the configuration's, as KEY=VALUE; may be repeated.
+    /// Override one configuration key; may be repeated.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub settings: Vec<Setting>,
 }

@@ -17,28 +17,28 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-/// How a file that still grows is followed.
+/// Options for following a file that still grows.
 #[derive(Debug, Clone)]
 pub struct Follow {
-    /// Set to end the reading at the next pause.
+    /// Flag that ends the reading at the next pause.
     pub stop: Arc<AtomicBool>,
-    /// How long to wait at the end before looking again.
+    /// Wait at the end before looking again.
     pub poll: Duration,
 }
 
-/// How a recording is read.
+/// Options for reading a recording.
 #[derive(Debug, Clone, Default)]
 pub struct Options {
-    /// Wait at the end for more, until the file is finished or the flag is set.
+    /// Waits at the end for more, until the file is finished or the flag is set.
     pub follow: Option<Follow>,
 }
 
-/// How far a recording was read.
+/// Progress in a recording.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Position {
-    /// Bytes read.
+    /// Number of bytes read.
     pub read: u64,
-    /// Bytes in the file when it was opened.
+    /// Size of the file when it was opened \[bytes\].
     pub total: u64,
 }
 
@@ -48,30 +48,30 @@ impl<T: Read + Seek + Send> Input for T {}
 /// Samples of one channel that need no decoding: those of another program's file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Block {
-    /// The topic.
+    /// Topic.
     pub topic: Arc<str>,
-    /// The time of the first sample.
+    /// Time of the first sample.
     pub time: Timestamp,
-    /// Samples a second \[Hz\].
+    /// Sample rate \[Hz\].
     pub fs_hz: f64,
-    /// The samples, in the unit of the topic's channel.
+    /// Samples, in the unit of the topic's channel.
     pub samples: Vec<f64>,
 }
 
-/// What a recording does next.
+/// Stage of reading.
 enum Stage {
-    /// It is read.
+    /// Its messages are read.
     Reading(FileReader<Box<dyn Input>>),
-    /// Its samples are handed over as they are.
+    /// Its samples are passed on as they are.
     Given(Box<dyn Iterator<Item = Block> + Send>),
-    /// There is nothing more in it.
+    /// It is at its end.
     Ended,
 }
 
 /// One recording. Iterate over its events; then look at the [summary](Self::summary).
 ///
-/// Memory is bounded by one chunk and one record a rod, never by the file. It is `Send`: read on one
-/// thread while another computes.
+/// Memory is bounded by one chunk and one record per rod, never by the file. It is `Send`: read on one thread
+/// while another computes.
 pub struct Recording {
     stage: Stage,
     router: Router,
@@ -85,16 +85,16 @@ pub struct Recording {
     read: u64,
     offset: u64,
     summary: Summary,
-    /// Whether it is read while it may be written.
+    /// True if it is read while it may be written.
     is_live: bool,
-    /// True if other files are read beside it, and go on where it ends.
+    /// True if other files are read beside it and continue where it ends.
     is_joined: bool,
-    /// What looks like damage while it may be a record that is being written.
+    /// Damage that may be a record still being written.
     doubt: Option<Damage>,
 }
 
 impl Recording {
-    /// Opens a file. A file that is complete is first read once for its checksum.
+    /// Opens a file. A complete file is first read once for its checksum.
     pub fn open(
         path: &Path,
         rods: &[RodChannels],
@@ -114,7 +114,7 @@ impl Recording {
         Self::new(&name, file, rods, settings, options)
     }
 
-    /// Reads from anything that can be read and sought; `name` stands for it in sentences.
+    /// Reads from anything that can be read and sought; `name` names it in messages.
     pub fn new(
         name: &str,
         input: impl Read + Seek + Send + 'static,
@@ -134,7 +134,7 @@ impl Recording {
         Ok(recording)
     }
 
-    /// As [`Recording::new`], to be read by [`Recording::poll`]; `live` says that its end may not be there yet.
+    /// As [`Recording::new`], to be read by [`Recording::poll`]; with `live` its end may not be there yet.
     ///
     /// # Errors
     /// It cannot be read, or a field of a rod is none.
@@ -190,7 +190,7 @@ impl Recording {
         })
     }
 
-    /// Reads samples that are there already; `total`: the bytes of the file they come from.
+    /// A recording of samples in memory; `total`: size of the file they come from \[bytes\].
     pub fn given(
         name: &str,
         blocks: impl Iterator<Item = Block> + Send + 'static,
@@ -219,7 +219,7 @@ impl Recording {
         }
     }
 
-    /// Puts a sentence into the summary: something a person should know that is no fault.
+    /// Adds a sentence to the summary: information that is no fault.
     pub fn note(&mut self, sentence: String) {
         self.summary.notes.push(sentence);
     }
@@ -268,7 +268,7 @@ impl Recording {
             .map_or(Step::More, |(event, place)| Step::Event(event, place))
     }
 
-    /// The next event that is there already.
+    /// Next event that is ready.
     pub(super) fn pop(&mut self) -> Option<(Event, Place)> {
         let timed = self.queue.pop_front()?;
         self.records += timed.records();
@@ -280,8 +280,8 @@ impl Recording {
         (Arc::clone(&self.name), self.read, self.records)
     }
 
-    /// As [`Recording::poll`], for one of several files that are read side by side: hands nothing on that was logged behind
-    /// `limit` \[ns\], and leaves open at its end what may go on in the next file.
+    /// As [`Recording::poll`], for one of several files read side by side: passes on nothing logged after
+    /// `limit` \[ns\], and leaves records open at its end that may continue in the next file.
     pub(super) fn poll_up_to(&mut self, limit: u64) -> Step<Infallible> {
         self.is_joined = true;
         if self.queue.is_empty() && self.router.waits() {
@@ -293,17 +293,18 @@ impl Recording {
         self.step()
     }
 
-    /// The log time up to which its messages were handed on \[ns\]; `None` before the first, and where they have none.
+    /// Log time up to which its messages were passed on \[ns\]; `None` before the first, and where they have
+    /// none.
     pub(super) fn front(&self) -> Option<u64> {
         self.router.front()
     }
 
-    /// Lends it the rods its samples are for, or takes them back.
+    /// Swaps in the rods that its samples are for, or takes them back.
     pub(super) fn swap_rods(&mut self, rods: &mut Vec<Rod>) {
         std::mem::swap(&mut self.router.rods, rods);
     }
 
-    /// There is nothing to read now: pauses, or gives it up if it is not followed.
+    /// Handles a pause: waits, or gives the recording up if it is not followed.
     pub(super) fn wait_or_give_up(&mut self) {
         match &self.follow {
             Some(follow) if !follow.stop.load(Ordering::Relaxed) => std::thread::sleep(follow.poll),
@@ -311,19 +312,19 @@ impl Recording {
         }
     }
 
-    /// Ends a recording that does not grow any more as one that is cut short; its last events are still to be taken.
+    /// Ends a recording that no longer grows as one cut short; its last events are still to be taken.
     pub fn give_up(&mut self) {
         let outcome = self.doubt.take().map_or(Ok(Progress::Truncated), Err);
         self.end(outcome);
     }
 
-    /// Whether something in it looks like damage, but may be a record that is being written: it waits until it is
-    /// [given up](Self::give_up) or opened again when it is finished.
+    /// True if it contains apparent damage that may be a record still being written: it waits until it is
+    /// [given up](Self::give_up) or opened again when finished.
     pub fn is_in_doubt(&self) -> bool {
         self.doubt.is_some()
     }
 
-    /// Bytes in memory: samples that are no record yet, and what was read of the file and not handed on.
+    /// Bytes in memory: samples not yet in a record, and data read but not passed on.
     pub fn held(&self) -> usize {
         let reading = match &self.stage {
             Stage::Reading(file) => file.reader().map_or(0, Reader::held),
@@ -332,7 +333,7 @@ impl Recording {
         self.router.held() + reading
     }
 
-    /// How far the file was read, for a progress bar.
+    /// Progress in the file, for a progress bar.
     pub fn progress(&self) -> Position {
         Position {
             read: self.read,
@@ -340,7 +341,7 @@ impl Recording {
         }
     }
 
-    /// What the file held; complete once the iterator has ended.
+    /// Summary of the file; complete once the iterator has ended.
     pub fn summary(&self) -> &Summary {
         &self.summary
     }

@@ -1,8 +1,8 @@
 //! Many recordings, read side by side in the order of their messages.
 //!
-//! Files of one series are one stream, as the parts of a journal are: where one ends and the next one goes on nothing is cut,
-//! and the rods of a site may lie in files of their own. A file that holds a topic at times at which another one has it too
-//! (a copy, most likely) is a series of its own, and so is one that does not say what it holds before it is read.
+//! Files of one series are one stream, as the parts of a journal are: nothing is cut where one ends and the
+//! next continues, and each rod of a site may have its own files. A file with a topic at times at which
+//! another file has it too (most likely a copy) is a series of its own, and so is one without a summary.
 
 use super::folder::{Span, first_time_at, span_at};
 use super::route::{Rod, Router};
@@ -16,12 +16,12 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
-/// Pause before a growing recording is looked at again.
+/// Pause before a growing recording is read again.
 const FOLLOW_POLL: Duration = Duration::from_millis(200);
-/// Files that overlap by less go on from one to the next all the same: messages at the seam come out of order \[ns\].
+/// Largest overlap of consecutive files of one series \[ns\]: messages at the seam come out of order.
 const SEAM_NS: u64 = 1_000_000_000;
 
-/// Opens a file that stands by itself, whatever its format.
+/// Opens a single file of any format.
 pub type Opener = Box<dyn Fn(&Path, &Options) -> Result<Recording, SourceError> + Send>;
 
 /// What a file held, or why it could not be read.
@@ -37,25 +37,25 @@ enum Input {
 /// A file among others.
 struct Lane {
     input: Input,
-    /// Log time its reading has come to; before it is opened that of its first message \[ns\].
+    /// Log time reached by reading \[ns\]; before it is opened, that of its first message.
     front: u64,
-    /// The series it belongs to.
+    /// Index of its series.
     series: usize,
 }
 
-/// Files that are one stream.
+/// Files that form one stream.
 struct Stream {
     rods: Vec<Rod>,
-    /// Files that are not read yet.
+    /// Number of files not yet read.
     left: usize,
-    /// What is held at times that later files may share.
+    /// Time spans and topics that later files may share.
     spans: Vec<Span>,
     /// True if other files may join it.
     is_open: bool,
 }
 
-/// The events of many files, in the order of their messages. Each file's end follows when it is read; what goes on in
-/// another one comes later.
+/// The events of many files, in the order of their messages. Each file's end follows when it is read; records
+/// that continue in another file come later.
 pub struct Recordings {
     lanes: Vec<Lane>,
     streams: Vec<Stream>,
@@ -69,8 +69,8 @@ pub struct Recordings {
 }
 
 impl Recordings {
-    /// Reads `files`, which stand in the order of their first messages. `done` counts the bytes read so far; with `follow`, a
-    /// file that has no end yet is waited for.
+    /// Reads `files`, which are in the order of their first messages. `done` counts the bytes read so far;
+    /// with `follow`, a file that has no end yet is waited for.
     pub fn new(
         files: Vec<Result<PathBuf, SourceError>>,
         channels: Vec<RodChannels>,
@@ -97,7 +97,7 @@ impl Recordings {
         recordings
     }
 
-    /// The same, with files opened by `opener`; without it all are MCAP.
+    /// Uses `opener` to open files; without it all are MCAP.
     pub fn opened_by(self, opener: Opener) -> Self {
         Self {
             opener: Some(opener),
@@ -105,7 +105,7 @@ impl Recordings {
         }
     }
 
-    /// Puts files to their series. Parts of one journal are one, where its first one stands.
+    /// Assigns files to series. Parts of one journal are one series, at the place of the first part.
     fn plan(&mut self, files: Vec<Result<PathBuf, SourceError>>) {
         let mut journals = journals(&files);
         let mut latest = 0;
@@ -143,7 +143,7 @@ impl Recordings {
         }
     }
 
-    /// The number of the series a file belongs to.
+    /// Index of the series of a file.
     fn series_for(&mut self, span: Option<Span>) -> usize {
         let found = span.as_ref().and_then(|span| {
             self.streams
@@ -164,7 +164,8 @@ impl Recordings {
         at
     }
 
-    /// The lane that is behind all others, and the log time up to which it goes before another one has its turn.
+    /// The lane that is furthest behind, and the log time up to which it may read before another has its
+    /// turn.
     fn turn(&self) -> Option<(usize, u64)> {
         let fronts = self.lanes.iter().enumerate();
         let (at, _) = fronts.min_by_key(|(at, lane)| (lane.front, *at))?;
@@ -179,7 +180,7 @@ impl Recordings {
         Some((at, limit.min().unwrap_or(u64::MAX)))
     }
 
-    /// One step of the lane whose turn it is; its steps are ready then.
+    /// Takes one step of the lane whose turn it is.
     fn step(&mut self, at: usize, limit: u64) {
         let lane = &mut self.lanes[at];
         if let Input::Waiting(path) = &lane.input {
@@ -243,7 +244,7 @@ impl Recordings {
         }
     }
 
-    /// A lane is at its end; behind the last one of a series its records end.
+    /// Closes a lane at its end; after the last lane of a series its records end.
     fn close(&mut self, at: usize, (file, bytes, mut records): (Arc<str>, u64, u64)) {
         let series = self.lanes.remove(at).series;
         let stream = &mut self.streams[series];
@@ -271,7 +272,7 @@ impl Recordings {
 }
 
 impl Stream {
-    /// True if a file can be one stream with those that are in it already. Files come in the order of their first messages.
+    /// True if a file can join this stream. Files come in the order of their first messages.
     fn takes(&mut self, span: &Span) -> bool {
         self.spans
             .retain(|known| known.to > span.from.saturating_add(SEAM_NS));
@@ -283,13 +284,13 @@ impl Stream {
     }
 }
 
-/// The folder and number of a part of a journal.
+/// Folder and number of a part of a journal.
 fn part_of(path: &Path) -> Option<(PathBuf, u32)> {
     let number = part::number(path.file_name()?.to_str()?)?;
     Some((path.parent()?.to_owned(), number))
 }
 
-/// The journals there are parts of among files, with their parts.
+/// Journals with parts among the files, with their parts.
 fn journals(files: &[Result<PathBuf, SourceError>]) -> HashMap<PathBuf, Vec<u32>> {
     let mut journals: HashMap<PathBuf, Vec<u32>> = HashMap::new();
     for (folder, number) in files.iter().flatten().filter_map(|path| part_of(path)) {

@@ -1,7 +1,7 @@
 //! The parts of one journal, read as the one stream they are.
 //!
-//! Where a part ends nothing is cut: the next one goes on, also behind a part that a crash tore. Replay and daemon read
-//! a journal here, so they cut the same records.
+//! Nothing is cut where a part ends: the next one continues, even after a part torn by a crash. Replay and
+//! daemon both read a journal here, so they cut the same records.
 
 use super::file::FileReader;
 use super::mcap::{Damage, Progress, Reader};
@@ -18,27 +18,27 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::UNIX_EPOCH;
 
-/// A part that was read to its end.
+/// Result of a part that was read to its end.
 #[derive(Debug)]
 pub struct PartEnd {
-    /// Its number.
+    /// Number of the part.
     pub part: u32,
-    /// Its length \[bytes\].
+    /// Size of the part \[bytes\].
     pub size: u64,
-    /// When it was last written, in nanoseconds since 1970.
+    /// Time of its last change \[ns since 1970\].
     pub modified_ns: i64,
-    /// What it held, or why it could not be read.
+    /// Summary of the part, or the error that prevented reading.
     pub result: Result<Summary, SourceError>,
-    /// The next part, if there is one.
+    /// Number of the next part, if there is one.
     pub next: Option<u32>,
 }
 
-/// Which parts are read.
+/// Parts to read.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Parts {
-    /// These, ascending; the journal ends behind the last.
+    /// These, ascending; the journal ends after the last.
     Given(Vec<u32>),
-    /// All from this one on, of a journal that is still written.
+    /// All from this one on, of a journal that is still being written.
     From(u32),
 }
 
@@ -47,30 +47,30 @@ pub struct Series {
     folder: PathBuf,
     channels: Vec<RodChannels>,
     settings: RecordSettings,
-    /// Whether the journal is still written.
+    /// True if the journal is still written.
     live: bool,
     router: Router,
     queue: VecDeque<Timed>,
-    /// The parts that are read; of a live journal those there were when reading began.
+    /// Parts to read; for a live journal, those present when reading began.
     listed: Vec<u32>,
     open: Option<Open>,
-    /// The part read before, and the one to be read next.
+    /// Number of the part read before, and of the next one.
     before: Option<u32>,
     next: Option<u32>,
 }
 
-/// The part that is read.
+/// The part that is being read.
 struct Open {
     number: u32,
-    /// As the store or a person knows it.
+    /// Name in the store or given by the user.
     name: Arc<str>,
     /// The file, and what reads it.
     file: Result<(File, FileReader<File>), SourceError>,
     records: u64,
     damage: Option<String>,
-    /// Whether the part is at its end, as far as it is written.
+    /// True if the part is at its end, as far as it is written.
     ended: bool,
-    /// The part behind it, once it was seen; from then on this one does not grow.
+    /// Number of the part after it, once seen; from then on this one no longer grows.
     successor: Option<u32>,
     size: u64,
     modified_ns: i64,
@@ -98,7 +98,8 @@ impl Series {
         }
     }
 
-    /// Goes on from samples that earlier parts left open; a sentence for each rod whose samples do not fit any more.
+    /// Restores samples that earlier parts left open; returns a sentence for each rod whose samples no longer
+    /// fit.
     pub fn resume(&mut self, body: &[u8]) -> Vec<String> {
         let (router, lost) = carry::decode(body, &self.channels, &self.settings);
         self.router = router;
@@ -107,7 +108,7 @@ impl Series {
         lost
     }
 
-    /// The samples that are open between two parts, for [`Series::resume`].
+    /// Samples open between two parts, for [`Series::resume`].
     ///
     /// # Errors
     /// They cannot be encoded, which no input brings about.
@@ -115,7 +116,7 @@ impl Series {
         carry::encode(&self.router, &self.settings)
     }
 
-    /// Between two parts: ends every record that is open, and goes on with other channels and settings.
+    /// Ends every open record between two parts, and continues with other channels and settings.
     pub fn change(
         &mut self,
         channels: &[RodChannels],
@@ -135,18 +136,18 @@ impl Series {
             .collect()
     }
 
-    /// Times up to which the rods have been followed.
+    /// Times up to which each rod has been read.
     pub fn reached(&self) -> Reached {
         self.router.reached()
     }
 
-    /// The part that is written now, if nothing more of it can be read: only another part brings data again.
+    /// Number of the current part, if no more of it can be read: only another part brings data again.
     pub fn stuck_in(&self) -> Option<u32> {
         let open = self.open.as_ref()?;
         (open.ended && open.damage.is_some()).then_some(open.number)
     }
 
-    /// Bytes read of the part that is open.
+    /// Number of bytes read of the open part.
     pub fn bytes_read(&self) -> u64 {
         self.open.as_ref().map_or(0, |open| open.read())
     }
@@ -164,7 +165,7 @@ impl Series {
         Step::Event(event, place)
     }
 
-    /// After damage: what the open part still held is lost, and records end there.
+    /// Handles damage: the rest of the open part is lost, and records end there.
     fn lose(&mut self) {
         let damage = self.open.as_ref().and_then(|open| open.damage.clone());
         self.router.finish(true, damage.as_deref(), &mut self.queue);
@@ -185,7 +186,7 @@ impl Series {
         }
     }
 
-    /// The next part behind `number` that is there.
+    /// Number of the next existing part after `number`.
     fn later(&self, number: u32) -> Option<u32> {
         let next = number.checked_add(1)?;
         let is_there = |part: &u32| part::path(&self.folder, *part).is_file();
@@ -232,7 +233,7 @@ impl Series {
         Step::More
     }
 
-    /// A part is at its end: hands it over once the next one is there, or ends the journal.
+    /// Ends a part: hands it over once the next one exists, or ends the journal.
     fn end_part(&mut self) -> Step<Box<PartEnd>> {
         let Some(number) = self.open.as_ref().map(|open| open.number) else {
             return Step::End;
@@ -379,7 +380,7 @@ impl Open {
         open
     }
 
-    /// Notes how large the file is and when it was written.
+    /// Notes the size of the file and the time of its last change.
     fn look(&mut self) {
         if let Ok((file, _)) = &self.file
             && let Ok(data) = file.metadata()
@@ -430,7 +431,7 @@ impl Open {
     }
 }
 
-/// Whether a file holds nothing but zeros from `offset` on.
+/// True if a file holds nothing but zeros from `from` on.
 pub fn is_blank(file: &File, from: u64) -> bool {
     let mut offset = from;
     let mut buffer = vec![0u8; 1 << 16];
@@ -443,7 +444,7 @@ pub fn is_blank(file: &File, from: u64) -> bool {
     }
 }
 
-/// A file's time as nanoseconds since 1970.
+/// File time in nanoseconds since 1970.
 pub fn modified_ns(time: std::time::SystemTime) -> i64 {
     match time.duration_since(UNIX_EPOCH) {
         Ok(since) => i64::try_from(since.as_nanos()).unwrap_or(i64::MAX),

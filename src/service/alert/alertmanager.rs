@@ -1,4 +1,4 @@
-//! The API of a Prometheus Alertmanager, which forgets what it is not told again.
+//! The API of a Prometheus Alertmanager, which drops alerts that are not sent again.
 
 use super::post::post;
 use super::{Failure, Message, Sink, What};
@@ -8,7 +8,7 @@ use crate::site::clock;
 use serde_json::{Value as Json, json};
 use std::time::Duration;
 
-/// How long an alert fires without being sent again \[s\].
+/// Time for which an alert fires without being sent again \[s\].
 const LASTS_S: f64 = 300.0;
 
 /// An Alertmanager.
@@ -48,7 +48,7 @@ impl Sink for Alertmanager {
     }
 }
 
-/// The alert of a message: its labels are the same for all news of an alarm.
+/// The alert of a message: its labels are the same for all events of an alarm.
 fn alert(message: &Message, now: Timestamp) -> Json {
     let is_test = message.what == What::Test;
     let ends = if message.stands || is_test {

@@ -11,7 +11,7 @@ use ureq::http::Response;
 use ureq::tls::{PemItem, RootCerts, TlsConfig, parse_pem};
 use ureq::{Agent, Body};
 
-/// How much of an answer is shown \[bytes\].
+/// Most bytes of an answer shown.
 const SHOWN: u64 = 200;
 
 /// Posts `json` to `url` of `target`. Every request has a connection of its own: alarms are rare, and a connection that
@@ -86,7 +86,7 @@ fn judge(url: &str, response: Response<Body>) -> Result<(), Failure> {
     Err(Failure { reason, retry_after })
 }
 
-/// How long `Retry-After` asks to wait: seconds, or until a date.
+/// Wait asked for by `Retry-After`: seconds, or until a date.
 fn wait(text: &str, now: Timestamp) -> Option<Duration> {
     if let Ok(seconds) = text.trim().parse() {
         return Some(Duration::from_secs(seconds));
@@ -99,7 +99,7 @@ fn wait(text: &str, now: Timestamp) -> Option<Duration> {
     Some(Duration::try_from_secs_f64(wait_s).unwrap_or_default())
 }
 
-/// The certificates of a file.
+/// Reads the certificates of a file.
 fn trusted(file: &CredentialPath) -> Result<RootCerts, Failure> {
     let bytes = file.read()?;
     let mut certificates = Vec::new();

@@ -1,10 +1,11 @@
-//! The one thread that owns trackers and store: takes what comes out of the pipeline, in order, and makes it durable.
+//! The one thread that owns trackers and store: takes the results of the pipeline, in order, and makes them
+//! durable.
 
 use super::opening::{open_site, warn_of_renewed};
 use super::retention::Retention;
 use super::silence::Silence;
 use crate::analysis::outcome::Outcome;
-use crate::analysis::signal::record::{Rejection, RodId, Timestamp};
+use crate::analysis::signal::record::{Rejection, RodId};
 use crate::recording::read::Place;
 use crate::recording::read::{SourceError, Summary};
 use crate::service::telemetry::{Fault, Health};
@@ -20,9 +21,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// Free space with which work is taken up again after the disk was full \[bytes\].
+/// Free space at which work resumes after the disk was full \[bytes\].
 const ROOM: u64 = 8 << 20;
-/// How often a full disk is looked at.
+/// Interval between checks of a full disk.
 const LOOK: Duration = Duration::from_millis(250);
 
 /// Whether all that is done with an item is to keep something; the rest stands alone.
@@ -30,49 +31,49 @@ fn is_kept(done: &Done) -> bool {
     !matches!(done, Done::Job(Job::Reload(_) | Job::Tick { .. }))
 }
 
-/// What the core lets others know, on its own thread: whoever listens must be quick.
+/// Notifications of the core, sent on its own thread: listeners must be quick.
 pub enum Notice<'a> {
     /// A tick passed through the whole pipeline, or a full disk is waited for: the work loop is alive.
     Alive,
-    /// There are news in the outbox.
+    /// There are events in the outbox.
     News,
-    /// A record that the store has already.
+    /// A record is in the store already.
     Known(&'a RodId),
     /// A record was taken; its commit is durable.
     Taken {
-        /// What came of it.
+        /// Outcome of the record.
         outcome: &'a Outcome,
-        /// What tracking made of it.
+        /// Result of tracking.
         taken: &'a Taken,
-        /// How long the commit took, with the others of its group.
+        /// Duration of the commit, with the others of its group.
         took: Duration,
     },
     /// A file, or a part of the journal, is in the store up to its end.
     File(&'a FileMark),
-    /// Another configuration holds from here on, and so its rods stand, if they can be asked.
+    /// Another configuration is in force from here on, with the status of its rods, if it can be read.
     Reloaded(&'a Arc<Generation>, Option<&'a [Standing]>),
 }
 
-/// Why the core cannot go on.
+/// Reason why the core cannot go on.
 #[derive(Debug, thiserror::Error)]
 pub enum CoreError {
-    /// The store refused for a reason that does not pass.
+    /// The store returned a permanent error.
     #[error(transparent)]
     Store(#[from] StoreError),
-    /// The daemon stops while the disk is full: what was not kept is read again at the next start.
+    /// The daemon stops while the disk is full: data not yet stored is read again at the next start.
     #[error("the daemon stops while the disk is full")]
     Stopping,
     /// The store was found damaged after the disk was full.
     #[error("the store was damaged while the disk was full; a restart reads everything again")]
     Damaged,
-    /// A fault of the program.
+    /// The program panicked.
     #[error("the program broke, please report it: {0}")]
     Panicked(String),
 }
 
-/// Trackers, store, and what is remembered between records.
+/// Trackers, store, and the state between records.
 pub struct Core {
-    /// `None` only while a full disk is waited for.
+    /// `None` only while waiting for a full disk.
     site: Option<Site>,
     store: PathBuf,
     generation: Arc<Generation>,
@@ -117,13 +118,13 @@ impl Core {
         core
     }
 
-    /// Takes what came out of the pipeline together. Events are put into the order of their times; of what goes now, records,
-    /// files and marks that follow each other become durable at once, for the price of one flush of the disk; nobody hears of
-    /// any before. What still waits for its turn when the daemon stops is read again at the next start: its file is not
-    /// marked yet.
+    /// Takes a group of results of the pipeline. Events are put in the order of their times; consecutive
+    /// records, files and marks that are due become durable at once, with one flush of the disk, and are
+    /// announced only then. Events still waiting when the daemon stops are read again at the next start:
+    /// their file is not marked yet.
     ///
     /// # Errors
-    /// The daemon cannot go on; what was not told was not kept.
+    /// The daemon cannot go on; results not announced were not kept.
     pub fn take(&mut self, group: Vec<Done>) -> Result<(), CoreError> {
         let group = self.held.take(group, Instant::now());
         for run in group.chunk_by(|one, next| is_kept(one) && is_kept(next)) {
@@ -136,7 +137,7 @@ impl Core {
         Ok(())
     }
 
-    /// An event whose work panicked outside the analysis: nothing is known of it but that.
+    /// Reports a panic outside the analysis.
     pub fn lost(&mut self, panic: &str) {
         self.health.fault(
             Fault::Broken,
@@ -144,7 +145,7 @@ impl Core {
         );
     }
 
-    /// Makes a run of items durable, then tells of them.
+    /// Makes a run of items durable, then announces them.
     fn keep(&mut self, run: &[Done]) -> Result<(), CoreError> {
         let begun = Instant::now();
         // Asked once, in order: the run may be taken again.
@@ -189,7 +190,7 @@ impl Core {
         Ok(())
     }
 
-    /// Tells of a record that was taken.
+    /// Announces a record that was taken.
     fn record(&mut self, outcome: &Outcome, place: &Place, taken: &Taken, took: Duration) {
         let rod = outcome.rod();
         self.silence.end(rod, Instant::now());
@@ -251,7 +252,7 @@ impl Core {
         Ok(())
     }
 
-    /// Begins to count the silence of rods that are new.
+    /// Begins to count the silence of new rods.
     fn listen(&mut self) {
         let (wall, now) = (clock::now(), Instant::now());
         for (rod, latest) in self.site.iter().flat_map(Site::latest) {
@@ -285,9 +286,9 @@ impl Core {
         Ok(())
     }
 
-    /// Does something to site and store, again from the beginning if the disk was full: the trackers in memory are ahead of
-    /// the store then, so both are read from the disk anew. Records the store has are known by content, so nothing is
-    /// taken twice.
+    /// Runs `act` on site and store, and again from the beginning if the disk was full: the trackers in
+    /// memory are then ahead of the store, so both are read anew from the disk. Records in the store are
+    /// known by content, so none is taken twice.
     fn durable<T>(
         &mut self,
         mut act: impl FnMut(&mut Site) -> Result<T, StoreError>,
@@ -311,7 +312,8 @@ impl Core {
         }
     }
 
-    /// Gives up trackers and store, and opens them again when there is room; longer after each try that was in vain.
+    /// Closes trackers and store, and opens them again when there is room; waits longer after each failed
+    /// try.
     fn wait_for_room(&mut self, error: &StoreError, tries: u32) -> Result<(), CoreError> {
         let about = self.about();
         let waits = format_args!(
@@ -351,13 +353,13 @@ impl Core {
         }
     }
 
-    /// What a condition of the store is about.
+    /// Subject of a condition of the store.
     fn about(&self) -> String {
         self.store.display().to_string()
     }
 }
 
-/// Puts an item into the site; what was taken, if it is a record that is new.
+/// Puts an item into the site; returns the result if it is a new record.
 fn put(site: &mut Site, done: &Done, before: Option<[u8; 32]>) -> Result<Option<Taken>, StoreError> {
     match done {
         Done::Event(analysed, place) => return site.take_event(analysed, place.position(), before),
@@ -375,7 +377,7 @@ fn put(site: &mut Site, done: &Done, before: Option<[u8; 32]>) -> Result<Option<
     Ok(None)
 }
 
-/// Free space where a file is \[bytes\]; all there is if the system does not say.
+/// Free space on the disk of a file \[bytes\]; the maximum if unknown.
 fn room(path: &Path) -> u64 {
     let folder = path.parent().unwrap_or(Path::new("."));
     rustix::fs::statvfs(folder).map_or(u64::MAX, |stat| stat.f_bavail.saturating_mul(stat.f_frsize))

@@ -1,4 +1,4 @@
-//! The watched folder: which recordings in it are to be read, and reading them a step at a time.
+//! The watched folder: finds recordings to read, and reads them one step at a time.
 
 use super::steps::{Guard, Watch};
 use crate::analysis::signal::record::{RecordSettings, RodChannels};
@@ -21,18 +21,18 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant, SystemTime};
 
-/// The shortest time between two scans.
+/// Shortest time between two scans.
 const SCAN_EVERY: Duration = Duration::from_secs(1);
-/// Of the time, at most one part in this many goes into scans.
+/// Scans take at most one part in this many of the time.
 const SCAN_SHARE: u32 = 20;
-/// Growing recordings read at once.
+/// Most growing recordings read at once.
 const MOST_GROWING: usize = 64;
-/// Bytes growing recordings may hold together; beyond, the largest is read when it is finished.
+/// Most bytes that growing recordings may hold together; beyond, the largest is read when it is finished.
 const GROWING_BYTES: usize = 64 << 20;
 /// Pause before a file that cannot be opened is tried again.
 const RETRY: Duration = Duration::from_secs(60);
 
-/// A file's length \[bytes\] and when it was written \[ns since 1970\]: how it is seen to change.
+/// Size \[bytes\] and time of change \[ns since 1970\] of a file, to detect changes.
 type Stamp = (u64, i64);
 
 fn stamp(data: &Metadata) -> Stamp {
@@ -46,27 +46,27 @@ pub(super) struct Folder {
     channels: Vec<RodChannels>,
     settings: RecordSettings,
     health: Arc<Health>,
-    /// Files that were read to their end, as they were then.
+    /// Files read to their end, with their stamps then.
     done: HashMap<OsString, Stamp>,
     /// Finished files to be read, in the order of their first message.
     queue: BTreeSet<(u64, OsString)>,
     queued: HashMap<OsString, Stamp>,
-    /// Files that could not be opened, or are quarantined, and when to look again.
+    /// Files that could not be opened, or are quarantined, with the time of the next try.
     failed: HashMap<OsString, Instant>,
-    /// Growing files that are read when they are finished, since all of them held too much.
+    /// Growing files put off until they are finished, since all of them together held too much.
     postponed: HashSet<OsString>,
-    /// Files that are set aside, each a condition.
+    /// Files set aside, each a condition.
     set_aside: BTreeSet<OsString>,
     finished: Option<Lane>,
     growing: VecDeque<Lane>,
     next_scan: Instant,
-    /// Whether the growing files have the next turn.
+    /// True if the growing files have the next turn.
     is_turn_of_growing: bool,
-    /// Whether finished files come first: at the start, until all that were there are read.
+    /// True if finished files come first: at the start, until all present then are read.
     catches_up: bool,
 }
 
-/// A file that is read.
+/// A file that is being read.
 struct Lane {
     name: OsString,
     label: Arc<str>,
@@ -74,10 +74,10 @@ struct Lane {
     guard: Guard,
     file: File,
     is_live: bool,
-    /// As it was when reading began, or when it was last seen to grow.
+    /// Stamp when reading began, or when it was last seen to grow.
     stamp: Stamp,
     grew: Instant,
-    /// Whether another file has its name now.
+    /// True if another file has its name now.
     is_replaced: bool,
     /// Bytes in memory after its latest step.
     held: usize,
@@ -125,17 +125,17 @@ impl Folder {
         }
     }
 
-    /// Whether files that were there at the start come before everything live.
+    /// True if files that were present at the start come before everything live.
     pub fn catches_up(&self) -> bool {
         self.catches_up
     }
 
-    /// Whether finished files wait to be read, or are read now.
+    /// True if finished files wait to be read, or are being read.
     pub fn has_backlog(&self) -> bool {
         self.catches_up || self.finished.is_some() || !self.queue.is_empty()
     }
 
-    /// Other channels and settings hold: files not read to their end are begun again.
+    /// Changes channels and settings: files not read to their end are begun again.
     pub fn change(&mut self, channels: &[RodChannels], settings: &RecordSettings) {
         channels.clone_into(&mut self.channels);
         self.settings = *settings;
@@ -144,7 +144,7 @@ impl Folder {
         self.next_scan = Instant::now();
     }
 
-    /// One step: a scan if it is time, or at most one record or chunk of one file.
+    /// Takes one step: a scan if due, or at most one record or chunk of one file.
     pub fn step(&mut self, watch: &mut Watch, stop: &AtomicBool) -> FolderStep {
         if Instant::now() >= self.next_scan {
             let began = Instant::now();
@@ -181,7 +181,7 @@ impl Folder {
         self.step_growing(watch).unwrap_or(Step::Wait)
     }
 
-    /// A step of the next growing file that has something.
+    /// Takes a step of the next growing file with data.
     fn step_growing(&mut self, watch: &mut Watch) -> Option<FolderStep> {
         for _ in 0..self.growing.len() {
             let mut lane = self.growing.pop_front()?;
@@ -205,7 +205,8 @@ impl Folder {
         None
     }
 
-    /// Gives up the largest growing files while all together hold too much: they are begun again when they are finished.
+    /// Puts off the largest growing files while all together hold too much: they are begun again when
+    /// finished.
     fn make_room(&mut self) {
         while self.growing.len() > 1
             && self.growing.iter().map(|lane| lane.held).sum::<usize>() > GROWING_BYTES
@@ -342,7 +343,7 @@ impl Folder {
         self.failed.insert(name.to_owned(), Instant::now() + RETRY);
     }
 
-    /// Opens a regular file: what it was when it was listed may have changed, and opening a pipe would wait.
+    /// Opens a regular file: it may have changed since it was listed, and opening a pipe would block.
     fn open(&self, name: &OsStr) -> io::Result<File> {
         let flags = OFlags::RDONLY | OFlags::NOFOLLOW | OFlags::NONBLOCK | OFlags::CLOEXEC;
         let file = File::from(rustix::fs::open(self.path.join(name), flags, Mode::empty())?);
@@ -398,7 +399,7 @@ impl Lane {
         Some(step)
     }
 
-    /// Nothing to read now: has it grown lately?
+    /// Handles a file without data now: waits if it has grown lately.
     fn wait(&mut self, settle: Duration) -> Option<Step<Infallible>> {
         let Ok(data) = self.file.metadata() else {
             return Some(Step::Wait);
@@ -424,14 +425,14 @@ impl Lane {
     }
 }
 
-/// Whether a file of this name is a recording: `*.mcap`, and not hidden.
+/// True if a file of this name is a recording: `*.mcap`, and not hidden.
 fn is_recording(name: &OsStr) -> bool {
     let name = name.as_bytes();
     let ends = name.len() > 5 && name[name.len() - 5..].eq_ignore_ascii_case(b".mcap");
     ends && name[0] != b'.'
 }
 
-/// Whether a file has the end of a recording.
+/// True if a file has the end of a recording.
 fn has_end(file: &File) -> bool {
     let mut file = file;
     let mut end = [0u8; 8];
@@ -458,7 +459,7 @@ fn label(name: &OsStr) -> String {
     label
 }
 
-/// The file name a label stands for; `None` for a part of the journal.
+/// File name of a label; `None` for a part of the journal.
 fn name_of(label: &str) -> Option<OsString> {
     if label.contains('/') {
         return None;

@@ -1,6 +1,7 @@
 //! The daemon: sources, pipeline, site and sinks, all live at once.
 //!
-//! docs/daemon.md tells the way of a record through it. [`run`] is its life: prepare, open, run, reload, drain.
+//! docs/daemon.md shows the way of a record through it. [`run`] is its life cycle: prepare, open, run,
+//! reload, drain.
 
 pub mod core;
 mod folder;
@@ -41,21 +42,21 @@ use std::time::Duration;
 use tokio::runtime::Runtime;
 use tokio::sync::watch;
 
-/// How often the threads are looked after.
+/// Interval between checks of the threads.
 const LOOK: Duration = Duration::from_secs(1);
 
-/// What a daemon is started with.
+/// Start options of a daemon.
 #[derive(Debug, Clone)]
 pub struct Options {
-    /// The configuration; it is read again on SIGHUP.
+    /// Path of the configuration; it is read again on SIGHUP.
     pub config: PathBuf,
-    /// What is put over it.
+    /// Settings that override it.
     pub settings: Vec<Setting>,
-    /// Threads that analyse; by default one per core.
+    /// Number of threads that analyse; by default one per core.
     pub threads: Option<usize>,
 }
 
-/// What happens to a daemon.
+/// Lifecycle event of a daemon.
 enum LifecycleEvent {
     /// SIGTERM or SIGINT.
     Stop,
@@ -65,13 +66,13 @@ enum LifecycleEvent {
     Opened(anyhow::Result<(Arc<Generation>, Box<Site>)>),
     /// Another configuration is prepared, or cannot be.
     Prepared(anyhow::Result<Arc<Generation>>),
-    /// Something without which the daemon cannot go on.
+    /// A failure without which the daemon cannot go on.
     Failed(anyhow::Error),
-    /// The work loop came to its end.
+    /// The work loop ended.
     Ended(Result<(), core::CoreError>),
 }
 
-/// Runs until it is told to stop (exit code 0), or cannot go on.
+/// Runs until stopped (exit code 0), or until it cannot go on.
 ///
 /// # Errors
 /// The configuration is bad, the store is another process's or cannot be opened, or something that must be durable
@@ -114,7 +115,7 @@ pub fn run(options: &Options) -> anyhow::Result<ExitCode> {
     result
 }
 
-/// The HTTP server, from the first moment: it tells that the daemon is not ready yet, and why.
+/// Starts the HTTP server from the first moment: it reports that the daemon is not ready yet, and why.
 fn show(
     config: &Config,
     runtime: &Runtime,
@@ -151,7 +152,7 @@ fn show(
     Ok(())
 }
 
-/// What the daemon's life goes on in.
+/// State of a daemon's life.
 struct Daemon<'a> {
     options: &'a Options,
     runtime: &'a Runtime,
@@ -233,7 +234,7 @@ impl Daemon<'_> {
     }
 }
 
-/// The configuration of a daemon: one that names a store.
+/// Loads the configuration of a daemon, which must name a store.
 fn load(options: &Options) -> Result<Config, ConfigError> {
     let config = Config::resolve(Some(&options.config), &options.settings)?;
     if config.store.path.is_none() {
@@ -262,7 +263,7 @@ fn prepare(config: Config, sender: Sender<LifecycleEvent>) -> io::Result<()> {
     beside("prepare", sender, || prepared(config), LifecycleEvent::Prepared)
 }
 
-/// Does some work on a thread called `name` and tells what came of it, whatever that is.
+/// Runs work on a thread called `name` and sends its result, even a panic.
 fn beside<T: 'static>(
     name: &str,
     sender: Sender<LifecycleEvent>,
@@ -289,7 +290,7 @@ fn prepared(config: Config) -> anyhow::Result<Arc<Generation>> {
     .map(Arc::new)
 }
 
-/// Begins a reload; whether one is under way.
+/// Begins a reload; returns true if one is under way.
 fn begin_reload(options: &Options, health: &Health, sender: &Sender<LifecycleEvent>) -> bool {
     notify::reloading();
     let begun = load(options)
@@ -304,7 +305,7 @@ fn begin_reload(options: &Options, health: &Health, sender: &Sender<LifecycleEve
     }
 }
 
-/// The reload is over. All faults go to the log, one fault to health.
+/// Ends a failed reload. All faults go to the log, one fault to health.
 fn keep_old(health: &Health, error: &anyhow::Error) {
     for line in error.to_string().lines() {
         tracing::error!("{line}");

@@ -10,19 +10,20 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError};
 use std::time::Duration;
 
-/// Jobs between the reader and the pipeline. Few: each may be a record of millions of samples.
+/// Capacity of the channel between reader and pipeline \[jobs\]; small, since each may be a record of
+/// millions of samples.
 pub const JOBS: usize = 4;
-/// Samples of records in the pipeline (8 bytes each); a record with more goes alone.
+/// Samples of records in the pipeline (8 bytes each); a larger record is processed alone.
 const SAMPLES_IN_FLIGHT: usize = 2 << 20;
-/// How soon a pipeline without work sees that it is to end.
+/// Interval at which an idle pipeline checks if it is to end.
 const LOOK: Duration = Duration::from_millis(50);
 
-/// How a pipeline is ended from outside.
+/// Flags that end a pipeline from outside.
 #[derive(Debug, Clone, Default)]
 pub struct Ending {
-    /// What is in the channel is still taken, then it ends.
+    /// Ends after the jobs in the channel.
     pub drain: Arc<AtomicBool>,
-    /// It ends with the item it is at.
+    /// Ends after the current item.
     pub give_up: Arc<AtomicBool>,
 }
 

@@ -16,26 +16,26 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread;
 use std::time::Duration;
 
-/// So many deaths of a step alone, and it is not tried any more. With the first death, which blames nobody, these are three:
-/// systemd must not give up before (docs/daemon.md).
+/// Number of crashes of a step alone after which it is not tried again. With the first crash, which blames no
+/// step, these are three: systemd must not give up before (docs/daemon.md).
 pub const DEATHS: u32 = 2;
 
-/// So many deaths of a file, and nothing of it is used any more: those alone at one place, and one more when what came before
-/// that place was brought to its end.
+/// Number of crashes of a file after which nothing of it is used: those alone at one place, and one more
+/// while its data before that place was completed.
 pub const FILE_DEATHS: u32 = DEATHS + 1;
 
 /// How the step of a file is called that brings what came before a quarantined place to its end.
 const END: &str = "end";
 
-/// Bytes of a slot.
+/// Size of a slot \[bytes\].
 const SLOT: usize = 1024;
 /// Most slots: more than any machine has workers.
 const MOST_SLOTS: usize = 1100;
-/// Suspects remembered beyond those that are blamed.
+/// Most suspects remembered, besides the quarantined ones.
 const MOST: usize = 256;
-/// How long a suspect waits for the others to come to an end.
+/// Longest wait of a suspect for the other steps to end.
 const PATIENCE: Duration = Duration::from_secs(10);
-/// The pause before a step is tried that died alone, times its deaths.
+/// Pause before a step is tried again after a crash alone, times its crashes.
 const PAUSE: Duration = Duration::from_secs(1);
 
 /// Quarantine of one store: steps that ended the program, and how often.
@@ -49,7 +49,7 @@ pub struct Quarantine {
 
 #[derive(Debug, Default)]
 struct Inner {
-    /// Deaths alone of every suspect.
+    /// Number of crashes alone of every suspect.
     deaths: BTreeMap<String, u32>,
     slots: usize,
     busy: usize,
@@ -57,7 +57,7 @@ struct Inner {
     is_over: bool,
 }
 
-/// Where one thread marks what it works on.
+/// Slot in which one thread marks its step.
 #[derive(Debug)]
 pub struct Slot {
     quarantine: Arc<Quarantine>,
@@ -72,7 +72,7 @@ struct Step {
 }
 
 impl Quarantine {
-    /// Reads what the last process of this store was at when it ended, and begins anew.
+    /// Reads the steps at which the last process of this store ended, and starts with empty slots.
     ///
     /// # Errors
     /// The files beside the store cannot be read or written.
@@ -122,17 +122,17 @@ impl Quarantine {
         })
     }
 
-    /// How often the program died of this step with nothing else at work.
+    /// Number of crashes of this step with no other step at work.
     pub fn deaths(&self, step: &str) -> u32 {
         self.lock().deaths.get(step).copied().unwrap_or(0)
     }
 
-    /// Whether a step is not to be tried any more.
+    /// True if a step is not to be tried again.
     pub fn is_quarantined(&self, step: &str) -> bool {
         self.deaths(step) >= DEATHS
     }
 
-    /// A file was read to its end: it is suspected of nothing any more.
+    /// Clears a file that was read to its end.
     pub fn is_read(&self, file: &str) {
         self.forget(&file_step(file));
     }
@@ -160,7 +160,7 @@ impl Quarantine {
         }
     }
 
-    /// The process is about to end in order: what is still at work did not end it, and nobody waits any more.
+    /// Prepares an orderly end of the process: steps still at work are not suspect, and none waits any more.
     pub fn stand_down(&self) {
         self.lock().is_over = true;
         self.changed.notify_all();
@@ -168,7 +168,7 @@ impl Quarantine {
         let _ = self.working.set_len(0);
     }
 
-    /// Waits until a step may begin; whether it is alone.
+    /// Waits until a step may begin; returns true if it is alone.
     fn begin(&self, step: &str) -> bool {
         let is_suspect = self.lock().deaths.contains_key(step);
         if is_suspect {
@@ -186,7 +186,7 @@ impl Quarantine {
         is_alone
     }
 
-    /// A step came to its end, and is a suspect no more.
+    /// Ends a step, which is then no suspect.
     fn end(&self, step: &Step) {
         let mut inner = self.lock();
         inner.busy -= 1;
@@ -196,7 +196,7 @@ impl Quarantine {
         self.forget(&step.name);
     }
 
-    /// Best effort: a mark that cannot be written is a death that is not counted.
+    /// Writes a mark, best effort: without it a crash is not counted.
     fn mark(&self, slot: usize, content: &[u8; SLOT]) {
         let inner = self.lock();
         if !inner.is_over && slot < MOST_SLOTS {
@@ -210,8 +210,8 @@ impl Quarantine {
 }
 
 impl Slot {
-    /// This thread begins a step; it may have to wait for others, and others for it. Nothing else may be waited for
-    /// before [`Slot::idle`].
+    /// Begins a step of this thread; it may have to wait for others, and others for it. The thread must not
+    /// wait for anything else before [`Slot::idle`].
     pub fn working_on(&mut self, step: &str) {
         self.idle();
         let is_alone = self.quarantine.begin(step);
@@ -226,7 +226,7 @@ impl Slot {
         });
     }
 
-    /// It came to the step's end.
+    /// Ends the step.
     pub fn idle(&mut self) {
         if let Some(step) = self.step.take() {
             self.quarantine.mark(self.number, &[0; SLOT]);
@@ -241,23 +241,23 @@ impl Drop for Slot {
     }
 }
 
-/// The name of all steps of a file together.
+/// Name of all steps of a file together.
 pub fn file_step(file: &str) -> String {
     format!("file {file}")
 }
 
-/// The step that brings to its end what came before a place of a file.
+/// Name of the step that completes the data before a place of a file.
 pub fn last_step(file: &str, offset: u64) -> String {
     format!("{file}@{offset}+{END}")
 }
 
-/// The file of a step of reading, `NAME@PLACE+STEP`, and which step it is.
+/// File and step of a step name `NAME@PLACE+STEP`.
 fn file_of(name: &str) -> Option<(&str, &str)> {
     let (file, place) = name.rsplit_once('@')?;
     place.split_once('+').map(|(_, step)| (file, step))
 }
 
-/// The steps a file of slots holds, and whether each was alone.
+/// Steps in a file of slots, each with true if it was alone.
 fn left_in(bytes: &[u8]) -> Vec<(String, bool)> {
     let text_of = |slot: &[u8]| {
         let end = slot.iter().position(|byte| *byte == 0).unwrap_or(slot.len());
@@ -292,7 +292,7 @@ fn beside(path: &Path, suffix: &str) -> PathBuf {
 mod tests {
     use super::*;
 
-    /// A process that dies at these steps.
+    /// Simulates a process that crashes at these steps.
     fn dies_at(store: &Path, steps: &[&str]) {
         let quarantine = Arc::new(Quarantine::open(store).unwrap());
         for step in steps {

@@ -1,7 +1,7 @@
 //! The reader's thread: turns the journal and the watched folder into jobs.
 //!
-//! Every source has its turn, and a turn is short: a huge file never keeps live data waiting. Nothing is finished when
-//! it stops: what was not committed is read again at the next start.
+//! Every source has its turn, and a turn is short: a huge file never keeps live data waiting. When it stops,
+//! data not committed yet is left to be read again at the next start.
 
 use super::folder::Folder;
 use super::steps::{Guard, Watch};
@@ -24,57 +24,58 @@ use std::sync::mpsc::{Receiver, Sender, SyncSender, TrySendError, channel};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
-/// Pause before sources without anything new are looked at again.
+/// Pause before sources without new data are checked again.
 const POLL: Duration = Duration::from_millis(200);
-/// How often it is said that there is nothing more to read, and for how long after the last event.
+/// Interval at which it reports that there is no more to read, and the time after the last event for which it
+/// does.
 const LOOK: Duration = Duration::from_millis(100);
 const LOOK_FOR: Duration = Duration::from_secs(3);
 /// Pause before a full queue is tried again.
 const PUSH_BACK: Duration = Duration::from_millis(2);
 
-/// The name the store keeps the journal's [`Carry`] under.
+/// Name under which the store keeps the journal's [`Carry`].
 pub const JOURNAL: &str = "journal";
 
-/// What is read.
+/// Sources to read.
 pub struct Sources {
-    /// The watched folder.
+    /// Watched folder, if any.
     pub folder: Option<PathBuf>,
-    /// A growing recording that has not grown for this long counts as cut short \[s\].
+    /// Time without growth after which a recording counts as cut short \[s\].
     pub settle_s: f64,
-    /// The journal.
+    /// Journal to read, if any.
     pub journal: Option<JournalSource>,
 }
 
-/// The journal that is read.
+/// The journal to read.
 pub struct JournalSource {
-    /// Its folder.
+    /// Folder of the journal.
     pub folder: PathBuf,
-    /// The way to its writer: a change of the configuration begins a new part.
+    /// Handle of its writer: a change of the configuration begins a new part.
     pub handle: journal::Handle,
-    /// What [`journal::Journal::results_kept`] gave: set at the start to what the store has.
+    /// Shared number of [`journal::Journal::results_kept`]: set at the start to the last part in the store.
     pub results_kept: Arc<AtomicU32>,
 }
 
-/// Whom the reader works with.
+/// Everything that the reader works with.
 pub struct Surroundings {
-    /// Where its jobs go.
+    /// Queue of its jobs.
     pub jobs: SyncSender<Job>,
-    /// Who is told of faults.
+    /// Receiver of faults.
     pub health: Arc<Health>,
-    /// What wakes it: the journal's, or any.
+    /// Bell that wakes it: the journal's, or any.
     pub bell: Arc<Bell>,
-    /// Whether nothing there is waits to be read; false again while finished recordings are.
+    /// True if no present data waits to be read; false again while finished recordings do.
     pub caught_up: Arc<AtomicBool>,
-    /// Who notes what it works on.
+    /// Notes the step it works on.
     pub watch: Watch,
 }
 
-/// What the store remembers of the sources.
+/// State of the sources in the store.
 #[derive(Debug, Clone, Default)]
 pub struct Remembered {
     /// Files read to their end.
     pub files: BTreeMap<String, FileMark>,
-    /// What the journal's read parts left open, kept under [`JOURNAL`].
+    /// State that the journal's read parts left open, kept under [`JOURNAL`].
     pub carry: Option<Carry>,
 }
 
@@ -88,7 +89,7 @@ pub struct Reader {
 }
 
 impl Reader {
-    /// Starts to read.
+    /// Starts the reader.
     ///
     /// # Errors
     /// There is no thread for it.
@@ -113,8 +114,9 @@ impl Reader {
         })
     }
 
-    /// A new configuration holds. Records are cut by it from the next part of the journal on; files that are not read to
-    /// their end are begun again, if it changes how records are cut. A [`Job::Reload`] says from where it holds.
+    /// Takes a new configuration. Records are cut by it from the next part of the journal on; files not read
+    /// to their end are begun again, if it changes how records are cut. A [`Job::Reload`] marks where it
+    /// takes effect.
     pub fn reload(&self, generation: Arc<Generation>) {
         // A reader that stopped needs no configuration.
         let _ = self.reloads.send(generation);
@@ -126,7 +128,7 @@ impl Reader {
         self.halt();
     }
 
-    /// Whether its thread ended, by itself if [`Reader::stop`] was not called.
+    /// True if its thread ended; by itself if [`Reader::stop`] was not called.
     pub fn is_finished(&self) -> bool {
         self.thread.as_ref().is_none_or(JoinHandle::is_finished)
     }
@@ -151,9 +153,9 @@ struct Work {
     folder: Option<Folder>,
     journal: Option<JournalLane>,
     generation: Arc<Generation>,
-    /// A configuration that holds from the next part of the journal on.
+    /// Configuration that takes effect with the next part of the journal.
     waiting: Option<Arc<Generation>>,
-    /// When an event was sent last, and when it was said last that there is nothing more to read.
+    /// Time of the last event sent, and of the last report that there is no more to read.
     last_event: Option<Instant>,
     last_look: Option<Instant>,
     loads: Loads,
@@ -165,13 +167,13 @@ struct JournalLane {
     series: Series,
     handle: journal::Handle,
     guard: Guard,
-    /// The damaged part for which another one was asked.
+    /// Number of the damaged part after which a new one was requested.
     rotated: Option<u32>,
-    /// Whether its end has been reached once.
+    /// True if its end has been reached once.
     is_read: bool,
 }
 
-/// The daemon stops, or whoever took the jobs is gone.
+/// The daemon stops, or the receiver of the jobs is gone.
 struct Stopped;
 
 fn channels(generation: &Generation) -> Vec<RodChannels> {
@@ -179,7 +181,7 @@ fn channels(generation: &Generation) -> Vec<RodChannels> {
     rods.map(|rod| rod.channels.clone()).collect()
 }
 
-/// The first part that is not read to its end yet, and the last one that is.
+/// Number of the first part not yet read to its end, and of the last one that is.
 fn first_part(folder: &Path, files: &BTreeMap<String, FileMark>) -> (u32, Option<u32>) {
     let parts = part::list(folder).unwrap_or_default();
     let is_done = |number: &u32| {
@@ -279,8 +281,8 @@ impl Work {
         }
     }
 
-    /// There is nothing to read at this moment: says so for a while after an event, so that none waits for a rod that is
-    /// silent. How long to pause then.
+    /// Reports for a while after an event that there is no more to read, so that no event waits for a silent
+    /// rod; returns the time to pause.
     fn look(&mut self) -> Result<Duration, Stopped> {
         if self.last_event.is_none_or(|event| event.elapsed() > LOOK_FOR) {
             return Ok(POLL);
@@ -293,7 +295,7 @@ impl Work {
         Ok(LOOK)
     }
 
-    /// One step of every source; whether there was anything.
+    /// Takes one step of every source; returns true if there was any data.
     fn turn(&mut self, reloads: &Receiver<Arc<Generation>>) -> Result<bool, Stopped> {
         while let Ok(generation) = reloads.try_recv() {
             self.reload(generation)?;
@@ -309,7 +311,7 @@ impl Work {
         Ok(folder_had_some || journal_had_some)
     }
 
-    /// Hands a job on; waits while the queue is full.
+    /// Sends a job; waits while the queue is full.
     fn send(&self, mut job: Job) -> Result<(), Stopped> {
         loop {
             match self.around.jobs.try_send(job) {
@@ -347,7 +349,7 @@ impl Work {
         })
     }
 
-    /// One step of the folder; whether there was anything.
+    /// Takes one step of the folder; returns true if there was any data.
     fn folder_turn(&mut self) -> Result<bool, Stopped> {
         let Some(folder) = &mut self.folder else {
             return Ok(false);
@@ -365,7 +367,7 @@ impl Work {
         Ok(true)
     }
 
-    /// One step of the journal; whether there was anything.
+    /// Takes one step of the journal; returns true if there was any data.
     fn journal_turn(&mut self) -> Result<bool, Stopped> {
         let Some(lane) = &mut self.journal else {
             return Ok(false);
@@ -454,7 +456,7 @@ impl Work {
         }
     }
 
-    /// From here on records are cut by another configuration.
+    /// Cuts records by another configuration from here on.
     fn change(&mut self, generation: Arc<Generation>) -> Result<(), Stopped> {
         if let Some(folder) = &mut self.folder {
             folder.change(&channels(&generation), &generation.config.record);

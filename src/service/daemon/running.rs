@@ -1,4 +1,4 @@
-//! A daemon at work: its threads, and how they are begun, given another configuration, and ended.
+//! A running daemon: starts, reloads and ends its threads.
 
 use super::core::{Core, CoreError, Notice};
 use super::live::{Bound, Live};
@@ -25,12 +25,12 @@ use std::thread;
 use std::time::{Duration, Instant};
 use tokio::runtime::Runtime;
 
-/// How long what is in the pipeline may take to come to its end.
+/// Longest time for the pipeline to finish its content.
 const DRAIN: Duration = Duration::from_secs(4);
-/// How often the pipeline is ticked.
+/// Interval of ticks through the pipeline.
 const TICK: Duration = Duration::from_secs(1);
 
-/// A daemon at work.
+/// A running daemon.
 pub struct Running {
     generation: Arc<Generation>,
     reader: Reader,
@@ -41,10 +41,10 @@ pub struct Running {
 }
 
 impl Running {
-    /// Begins everything.
+    /// Starts all threads.
     ///
     /// # Errors
-    /// What stands beside the store or the journal cannot be read or written, or the system gives no thread.
+    /// The files beside the store or the journal cannot be read or written, or the system gives no thread.
     pub fn start(
         generation: Arc<Generation>,
         site: Site,
@@ -123,7 +123,7 @@ impl Running {
         })
     }
 
-    /// Goes on with another configuration.
+    /// Changes to another configuration.
     pub fn reload(&mut self, generation: Arc<Generation>) {
         for key in restart::needed_for(&self.generation.config, &generation.config) {
             tracing::warn!("{key} changed: it holds after a restart, the old one until then");
@@ -137,10 +137,10 @@ impl Running {
         self.generation = generation;
     }
 
-    /// Whether everything that is to run does.
+    /// Checks that all threads run.
     ///
     /// # Errors
-    /// The reader ended by itself: nothing would be read any more.
+    /// The reader ended by itself, so that nothing would be read.
     pub fn check(&self) -> Result<(), CoreError> {
         if self.reader.is_finished() && !self.ending.drain.load(Ordering::Relaxed) {
             return Err(CoreError::Panicked("the reader ended by itself".to_owned()));
@@ -148,8 +148,8 @@ impl Running {
         Ok(())
     }
 
-    /// Stops listening and reading, lets what was read come to its end, and closes the store; what takes too long is read
-    /// again at the next start.
+    /// Stops listening and reading, finishes the data already read, and closes the store; data that takes too
+    /// long is read again at the next start.
     ///
     /// # Errors
     /// The core could not go on.
@@ -176,7 +176,7 @@ impl Running {
         result
     }
 
-    /// The work loop came to its end by itself, or something else that is needed did.
+    /// Ends the rest after the work loop, or another necessary thread, ended by itself.
     pub fn abandon(self, runtime: &Runtime) {
         self.live.hang_up();
         self.ending.drain.store(true, Ordering::Relaxed);
@@ -187,7 +187,7 @@ impl Running {
     }
 }
 
-/// The pipeline and the core, on a thread of their own.
+/// Runs the pipeline and the core on a thread of their own.
 fn work(
     mut core: Core,
     jobs: Receiver<Job>,
@@ -210,7 +210,7 @@ fn work(
     Ok(())
 }
 
-/// Sends a tick through the whole pipeline every second; a full channel makes it late, which is what it is to show.
+/// Sends a tick through the whole pipeline every second; a full channel delays it, as it should.
 fn tick(jobs: SyncSender<Job>, caught_up: Arc<AtomicBool>) -> std::io::Result<()> {
     let work = move || {
         loop {
@@ -225,8 +225,8 @@ fn tick(jobs: SyncSender<Job>, caught_up: Arc<AtomicBool>) -> std::io::Result<()
     Ok(())
 }
 
-/// Draws the tables of all rods, on a thread beside those that analyse: a site of many rods is ready before, and a record that
-/// comes meanwhile draws its rod's itself.
+/// Draws the tables of all rods on a separate thread: a site of many rods is ready before, and a record that
+/// comes meanwhile draws its rod's table itself.
 fn draw_tables(generation: &Arc<Generation>, ending: &Ending) -> std::io::Result<()> {
     let (generation, drain) = (Arc::clone(generation), Arc::clone(&ending.drain));
     let work = move || {
@@ -260,7 +260,7 @@ fn watch(quarantine: &Arc<Quarantine>) -> Watch {
     }
 }
 
-/// What is done with what the core says.
+/// Handles notifications of the core.
 fn hear(
     telemetry: Telemetry,
     live: &Live,

@@ -6,8 +6,8 @@ use std::sync::mpsc::Sender;
 use tokio::runtime::Runtime;
 use tokio::signal::unix::{SignalKind, signal};
 
-/// Tells of signals from now on. The second one that asks to stop ends the process at once: nothing is lost by it, what
-/// was not committed is read again at the next start.
+/// Sends lifecycle events for signals from now on. The second signal to stop ends the process at once:
+/// nothing is lost, since data not committed is read again at the next start.
 pub(super) fn listen(runtime: &Runtime, sender: Sender<LifecycleEvent>) -> io::Result<()> {
     let _inside = runtime.enter();
     let mut terminate = signal(SignalKind::terminate())?;

@@ -1,28 +1,28 @@
-//! What the reader is at, step by step, so that an end of the program can be laid to a step of an input.
+//! Marks of the reader's steps, so that a crash of the process can be attributed to a step of an input.
 
 use super::quarantine::{DEATHS, FILE_DEATHS, file_step, last_step};
 use crate::recording::read::{Source, Step};
 use crate::service::telemetry::{Fault, Health};
 use std::sync::Arc;
 
-/// Takes note of what is worked on.
+/// Callback with the present step of work; `None` when it went well.
 pub type TakeNote = Box<dyn FnMut(Option<&str>) + Send>;
 
-/// Whom the reader tells what it works on.
+/// Callbacks for the reader's steps.
 pub struct Watch {
-    /// Notes what is worked on; `None` when it went well.
+    /// Notes the present step; `None` when it went well.
     pub working_on: TakeNote,
-    /// How often that ended the program.
+    /// Number of crashes of the process at a step.
     pub deaths: Box<dyn Fn(&str) -> u32 + Send>,
-    /// Notes that a file was read to its end, which clears it of all that it was suspected of.
+    /// Notes that a file was read to its end, which clears all its steps.
     pub is_read: Box<dyn Fn(&str) + Send>,
 }
 
-/// Why an input is not read any further.
+/// Reason why an input is not read any further.
 struct Blame {
-    /// In one sentence.
+    /// Reason in one sentence.
     why: String,
-    /// Whether nothing of it may be used, not even what came before.
+    /// True if nothing of it may be used, not even its beginning.
     is_whole: bool,
 }
 
@@ -65,7 +65,7 @@ impl Guard {
 }
 
 impl Watch {
-    /// Nobody is told.
+    /// Callbacks that do nothing.
     pub fn none() -> Self {
         Self {
             working_on: Box::new(|_| {}),
@@ -74,7 +74,7 @@ impl Watch {
         }
     }
 
-    /// The next step of the input `name` begins; why it must not, if it must not.
+    /// Begins the next step of the input `name`; returns the reason if it must not.
     fn begin(&mut self, name: &str, offset: u64, steps: &mut Steps) -> Option<Blame> {
         if steps.is_first() {
             let deaths = (self.deaths)(&file_step(name));
@@ -109,19 +109,19 @@ impl Watch {
     }
 }
 
-/// Tells the steps of one input apart: a chunk is read in many, all at one offset. Were they of one name, the first that
-/// went well would clear the one after it, which ends the program, and the input would never be set aside. They are the
-/// same whenever the input is read: looks that brought nothing do not count.
+/// Names the steps of one input: a chunk is read in many, all at one offset. With one name for all, a step
+/// that went well would clear a later one that crashes, and the input would never be set aside. The names are
+/// the same whenever the input is read: steps without data do not count.
 #[derive(Debug, Default)]
 struct Steps {
     offset: u64,
-    /// Those at this offset that brought something.
+    /// Number of steps at this offset with data.
     taken: u64,
     has_begun: bool,
 }
 
 impl Steps {
-    /// Whether none was taken yet.
+    /// True if no step was taken yet.
     fn is_first(&mut self) -> bool {
         !std::mem::replace(&mut self.has_begun, true)
     }

@@ -1,4 +1,4 @@
-//! What the pipeline's threads do with a job: analyse events, with a mark of what they are at.
+//! Work of the pipeline's threads on a job: analyse events, with a mark of the present step.
 
 use super::quarantine::{Quarantine, Slot};
 use crate::analysis::signal::record::{Event, Record, Rejection};
@@ -13,7 +13,7 @@ use std::time::Instant;
 
 /// The pipeline's threads.
 pub struct Workers {
-    /// Records that were in the store when the daemon started; those that came since are found by the core.
+    /// Records in the store when the daemon started; later ones are found by the core.
     known: Known,
     quarantine: Arc<Quarantine>,
     metrics: Arc<Metrics>,
@@ -31,7 +31,7 @@ impl Workers {
         }
     }
 
-    /// Does what can be done of a job before it is its turn.
+    /// Does the part of a job that can be done before its turn.
     pub fn work(&self, job: Job) -> Done {
         match job {
             Job::Event {

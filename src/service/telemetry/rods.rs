@@ -1,4 +1,4 @@
-//! Gauges of the rods: how each stands after its latest record.
+//! Gauges of the rods: the status of each after its latest record.
 
 use super::metrics::{Quantity, Register, count};
 use crate::analysis::identify::Identification;
@@ -12,7 +12,7 @@ use prometheus_client::metrics::family::Family;
 use prometheus_client::metrics::gauge::Gauge;
 use prometheus_client::registry::Unit;
 
-/// The states of [`RodState`].
+/// States of [`RodState`].
 const STATES: [&str; 4] = ["learning", "monitoring", "alarm", "not-monitoring"];
 
 #[derive(Debug, Clone, PartialEq, Eq, Hash, EncodeLabelSet)]
@@ -72,7 +72,7 @@ impl Rods {
         }
     }
 
-    /// A record was taken.
+    /// Updates the gauges after a record.
     pub(super) fn taken(&self, outcome: &Outcome, verdict: &Verdict) {
         let rod = outcome.rod();
         self.stands(rod, &verdict.state, &verdict.alarms);
@@ -88,7 +88,7 @@ impl Rods {
         }
     }
 
-    /// How all rods stand, and no other.
+    /// Sets the status of all rods, and removes any other.
     pub(super) fn all(&self, standings: &[Standing]) {
         self.alarms.clear();
         self.state.clear();
@@ -132,7 +132,7 @@ impl Rods {
     }
 }
 
-/// Shows a value, or that there is none.
+/// Sets a value, or removes it if there is none.
 fn put(gauges: &Family<OfRod, Quantity>, rod: &RodId, value: Option<f64>) {
     let of = OfRod { rod: rod.0.clone() };
     match value {
@@ -145,7 +145,7 @@ fn put(gauges: &Family<OfRod, Quantity>, rod: &RodId, value: Option<f64>) {
     }
 }
 
-/// The time of a record's first sample, if known.
+/// Time of a record's first sample, if known.
 fn start(outcome: &Outcome) -> Option<Timestamp> {
     match outcome {
         Outcome::Identified(identification) => measured(identification).map(|(start, _)| start),
@@ -154,7 +154,7 @@ fn start(outcome: &Outcome) -> Option<Timestamp> {
     }
 }
 
-/// The end of a record that gave a force \[s since 1970\].
+/// End of a record that gave a force \[s since 1970\].
 pub(super) fn end_s(outcome: &Outcome) -> Option<f64> {
     match outcome {
         Outcome::Identified(identification) => {

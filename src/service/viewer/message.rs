@@ -1,5 +1,6 @@
 //! Records, their pictures and alarms as messages: `/tirante/ROD/force`, `modes`, `waveform`, `spectrum`, and `/tirante/alarms` as
-//! `foxglove.Log`, the schema viewers know. Every message has the `timestamp` of the record's first sample, or of the alarm.
+//! `foxglove.Log`, a schema that viewers support. Every message has the `timestamp` of the record's first
+//! sample, or of the alarm.
 
 use crate::analysis::record_view::Snapshot;
 use crate::analysis::signal::record::{RodId, Timestamp};
@@ -8,9 +9,9 @@ use crate::site::record_row::RecordRow;
 use serde_json::{Value as Json, json};
 use std::fmt;
 
-/// Level of a `foxglove.Log` for something to be looked at.
+/// Level of a `foxglove.Log` that needs attention.
 const WARNING: u8 = 3;
-/// Level for something that is over or known.
+/// Level of one that is over or acknowledged.
 const INFO: u8 = 2;
 
 /// A stream of messages of one schema.
@@ -31,21 +32,21 @@ pub enum Topic {
 /// One message.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Message {
-    /// Where it belongs.
+    /// Topic of the message.
     pub topic: Topic,
-    /// The record's first sample, when the alarm was raised, or when there was news of it.
+    /// Time of the record's first sample, of the raising of the alarm, or of its event.
     pub time: Timestamp,
-    /// What it says.
+    /// Content of the message.
     pub body: Json,
 }
 
 impl Topic {
-    /// The topics a rod has of its own.
+    /// Topics of a rod.
     pub fn of_rod(rod: &RodId) -> [Self; 4] {
         [Self::Force, Self::Modes, Self::Waveform, Self::Spectrum].map(|topic| topic(rod.clone()))
     }
 
-    /// The rod, if it is about one.
+    /// The rod, if the topic is about one.
     pub fn rod(&self) -> Option<&RodId> {
         match self {
             Self::Force(rod) | Self::Modes(rod) | Self::Waveform(rod) | Self::Spectrum(rod) => Some(rod),
@@ -53,7 +54,7 @@ impl Topic {
         }
     }
 
-    /// The name of its messages' schema.
+    /// Name of its messages' schema.
     pub fn schema_name(&self) -> &'static str {
         match self {
             Self::Force(_) => "tirante.Force",
@@ -64,7 +65,7 @@ impl Topic {
         }
     }
 
-    /// Its messages' JSON schema.
+    /// JSON schema of its messages.
     pub fn schema(&self) -> String {
         let time = json!({"type": "object", "title": "time", "properties": {"sec": {"type": "integer"}, "nsec": {"type": "integer"}}});
         let number = json!({"type": ["number", "null"]});
@@ -101,7 +102,7 @@ impl Topic {
     }
 }
 
-/// As viewers list it.
+/// Name of the topic, as viewers list it.
 impl fmt::Display for Topic {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
@@ -139,8 +140,8 @@ impl Message {
         messages
     }
 
-    /// Of a record's picture: its spectrum if it has one, and its waveform if that was kept, with the reason if it was refused. `unit`
-    /// is the SI unit of the samples, if it is known.
+    /// Messages of a record's view: its spectrum if it has one, and its waveform if that was kept, with the
+    /// reason if it was refused. `unit` is the SI unit of the samples, if it is known.
     pub fn of_picture(rod: &RodId, picture: &Snapshot, unit: Option<&str>) -> Vec<Self> {
         let time = picture.start;
         let rejection = picture.rejection.as_ref().map(|reason| &reason.message);
@@ -167,7 +168,7 @@ impl Message {
         waveform.into_iter().chain(spectrum).collect()
     }
 
-    /// Of news of an alarm, at the time it happened.
+    /// Message of an alarm event, at its time.
     pub fn of_event(event: &AlarmEvent) -> Self {
         Self {
             time: event.time,
@@ -175,7 +176,7 @@ impl Message {
         }
     }
 
-    /// Of an alarm as it is.
+    /// Message of an alarm in its present state.
     pub fn of_alarm(alarm: &Alarm) -> Self {
         let is_open = alarm.acknowledged.is_none() && !alarm.is_over();
         Self {
@@ -193,7 +194,7 @@ impl Message {
     }
 }
 
-/// As viewers take it: whole seconds and the rest.
+/// Stamp in the form of viewers: whole seconds and nanoseconds.
 fn stamp(time: Timestamp) -> Json {
     let nanos = time.as_nanos();
     json!({"sec": nanos.div_euclid(1_000_000_000), "nsec": nanos.rem_euclid(1_000_000_000)})

@@ -10,14 +10,15 @@ use crate::site::store::{Carry, FileMark};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-/// Most samples of records between the reader and the end of their analysis (8 bytes each); a record with more goes alone.
+/// Most samples of records between the reader and the end of their analysis (8 bytes each); a larger record
+/// is processed alone.
 const SAMPLES: usize = 2 << 20;
 
-/// Samples of all records between the reader and the end of their analysis.
+/// Number of samples of all records between the reader and the end of their analysis.
 #[derive(Debug, Clone, Default)]
 pub struct Loads(Arc<AtomicUsize>);
 
-/// A record's samples among all of them, until it is dropped.
+/// Share of a record in that number, until dropped.
 #[derive(Debug)]
 pub struct Load {
     all: Loads,
@@ -25,7 +26,7 @@ pub struct Load {
 }
 
 impl Loads {
-    /// Takes so many samples more; nothing while there is no room for them.
+    /// Reserves room for `samples` samples; `None` while there is no room.
     pub fn take(&self, samples: usize) -> Option<Load> {
         // Only the reader adds to it.
         let held = self.0.load(Ordering::Acquire);
@@ -52,37 +53,37 @@ pub enum Job {
     Event {
         /// The event.
         event: Event,
-        /// Where its source then stands.
+        /// Position of its source after it.
         place: Place,
         /// The plans.
         plans: Arc<Plans>,
         /// What it weighs, until it is analysed, where that is bounded.
         load: Option<Load>,
     },
-    /// A file was read to its end: every event of it came before.
+    /// A file was read to its end: all its events came before.
     File {
-        /// What to remember of it; `None` for one that may still grow.
+        /// Mark to store; `None` for a file that may still grow.
         mark: Option<FileMark>,
-        /// What it held, or why it could not be read.
+        /// Summary of the file, or the error that prevented reading.
         result: FileResult,
-        /// What its journal leaves for the next part.
+        /// State that its journal leaves for the next part.
         carry: Option<Carry>,
     },
-    /// A new configuration holds from here on.
+    /// A new configuration is in force from here on.
     Reload(Arc<Generation>),
-    /// A sink has all news up to this number.
+    /// A sink has all events up to this number.
     Delivered {
-        /// The sink's id.
+        /// Id of the sink.
         sink: String,
-        /// The number.
+        /// Number of the latest event delivered.
         through: i64,
     },
-    /// The sources have nothing more at this moment, and this is how far the rods have been followed: no event that was
-    /// read before need wait for a rod that is silent.
+    /// The sources have no more data now; with the times up to which the rods have been read. Earlier events
+    /// need not wait for a silent rod.
     Look(Reached),
-    /// Time to look at the clock, at requests, and at what is too old to keep.
+    /// Time to check the clock, requests, and retention.
     Tick {
-        /// Whether the reader had read everything there was when this was sent: only then is silence a silence.
+        /// True if the reader had read all data when this was sent: only then does silence mean missing data.
         is_caught_up: bool,
     },
 }

@@ -141,7 +141,7 @@ fn json(value: &impl Serialize) -> Value {
     value.map(|value| value.to_string()).into()
 }
 
-/// The columns as a table's definition lists them.
+/// Column definitions of the table.
 pub(super) fn definitions() -> String {
     let columns: Vec<String> = COLUMNS
         .iter()

@@ -1,4 +1,4 @@
-//! What one transaction puts in: a record, what it changed for its rod, and how far its source was read.
+//! Content of one transaction: a record, the changes to its rod, and the position in its source.
 
 use super::StoreError;
 use super::columns::COLUMNS;
@@ -11,25 +11,25 @@ use crate::analysis::track::{AlarmEvent, Period, RodState, State};
 use crate::site::record_row::RecordRow;
 use rusqlite::{Connection, OptionalExtension};
 
-/// Everything that becomes durable at once.
+/// Changes that become durable at once.
 #[derive(Clone, Copy, Default)]
 pub struct Commit<'a> {
-    /// The record; `None` for news without one: a clock that was looked at, a request that was applied, a
-    /// configuration that opened a segment.
+    /// The record; `None` for changes without one: a clock tick, a request, a configuration that opened a
+    /// segment.
     pub record: Option<NewRecord<'a>>,
-    /// What changed for the rod; `None` for a record that is not tracked.
+    /// Changes to the rod; `None` for a record that is not tracked.
     pub rod: Option<RodRow<'a>>,
-    /// What the record looked like, for the report.
+    /// View of the record, for the report.
     pub snapshot: Option<SnapshotRow<'a>>,
-    /// The request that was applied, by its number.
+    /// Number of the request that was applied.
     pub applied: Option<i64>,
-    /// How far its source has been read.
+    /// Position reached in its source.
     pub source: Option<Position<'a>>,
-    /// A file that was read to its end.
+    /// Mark of a file read to its end.
     pub file: Option<&'a FileMark>,
-    /// What a journal leaves for its next part.
+    /// State of a journal for its next part.
     pub carry: Option<&'a Carry>,
-    /// A sink, and the number of the latest news it has.
+    /// A sink, and the number of the latest event delivered to it.
     pub delivered: Option<(&'a str, i64)>,
 }
 
@@ -42,36 +42,36 @@ pub struct NewRecord<'a> {
     pub identity: [u8; 32],
     /// Root mean square of its samples.
     pub rms: Option<f64>,
-    /// The forward model that answered.
+    /// Forward model used.
     pub emulator: &'a str,
 }
 
-/// What changed for a rod.
+/// Changes to a rod.
 #[derive(Clone, Copy)]
 pub struct RodRow<'a> {
-    /// What its fold remembers now.
+    /// State of its fold.
     pub state: &'a State,
-    /// How it stands now.
+    /// Status of the rod.
     pub stands: &'a RodState,
-    /// Periods of the present segment that closed.
+    /// Periods of the current segment that closed.
     pub closed: &'a [Period],
-    /// What happened to alarms, in order.
+    /// Changes of alarms, in order.
     pub events: &'a [AlarmEvent],
 }
 
-/// How far a source has been read.
+/// Position reached in a source.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Position<'a> {
-    /// The source: a file's name.
+    /// Name of the source: its file.
     pub name: &'a str,
-    /// Bytes read.
+    /// Number of bytes read.
     pub bytes: u64,
-    /// Records found.
+    /// Number of records found.
     pub records: u64,
 }
 
 impl Commit<'_> {
-    /// Puts everything into the tables of an open transaction.
+    /// Writes everything into the tables of an open transaction.
     pub(super) fn write(&self, connection: &Connection, kept: &mut Kept) -> Result<(), Failure> {
         if let Some(record) = &self.record {
             record.write(connection)?;
@@ -165,7 +165,7 @@ impl RodRow<'_> {
     }
 }
 
-/// Keeps how a rod stands; since when changes only if the state does.
+/// Writes the status of a rod; its `since` changes only with the state.
 fn write_standing(
     connection: &Connection,
     rod: &RodId,
@@ -203,7 +203,7 @@ fn write_standing(
     Ok(())
 }
 
-/// Brings an alarm's row up to date and puts the news into the outbox.
+/// Updates the row of an alarm and adds the event to the outbox.
 fn write_event(connection: &Connection, rod: &RodId, event: &AlarmEvent) -> Result<(), Failure> {
     let alarm = &event.alarm;
     Row::of("alarm")

@@ -8,8 +8,8 @@ use rusqlite::types::ValueRef;
 use std::fmt::Write;
 
 impl Reader {
-    /// Every row of every table of results, one a line, in the order of the keys. Tables that describe how a store
-    /// came to be (sources, requests) are left out: two stores with equal results have equal dumps.
+    /// Every row of every table of results, one per line, in the order of the keys. Tables that describe how
+    /// a store came to be (sources, requests) are left out: two stores with equal results have equal dumps.
     ///
     /// # Errors
     /// The store cannot be read.

@@ -1,10 +1,10 @@
-//! What kind of values the columns of a listing hold, for formats that must know it before the first row.
+//! Kinds of the columns of a listing, for formats that need them before the first row.
 
 use super::state::Failure;
 use super::{Listing, Reader, StoreError};
 use std::collections::BTreeMap;
 
-/// What a column holds.
+/// Kind of a column's values.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ColumnKind {
     /// Text.
@@ -21,7 +21,7 @@ pub enum ColumnKind {
 const TIMES: [&str; 4] = ["start", "raised", "acknowledged", "cleared"];
 
 impl Reader {
-    /// The names of a listing's columns with what they hold.
+    /// Names of a listing's columns with their kinds.
     ///
     /// # Errors
     /// The store cannot be read.

@@ -1,4 +1,4 @@
-//! Questions to a store, answered beside a writer.
+//! Queries of a store, possible while another process writes it.
 
 use super::request::{self, Request};
 use super::state::{self, Failure};
@@ -11,17 +11,17 @@ use rusqlite::{Connection, OptionalExtension};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// A store that is read.
+/// A store open for reading.
 pub struct Reader {
     pub(super) connection: Connection,
     pub(super) path: PathBuf,
     file: FileId,
 }
 
-/// Which rows are wanted.
+/// Selection of rows.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Filter {
-    /// Of this rod only.
+    /// Only this rod; `None`: all.
     pub rod: Option<RodId>,
     /// From this time on.
     pub from: Option<Timestamp>,
@@ -29,35 +29,35 @@ pub struct Filter {
     pub to: Option<Timestamp>,
 }
 
-/// What can be listed.
+/// Tables that can be listed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Listing {
     /// Every record, rejected ones too.
     Records,
-    /// Records that were rejected.
+    /// Rejected records.
     Rejections,
-    /// Periods that closed.
+    /// Closed periods.
     Periods,
-    /// Alarms, over or not.
+    /// Alarms, active or over.
     Alarms,
 }
 
-/// How one rod stands.
+/// Status of one rod.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Standing {
-    /// The rod.
+    /// Id of the rod.
     pub rod: RodId,
-    /// How it stands.
+    /// State of the rod.
     pub state: RodState,
-    /// Since when, in event time.
+    /// Time of the last change of state, in event time.
     pub since: Option<Timestamp>,
-    /// The present segment.
+    /// Number of the current segment.
     pub segment: u32,
     /// The JSON line of the rod's latest record that was not rejected.
     pub latest: Option<String>,
     /// The start of the rod's latest record, rejected or not.
     pub latest_start: Option<Timestamp>,
-    /// Alarms that stand, in the order they were raised.
+    /// Active alarms, in the order they were raised.
     pub alarms: Vec<Alarm>,
     /// Requests that wait for the rod's next record.
     pub waiting: Vec<Request>,
@@ -82,8 +82,8 @@ pub(super) fn parse(line: &str) -> Result<RecordRow, StoreError> {
 }
 
 impl Reader {
-    /// Opens a store for reading. What rods, periods and alarms say is compared with its checksums now, records when
-    /// they are asked for.
+    /// Opens a store for reading. Rods, periods and alarms are compared with their checksums now, records
+    /// when queried.
     ///
     /// # Errors
     /// There is none, it is another program's, a newer format, or damaged.
@@ -118,12 +118,12 @@ impl Reader {
         }
     }
 
-    /// The file that was opened; another one may have its name by now.
+    /// Identity of the file opened; another one may have its name by now.
     pub fn file(&self) -> FileId {
         self.file
     }
 
-    /// Where it is, links followed.
+    /// Path of the store, links followed.
     pub fn path(&self) -> &Path {
         &self.path
     }
@@ -135,7 +135,7 @@ impl Reader {
         }
     }
 
-    /// What every rod's fold remembers.
+    /// State of every rod's fold.
     ///
     /// # Errors
     /// It cannot be read, or not be understood.
@@ -143,7 +143,7 @@ impl Reader {
         state::load(&self.connection).map_err(|failure| self.fault(failure))
     }
 
-    /// The segments of a rod, ascending.
+    /// Segments of a rod, ascending.
     ///
     /// # Errors
     /// They cannot be read.
@@ -159,7 +159,7 @@ impl Reader {
         state::periods(&self.connection, rod, segment).map_err(|failure| self.fault(failure))
     }
 
-    /// The identity of the record of a rod that was committed last.
+    /// Identity of a rod's record committed last.
     ///
     /// # Errors
     /// It cannot be read.
@@ -173,7 +173,7 @@ impl Reader {
         ask().map_err(|error| self.fault(Failure::Sql(error)))
     }
 
-    /// The requests about a rod that wait, in the order they were made.
+    /// Waiting requests about a rod, in the order they were made.
     ///
     /// # Errors
     /// They cannot be read.
@@ -181,7 +181,7 @@ impl Reader {
         request::waiting(&self.connection, rod).map_err(|failure| self.fault(failure))
     }
 
-    /// The rods requests wait for.
+    /// Rods with waiting requests.
     ///
     /// # Errors
     /// They cannot be read.
@@ -196,7 +196,7 @@ impl Reader {
         rods().map_err(|error| self.fault(Failure::Sql(error)))
     }
 
-    /// The alarm with this id, as it stands now.
+    /// The alarm with this id, in its present state.
     ///
     /// # Errors
     /// It cannot be read.
@@ -206,7 +206,15 @@ impl Reader {
         Ok(found.pop())
     }
 
-    /// Alarms, as they stand now, in the order they were raised.
+    /// The words with which an alarm was acknowledged: `NAME: TEXT`.
+    ///
+    /// # Errors
+    /// They cannot be read.
+    pub fn acknowledged_words(&self, alarm: &str) -> Result<Option<String>, StoreError> {
+        request::said_of(&self.connection, alarm).map_err(|trouble| self.fault(trouble))
+    }
+
+    /// Alarms in their present state, in the order they were raised.
     ///
     /// # Errors
     /// They cannot be read.
@@ -216,7 +224,7 @@ impl Reader {
         self.parsed(&sql, values)
     }
 
-    /// What happened to alarms, in order.
+    /// Events of a rod's alarms, in order.
     ///
     /// # Errors
     /// It cannot be read.
@@ -241,8 +249,8 @@ impl Reader {
         rows.iter().map(|(rod, json)| state::read(rod, json)).collect()
     }
 
-    /// Hands the JSON line of every record that is wanted to `on_line`, in the order of time, as `replay --json` printed
-    /// it.
+    /// Calls `on_line` with the JSON line of every record selected, in the order of time, as `replay --json`
+    /// printed it.
     ///
     /// # Errors
     /// The store cannot be read, or `on_line` failed.
@@ -286,7 +294,7 @@ impl Reader {
         self.lines(Listing::Records, filter, |line| on_row(parse(line)?))
     }
 
-    /// The names of a listing's columns.
+    /// Names of a listing's columns.
     ///
     /// # Errors
     /// The store cannot be read.
@@ -299,7 +307,7 @@ impl Reader {
         names().map_err(|error| self.fault(Failure::Sql(error)))
     }
 
-    /// Hands every row of a listing to `on_row` with the names of its columns, in the order of time.
+    /// Calls `on_row` with every row of a listing and the names of its columns, in the order of time.
     ///
     /// # Errors
     /// The store cannot be read, or `on_row` failed.
@@ -329,7 +337,7 @@ impl Reader {
         Ok(())
     }
 
-    /// The highest mode order of any record.
+    /// Highest mode order of any record.
     fn orders(&self) -> rusqlite::Result<i64> {
         self.connection
             .query_row("SELECT coalesce(max(mode_order), 0) FROM mode", (), |row| {
@@ -337,7 +345,7 @@ impl Reader {
             })
     }
 
-    /// The rods the store knows, in alphabetical order.
+    /// Rods in the store, in alphabetical order.
     ///
     /// # Errors
     /// The store cannot be read.
@@ -350,7 +358,7 @@ impl Reader {
         rods().map_err(|error| self.fault(Failure::Sql(error)))
     }
 
-    /// How every rod stands.
+    /// Status of every rod.
     ///
     /// # Errors
     /// The store cannot be read.
@@ -358,7 +366,7 @@ impl Reader {
         self.standings_of(None)
     }
 
-    /// How one rod stands; `None` if the store does not know it.
+    /// Status of one rod; `None` if it is not in the store.
     ///
     /// # Errors
     /// The store cannot be read.
@@ -403,7 +411,7 @@ impl Reader {
         Ok(standings)
     }
 
-    /// A rod's records in the store, and how many of them were rejected. Looks at every one of them.
+    /// Number of a rod's records in the store, and of those rejected. Reads every one of them.
     ///
     /// # Errors
     /// The store cannot be read.
@@ -431,7 +439,7 @@ impl Reader {
 }
 
 impl Filter {
-    /// As a condition, and the values in it; `time` is the column of the times in nanoseconds.
+    /// The selection as an SQL condition with its values; `time` is the column of times in nanoseconds.
     fn sql(&self, time: &str) -> (String, Vec<Value>) {
         let mut wanted = vec!["1".to_owned()];
         let mut values = Vec::new();

@@ -1,4 +1,4 @@
-//! Air temperature through the seasons, and the rod that follows it late.
+//! Air temperature through the seasons, and the rod temperature that lags behind it.
 
 use super::oscillator::normal;
 use super::settings::Climate;
@@ -10,9 +10,10 @@ use std::f64::consts::PI;
 const HOUR: f64 = 3600.0;
 /// The tropical year \[s\].
 const YEAR: f64 = 365.242_19 * DAY_S;
-/// Grid of the weather \[s\].
+/// Step of the weather's grid \[s\].
 const STEP: f64 = 600.0;
-/// How long before the first sample the weather begins, so that the slowest rod has forgotten its start.
+/// Time before the first sample at which the weather begins \[s\], so that the slowest rod has forgotten
+/// its start.
 const WARM_UP: f64 = 30.0 * DAY_S;
 
 /// A temperature history of one site.
@@ -53,8 +54,8 @@ impl Weather {
         }
     }
 
-    /// How a rod of time constant `lag_h` \[h\] follows the random part: T' = (T_air - T) / lag, exact
-    /// for an air temperature constant over each ten minutes.
+    /// Response of a rod of time constant `lag_h` \[h\] to the random part: T' = (T_air - T) / lag,
+    /// exact for an air temperature constant over each ten minutes.
     pub fn lagged(&self, lag_h: f64) -> Lagged {
         let lag_s = lag_h * HOUR;
         let gain = if lag_s > 0.0 {

@@ -1,5 +1,6 @@
 //! The page in a real browser: it draws without a network, a new record appears by itself, an acknowledgement lands. Chromium is
-//! driven by its own driver; without one the test says so, or fails with `TIRANTE_REAL_PEERS`.
+//! driven by its own driver; without one the test reports that it is skipped, or fails with
+//! `TIRANTE_REAL_PEERS`.
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
 mod server;
@@ -15,7 +16,7 @@ use std::thread;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 use tirante::site::store::Reader;
 
-/// How long a page may take on a machine that is busy with other things.
+/// Longest wait for a page on a busy machine.
 const PATIENCE: Duration = Duration::from_secs(90);
 
 /// A browser without a window.
@@ -97,7 +98,7 @@ impl Browser {
         self.post("/url", &json!({"url": address}));
     }
 
-    /// What a script gives back.
+    /// Return value of a script.
     fn run(&self, script: &str) -> Json {
         self.post("/execute/sync", &json!({"script": script, "args": []}))
     }
@@ -114,7 +115,7 @@ impl Browser {
         }
     }
 
-    /// What the page wrote on the console: errors of scripts, what its own policy forbade, what could not be loaded.
+    /// Messages of the page on the console: script errors, policy violations, failed loads.
     fn complaints(&self) -> Vec<String> {
         let log = self.post("/se/log", &json!({"type": "browser"}));
         let entries = log.as_array().cloned().unwrap_or_default();
@@ -453,7 +454,7 @@ fn a_phone_shows_it_without_scrolling_sideways() {
     assert_eq!(browser.complaints(), [""; 0]);
 }
 
-/// How long after its commit a record stands on the rod's page \[ms\]: printed, one line a record.
+/// Time from a record's commit to its display on the rod's page \[ms\]: printed, one line per record.
 #[test]
 #[ignore = "a measurement: cargo test --release --test browser -- --ignored --nocapture how_soon"]
 fn how_soon_a_commit_is_shown() {

@@ -1,5 +1,6 @@
-//! The page's server over the store of a campaign: what the API says is what `history` and `status` say, its description
-//! holds, strangers are refused, and a new record rings. tests/browser.rs looks at the page itself.
+//! The page's server over the store of a campaign: the API's answers equal those of `history` and `status`
+//! and match its description, foreign clients are refused, and a new record is announced. tests/browser.rs
+//! tests the page itself.
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
 mod archive;
@@ -18,7 +19,7 @@ use tirante::analysis::signal::modes::{Motion, MotionKind};
 use tirante::analysis::signal::record::{RodId, Timestamp};
 use tirante::service::api::{Days, Looks, Records, SiteAnswer};
 use tirante::service::http::{Shown, Unanswered};
-use tirante::site::store::{Commit, Durability, RecordRow, SnapshotRow, Store};
+use tirante::site::store::{Commit, Durability, SnapshotRow, Store};
 
 /// The campaign's store, made once.
 static CAMPAIGN: LazyLock<Site> = LazyLock::new(|| {
@@ -602,13 +603,9 @@ fn a_large_store_says_how_far_it_was_read_and_then_answers() {
     store.begin_group().unwrap();
     for number in 0..RECORDS {
         let outcome = archive::identified(&rod, number);
-        let record = RecordRow {
-            outcome: &outcome,
-            line: &archive::line(&outcome),
-            emulator: "reduced",
-        };
+        let row = archive::row(&outcome);
         let commit = Commit {
-            record: Some(record),
+            record: Some(archive::new_record(&outcome, &row)),
             ..Commit::default()
         };
         store.commit(&commit).unwrap();

@@ -1,4 +1,4 @@
-//! Rows as people, programs and spreadsheets want them: aligned, JSON, CSV.
+//! Output of rows: aligned, JSON, CSV.
 
 use rusqlite::types::Value;
 use serde_json::Value as Json;
@@ -30,7 +30,7 @@ pub fn is_coloured() -> bool {
 }
 
 impl Aligned {
-    /// With these heads; those that begin with `>` are of columns that end together.
+    /// A table with these heads; a head that begins with `>` aligns its column to the right.
     pub fn new(heads: &[&str]) -> Self {
         Self {
             rows: vec![Row {
@@ -44,7 +44,7 @@ impl Aligned {
         }
     }
 
-    /// One more row.
+    /// Adds a row.
     pub fn push(&mut self, cells: Vec<String>) {
         self.rows.push(Row {
             cells,
@@ -52,7 +52,7 @@ impl Aligned {
         });
     }
 
-    /// A line under the last row that keeps to no column.
+    /// Adds a line under the last row, outside the columns.
     pub fn note(&mut self, text: String) {
         self.push(vec![text]);
     }
@@ -174,7 +174,7 @@ pub fn csv<'a>(cells: impl IntoIterator<Item = &'a str>) -> String {
     line
 }
 
-/// A value as a cell: nothing for NULL, every digit that tells two numbers apart.
+/// A value as a cell: empty for NULL, with every digit needed to distinguish two numbers.
 pub fn cell(value: &Value) -> String {
     match value {
         Value::Null | Value::Blob(_) => String::new(),

@@ -1,4 +1,4 @@
-//! `tirante status`: how every rod stands, since when, and why.
+//! `tirante status`: shows the state of every rod, since when, and why.
 
 use super::listing::{Aligned, csv, is_coloured, minutes};
 use super::render::signed_percent;
@@ -9,29 +9,30 @@ use crate::service::api::{Goals, RodStatus};
 use crate::site::store::Reader;
 use std::process::ExitCode;
 
-/// Says how every rod stands: its state and since when, the force with its 95 % interval, the change since the
-/// baseline, and the alarms that stand.
+/// Show the state of every rod: force, change, alarms.
 ///
-/// It reads beside a running `replay` or `run`.
+/// The state comes with its time, the force with its 95 % interval. It reads beside a running `replay` or `run`.
 #[derive(Debug, Clone, clap::Args)]
 #[command(after_help = "Examples:
   tirante status --store site.db
   tirante status --config site.toml --rod north --format json
 
-Force and change (since the rod's baseline) are given at the reference temperature. A '~' says that they
-are not: they are those of the latest record at its own temperature, uncompensated. Before there is a baseline the
-force is that of the latest record alone; '!' and '?' say that it may be wrong. The exit code says
-whether the store could be read, not whether an alarm stands: read `alarms` of --format json for that.")]
+Force and change (since the rod's baseline) are given at the reference
+temperature. A '~' says that they are not: they are those of the latest record
+at its own temperature, uncompensated. Before there is a baseline the force is
+that of the latest record alone; '!' and '?' say that it may be wrong. The exit
+code says whether the store could be read, not whether an alarm stands: read
+`alarms` of --format json for that.")]
 pub struct Args {
-    /// The store.
+    /// Store to read.
     #[command(flatten)]
     pub which: WhichStore,
 
-    /// This rod only.
+    /// Only this rod.
     #[arg(long, value_name = "ID")]
     pub rod: Option<String>,
 
-    /// How it is said.
+    /// Output format.
     #[arg(long, value_enum, default_value_t)]
     pub format: Format,
 }
@@ -50,7 +51,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     super::print(text.as_bytes())
 }
 
-/// How the rods of a store stand, or this one; nothing if it has no rod yet.
+/// Status of the rods of a store, or of one; empty if it has no rod yet.
 ///
 /// # Errors
 /// The store cannot be read.

@@ -1,4 +1,4 @@
-//! `tirante serve` on a port of its own, and a client that says exactly what a test says.
+//! `tirante serve` on a port of its own, and a client that sends exactly the bytes of a test.
 #![allow(clippy::unwrap_used, dead_code)] // helpers of tests are tests; not every test uses all of them
 
 use super::site::Site;
@@ -10,7 +10,7 @@ use std::os::unix::fs::PermissionsExt;
 use std::process::{Child, Stdio};
 use std::time::Duration;
 
-/// How long anything may take here before the test fails.
+/// Longest wait before the test fails.
 const PATIENCE: Duration = Duration::from_secs(60);
 
 pub const TOKEN: &str = "0123456789abcdef-secret";
@@ -47,7 +47,7 @@ impl Server {
         }
     }
 
-    /// Sends a request and gives the connection.
+    /// Sends a request and returns the connection.
     fn send(&self, method: &str, path: &str, headers: &str) -> TcpStream {
         let mut stream = TcpStream::connect(self.address).unwrap();
         stream.set_read_timeout(Some(PATIENCE)).unwrap();
@@ -97,7 +97,7 @@ impl Server {
         serde_json::from_str(&body).unwrap()
     }
 
-    /// The status of an answer that gives a reason.
+    /// Status of an answer with a reason.
     pub fn refused(&self, path: &str) -> u16 {
         let (status, body) = self.ask("GET", path, "");
         let reason: Result<Json, _> = serde_json::from_str(&body);
@@ -108,7 +108,7 @@ impl Server {
         status
     }
 
-    /// A connection on which an answer goes on coming.
+    /// A connection with a continuing answer.
     pub fn stream(&self, path: &str) -> TcpStream {
         self.send("GET", path, "")
     }

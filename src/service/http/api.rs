@@ -1,4 +1,4 @@
-//! `/api/v1`: what the store says, as bounded questions; docs/openapi.json describes each.
+//! `/api/v1`: bounded queries of the store; docs/openapi.json describes each.
 
 use super::access::Access;
 use super::live;
@@ -19,32 +19,32 @@ use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 use tokio::sync::{Semaphore, watch};
 
-/// Most rows of a page of records or alarms, and what is sent if nothing is said.
+/// Most rows of a page of records or alarms, and the default.
 const ROWS: (usize, usize) = (500, 50);
 
-/// Most points of a history, and what is sent if nothing is said.
+/// Most points of a history, and the default.
 const POINTS: (usize, usize) = (5000, 1500);
 
-/// Most periods of a chart, and what is sent if nothing is said.
+/// Most periods of a chart, and the default.
 const PERIODS: (usize, usize) = (4000, 1500);
 
-/// Everything an answer may need.
+/// Shared state of all answers.
 #[derive(Clone)]
 pub struct Api {
-    /// The store.
+    /// Store behind the page.
     pub(super) shown: Arc<Shown>,
-    /// Who may change something.
+    /// Rules of access.
     pub(super) access: Access,
     /// Puts a request into the store.
     ask_writer: Arc<dyn Fn(RodId, Asked) -> Result<String, String> + Send + Sync>,
-    /// Becomes true when the server ends.
+    /// Channel that becomes true when the server ends.
     pub(super) stop: watch::Receiver<bool>,
-    /// Places of those that stay and listen.
+    /// Places of clients that listen to events.
     pub(super) listeners: Arc<Semaphore>,
 }
 
 impl Api {
-    /// Of a store.
+    /// State for a store.
     pub fn new(
         shown: Arc<Shown>,
         access: Access,
@@ -60,7 +60,7 @@ impl Api {
         }
     }
 
-    /// Asks the store for what years are drawn from.
+    /// Answers a query that needs the daily sums.
     async fn answer<T: Serialize + Send + 'static>(
         &self,
         question: impl FnOnce(&Reader, &Days) -> Result<Result<T, Problem>, StoreError> + Send + 'static,
@@ -69,7 +69,7 @@ impl Api {
         say(move || shown.ask(question)?).await
     }
 
-    /// Asks the store for what it has an answer to from its first moment.
+    /// Answers a query that is possible from the start.
     async fn answer_at_once<T: Serialize + Send + 'static>(
         &self,
         question: impl FnOnce(&Reader) -> Result<Result<T, Problem>, StoreError> + Send + 'static,
@@ -79,7 +79,7 @@ impl Api {
     }
 }
 
-/// Says what comes of a question, which is asked on a thread that may wait.
+/// Runs a query on a blocking thread and returns its answer as JSON.
 async fn say<T: Serialize>(
     question: impl FnOnce() -> Result<T, Problem> + Send + 'static,
 ) -> Result<Response, Problem> {
@@ -93,7 +93,7 @@ async fn say<T: Serialize>(
     Ok(([(header::CONTENT_TYPE, "application/json")], text).into_response())
 }
 
-/// The paths below `/api/v1`.
+/// Routes below `/api/v1`.
 pub fn routes() -> Router<Api> {
     Router::new()
         .route("/api/v1/openapi.json", get(description))
@@ -246,11 +246,11 @@ async fn alarms(State(api): State<Api>, Query(page): Query<AlarmPage>) -> Result
     .await
 }
 
-/// What came of a request.
+/// Result of a request.
 #[derive(Serialize)]
 struct Acknowledged {
     alarm: String,
-    /// When it holds, in words.
+    /// Time of its effect, in words.
     when: String,
 }
 
@@ -302,14 +302,14 @@ fn no_rod(rod: &str) -> Problem {
     problem::missing(format!("the store has no rod {rod}"))
 }
 
-/// A day or a time.
+/// Parses a day or a time.
 fn time(name: &str, text: Option<&str>) -> Result<Option<Timestamp>, Problem> {
     text.map(Timestamp::as_written)
         .transpose()
         .map_err(|why| problem::bad(format!("{name}: {why}")))
 }
 
-/// A number between 1 and the most there may be.
+/// Checks a number between 1 and its maximum.
 fn within(name: &str, asked: Option<usize>, (most, usual): (usize, usize)) -> Result<usize, Problem> {
     match asked {
         None => Ok(usual),

@@ -1,5 +1,6 @@
 //! Compresses what is sent, and sends nothing that a client has already.
 
+use crate::site::hex::hex;
 use axum::body::{Body, Bytes, to_bytes};
 use axum::extract::Request;
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
@@ -26,7 +27,7 @@ pub(super) fn gzip(plain: &[u8], level: Compression) -> Vec<u8> {
 /// An entity tag that follows from the content.
 pub(super) fn tag(plain: &[u8]) -> String {
     let hash = Sha256::digest(plain);
-    let digits: String = hash.iter().take(8).map(|byte| format!("{byte:02x}")).collect();
+    let digits = hex(&hash[..8]);
     format!("\"{digits}\"")
 }
 

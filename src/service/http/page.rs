@@ -23,7 +23,7 @@ struct Asset {
     kind: &'static str,
     plain: &'static [u8],
     gzip: Vec<u8>,
-    /// Follows from the content.
+    /// Tag that follows from the content.
     tag: String,
 }
 
@@ -37,7 +37,7 @@ impl Asset {
         }
     }
 
-    /// The file, or that the browser has it already.
+    /// Answers with the file, or that the browser has it already.
     fn answer(&self, asked: &HeaderMap) -> Response {
         let mut response = if packed::has(asked, &self.tag) {
             StatusCode::NOT_MODIFIED.into_response()
@@ -73,7 +73,7 @@ static PLOT: LazyLock<Asset> = asset!(SCRIPT, "plot.js");
 static SHEET: LazyLock<Asset> = asset!(STYLE, "style.css");
 static ICON: LazyLock<Asset> = asset!("image/svg+xml", "icon.svg");
 
-/// The page's documents and what they load.
+/// Routes of the page's documents and of the files they load.
 pub fn routes<S: Clone + Send + Sync + 'static>() -> Router<S> {
     let file =
         |asset: &'static LazyLock<Asset>| get(async move |request: Request| asset.answer(request.headers()));

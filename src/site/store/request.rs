@@ -1,37 +1,37 @@
-//! What people ask of a store while it may be in use: rows that the fold applies before the rod's next record.
+//! Requests of people to a store that may be in use: rows that the fold applies before the rod's next record.
 
 use super::StoreError;
 use super::row::Row;
-use super::state::{Trouble, time};
+use super::state::{Failure, time};
 use crate::analysis::signal::record::{RodId, Timestamp};
 use rusqlite::Connection;
 
-/// Something somebody asked for.
+/// A person's request to a store.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Request {
-    /// Its place in the order of requests, from 1.
+    /// Number in the order of requests, from 1.
     pub number: i64,
-    /// The rod it is about.
+    /// Rod of the request.
     pub rod: RodId,
-    /// What is asked.
+    /// Action asked for.
     pub what: Asked,
-    /// When it was asked, by the clock of the person's machine.
+    /// Time of the request, by the clock of the person's machine.
     pub asked: Timestamp,
 }
 
-/// What can be asked.
+/// Action that can be asked for.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Asked {
-    /// Somebody knows of this alarm.
+    /// Acknowledge an alarm.
     Acknowledge {
-        /// The alarm.
+        /// Id of the alarm.
         alarm: String,
         /// Who knows, and what they have to say of it.
         said: Option<String>,
     },
-    /// A new baseline.
+    /// Learn a new baseline.
     Rebaseline {
-        /// Why, in the person's words.
+        /// Reason in the person's words.
         reason: Option<String>,
     },
 }
@@ -55,7 +55,7 @@ impl Asked {
     }
 }
 
-/// Puts a request behind those already there; its number.
+/// Appends a request to the queue; returns its number.
 pub(super) fn put(
     connection: &Connection,
     rod: &RodId,
@@ -89,8 +89,8 @@ fn row(number: i64, rod: &RodId, what: &Asked, asked: Timestamp, applied: bool) 
         .with("applied", i64::from(applied))
 }
 
-/// The requests about a rod that wait, in order.
-pub(super) fn waiting(connection: &Connection, rod: &RodId) -> Result<Vec<Request>, Trouble> {
+/// Waiting requests about a rod, in order.
+pub(super) fn waiting(connection: &Connection, rod: &RodId) -> Result<Vec<Request>, Failure> {
     select(
         connection,
         "SELECT number, rod, what, alarm, reason, asked FROM request WHERE applied = 0 AND rod = ? ORDER BY number",
@@ -99,7 +99,7 @@ pub(super) fn waiting(connection: &Connection, rod: &RodId) -> Result<Vec<Reques
 }
 
 /// The first words somebody said when acknowledging an alarm.
-pub(super) fn said_of(connection: &Connection, alarm: &str) -> Result<Option<String>, Trouble> {
+pub(super) fn said_of(connection: &Connection, alarm: &str) -> Result<Option<String>, Failure> {
     let found = select(
         connection,
         "SELECT number, rod, what, alarm, reason, asked FROM request WHERE what = 'acknowledge' AND alarm = ? ORDER BY number",
@@ -111,14 +111,14 @@ pub(super) fn said_of(connection: &Connection, alarm: &str) -> Result<Option<Str
     }))
 }
 
-pub(super) fn mark_applied(connection: &Connection, number: i64) -> Result<(), Trouble> {
+pub(super) fn mark_applied(connection: &Connection, number: i64) -> Result<(), Failure> {
     let found = select(
         connection,
         "SELECT number, rod, what, alarm, reason, asked FROM request WHERE number = ?",
         &number,
     )?;
     let Some(request) = found.first() else {
-        return Err(Trouble::Other(StoreError::Unreadable {
+        return Err(Failure::Other(StoreError::Unreadable {
             what: format!("request {number}"),
             detail: "there is none".to_owned(),
         }));
@@ -131,7 +131,7 @@ fn select(
     connection: &Connection,
     sql: &str,
     parameter: &dyn rusqlite::ToSql,
-) -> Result<Vec<Request>, Trouble> {
+) -> Result<Vec<Request>, Failure> {
     let mut statement = connection.prepare_cached(sql)?;
     let mut rows = statement.query([parameter])?;
     let mut requests = Vec::new();
@@ -146,7 +146,7 @@ fn select(
             },
             ("rebaseline", None) => Asked::Rebaseline { reason: row.get(4)? },
             _ => {
-                return Err(Trouble::Other(StoreError::Unreadable {
+                return Err(Failure::Other(StoreError::Unreadable {
                     what: format!("request {number}"),
                     detail: format!("{what} is not known here"),
                 }));

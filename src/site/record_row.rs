@@ -186,7 +186,7 @@ fn tolerant<'de, D: Deserializer<'de>, T: DeserializeOwned + Default>(input: D) 
     Ok(serde_json::from_value(value).unwrap_or_default())
 }
 
-/// What was done to the accepted draws: `linear`, `none`, or `withheld` with the reason.
+/// Adjustment of the accepted draws: `linear`, `none`, or `withheld` with the reason.
 fn adjustment(posterior: &Posterior) -> String {
     match (posterior.adjustment, posterior.withheld) {
         (Adjustment::Linear, _) => "linear".to_owned(),

@@ -216,7 +216,7 @@ impl History {
 /// The natural frequencies of a rod's records; all columns are equally long, ascending in time.
 #[derive(Debug, Serialize)]
 pub struct Frequencies {
-    /// The rod.
+    /// Id of the rod.
     pub rod: RodId,
     /// One record in so many is listed.
     pub every: usize,

@@ -90,7 +90,7 @@ pub enum Job {
 
 /// What comes out of the driver.
 pub enum Done {
-    /// What came of an event.
+    /// Result of an event.
     Event(Analysed, Place),
     /// A job that needs no analysis.
     Job(Job),

@@ -25,14 +25,14 @@ pub struct Filter {
     pub rod: Option<RodId>,
     /// From this time on.
     pub from: Option<Timestamp>,
-    /// Before this time.
+    /// End of the listing, exclusive.
     pub to: Option<Timestamp>,
 }
 
 /// Tables that can be listed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Listing {
-    /// Every record, rejected ones too.
+    /// Every record, including rejected ones.
     Records,
     /// Rejected records.
     Rejections,

@@ -1,4 +1,5 @@
-//! Force and relative force of a record at the reference temperature, by what the closed periods taught.
+//! Force and relative force of a record at the reference temperature, by the regression over the closed
+//! periods.
 
 use super::state::State;
 use super::tracker::Tracker;
@@ -8,7 +9,7 @@ use crate::analysis::track::drift::Filters;
 use crate::analysis::track::observation::Observation;
 use crate::analysis::track::relative::{Interval, Relative};
 
-/// Low passes up to a time, those of the last closed period run along what has been read since.
+/// Low passes up to a time, those of the last closed period, updated with the readings since.
 pub(crate) fn filters_until(state: &State, time: Timestamp) -> Filters {
     let mut filters = state.filters.clone();
     for reading in state.readings.iter().take_while(|reading| reading.time <= time) {
@@ -17,7 +18,7 @@ pub(crate) fn filters_until(state: &State, time: Timestamp) -> Filters {
     filters
 }
 
-/// Force and relative force of one record at the reference temperature; `None` while that cannot be said.
+/// Force and relative force of one record at the reference temperature; `None` while it is unknown.
 pub(crate) fn of_record(
     tracker: &Tracker,
     observation: &Observation,

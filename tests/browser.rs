@@ -308,8 +308,8 @@ fn the_page_draws_follows_and_acknowledges() {
     assert_eq!(browser.complaints(), [""; 0]);
 }
 
-/// Compares the drawn outline of the band with the answer of the API: each stretch without a gap is one closed outline, upper
-/// edge forth, lower edge back, and it ends where the data end.
+/// Compares the drawn outline of the band with the API's answer: each stretch without a gap is one closed
+/// outline, upper edge forward, lower edge back, and it ends with the data.
 fn drawn_is_data(browser: &Browser, server: &Server) {
     let axes = browser.run("return JSON.parse(document.getElementById('relative').dataset.axes)");
     let number = |value: &Json| value.as_f64().unwrap();

@@ -17,9 +17,8 @@ use tokio::sync::watch;
 
 /// Serve a store as a web page.
 ///
-/// It reads beside a running `replay` or `run`, or without one, until Ctrl-C. The page follows what is committed
-/// meanwhile: the store is looked at four times a second. Foxglove and Lichtblick follow it at
-/// ws://ADDRESS:PORT/viewer.
+/// It serves until Ctrl-C, with or without a running `replay` or `run`. The page follows new commits: the
+/// store is checked four times a second. Foxglove and Lichtblick follow it at ws://ADDRESS:PORT/viewer.
 #[derive(Debug, Clone, clap::Args)]
 #[command(after_help = "Examples:
   tirante serve \\

@@ -21,9 +21,9 @@ pub struct Site {
     renewed: Vec<(RodId, u32)>,
 }
 
-/// One record that was taken: its row, and what it changed.
+/// Result of one new record: its row, and its changes.
 pub struct Taken {
-    /// The row the store keeps.
+    /// Row for the store.
     pub row: RecordRow,
     /// Verdict of tracking.
     pub verdict: Verdict,
@@ -247,8 +247,8 @@ impl Site {
         Ok(Some(Taken { row, verdict }))
     }
 
-    /// Takes what came of an event and makes it durable; `before` is the record of its rod that passed before it. `None` unless it
-    /// is a record that is new.
+    /// Takes the result of an event and makes it durable; `before` is the record of its rod that passed
+    /// before it. `None` unless it is a new record.
     ///
     /// # Errors
     /// As [`Site::take`] and [`Site::take_readings`].

@@ -24,7 +24,7 @@ const SEAM_NS: u64 = 1_000_000_000;
 /// Opens a single file of any format.
 pub type Opener = Box<dyn Fn(&Path, &Options) -> Result<Recording, SourceError> + Send>;
 
-/// What a file held, or why it could not be read.
+/// Summary of a file, or the error that prevented reading it.
 pub type FileResult = Result<Summary, SourceError>;
 
 /// Parts that are read as one file.

@@ -36,12 +36,12 @@ pub(super) struct Timed {
 }
 
 impl Timed {
-    /// One, or zero for temperatures alone.
+    /// Number of records in it: one, or zero for temperatures alone.
     pub fn records(&self) -> u64 {
         u64::from(!matches!(self.event, Event::Readings { .. }))
     }
 
-    /// The event with the place at which it was complete.
+    /// Returns the event with the place at which it was complete.
     pub fn at_place(self, file: Arc<str>, bytes: u64, records: u64) -> (Event, Place) {
         let Self { event, at, reached } = self;
         let place = Place {

@@ -42,7 +42,7 @@ pub enum Parts {
     From(u32),
 }
 
-/// The parts of one journal.
+/// Parts of one journal, read as one recording.
 pub struct Series {
     folder: PathBuf,
     channels: Vec<RodChannels>,

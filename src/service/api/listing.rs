@@ -96,12 +96,12 @@ pub struct AlarmAnswer {
     pub alarm: Alarm,
     /// True if it is active.
     pub stands: bool,
-    /// Who acknowledged it and what they said: `NAME: TEXT`.
+    /// Words of the acknowledgement: `NAME: TEXT`.
     pub acknowledged_words: Option<String>,
 }
 
 impl AlarmAnswer {
-    /// An alarm of a store.
+    /// Reads one alarm's entry from the store.
     ///
     /// # Errors
     /// The store cannot be read.

@@ -64,7 +64,7 @@ pub struct Goals {
     pub periods: usize,
 }
 
-/// The latest configuration of a store; `None` if it has none that this program understands.
+/// Latest configuration of a store; `None` if it has none that this program can read.
 pub(super) fn latest_config(reader: &Reader) -> Result<Option<Config>, StoreError> {
     let config = reader.latest_config()?;
     Ok(config.and_then(|[_, _, text]| Config::parse(&text, "the store").ok()))

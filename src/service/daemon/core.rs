@@ -26,7 +26,7 @@ const ROOM: u64 = 8 << 20;
 /// Interval between checks of a full disk.
 const LOOK: Duration = Duration::from_millis(250);
 
-/// Whether all that is done with an item is to keep something; the rest stands alone.
+/// True if an item only adds data to the store, so that it may share a commit with others.
 fn is_kept(done: &Done) -> bool {
     !matches!(done, Done::Job(Job::Reload(_) | Job::Tick { .. }))
 }

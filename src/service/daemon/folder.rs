@@ -83,7 +83,7 @@ struct Lane {
     held: usize,
 }
 
-/// One step of the folder; a file's end comes with its mark.
+/// Step of the folder; the end of a file comes with its mark.
 pub(super) type FolderStep = Step<(FileMark, FileResult)>;
 
 impl Folder {
@@ -379,7 +379,7 @@ impl Folder {
 }
 
 impl Lane {
-    /// The next step; `None` if the file is to be found again.
+    /// Takes the next step; `None` if the file must be looked up again.
     fn step(&mut self, watch: &mut Watch, settle: Duration, health: &Health) -> Option<Step<Infallible>> {
         let step = self.guard.poll(&mut self.recording, watch, health);
         self.held = self.recording.held();

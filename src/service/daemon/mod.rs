@@ -161,7 +161,7 @@ struct Daemon<'a> {
 }
 
 impl Daemon<'_> {
-    /// From one event to the next, to the end.
+    /// Handles lifecycle events until the end.
     fn live(&self, events: &Receiver<LifecycleEvent>, bound: &mut Option<Bound>) -> anyhow::Result<ExitCode> {
         let Self {
             options,

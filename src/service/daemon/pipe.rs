@@ -65,7 +65,7 @@ pub fn run(
     }
 }
 
-/// The core, until it breaks or is told to end.
+/// Passes the driver's output to the core, until the core fails or is told to end.
 struct Taking<'a> {
     core: &'a mut Core,
     ending: &'a Ending,

@@ -181,7 +181,7 @@ pub fn run(
     let held = Held::new(config.track.reorder_window_s);
     let mut delivery = Delivery {
         on_event,
-        // Who follows a growing recording waits for nobody.
+        // With a growing recording, no rod waits for another.
         held: if reading.follow { held.impatient() } else { held },
         read: done,
         total,
@@ -213,7 +213,7 @@ pub fn run(
     driver::run(jobs, limits, |job| driver::work(job, known), &mut delivery);
     if delivery.failure.is_none() {
         let rest = delivery.held.rest();
-        // What it ends with is in `failure`.
+        // The error, if any, is in `failure`.
         let _ = rest.into_iter().try_for_each(|done| delivery.done(done));
     }
     let Delivery { tally, failure, .. } = delivery;

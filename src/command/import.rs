@@ -115,7 +115,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         MessageEncoding::Protobuf => Encoding::Protobuf,
         MessageEncoding::Cdr => Encoding::Ros2,
     };
-    // What a plan lacks or refuses is a matter of arguments.
+    // A fault of the plan is a fault of the arguments.
     let plan = Plan::new(found.signals, &asked, encoding)
         .map_err(|error| BadArguments(format!("{name}: {error}")))?;
     let mut writer = RecordingWriter::create(out, WriterOptions::default())?;

@@ -109,7 +109,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         thermometer: template::thermometer(found.as_deref()),
     }
     .text();
-    // What a flag or an answer made impossible is told as `check` tells it.
+    // Faults caused by a flag or an answer are reported in the form of `check`.
     Config::parse(&text, &args.out.display().to_string())?;
     template::save(&args.out, &text).with_context(|| format!("cannot write {}", args.out.display()))?;
     let recording = args

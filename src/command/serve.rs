@@ -65,7 +65,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         .into());
     }
     let path = args.which.path()?;
-    // What is no store is said before anything listens.
+    // An invalid store is reported before anything listens.
     drop(Reader::open(&path)?);
     let configured = match &args.which.config {
         Some(config) => Config::resolve(Some(config), &[])?.http,

@@ -217,7 +217,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     );
     drop(bar);
     match failure {
-        // Whoever reads stdout has seen enough (`| head`); the page is wanted all the same.
+        // The reader of stdout has closed it (`| head`); the page is still wanted.
         Some(error) if error.kind() != io::ErrorKind::BrokenPipe => return Err(error.into()),
         _ => {}
     }

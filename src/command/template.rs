@@ -149,7 +149,7 @@ pub fn save(path: &Path, text: &str) -> io::Result<()> {
     file.write_all(text.as_bytes())
         .and_then(|()| file.sync_all())
         .inspect_err(|_| {
-            // Half a configuration is worse than none, and the fault is told either way.
+            // Half a configuration is worse than none, and the fault is reported either way.
             let _ = std::fs::remove_file(path);
         })
 }

@@ -212,7 +212,7 @@ impl Site {
                 .filter(|start| tracker.state().periods.is_empty() || keeps_snapshot(before, *start))
                 .and_then(|_| Snapshot::of(tracker.plan().prior(), identification)),
             Outcome::Tabulated(_) => None,
-            // What a refused record looked like says why it was; as seldom, and never in place of one that was believed.
+            // The snapshot of a refused record shows the reason. It is kept as rarely, and never replaces that of a used record.
             Outcome::Rejected(rejected) => {
                 let before = self.store.refused_picture(rod)?;
                 let has_period = !tracker.state().periods.is_empty();

@@ -333,7 +333,7 @@ impl Plausibility {
     pub fn believe(&mut self, observation: &Observation) {
         self.behind = 0;
         let (low, high) = self.rms.unwrap_or((f64::INFINITY, 0.0));
-        // A silent record says nothing about amplitudes.
+        // A silent record gives no amplitude.
         if observation.rms > 0.0 {
             self.rms = Some((low.min(observation.rms), high.max(observation.rms)));
             self.seen += 1;

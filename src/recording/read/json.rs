@@ -611,7 +611,7 @@ mod tests {
             if matches!(ours, Ok(_) | Err(DecodeError::Missing { .. })) {
                 prop_assert!(theirs.is_ok());
             }
-            // A field that stands twice is refused here, serde_json takes the last.
+            // A field that occurs twice is refused here; serde_json takes the last.
             let is_twice = message.windows(3).filter(|key| key == b"\"v\"").count() > 1;
             if theirs.is_ok() && !is_twice {
                 prop_assert!(!matches!(ours, Err(DecodeError::Malformed(_))));

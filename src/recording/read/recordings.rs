@@ -226,7 +226,7 @@ impl Recordings {
                 match polled {
                     Step::Event(event, place) => {
                         self.ready.push_back(Step::Event(event, place));
-                        // All of them: another file's turn comes behind what is read already.
+                        // All of them, because another file's turn comes after the events already read.
                         while let Some((event, place)) = recording.pop() {
                             self.ready.push_back(Step::Event(event, place));
                         }

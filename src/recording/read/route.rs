@@ -362,7 +362,7 @@ impl Router {
             summary.undecodable += 1;
             summary.fault.get_or_insert_with(|| fault.to_string());
         }
-        // At once, not where a chunk ends: what others had come to then must not depend on how a file is packed.
+        // At once, not at the end of a chunk: the progress of the other rods at that moment must not depend on the chunks of a file.
         if has_events {
             self.collect();
         }

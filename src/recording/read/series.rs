@@ -111,7 +111,7 @@ impl Series {
     pub fn resume(&mut self, body: &[u8]) -> Vec<String> {
         let (router, lost) = carry::decode(body, &self.channels, &self.settings);
         self.router = router;
-        // The carry is what the part before the next one left.
+        // The carry is the state after the part before the next one.
         self.before = self.next.and_then(|next| next.checked_sub(1));
         lost
     }
@@ -252,7 +252,7 @@ impl Series {
                 return Step::Wait;
             }
             self.next = None;
-            // What is still open may have gone on.
+            // The data still open may have continued in the missing part.
             self.router.finish(true, None, &mut self.queue);
             self.begin_anew();
             if let Some(event) = self.queue.pop_front() {
@@ -271,7 +271,7 @@ impl Series {
             ..Summary::default()
         };
         self.router.summarise(&mut summary);
-        // Which topics a part has says nothing about the journal.
+        // The topics of one part are not those of the whole journal.
         summary.missing.clear();
         summary.samples.clear();
         Step::File(Box::new(PartEnd {
@@ -315,7 +315,7 @@ impl Source for Series {
                     let Some(later) = self.later(number) else {
                         return Step::Wait;
                     };
-                    // What was written before that part was begun may still be unread.
+                    // Data written before that part was begun may still be unread.
                     if let Some(open) = &mut self.open {
                         open.successor = Some(later);
                     }

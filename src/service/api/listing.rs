@@ -33,7 +33,7 @@ impl Records {
         only_rejected: bool,
         most: usize,
     ) -> Result<Self, StoreError> {
-        // One more than asked for says whether there is another page.
+        // One more than requested shows if there is another page.
         let wanted = most + 1;
         let mut lines = Lines::default();
         if only_rejected {

@@ -92,7 +92,7 @@ impl RodStatus {
     pub fn of(standing: Standing, counts: (u64, u64), goals: Option<Goals>) -> Result<Self, StoreError> {
         let latest = standing.latest_row()?;
         let latest_used = latest.as_ref().and_then(|row| row.start);
-        // What an older segment's record says is relative to another baseline.
+        // A record of an older segment is relative to another baseline.
         let row = latest
             .filter(|row| row.segment == Some(standing.segment))
             .unwrap_or_else(|| RecordRow::new(&standing.rod, ""));

@@ -217,7 +217,7 @@ impl Slot {
         let is_alone = self.quarantine.begin(step);
         let mut content = [0; SLOT];
         let mut rest = &mut content[..];
-        // What does not fit is cut off: the name alone tells steps apart.
+        // The excess is cut off: the name alone distinguishes steps.
         let _ = write!(rest, "{}\t{step}", if is_alone { "alone" } else { "beside" });
         self.quarantine.mark(self.number, &content);
         self.step = Some(Step {
@@ -325,7 +325,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let store = folder.path().join("site.db");
         let deaths = || Quarantine::open(&store).unwrap().deaths(&file_step("a@b.mcap"));
-        // What a kill from outside happens to meet blames nobody.
+        // A step that was running at a kill from outside is not to blame.
         for place in 0..10 {
             dies_at(&store, &[&format!("a@b.mcap@{place}+0")]);
         }

@@ -91,7 +91,7 @@ impl Watch {
         let step = steps.next(name, offset);
         let deaths = (self.deaths)(&step);
         if deaths >= DEATHS {
-            // What came before a place that is set aside may be what the program dies of: that is a step too.
+            // The data before a quarantined place may cause the crash, so completing them is a step as well.
             (self.working_on)(Some(&last_step(name, offset)));
             return Some(Blame {
                 why: format!(

@@ -178,7 +178,7 @@ mod tests {
         let mut held = Held::new(3600.0);
         let going = held.take(vec![event("b", 100, &[("a", 50), ("b", 101)]), file()], begun);
         assert!(going.is_empty());
-        // What needs no order passes.
+        // A job that needs no order passes.
         let going = held.take(vec![Done::Job(Job::Tick { is_caught_up: true })], begun);
         assert_eq!(names(&going), ["job"]);
         let look = || Done::Job(Job::Look(Arc::from([])));

@@ -96,7 +96,7 @@ fn robust<I: Iterator<Item = (f64, f64)>>(least_squares: Line, points: &impl Fn(
     let mut starts: Vec<f64> = points().map(|(k, t)| t - line.slope * k).collect();
     line.start = median(&mut starts);
     for _ in 0..30 {
-        // Half a nanosecond is what rounding leaves of exact stamps.
+        // Rounding leaves half a nanosecond of error in exact stamps.
         line.scatter = spread(&line, points).max(0.5);
         let bound = HUBER * line.scatter;
         let weight = |point| (bound / f64::abs(line.late(point))).min(1.0);

@@ -116,7 +116,7 @@ impl Unit {
         if let Some(unit) = every.into_iter().find(|unit| unit.key() == text) {
             return Some(unit);
         }
-        // Only what nobody uses for anything else: "c", "f" and "M" are left alone.
+        // Only unambiguous spellings: "c", "f" and "M" are left alone.
         match text.as_str() {
             "meter" | "metre" | "meters" | "metres" => Some(Self::Metre),
             "millimeter" | "millimetre" | "MM" | "Mm" => Some(Self::Millimetre),

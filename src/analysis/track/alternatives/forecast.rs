@@ -45,7 +45,7 @@ impl Alternatives {
         };
         let mut needed = Vec::new();
         let after = |times: usize| &shift.falling / times as f64 + &shift.fixed;
-        // The largest tells whether it is worth looking.
+        // The largest number decides if a search is worthwhile.
         if decides(&shift.orders, &after(TIMES[TIMES.len() - 1])) {
             let times = TIMES
                 .into_iter()

@@ -100,7 +100,7 @@ pub(crate) fn fit(observations: &[Observation], used: &[bool; MAX_MODES], slopes
     } else {
         1.0
     };
-    // What wrong slopes do to a level: the mean delta of the records in which it was measured.
+    // Effect of wrong slopes on a level: the mean delta of the records in which it was measured.
     let mut lever = Square::zeros();
     for (gain, delta) in estimate.gains.iter().zip(&deltas) {
         lever += gain * *delta;
@@ -213,7 +213,7 @@ fn correct(
 ) -> Option<(Column, Square, f64)> {
     let mut prior = slopes.covariance;
     for i in 0..MAX_MODES {
-        // What the model itself is good to, and room for a mode that is not used.
+        // Accuracy of the model itself, and a wide prior for a mode that is not used.
         prior[(i, i)] += if used[i] { 1e-10 } else { 1.0 };
     }
     let information = prior.cholesky()?.inverse();

@@ -746,7 +746,7 @@ mod tests {
                             * law.sd
                             * z.cosh()
                     };
-                    // Trapezoids of a smooth function; what lies beyond 60 sd is 0.01 of t_3 beyond some 5 scales.
+                    // Trapezoids of a smooth function; the part beyond 60 sd is 0.01 of t_3 beyond some 5 scales.
                     let reach = (60.0_f64).asinh();
                     let (mut density, steps) = (density, 1200);
                     let width = 2.0 * reach / f64::from(steps);

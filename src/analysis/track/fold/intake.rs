@@ -95,7 +95,7 @@ impl Tracker {
         if latest.is_some_and(|latest| time < latest) {
             return;
         }
-        // Nobody knows yet whether a second record after a week is late.
+        // It is not yet known if a second record after a week is late.
         if self.state.usual_s().is_some() {
             self.look_for_silence(time);
         }
@@ -178,7 +178,7 @@ impl Tracker {
             }
             let is_believed = state.thermometer.believes(reading);
             if let Some(until) = state.thermometer.trusted_until().filter(|_| !is_believed) {
-                // What a thermometer said since it stood still is withdrawn.
+                // Readings since the thermometer froze are withdrawn.
                 state.readings.retain(|kept| kept.time <= until);
             }
             if !is_believed {
@@ -209,7 +209,7 @@ impl Tracker {
     fn look_at_loss(&mut self, loss: Option<Loss>, is_blind: bool, time: Timestamp) {
         let limit = self.plan.alarm.limit_loss;
         let Some(loss) = loss else { return };
-        // What lasts without a temperature is learned as usual; the evidence of it stays.
+        // Without a temperature, a lasting change is learned as normal; its evidence stays.
         let by_evidence = self.state.watch.get().filter(|_| is_blind);
         let lasts = by_evidence.is_some_and(DriftWatch::is_blind_above);
         let holds = Some(loss.exceeds(limit)).filter(|holds| *holds || !lasts);

@@ -267,7 +267,7 @@ fn confirm(
 }
 
 fn look_at_limit(tracker: &mut Tracker, period: &Period, time: Timestamp) {
-    // Without a temperature a limit would be a thermometer: what is beyond doubt is told all the same (`loss`).
+    // Without a temperature a limit would react to the weather; a certain loss is still reported (`loss`).
     let Some((change, sd)) = period
         .charted
         .and_then(|charted| Some((charted.at_reference?, charted.at_reference_sd?)))
@@ -313,7 +313,7 @@ fn look_at_leverage(tracker: &mut Tracker, period: &Period, time: Timestamp) {
         return;
     }
     let (blind, sees) = BLIND;
-    // What is not learned matters only where it hides a loss of the limit.
+    // An effect not yet learned matters only where it hides a loss as large as the limit.
     let hides = TOLD_SD * charted.expected_sd > tracker.plan.alarm.limit_loss;
     let unlearned = if hides { charted.leverage } else { 0.0 };
     tracker.look(Cause::Unlearned, beyond(unlearned, blind, sees), time, || {
@@ -343,7 +343,7 @@ fn look_at_end(tracker: &mut Tracker, period: &Period, time: Timestamp) {
         // A small change ends nothing as long as it is evident.
         beyond(change.abs(), 2.0 * over, over).filter(|holds| *holds || evidence < 1.0)
     } else {
-        // Without a temperature what lasts is learned as usual: only the evidence ends it.
+        // Without a temperature, a lasting change is learned as normal: only the evidence ends the alarm.
         None
     };
     if tracker.find(Cause::Change, holds) != Finding::Over {
@@ -372,7 +372,7 @@ pub(crate) fn change_now(tracker: &Tracker) -> Option<Change> {
 /// Estimate of the change of force by a watch, in reported form.
 pub(crate) fn change_told(watch: &DriftWatch, shift: Option<&Shift>) -> Option<Change> {
     let change = watch.change()?;
-    // How large a change of frequencies is as a change of force, no number of periods tells.
+    // The ratio of a change of force to one of frequencies stays uncertain with any number of periods.
     let size = change.size.clamp(-0.9, 10.0);
     let static_sd = match shift {
         Some(shift) if size != 0.0 => (1.0 + size) * shift.static_sd(libm::log1p(size)) / size.abs(),

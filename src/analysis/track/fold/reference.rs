@@ -33,7 +33,7 @@ pub(crate) fn of_record(
     let measured = ratio.mean - 1.0;
     let record_sd = relative.record_sd * ratio.mean;
     let (change, change_sd) = watch.change_of(end.days(), measured, record_sd, Some(&filtered))?;
-    // The record's own error is in both; what is left of the ratio's is the particles', which grows with the change.
+    // The record's own error is in both; the rest of the ratio's error is that of the particles and grows with the change.
     let static_sd = (ratio.sd * ratio.sd - record_sd * record_sd).max(0.0).sqrt();
     let sd = change_sd.hypot(static_sd);
     let explained = measured - change;

@@ -119,7 +119,7 @@ impl Pair {
         let before = [of(first.before)?, of(second.before)?];
         let seen = [Some(now), second.now].into_iter().flatten();
         let now: Vec<Rod> = seen.map(of).collect::<Option<_>>()?;
-        // What both moved by together is the same whether they are exchanged or not.
+        // The common part of both moves is the same with or without an exchange.
         let together = match &now[..] {
             [first, second] => 0.5 * (before[0].move_to(first) + before[1].move_to(second)),
             _ => 0.0,
@@ -324,7 +324,7 @@ fn log_density(
         for n in 0..rod.slope.len() {
             residuals.push(seen.log_frequency[n] - rod.log_frequency[n] - rod.slope[n] * weather.mean);
             slopes.push(rod.slope[n]);
-            // A move of this size is bounded by what the explanation allows.
+            // The size of a move is limited to that of its explanation.
             let allowed = match change {
                 Change::None => u.clamp(-0.1, 0.1),
                 Change::Force | Change::Any => u.clamp(-1.0, 1.0),

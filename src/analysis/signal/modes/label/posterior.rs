@@ -39,7 +39,7 @@ impl Posterior {
                 .total_cmp(&a.log_evidence)
                 .then(a.code.cmp(&b.code))
         });
-        // A person who declares a mode says that there is a rod.
+        // A declared mode implies that there is a rod.
         let log_no_rod = match scene.declared {
             declared if declared != Code::default() => f64::NEG_INFINITY,
             _ => scene.log_no_rod(),

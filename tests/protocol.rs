@@ -193,7 +193,7 @@ fn an_mcap_stream_gives_its_messages_and_the_next_one_its_own() {
     let values = values(&heard);
     assert_eq!(values.len(), 1000);
     assert_eq!(values[..500], values[500..]);
-    // Every prefix of the stream gives a prefix of the messages, and says that it was cut.
+    // Every prefix of the stream gives a prefix of the messages, and is reported as cut.
     for length in (8..one.len()).step_by(97) {
         let heard = of(&one[..length]);
         let count = super_prefix(&values, &heard);
@@ -345,7 +345,7 @@ fn lengths_that_lie_are_refused_at_once_and_nothing_is_set_aside_for_them() {
             );
         }
     }
-    // A record within the limit is waited for: what is held is what came.
+    // A record within the limit is waited for: only the bytes received are held.
     let mut bytes = whole[..header].to_vec();
     bytes.push(6);
     bytes.extend((16u64 << 20).to_le_bytes());

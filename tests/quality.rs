@@ -445,7 +445,7 @@ fn gaps_and_clock_steps_split() {
         assert!(second.samples == clean[half..], "{shift_s}");
         assert_eq!(second.start.as_nanos(), nanos(half) + (shift_s * 1e9) as i64);
     }
-    // One message with a wild stamp stands where it came, and is told.
+    // One message with a wild stamp keeps its place in the order of arrival, and is reported.
     for wild in [0, nanos(0) - 5, nanos(0) + 4_000_000_000_000_000_000, i64::MAX] {
         let stamped = clean
             .iter()

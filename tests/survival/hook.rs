@@ -20,7 +20,7 @@ impl Hook {
         thread::spawn(move || {
             for stream in listener.incoming().flatten() {
                 let kept = Arc::clone(&kept);
-                // A sender that is killed in the middle says no more: nothing was received then.
+                // A sender killed in the middle of a message sends no more; the message then counts as not received.
                 thread::spawn(move || answer(stream, &kept));
             }
         });

@@ -19,7 +19,8 @@ use std::process::ExitCode;
     group = clap::ArgGroup::new("which alarms").required(true).args(["alarms", "rod", "all"]),
     after_help = "Examples:
   tirante ack --store site.db 5f1d0c7a9e3b2468
-  tirante ack --config site.toml --rod north --by 'M. Rossi' --note 'wedge inspected, sound'
+  tirante ack --config site.toml --rod north --by 'M. Rossi' \\
+      --note 'wedge inspected, sound'
   tirante ack --store site.db --all"
 )]
 pub struct Args {

@@ -14,7 +14,7 @@ const HEADING: &str = "Files of other programs";
 #[derive(Debug, Clone, Default, clap::Args)]
 pub struct Foreign {
     /// Format, if neither content nor ending of the file determines it.
-    #[arg(long = "input-format", value_enum, help_heading = HEADING)]
+    #[arg(id = "input_format", long, value_enum, help_heading = HEADING)]
     pub format: Option<Format>,
     /// Column or channel to read, by name or number, with its topic; may be repeated.
     #[arg(long = "channel", visible_alias = "column", value_name = "SOURCE[=TOPIC][,UNIT]", value_parser = Wanted::parse)]

@@ -20,7 +20,7 @@ const NOT_MONITORING: &str = "not-monitoring";
 
 /// One record's result (design 5.1): SI, the unit as a suffix of the name. Written, every field is present, in this order; read, what an
 /// older version did not write is absent.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct RecordRow {
     /// The rod.
     pub rod: RodId,
@@ -302,42 +302,10 @@ impl RecordRow {
     pub fn new(rod: &RodId, config_hash: &str) -> Self {
         Self {
             rod: rod.clone(),
-            start: None,
-            duration_s: None,
-            fs_hz: None,
-            excitation: None,
-            modes: Vec::new(),
-            label_probability: None,
-            candidates: Vec::new(),
-            peaks: None,
-            axial_force_n: None,
-            parameters: BTreeMap::new(),
-            epsilon: None,
-            draws: None,
-            accepted: None,
-            ess: None,
-            conflict: None,
-            prior_tail: None,
-            adjustment: None,
-            hangs_on: None,
-            tracked_force_n: None,
-            relative_force: None,
-            not_axial_p: None,
-            temperature_c: None,
-            reference_temperature_c: None,
-            force_at_reference_n: None,
-            relative_force_at_reference: None,
             state: NOT_MONITORING.to_owned(),
-            state_reason: None,
-            segment: None,
-            set_aside: None,
-            alarms: Vec::new(),
-            events: Vec::new(),
-            flags: Vec::new(),
-            rejection: None,
-            seed: None,
             config: config_hash.to_owned(),
             analysis_version: Some(VERSION),
+            ..Self::default()
         }
     }
 

@@ -5,6 +5,7 @@ pub mod cdr;
 mod chunk;
 pub mod contents;
 pub mod decode;
+mod file;
 pub mod folder;
 pub mod hole;
 pub mod json;

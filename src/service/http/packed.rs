@@ -42,8 +42,11 @@ pub(super) fn has(asked: &HeaderMap, tag: &str) -> bool {
 /// True if the client accepts gzip.
 pub(super) fn takes_gzip(asked: &HeaderMap) -> bool {
     said(asked, header::ACCEPT_ENCODING).is_some_and(|list| {
-        list.split(',')
-            .any(|one| matches!(one.split(';').next().map(str::trim), Some("gzip")) && !one.contains("q=0"))
+        list.split(',').any(|one| {
+            let mut parts = one.split(';').map(str::trim);
+            let refuses = |part: &str| part.strip_prefix("q=").and_then(|q| q.parse().ok()) == Some(0.0);
+            parts.next() == Some("gzip") && !parts.any(refuses)
+        })
     })
 }
 

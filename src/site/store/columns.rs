@@ -21,7 +21,8 @@ const fn column(name: &'static str, sql: &'static str, of: fn(&RecordRow) -> Val
     Column { name, sql, of }
 }
 
-/// The columns in the table's order.
+/// The columns in the table's order, one a line.
+#[rustfmt::skip]
 pub(super) const COLUMNS: [Column; 47] = [
     column("start", TEXT, |row| row.start.map(|time| time.to_string()).into()),
     column("duration_s", REAL, |row| real(row.duration_s)),
@@ -30,83 +31,33 @@ pub(super) const COLUMNS: [Column; 47] = [
     column("state_reason", TEXT, |row| text(row.state_reason.as_ref())),
     column("segment", INTEGER, |row| integer(row.segment)),
     column("set_aside", TEXT, |row| text(row.set_aside.map(SetAside::code))),
-    column("rejection", TEXT, |row| {
-        text(row.rejection.as_ref().map(|reason| &reason.code))
-    }),
-    column("rejection_message", TEXT, |row| {
-        text(row.rejection.as_ref().map(|reason| &reason.message))
-    }),
-    column("relative_force", REAL, |row| {
-        real(row.relative_force.map(|of| of.mean))
-    }),
-    column("relative_force_sd", REAL, |row| {
-        real(row.relative_force.map(|of| of.sd))
-    }),
-    column("relative_force_q025", REAL, |row| {
-        real(row.relative_force.map(|of| of.q025))
-    }),
-    column("relative_force_q975", REAL, |row| {
-        real(row.relative_force.map(|of| of.q975))
-    }),
-    column("relative_force_at_reference", REAL, |row| {
-        real(row.relative_force_at_reference.map(|of| of.mean))
-    }),
-    column("relative_force_at_reference_sd", REAL, |row| {
-        real(row.relative_force_at_reference.map(|of| of.sd))
-    }),
-    column("relative_force_at_reference_q025", REAL, |row| {
-        real(row.relative_force_at_reference.map(|of| of.q025))
-    }),
-    column("relative_force_at_reference_q975", REAL, |row| {
-        real(row.relative_force_at_reference.map(|of| of.q975))
-    }),
-    column("tracked_force_n", REAL, |row| {
-        real(row.tracked_force_n.map(|of| of.mean))
-    }),
-    column("tracked_force_sd_n", REAL, |row| {
-        real(row.tracked_force_n.map(|of| of.sd))
-    }),
-    column("tracked_force_q025_n", REAL, |row| {
-        real(row.tracked_force_n.map(|of| of.q025))
-    }),
-    column("tracked_force_q975_n", REAL, |row| {
-        real(row.tracked_force_n.map(|of| of.q975))
-    }),
-    column("force_at_reference_n", REAL, |row| {
-        real(row.force_at_reference_n.map(|of| of.mean))
-    }),
-    column("force_at_reference_sd_n", REAL, |row| {
-        real(row.force_at_reference_n.map(|of| of.sd))
-    }),
-    column("force_at_reference_q025_n", REAL, |row| {
-        real(row.force_at_reference_n.map(|of| of.q025))
-    }),
-    column("force_at_reference_q975_n", REAL, |row| {
-        real(row.force_at_reference_n.map(|of| of.q975))
-    }),
-    column("reference_temperature_c", REAL, |row| {
-        real(row.reference_temperature_c)
-    }),
+    column("rejection", TEXT, |row| text(row.rejection.as_ref().map(|reason| &reason.code))),
+    column("rejection_message", TEXT, |row| text(row.rejection.as_ref().map(|reason| &reason.message))),
+    column("relative_force", REAL, |row| real(row.relative_force.map(|of| of.mean))),
+    column("relative_force_sd", REAL, |row| real(row.relative_force.map(|of| of.sd))),
+    column("relative_force_q025", REAL, |row| real(row.relative_force.map(|of| of.q025))),
+    column("relative_force_q975", REAL, |row| real(row.relative_force.map(|of| of.q975))),
+    column("relative_force_at_reference", REAL, |row| real(row.relative_force_at_reference.map(|of| of.mean))),
+    column("relative_force_at_reference_sd", REAL, |row| real(row.relative_force_at_reference.map(|of| of.sd))),
+    column("relative_force_at_reference_q025", REAL, |row| real(row.relative_force_at_reference.map(|of| of.q025))),
+    column("relative_force_at_reference_q975", REAL, |row| real(row.relative_force_at_reference.map(|of| of.q975))),
+    column("tracked_force_n", REAL, |row| real(row.tracked_force_n.map(|of| of.mean))),
+    column("tracked_force_sd_n", REAL, |row| real(row.tracked_force_n.map(|of| of.sd))),
+    column("tracked_force_q025_n", REAL, |row| real(row.tracked_force_n.map(|of| of.q025))),
+    column("tracked_force_q975_n", REAL, |row| real(row.tracked_force_n.map(|of| of.q975))),
+    column("force_at_reference_n", REAL, |row| real(row.force_at_reference_n.map(|of| of.mean))),
+    column("force_at_reference_sd_n", REAL, |row| real(row.force_at_reference_n.map(|of| of.sd))),
+    column("force_at_reference_q025_n", REAL, |row| real(row.force_at_reference_n.map(|of| of.q025))),
+    column("force_at_reference_q975_n", REAL, |row| real(row.force_at_reference_n.map(|of| of.q975))),
+    column("reference_temperature_c", REAL, |row| real(row.reference_temperature_c)),
     column("temperature_c", REAL, |row| real(row.temperature_c)),
     column("not_axial_p", REAL, |row| real(row.not_axial_p)),
-    column("axial_force_n", REAL, |row| {
-        real(row.axial_force_n.map(|of| of.mean))
-    }),
-    column("axial_force_sd_n", REAL, |row| {
-        real(row.axial_force_n.map(|of| of.sd))
-    }),
-    column("axial_force_cv", REAL, |row| {
-        real(row.axial_force_n.map(|of| of.cv))
-    }),
-    column("axial_force_q025_n", REAL, |row| {
-        real(row.axial_force_n.map(|of| of.q025))
-    }),
-    column("axial_force_q50_n", REAL, |row| {
-        real(row.axial_force_n.map(|of| of.q50))
-    }),
-    column("axial_force_q975_n", REAL, |row| {
-        real(row.axial_force_n.map(|of| of.q975))
-    }),
+    column("axial_force_n", REAL, |row| real(row.axial_force_n.map(|of| of.mean))),
+    column("axial_force_sd_n", REAL, |row| real(row.axial_force_n.map(|of| of.sd))),
+    column("axial_force_cv", REAL, |row| real(row.axial_force_n.map(|of| of.cv))),
+    column("axial_force_q025_n", REAL, |row| real(row.axial_force_n.map(|of| of.q025))),
+    column("axial_force_q50_n", REAL, |row| real(row.axial_force_n.map(|of| of.q50))),
+    column("axial_force_q975_n", REAL, |row| real(row.axial_force_n.map(|of| of.q975))),
     column("parameters", TEXT, |row| json(&row.parameters)),
     column("epsilon", REAL, |row| real(row.epsilon)),
     column("draws", INTEGER, |row| integer(row.draws)),

@@ -18,8 +18,8 @@ use std::collections::BTreeMap;
 /// State of a rod whose force is not tracked.
 const NOT_MONITORING: &str = "not-monitoring";
 
-/// One record's result (design 5.1): SI, the unit as a suffix of the name. Written, every field is present, in this order; read, what an
-/// older version did not write is absent.
+/// One record's result (design 5.1), in SI, with the unit as a suffix of the name. Written rows have every
+/// field, in this order; fields that an older version did not write are absent when read.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct RecordRow {
     /// The rod.

@@ -64,7 +64,7 @@ struct Open {
     number: u32,
     /// Name in the store or given by the user.
     name: Arc<str>,
-    /// The file, and what reads it.
+    /// The file and its reader.
     file: Result<(File, FileReader<File>), SourceError>,
     records: u64,
     damage: Option<String>,
@@ -401,7 +401,7 @@ impl Open {
         progress
     }
 
-    /// The reader, once the part's checksum was taken.
+    /// Reader of the items, once the part's checksum is verified.
     fn reader(&self) -> Option<&Reader<File>> {
         self.file.as_ref().ok().and_then(|(_, reader)| reader.reader())
     }

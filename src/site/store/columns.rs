@@ -21,7 +21,7 @@ const fn column(name: &'static str, sql: &'static str, of: fn(&RecordRow) -> Val
     Column { name, sql, of }
 }
 
-/// The columns in the table's order, one a line.
+/// Columns in the table's order, one per line.
 #[rustfmt::skip]
 pub(super) const COLUMNS: [Column; 47] = [
     column("start", TEXT, |row| row.start.map(|time| time.to_string()).into()),

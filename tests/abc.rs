@@ -771,7 +771,7 @@ fn a_source_known_exactly_takes_its_share_away() {
         (Source::Section, &[3]),
         (Source::Springs, &[4, 5]),
     ] {
-        // Twelve particles drawn by weight stand for the posterior of the source.
+        // Twelve particles drawn by weight represent the posterior of the source.
         let mut cumulated = 0.0;
         let mut next = 0.5 / 12.0;
         let mut sum = 0.0;

@@ -132,7 +132,7 @@ fn every_command_tells_the_same_numbers() {
     let mut csv = csv.lines();
     let header = csv.next().unwrap();
     for (record, row) in records.iter().zip(csv.by_ref()) {
-        // Cells with commas (JSON) stand behind these columns.
+        // Cells with commas (JSON) come after these columns.
         for (name, pointer) in [
             ("relative_force", "/relative_force/mean"),
             ("relative_force_sd", "/relative_force/sd"),

@@ -252,7 +252,7 @@ fn refused_and_idle() {
     }
     assert!(told(&site, "{}\n").contains("again"));
     daemon.expect("refused", 1.0, "degraded");
-    // Both say nothing more and are closed.
+    // Both send nothing more and are closed.
     for client in &mut full {
         let mut rest = String::new();
         client.read_to_string(&mut rest).unwrap();

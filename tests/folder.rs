@@ -441,7 +441,7 @@ fn stops_at_once_with_a_full_queue_and_finishes_nothing() {
     fs::write(folder.path().join("a.mcap"), measured(0.0, 1200.0)).unwrap();
     let mut run = Run::folder(folder.path(), 600.0);
     run.until("a record", |run| !run.records.is_empty());
-    // Nobody takes anything now.
+    // Nothing is taken now.
     std::thread::sleep(Duration::from_millis(200));
     let began = Instant::now();
     run.reader.stop();

@@ -926,7 +926,7 @@ fn a_frequency_that_falls_with_the_amplitude_is_covered() {
             "{softening} {level_db}: {covered} of {}",
             told.len()
         );
-        // 60 dB of such a decay tell the frequency to 1e-6 if the softening is known, to 1e-5 if it is not.
+        // 60 dB of such a decay give the frequency to 1e-6 if the softening is known, to 1e-5 if it is not.
         assert!(softening != 0.0 || widest < 1e-5, "{widest}");
     }
 }

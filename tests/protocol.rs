@@ -215,7 +215,7 @@ fn a_named_stream_goes_on_where_it_was_and_counts_every_message() {
     let hello = "{\"hello\":{\"sender\":\"north\"}}\n";
     let heard = of(format!("{hello}{LINES}\n{{\"end\":true}}\n").as_bytes());
     assert_eq!((heard.hellos, heard.ends), (vec!["north".to_owned()], vec![104]));
-    // A sender with a name must say that it ends.
+    // A named sender must announce its end.
     let heard = of(format!("{hello}{LINES}").as_bytes());
     assert!(heard.is_cut && heard.ends.is_empty() && heard.entries.len() == 5);
     // Messages of no rod's topic move it on too.
@@ -374,7 +374,7 @@ fn damage_of_a_checked_chunk_never_gives_a_wrong_value() {
         let mut bytes = whole.clone();
         bytes[at] ^= 1 << (at % 8);
         let found = values(&of(&bytes));
-        // Channels and topics stand outside chunks too: all or a prefix, or nothing.
+        // Channels and topics are outside chunks too: all or a prefix, or nothing.
         assert_eq!(found[..], good[..found.len()], "byte {at}");
     }
 }

@@ -37,7 +37,7 @@ fn lines(range: std::ops::Range<u64>) -> String {
 
 const HELLO: &str = "{\"hello\":{\"sender\":\"north-laser\"}}\n";
 
-/// An authority and what it signed, as PEM files.
+/// A certificate authority and the certificates it signed, as PEM files.
 struct Authority {
     issuer: rcgen::CertifiedIssuer<'static, rcgen::KeyPair>,
 }
@@ -394,7 +394,7 @@ fn a_crowd_at_the_tls_port_does_not_keep_a_certified_sender_out() {
         }),
         ..settings()
     });
-    // Bare connections that say nothing, each made anew as soon as it is closed.
+    // Silent connections, each opened again as soon as it is closed.
     let address = daemon.address;
     let is_over = std::sync::Arc::new(std::sync::atomic::AtomicBool::new(false));
     let crowd: Vec<_> = (0..90)

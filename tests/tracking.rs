@@ -65,7 +65,7 @@ fn a_step_is_one_drift_found_within_days_with_its_size() {
     let onset_d = change.onset.seconds_since(scenario.simulation.start) / DAY_S;
     assert!((onset_d - 200.0).abs() < 3.0, "{onset_d}");
     assert_eq!(verdicts[259].state, RodState::Alarm);
-    // Told again every week, with the same id.
+    // Repeated every week, with the same id.
     let repeats = told(&verdicts, What::Repeated);
     assert_eq!(repeats.len(), (259 - index) / 7, "{repeats:?}");
 }

@@ -202,7 +202,7 @@ impl Site {
         let verdict = tracker.step_beside(&input, &peers, &others);
         let tracker = self.trackers.entry(rod.clone()).or_insert(tracker);
         let rod = &rod;
-        // Only of the latest record that is believed: the picture of a wrong clock would stand for years.
+        // Only of the latest record in use: a snapshot with a wrong clock would stay for years.
         let snapshot = match outcome {
             Outcome::Identified(identification) => identification
                 .measurement

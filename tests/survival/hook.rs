@@ -1,4 +1,4 @@
-//! A receiver of alarms: remembers what was posted to it.
+//! A receiver of alarms that keeps every message posted to it.
 
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream};

@@ -158,13 +158,13 @@ impl Format {
                 )));
             }
         };
-        // Programs differ in which end of a wider container holds the sample, and a file does not say.
+        // Programs differ in which end of a wider container holds the sample, and a file does not state it.
         if frame != channels * size || valid > bits {
             return Err(ImportError::new(format!(
                 "samples of {bits} bits in wider containers are not read: convert it"
             )));
         }
-        // Samples of fewer bits than their container stand in its upper end: full scale is the container's.
+        // Samples of fewer bits than their container are in its upper end: full scale is the container's.
         let (middle, most) = match kind {
             Kind::F32 | Kind::F64 => (0.0, 1.0),
             Kind::U8 => (128.0, 128.0),

@@ -118,7 +118,7 @@ impl Recordings {
                 }
             };
             let span = span_at(&path).filter(|_| self.options.follow.is_none());
-            // One that does not say when it begins has its place behind the one before it.
+            // A file of unknown start comes after the one before it.
             let begins = span
                 .as_ref()
                 .map(|span| span.from)

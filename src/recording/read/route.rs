@@ -687,7 +687,7 @@ impl Rod {
         self.tell_nothing(count, damage);
     }
 
-    /// Tells of a file that gave nothing, or nothing more.
+    /// Reports a file that gave nothing, or nothing more.
     fn tell_nothing(&mut self, count: Count, damage: Option<&str>) {
         let rejection = match damage {
             Some(detail) if count.messages > 0 => Rejection::Damaged {

@@ -55,7 +55,7 @@ pub struct Thermal {
 }
 
 impl RodAnswer {
-    /// Rod as the store knows it; `None` if it is not in the store.
+    /// Rod as in the store; `None` if it is not there.
     ///
     /// # Errors
     /// The store cannot be read, or a row is damaged.

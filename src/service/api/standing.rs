@@ -143,7 +143,7 @@ impl RodStatus {
         }
     }
 
-    /// Explanation of the state, if there is more to say than its name.
+    /// Explanation of the state, if its name is not enough.
     pub fn why(&self) -> Option<String> {
         if let (Some(records), Some(periods)) = (self.baseline_records, self.learned_periods) {
             let of = |goal: fn(&Goals) -> usize| {

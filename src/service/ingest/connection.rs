@@ -318,7 +318,7 @@ impl<I: Intake> Client<'_, I> {
                 health.fault(Fault::Refused, format_args!("{who}: turned away, {what}"));
                 Some((what, true))
             }
-            // Told where it was let out.
+            // Reported where it was released.
             Err(Farewell::Pushed) => Some(("it said nothing, and others came".to_owned(), true)),
             Err(Farewell::Gone(what)) => {
                 if is_amid && !is_named {

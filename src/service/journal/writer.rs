@@ -210,7 +210,7 @@ impl Writer {
     }
 
     fn append(&mut self, line: u64, batch: Batch, room: OwnedSemaphorePermit) -> Result<(), Stop> {
-        // A line that was taken over has nothing to say any more.
+        // A line that was taken over has no more effect.
         if !self.state.lines.contains_key(&line) {
             return Ok(());
         }

@@ -1,4 +1,4 @@
-//! State of a rod's fold, kept in parts so that a commit writes only what changed.
+//! State of a rod's fold, kept in parts so that a commit writes only the changed ones.
 
 use super::StoreError;
 use super::row::Row;

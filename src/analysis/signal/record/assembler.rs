@@ -448,7 +448,7 @@ impl Assembler {
             }
             Cut::Auto | Cut::File | Cut::FreeDecay { .. } => {}
         }
-        // Stamps that stand still give no place to cut at.
+        // Constant stamps give no place for a cut.
         if full && self.open.bytes() >= most {
             let open = std::mem::take(&mut self.open);
             self.close(open, false, None);

@@ -310,7 +310,7 @@ mod tests {
             (rate - 100.0).abs() < 0.001 && (4.5e-5..5e-5).contains(&sd),
             "{rate} {sd}"
         );
-        // Two stamps tell no scatter.
+        // Two stamps have no scatter.
         assert_eq!(weigh(100.02, 0.0, 100.0, 2).0, 100.02);
         assert!((weigh(100.02, 0.0, 100.0, 2).1 - 2e-4).abs() < 1e-6);
     }

@@ -126,7 +126,7 @@ impl Unit {
             "um/sec" => Some(Self::MicrometrePerSecond),
             "m/sec2" | "m/s/s" | "ms-2" | "m.s-2" => Some(Self::MetrePerSecondSquared),
             "gn" | "g0" => Some(Self::StandardGravity),
-            // The second as a program leaves it that did not know the sign.
+            // The second is written by programs that lack the sign.
             "C" | "\u{fffd}C" | "Celsius" | "celsius" => Some(Self::Celsius),
             "kelvin" | "Kelvin" => Some(Self::Kelvin),
             "F" | "Fahrenheit" | "fahrenheit" => Some(Self::Fahrenheit),

@@ -95,7 +95,7 @@ impl Columns {
         let time_unit = match (table.time_unit, of_head) {
             (Some(unit), _) => Ok(unit),
             (None, None) => Ok(TimeUnit::S),
-            // Heads of dates say other things: "UTC", "local".
+            // Heads of date columns have other words: "UTC", "local".
             (None, Some(head)) => TimeUnit::of(head).ok_or_else(|| head.to_owned()),
         };
         let mut skipped = Vec::new();

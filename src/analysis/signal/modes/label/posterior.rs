@@ -49,7 +49,7 @@ impl Posterior {
             .map_or(log_no_rod, |best| best.log_evidence.max(log_no_rod));
         let weights: Vec<f64> = fits.iter().map(|fit| libm::exp(fit.log_evidence - top)).collect();
         let mut none = libm::exp(log_no_rod - top);
-        // So does one who asks for the first mode alone, unless the peaks say otherwise.
+        // So does a request for the first mode alone, unless the peaks contradict it.
         if scene.is_first_seen && none < weights.iter().sum() {
             none = 0.0;
         }

@@ -102,7 +102,7 @@ impl Assembler {
         }
     }
 
-    /// Splits at long holes and checks what is left.
+    /// Splits at long holes and checks the pieces.
     fn pieces(&mut self, even: Even, excitation: Option<Excitation>, cut_short: bool) {
         let Even {
             start,

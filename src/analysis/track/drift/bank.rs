@@ -184,7 +184,7 @@ impl Passage {
 #[derive(Debug, Clone, Copy)]
 struct Ahead {
     error: f64,
-    /// S.
+    /// S = R + H P H'.
     total: f64,
 }
 

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 /// Quantiles of the intervals reported.
 const QUANTILES: [f64; 2] = [0.025, 0.975];
-/// Standard normal quantile of the same.
+/// Standard normal quantile of 97.5 %.
 const Z: f64 = 1.959_963_984_540_054;
 
 /// Posterior of a change, given that there is one.

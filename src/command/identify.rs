@@ -37,9 +37,9 @@ const HIGHEST_HZ: f64 = 1e5;
 
 /// Compute the posterior of the axial force from one recording.
 ///
-/// Frequencies measured elsewhere do as well. Prints prior and posterior of every uncertain parameter. Of a record
-/// that gives no force it prints the reason, every peak, and possible assignments of the peaks, each with its
-/// probability and its force.
+/// Frequencies measured elsewhere can be given instead. Prints prior and posterior of every uncertain
+/// parameter. For a record that gives no force it prints the reason, every peak, and possible assignments of
+/// the peaks, each with its probability and its force.
 #[derive(Debug, Clone, clap::Args)]
 #[command(after_help = "Examples:
   tirante identify recordings/todi-pull.mcap

@@ -37,7 +37,7 @@ pub(super) fn read_all(root: &mut Table<'_>, shared: &Shared) -> Vec<Option<RodC
         let line = table.line_of("id");
         if let Some(rod) = &rod {
             let id = &rod.analysis.rod.0;
-            // Ids become names of files and addresses, some of which do not tell case.
+            // Ids become names of files and addresses, some of which ignore case.
             match ids.iter().find(|(other, _)| other.eq_ignore_ascii_case(id)) {
                 Some((_, first)) => {
                     table.fault_of("id", format!("\"{id}\" is the id of the rod in line {first} too"))

@@ -132,7 +132,7 @@ pub enum Rejection {
         /// Error text of the reader.
         detail: String,
     },
-    /// No peak stands above the noise.
+    /// No peak is above the noise.
     #[error(
         "no spectral peak stands above the noise between {low_hz:.2} and {high_hz:.2} Hz, where the prior expects the modes: look \
          for peaks elsewhere with `tirante spectrum`, record longer or nearer mid-span, or pull the rod and let it go"

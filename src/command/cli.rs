@@ -2,7 +2,7 @@
 
 use crate::command::{
     ack, alarm, backup, check, completions, emulator, frequencies, history, identify, import, init, manual,
-    measure, rebaseline, replay, report, run, send, serve, simulate, spectrum, status, study, track,
+    measure, plan, rebaseline, replay, report, run, send, serve, simulate, spectrum, status, study, track,
 };
 use crate::service::telemetry::log;
 use clap::{ArgAction, Parser, Subcommand};
@@ -67,6 +67,8 @@ pub enum Command {
     Simulate(simulate::Args),
     /// Natural frequencies of a given rod, by every forward model side by side.
     Frequencies(frequencies::Args),
+    /// What to measure next at a rod: the share of the force's uncertainty each measurement leaves.
+    Plan(plan::Args),
     /// Fits and judges the emulators.
     Emulator(emulator::Args),
     /// The source paper's study, held against what it prints.

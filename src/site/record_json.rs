@@ -2,7 +2,7 @@
 
 use crate::analysis::findings::{self, CERTAIN, Candidate, Peak};
 use crate::analysis::identify::{Identification, VERSION};
-use crate::analysis::inference::{Adjustment, Marginal, Posterior, VarianceShares};
+use crate::analysis::inference::{Adjustment, Marginal, Posterior, Tested, VarianceShares};
 use crate::analysis::outcome::{Outcome, Rejected, Tabulated};
 use crate::analysis::rod::beam::Quantity;
 use crate::analysis::signal::modes::{Mode, Motion};
@@ -39,6 +39,7 @@ struct Line<'a> {
     prior_tail: Option<f64>,
     adjustment: Option<String>,
     hangs_on: Option<&'a VarianceShares>,
+    tested: Option<&'a Tested>,
     tracked_force_n: Option<Interval>,
     relative_force: Option<Interval>,
     not_axial_p: Option<f64>,
@@ -190,6 +191,7 @@ impl<'a> Line<'a> {
             prior_tail: None,
             adjustment: None,
             hangs_on: None,
+            tested: None,
             tracked_force_n: None,
             relative_force: None,
             not_axial_p: None,
@@ -238,6 +240,7 @@ impl<'a> Line<'a> {
         self.prior_tail = Some(identification.conflict.prior_tail);
         self.adjustment = Some(adjustment(posterior));
         self.hangs_on = identification.hangs_on.as_ref();
+        self.tested = identification.tested.as_ref();
         self.seed = Some(posterior.seed);
     }
 

@@ -197,6 +197,12 @@ pub enum Rejection {
         /// How often.
         deaths: u32,
     },
+    /// Tests of the rod that give no posterior together with the record.
+    #[error("tests of the rod: {detail}")]
+    UnusableTest {
+        /// Which, and why.
+        detail: String,
+    },
 }
 
 fn missing(share: f64, allowed: f64) -> String {
@@ -247,6 +253,7 @@ impl Rejection {
             Self::SharedTopic { .. } => "shared-topic",
             Self::Broken { .. } => "broken",
             Self::Quarantined { .. } => "quarantined",
+            Self::UnusableTest { .. } => "unusable-test",
         }
     }
 }

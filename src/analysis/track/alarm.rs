@@ -399,6 +399,9 @@ impl<'a> Board<'a> {
         let mut renewed = Vec::new();
         for alarm in self.alarms.iter_mut().filter(|alarm| concerns(alarm)) {
             message.clone_into(&mut alarm.message);
+            if let Some(proviso) = self.proviso.as_ref().filter(|_| alarm.kind.is_latched()) {
+                alarm.message = format!("{message}; {proviso}");
+            }
             alarm.change.clone_from(&known.change);
             alarm.witness = known.witness;
             alarm.alternatives.clone_from(&known.alternatives);

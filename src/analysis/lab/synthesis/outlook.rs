@@ -7,6 +7,7 @@ use super::world::World;
 use crate::analysis::numerics::random;
 use crate::analysis::signal::record::Timestamp;
 use crate::analysis::signal::record::time::{DAY_S, YEAR_D};
+use crate::analysis::track::drift::companions::InPeriod;
 use crate::analysis::track::drift::{
     BankPrior, Companions, Detector, Filters, Regressors, Seen, Shape, ThermalPrior,
 };
@@ -161,10 +162,11 @@ impl Outlook {
             while let Some(reading) = readings.next_if(|reading| reading.time <= moment.start) {
                 filters.push(reading.time.seconds_since(midnight) / DAY_S, reading.celsius);
             }
-            let others = names
-                .iter()
-                .zip(&ratios[1..])
-                .map(|(name, own)| (name.as_str(), own[index]));
+            let others = names.iter().zip(&ratios[1..]).map(|(name, own)| InPeriod {
+                rod: name,
+                ratio: own[index],
+                drifts: false,
+            });
             let median = companions.take(others).ratio;
             let (Some(ratio), Some(filtered)) = (ratios[0][index], filters.at(day)) else {
                 continue;

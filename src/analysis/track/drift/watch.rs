@@ -10,8 +10,8 @@
 //! A drifting thermometer moves every rod's compensated detector, but not the rods relative to each other: a
 //! drift that `peers` also detects is confirmed; rods whose compensated detectors move together are one notice
 //! of the site. Another rod that drifts moves the median: a rod that shows a change only relative to the
-//! median waits while a rod in the median shows more evidence. Once that rod is reported, it leaves the
-//! median, and the detectors that learned with it begin again.
+//! median waits a few periods while a rod in the median shows a larger one. Once that rod is reported, the
+//! median goes on without it.
 
 use super::companions;
 use super::others::{MOVING, Others};
@@ -65,8 +65,10 @@ pub struct DriftWatch {
     /// Last ratios of the other rods.
     #[serde(default)]
     companions: Companions,
-    /// Number of periods in a row without the other rods' median.
+    /// Number of periods in a row without the other rods' median; many if there are too few rods for one.
     without_others: u32,
+    /// Number of periods in a row that no detector with temperature took.
+    without_temperature: u32,
     /// True once this rod moved together with others of which one reported it.
     has_joined: bool,
     /// Sources of the last period: temperature, other rods.
@@ -104,6 +106,8 @@ struct Level {
 struct Sources {
     temperature: bool,
     others: bool,
+    /// True if a detector took it that knows the temperature and not the others.
+    alone: bool,
 }
 
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -159,6 +163,7 @@ impl DriftWatch {
             blind: Detector::new(BankPrior::blind(noise_sd)),
             companions: Companions::default(),
             without_others: 0,
+            without_temperature: 0,
             has_joined: false,
             last: Sources::default(),
             above: Above::default(),
@@ -175,21 +180,38 @@ impl DriftWatch {
         self.compensated.is_some()
     }
 
-    /// R of the detector with the most inputs.
+    /// R of the detector with the most inputs of late.
     pub fn evidence(&self) -> f64 {
-        let detector = self.watching().map(|one| &one.detector);
-        let informed = detector.or(self.peers.as_ref());
+        let detector = self.current_watching().map(|one| &one.detector);
+        let informed = detector.or(self.current_peers());
         informed.unwrap_or(&self.blind).statistic()
     }
 
     /// R of the detector with the most inputs that does not use the other rods, so that no other rod can raise it.
     pub fn evidence_alone(&self) -> f64 {
-        let by_temperature = self.by_temperature.as_ref();
         let knows_no_others = || self.compensated.as_ref().filter(|one| !one.knows_others);
+        let by_temperature = self.by_temperature.as_ref().or_else(knows_no_others);
         by_temperature
-            .or_else(knows_no_others)
+            .filter(|_| self.last.alone)
             .map_or(&self.blind, |one| &one.detector)
             .statistic()
+    }
+
+    /// Size of the change as it stands now, as a share of the force; zero without one.
+    pub fn size(&self) -> f64 {
+        self.change().map_or(0.0, |change| change.size.abs())
+    }
+
+    /// The detector with temperature, unless it has taken no period for long, or the other rods stand in.
+    fn current_watching(&self) -> Option<&Compensated> {
+        let pauses = !self.last.others && self.without_temperature <= companions::PATIENCE;
+        self.watching().filter(|_| self.last.temperature || pauses)
+    }
+
+    /// The detector with the other rods, unless it has taken no period for long.
+    fn current_peers(&self) -> Option<&Detector> {
+        let peers = self.peers.as_ref();
+        peers.filter(|_| self.without_others <= companions::PATIENCE)
     }
 
     /// Slope of N_t / N_0 with a constant temperature, and its standard deviation \[1/K\]; `None` without a
@@ -211,15 +233,12 @@ impl DriftWatch {
     ) -> Charted {
         self.limit = terms.limit;
         let day = period.start.days();
-        let median = self.companions.take(others.ratios(period.index, period_s));
-        if median.has_lost_one && self.evidence_alone() <= MOVING {
-            self.forget_others();
-        }
-        let median = median.ratio;
-        self.without_others = if median.is_some() {
-            0
-        } else {
-            self.without_others.saturating_add(1)
+        let found = self.companions.take(others.in_period(period.index, period_s));
+        let median = found.ratio;
+        self.without_others = match median {
+            Some(_) => 0,
+            None if found.has_few => u32::MAX,
+            None => self.without_others.saturating_add(1),
         };
         self.begin(terms, period, others);
         let regressors = Regressors {
@@ -243,6 +262,7 @@ impl DriftWatch {
             law = compensated.detector.step(&seen);
             at_reference = compensated.change(&seen, terms.limit);
             self.last.temperature = law.is_some();
+            self.last.alone = law.is_some() && !compensated.knows_others;
         }
         if let Some(alone) = &mut self.by_temperature
             && let Some(columns) = alone.columns(day, period.filtered_c.as_ref(), None)
@@ -254,6 +274,7 @@ impl DriftWatch {
                 .learn(day, period.delta, &columns, terms.learning_periods, is_told);
             let seen = seen(period, &columns);
             let by_temperature = alone.detector.step(&seen);
+            self.last.alone = by_temperature.is_some();
             if self.without_others > companions::PATIENCE {
                 self.last.temperature |= by_temperature.is_some();
                 law = law.or(by_temperature);
@@ -268,6 +289,11 @@ impl DriftWatch {
             self.last.others = seen_law.is_some();
             law = law.or(seen_law);
         }
+        self.without_temperature = if self.last.temperature {
+            0
+        } else {
+            self.without_temperature.saturating_add(1)
+        };
         let blind_law = self.blind.step(&seen(period, &regressors.blind(day)));
         self.look(terms.limit);
         let law = law.or(blind_law).unwrap_or(Law {
@@ -288,8 +314,8 @@ impl DriftWatch {
                 .map(|filtered| filtered[SHOWN])
                 .filter(|_| terms.thermal.is_some()),
             evidence: Evidence {
-                compensated: self.watching().map(|one| over(one.detector.statistic())),
-                peers: self.peers.as_ref().map(|one| over(one.statistic())),
+                compensated: self.current_watching().map(|one| over(one.detector.statistic())),
+                peers: self.current_peers().map(|one| over(one.statistic())),
                 blind: Some(over(self.blind.statistic())),
             },
         }
@@ -339,15 +365,6 @@ impl DriftWatch {
         self.compensated = Some(begun(prior, knows_others && terms.thermal.is_some()));
     }
 
-    /// Restarts the detectors that use the other rods, because one of those moved the median.
-    fn forget_others(&mut self) {
-        let beside_others = self.compensated.as_mut().filter(|one| one.knows_others);
-        let detectors = beside_others.map(|one| &mut one.detector).into_iter();
-        for detector in detectors.chain(&mut self.peers) {
-            detector.restart();
-        }
-    }
-
     /// Compensated detector in use: that with the other rods, unless they are absent.
     fn watching(&self) -> Option<&Compensated> {
         let stands_in = self.without_others > companions::PATIENCE;
@@ -378,14 +395,15 @@ impl DriftWatch {
         }
     }
 
-    /// Joint finding of the detectors after the last period.
-    pub(crate) fn finding(&self, others: &Others) -> Finding {
-        if self.evidence_alone() <= MOVING && others.is_one_of_them(self.evidence()) {
+    /// Joint finding of the detectors after the last period, `index`. What shows only relative to the median may be another rod;
+    /// `is_new`: not for so long that it would have been reported.
+    pub(crate) fn finding(&self, others: &Others, index: i64, is_new: bool) -> Finding {
+        if is_new && self.evidence_alone() <= MOVING && others.is_one_of_them(index, self.size()) {
             return Finding::Quiet;
         }
         let has_witnesses = self.peers.is_some() && self.without_others <= companions::PATIENCE;
         let is_calm = others.count() < companions::FEWEST
-            || others.moving() as f64 <= MOVING_SHARE * others.count() as f64;
+            || others.moving(index) as f64 <= MOVING_SHARE * others.count() as f64;
         if self.above.compensated {
             if has_witnesses && self.above.peers {
                 Finding::Drift(Witness::Confirmed)
@@ -487,9 +505,9 @@ impl DriftWatch {
     }
 
     /// Notes if the rod moves with others of which one reported it; returns true if that is over now.
-    pub(crate) fn joins(&mut self, others: &Others, moves: bool) -> bool {
+    pub(crate) fn joins(&mut self, others: &Others, index: i64, moves: bool) -> bool {
         let was_joined = self.has_joined;
-        self.has_joined = others.has_told_common() && (was_joined || moves);
+        self.has_joined = others.has_told_common(index) && (was_joined || moves);
         was_joined && !self.has_joined
     }
 

@@ -7,7 +7,7 @@ use crate::analysis::signal::record::Timestamp;
 use crate::analysis::track::alarm::change::Change;
 use crate::analysis::track::alarm::{Alarm, Cause, Finding, Kind, Known};
 use crate::analysis::track::alternatives::Explained;
-use crate::analysis::track::drift::others::{Neighbour as _, Others};
+use crate::analysis::track::drift::others::{MOVING, Neighbour as _, Others};
 use crate::analysis::track::drift::period::{Period, combined_misfit};
 use crate::analysis::track::drift::watch::{self, DriftWatch, Witness};
 use crate::analysis::track::relative::Shift;
@@ -72,7 +72,9 @@ pub(crate) fn tell_ahead(tracker: &mut Tracker, others: &Others, time: Timestamp
     };
     watch(&mut ahead, &mut period, others);
     look_at_finding(&mut ahead, &period, others, time);
-    if ahead.state.drifts() {
+    // What shows only relative to the others waits until they have their say on the period.
+    let shows_alone = ahead.state.evidence_alone() > MOVING;
+    if ahead.state.drifts() && shows_alone {
         tracker.state.alarms = ahead.state.alarms;
         tracker.state.watches = ahead.state.watches;
         tracker.news = ahead.news;
@@ -164,11 +166,12 @@ fn look_at_misfit(tracker: &mut Tracker, period: &Period, time: Timestamp) {
 
 /// Raises `drift`, `not-axial` or `common` by the finding of the drift watch, unless one of them holds.
 fn look_at_finding(tracker: &mut Tracker, period: &Period, others: &Others, time: Timestamp) {
+    let (drifts, has_lasted) = (tracker.state.drifts(), has_lasted(&tracker.state));
     let Some(watch) = tracker.state.watch.get_mut() else {
         return;
     };
-    let finding = watch.finding(others);
-    if watch.joins(others, finding == watch::Finding::Common) {
+    let finding = watch.finding(others, period.index, !has_lasted);
+    if watch.joins(others, period.index, finding == watch::Finding::Common) && !drifts {
         watch.restart();
         return;
     }
@@ -176,7 +179,7 @@ fn look_at_finding(tracker: &mut Tracker, period: &Period, others: &Others, time
     let state = &tracker.state;
     match finding {
         watch::Finding::Quiet => {}
-        watch::Finding::Drift(_) if state.drifts() => confirm(tracker, finding, &change, period, time),
+        watch::Finding::Drift(_) if drifts => confirm(tracker, finding, &change, period, time),
         watch::Finding::Drift(witness) => {
             let alternatives = explain(tracker, &change, Some(period));
             let p = axial_p(tracker, period, change.onset);
@@ -197,22 +200,26 @@ fn look_at_finding(tracker: &mut Tracker, period: &Period, others: &Others, time
                 witness: Some(witness),
                 alternatives,
             };
-            tracker.on_board(|board| board.raise(kind, time, message, known));
             let cause = if kind == Kind::Drift {
                 Cause::Change
             } else {
                 Cause::Pattern
             };
+            let is_active = |alarm: &Alarm| alarm.kind == kind && alarm.cleared.is_none();
+            if state.alarms.iter().any(is_active) {
+                // Period after period the misfit raised it; now its size and onset are known.
+                tracker.on_board(|board| board.tell_again(time, &message, &known, is_active));
+            } else {
+                tracker.on_board(|board| board.raise(kind, time, message, known));
+            }
             tracker.state.watches.begin(cause);
         }
         // A rod that was reported by itself stays so; one that moves alone is confirmed before others seem to move with it.
         watch::Finding::Common
-            if state.drifts()
-                || state.holds(Kind::Common)
-                || others.has_told_common()
-                || !has_lasted(state) => {}
+            if drifts || state.holds(Kind::Common) || others.has_told_common(period.index) || !has_lasted => {
+        }
         watch::Finding::Common => {
-            let message = common_message(&change, others);
+            let message = common_message(&change, others, period.index);
             let known = Known {
                 change: Some(change),
                 ..Known::default()
@@ -324,9 +331,10 @@ fn look_at_leverage(tracker: &mut Tracker, period: &Period, time: Timestamp) {
 /// Ends the alarms raised by evidence once the change is gone; the watch restarts with its knowledge of
 /// temperature.
 fn look_at_end(tracker: &mut Tracker, period: &Period, time: Timestamp) {
+    let is_pattern = tracker.state.watches.stands(Cause::Pattern);
     let by_evidence = |alarm: &&Alarm| match alarm.kind {
         Kind::Drift | Kind::Common => alarm.cleared.is_none(),
-        Kind::NotAxial => alarm.cleared.is_none() && alarm.change.is_some(),
+        Kind::NotAxial => alarm.cleared.is_none() && is_pattern,
         _ => false,
     };
     let sizes = tracker.state.alarms.iter().filter(by_evidence);
@@ -336,20 +344,20 @@ fn look_at_end(tracker: &mut Tracker, period: &Period, time: Timestamp) {
     };
     let is_settled = tracker.state.watch.get().is_some_and(DriftWatch::is_settled);
     let evidence = charted.evidence.best_informed();
-    let holds = if is_settled && evidence < FAINT_EVIDENCE {
-        Some(false)
-    } else if let (Some(change), Some(sd)) = (charted.at_reference, charted.at_reference_sd) {
-        let over = sd.max(OVER_SHARE * size);
-        // A small change ends nothing as long as it is evident.
-        beyond(change.abs(), 2.0 * over, over).filter(|holds| *holds || evidence < 1.0)
-    } else {
-        // Without a temperature, a lasting change is learned as normal: only the evidence ends the alarm.
-        None
-    };
+    let by_level = charted
+        .at_reference
+        .zip(charted.at_reference_sd)
+        .and_then(|(change, sd)| {
+            let over = sd.max(OVER_SHARE * size);
+            // A small change ends nothing as long as it is evident.
+            beyond(change.abs(), 2.0 * over, over).filter(|holds| *holds || evidence < 1.0)
+        });
+    // Without a temperature, a lasting change is learned as normal: only the evidence ends the alarm.
+    let is_faint = is_settled && evidence < FAINT_EVIDENCE;
+    let holds = by_level.or(is_faint.then_some(false));
     if tracker.find(Cause::Change, holds) != Finding::Over {
         return;
     }
-    let is_pattern = tracker.state.watches.stands(Cause::Pattern);
     tracker.state.watches.end(Cause::Pattern);
     let misfit_holds = tracker.state.watches.stands(Cause::Misfit);
     tracker.on_board(|board| {
@@ -395,7 +403,7 @@ pub(crate) fn drift_message(change: &Change, witness: Witness, alternatives: Opt
     let who = match witness {
         Witness::Confirmed => "; the other rods confirm that it is this rod",
         Witness::Unconfirmed => "; the other rods do not confirm it yet",
-        Witness::Alone => "; with fewer than three rods a thermometer that drifts looks the same",
+        Witness::Alone => "; no other rods bear witness: a thermometer that drifts looks the same",
         Witness::Peers => "; there is no temperature, the other rods of the site stand in for it",
         Witness::Blind => "; there is no temperature: a sudden change of weather may look the same",
     };
@@ -413,11 +421,11 @@ pub(crate) fn drift_message(change: &Change, witness: Witness, alternatives: Opt
     )
 }
 
-fn common_message(change: &Change, others: &Others) -> String {
+fn common_message(change: &Change, others: &Others, index: i64) -> String {
     format!(
         "{} of {} rods moved together since about {}: the thermometer, the weather, or the whole structure; no rod differs from the \
          others",
-        others.moving() + 1,
+        others.moving(index) + 1,
         others.count() + 1,
         date(change.onset)
     )

@@ -215,12 +215,20 @@ impl Neighbour for State {
         (weight > 0.0).then(|| sum / weight)
     }
 
-    fn evidence(&self) -> Option<f64> {
-        self.watch.get().map(DriftWatch::evidence)
+    fn last_period(&self) -> Option<i64> {
+        self.closed
     }
 
-    fn evidence_alone(&self) -> Option<f64> {
-        self.watch.get().map(DriftWatch::evidence_alone)
+    fn evidence(&self) -> f64 {
+        self.watch.get().map_or(0.0, DriftWatch::evidence)
+    }
+
+    fn evidence_alone(&self) -> f64 {
+        self.watch.get().map_or(0.0, DriftWatch::evidence_alone)
+    }
+
+    fn size(&self) -> f64 {
+        self.watch.get().map_or(0.0, DriftWatch::size)
     }
 
     fn drifts(&self) -> bool {

@@ -228,6 +228,7 @@ fn the_page_draws_follows_and_acknowledges() {
     let age = browser.run("return document.querySelector('#newest .age').className");
     assert_eq!(age, "age stale");
     drawn_is_data(&browser, &server);
+    saved_is_data(&browser, &server);
     let before = browser.run("return document.getElementById('relative').dataset.points");
 
     // A record comes while the page is open.
@@ -372,6 +373,49 @@ fn drawn_is_data(browser: &Browser, server: &Server) {
         let off = (drawn[0] - wanted[0]).hypot(drawn[1] - wanted[1]);
         assert!(off < 0.02, "{drawn:?} {wanted:?}");
     }
+}
+
+/// Compares what `CSV` saves with the answer of the API, digit by digit, and looks whether `SVG` saves a picture.
+fn saved_is_data(browser: &Browser, server: &Server) {
+    let save = |plot: &str, place: usize| {
+        let script = format!(
+            "const done = arguments[0];
+             URL.createObjectURL = (blob) => {{ blob.text().then(done); return 'data:,'; }};
+             document.querySelectorAll('#{plot} ~ .save button')[{place}].click();"
+        );
+        let saved = browser.post("/execute/async", &json!({"script": script, "args": []}));
+        saved.as_str().unwrap().to_owned()
+    };
+    let answer = server.get("/api/v1/rods/south/frequencies");
+    let csv = save("frequencies", 0);
+    let rows: Vec<Vec<&str>> = csv.lines().map(|line| line.split(',').collect()).collect();
+    assert!(
+        rows[0][0] == "time (UTC)" && rows[0][1].ends_with("[Hz]"),
+        "{csv}"
+    );
+    let shown: Vec<usize> = (0..answer["time"].as_array().unwrap().len())
+        .filter(|i| {
+            let modes = answer["modes"].as_array().unwrap();
+            modes.iter().any(|mode| !mode["frequency_hz"][*i].is_null())
+        })
+        .collect();
+    assert_eq!(rows.len() - 1, shown.len());
+    for (row, i) in rows[1..].iter().zip(shown) {
+        for (place, mode) in answer["modes"].as_array().unwrap().iter().enumerate() {
+            let cell = row[1 + 3 * place];
+            match mode["frequency_hz"][i].as_f64() {
+                Some(frequency_hz) => assert_eq!(cell.parse(), Ok(frequency_hz)),
+                None => assert_eq!(cell, ""),
+            }
+        }
+    }
+    let picture = save("relative", 1);
+    assert!(
+        picture.starts_with("<svg")
+            && picture.contains("class=\"band")
+            && !picture.contains("class=\"cursor"),
+        "{picture}"
+    );
 }
 
 #[test]

@@ -302,5 +302,5 @@ fn what_is_written_while_others_come_and_go_stays() {
         .unwrap();
     }
     let copy = Reader::open(&folder.path().join("copy.db")).unwrap();
-    assert_eq!(copy.lines_after(0, 1000).unwrap().len(), 60);
+    assert_eq!(copy.rows_after(0, 1000).unwrap().len(), 60);
 }

@@ -242,19 +242,19 @@ fn describe(plan: &Plan, identification: &Identification) -> String {
     }
     line(String::new());
     line(format!(
-        "  {:<24} {:>12} {:>6}   {:>12} {:>6}   {:>12} {:>12}",
+        "  {:<22} {:>10} {:>5}  {:>10} {:>5}  {:>9} {:>9}",
         "quantity", "prior mean", "CV", "posterior", "CV", "2.5 %", "97.5 %"
     ));
     let prior = &plan.settings().prior;
     for (quantity, before) in prior.parameterisation().quantities().iter().zip(prior.priors()) {
         let (mean, sd) = before.mean_and_sd();
         if before.is_fixed() {
-            line(format!("  {:<24} {mean:>12.5}  fixed", quantity.key()));
+            line(format!("  {:<22} {mean:>10.5}  fixed", quantity.key()));
         } else if let Prior::Fixity(fixity) = before {
             line(fixity_row(*quantity, fixity, &identification.posterior));
         } else if let Some(after) = identification.posterior.marginal(*quantity) {
             line(format!(
-                "  {:<24} {:>12.4e} {:>6.3}   {:>12.4e} {:>6.3}   {:>12.4e} {:>12.4e}",
+                "  {:<22} {:>10.4e} {:>5.3}  {:>10.4e} {:>5.3}  {:>9.4e} {:>9.4e}",
                 quantity.key(),
                 mean,
                 sd / mean,
@@ -306,7 +306,7 @@ fn fixity_row(support: Quantity, fixity: &Fixity, posterior: &Posterior) -> Stri
     let after = diagnostics::mean(&values, weights);
     let quantiles = diagnostics::quantiles(&values, weights, &[0.025, 0.975]);
     format!(
-        "  {name:<24} {mean:>12.4} {:>6.3}   {after:>12.4} {:>6.3}   {:>12.4} {:>12.4}",
+        "  {name:<22} {mean:>10.4} {:>5.3}  {after:>10.4} {:>5.3}  {:>9.4} {:>9.4}",
         sd / mean,
         diagnostics::sd(&values, weights) / after,
         quantiles[0],

@@ -104,11 +104,18 @@ impl Template<'_> {
             quoted(&sensor.field),
             sensor.unit.key()
         );
+        if let Some(stamp) = &sensor.stamp {
+            let _ = writeln!(
+                text,
+                "time = {{ field = {} }}   # the messages' own time; without this line, when they were logged",
+                quoted(stamp)
+            );
+        }
         if let Some(fs_hz) = sensor.fs_hz {
             let _ = writeln!(text, "fs_hz = {fs_hz:?}");
         }
         match thermometer {
-        Some(Content { topic, field: Ok(field), unit: Some(unit), array_fs_hz }) => {
+        Some(Content { topic, field: Ok(field), unit: Some(unit), array_fs_hz, stamp, .. }) => {
             let _ = write!(
                 text,
                 "\n[rod.temperature]              # without it a warm day looks like a loss\ntopic = {}\nfield = {}\nunit = \"{}\"\n",
@@ -116,6 +123,9 @@ impl Template<'_> {
                 quoted(field),
                 unit.key()
             );
+            if let Some(stamp) = stamp {
+                let _ = writeln!(text, "time = {{ field = {} }}", quoted(stamp));
+            }
             if let Some(fs_hz) = array_fs_hz {
                 let _ = writeln!(text, "fs_hz = {fs_hz:?}");
             }
@@ -167,6 +177,7 @@ mod tests {
         let sensor = Sensor {
             topic: "/a \"b\"\\".to_owned(),
             field: "value".to_owned(),
+            stamp: Some("header.stamp".to_owned()),
             unit: Unit::StandardGravity,
             says_unit: true,
             fs_hz: None,

@@ -6,6 +6,7 @@
 mod abc;
 mod alarm;
 mod channel;
+pub mod datum;
 mod effective;
 mod emulator;
 mod fault;
@@ -27,6 +28,7 @@ mod spectrum;
 mod store;
 mod suggestion;
 mod take;
+mod test;
 mod track;
 mod value;
 

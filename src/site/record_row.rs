@@ -3,7 +3,7 @@
 
 use crate::analysis::findings::{self, CERTAIN, Candidate, Peak};
 use crate::analysis::identify::{Identification, VERSION};
-use crate::analysis::inference::{Adjustment, Marginal, Posterior, VarianceShares};
+use crate::analysis::inference::{Adjustment, Marginal, Posterior, Tested, VarianceShares};
 use crate::analysis::outcome::{Outcome, Rejected, Tabulated};
 use crate::analysis::rod::beam::Quantity;
 use crate::analysis::signal::modes::{Mode, Motion};
@@ -66,6 +66,9 @@ pub struct RecordRow {
     /// Sensitivities of the force.
     #[serde(default, deserialize_with = "tolerant")]
     pub hangs_on: Option<VarianceShares>,
+    /// Effect of the rod's tests on the posterior.
+    #[serde(default, deserialize_with = "tolerant")]
+    pub tested: Option<Tested>,
     /// Force given the baseline, at the measured temperature \[N\].
     pub tracked_force_n: Option<Interval>,
     /// N_t / N_0 at the measured temperature.
@@ -336,6 +339,7 @@ impl RecordRow {
         self.prior_tail = Some(identification.conflict.prior_tail);
         self.adjustment = Some(adjustment(posterior));
         self.hangs_on.clone_from(&identification.hangs_on);
+        self.tested.clone_from(&identification.tested);
         self.seed = Some(posterior.seed);
     }
 

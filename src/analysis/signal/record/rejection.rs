@@ -205,6 +205,12 @@ pub enum Rejection {
         /// Number of crashes.
         deaths: u32,
     },
+    /// Tests of the rod that give no posterior together with the record.
+    #[error("tests of the rod: {detail}")]
+    UnusableTest {
+        /// Which, and why.
+        detail: String,
+    },
 }
 
 fn missing(share: f64, allowed: f64) -> String {
@@ -255,6 +261,7 @@ impl Rejection {
             Self::SharedTopic { .. } => "shared-topic",
             Self::Broken { .. } => "broken",
             Self::Quarantined { .. } => "quarantined",
+            Self::UnusableTest { .. } => "unusable-test",
         }
     }
 }

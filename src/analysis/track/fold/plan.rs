@@ -64,7 +64,7 @@ impl TrackPlan {
         }
     }
 
-    /// The rod.
+    /// The rod of the result.
     pub fn rod(&self) -> &RodId {
         &self.rod
     }

@@ -48,7 +48,7 @@ pub struct AnalysisSettings {
 /// Tests of a rod at one moment.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RodTest {
-    /// Time of the reading.
+    /// Time of the test.
     pub time: Timestamp,
     /// Time around the test within which a record that begins has the test's force \[s\].
     pub pairs_within_s: f64,

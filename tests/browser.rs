@@ -375,7 +375,8 @@ fn drawn_is_data(browser: &Browser, server: &Server) {
     }
 }
 
-/// Compares what `CSV` saves with the answer of the API, digit by digit, and looks whether `SVG` saves a picture.
+/// Compares what `CSV` saves with the answer of the API, digit by digit, and checks that `SVG` saves a
+/// picture.
 fn saved_is_data(browser: &Browser, server: &Server) {
     let save = |plot: &str, place: usize| {
         let script = format!(

@@ -18,7 +18,7 @@ const MASS: PointMass = PointMass {
     at: 0.3,
 };
 
-/// A rod of which much is known: modulus 5 %, density 3 %, side 2 %; with a discrepancy of 1 %.
+/// A rod with a narrow prior: modulus 5 %, density 3 %, side 2 %; with a discrepancy of 1 %.
 fn informed() -> RodPrior {
     let normal = |mean: f64, cv: f64| Prior::TruncatedNormal { mean, sd: cv * mean };
     let priors = vec![

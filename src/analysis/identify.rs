@@ -35,7 +35,7 @@ pub struct AnalysisSettings {
     pub peaks: PeakSettings,
     /// Modes searched for.
     pub modes: ModeSettings,
-    /// Tests of the rod: what they say of everything but the force holds for every record.
+    /// Tests of the rod: their information about everything but the force applies to every record.
     pub tests: Vec<RodTest>,
     /// Settings of the inference of the force.
     pub abc: AbcSettings,
@@ -48,11 +48,11 @@ pub struct AnalysisSettings {
 /// Tests of a rod at one moment.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RodTest {
-    /// When.
+    /// Time of the test.
     pub time: Timestamp,
-    /// A record that begins within so much of the test has the test's force \[s\].
+    /// Time around the test within which a record that begins has the test's force \[s\].
     pub pairs_within_s: f64,
-    /// What was measured.
+    /// Measured data.
     pub data: Vec<Datum>,
 }
 
@@ -79,7 +79,7 @@ pub struct Identification {
     pub conflict: Conflict,
     /// The sources of the force's variance; `None` where the posterior is too small a sample to tell.
     pub hangs_on: Option<VarianceShares>,
-    /// What tests of the rod did to the posterior; `None` where none took part.
+    /// Effect of the rod's tests on the posterior; `None` without tests.
     pub tested: Option<Tested>,
 }
 
@@ -251,8 +251,8 @@ impl Plan {
         self.infer(modes, seed)
     }
 
-    /// Frequencies measured elsewhere together with data of the same moment: tests, a record with a mass on the rod, direct
-    /// measurements.
+    /// Analyses frequencies measured elsewhere together with data of the same moment: tests, a record with a
+    /// mass on the rod, direct measurements.
     ///
     /// # Errors
     /// The reason why they give no force.
@@ -265,7 +265,7 @@ impl Plan {
         self.settings.tests.iter().map(|test| test.data.clone()).collect()
     }
 
-    /// A record that gave a force, together with data of the same moment.
+    /// Analyses a record that gave a force, together with data of the same moment.
     ///
     /// # Errors
     /// The reason why they give no force.
@@ -305,7 +305,8 @@ impl Plan {
         Ok(conflict)
     }
 
-    /// Frequencies of a moment: with a test of that moment jointly, since then one force stands behind both.
+    /// Posterior of a moment's frequencies, jointly with a test of that moment, because both then have one
+    /// force.
     fn infer_at(&self, start: Timestamp, modes: Vec<Mode>, seed: u64) -> Result<Identification, Rejection> {
         let (now, others): (Vec<&RodTest>, Vec<&RodTest>) =
             self.settings.tests.iter().partition(|test| test.is_of(start));
@@ -366,7 +367,7 @@ impl Plan {
     }
 }
 
-/// The identity of frequencies that no record stands behind.
+/// Identity of frequencies without a record.
 fn identity_of(modes: &[Mode]) -> Vec<u8> {
     let mut identity = Vec::with_capacity(modes.len() * 24);
     for mode in modes {

@@ -257,7 +257,7 @@ fn tests_of(args: &Args, config: &Config, plans: &Arc<Plans>, plan: &Plan) -> an
     Ok(Some(tests))
 }
 
-/// A record's outcome with the tests; `None` for one that gave no force anyway.
+/// A record's outcome with the tests; `None` if the record alone gave no force.
 fn with_tests(outcome: &Outcome, plans: &Plans, tests: &Tests) -> Option<Outcome> {
     let Outcome::Identified(found) = outcome else {
         return None;

@@ -1,4 +1,4 @@
-//! `tirante plan`: what to measure next at a rod.
+//! `tirante plan`: ranks further measurements of a rod.
 
 use super::progress::Progress;
 use super::setup::{self, Setup};
@@ -7,20 +7,20 @@ use crate::analysis::inference::joint::next::{self, Campaign, Worth};
 use serde::Serialize;
 use std::process::ExitCode;
 
-/// Width of a bar that stands for all of the standard deviation.
+/// Width of a bar for the whole standard deviation.
 const BAR: f64 = 40.0;
 
 /// Ranks what to measure next at a rod: the share of the force's standard deviation that each measurement is expected to leave.
 ///
-/// Simulates rods of the prior (or of what `[[rod.test]]` left of it), measures each with and without the further measurement, and
-/// compares the posteriors. Changes nothing.
+/// Simulates rods of the prior (or of the posterior of `[[rod.test]]`), measures each with and without the
+/// further measurement, and compares the posteriors. Changes nothing.
 #[derive(Debug, Clone, clap::Args)]
 #[command(after_help = "Examples:
   tirante plan --config site.toml --rod north-3
   tirante plan --config site.toml --minutes load=10,mass=20,caliper=5,density=60
   tirante plan --json")]
 pub struct Args {
-    /// The rod of the configuration; needed if it has several.
+    /// Rod of the configuration; required if it has several.
     #[arg(long, value_name = "ID")]
     pub rod: Option<String>,
 
@@ -28,7 +28,8 @@ pub struct Args {
     #[arg(long, value_name = "HZ", default_value_t = 0.01)]
     pub sd: f64,
 
-    /// Minutes that measurements take, by their names in the table: they are then ranked by what a minute buys.
+    /// Minutes that measurements take, by their names in the table: they are then ranked by the gain per
+    /// minute.
     #[arg(long, value_name = "NAME=MINUTES", value_delimiter = ',')]
     pub minutes: Vec<String>,
 
@@ -40,7 +41,7 @@ pub struct Args {
     #[arg(long)]
     pub json: bool,
 
-    /// The configuration.
+    /// Configuration of the run.
     #[command(flatten)]
     pub setup: Setup,
 }
@@ -52,7 +53,7 @@ struct Row<'a> {
     #[serde(flatten)]
     worth: Worth,
     minutes: Option<f64>,
-    /// Fall of the logarithm of the standard deviation in a minute.
+    /// Decrease of the logarithm of the standard deviation per minute.
     per_minute: Option<f64>,
 }
 

@@ -28,7 +28,7 @@ pub struct Sensor {
     pub topic: String,
     /// Field of a message that holds the samples.
     pub field: String,
-    /// Field of the messages' own time; without one the stamps beside them count.
+    /// Field of the messages' own time; without it the file's stamps apply.
     pub stamp: Option<String>,
     /// Unit of the samples.
     pub unit: Unit,

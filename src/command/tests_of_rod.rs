@@ -1,4 +1,4 @@
-//! Tests of a rod as flags of `identify`, and what they did to the force in words.
+//! Tests of a rod as flags of `identify`, and a description of their effect on the force.
 
 use super::BadArguments;
 use crate::analysis::inference::Tested;
@@ -12,7 +12,7 @@ use crate::config::datum::{self, Kind};
 
 /// Score from which a datum is marked.
 const MARKED: f64 = 3.0;
-/// Relative rise of the force under a load test that is worth a word.
+/// Least relative rise of the force under a load test that is reported.
 const STIFF: f64 = 0.01;
 
 /// Tests and measurements of the moment of the record.
@@ -65,7 +65,7 @@ pub struct TestFlags {
 
 /// The same, read for one rod.
 pub struct Tests {
-    /// Data that need nothing else.
+    /// Data that are complete by themselves.
     pub data: Vec<Datum>,
     /// The mass that frequencies or a record belong to.
     pub mass: Option<PointMass>,
@@ -75,7 +75,7 @@ impl TestFlags {
     /// Data of a rod with this prior.
     ///
     /// # Errors
-    /// What cannot be read or cannot be, with the flag.
+    /// A value that cannot be read, or is impossible, with the flag.
     pub fn read(&self, prior: &RodPrior) -> Result<Tests, BadArguments> {
         let length_m = prior
             .of(Quantity::Length)
@@ -138,7 +138,7 @@ impl TestFlags {
         Ok(tests)
     }
 
-    /// Whether nothing was given.
+    /// True if no test was given.
     pub fn is_empty(&self) -> bool {
         [&self.load, &self.mass, &self.strain, &self.shape, &self.measured]
             .iter()
@@ -150,7 +150,7 @@ impl Tests {
     /// Adds the frequencies of the rod with the mass on it.
     ///
     /// # Errors
-    /// A mass that cannot be.
+    /// An impossible mass.
     pub fn add_loaded(&mut self, modes: &[Mode], prior: &RodPrior) -> Result<(), BadArguments> {
         let mass = self.mass;
         for mode in modes {
@@ -171,7 +171,7 @@ impl Tests {
     }
 }
 
-/// What the tests did, in lines.
+/// Description of the tests' effect, in lines.
 pub fn described(tested: &Tested, mean_n: f64, sd_n: f64) -> Vec<String> {
     let kn = |n: f64| 1e-3 * n;
     let digits = if sd_n < 1e3 { 2 } else { 0 };

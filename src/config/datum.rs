@@ -20,7 +20,7 @@ use crate::analysis::rod::query::Query;
 /// Relative standard error of a value given without one.
 pub const ASSUMED_ERROR: f64 = 0.03;
 
-/// What is written.
+/// Kind of a measurement.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Kind {
     /// A load and the deflection under it, at rest or just before its release.
@@ -39,7 +39,7 @@ impl Kind {
     /// Every kind.
     pub const ALL: [Self; 5] = [Self::Load, Self::Mass, Self::Strain, Self::Shape, Self::Measured];
 
-    /// The name of its key and flag.
+    /// Name of its key and flag.
     pub fn key(self) -> &'static str {
         match self {
             Self::Load => "load",
@@ -62,10 +62,10 @@ impl Kind {
     }
 }
 
-/// The datum that `text` stands for, on a rod of this length.
+/// Parses a datum of a rod of this length.
 ///
 /// # Errors
-/// The reason why it is none, with an example.
+/// The reason why it is invalid, with an example.
 pub fn datum(kind: Kind, text: &str, length_m: f64) -> Result<Datum, String> {
     let read = match kind {
         Kind::Load => load(text, length_m),
@@ -76,10 +76,10 @@ pub fn datum(kind: Kind, text: &str, length_m: f64) -> Result<Datum, String> {
     read.map_err(|why| format!("{text:?}: {why}; an example: {}", kind.example()))
 }
 
-/// A mass and its place, without a value.
+/// Parses a mass and its place, without a value.
 ///
 /// # Errors
-/// The reason why it is none.
+/// The reason why it is invalid.
 pub fn mass(text: &str, length_m: f64) -> Result<PointMass, String> {
     let (amount, at) = cut(text, '@', "where the mass is")?;
     let (value, unit) = number(amount)?;
@@ -295,7 +295,7 @@ fn cut<'t>(text: &'t str, at: char, missing: &str) -> Result<(&'t str, &'t str),
         .ok_or_else(|| format!("{missing} is missing behind '{at}'"))
 }
 
-/// The value and its error, which stands behind `+-` or `±`.
+/// Splits a value from its error, which follows `+-` or `±`.
 fn parted(text: &str) -> (&str, Option<&str>) {
     let bare = |text: &'_ str| text.trim().len();
     match text.split_once("+-").or_else(|| text.split_once('\u{b1}')) {
@@ -360,7 +360,7 @@ fn plain(text: &str) -> Result<f64, String> {
     }
 }
 
-/// A number and the unit behind it, which is in lower case but for a caller's own.
+/// A number and the unit after it, in lower case except for a caller's own.
 fn number(text: &str) -> Result<(f64, &'static str), String> {
     const UNITS: [&str; 44] = [
         "", "n", "kn", "dan", "kgf", "kp", "lbf", "kg", "g", "t", "lb", "lbs", "l", "m", "cm", "mm", "um",

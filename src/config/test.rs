@@ -1,5 +1,5 @@
-//! `[[rod.test]]`: tests and measurements of a rod at one moment. What they say of everything but the axial force holds for every
-//! record; the force itself for the records of that moment alone.
+//! `[[rod.test]]`: tests and measurements of a rod at one moment. Their information about everything but the
+//! axial force applies to every record, that about the force only to the records of that moment.
 
 use super::datum::{self, Kind};
 use super::range::{Range, toml_string};
@@ -16,7 +16,7 @@ use crate::analysis::rod::query::Query;
 /// Time within which a record pairs with a test if it states none \[h\].
 const PAIRS_WITHIN_H: f64 = 1.0;
 
-/// All tests of one rod; none in the place of one with a fault.
+/// Reads all tests of one rod; those with a fault are left out.
 pub(super) fn read_all(table: &mut Table<'_>, prior: Option<&RodPrior>) -> Vec<Option<RodTest>> {
     table.list("test", "Tests of the rod at one moment.", |table| {
         read(table, prior)

@@ -152,10 +152,11 @@ impl Inference {
         })
     }
 
-    /// The same rod after tests, moment by moment: what they say of everything but the force becomes the prior of every record.
+    /// The same rod after tests, moment by moment: their information about everything but the force becomes
+    /// the prior of every record.
     ///
     /// # Errors
-    /// Tests that give no posterior, or a sequence of populations, which knows no table.
+    /// Tests that give no posterior, or a sequence of populations, which has no table.
     pub fn after(self, tests: &[Vec<Datum>], tables: &Tables) -> Result<Self, PlanError> {
         if tests.is_empty() {
             return Ok(self);
@@ -188,7 +189,8 @@ impl Inference {
         })
     }
 
-    /// Discrepancy that the generative model adds to the table's frequencies: none where tests have put it there.
+    /// Discrepancy that the generative model adds to the table's frequencies: none if tests have already
+    /// included it.
     fn added_discrepancy(&self) -> Vec<f64> {
         match self.is_tested {
             true => vec![0.0; self.discrepancy.len()],

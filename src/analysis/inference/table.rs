@@ -34,8 +34,8 @@ impl Table {
         Self::conditioned(prior, model, None, modes, draws, seed)
     }
 
-    /// The same with everything but the axial force from what tests left of the rod; the model's discrepancy is then part of the
-    /// frequencies.
+    /// The same with everything but the axial force from the posterior of tests; the model's discrepancy is
+    /// then part of the frequencies.
     pub fn conditioned(
         prior: &RodPrior,
         model: &dyn ForwardModel,
@@ -200,7 +200,8 @@ impl NoiseTable {
     }
 }
 
-/// What tests left of a rod besides its force: a weighted sample of its parameters with the model's discrepancies.
+/// Posterior of a rod after tests, without its force: a weighted sample of its parameters with the model's
+/// discrepancies.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Statics {
     width: usize,

@@ -6,17 +6,17 @@ use crate::analysis::signal::record::Rejection;
 use serde::{Deserialize, Serialize};
 
 /// Conflict score above which frequencies enter with the tolerance of rejection: no beam has them, and the exact posterior of a model
-/// that the data exclude is no statement about the rod.
+/// that the data exclude has no meaning for the rod.
 const CONTRADICTED: f64 = 4.0;
 
-/// What tests did to a posterior.
+/// Effect of tests on a posterior.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Tested {
-    /// How the joint posterior came about.
+    /// Method by which the joint posterior was computed.
     pub sampler: Sampler,
-    /// Populations after the draws from the prior.
+    /// Number of populations after the draws from the prior.
     pub populations: usize,
-    /// Mean of the force that the frequencies alone give \[N\]; `None` where they give none.
+    /// Mean of the force that the frequencies alone give \[N\]; `None` if they give none.
     pub alone_mean_n: Option<f64>,
     /// Its standard deviation \[N\].
     pub alone_sd_n: Option<f64>,

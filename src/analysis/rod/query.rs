@@ -1,4 +1,4 @@
-//! Questions a measurement asks of a rod, and their answers from the exact beam.
+//! Quantities that can be measured on a rod, and their values by the exact beam.
 
 use super::beam::receptance::{self, PointLoad, PointMass};
 use super::beam::shape::Shape;
@@ -77,7 +77,7 @@ impl Query {
         }
     }
 
-    /// Whether its answer may be negative.
+    /// True if its answer may be negative.
     pub fn is_signed(&self) -> bool {
         matches!(self, Self::AmplitudeRatio { .. } | Self::StrainRatio { .. })
     }
@@ -119,7 +119,7 @@ impl Queries {
     /// Answers of the rod `theta`, one per query.
     ///
     /// # Errors
-    /// What is no beam.
+    /// The parameters are not those of a beam.
     pub fn answers(&self, theta: &[f64], out: &mut [f64]) -> Result<(), OutsideRange> {
         let beam = self.parameterisation.beam(theta);
         let mut free = [0.0; MAX_MODES];

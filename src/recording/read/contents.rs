@@ -30,7 +30,7 @@ pub struct Content {
     pub topic: String,
     /// Field that holds its samples; if none was found, a description of the messages.
     pub field: Result<String, String>,
-    /// Fields that are numbers, where none of the usual ones was found.
+    /// Numeric fields, if none of the usual fields was found.
     pub numbers: Vec<String>,
     /// Field of the messages' own time, if they have one.
     pub stamp: Option<String>,

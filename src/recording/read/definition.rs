@@ -1,15 +1,15 @@
-//! A message definition that can be asked which fields it has.
+//! Fields of a message definition.
 
 use super::decode::{DecodeError, Decoded, Decoder, SchemaRef, Time};
 use crate::analysis::signal::record::TimeSource;
 
-/// The time that robots stamp their messages with (`std_msgs/Header`).
+/// Field of the time stamp of robots' messages (`std_msgs/Header`).
 const STAMP: &str = "header.stamp";
-/// A name that no message has: asking for it tells the names there are.
+/// Field name that no message has: the error for it lists the existing names.
 const NOBODY: &str = "no_such_field_here";
-/// Most fields that are offered.
+/// Largest number of fields offered.
 const MOST: usize = 24;
-/// Levels of messages within messages that are looked into.
+/// Number of levels of nested messages that are searched.
 const DEPTH: usize = 3;
 
 /// A channel's encoding and schema.
@@ -20,7 +20,7 @@ pub(super) struct Definition {
 }
 
 impl Definition {
-    /// Of a channel.
+    /// Definition of a channel.
     pub(super) fn of(encoding: &str, schema: Option<SchemaRef<'_>>) -> Self {
         Self {
             encoding: encoding.to_owned(),
@@ -37,7 +37,7 @@ impl Definition {
         Decoder::compile(&self.encoding, schema, field, time)?.decode(message, &mut Vec::new())
     }
 
-    /// The fields of a message that are numbers or arrays of numbers, as paths; those of its header are none of a sensor.
+    /// Paths of the fields of a message that are numbers or arrays of numbers, except those of its header.
     pub(super) fn numbers(&self, message: &[u8]) -> Vec<String> {
         let mut found = Vec::new();
         let mut prefixes = vec![(String::new(), 0)];
@@ -62,7 +62,7 @@ impl Definition {
         found
     }
 
-    /// The field of a message's own time, if it has one that a clock set.
+    /// Field of a message's own time, if it has one and it is set.
     pub(super) fn stamp(&self, field: &str, message: &[u8]) -> Option<String> {
         let source = TimeSource::Field(STAMP.to_owned());
         match self.read(field, &source, message) {

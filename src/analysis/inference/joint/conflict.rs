@@ -1,4 +1,4 @@
-//! Which datum contradicts the others: each against the posterior of the rest.
+//! Finds data that contradict the others: each is compared with the posterior of the rest.
 
 use super::density::Problem;
 use super::{Joint, JointSettings, Pilot};
@@ -8,31 +8,32 @@ use serde::{Deserialize, Serialize};
 use statrs::distribution::{ChiSquared, ContinuousCDF, Normal};
 use std::borrow::Cow;
 
-/// Score above which a slip is looked for.
+/// Score above which a slip is searched for.
 const DOUBTED: f64 = 3.0;
-/// Score below which a slip would explain the datum.
+/// Score below which a slip explains the datum.
 const EXPLAINED: f64 = 2.0;
-/// Scores end here: further out the tail of a normal distribution means nothing.
+/// Upper limit of scores: further out the tail of a normal distribution has no meaning.
 const MOST: f64 = 8.0;
 
-/// One datum, or the frequencies of one moment, against all other data.
+/// Comparison of one datum, or of the frequencies of one moment, with all other data.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct DatumConflict {
     /// In words.
     pub datum: String,
-    /// Standard deviations between the datum and what the others predict, as a normal score without sign, at most 8.
+    /// Standard deviations between the datum and its prediction by the others, as a normal score without
+    /// sign, at most 8.
     pub score: f64,
-    /// Value measured; `None` for frequencies together.
+    /// Measured value; `None` for a group of frequencies.
     pub value: Option<f64>,
-    /// Mean of what the others predict.
+    /// Mean of the prediction by the others.
     pub predicted: Option<f64>,
-    /// Its standard deviation, the datum's own error not included.
+    /// Standard deviation of the prediction, without the datum's own error.
     pub predicted_sd: Option<f64>,
     /// A slip that would explain the datum.
     pub hint: Option<Cow<'static, str>>,
 }
 
-/// Every datum, the frequencies of one moment together.
+/// Compares every datum, with the frequencies of one moment as a group.
 pub(super) fn each(joint: &Joint<'_>, problem: &Problem, pilot: &Pilot, seed: u64) -> Vec<DatumConflict> {
     let mut groups: Vec<Vec<usize>> = Vec::new();
     for (i, datum) in problem.data.iter().enumerate() {

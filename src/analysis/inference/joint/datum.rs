@@ -1,4 +1,5 @@
-//! One measurement of a rod besides its records: a question, the value found, its standard error; and what makes it none.
+//! One measurement of a rod besides its records: the query, the value, its standard error, and the faults
+//! that make it invalid.
 
 use crate::analysis::rod::beam::forward::MAX_MODES;
 use crate::analysis::rod::beam::receptance::stiffening;
@@ -7,21 +8,22 @@ use crate::analysis::rod::prior::RodPrior;
 use crate::analysis::rod::query::{Queries, Query};
 use thiserror::Error;
 
-/// Heaviest added mass believed, in masses of the rod: further out the rod is the smaller part of what vibrates.
+/// Heaviest credible added mass, in masses of the rod: above it the rod is the smaller part of the vibrating
+/// mass.
 const HEAVIEST: f64 = 20.0;
 
 /// A measured value of a query, with a normal error.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Datum {
-    /// What was measured.
+    /// Measured query.
     pub query: Query,
-    /// The value, in the unit of the query.
+    /// Value in the unit of the query.
     pub value: f64,
-    /// Its standard error, in the same unit.
+    /// Standard error in the same unit.
     pub sd: f64,
 }
 
-/// Why a measurement is none.
+/// Reason why a measurement is invalid.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum DatumFault {
     /// A place beyond the ends.
@@ -50,7 +52,7 @@ pub enum DatumFault {
         /// As given.
         value: f64,
     },
-    /// An error that is none.
+    /// An invalid standard error.
     #[error("{what}: standard error {sd}; it must be positive and smaller than the value")]
     Error {
         /// The datum.
@@ -58,7 +60,7 @@ pub enum DatumFault {
         /// As given.
         sd: f64,
     },
-    /// A mass that is none.
+    /// An invalid mass.
     #[error(
         "{what}: {mass_kg} kg on a rod of about {rod_kg:.0} kg; more than 0 and at most {HEAVIEST} times the rod's are possible"
     )]
@@ -126,7 +128,7 @@ impl Query {
 }
 
 impl Datum {
-    /// A frequency of a record without anything hung on the rod.
+    /// A frequency of a record without an added mass.
     pub fn frequency(order: usize, frequency_hz: f64, sd_hz: f64) -> Self {
         Self {
             query: Query::Frequency { order, mass: None },
@@ -154,7 +156,7 @@ impl Datum {
         })
     }
 
-    /// Refuses what no rod of this prior can have been measured to be, whatever its parameters.
+    /// Refuses values that no rod of this prior can have, whatever its parameters.
     ///
     /// # Errors
     /// The fault, with the datum's name.
@@ -232,7 +234,7 @@ impl Datum {
         }
     }
 
-    /// Readings of this datum that a common slip would have turned into the value given, with the slip's name.
+    /// True values that a common slip would have turned into the given value, with the slip's name.
     pub(super) fn slips(&self) -> Vec<(f64, &'static str)> {
         let v = self.value;
         match self.query {
@@ -278,7 +280,7 @@ impl Datum {
     }
 }
 
-/// Queries of data, which [`Datum::check`] has let through.
+/// Queries of data that passed [`Datum::check`].
 pub(super) fn queries(parameterisation: Parameterisation, data: &[Datum]) -> Option<Queries> {
     Queries::new(parameterisation, data.iter().map(|datum| datum.query).collect())
 }

@@ -1,4 +1,4 @@
-//! The density of all data of a rod given its parameters.
+//! Density of all data of a rod given its parameters.
 //!
 //! Every datum has an independent normal error. Natural frequencies of one mode order share the model's discrepancy besides, with a
 //! mass on the rod or without, today or at another time: `y_i = y_Mi (1 + c) + e_i`, `c ~ N(0, d^2)`. Their covariance
@@ -9,7 +9,7 @@ use super::datum::queries;
 use crate::analysis::rod::prior::{Prior, RodPrior};
 use crate::analysis::rod::query::Queries;
 
-/// Standard errors below this share of the value count as this much: a density needs a width.
+/// Least standard error, as a share of the value: a density needs a width.
 const LEAST_ERROR: f64 = 1e-9;
 
 /// Prior and data of one rod, ready to be sampled.
@@ -17,21 +17,21 @@ const LEAST_ERROR: f64 = 1e-9;
 /// A parameter vector is that of the rod at the first moment, followed by the axial forces of the other moments.
 pub(super) struct Problem {
     pub(super) priors: Vec<Prior>,
-    /// Entries of a rod's own parameter vector.
+    /// Number of entries of a rod's own parameter vector.
     pub(super) width: usize,
     moments: Vec<Queries>,
     pub(super) data: Vec<Datum>,
-    /// The moment of each datum.
+    /// Moment of each datum.
     pub(super) moment_of: Vec<usize>,
     /// Squared relative discrepancy per mode order from the first.
     discrepancy: Vec<f64>,
 }
 
-/// Data that take part; the others are only answered.
+/// Data that take part; the others only get an answer.
 pub(super) type Mask = [bool];
 
 impl Problem {
-    /// `None` if a query is none for this section; [`Datum::check`] finds that out with a reason.
+    /// `None` if a query does not fit this section; [`Datum::check`] gives the reason.
     pub(super) fn new(prior: &RodPrior, discrepancy: &[f64], moments: &[Vec<Datum>]) -> Option<Self> {
         let mut priors = prior.priors().to_vec();
         let force = *priors.first()?;
@@ -55,7 +55,7 @@ impl Problem {
         })
     }
 
-    /// Answers of the model to all data; NaN in all of them where it has none.
+    /// Answers of the model to all data; NaN in all of them if it has none.
     pub(super) fn answer(&self, theta: &[f64], out: &mut [f64]) {
         let mut own = theta[..self.width].to_vec();
         let mut start = 0;

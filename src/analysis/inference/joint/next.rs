@@ -1,8 +1,8 @@
-//! What to measure next: the share of the force's standard deviation that a further measurement is expected to leave.
+//! Ranks further measurements by the share of the force's standard deviation that each is expected to leave.
 //!
-//! Rods are drawn from the prior, or from what tests already done left of it; each is measured with the errors stated, once with its
-//! frequencies alone and once with each candidate beside them, on the same draws of all errors. A share is the ratio of the
-//! posterior standard deviations, averaged over the rods.
+//! Rods are drawn from the prior, or from the posterior of tests already done; each is measured with the
+//! errors stated, once with its frequencies alone and once with each candidate beside them, on the same draws
+//! of all errors. A share is the ratio of the posterior standard deviations, averaged over the rods.
 
 use super::{Datum, Joint, JointError, JointSettings};
 use crate::analysis::numerics::random;
@@ -16,21 +16,22 @@ use rand_distr::{Distribution, StandardNormal};
 use rayon::prelude::*;
 use serde::Serialize;
 
-/// Errors of ratios that may be zero are taken of this at least: near its zero a ratio is not measured better than elsewhere.
+/// Least value to which relative errors of signed ratios apply: near its zero a ratio is not measured better
+/// than elsewhere.
 const LEAST_SIGNED: f64 = 1e-3;
 
 /// A measurement that could be made.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Candidate {
-    /// A short name, for flags and JSON.
+    /// Short name for flags and JSON.
     pub key: &'static str,
     /// In words.
     pub said: String,
-    /// What would be measured, with the relative standard error of each.
+    /// Queries to be measured, with the relative standard error of each.
     pub queries: Vec<(Query, f64)>,
 }
 
-/// What a measurement is expected to leave.
+/// Expected result of a measurement.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Worth {
     /// [`Candidate::key`].
@@ -39,7 +40,7 @@ pub struct Worth {
     pub measurement: String,
     /// Mean share of the standard deviation of the force that is left \[-\].
     pub left: f64,
-    /// Its standard error over the rods.
+    /// Standard error of the mean over the rods.
     pub error: f64,
     /// Rods.
     pub rods: usize,
@@ -48,7 +49,7 @@ pub struct Worth {
 /// The campaign that a further measurement would join.
 #[derive(Debug, Clone, Copy)]
 pub struct Campaign<'a> {
-    /// What is known of the rod.
+    /// Prior of the rod.
     pub prior: &'a RodPrior,
     /// Relative model discrepancy per mode order.
     pub discrepancy: &'a [f64],
@@ -58,7 +59,7 @@ pub struct Campaign<'a> {
     pub modes: usize,
     /// Standard error of its frequencies \[Hz\].
     pub sd_hz: f64,
-    /// Rods to average over.
+    /// Number of rods to average over.
     pub rods: usize,
 }
 
@@ -183,7 +184,7 @@ pub fn usual(prior: &RodPrior, modes: usize) -> Vec<Candidate> {
         .collect()
 }
 
-/// The worth of each candidate, in their order; `done` is told of every rod.
+/// The worth of each candidate, in their order; `done` is called for every rod.
 ///
 /// # Errors
 /// Tests already done that give no posterior, or a prior whose rods cannot be measured.
@@ -234,7 +235,7 @@ pub fn worth(
         .collect())
 }
 
-/// Rods to be measured.
+/// Parameters of the rods to be measured.
 fn truths(campaign: &Campaign<'_>, seed: u64) -> Result<Vec<Vec<f64>>, JointError> {
     let mut generator = random::stream(random::seed(&[b"next rods", &seed.to_le_bytes()]), 0);
     let found = match campaign.done.is_empty() {

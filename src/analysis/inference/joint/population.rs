@@ -12,7 +12,7 @@ use rand::rngs::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use rayon::prelude::*;
 
-/// Proposals that share one stream.
+/// Number of proposals per random stream.
 const BLOCK: usize = 256;
 
 /// Share of the wide component, and its width in standard deviations.

@@ -20,16 +20,16 @@ const LEAST_TENSION: f64 = 1e-4;
 /// A place along the rod and a load there.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PointLoad {
-    /// The force across the rod \[N\].
+    /// Force across the rod \[N\].
     pub force_n: f64,
-    /// Its place as a share of the length.
+    /// Place as a share of the length.
     pub at: f64,
 }
 
 /// A mass fixed to the rod at one place; it does not turn.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PointMass {
-    /// The mass \[kg\].
+    /// Mass \[kg\].
     pub mass_kg: f64,
     /// Its place as a share of the length.
     pub at: f64,
@@ -40,7 +40,7 @@ pub struct PointMass {
 /// Linear: the axial force is that of the unloaded rod. See [`stiffening`] for what a large deflection adds to it.
 ///
 /// # Errors
-/// What is no beam.
+/// The parameters are not those of a beam.
 pub fn deflection(beam: &Beam, load: PointLoad, read_at: f64) -> Result<f64, OutsideRange> {
     let (tension, supports) = exact::dimensionless(beam)?;
     let unit = beam.length_m.powi(3) / beam.flexural_rigidity_n_m2;
@@ -58,7 +58,7 @@ pub fn stiffening(length_m: f64, at: f64, peak_m: f64) -> f64 {
 /// `1 = M omega^2 G(a, a; omega)`, which lies between the last two, to about 1e-8 relative.
 ///
 /// # Errors
-/// What is no beam.
+/// The parameters are not those of a beam.
 pub fn loaded_frequency(beam: &Beam, free_hz: &[f64], mass: PointMass) -> Result<f64, OutsideRange> {
     let (t, supports) = exact::dimensionless(beam)?;
     let unit = exact::unit_hz(beam);

@@ -12,7 +12,7 @@ use statrs::distribution::{Continuous, ContinuousCDF, Normal};
 pub struct Germ {
     /// Index of the quantity in `theta`.
     pub index: usize,
-    /// Quantity of the indices.
+    /// Quantity described by the germ.
     pub quantity: Quantity,
     prior: Prior,
 }

@@ -208,7 +208,7 @@ pub enum Rejection {
     /// Tests of the rod that give no posterior together with the record.
     #[error("tests of the rod: {detail}")]
     UnusableTest {
-        /// Which, and why.
+        /// The tests, with the reason.
         detail: String,
     },
 }

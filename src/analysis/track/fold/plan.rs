@@ -64,7 +64,7 @@ impl TrackPlan {
         }
     }
 
-    /// The rod.
+    /// Id of the rod.
     pub fn rod(&self) -> &RodId {
         &self.rod
     }

@@ -1,4 +1,4 @@
-// The alarms: those that stand, those that are over, and who knows of them.
+// The alarms: active, over, and acknowledged ones.
 
 import { ask, el, live, rodLink, show, table, time } from "./common.js";
 
@@ -18,7 +18,7 @@ function pick(only) {
   draw();
 }
 
-// Who acknowledges, with what words and the token; null if nobody does. Name and token stay with this tab.
+// Asks for name, note and token of an acknowledgement; null if cancelled. Name and token are kept in this tab.
 function signature(alarm) {
   return new Promise((resolve) => {
     const kept = (key) => sessionStorage.getItem(key) ?? "";

@@ -190,7 +190,7 @@ fn csv_of_a_replay_says_what_the_replay_printed() {
     }
 }
 
-/// Alarms, refusals and candidates are among them.
+/// The rows include alarms, refusals and candidates.
 #[test]
 fn every_printed_line_is_a_row_that_reads_back_to_the_byte() {
     let folder = tempfile::tempdir().unwrap();

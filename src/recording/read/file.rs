@@ -1,18 +1,19 @@
-//! One file on its way in: its checksum is taken before anything in it is believed, then it is read item by item.
+//! Reads one file: verifies its checksum before any of its data is used, then reads it item by item.
 
 use super::mcap::{Damage, Item, Progress, Reader};
 use super::verify::{Check, Trust};
 use std::io::{self, Read, Seek};
 
-/// A file that is read a step at a time.
+/// A file that is read in steps.
 pub(super) struct FileReader<R> {
     checking: Option<(R, Check)>,
-    /// `None` until the checksum was taken.
+    /// `None` until the checksum is verified.
     reader: Option<Box<Reader<R>>>,
 }
 
 impl<R: Read + Seek> FileReader<R> {
-    /// A file that is read for its checksum first, if it has one; else `live` says that its end may not be there yet.
+    /// A file whose checksum is verified first, if it has one. Otherwise `live` states that its end may not
+    /// be written yet.
     pub fn checked(mut input: R, live: bool) -> io::Result<Self> {
         Ok(match Check::begin(&mut input)? {
             Some(check) => Self {
@@ -23,7 +24,7 @@ impl<R: Read + Seek> FileReader<R> {
         })
     }
 
-    /// A file that is read without its checksum.
+    /// A file that is read without verifying a checksum.
     pub fn unchecked(input: R, live: bool) -> Self {
         Self::reading(Reader::new(input, Trust::Unverified, live))
     }
@@ -35,7 +36,7 @@ impl<R: Read + Seek> FileReader<R> {
         }
     }
 
-    /// The same, passing holes that a power cut left, unless it has a checksum.
+    /// Returns the reader set to skip holes left by a power cut, unless the file has a checksum.
     pub fn passing_holes(self) -> Self {
         match self.reader {
             Some(reader) => Self::reading(reader.passing_holes()),
@@ -43,7 +44,7 @@ impl<R: Read + Seek> FileReader<R> {
         }
     }
 
-    /// Takes the whole checksum, if there is one to be taken.
+    /// Verifies the whole checksum, if there is one.
     pub fn check(&mut self) -> io::Result<()> {
         while self.checking.is_some() {
             self.check_on()?;
@@ -51,7 +52,7 @@ impl<R: Read + Seek> FileReader<R> {
         Ok(())
     }
 
-    /// Takes some more of the checksum.
+    /// Takes one step of verifying the checksum.
     fn check_on(&mut self) -> io::Result<()> {
         if let Some((input, check)) = &mut self.checking
             && let Some(trust) = check.step(input)?
@@ -62,7 +63,7 @@ impl<R: Read + Seek> FileReader<R> {
         Ok(())
     }
 
-    /// One step: at most one record is read, or some way into one chunk or the checksum.
+    /// Takes one step: at most one record, or part of one chunk or of the checksum.
     pub fn step(&mut self, each: &mut dyn FnMut(Item<'_>)) -> Result<Progress, Damage> {
         if let Some(reader) = &mut self.reader {
             return reader.step(each);
@@ -76,7 +77,7 @@ impl<R: Read + Seek> FileReader<R> {
         }
     }
 
-    /// Its reader, once the checksum was taken.
+    /// Reader of the items, once the checksum is verified.
     pub fn reader(&self) -> Option<&Reader<R>> {
         self.reader.as_deref()
     }

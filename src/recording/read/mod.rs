@@ -5,6 +5,7 @@ pub mod cdr;
 mod chunk;
 pub mod contents;
 pub mod decode;
+mod definition;
 mod file;
 pub mod folder;
 pub mod hole;

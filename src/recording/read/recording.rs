@@ -76,9 +76,9 @@ pub struct Recording {
     stage: Stage,
     router: Router,
     queue: VecDeque<Timed>,
-    /// As it is called in sentences and in the store.
+    /// Name in messages and in the store.
     name: Arc<str>,
-    /// Records handed out.
+    /// Number of records returned so far.
     records: u64,
     follow: Option<Follow>,
     total: u64,
@@ -275,7 +275,7 @@ impl Recording {
         Some(timed.at_place(Arc::clone(&self.name), self.read, self.records))
     }
 
-    /// Its name, bytes read and records handed out.
+    /// Name, number of bytes read and number of records returned.
     pub(super) fn counts(&self) -> (Arc<str>, u64, u64) {
         (Arc::clone(&self.name), self.read, self.records)
     }
@@ -402,7 +402,7 @@ impl Iterator for Recording {
     }
 }
 
-/// One file: its end is the source's, and its summary can be asked for then.
+/// A recording is a source of one file: both end together, and its summary is available then.
 impl Source for Recording {
     type File = Infallible;
 

@@ -42,7 +42,7 @@ pub enum Parts {
     From(u32),
 }
 
-/// The parts of one journal.
+/// Parts of one journal, read as one recording.
 pub struct Series {
     folder: PathBuf,
     channels: Vec<RodChannels>,
@@ -64,7 +64,7 @@ struct Open {
     number: u32,
     /// Name in the store or given by the user.
     name: Arc<str>,
-    /// The file, and what reads it.
+    /// The file and its reader.
     file: Result<(File, FileReader<File>), SourceError>,
     records: u64,
     damage: Option<String>,
@@ -103,7 +103,7 @@ impl Series {
     pub fn resume(&mut self, body: &[u8]) -> Vec<String> {
         let (router, lost) = carry::decode(body, &self.channels, &self.settings);
         self.router = router;
-        // The carry is what the part before the next one left.
+        // The carry is the state after the part before the next one.
         self.before = self.next.and_then(|next| next.checked_sub(1));
         lost
     }
@@ -244,7 +244,7 @@ impl Series {
                 return Step::Wait;
             }
             self.next = None;
-            // What is still open may have gone on.
+            // The data still open may have continued in the missing part.
             self.router.finish(true, None, &mut self.queue);
             self.begin_anew();
             if let Some(event) = self.queue.pop_front() {
@@ -263,7 +263,7 @@ impl Series {
             ..Summary::default()
         };
         self.router.summarise(&mut summary);
-        // Which topics a part has says nothing about the journal.
+        // The topics of one part are not those of the whole journal.
         summary.missing.clear();
         summary.samples.clear();
         Step::File(Box::new(PartEnd {
@@ -304,7 +304,7 @@ impl Source for Series {
                     let Some(later) = self.later(number) else {
                         return Step::Wait;
                     };
-                    // What was written before that part was begun may still be unread.
+                    // Data written before that part was begun may still be unread.
                     if let Some(open) = &mut self.open {
                         open.successor = Some(later);
                     }
@@ -401,7 +401,7 @@ impl Open {
         progress
     }
 
-    /// The reader, once the part's checksum was taken.
+    /// Reader of the items, once the part's checksum is verified.
     fn reader(&self) -> Option<&Reader<File>> {
         self.file.as_ref().ok().and_then(|(_, reader)| reader.reader())
     }

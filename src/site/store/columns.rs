@@ -1,11 +1,11 @@
-//! The columns of a record that repeat fields of its row, so that SQL and spreadsheets can ask for them.
+//! Columns that repeat fields of a record's row, so that SQL and spreadsheets can query them.
 
 use crate::analysis::track::SetAside;
 use crate::site::record_row::RecordRow;
 use rusqlite::types::Value;
 use serde::Serialize;
 
-/// One column: its name, its SQL type, and its value for a record.
+/// One column: name, SQL type, and the function that gives its value for a record.
 pub(super) struct Column {
     pub(super) name: &'static str,
     sql: &'static str,
@@ -21,7 +21,7 @@ const fn column(name: &'static str, sql: &'static str, of: fn(&RecordRow) -> Val
     Column { name, sql, of }
 }
 
-/// The columns in the table's order, one a line.
+/// Columns in the table's order, one per line.
 #[rustfmt::skip]
 pub(super) const COLUMNS: [Column; 47] = [
     column("start", TEXT, |row| row.start.map(|time| time.to_string()).into()),
@@ -77,7 +77,7 @@ fn text(value: Option<impl AsRef<str>>) -> Value {
     value.map(|text| text.as_ref().to_owned()).into()
 }
 
-/// NULL for what is not finite, as in JSON.
+/// A number; NULL if it is not finite, as in JSON.
 fn real(value: Option<f64>) -> Value {
     value.filter(|number| number.is_finite()).into()
 }
@@ -86,7 +86,7 @@ fn integer<T: TryInto<i64>>(value: Option<T>) -> Value {
     value.and_then(|number| number.try_into().ok()).into()
 }
 
-/// A JSON object or list, keys in alphabetical order.
+/// A JSON object or list as text, keys in alphabetical order.
 fn json(value: &impl Serialize) -> Value {
     let value = serde_json::to_value(value).ok();
     value.map(|value| value.to_string()).into()

@@ -93,6 +93,7 @@ pub fn identified(rod: &RodId, number: i64) -> Outcome {
             prior_distance: 0.3,
         },
         hangs_on: None,
+        tested: None,
     }))
 }
 

@@ -209,7 +209,7 @@ fn the_page_draws_follows_and_acknowledges() {
     );
     let shown: f64 = shown.as_str().unwrap().parse().unwrap();
     assert!((shown - force).abs() <= 0.5, "{shown} {force}");
-    // One number for one thing, and every force says its temperature.
+    // Each quantity has one value on the page, and every force is shown with its temperature.
     let said = browser.run(
         "const tile = [...document.querySelectorAll('.facts dt')].find((dt) => dt.textContent.startsWith('axial force'));
          const used = [...document.querySelectorAll('tr[data-start] td[data-name=\"force given the baseline [kN]\"]')]
@@ -250,7 +250,7 @@ fn the_page_draws_follows_and_acknowledges() {
         "a week",
         "return Number(document.getElementById('relative').dataset.points) <= 8",
     );
-    // The address keeps what is seen.
+    // The visible range is kept in the address.
     assert_eq!(browser.run("return location.hash"), "#days=7");
     browser.run("document.querySelector('button[aria-label=closer]').click()");
     let closer = "return Number(document.getElementById('relative').dataset.points) <= 4";
@@ -310,8 +310,8 @@ fn the_page_draws_follows_and_acknowledges() {
     assert_eq!(browser.complaints(), [""; 0]);
 }
 
-/// Compares the drawn outline of the band with the answer of the API: each stretch without a gap is one closed outline, upper
-/// edge forth, lower edge back, and it ends where the data end.
+/// Compares the drawn outline of the band with the API's answer: each stretch without a gap is one closed
+/// outline, upper edge forward, lower edge back, and it ends with the data.
 fn drawn_is_data(browser: &Browser, server: &Server) {
     let axes = browser.run("return JSON.parse(document.getElementById('relative').dataset.axes)");
     let number = |value: &Json| value.as_f64().unwrap();
@@ -442,7 +442,7 @@ fn a_phone_shows_it_without_scrolling_sideways() {
         browser.wait(path, ready);
         let wider = browser.run("return document.documentElement.scrollWidth - window.innerWidth");
         assert!(wider.as_i64().unwrap() <= 0, "{path} is {wider} px too wide");
-        // What has a purpose has a name, for those who do not see it.
+        // Every control and picture has a name for screen readers.
         let nameless = browser.run(
             "return [...document.querySelectorAll('button, a, input, select, [role=img]')].filter((e) => !e.hidden
              && !(e.textContent.trim() || e.getAttribute('aria-label') || e.getAttribute('aria-labelledby')

@@ -14,7 +14,7 @@ use std::process::ExitCode;
 /// Compute natural frequencies of a rod by every forward model.
 ///
 /// Quantities that are not given are those of the paper's rod in Todi, and are named on standard error. The paper's
-/// chaos is trained for that rod's prior and answers only inside it.
+/// polynomial chaos is trained for that rod's prior and gives results only inside it.
 #[derive(Debug, Clone, clap::Args)]
 #[command(
     allow_negative_numbers = true,

@@ -203,7 +203,7 @@ mod tests {
             (sensor.topic.as_str(), sensor.unit, sensor.fs_hz),
             ("/rod", Unit::Millimetre, Some(200.0))
         );
-        // A hammer's volts beside it are no motion that anybody says.
+        // The hammer beside it has no unit, so it is not known to be a motion.
         let telling = [content("hammer", None), content("laser", mm)];
         assert_eq!(chosen(&any, Some(&telling), "").unwrap().topic, "laser");
         let several = [content("a", mm), content("b", mm)];

@@ -11,7 +11,8 @@ use std::process::ExitCode;
 
 /// Show the state of every rod: force, change, alarms.
 ///
-/// The state comes with its time, the force with its 95 % interval. It reads beside a running `replay` or `run`.
+/// The state comes with its time, the force with its 95 % interval. A running `replay` or `run` is not
+/// disturbed.
 #[derive(Debug, Clone, clap::Args)]
 #[command(after_help = "Examples:
   tirante status --store site.db

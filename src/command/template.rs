@@ -55,7 +55,7 @@ impl Template<'_> {
                     "{{ mean = {force_n:?}, cv = 0.3 }}   # as expected; at best from an earlier measurement"
                 )
             }
-            // The ends are the 2.5 and 97.5 % quantiles, and soft: a record may say otherwise.
+            // The ends are the 2.5 and 97.5 % quantiles, and soft: a record may give a value outside.
             Some(Expected::Between(low, high)) => format!(
                 "{{ median = {:.4e}, log_sd = {:.4} }}   # {}",
                 (low * high).sqrt(),
@@ -159,7 +159,7 @@ pub fn save(path: &Path, text: &str) -> io::Result<()> {
     file.write_all(text.as_bytes())
         .and_then(|()| file.sync_all())
         .inspect_err(|_| {
-            // Half a configuration is worse than none, and the fault is told either way.
+            // Half a configuration is worse than none, and the fault is reported either way.
             let _ = std::fs::remove_file(path);
         })
 }

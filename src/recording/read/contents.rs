@@ -160,7 +160,7 @@ impl Looked {
         }
         self.stamps.push(log_time);
         let mut values = Vec::new();
-        // The first message tells which field it is; JSON has no schema that would.
+        // The first message determines the field, because JSON has no schema.
         while let Some((_, decoder)) = self.decoders.first() {
             values.clear();
             match decoder.decode(data, &mut values) {

@@ -6,6 +6,7 @@ mod chunk;
 pub mod contents;
 pub mod decode;
 mod definition;
+mod file;
 pub mod folder;
 pub mod hole;
 pub mod json;

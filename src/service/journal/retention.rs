@@ -25,7 +25,7 @@ pub fn removable(parts: &[Kept], done: u32, settings: &JournalSettings) -> Vec<u
     for kept in parts.iter().take_while(|kept| kept.part <= done) {
         let is_old = settings.keep_s.is_some_and(|keep_s| kept.age_s > keep_s);
         let is_too_much = settings.keep_bytes.is_some_and(|keep_bytes| bytes > keep_bytes);
-        // The oldest go first: what stays has no hole.
+        // The oldest go first, so that the rest has no hole.
         if !is_old && !is_too_much {
             break;
         }

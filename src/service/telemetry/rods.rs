@@ -99,7 +99,7 @@ impl Rods {
             let rod = &standing.rod;
             self.stands(rod, &standing.state, &standing.alarms);
             put(&self.last_record_s, rod, standing.latest_start.map(seconds));
-            // What an older segment's record says is relative to another baseline.
+            // A record of an older segment is relative to another baseline.
             if let Ok(Some(row)) = standing.latest_row()
                 && row.segment == Some(standing.segment)
             {

@@ -1,4 +1,4 @@
-//! What `history` exports, read by other programs: the same numbers as its JSON, in every format.
+//! Exports of `history`, read by other programs: the same numbers as its JSON, in every format.
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
 mod archive;
@@ -9,6 +9,7 @@ use std::path::Path;
 use std::process::{Command, Output};
 use tirante::command::history::{self, What};
 use tirante::command::which_store::Format;
+use tirante::site::record_row::RecordRow;
 use tirante::site::store::{Durability, Filter, Reader, Store};
 
 #[cfg(feature = "parquet")]
@@ -30,7 +31,8 @@ fn listed(reader: &Reader, what: What, format: Format) -> String {
     String::from_utf8(out).unwrap()
 }
 
-/// Python in `folder`, or none with a line that says so; with TIRANTE_REAL_PEERS it must be there.
+/// Runs Python in `folder`; without it prints a line and returns `None`. With TIRANTE_REAL_PEERS it is
+/// required.
 fn python(folder: &Path, script: &str) -> Option<Output> {
     match Command::new("python3")
         .arg("-c")
@@ -59,7 +61,7 @@ fn stdout(output: Output) -> String {
     String::from_utf8(output.stdout).unwrap()
 }
 
-/// Where a record's JSON line has the value of a column.
+/// Value of a column in a record's JSON line.
 fn in_line<'a>(line: &'a Value, column: &str) -> Option<&'a Value> {
     if let Some(rest) = column.strip_prefix("mode_") {
         let (order, field) = rest.split_once('_').unwrap();
@@ -97,7 +99,7 @@ fn in_line<'a>(line: &'a Value, column: &str) -> Option<&'a Value> {
     }
 }
 
-/// Two ways of the same value: a cell of text, and JSON.
+/// True if a cell of text and JSON hold the same value.
 fn is_same(cell: &str, value: Option<&Value>) -> bool {
     match value {
         None | Some(Value::Null) => cell.is_empty(),
@@ -113,8 +115,8 @@ fn is_same(cell: &str, value: Option<&Value>) -> bool {
     }
 }
 
-/// Compares every cell of a listing as Python reads it with its JSON; the number of cells that hold something, none
-/// without Python.
+/// Compares every cell of a listing as Python reads it with its JSON; returns the number of filled cells,
+/// `None` without Python.
 fn compare(folder: &Path, csv: &str, json: &str) -> Option<usize> {
     std::fs::write(folder.join("a.csv"), csv).unwrap();
     let script = "import csv, json\nfor row in csv.DictReader(open('a.csv', newline='', encoding='utf-8'), strict=True): print(json.dumps(row))";
@@ -180,10 +182,33 @@ fn csv_of_a_replay_says_what_the_replay_printed() {
             .env("TIRANTE_CACHE_DIR", folder.path());
         stdout(program.args(words).output().unwrap())
     };
-    let json = run(&["replay", "RECORDING", "--json", "--store", "site.db"]);
+    let json = run(&["replay", "RECORDING", "--format", "json", "--store", "site.db"]);
+    assert_eq!(run(&["history", "--store", "site.db", "--format", "json"]), json);
     let csv = run(&["history", "--store", "site.db", "--format", "csv"]);
     if let Some(compared) = compare(folder.path(), &csv, &json) {
         assert!(compared > 25, "only {compared} cells compared");
+    }
+}
+
+/// Alarms, refusals and candidates are among them.
+#[test]
+fn every_printed_line_is_a_row_that_reads_back_to_the_byte() {
+    let folder = tempfile::tempdir().unwrap();
+    for (recording, config) in [("todi-pull", "todi"), ("campaign-2025", "campaign")] {
+        let mut program = assert_cmd::Command::cargo_bin("tirante").unwrap();
+        let output = program
+            .current_dir(env!("CARGO_MANIFEST_DIR"))
+            .env("TIRANTE_CACHE_DIR", folder.path())
+            .args(["replay", "--format", "json"])
+            .arg(format!("recordings/{recording}.mcap"))
+            .args(["--config", &format!("config/{config}.toml")])
+            .output()
+            .unwrap();
+        let lines = String::from_utf8(output.stdout).unwrap();
+        assert!(!lines.is_empty(), "{}", String::from_utf8_lossy(&output.stderr));
+        for line in lines.lines() {
+            assert_eq!(RecordRow::parse(line).unwrap().to_json().unwrap(), line);
+        }
     }
 }
 

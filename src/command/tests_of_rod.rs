@@ -226,6 +226,7 @@ pub fn described(tested: &Tested, mean_n: f64, sd_n: f64) -> Vec<String> {
         if conflict.score >= MARKED {
             let hint = conflict
                 .hint
+                .as_ref()
                 .map(|hint| format!("; it would agree {hint}"))
                 .unwrap_or_default();
             lines.push(format!("  ! contradicts the others{hint}: the force is in doubt"));

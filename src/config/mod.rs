@@ -55,55 +55,55 @@ use std::io::Read;
 use std::path::Path;
 use toml::de::DeTable;
 
-/// The longest configuration read \[bytes\].
+/// Longest configuration read \[bytes\].
 pub const LONGEST: usize = 1 << 20;
 
-/// Sections no result depends on.
+/// Sections that no result depends on.
 const OPERATION: [&str; 5] = ["simulation", "ingest", "journal", "http", "sink"];
 
 const BUILT_IN: &str = include_str!("../../config/todi.toml");
 
-/// Everything a run depends on besides its data.
+/// Configuration of a site: everything a run depends on besides its data.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Config {
-    /// The name of the site.
+    /// Name of the site.
     pub site: String,
-    /// Seed of everything random.
+    /// Seed of all random numbers.
     pub seed: u64,
     /// The rods, at least one, with different ids.
     pub rods: Vec<RodConfig>,
-    /// How samples are cut into records and when a record is refused.
+    /// Settings of cutting samples into records and of refusing records.
     pub record: RecordSettings,
-    /// How the relative force is followed.
+    /// Settings of tracking the relative force.
     pub track: TrackSettings,
-    /// When somebody is told.
+    /// Settings of the alarms.
     pub alarm: AlarmSettings,
-    /// Where results are kept.
+    /// Settings of the store.
     pub store: StoreSettings,
-    /// Where live data comes from.
+    /// Sources of live data.
     pub ingest: IngestSettings,
-    /// Live data on disk.
+    /// Settings of the journal of live data.
     pub journal: JournalSettings,
-    /// The daemon's HTTP server.
+    /// Settings of the daemon's HTTP server.
     pub http: HttpSettings,
-    /// Where alarms go.
+    /// Destinations of alarms.
     pub sinks: Vec<SinkSettings>,
-    /// What `simulate` writes; none if the configuration has no `[simulation]`.
+    /// Simulation that `simulate` writes; `None` without a `[simulation]`.
     pub simulation: Option<SimulationConfig>,
     effective: effective::Node,
 }
 
-/// One rod: how it is analysed and where its samples are.
+/// One rod: settings of its analysis, and channels of its samples.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RodConfig {
-    /// Everything its analysis depends on.
+    /// Settings of its analysis.
     pub analysis: AnalysisSettings,
-    /// Where its samples stand in a recording.
+    /// Location of its samples in a recording.
     pub channels: RodChannels,
 }
 
 impl Config {
-    /// The configuration shipped in the program: the paper's rod (`config/todi.toml`).
+    /// Configuration built into the program: the paper's rod (`config/todi.toml`).
     pub fn built_in() -> Self {
         match Self::parse(BUILT_IN, "config/todi.toml") {
             Ok(config) => config,
@@ -120,9 +120,9 @@ impl Config {
         Self::parse(&text, &path.display().to_string())
     }
 
-    /// What a command works with: the file at `path` or else the built-in configuration, with the
-    /// command line's settings over it. They are validated as if the file held them, and they are part of
-    /// the hash.
+    /// Resolves a command's configuration: the file at `path` or else the built-in one, overridden by
+    /// settings of the command line. They are validated as if the file held them, and they are part of the
+    /// hash.
     ///
     /// # Errors
     /// The file cannot be read, or the faults of file and settings, all of them.
@@ -254,15 +254,16 @@ impl Config {
         self.rods.iter().find(|rod| rod.analysis.rod.0 == id)
     }
 
-    /// The configuration with every default filled in, as commented TOML that reads back as the same.
+    /// The configuration with every default filled in, as commented TOML that reads back equal.
     pub fn effective(&self) -> String {
         let mut text = String::new();
         self.effective.print(true, &mut text);
         text
     }
 
-    /// SHA-256 of the effective configuration without comments and without what no result depends on (`[simulation]`,
-    /// `[ingest]`, `[journal]`, `[http]`, `[[sink]]`): equal for texts that mean the same for measured data.
+    /// SHA-256 of the effective configuration without comments and without the sections that no result
+    /// depends on (`[simulation]`, `[ingest]`, `[journal]`, `[http]`, `[[sink]]`): equal for texts that mean
+    /// the same for measured data.
     pub fn hash(&self) -> [u8; 32] {
         let mut text = String::new();
         let mut effective = self.effective.clone();
@@ -273,8 +274,8 @@ impl Config {
         Sha256::digest(text.as_bytes()).into()
     }
 
-    /// A hash of everything that gives one rod's numbers their meaning: the sections its analysis and tracking read, and
-    /// the rod itself. Names, alarms and other rods do not change it.
+    /// Hash of everything that determines the meaning of one rod's numbers: the sections its analysis and
+    /// tracking read, and the rod itself. Names, alarms and other rods do not change it.
     pub fn meaning_of(&self, rod: &RodId) -> [u8; 32] {
         let mut text = format!("seed = {}\n", self.seed);
         for section in &self.effective.children {
@@ -290,7 +291,7 @@ impl Config {
         Sha256::digest(text.as_bytes()).into()
     }
 
-    /// The keys this configuration could have had in the sections it has, for the documentation.
+    /// All keys of the sections that this configuration has, for the documentation.
     pub fn reference(&self) -> Vec<KeyReference> {
         let mut keys = Vec::new();
         self.effective.reference(&mut keys);
@@ -298,7 +299,7 @@ impl Config {
     }
 }
 
-/// The text of a configuration file of at most [`LONGEST`] bytes.
+/// Reads the text of a configuration file of at most [`LONGEST`] bytes.
 ///
 /// # Errors
 /// It is no regular file, too long, not UTF-8, or cannot be read.

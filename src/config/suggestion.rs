@@ -1,4 +1,4 @@
-//! "Did you mean …?" for a key nobody knows.
+//! "Did you mean …?" for an unknown key.
 
 /// The tail of the sentence "unknown key": the nearest known key, or all of them.
 pub(super) fn hint(unknown: &str, known: &[&str]) -> String {
@@ -15,7 +15,7 @@ pub(super) fn hint(unknown: &str, known: &[&str]) -> String {
     }
 }
 
-/// Edits (insert, delete, replace) from `a` to `b` (Levenshtein), upper and lower case alike; a key
+/// Number of edits (insert, delete, replace) from `a` to `b` (Levenshtein), case ignored; a key
 /// that only lacks its unit (`length` for `length_m`) counts as one edit.
 fn distance(a: &str, b: &str) -> usize {
     let (a, b) = (a.to_lowercase(), b.to_lowercase());

@@ -3,14 +3,14 @@
 use super::joint::{Datum, DatumConflict, Joint, JointError, JointPosterior, JointSettings, Sampler};
 use super::{Distance, Inference, Observation, Posterior, distance};
 use crate::analysis::signal::record::Rejection;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// Conflict score above which frequencies enter with the tolerance of rejection: no beam has them, and the exact posterior of a model
 /// that the data exclude is no statement about the rod.
 const CONTRADICTED: f64 = 4.0;
 
 /// What tests did to a posterior.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Tested {
     /// How the joint posterior came about.
     pub sampler: Sampler,

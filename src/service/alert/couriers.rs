@@ -12,7 +12,7 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// How long a courier that is told to stop may take, unless it is in the middle of a send.
+/// Longest time for a courier to stop, unless it is in the middle of a send.
 const STOP_WITHIN: Duration = Duration::from_millis(100);
 
 /// All couriers of a daemon.
@@ -33,8 +33,8 @@ struct Running {
 }
 
 impl Couriers {
-    /// Starts one for each sink and one for the log. They read `store` and report to `delivered`, which they keep
-    /// until they are stopped.
+    /// Starts one courier for each sink and one for the log. They read `store` and report to `delivered`,
+    /// which they hold until stopped.
     pub fn start(
         sinks: &[SinkSettings],
         site: &str,
@@ -45,7 +45,7 @@ impl Couriers {
         Self::start_at(Pace::default(), sinks, site, store, delivered, telemetry)
     }
 
-    /// Starts them at another pace than the usual one.
+    /// Starts them at a given pace.
     pub fn start_at(
         pace: Pace,
         sinks: &[SinkSettings],
@@ -75,15 +75,15 @@ impl Couriers {
         couriers
     }
 
-    /// There may be news in the store.
+    /// Notifies the couriers that there may be events in the store.
     pub fn wake(&self) {
         for courier in &self.running {
             courier.signal.wake();
         }
     }
 
-    /// Goes on with these sinks. A courier whose settings are the same is not disturbed; one whose settings changed
-    /// goes on where it was.
+    /// Changes to these sinks. A courier with unchanged settings is not disturbed; one with changed settings
+    /// continues at its position.
     pub fn reload(&mut self, sinks: &[SinkSettings], site: &str) {
         let log = SinkSettings::log();
         let mut wanted: Vec<&SinkSettings> = sinks.iter().collect();
@@ -113,9 +113,9 @@ impl Couriers {
         self.running = kept;
     }
 
-    /// Ends them all within 100 ms, as dropping them does. One in the middle of a send is left to itself: if its
-    /// message arrives, it is sent again at the next start, with the same id. What was delivered is still reported if
-    /// the queue of jobs is read on until it is disconnected.
+    /// Ends them all within 100 ms, as dropping them does. One in the middle of a send is abandoned: if its
+    /// message arrives, it is sent again at the next start, with the same id. Deliveries are still reported
+    /// if the queue of jobs is read until it is disconnected.
     pub fn stop(self) {}
 
     fn spawn(&self, settings: &SinkSettings, site: &str, place: Option<Place>) -> Option<Running> {
@@ -161,7 +161,7 @@ impl Drop for Couriers {
     }
 }
 
-/// Stops couriers and waits for them until a moment; their ids and how far they came.
+/// Stops couriers and waits for them until a deadline; returns their ids and positions.
 fn stop(couriers: Vec<Running>, until: Instant) -> Vec<(String, Option<Place>)> {
     for courier in &couriers {
         courier.signal.stop();

@@ -1,4 +1,4 @@
-//! What a sink sends about an alarm: one JSON object for machines, a subject and a text for people.
+//! Message of a sink about an alarm: one JSON object for machines, a subject and a text for people.
 
 use crate::analysis::signal::record::Timestamp;
 use crate::analysis::track::AlarmEvent;
@@ -9,29 +9,30 @@ use crate::site::store::News;
 use serde::Serialize;
 use std::fmt::Write;
 
-/// The version of the JSON. It changes only if a field goes or changes its meaning, not if one comes.
+/// Version of the JSON. It changes only if a field is removed or changes its meaning, not if one is
+/// added.
 const VERSION: u32 = 1;
 
-/// What happened.
+/// Kind of a message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum What {
     /// The alarm is new.
     Raised,
-    /// It still stands and nobody acknowledged it.
+    /// It is still active and not acknowledged.
     Repeated,
-    /// Somebody acknowledged it.
+    /// It was acknowledged.
     Acknowledged,
     /// Its condition ended.
     Cleared,
-    /// It stood already when the sink was added.
+    /// It was already active when the sink was added.
     Standing,
-    /// Nothing: somebody tries whether messages arrive.
+    /// No alarm: a test of the delivery.
     Test,
 }
 
 impl What {
-    /// The name in JSON.
+    /// Name in JSON.
     pub fn code(self) -> &'static str {
         match self {
             Self::Raised => "raised",
@@ -53,47 +54,47 @@ impl What {
     }
 }
 
-/// News as a sink sends it; its JSON is documented in docs/sinks.md.
+/// An event as a sink sends it; its JSON is documented in docs/sinks.md.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Message {
-    /// The version of the JSON.
+    /// Version of the JSON.
     pub version: u32,
-    /// The same whenever the same news are sent, also after a crash or by another sink.
+    /// Id of the event, the same whenever it is sent, also after a crash or by another sink.
     pub id: String,
-    /// What happened.
+    /// Kind of the message.
     pub what: What,
-    /// When it happened, in event time.
+    /// Time of the event, in event time.
     pub time: Timestamp,
-    /// The site.
+    /// Name of the site.
     pub site: String,
-    /// The rod.
+    /// Id of the rod.
     pub rod: String,
-    /// The alarm's id: one for each condition, from its raising to its end.
+    /// Id of the alarm: one for each condition, from its raising to its end.
     pub alarm: String,
-    /// The alarm's kind.
+    /// Kind of the alarm.
     pub kind: String,
-    /// When the alarm was raised, in event time.
+    /// Time of raising, in event time.
     pub raised: Timestamp,
-    /// One sentence.
+    /// Description in one sentence.
     pub message: String,
-    /// Whether the alarm stands: its condition holds, or nobody acknowledged one that speaks of the rod.
+    /// True if the alarm is active: its condition holds, or it concerns the rod and is not acknowledged.
     pub stands: bool,
-    /// When somebody acknowledged it.
+    /// Time of its acknowledgement.
     pub acknowledged: Option<Timestamp>,
-    /// When its condition ended.
+    /// Time of the end of its condition.
     pub cleared: Option<Timestamp>,
     /// Onset, size and rate, for a drift.
     pub change: Option<Change>,
 }
 
 impl Message {
-    /// News of the outbox.
+    /// Message of an event of the outbox.
     pub fn of_news(site: &str, news: &News) -> Self {
         let AlarmEvent { what, time, alarm } = &news.event;
         Self::of_alarm(site, What::of(*what), *time, alarm)
     }
 
-    /// An alarm that stands.
+    /// Message of an active alarm.
     pub fn standing(site: &str, alarm: &Alarm) -> Self {
         Self::of_alarm(site, What::Standing, alarm.told, alarm)
     }
@@ -118,7 +119,7 @@ impl Message {
         }
     }
 
-    /// A message that tries a sink.
+    /// Message that tests a sink.
     pub fn test(site: &str, sink: &str, now: Timestamp) -> Self {
         Self {
             version: VERSION,
@@ -138,7 +139,7 @@ impl Message {
         }
     }
 
-    /// One line for people: `Duomo, rod nave-3: drift raised`.
+    /// Subject in one line: `Duomo, rod nave-3: drift raised`.
     pub fn subject(&self) -> String {
         match self.what {
             What::Test => format!("{}: test of an alarm sink", self.site),
@@ -151,7 +152,7 @@ impl Message {
         }
     }
 
-    /// A few lines for people, no line end behind the last.
+    /// Text of a few lines, without a final line end.
     pub fn text(&self) -> String {
         let mut text = format!("{}\n\n", self.message);
         let mut line = |name: &str, value: &str| {
@@ -252,7 +253,7 @@ mod tests {
         }
     }
 
-    /// The names and their order are a promise: docs/sinks.md.
+    /// Names and order of the fields are a contract: docs/sinks.md.
     #[test]
     fn the_json_is_the_documented_one() {
         let message = Message::of_news("Duomo", &news(alarm::What::Raised, RAISED, drift()));

@@ -1,4 +1,4 @@
-//! Which parts of a journal may go.
+//! Selects the parts of a journal to remove.
 
 use crate::config::settings::journal::JournalSettings;
 use crate::recording::part;
@@ -9,16 +9,16 @@ use std::time::SystemTime;
 /// A part on disk.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Kept {
-    /// Its number.
+    /// Number of the part.
     pub part: u32,
-    /// Its length \[bytes\].
+    /// Size \[bytes\].
     pub bytes: u64,
-    /// Time since it was last written \[s\].
+    /// Time since the last write \[s\].
     pub age_s: f64,
 }
 
-/// The parts that may go, the oldest first: those too old, and the oldest while all together are too large. Never one
-/// behind `done`, whose results are not all in the store. `parts` ascend.
+/// Parts to remove, the oldest first: those too old, and the oldest while all together are too large. Never
+/// one after `done`, whose results are not all in the store. `parts` ascend.
 pub fn removable(parts: &[Kept], done: u32, settings: &JournalSettings) -> Vec<u32> {
     let mut bytes: u64 = parts.iter().map(|kept| kept.bytes).sum();
     let mut removable = Vec::new();
@@ -35,7 +35,7 @@ pub fn removable(parts: &[Kept], done: u32, settings: &JournalSettings) -> Vec<u
     removable
 }
 
-/// Removes what may go; the number of parts removed.
+/// Removes the parts to remove; returns their number.
 pub(super) fn apply(folder: &Path, done: u32, settings: &JournalSettings) -> std::io::Result<usize> {
     if settings.keep_s.is_none() && settings.keep_bytes.is_none() {
         return Ok(0);
@@ -62,19 +62,20 @@ pub(super) fn apply(folder: &Path, done: u32, settings: &JournalSettings) -> std
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::analysis::signal::record::time::DAY_S;
 
     fn parts(ages_d: &[f64]) -> Vec<Kept> {
         let kept = |(at, age_d): (usize, &f64)| Kept {
             part: at as u32 + 1,
             bytes: 100,
-            age_s: age_d * 86_400.0,
+            age_s: age_d * DAY_S,
         };
         ages_d.iter().enumerate().map(kept).collect()
     }
 
     fn settings(keep_d: Option<f64>, keep_bytes: Option<u64>) -> JournalSettings {
         JournalSettings {
-            keep_s: keep_d.map(|days| days * 86_400.0),
+            keep_s: keep_d.map(|days| days * DAY_S),
             keep_bytes,
             ..JournalSettings::default()
         }

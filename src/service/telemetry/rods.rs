@@ -1,4 +1,4 @@
-//! Gauges of the rods: how each stands after its latest record.
+//! Gauges of the rods: the status of each after its latest record.
 
 use super::metrics::{Quantity, Register, count};
 use crate::analysis::identify::Identification;
@@ -11,9 +11,8 @@ use prometheus_client::encoding::EncodeLabelSet;
 use prometheus_client::metrics::family::Family;
 use prometheus_client::metrics::gauge::Gauge;
 use prometheus_client::registry::Unit;
-use serde::Deserialize;
 
-/// The states of [`RodState`].
+/// States of [`RodState`].
 const STATES: [&str; 4] = ["learning", "monitoring", "alarm", "not-monitoring"];
 
 #[derive(Debug, Clone, PartialEq, Eq, Hash, EncodeLabelSet)]
@@ -40,16 +39,6 @@ pub(super) struct Rods {
     force_n: Family<OfRod, Quantity>,
     relative: Family<OfRod, Quantity>,
     last_record_s: Family<OfRod, Quantity>,
-}
-
-/// What the store's line of a record says of its force.
-#[derive(Default, Deserialize)]
-struct Line {
-    segment: Option<u32>,
-    tracked_force_n: Option<Interval>,
-    relative_force: Option<Interval>,
-    force_at_reference_n: Option<Interval>,
-    relative_force_at_reference: Option<Interval>,
 }
 
 impl Rods {
@@ -83,7 +72,7 @@ impl Rods {
         }
     }
 
-    /// A record was taken.
+    /// Updates the gauges after a record.
     pub(super) fn taken(&self, outcome: &Outcome, verdict: &Verdict) {
         let rod = outcome.rod();
         self.stands(rod, &verdict.state, &verdict.alarms);
@@ -99,7 +88,7 @@ impl Rods {
         }
     }
 
-    /// How all rods stand, and no other.
+    /// Sets the status of all rods, and removes any other.
     pub(super) fn all(&self, standings: &[Standing]) {
         self.alarms.clear();
         self.state.clear();
@@ -110,14 +99,11 @@ impl Rods {
             let rod = &standing.rod;
             self.stands(rod, &standing.state, &standing.alarms);
             put(&self.last_record_s, rod, standing.latest_start.map(seconds));
-            let line = standing.latest.as_deref().map(serde_json::from_str::<Line>);
             // What an older segment's record says is relative to another baseline.
-            if let Some(Ok(line)) = line
-                && line.segment == Some(standing.segment)
+            if let Ok(Some(row)) = standing.latest_row()
+                && row.segment == Some(standing.segment)
             {
-                let force_n = line.force_at_reference_n.or(line.tracked_force_n);
-                let ratio = line.relative_force_at_reference.or(line.relative_force);
-                self.force(rod, force_n, ratio);
+                self.force(rod, row.force_n(), row.ratio());
             }
         }
     }
@@ -146,7 +132,7 @@ impl Rods {
     }
 }
 
-/// Shows a value, or that there is none.
+/// Sets a value, or removes it if there is none.
 fn put(gauges: &Family<OfRod, Quantity>, rod: &RodId, value: Option<f64>) {
     let of = OfRod { rod: rod.0.clone() };
     match value {
@@ -159,7 +145,7 @@ fn put(gauges: &Family<OfRod, Quantity>, rod: &RodId, value: Option<f64>) {
     }
 }
 
-/// The time of a record's first sample, if known.
+/// Time of a record's first sample, if known.
 fn start(outcome: &Outcome) -> Option<Timestamp> {
     match outcome {
         Outcome::Identified(identification) => measured(identification).map(|(start, _)| start),
@@ -168,7 +154,7 @@ fn start(outcome: &Outcome) -> Option<Timestamp> {
     }
 }
 
-/// The end of a record that gave a force \[s since 1970\].
+/// End of a record that gave a force \[s since 1970\].
 pub(super) fn end_s(outcome: &Outcome) -> Option<f64> {
     match outcome {
         Outcome::Identified(identification) => {

@@ -4,7 +4,7 @@ use super::density::Problem;
 use super::{Joint, JointSettings, Pilot};
 use crate::analysis::rod::query::Query;
 use nalgebra::{DMatrix, DVector};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use statrs::distribution::{ChiSquared, ContinuousCDF, Normal};
 
 /// Score above which a slip is looked for.
@@ -15,7 +15,7 @@ const EXPLAINED: f64 = 2.0;
 const MOST: f64 = 8.0;
 
 /// One datum, or the frequencies of one moment, against all other data.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct DatumConflict {
     /// In words.
     pub datum: String,
@@ -28,7 +28,7 @@ pub struct DatumConflict {
     /// Its standard deviation, the datum's own error not included.
     pub predicted_sd: Option<f64>,
     /// A slip that would explain the datum.
-    pub hint: Option<&'static str>,
+    pub hint: Option<String>,
 }
 
 /// Every datum, the frequencies of one moment together.
@@ -124,7 +124,7 @@ fn one(
                 .find(|(value, _)| score_of(&[*value]) < EXPLAINED)
         })
         .flatten()
-        .map(|(_, why)| why);
+        .map(|(_, why)| why.to_owned());
     let moment = problem.moment_of[group[0]];
     let suffix = if moment > 0 {
         format!(" (moment {})", moment + 1)

@@ -24,7 +24,7 @@ use population::{Mixture, Population, effective, resampled};
 use rand::rngs::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use rayon::prelude::*;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 /// How much work a posterior may be.
@@ -105,7 +105,7 @@ pub enum JointError {
 }
 
 /// How a joint posterior came about.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Sampler {
     /// The nearest draws of the prior, adjusted, sufficed as proposal: one correction.

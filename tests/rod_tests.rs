@@ -415,7 +415,7 @@ fn what_the_prior_cannot_see_the_other_data_do() {
                 .find(|c| c.datum == swapped.said())
                 .unwrap();
             assert!(
-                one.score > 3.0 && one.hint.is_some_and(|h| h.contains("swapped")),
+                one.score > 3.0 && one.hint.as_ref().is_some_and(|h| h.contains("swapped")),
                 "{one:?}"
             );
         }

@@ -2,6 +2,7 @@
 
 use super::progress::Progress;
 use super::setup::{self, Setup};
+use super::which_store::Output;
 use super::{BadArguments, print};
 use crate::analysis::inference::joint::next::{self, Campaign, Worth};
 use serde::Serialize;
@@ -10,14 +11,14 @@ use std::process::ExitCode;
 /// Width of a bar for the whole standard deviation.
 const BAR: f64 = 40.0;
 
-/// Ranks what to measure next at a rod: the share of the force's standard deviation that each measurement is expected to leave.
+/// Rank what to measure next at a rod.
 ///
 /// Simulates rods of the prior (or of the posterior of `[[rod.test]]`), measures each with and without the
 /// further measurement, and compares the posteriors. Changes nothing.
 #[derive(Debug, Clone, clap::Args)]
 #[command(after_help = "Examples:
   tirante plan --config site.toml --rod north-3
-  tirante plan --config site.toml --minutes load=10,mass=20,caliper=5,density=60
+  tirante plan --config site.toml --minutes load=10,mass=20,caliper=5
   tirante plan --json")]
 pub struct Args {
     /// Rod of the configuration; required if it has several.
@@ -37,9 +38,9 @@ pub struct Args {
     #[arg(long, value_name = "COUNT", default_value_t = 16, value_parser = clap::value_parser!(u32).range(4..=10_000))]
     pub rods: u32,
 
-    /// One JSON object per measurement instead of the table.
-    #[arg(long)]
-    pub json: bool,
+    /// Text or JSON.
+    #[command(flatten)]
+    pub output: Output,
 
     /// Configuration of the run.
     #[command(flatten)]
@@ -103,7 +104,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
             .then(a.worth.left.total_cmp(&b.worth.left))
     });
     let mut text = String::new();
-    if args.json {
+    if args.output.is_json() {
         for row in &rows {
             text += &serde_json::to_string(row)?;
             text.push('\n');

@@ -126,7 +126,7 @@ fn one(
                 .find(|(value, _)| score_of(&[*value]) < EXPLAINED)
         })
         .flatten()
-        .map(|(_, why)| why);
+        .map(|(_, why)| why.to_owned());
     let moment = problem.moment_of[group[0]];
     let suffix = if moment > 0 {
         format!(" (moment {})", moment + 1)

@@ -520,7 +520,7 @@ impl Pilot {
             &mut weights,
         );
         // Without adjustment the nearest draws propose as they are: the correction makes up for it.
-        if adjusted.is_err() || particles.iter().any(|x| !x.is_finite() || *x <= 0.0) {
+        if adjusted.is_err() || particles.iter().any(|x| !x.is_finite()) {
             return before;
         }
         particles

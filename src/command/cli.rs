@@ -50,7 +50,6 @@ pub enum Command {
     Import(import::Args),
     Simulate(simulate::Args),
     Frequencies(frequencies::Args),
-    /// What to measure next at a rod: the share of the force's uncertainty each measurement leaves.
     Plan(plan::Args),
     Emulator(emulator::Args),
     Study(study::Args),

@@ -19,7 +19,7 @@ const BAR: f64 = 40.0;
 #[command(after_help = "Examples:
   tirante plan --config site.toml --rod north-3
   tirante plan --config site.toml --minutes load=10,mass=20,caliper=5
-  tirante plan --json")]
+  tirante plan --format json")]
 pub struct Args {
     /// Rod of the configuration; required if it has several.
     #[arg(long, value_name = "ID")]

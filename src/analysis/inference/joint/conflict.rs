@@ -6,7 +6,6 @@ use crate::analysis::rod::query::Query;
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 use statrs::distribution::{ChiSquared, ContinuousCDF, Normal};
-use std::borrow::Cow;
 
 /// Score above which a slip is searched for.
 const DOUBTED: f64 = 3.0;
@@ -30,7 +29,7 @@ pub struct DatumConflict {
     /// Standard deviation of the prediction, without the datum's own error.
     pub predicted_sd: Option<f64>,
     /// A slip that would explain the datum.
-    pub hint: Option<Cow<'static, str>>,
+    pub hint: Option<String>,
 }
 
 /// Compares every datum, with the frequencies of one moment as a group.
@@ -148,7 +147,7 @@ fn one(
         value: single.then_some(alone.value),
         predicted: single.then_some(predicted),
         predicted_sd: single.then_some(predicted_sd),
-        hint: hint.map(Cow::Borrowed),
+        hint,
     })
 }
 

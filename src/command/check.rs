@@ -1,14 +1,17 @@
 //! `tirante check`: a configuration, every fault at once, or what holds.
 
 use crate::config::{Config, ConfigError, Setting};
-use std::path::PathBuf;
+use crate::site::baselines::{self, Fate, Prospect};
+use crate::site::store::Reader;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 /// Checks a configuration: reports every fault at once with its key and line (exit code 2), or prints
 /// it with all defaults filled in.
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Examples:\n  tirante check config/todi.toml\n  tirante check config/todi.toml --set abc.draws=1000000"
+    after_help = "Examples:\n  tirante check config/todi.toml\n  tirante check config/todi.toml --set abc.draws=1000000\n  \
+                  tirante check site.toml --against site.db"
 )]
 pub struct Args {
     /// The configuration; without one, the built-in rod of the paper.
@@ -23,6 +26,9 @@ pub struct Args {
     /// Only the exit code and the faults, no effective configuration.
     #[arg(long, short)]
     pub quiet: bool,
+    /// A store: says of each of its rods whether its baseline would stay, and if not, why. Exit code 3 if one would be lost.
+    #[arg(long, value_name = "STORE")]
+    pub against: Option<PathBuf>,
 }
 
 /// Runs the command.
@@ -34,6 +40,9 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let config = Config::resolve(path, &args.settings);
     match config {
         Ok(config) => {
+            if let Some(store) = &args.against {
+                return against(&config, store);
+            }
             if !args.quiet {
                 return super::print(config.effective().as_bytes());
             }
@@ -41,6 +50,19 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         }
         Err(error) => Ok(refuse(&error)),
     }
+}
+
+/// Says what the configuration would do to the baselines of a store.
+fn against(config: &Config, store: &Path) -> anyhow::Result<ExitCode> {
+    let prospects = baselines::prospects(&Reader::open(store)?, config)?;
+    let lines: Vec<String> = prospects.iter().map(|prospect| format!("{prospect}\n")).collect();
+    super::print(lines.concat().as_bytes())?;
+    let is_lost = |prospect: &Prospect| matches!(prospect.fate, Fate::Lost(_));
+    Ok(if prospects.iter().any(is_lost) {
+        ExitCode::from(super::WITH_LOSSES)
+    } else {
+        ExitCode::SUCCESS
+    })
 }
 
 /// Says on standard error what is wrong with a configuration; the exit code of bad arguments.

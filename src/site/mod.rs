@@ -10,6 +10,7 @@
 //! * [`clock`]          the time people's requests carry
 
 pub mod analyse;
+pub mod baselines;
 pub mod clock;
 pub mod emulator_cache;
 pub mod ordered_map;

@@ -10,6 +10,39 @@ pub const LOG: &str = "log";
 /// The names in braces that a topic may hold.
 pub const TOPIC_PLACES: [&str; 5] = ["{site}", "{rod}", "{kind}", "{what}", "{alarm}"];
 
+/// How the sinks are told of the daemon itself.
+#[derive(Debug, Clone, PartialEq)]
+pub struct AlertSettings {
+    /// How long a condition must last, or be absent, to be told \[s\].
+    pub settle_s: f64,
+    /// Ids of the sinks that are told every day that the daemon is at work.
+    pub daily: Vec<String>,
+    /// The hour at which they are, UTC \[h\].
+    pub daily_h: f64,
+    /// The sign of life.
+    pub heartbeat: Option<HeartbeatSettings>,
+}
+
+impl Default for AlertSettings {
+    fn default() -> Self {
+        Self {
+            settle_s: 60.0,
+            daily: Vec::new(),
+            daily_h: 6.0,
+            heartbeat: None,
+        }
+    }
+}
+
+/// A sign of life to a dead-man switch.
+#[derive(Debug, Clone, PartialEq)]
+pub struct HeartbeatSettings {
+    /// The switch.
+    pub target: HttpTarget,
+    /// From one sign to the next \[s\].
+    pub every_s: f64,
+}
+
 /// One sink.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SinkSettings {
@@ -98,6 +131,8 @@ pub struct MqttSettings {
     pub topic: String,
     /// Whether the broker keeps the latest message of each topic for those who come later.
     pub is_retained: bool,
+    /// The topic of the daemon's state, with `{site}` in it.
+    pub status_topic: Option<String>,
     /// Who we are.
     pub login: Option<Login>,
     /// The file with the certificates (PEM) that are trusted instead of the built-in roots.

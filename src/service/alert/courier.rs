@@ -21,6 +21,11 @@ const BATCH: usize = 100;
 /// How often the store is looked at without being told of news.
 const LOOK_EVERY: Duration = Duration::from_secs(30);
 
+/// The name under which the store remembers how far a sink was told of the daemon's conditions. No id has a slash.
+fn notices_mark(sink: &str) -> String {
+    format!("{sink}/conditions")
+}
+
 /// The name under which the store remembers that a sink was told what stood when it was added. No id has a slash.
 fn standing_mark(sink: &str) -> String {
     format!("{sink}/standing")
@@ -69,6 +74,8 @@ pub(super) struct Courier {
     /// What stood when the sink was added and it still has to be told; `None` until that was looked up.
     standing: Option<VecDeque<Message>>,
     refreshed: Option<Instant>,
+    /// Messages it told past the store: they are not told again when the store has them too.
+    told: HashSet<String>,
     backoff: Backoff,
     signal: Arc<Signal>,
 }
@@ -84,6 +91,7 @@ impl Courier {
             place,
             standing: None,
             refreshed: None,
+            told: HashSet::new(),
             backoff: Backoff::new(pace, seed),
             signal,
             errand,
@@ -142,6 +150,12 @@ impl Courier {
 
     /// Sends everything there is to send.
     fn round(&mut self) -> Result<(), Trouble> {
+        while let Some(message) = self.signal.direct() {
+            self.send(&message)?;
+            self.worked()?;
+            self.signal.delivered(&message.id);
+            self.told.insert(message.id);
+        }
         let reader = match self.reader.take() {
             Some(reader) => reader,
             None => Reader::open(&self.errand.store)?,
@@ -156,8 +170,11 @@ impl Courier {
         if !place.knows_standing {
             self.tell_standing(reader, &mut place)?;
         }
+        self.send_notices(reader, &mut place)?;
         loop {
-            let waiting = usize::try_from(reader.latest_news()? - place.through).unwrap_or(0);
+            let news = reader.latest_news()? - place.through;
+            let notices = reader.latest_notice()? - place.notices;
+            let waiting = usize::try_from(news + notices).unwrap_or(0);
             let (metrics, id) = (&self.errand.telemetry.metrics, &self.errand.settings.id);
             metrics.outbox(id, waiting);
             let news = reader.news_after(place.through, BATCH)?;
@@ -182,6 +199,26 @@ impl Courier {
         self.refresh(reader)
     }
 
+    /// Sends what there is to tell of the daemon's conditions: every sink hears of them.
+    fn send_notices(&mut self, reader: &Reader, place: &mut Place) -> Result<(), Trouble> {
+        loop {
+            let notices = reader.notices_after(place.notices, BATCH)?;
+            if notices.is_empty() {
+                return Ok(());
+            }
+            for notice in notices {
+                let message = Message::of_notice(&self.errand.site, &notice);
+                if !self.told.remove(&message.id) {
+                    self.send(&message)?;
+                    self.worked()?;
+                }
+                place.notices = notice.number;
+                self.arrive(*place);
+                self.report(&notices_mark(&self.errand.settings.id), place.notices)?;
+            }
+        }
+    }
+
     /// Where to go on: as remembered, or, for a sink that is new, behind the news there are now.
     fn place(&mut self, reader: &Reader) -> Result<Place, Trouble> {
         if let Some(place) = self.place {
@@ -191,14 +228,17 @@ impl Courier {
         let place = match reader.delivered(id)? {
             Some(through) => Place {
                 through,
+                notices: reader.delivered(&notices_mark(id))?.unwrap_or(0),
                 knows_standing: reader.delivered(&standing_mark(id))?.is_some(),
             },
             None => {
                 let place = Place {
                     through: reader.latest_news()?,
+                    notices: reader.latest_notice()?,
                     knows_standing: false,
                 };
                 self.report(id, place.through)?;
+                self.report(&notices_mark(id), place.notices)?;
                 place
             }
         };
@@ -209,7 +249,7 @@ impl Courier {
     /// Tells a sink that is new what stood when it was added.
     fn tell_standing(&mut self, reader: &Reader, place: &mut Place) -> Result<(), Trouble> {
         if self.standing.is_none() {
-            self.standing = Some(self.standing_before(reader, place.through)?);
+            self.standing = Some(self.standing_before(reader, *place)?);
         }
         while let Some(message) = self.standing.as_ref().and_then(VecDeque::front).cloned() {
             self.send(&message)?;
@@ -223,9 +263,9 @@ impl Courier {
     }
 
     /// What stands, but for what the sink is told of by later news.
-    fn standing_before(&self, reader: &Reader, through: i64) -> Result<VecDeque<Message>, Trouble> {
+    fn standing_before(&self, reader: &Reader, place: Place) -> Result<VecDeque<Message>, Trouble> {
         let mut later = HashSet::new();
-        let mut number = through;
+        let mut number = place.through;
         loop {
             let news = reader.news_after(number, BATCH)?;
             let Some(last) = news.last() else { break };
@@ -235,18 +275,22 @@ impl Courier {
                 .filter(|news| news.event.what == alarm::What::Raised);
             later.extend(raised.map(|news| news.event.alarm.id));
         }
+        let later_notices = reader.notices_after(place.notices, BATCH)?;
+        later.extend(later_notices.into_iter().map(|notice| notice.condition));
         let mut standing = self.messages_of_standing(reader)?;
         standing.retain(|message| !later.contains(&message.alarm));
         Ok(standing.into())
     }
 
     fn messages_of_standing(&self, reader: &Reader) -> Result<Vec<Message>, Trouble> {
-        let alarms = reader.alarms(&Filter::default())?;
-        Ok(alarms
+        let (alarms, site) = (reader.alarms(&Filter::default())?, &self.errand.site);
+        let alarms = alarms
             .iter()
             .filter(|alarm| !alarm.is_over() && self.errand.settings.wants(alarm.kind, &alarm.rod))
-            .map(|alarm| Message::standing(&self.errand.site, alarm))
-            .collect())
+            .map(|alarm| Message::standing(site, alarm));
+        let conditions = reader.standing_notices()?;
+        let conditions = conditions.iter().map(|begun| Message::lasting(site, begun));
+        Ok(alarms.chain(conditions).collect())
     }
 
     /// Sends again what stands to a sink that forgets.

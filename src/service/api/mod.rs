@@ -6,10 +6,12 @@
 //! * [`history`]  a rod's numbers over time, in columns
 //! * [`days`]     what years are drawn from
 //! * [`listing`]  records and alarms, page by page
+//! * [`monitoring`] whether the site is monitored, and what lasts around the daemon
 
 pub mod days;
 pub mod history;
 pub mod listing;
+pub mod monitoring;
 pub mod rod;
 pub mod site;
 pub mod standing;
@@ -17,6 +19,7 @@ pub mod standing;
 pub use days::Days;
 pub use history::History;
 pub use listing::{Alarms, Records};
+pub use monitoring::{Lasting, Monitoring};
 pub use rod::{Chart, Looks, RodAnswer};
 pub use site::SiteAnswer;
 pub use standing::{Goals, RodStatus};

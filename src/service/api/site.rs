@@ -1,8 +1,10 @@
 //! All rods of a site at a glance.
 
 use super::days::{DAY_NS, Days};
+use super::monitoring::Monitoring;
 use super::standing::{Goals, RodStatus};
 use crate::analysis::signal::record::{RodId, Timestamp};
+use crate::site::clock;
 use crate::site::store::{Reader, StoreError};
 use serde::Serialize;
 
@@ -19,6 +21,8 @@ pub struct SiteAnswer {
     pub site: String,
     /// Version of the program that answers.
     pub version: &'static str,
+    /// Whether it is monitored; `null` if no daemon ever worked on the store.
+    pub monitoring: Option<Monitoring>,
     /// Its rods, in alphabetical order.
     pub rods: Vec<RodGlance>,
 }
@@ -76,6 +80,7 @@ impl SiteAnswer {
         Ok(Self {
             site: config.map_or_else(|| "Site".to_owned(), |[_, site, _]| site),
             version: env!("CARGO_PKG_VERSION"),
+            monitoring: Monitoring::of(reader, None, clock::now())?,
             rods,
         })
     }

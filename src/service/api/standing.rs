@@ -50,6 +50,8 @@ pub struct RodStatus {
     pub alarms: Vec<Alarm>,
     /// What was asked for and waits.
     pub waiting: Vec<String>,
+    /// Since when a daemon has waited for the rod's first record; `null` once one has come.
+    pub never_seen_since: Option<Timestamp>,
 }
 
 /// Records of a baseline, and periods that teach what temperature does.
@@ -148,6 +150,7 @@ impl RodStatus {
                     Asked::Rebaseline { .. } => "rebaseline".to_owned(),
                 })
                 .collect(),
+            never_seen_since: standing.awaited,
             rod: standing.rod,
         })
     }
@@ -163,6 +166,11 @@ impl RodStatus {
 
     /// Why the rod stands as it does, if there is more to say than the state's name.
     pub fn why(&self) -> Option<String> {
+        if let Some(since) = self.never_seen_since.filter(|_| self.state_reason.is_none()) {
+            return Some(format!(
+                "never seen: no record since the rod was configured, {since}"
+            ));
+        }
         if let (Some(records), Some(periods)) = (self.baseline_records, self.learned_periods) {
             let of = |goal: fn(&Goals) -> usize| {
                 let goal = self.learning_takes.as_ref().map(goal);

@@ -1,24 +1,28 @@
 //! The one thread that owns trackers and store: takes what comes out of the pipeline, in order, and makes it durable.
 
 use super::Job;
+use super::guard::Guard;
 use super::held::Held;
 use super::opening::{open_site, warn_of_renewed};
 use super::retention::Retention;
 use super::silence::Silence;
+use super::vigil::Vigil;
 use crate::analysis::outcome::Outcome;
 use crate::analysis::signal::record::{Rejection, RodId, Timestamp};
+use crate::recording::note;
 use crate::recording::read::Place;
 use crate::recording::read::{SourceError, Summary};
 use crate::service::telemetry::{Fault, Health};
 use crate::site::analyse::{Analysed, Passed};
+use crate::site::clock;
 use crate::site::prepared::Generation;
-use crate::site::store::{FileMark, Standing, StoreError};
+use crate::site::store::{FileMark, Notice, Standing, StoreError};
 use crate::site::trackers::{Note, Site, Taken};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
-use std::time::{Duration, Instant, SystemTime};
+use std::time::{Duration, Instant};
 
 /// Free space with which work is taken up again after the disk was full \[bytes\].
 const ROOM: u64 = 8 << 20;
@@ -46,6 +50,8 @@ pub enum Word<'a> {
     Alive,
     /// There are news in the outbox.
     News,
+    /// A condition that the store cannot keep now: it is told past it.
+    Untold(&'a Notice),
     /// A record that the store has already.
     Known(&'a RodId),
     /// A record was taken; its commit is durable.
@@ -84,26 +90,35 @@ pub enum Broken {
 pub struct Core {
     /// `None` only while a full disk is waited for.
     site: Option<Site>,
+    guard: Guard,
+    /// Whether the store is not the file that is written: nothing is acknowledged while it is not.
+    halted: Arc<AtomicBool>,
     store: PathBuf,
     generation: Arc<Generation>,
     held: Held,
     passed: Passed,
     silence: Silence,
     retention: Retention,
+    vigil: Vigil,
     health: Arc<Health>,
     stopping: Arc<AtomicBool>,
     tell: Box<dyn Fn(Word<'_>) + Send>,
 }
 
 impl Core {
-    /// A core for an open site. `stopping` ends the wait for a full disk.
+    /// A core for an open site. `stopping` ends the wait for a full disk; `halted` tells others that the store is lost.
+    ///
+    /// # Errors
+    /// The store cannot be read.
     pub fn new(
         site: Site,
         generation: Arc<Generation>,
         health: Arc<Health>,
-        stopping: Arc<AtomicBool>,
+        (stopping, halted): (Arc<AtomicBool>, Arc<AtomicBool>),
         tell: Box<dyn Fn(Word<'_>) + Send>,
-    ) -> Self {
+    ) -> Result<Self, StoreError> {
+        let settle = Duration::from_secs_f64(generation.config.alert.settle_s);
+        let (vigil, silent_from) = Vigil::begin(site.store(), settle, Arc::clone(&health))?;
         let mut passed = Passed::default();
         for (rod, _) in site.latest() {
             // Every record before this start came before what comes now. A rod that cannot be asked for has none.
@@ -112,6 +127,8 @@ impl Core {
             }
         }
         let mut core = Self {
+            guard: Guard::of(site.store().path()),
+            halted,
             store: site.store().path().to_owned(),
             site: Some(site),
             held: Held::new(generation.config.track.reorder_window_s),
@@ -119,12 +136,13 @@ impl Core {
             passed,
             silence: Silence::default(),
             retention: Retention::default(),
+            vigil,
             health,
             stopping,
             tell,
         };
-        core.listen();
-        core
+        core.listen(silent_from);
+        Ok(core)
     }
 
     /// Takes what came out of the pipeline together. Events are put into the order of their times; of what goes now, records,
@@ -214,6 +232,9 @@ impl Core {
     fn record(&mut self, outcome: &Outcome, place: &Place, taken: &Taken, took: Duration) {
         let rod = outcome.rod();
         self.silence.end(rod, Instant::now());
+        if let Some(start) = outcome.start() {
+            self.vigil.heard(start);
+        }
         if let Outcome::Rejected(rejected) = outcome {
             let fault = match rejected.rejection {
                 Rejection::Broken { .. } => Fault::Broken,
@@ -233,6 +254,11 @@ impl Core {
             Ok(summary) => {
                 for note in &summary.notes {
                     tracing::info!("{note}");
+                }
+                for (topic, held) in &summary.topics {
+                    if held.messages > 0 && topic != note::TOPIC && !self.generation.config.reads(topic) {
+                        self.health.strays().came(topic);
+                    }
                 }
                 for fault in summary.faults() {
                     self.health.fault(Fault::Recording, fault);
@@ -254,7 +280,8 @@ impl Core {
         let mut standings = None;
         if let Some(site) = self.site.take() {
             match site.reload(generation.track_plans.iter().cloned(), generation.provenance()) {
-                Ok(site) => {
+                Ok(mut site) => {
+                    site.expect_rods(clock::now())?;
                     warn_of_renewed(&site);
                     standings = Some(site.standings()?);
                     self.site = Some(site);
@@ -267,20 +294,23 @@ impl Core {
                 Err(error) => return Err(error.into()),
             }
         }
-        self.listen();
+        self.listen(clock::now());
+        let settle = Duration::from_secs_f64(generation.config.alert.settle_s);
+        self.vigil.set_settle(settle);
         (self.tell)(Word::Reloaded(&generation, standings.as_deref()));
         Ok(())
     }
 
     /// Begins to count the silence of rods that are new.
-    fn listen(&mut self) {
-        let (wall, now) = (wall_clock(), Instant::now());
-        for (rod, latest) in self.site.iter().flat_map(Site::latest) {
-            self.silence.begin(rod, latest, wall, now);
+    fn listen(&mut self, wall: Timestamp) {
+        let now = Instant::now();
+        for (rod, since) in self.site.iter().flat_map(Site::silent_since) {
+            self.silence.begin(rod, since, wall, now);
         }
     }
 
     fn tick(&mut self, is_caught_up: bool) -> Result<(), Broken> {
+        self.look_at_files()?;
         let mut has_news = self.durable(Site::apply_requests)? > 0;
         if is_caught_up {
             let lasting: Vec<(RodId, f64)> = self
@@ -292,6 +322,14 @@ impl Core {
                 let events = self.durable(|site| site.look_at_clock(&rod, elapsed_s))?;
                 has_news |= !events.is_empty();
             }
+        }
+        let config = &self.generation.config;
+        self.vigil.tick(self.site.as_ref(), config, is_caught_up);
+        self.vigil.look();
+        if let Some((notices, stretch)) = self.vigil.due() {
+            self.durable(|site| site.watch(&notices, stretch))?;
+            self.vigil.kept(notices.len());
+            has_news |= !notices.is_empty();
         }
         if let Some(keep_s) = self.generation.config.store.keep_lines_s
             && let Some((rod, from)) = self.retention.next(&self.generation.plans)
@@ -344,6 +382,9 @@ impl Core {
                 return Err(Broken::Stopping);
             }
             (self.tell)(Word::Alive);
+            for notice in self.vigil.look() {
+                (self.tell)(Word::Untold(&notice));
+            }
             thread::sleep(LOOK);
             looks -= 1;
             if looks > 0 {
@@ -357,6 +398,7 @@ impl Core {
                 // The reader knows nothing of marks that are gone: only a restart reads everything again.
                 Ok(site) if site.store().moved_aside().is_some() => return Err(Broken::Damaged),
                 Ok(site) => {
+                    self.guard = Guard::of(&self.store);
                     self.site = Some(site);
                     self.silence.forgive(begun.elapsed());
                     return Ok(());
@@ -367,6 +409,39 @@ impl Core {
                 Err(error) => return Err(error.into()),
             }
         }
+    }
+
+    /// Looks whether the store is still the file that is written. If not, nothing is kept or acknowledged, and the sinks are told
+    /// past it, until the very file is back or somebody starts the daemon anew.
+    fn look_at_files(&mut self) -> Result<(), Broken> {
+        let begun = Instant::now();
+        let mut is_lost = false;
+        while let Err((path, what)) = self.guard.look() {
+            self.halted.store(true, Ordering::Relaxed);
+            let detail = format!(
+                "{} {what} while it was written: nothing is kept or acknowledged. Bring the very file back and it goes on; or \
+                 start the daemon anew: it begins a new store if there is none, and reads again what folder and journal hold",
+                path.display()
+            );
+            self.health.hold(Fault::Files, &self.about(), detail);
+            is_lost = true;
+            if self.stopping.load(Ordering::Relaxed) {
+                // Closing it would remove, by its name, a write-ahead log that may be another store's.
+                std::mem::forget(self.site.take());
+                return Err(Broken::Stopping);
+            }
+            (self.tell)(Word::Alive);
+            for notice in self.vigil.look() {
+                (self.tell)(Word::Untold(&notice));
+            }
+            thread::sleep(LOOK);
+        }
+        if is_lost {
+            self.halted.store(false, Ordering::Relaxed);
+            self.health.over(Fault::Files, &self.about());
+            self.silence.forgive(begun.elapsed());
+        }
+        Ok(())
     }
 
     /// What a condition of the store is about.
@@ -400,10 +475,4 @@ fn put(site: &mut Site, done: &Done, before: Option<[u8; 32]>) -> Result<Option<
 fn room(path: &Path) -> u64 {
     let folder = path.parent().unwrap_or(Path::new("."));
     rustix::fs::statvfs(folder).map_or(u64::MAX, |stat| stat.f_bavail.saturating_mul(stat.f_frsize))
-}
-
-/// The time of day.
-fn wall_clock() -> Timestamp {
-    let since = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH);
-    Timestamp::from_nanos(since.map_or(0, |since| i64::try_from(since.as_nanos()).unwrap_or(i64::MAX)))
 }

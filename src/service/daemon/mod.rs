@@ -2,11 +2,14 @@
 //!
 //! docs/daemon.md tells the way of a record through it. [`run`] is its life: prepare, open, run, reload, drain.
 
+mod conditions;
 pub mod core;
 mod folder;
+mod guard;
 mod held;
 pub mod job;
 mod live;
+mod misnamed;
 pub mod notify;
 mod opening;
 mod pipe;
@@ -18,10 +21,13 @@ mod signals;
 mod silence;
 pub mod steps;
 pub mod suspects;
+mod vigil;
+mod wall_clock;
 mod workers;
 
 use crate::site::prepared::Generation;
 pub use job::Job;
+pub use live::vouch;
 
 use crate::config::{Config, ConfigError, Setting};
 use crate::service::http;
@@ -29,7 +35,7 @@ use crate::service::ingest::Listener;
 use crate::service::telemetry::{Fault, Health, Phase, Telemetry};
 use crate::site::ordered_map::message_of;
 use crate::site::trackers::Site;
-use crate::site::{clock, store};
+use crate::site::{baselines, clock, store};
 use live::Bound;
 use notify::Watchdog;
 use running::Running;
@@ -56,6 +62,8 @@ pub struct Options {
     pub settings: Vec<Setting>,
     /// Threads that analyse; by default one per core.
     pub threads: Option<usize>,
+    /// Rods whose baselines may be dropped by settings that changed.
+    pub given_up: Vec<String>,
 }
 
 /// What happens to a daemon.
@@ -104,7 +112,12 @@ pub fn run(options: &Options) -> anyhow::Result<ExitCode> {
     };
     let mut bound = Some(bind().map_err(holder)?);
     let _watchdog = Watchdog::start(telemetry.clone())?;
-    open(config, Arc::clone(&telemetry.health), tell.clone())?;
+    open(
+        config,
+        Arc::clone(&telemetry.health),
+        options.given_up.clone(),
+        tell.clone(),
+    )?;
     let daemon = Daemon {
         options,
         runtime: &runtime,
@@ -140,7 +153,8 @@ fn show(
                 }
             };
             let access = http::Access::of(&config.http)?;
-            Some(http::Api::new(shown, access, ask, stopped.clone()))
+            let api = http::Api::new(shown, access, ask, stopped.clone());
+            Some(api.of_daemon(Arc::clone(&telemetry.health)))
         }
         None => None,
     };
@@ -208,10 +222,11 @@ impl Daemon<'_> {
                     match (prepared, &mut running) {
                         (Ok(generation), Some(running)) => {
                             running.reload(generation);
+                            health.over(Fault::Reload, &about(options));
                             notify::ready("the configuration was read again");
                         }
                         (Ok(_), None) => {}
-                        (Err(error), _) => keep_old(health, &error),
+                        (Err(error), _) => keep_old(options, health, &error),
                     }
                     is_preparing = std::mem::take(&mut is_asked_again) && begin_reload(options, health, tell);
                 }
@@ -248,18 +263,29 @@ fn load(options: &Options) -> Result<Config, ConfigError> {
 
 /// Prepares the first configuration and opens the store, on a thread of its own: both may take long, and signals are
 /// answered meanwhile.
-fn open(config: Config, health: Arc<Health>, tell: Sender<Happening>) -> io::Result<()> {
+fn open(
+    config: Config,
+    health: Arc<Health>,
+    given_up: Vec<String>,
+    tell: Sender<Happening>,
+) -> io::Result<()> {
     let work = move || {
         let generation = prepared(config)?;
-        let site = opening::open_patiently(&generation, &health)?;
+        let site = opening::open_patiently(&generation, &health, &given_up)?;
         Ok((generation, Box::new(site)))
     };
     beside("open", tell, work, Happening::Opened)
 }
 
-/// Prepares another configuration on a thread of its own.
-fn prepare(config: Config, tell: Sender<Happening>) -> io::Result<()> {
-    beside("prepare", tell, || prepared(config), Happening::Prepared)
+/// Prepares another configuration on a thread of its own; one that would drop a baseline is refused.
+fn prepare(config: Config, given_up: Vec<String>, tell: Sender<Happening>) -> io::Result<()> {
+    let work = move || {
+        if let Some(store) = &config.store.path {
+            baselines::guard(&store::Reader::open(store)?, &config, &given_up)?;
+        }
+        prepared(config)
+    };
+    beside("prepare", tell, work, Happening::Prepared)
 }
 
 /// Does some work on a thread called `name` and tells what came of it, whatever that is.
@@ -294,24 +320,36 @@ fn begin_reload(options: &Options, health: &Health, tell: &Sender<Happening>) ->
     notify::reloading();
     let begun = load(options)
         .map_err(anyhow::Error::from)
-        .and_then(|config| Ok(prepare(config, tell.clone())?));
+        .and_then(|config| Ok(prepare(config, options.given_up.clone(), tell.clone())?));
     match begun {
         Ok(()) => true,
         Err(error) => {
-            keep_old(health, &error);
+            keep_old(options, health, &error);
             false
         }
     }
 }
 
-/// The reload is over. All faults go to the log, one fault to health.
-fn keep_old(health: &Health, error: &anyhow::Error) {
+/// What a condition of the configuration is about.
+fn about(options: &Options) -> String {
+    options.config.display().to_string()
+}
+
+/// The reload is over. All faults go to the log; that the file is not what holds lasts until one is taken.
+fn keep_old(options: &Options, health: &Health, error: &anyhow::Error) {
     for line in error.to_string().lines() {
         tracing::error!("{line}");
     }
-    health.fault(
-        Fault::Reload,
-        "the new configuration is bad, the old one holds; `tirante check` lists its faults",
-    );
+    let what = match error.downcast_ref::<baselines::BaselineError>() {
+        Some(baselines::BaselineError::Refused(_)) => {
+            "the new configuration would drop a baseline, the old one holds; `tirante check --against STORE` says which and why"
+        }
+        _ => "the new configuration is bad, the old one holds; `tirante check` lists its faults",
+    };
+    if health.lasts(Fault::Reload, &about(options)) {
+        health.fault(Fault::Reload, what);
+    } else {
+        health.hold(Fault::Reload, &about(options), what);
+    }
     notify::ready("the new configuration is bad, the old one holds");
 }

@@ -7,7 +7,7 @@ use super::server::TopicSet;
 use crate::recording::note;
 use crate::recording::read::mcap::{Damage, Item, Progress, Reader};
 use crate::service::journal::{Batch, Definition, Entry, MAX_MESSAGE};
-use std::collections::{HashMap, VecDeque};
+use std::collections::{BTreeSet, HashMap, VecDeque};
 use std::mem;
 use std::sync::Arc;
 
@@ -22,6 +22,9 @@ const MAX_SCHEMA: usize = (1 << 20) + 1;
 
 /// Most channels of one stream on topics that rods read.
 const MAX_CHANNELS: usize = 1024;
+
+/// Most topics of no rod that are named of one connection.
+const MOST_STRAYS: usize = 16;
 
 /// What is known of a stream.
 #[derive(Default)]
@@ -46,6 +49,8 @@ pub(super) struct Stream {
     due: u64,
     /// Messages of no rod's topic since it was asked last.
     pub foreign: u64,
+    /// The first topics of no rod on which messages came.
+    pub strays: BTreeSet<String>,
     /// Messages of this connection that were kept, and those that were too large.
     kept: u64,
     too_large: u64,
@@ -122,6 +127,7 @@ impl Stream {
             None if !is_wanted(&topic, topics) => {
                 self.count();
                 self.foreign += 1;
+                stray(&mut self.strays, &topic);
                 return Ok(());
             }
             None => {
@@ -144,9 +150,15 @@ impl Stream {
 
     fn message(&mut self, id: u16, log_time: u64, publish_time: u64, data: &[u8]) {
         self.count();
-        let Some(channel) = self.channels.get_mut(&id).filter(|channel| channel.is_wanted) else {
-            self.foreign += 1;
-            return;
+        let channel = match self.channels.get_mut(&id) {
+            Some(channel) if channel.is_wanted => channel,
+            other => {
+                self.foreign += 1;
+                if let Some(channel) = other {
+                    stray(&mut self.strays, &channel.topic);
+                }
+                return;
+            }
         };
         if data.len() > MAX_MESSAGE {
             self.too_large += 1;
@@ -237,6 +249,13 @@ impl Stream {
 /// Whether messages of a topic are kept; the journal's own notes come from nobody else.
 fn is_wanted(topic: &str, topics: &TopicSet) -> bool {
     topics.contains(topic) && topic != note::TOPIC
+}
+
+/// Remembers a topic of no rod, among the first few.
+fn stray(strays: &mut BTreeSet<String>, topic: &str) {
+    if strays.len() < MOST_STRAYS && topic != note::TOPIC && !strays.contains(topic) {
+        strays.insert(topic.to_owned());
+    }
 }
 
 fn too_large(messages: u64) -> LeftOut {

@@ -3,11 +3,12 @@
 use super::Definition;
 use crate::recording::note::{Note, TOPIC};
 use crate::recording::part;
+use crate::service::telemetry::owned::Owned;
 use mcap::records::MessageHeader;
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{self, Write};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Instant, SystemTime, UNIX_EPOCH};
 
@@ -53,6 +54,7 @@ impl Write for Made {
 /// The part that is written.
 pub(super) struct Output {
     pub number: u32,
+    path: PathBuf,
     file: File,
     mcap: mcap::Writer<mcap::write::NoSeek<Made>>,
     made: Made,
@@ -109,6 +111,7 @@ impl Output {
             .map_err(other)?;
         let mut output = Self {
             number,
+            path,
             file,
             mcap,
             made,
@@ -125,6 +128,12 @@ impl Output {
         };
         output.close_chunk(note)?;
         Ok(output)
+    }
+
+    /// The file, by what it is.
+    pub fn owned(&self) -> Option<Owned> {
+        let data = self.file.metadata().ok()?;
+        Some(Owned::with(&self.path, &data))
     }
 
     /// Whether these many channels more have room in this part.

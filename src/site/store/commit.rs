@@ -76,7 +76,7 @@ impl Commit<'_> {
             record.write(connection)?;
         }
         if let Some(rod) = &self.rod {
-            let start = self.record.as_ref().and_then(|record| start_of(record.outcome));
+            let start = self.record.as_ref().and_then(|record| record.outcome.start());
             rod.write(connection, kept, start)?;
         }
         if let Some(snapshot) = &self.snapshot {
@@ -106,14 +106,6 @@ impl Commit<'_> {
     }
 }
 
-fn start_of(outcome: &Outcome) -> Option<Timestamp> {
-    match outcome {
-        Outcome::Identified(identification) => identification.measurement.as_ref().map(|m| m.start),
-        Outcome::Tabulated(row) => Some(row.start),
-        Outcome::Rejected(rejected) => rejected.start,
-    }
-}
-
 impl RecordRow<'_> {
     fn write(&self, connection: &Connection) -> Result<(), Trouble> {
         let unkeepable = |detail: String| StoreError::Unkeepable {
@@ -137,7 +129,7 @@ impl RecordRow<'_> {
             .with("id", id)
             .with("rod", self.outcome.rod().0.clone())
             .with("identity", identity.to_vec())
-            .with("start_ns", start_of(self.outcome).map(Timestamp::as_nanos));
+            .with("start_ns", self.outcome.start().map(Timestamp::as_nanos));
         for column in &COLUMNS {
             row.put(column.name, column.of(&line));
         }
@@ -204,10 +196,12 @@ fn write_standing(
     let (code, detail) = (stands.code(), kept("state", stands)?);
     let since = match &before {
         Some((before_code, before_detail, since, before_segment)) => {
-            if before_code == code && *before_detail == detail && *before_segment == segment {
+            let is_same = before_code == code && *before_detail == detail && *before_segment == segment;
+            if is_same && (since.is_some() || time.is_none()) {
                 return Ok(());
             }
-            if before_code == code {
+            // A rod of which nothing had come yet stood so since no time that can be told.
+            if before_code == code && since.is_some() {
                 since.clone()
             } else {
                 time.map(|time| time.to_string())

@@ -21,8 +21,10 @@ mod request;
 mod retention;
 mod row;
 mod schema;
+mod shelf;
 mod snapshot;
 mod state;
+mod vigil;
 
 pub use commit::{Commit, Position, RecordRow, RodRow};
 pub use error::StoreError;
@@ -34,6 +36,7 @@ pub use page::{Lines, Mark, Point};
 pub use read::{Filter, Listing, Reader, Standing};
 pub use request::{Asked, Request};
 pub use snapshot::{SnapshotRow, Snapshots};
+pub use vigil::{Notice, Stretch};
 
 use crate::analysis::signal::record::{RodId, Timestamp};
 use crate::analysis::track::State;
@@ -262,6 +265,16 @@ impl Store {
     pub fn request(&mut self, rod: &RodId, what: &Asked, asked: Timestamp) -> Result<i64, StoreError> {
         request::put(&self.reader.connection, rod, what, asked)
             .map_err(|error| self.reader.fault(Trouble::Sql(error)))
+    }
+}
+
+/// Whether a process writes the store at `path`; `None` if that cannot be known.
+pub fn is_held(path: &Path) -> Option<bool> {
+    let path = std::fs::canonicalize(path).ok()?;
+    match Lock::take(&path) {
+        Ok(_) => Some(false),
+        Err(StoreError::Held { .. }) => Some(true),
+        Err(_) => None,
     }
 }
 

@@ -85,7 +85,8 @@ impl Kept {
             watches,
             plausibility,
             thermometer,
-            latest
+            latest,
+            opened
         );
         Ok(())
     }

@@ -75,6 +75,7 @@ export const rodLink = (rod) => `/rod?id=${encodeURIComponent(rod)}`;
 export const state = (status) => el("span", { class: `state ${status.state}` }, status.state.replace("-", " "));
 
 export function why(status) {
+  if (status.never_seen_since && !status.state_reason) return `never seen since ${time(status.never_seen_since)}`;
   if (status.baseline_records !== null) {
     const goals = status.learning_takes;
     return `baseline ${status.baseline_records}${goals ? ` of ${goals.records}` : ""} records, charts ${status.learned_periods}${goals ? ` of ${goals.periods}` : ""} periods`;

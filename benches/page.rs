@@ -7,7 +7,7 @@
 #[path = "../tests/archive/mod.rs"]
 mod archive;
 
-use archive::{CONFIG, identified, line, period, rejected, state};
+use archive::{CONFIG, identified, new_record, period, rejected, row, state};
 use divan::Bencher;
 use std::env;
 use std::path::PathBuf;
@@ -17,7 +17,7 @@ use tirante::analysis::signal::record::{RodId, Timestamp};
 use tirante::analysis::track::{Period, RodState};
 use tirante::service::api::{Chart, Days, History, Records, SiteAnswer};
 use tirante::service::http::{Shown, Unanswered};
-use tirante::site::store::{Commit, Durability, Reader, RecordRow, RodRow, Store, StoreError};
+use tirante::site::store::{Commit, Durability, Reader, RodRow, Store, StoreError};
 
 const RODS: i64 = 20;
 const HOURS: i64 = 8760;
@@ -48,6 +48,7 @@ static STORE: LazyLock<(tempfile::TempDir, PathBuf)> = LazyLock::new(|| {
                 };
                 let closed: Vec<Period> = (number % 24 == 23).then(|| period(day)).into_iter().collect();
                 let now = state(&rod, number);
+                let record = row(&outcome);
                 let row = RodRow {
                     state: &now,
                     stands: &RodState::Monitoring,
@@ -55,11 +56,7 @@ static STORE: LazyLock<(tempfile::TempDir, PathBuf)> = LazyLock::new(|| {
                     events: &[],
                 };
                 let commit = Commit {
-                    record: Some(RecordRow {
-                        outcome: &outcome,
-                        line: &line(&outcome),
-                        emulator: "reduced",
-                    }),
+                    record: Some(new_record(&outcome, &record)),
                     rod: (!closed.is_empty()).then_some(row),
                     ..Commit::default()
                 };

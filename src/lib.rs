@@ -12,12 +12,12 @@
 //! * [`site`]      prepared configuration, analysis of each record, trackers, store
 //! * [`config`]    the TOML configuration, every fault reported at once, and every part's settings
 //! * [`recording`] recordings in and out, measurements of other programs
-//! * [`analysis`]  the pure part: numerics, rod, signal, inference, track, lab; it knows no file, clock, thread
+//! * [`analysis`]  the pure part: numerics, rod, signal, inference, track, lab; it has no file, clock, thread
 //!   pool of its own or global generator
 //!
 //! docs/development.md has the drawing, and the way of a record through it.
 //!
-//! Units are SI throughout; where no documentation travels, the unit is a suffix of the name.
+//! Units are SI throughout; where no documentation is at hand, the unit is a suffix of the name.
 
 pub mod analysis;
 pub mod command;

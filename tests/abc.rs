@@ -611,7 +611,7 @@ fn the_papers_table_2_reproduces_with_the_density_of_table_3() {
     near(printed.mean(Quantity::YoungsModulus).unwrap(), 1.15e11, 0.008e11);
 }
 
-/// The paper's record conflicts with the model, which is said, and its posterior is not extrapolated.
+/// The paper's record conflicts with the model: this is reported, and its posterior is not extrapolated.
 #[test]
 fn conflicts_are_told_apart_from_wrong_priors() {
     let prior = RodPrior::todi();
@@ -690,7 +690,7 @@ fn emulator_and_exact_model_give_one_posterior() {
     assert!((reduced.sd(FORCE).unwrap() / sd - 1.0).abs() < 0.01);
 }
 
-/// A rod of which nothing is known but its size and material, as `init` describes it: 9.5 m, 50 mm square.
+/// A rod of known size and material only, as `init` describes it: 9.5 m, 50 mm square.
 fn unknown_rod(density: Prior) -> RodPrior {
     let support = Prior::Fixity(Fixity {
         low: 0.0,
@@ -721,7 +721,7 @@ const DENSITY: Prior = Prior::TruncatedNormal {
     sd: 0.03 * 7650.0,
 };
 
-/// The inference of a prior with a discrepancy of 1 %, as configured without a word.
+/// The inference of a prior with a discrepancy of 1 %, as by default.
 fn defaults(prior: RodPrior, modes: usize) -> Inference {
     let model = Arc::new(OrExact::new(ReducedModel::new(*prior.parameterisation())));
     let settings = AbcSettings::default();
@@ -743,9 +743,10 @@ fn log_variance(posterior: &Posterior) -> f64 {
     tirante::analysis::numerics::diagnostics::sd(&logs, &posterior.weights).powi(2)
 }
 
-/// What the sentence promises: with a source fixed at the places the posterior gives it, one after the other, the variance of ln N
-/// falls by its `if_known`. Each variance of 2000 weighted draws scatters by 4 %, the mean of twelve by 1 %; the tolerance of ABC
-/// changes between the runs. 0.08 leaves room for both, and is half of the smallest fall looked at but one.
+/// Check of `if_known`: with a source fixed at the values of the posterior, one after the other, the variance
+/// of ln N falls by its `if_known`. Each variance of 2000 weighted draws scatters by 4 %, the mean of twelve
+/// by 1 %; the tolerance of ABC changes between the runs. 0.08 leaves room for both, and is half of the
+/// smallest fall looked at but one.
 #[test]
 fn a_source_known_exactly_takes_its_share_away() {
     let prior = unknown_rod(DENSITY);
@@ -799,8 +800,9 @@ fn a_source_known_exactly_takes_its_share_away() {
     }
 }
 
-/// With one frequency nothing checks the mass, and the force follows it: said, and true. A density 5 % too high moves the force
-/// by what is said, give or take the tenth of a posterior standard deviation that two tables differ by.
+/// With one frequency nothing checks the mass, and the force follows it: this is reported, and true. A
+/// density 5 % too high moves the force by the reported amount, within the tenth of a posterior standard
+/// deviation by which two tables differ.
 #[test]
 fn one_frequency_does_not_check_the_mass_and_that_is_said() {
     let observation = frequencies_of_the_rod(1);

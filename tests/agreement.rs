@@ -1,4 +1,4 @@
-//! One campaign, told by the table, JSON lines, history, status and report: the same numbers everywhere.
+//! One campaign in table, JSON lines, history, status and report: the same numbers everywhere.
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
 use assert_cmd::Command;

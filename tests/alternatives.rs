@@ -182,7 +182,7 @@ fn evidence_and_sizes_are_those_of_brute_force() {
     }
 }
 
-/// A change of ln of what a kind names; `side` is the entry of the support.
+/// Changes the ln of the quantity of a kind; `side` is the entry of the support.
 fn change(theta: &mut [f64], kind: Kind, side: usize, size: f64) {
     match kind {
         Kind::Force => theta[0] *= size.exp(),
@@ -195,7 +195,7 @@ fn change(theta: &mut [f64], kind: Kind, side: usize, size: f64) {
     }
 }
 
-/// The shifts of the first modes when something of the central rod changes.
+/// Shifts of the first modes by a change of the central rod.
 fn shifts(theta_of: impl Fn(&mut [f64]), modes: usize) -> Vec<f64> {
     let prior = RodPrior::todi();
     let exact = Exact::new(*prior.parameterisation());
@@ -263,7 +263,7 @@ fn the_sentence_says_no_more_than_the_odds() {
     assert!(alternatives.explain(&shift_of(&[], 1e-4)).is_none());
 }
 
-/// A section given as rigidity and mass knows the same changes.
+/// A section given as rigidity and mass has the same kinds of change.
 #[test]
 fn a_rod_given_by_its_rigidity_has_the_same_alternatives() {
     let (prior, baseline, _) = centre(3, 128);
@@ -374,7 +374,7 @@ struct Cell {
     count: usize,
 }
 
-/// Claims of one setting: `force` and how many of them are wrong, `not axial` and how many of them are wrong.
+/// Claims of one setting: number of `force` and of wrong ones, number of `not axial` and of wrong ones.
 #[derive(Default, Debug, PartialEq)]
 struct Claims {
     force: usize,

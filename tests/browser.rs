@@ -1,5 +1,6 @@
 //! The page in a real browser: it draws without a network, a new record appears by itself, an acknowledgement lands. Chromium is
-//! driven by its own driver; without one the test says so, or fails with `TIRANTE_REAL_PEERS`.
+//! driven by its own driver; without one the test reports that it is skipped, or fails with
+//! `TIRANTE_REAL_PEERS`.
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
 mod server;
@@ -15,7 +16,7 @@ use std::thread;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 use tirante::site::store::Reader;
 
-/// How long a page may take on a machine that is busy with other things.
+/// Longest wait for a page on a busy machine.
 const PATIENCE: Duration = Duration::from_secs(90);
 
 /// A browser without a window.
@@ -97,7 +98,7 @@ impl Browser {
         self.post("/url", &json!({"url": address}));
     }
 
-    /// What a script gives back.
+    /// Return value of a script.
     fn run(&self, script: &str) -> Json {
         self.post("/execute/sync", &json!({"script": script, "args": []}))
     }
@@ -114,7 +115,7 @@ impl Browser {
         }
     }
 
-    /// What the page wrote on the console: errors of scripts, what its own policy forbade, what could not be loaded.
+    /// Messages of the page on the console: script errors, policy violations, failed loads.
     fn complaints(&self) -> Vec<String> {
         let log = self.post("/se/log", &json!({"type": "browser"}));
         let entries = log.as_array().cloned().unwrap_or_default();
@@ -164,9 +165,9 @@ fn decoded(text: &str) -> Vec<u8> {
 }
 
 const DRAWN: &str =
-    "return [...document.querySelectorAll('.plot')].filter((p) => !p.closest('figure').hidden)
-    .every((p) => p.querySelectorAll('.main-svg path.js-line, .main-svg .point, .main-svg .trace').length > 0)
-    && document.querySelectorAll('.plot .main-svg').length >= 5";
+    "const seen = [...document.querySelectorAll('.plot')].filter((p) => !p.closest('figure').hidden);
+    return document.getElementById('content').getAttribute('aria-busy') === 'false' && seen.length >= 8
+    && seen.every((p) => p.querySelectorAll('path.line, path.dots, path.bar').length > 0)";
 
 #[test]
 fn the_page_draws_follows_and_acknowledges() {
@@ -184,7 +185,7 @@ fn the_page_draws_follows_and_acknowledges() {
     );
     browser.wait(
         "the light",
-        "return document.getElementById('live').textContent === 'live'",
+        "return document.getElementById('live').textContent === 'connected'",
     );
     let text = browser.run("return document.body.innerText");
     assert!(
@@ -204,10 +205,29 @@ fn the_page_draws_follows_and_acknowledges() {
         .unwrap();
     let force = record["axial_force_n"]["mean"].as_f64().unwrap() / 1e3;
     let shown = browser.run(
-        "return document.querySelector('tr[data-start] td[data-name=\"force [kN]\"]').firstChild.textContent",
+        "return document.querySelector('tr[data-start] td[data-name=\"force, record alone [kN]\"]').firstChild.textContent",
     );
     let shown: f64 = shown.as_str().unwrap().parse().unwrap();
     assert!((shown - force).abs() <= 0.5, "{shown} {force}");
+    // One number for one thing, and every force says its temperature.
+    let said = browser.run(
+        "const tile = [...document.querySelectorAll('.facts dt')].find((dt) => dt.textContent.startsWith('axial force'));
+         const used = [...document.querySelectorAll('tr[data-start] td[data-name=\"force given the baseline [kN]\"]')]
+           .find((cell) => cell.querySelector('small'));
+         return [tile.textContent, tile.nextSibling.innerText.split('\\n')[0], used.firstChild.textContent, used.lastChild.textContent]",
+    );
+    let reference = record["reference_temperature_c"].as_f64().unwrap();
+    assert_eq!(
+        said[0],
+        format!("axial force at {reference:.1} \u{b0}C [kN]"),
+        "{said}"
+    );
+    assert_eq!(said[1], said[2], "{said}");
+    assert_eq!(said[3], format!("at {reference:.1} \u{b0}C"), "{said}");
+    // The connection is one thing, old data another.
+    let age = browser.run("return document.querySelector('#newest .age').className");
+    assert_eq!(age, "age stale");
+    drawn_is_data(&browser, &server);
     let before = browser.run("return document.getElementById('relative').dataset.points");
 
     // A record comes while the page is open.
@@ -229,6 +249,27 @@ fn the_page_draws_follows_and_acknowledges() {
         "a week",
         "return Number(document.getElementById('relative').dataset.points) <= 8",
     );
+    // The address keeps what is seen.
+    assert_eq!(browser.run("return location.hash"), "#days=7");
+    browser.run("document.querySelector('button[aria-label=closer]').click()");
+    let closer = "return Number(document.getElementById('relative').dataset.points) <= 4";
+    browser.wait("half a week", closer);
+    let address = browser.run("return location.hash");
+    assert!(
+        address.as_str().unwrap().starts_with("#from=2026-02-2"),
+        "{address}"
+    );
+    browser.run("history.back()");
+    browser.wait("the week again", "return location.hash === '#days=7'");
+    browser.open(&server, "/alarms");
+    browser.open(&server, &format!("/rod?id=south{}", address.as_str().unwrap()));
+    browser.wait("the plots of the address", DRAWN);
+    assert_eq!(browser.run(closer), json!(true));
+    browser.run("document.querySelector('button[data-days=\"7\"]').click()");
+    browser.wait(
+        "the week",
+        "return document.querySelector('button[data-days=\"7\"]').getAttribute('aria-pressed') === 'true'",
+    );
 
     browser.open(&server, "/alarms");
     browser.wait(
@@ -242,7 +283,8 @@ fn the_page_draws_follows_and_acknowledges() {
         "return document.querySelector('dialog[open]') !== null",
     );
     browser.run(&format!(
-        "document.getElementById('token').value = '{TOKEN}'; document.querySelector('dialog button').click()"
+        "document.getElementById('by').value = 'M. Rossi'; document.getElementById('note').value = 'wedge sound';
+         document.getElementById('token').value = '{TOKEN}'; document.querySelector('dialog button').click()"
     ));
     browser.wait(
         "the answer",
@@ -256,7 +298,80 @@ fn the_page_draws_follows_and_acknowledges() {
         .find(|alarm| alarm["id"] == id)
         .unwrap();
     assert!(!alarm["acknowledged"].is_null(), "{alarm}");
+    assert_eq!(alarm["acknowledged_words"], "M. Rossi: wedge sound");
+    // Its name stands on the rod's time axis.
+    browser.open(&server, "/rod?id=north");
+    browser.wait("the plots of the alarmed rod", DRAWN);
+    let titles = browser
+        .run("return [...document.querySelectorAll('#relative .strip title')].map((t) => t.textContent)");
+    assert!(titles.to_string().contains("M. Rossi: wedge sound"), "{titles}");
     assert_eq!(browser.complaints(), [""; 0]);
+}
+
+/// Compares the drawn outline of the band with the answer of the API: each stretch without a gap is one closed outline, upper
+/// edge forth, lower edge back, and it ends where the data end.
+fn drawn_is_data(browser: &Browser, server: &Server) {
+    let axes = browser.run("return JSON.parse(document.getElementById('relative').dataset.axes)");
+    let number = |value: &Json| value.as_f64().unwrap();
+    let (x, y, plot) = (&axes["x"], &axes["y"], &axes["box"]);
+    let pixels = |ms: f64, value: f64| {
+        let across = (ms - number(&x[0])) / (number(&x[1]) - number(&x[0]));
+        let down = (number(&y[1]) - value) / (number(&y[1]) - number(&y[0]));
+        [
+            number(&plot["x"]) + number(&plot["w"]) * across,
+            number(&plot["y"]) + number(&plot["h"]) * down,
+        ]
+    };
+    let history = server.get("/api/v1/rods/south/history");
+    let band = &history["relative_force_at_reference"];
+    let point = |i: usize, edge: &str| {
+        let time: jiff::Timestamp = history["time"][i].as_str().unwrap().parse().unwrap();
+        let ratio = band[edge][i].as_f64()?;
+        Some(pixels(time.as_millisecond() as f64, 100.0 * (ratio - 1.0)))
+    };
+    let mut wanted: Vec<Vec<[f64; 2]>> = Vec::new();
+    let mut open: Vec<usize> = Vec::new();
+    let mut close = |open: &mut Vec<usize>| {
+        let forth = open.iter().filter_map(|&i| point(i, "q975"));
+        let back = open.iter().rev().filter_map(|&i| point(i, "q025"));
+        if !open.is_empty() {
+            wanted.push(forth.chain(back).collect());
+        }
+        open.clear();
+    };
+    for i in 0..history["time"].as_array().unwrap().len() {
+        if point(i, "mean").is_none() {
+            close(&mut open);
+        } else {
+            open.push(i);
+        }
+    }
+    close(&mut open);
+    let drawn = browser.run("return document.querySelector('#relative path.band.s-c1').getAttribute('d')");
+    let drawn: Vec<Vec<[f64; 2]>> = drawn
+        .as_str()
+        .unwrap()
+        .split_terminator('Z')
+        .map(|outline| {
+            let points = outline.trim_start_matches('M').split('L');
+            points
+                .map(|point| {
+                    let (x, y) = point.split_once(' ').unwrap();
+                    [x.parse().unwrap(), y.parse().unwrap()]
+                })
+                .collect()
+        })
+        .collect();
+    assert!(wanted.len() >= 2, "the campaign has a gap");
+    assert_eq!(
+        drawn.iter().map(Vec::len).collect::<Vec<_>>(),
+        wanted.iter().map(Vec::len).collect::<Vec<_>>()
+    );
+    for (drawn, wanted) in drawn.iter().flatten().zip(wanted.iter().flatten()) {
+        // Two digits of a pixel are written.
+        let off = (drawn[0] - wanted[0]).hypot(drawn[1] - wanted[1]);
+        assert!(off < 0.02, "{drawn:?} {wanted:?}");
+    }
 }
 
 #[test]
@@ -285,7 +400,7 @@ fn a_phone_shows_it_without_scrolling_sideways() {
         // What has a purpose has a name, for those who do not see it.
         let nameless = browser.run(
             "return [...document.querySelectorAll('button, a, input, select, [role=img]')].filter((e) => !e.hidden
-             && !e.closest('.modebar') && !(e.textContent.trim() || e.getAttribute('aria-label') || e.getAttribute('aria-labelledby')
+             && !(e.textContent.trim() || e.getAttribute('aria-label') || e.getAttribute('aria-labelledby')
              || (e.id && document.querySelector(`label[for=${e.id}]`)))).map((e) => e.outerHTML)",
         );
         assert_eq!(nameless, json!([]), "{path}");
@@ -295,7 +410,7 @@ fn a_phone_shows_it_without_scrolling_sideways() {
     assert_eq!(browser.complaints(), [""; 0]);
 }
 
-/// How long after its commit a record stands on the rod's page \[ms\]: printed, one line a record.
+/// Time from a record's commit to its display on the rod's page \[ms\]: printed, one line per record.
 #[test]
 #[ignore = "a measurement: cargo test --release --test browser -- --ignored --nocapture how_soon"]
 fn how_soon_a_commit_is_shown() {

@@ -1,5 +1,5 @@
-//! Statistical campaigns too long for every run: how good the defaults are, and the limits of the
-//! paper's own study. Each prints the table that `docs/abc.md` shows.
+//! Statistical campaigns too long for every run: quality of the defaults, and limits of the paper's own
+//! study. Each prints the table that `docs/abc.md` shows.
 //!
 //! `cargo test --release --test campaigns -- --ignored --nocapture [name]`
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
@@ -299,8 +299,8 @@ fn table_2() {
     }
 }
 
-/// What the paper's observation says under other assumptions: the exact posterior of its model, of a
-/// unit error variance, and of a model discrepancy, by Metropolis and by the default ABC.
+/// Posteriors of the paper's observation under other assumptions: the exact posterior of its model, of a unit
+/// error variance, and of a model discrepancy, by Metropolis and by the default ABC.
 #[test]
 #[ignore = "campaign: the paper's conflicting observation, about 1 minute; run with --release --ignored --nocapture conflicting"]
 fn conflicting() {

@@ -1,4 +1,4 @@
-//! The program as users run it: exit codes, what goes to stdout and to stderr.
+//! The program as users run it: exit codes, stdout and stderr.
 
 use assert_cmd::Command;
 use serde_json::Value;
@@ -185,21 +185,48 @@ fn nothing_readable_at_all_exits_1() {
 }
 
 #[test]
-fn every_command_has_help_with_an_example() {
+fn every_command_has_long_help_with_examples_within_80_columns() {
     let cache = tempfile::tempdir().unwrap();
-    let help = text(&tirante(&cache).arg("help").output().unwrap().stdout);
-    for name in [
-        "replay",
-        "identify",
-        "simulate",
-        "frequencies",
-        "emulator",
-        "check",
-    ] {
-        assert!(help.contains(name), "{name} is missing in\n{help}");
-        let page = text(&tirante(&cache).args([name, "--help"]).output().unwrap().stdout);
-        assert!(page.contains("Example"), "{name} --help has no example:\n{page}");
+    let page = |args: &[&str]| text(&tirante(&cache).args(args).output().unwrap().stdout);
+    let commands = |help: &str| -> Vec<String> {
+        let listed = help.lines().skip_while(|line| *line != "Commands:").skip(1);
+        let names = listed.map_while(|line| line.strip_prefix("  ")?.split_whitespace().next());
+        names.filter(|name| *name != "help").map(str::to_owned).collect()
+    };
+    let names = commands(&page(&["--help"]));
+    assert!(names.len() >= 20, "{names:?}");
+    for name in &names {
+        let help = page(&[name, "--help"]);
+        let first = help.lines().next().unwrap();
+        let verb = first.split_whitespace().next().unwrap();
+        assert!(!verb.ends_with('s') || verb.ends_with("ss"), "{name}: {first}");
+        assert!(help.contains("Example"), "{name} --help has no example:\n{help}");
+        for page in [&help, &page(&[name, "-h"])] {
+            for line in page.lines() {
+                assert!(line.chars().count() <= 80, "{name}: {line}");
+            }
+        }
     }
+    assert!(page(&["ack", "--help"]).contains("within seconds beside a running `run`"));
+    assert_eq!(commands(&page(&["alarm", "--help"])), ["design", "prove", "test"]);
+}
+
+#[test]
+fn json_has_one_spelling_and_an_older_one() {
+    let cache = tempfile::tempdir().unwrap();
+    let asked = |args: &[&str]| {
+        let output = tirante(&cache)
+            .args(["frequencies", "--order", "1"])
+            .args(args)
+            .output();
+        let output = output.unwrap();
+        assert!(output.status.success(), "{}", text(&output.stderr));
+        text(&output.stdout)
+    };
+    let json = asked(&["--format", "json"]);
+    assert!(json.starts_with('{'), "{json}");
+    assert_eq!(asked(&["--json"]), json);
+    assert_eq!(asked(&["--format", "text"]), asked(&[]));
 }
 
 #[test]

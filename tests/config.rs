@@ -571,7 +571,7 @@ fn settings_of_the_command_line_stand_over_the_file() {
     assert!(shown.contains("command line: no TOML"), "{shown}");
 }
 
-/// A number as someone might type it.
+/// A number as a person might type it.
 fn number(low: f64, high: f64) -> impl Strategy<Value = String> {
     (low..high, 0..3).prop_map(|(x, style)| match style {
         0 => format!("{x:e}"),
@@ -649,7 +649,7 @@ proptest! {
         prop_assert_eq!(config.hash(), again.hash());
     }
 
-    /// Damaged anywhere, the text is accepted or refused with a place inside it; nothing panics.
+    /// A text damaged anywhere is accepted or refused with a place inside it; nothing panics.
     #[test]
     fn damaged_texts_are_answered(at in 0usize..4000, cut in 0usize..60, put in "[\\x00-\\x7f]{0,12}|[\\[\\]{}=.,\"'#\n]{0,6}|é") {
         let mut characters: Vec<char> = EVERY_KEY.chars().collect();

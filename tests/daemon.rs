@@ -1,4 +1,4 @@
-//! The daemon as a process: the same store as a replay, whatever is done to it.
+//! The daemon as a process: the same store as a replay, whatever happens to it.
 //!
 //! A few kills in the tests; more with `KILLS=200 cargo test --test daemon kill`.
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
@@ -18,10 +18,10 @@ use tirante::analysis::numerics::random;
 use tirante::analysis::signal::record::RodId;
 use tirante::site::store::Reader;
 
-/// What the daemon's configuration has besides the site: no fixed port, so that daemons run side by side.
+/// Sections of the daemon's configuration besides the site: no fixed port, so that daemons run side by side.
 const OPERATION: &str =
     "\n[store]\npath = \"site.db\"\n[ingest]\nfolder = \"archive\"\n[http]\nlisten = \"off\"\n";
-/// How long anything may take on a machine that is busy with other things.
+/// Longest wait on a busy machine.
 const DEADLINE: Duration = Duration::from_secs(120);
 
 /// A daemon, ended when it is dropped.
@@ -121,7 +121,7 @@ fn daemon_site() -> Site {
     site
 }
 
-/// Waits until the store says what is wanted.
+/// Waits until the store meets a condition.
 fn wait_until(site: &Site, what: &str, mut is_so: impl FnMut(&Reader) -> bool) {
     let until = Instant::now() + DEADLINE;
     // Before the daemon has made it, there is no store.
@@ -546,7 +546,7 @@ fn old_lines_go_and_nothing_else_does() {
 struct SmallDisk(PathBuf);
 
 impl SmallDisk {
-    /// `None` where nobody may mount one.
+    /// Mounts one; `None` where that is not allowed.
     fn mount(path: PathBuf, megabytes: usize) -> Option<Self> {
         fs::create_dir(&path).unwrap();
         let size = format!("size={megabytes}m");

@@ -1,5 +1,5 @@
-//! The whole program judged by its own promise: rods drawn from their prior, simulated into recordings,
-//! replayed by the binary; do its 95 % intervals hold the true frequencies and the true force?
+//! Coverage of the whole program: rods drawn from their prior, simulated into recordings, replayed by the
+//! binary; its 95 % intervals must hold the true frequencies and the true force.
 //!
 //! The campaign behind `docs/validation.md`:
 //! `RODS=1600 cargo test --release --test end_to_end -- --ignored --nocapture`
@@ -161,7 +161,7 @@ at = {sensor:?}
     }
 }
 
-/// What a group of rods came to.
+/// Results of a group of rods.
 #[derive(Default)]
 struct Score {
     rods: usize,

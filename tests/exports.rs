@@ -1,4 +1,4 @@
-//! What `history` exports, read by other programs: the same numbers as its JSON, in every format.
+//! Exports of `history`, read by other programs: the same numbers as its JSON, in every format.
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
 mod archive;
@@ -30,7 +30,8 @@ fn listed(reader: &Reader, what: What, format: Format) -> String {
     String::from_utf8(out).unwrap()
 }
 
-/// Python in `folder`, or none with a line that says so; with TIRANTE_REAL_PEERS it must be there.
+/// Runs Python in `folder`; without it prints a line and returns `None`. With TIRANTE_REAL_PEERS it is
+/// required.
 fn python(folder: &Path, script: &str) -> Option<Output> {
     match Command::new("python3")
         .arg("-c")
@@ -59,7 +60,7 @@ fn stdout(output: Output) -> String {
     String::from_utf8(output.stdout).unwrap()
 }
 
-/// Where a record's JSON line has the value of a column.
+/// Value of a column in a record's JSON line.
 fn in_line<'a>(line: &'a Value, column: &str) -> Option<&'a Value> {
     if let Some(rest) = column.strip_prefix("mode_") {
         let (order, field) = rest.split_once('_').unwrap();
@@ -97,7 +98,7 @@ fn in_line<'a>(line: &'a Value, column: &str) -> Option<&'a Value> {
     }
 }
 
-/// Two ways of the same value: a cell of text, and JSON.
+/// True if a cell of text and JSON hold the same value.
 fn is_same(cell: &str, value: Option<&Value>) -> bool {
     match value {
         None | Some(Value::Null) => cell.is_empty(),
@@ -113,8 +114,8 @@ fn is_same(cell: &str, value: Option<&Value>) -> bool {
     }
 }
 
-/// Compares every cell of a listing as Python reads it with its JSON; the number of cells that hold something, none
-/// without Python.
+/// Compares every cell of a listing as Python reads it with its JSON; returns the number of filled cells,
+/// `None` without Python.
 fn compare(folder: &Path, csv: &str, json: &str) -> Option<usize> {
     std::fs::write(folder.join("a.csv"), csv).unwrap();
     let script = "import csv, json\nfor row in csv.DictReader(open('a.csv', newline='', encoding='utf-8'), strict=True): print(json.dumps(row))";

@@ -1,8 +1,8 @@
 //! Every kind of fault, made to happen to a real daemon: each changes its counter and the state of health, and writes one
 //! line into the log, however often it happens within a minute.
 //!
-//! Two kinds are not here: no input is known that breaks the analysis (`broken`), and a work loop that stands still
-//! (`stalled`) takes half a minute to be seen; `tests/notify.rs` has it.
+//! Two kinds are not here: no input is known that makes the analysis panic (`broken`), and a stalled work
+//! loop (`stalled`) takes half a minute to be detected; `tests/notify.rs` has it.
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
 #[allow(dead_code)] // not every test uses all of them
@@ -32,7 +32,7 @@ use std::time::{Duration, Instant};
 use tirante::analysis::signal::record::{RodId, Timestamp};
 use tirante::site::store::{Durability, Reader, Store, Stretch};
 
-/// What the daemon's configuration has besides the site: no fixed port, so that daemons run side by side.
+/// Sections of the daemon's configuration besides the site: no fixed port, so that daemons run side by side.
 const OPERATION: &str = r#"
 [abc]
 draws = 1000
@@ -47,9 +47,9 @@ idle_s = 1
 [http]
 listen = "127.0.0.1:0"
 "#;
-/// How long anything may take on a machine that is busy with other things.
+/// Longest wait on a busy machine.
 const DEADLINE: Duration = Duration::from_secs(120);
-/// What is logged of one kind at most once in this time.
+/// Least time between two log lines of one kind.
 const MINUTE: Duration = Duration::from_secs(60);
 
 /// A site with a daemon's configuration and an empty folder.
@@ -62,7 +62,7 @@ fn daemon_site() -> Site {
     site
 }
 
-/// Five records of the rod `north` that say nothing: its sensor holds a value.
+/// Five useless records of the rod `north`: its sensor holds a value.
 fn held(site: &Site) {
     let held = "[[simulation.rod.fault]]\nkind = \"held\"\nat_s = 3.0\nlength_s = 20.0\n";
     site.simulate("held", &Part::new(0, 5).north(held));
@@ -106,7 +106,7 @@ impl Daemon {
         fs::read_to_string(&self.log).unwrap_or_default()
     }
 
-    /// The lines that tell of a kind of fault; that it is over is good news, and told as such.
+    /// Number of log lines about a kind of fault, without those that it is over.
     fn lines(&self, kind: &str) -> usize {
         self.log()
             .lines()
@@ -152,7 +152,7 @@ impl Daemon {
         self.health()["state"].as_str().unwrap().to_owned()
     }
 
-    /// The conditions of a kind.
+    /// Conditions of a kind of fault.
     fn conditions(&self, kind: &str) -> usize {
         let health = self.health();
         let conditions = health["conditions"].as_array().unwrap();
@@ -166,7 +166,8 @@ impl Daemon {
         line.unwrap().parse().unwrap()
     }
 
-    /// The fault has been counted so often, health knows of it, and the log has one line of it a minute at most.
+    /// Waits until the fault has been counted so often and health shows it; the log must have at most one
+    /// line of it a minute.
     fn expect(&mut self, kind: &str, count: f64, state: &str) {
         self.wait(&format!("{kind} is counted"), |daemon| {
             daemon.count(kind) >= count
@@ -198,7 +199,7 @@ impl Drop for Daemon {
     }
 }
 
-/// What a client is told when it sends this, to the end of its connection.
+/// Answers to a client that sends `words`, to the end of its connection.
 fn told(site: &Site, words: &str) -> String {
     let mut client = UnixStream::connect(site.path("socket")).unwrap();
     client.set_read_timeout(Some(DEADLINE)).unwrap();
@@ -348,7 +349,7 @@ fn reload() {
     daemon.wait("it is mended", |daemon| daemon.conditions("reload") == 0);
 }
 
-/// No fault, but what alarms of an operator hang on: a rod that is no longer configured is no longer waited for.
+/// Not a fault, but operators' alarms depend on it: a rod that is no longer configured has no gauges.
 #[test]
 fn a_rod_that_is_no_longer_configured_has_no_gauges() {
     let site = daemon_site();
@@ -803,7 +804,7 @@ fn a_part_goes_by_what_the_store_on_disk_says_and_not_by_a_clock_that_jumped() {
 struct SmallDisk(PathBuf);
 
 impl SmallDisk {
-    /// `None` where nobody may mount one.
+    /// Mounts one; `None` where that is not allowed.
     fn mount(path: PathBuf) -> Option<Self> {
         fs::create_dir(&path).unwrap();
         let mount = Command::new("mount")

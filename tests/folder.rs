@@ -19,17 +19,17 @@ use tirante::analysis::signal::record::{Event, Record};
 use tirante::config::Config;
 use tirante::config::settings::journal::JournalSettings;
 use tirante::recording::write::{Encoding, Layout, RecordingWriter, WriterOptions};
-use tirante::service::daemon::Job;
 use tirante::service::daemon::reader::{JournalSource, Reader, Remembered, Sources, Surroundings};
 use tirante::service::daemon::steps::Watch;
 use tirante::service::journal::{Around, Batch, Bell, End, Entry, Journal};
 use tirante::service::telemetry::{Fault, Health};
+use tirante::site::driver::Job;
 use tirante::site::prepared::Generation;
 use tirante::site::store::FileState;
 
 const LAYOUT: Layout = Layout::Batch(50);
 const PATIENCE: Duration = Duration::from_secs(30);
-/// Longer than a scan takes to come round.
+/// Longer than the interval of scans.
 const QUIET: Duration = Duration::from_millis(2500);
 
 fn generation(window_s: f64) -> Arc<Generation> {
@@ -78,7 +78,7 @@ fn measured(after: f64, seconds: f64) -> Vec<u8> {
     writer.finish().unwrap().into_inner()
 }
 
-/// A reader, and what it has said so far, as a store would remember it.
+/// A reader with its output so far, as a store would keep it.
 struct Run {
     reader: Reader,
     jobs: Receiver<Job>,
@@ -155,7 +155,7 @@ impl Run {
         }
     }
 
-    /// Takes jobs until it is as wanted.
+    /// Takes jobs until a condition holds.
     fn until(&mut self, what: &str, is_wanted: impl Fn(&Self) -> bool) {
         let end = Instant::now() + PATIENCE;
         while !is_wanted(self) {

@@ -11,7 +11,7 @@ use tirante::service::http::{listen, routes, serve};
 use tirante::service::telemetry::{Fault, Phase, Telemetry};
 use tokio::sync::watch;
 
-/// How long anything may take here before the test fails.
+/// Longest wait before the test fails.
 const PATIENCE: Duration = Duration::from_secs(30);
 
 /// A server on a port of its own; it ends when this is dropped.

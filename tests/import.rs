@@ -25,7 +25,7 @@ fn fixture(name: &str) -> Vec<u8> {
     std::fs::read(path).unwrap()
 }
 
-/// What the oracle read: the bits of every sample, by file and channel.
+/// Values by the oracle: the bits of every sample, by file and channel.
 fn expected(name: &str) -> BTreeMap<String, Vec<String>> {
     let all: BTreeMap<String, BTreeMap<String, Vec<String>>> =
         serde_json::from_slice(&fixture("expected.json")).unwrap();
@@ -423,8 +423,8 @@ fn number() -> impl Strategy<Value = f64> {
 proptest! {
     #![proptest_config(Config::with_cases(128))]
 
-    /// A table of any doubles comes out of the recording with the same bits, in every encoding, and the same table gives
-    /// the same bytes.
+    /// A table of any doubles is read from the recording with the same bits, in every encoding, and the same
+    /// table gives the same bytes.
     #[test]
     fn tables_keep_every_bit(
         rows in prop::collection::vec((number(), number()), 2..700),
@@ -528,7 +528,7 @@ fn what_is_imported_is_read_as_a_record() {
     );
 }
 
-/// What a reader made of damaged bytes, taken through to the recording.
+/// Takes a reader's result of damaged bytes through to the recording.
 fn survive(read: Result<Vec<Signal>, ImportError>) {
     let signals = match read {
         Ok(signals) => signals,
@@ -549,7 +549,7 @@ fn survive(read: Result<Vec<Signal>, ImportError>) {
     }
 }
 
-/// Bytes changed, cut out, doubled, or numbers put in their place.
+/// Damages bytes: changed, removed, doubled, or replaced by numbers.
 fn damage(bytes: &[u8], changes: &[(u8, prop::sample::Index, u8)]) -> Vec<u8> {
     let mut bytes = bytes.to_vec();
     for (kind, at, value) in changes {

@@ -1,4 +1,4 @@
-//! `tirante import` as users run it: exit codes, the lines it prints, and what `check` and `replay` make of them.
+//! `tirante import` as users run it: exit codes, printed lines, and their use by `check` and `replay`.
 
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
@@ -170,7 +170,7 @@ fn what_is_there_is_not_overwritten_and_what_is_no_file_not_read() {
     assert!(fs::read(at.join("a.mcap")).unwrap().starts_with(b"\x89MCAP"));
 
     let folder = tirante(at)
-        .args(["import", ".", "--format", "csv"])
+        .args(["import", ".", "--input-format", "csv"])
         .output()
         .unwrap();
     assert_eq!(folder.status.code(), Some(1));
@@ -178,7 +178,7 @@ fn what_is_there_is_not_overwritten_and_what_is_no_file_not_read() {
     fs::write(at.join("a.bin"), b"\0\x01").unwrap();
     let unknown = tirante(at).args(["import", "a.bin"]).output().unwrap();
     assert_eq!(unknown.status.code(), Some(2));
-    assert!(text(&unknown.stderr).contains("--format"));
+    assert!(text(&unknown.stderr).contains("--input-format"));
 }
 
 #[test]

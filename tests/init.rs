@@ -1,4 +1,5 @@
-//! `tirante init`: what it writes of a recording, what it refuses, and that it can be used as it is.
+//! `tirante init`: its configuration for a recording, its errors, and that the configuration can be used
+//! unchanged.
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
 mod common;
@@ -25,7 +26,7 @@ use tirante::recording::write::{Encoding, Layout, WriterOptions};
 
 const RECORDING: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/recordings/campaign-2025.mcap");
 
-/// The program in `folder`; nobody answers questions.
+/// Runs the program in `folder`, without answers to questions.
 fn tirante(folder: &Path, words: &[&str]) -> (Option<i32>, String) {
     let output = Command::cargo_bin("tirante")
         .unwrap()
@@ -179,7 +180,8 @@ fn what_is_missing_or_impossible_is_named_and_nothing_is_written() {
     );
 }
 
-/// The plan of what `init` writes of a rod of which nothing but size and material is known: 9.5 m, 50 mm square, iron.
+/// Plan of the configuration that `init` writes for a rod of known size and material only: 9.5 m, 50 mm
+/// square, iron.
 fn unknown_rod(folder: &Path) -> (Plan, RodPrior) {
     let words = [
         "init",
@@ -259,8 +261,8 @@ fn covered(intervals: &[(f64, Option<Marginal>)]) -> usize {
         .count()
 }
 
-/// Soft, middling and stiff supports (0 to 6, 2 to 10, 6 to 30 EI / l), each a narrow part of what `init` lets be: 120 rods each, 114
-/// give or take 2.4 inside. The campaign below has a thousand.
+/// Soft, middling and stiff supports (0 to 6, 2 to 10, 6 to 30 EI / l), each a narrow part of the range that
+/// `init` allows: 120 rods each, 114 give or take 2.4 inside. The campaign below has a thousand.
 #[test]
 fn what_init_writes_covers_soft_and_stiff_supports() {
     let folder = tempfile::tempdir().unwrap();

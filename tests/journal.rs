@@ -1,4 +1,5 @@
-//! The journal: what is acknowledged is in it, whatever happens, and its replay gives the records of what was sent.
+//! The journal: it keeps all acknowledged data, whatever happens, and its replay gives the records of the
+//! data sent.
 #![allow(clippy::unwrap_used, reason = "tests")]
 
 mod common;
@@ -126,7 +127,7 @@ async fn send_all(handle: &Handle, sender: Option<&str>, sent: &Sent, how: End) 
     line.end(how).await.unwrap();
 }
 
-/// The events of a replay of the folder, and whether it was told of any fault.
+/// Events of a replay of the folder, and the faults it reported.
 fn replay(folder: &Path, rods: &[RodChannels], settings: &RecordSettings) -> (Vec<Event>, Vec<String>) {
     let files = read::recordings(&[folder.to_owned()]);
     let steps = Recordings::new(files, rods.to_vec(), *settings, false, Arc::default());
@@ -135,6 +136,7 @@ fn replay(folder: &Path, rods: &[RodChannels], settings: &RecordSettings) -> (Ve
         match step {
             Step::Event(event, _) => events.push(event),
             Step::File(result) => faults.extend(result.unwrap().faults()),
+            Step::More | Step::Wait | Step::End => {}
         }
     }
     (events, faults)
@@ -672,7 +674,7 @@ fn a_full_disk_is_waited_for_and_nothing_is_lost() {
     assert_eq!(faults, Vec::<String>::new());
 }
 
-/// Messages of a stream as it may come: holes, late ones, doubled ones, NaN, temperatures between.
+/// Messages of a realistic stream: holes, late ones, doubled ones, NaN, temperatures between.
 #[derive(Debug, Clone)]
 enum Came {
     Samples(i64, Vec<f64>),

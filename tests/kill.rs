@@ -14,7 +14,7 @@ use std::thread;
 use std::time::Duration;
 use tirante::analysis::numerics::random;
 
-/// Kills so many replays, each at another point, then lets one finish.
+/// Kills `kills` replays, each at another point, then lets one finish.
 fn killed(site: &Site, store: &str, threads: &str, kills: usize, stream: u64) -> i32 {
     let mut generator = random::stream(random::seed(&[b"kill"]), stream);
     let words = [

@@ -1,9 +1,9 @@
-//! The log: forms, and where it goes when the journal cannot be reached.
+//! The log: forms, and its destination when the journal cannot be reached.
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
 use std::process::Command;
 
-/// What `identify` says on stderr in a form of the log; it always says which configuration it takes.
+/// Output of `identify` on stderr in a form of the log; it always reports the configuration it uses.
 fn stderr_of(arguments: &[&str]) -> String {
     let folder = tempfile::tempdir().unwrap();
     let output = Command::new(env!("CARGO_BIN_EXE_tirante"))

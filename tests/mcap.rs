@@ -392,7 +392,7 @@ fn without_checksums_is_unverified() {
     }
 }
 
-/// Whether a record holds what [`motion`] has at its time, to the bit.
+/// True if a record holds the values of [`motion`] at its time, to the bit.
 fn is_true(record: &tirante::analysis::signal::record::Record) -> bool {
     static ALL: std::sync::OnceLock<Vec<f64>> = std::sync::OnceLock::new();
     let all = ALL.get_or_init(|| motion(360_000));

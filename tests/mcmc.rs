@@ -1,4 +1,4 @@
-//! Metropolis-Hastings against what is known: a posterior in closed form, ranks of truths, other chains.
+//! Metropolis-Hastings against known results: a posterior in closed form, ranks of truths, other chains.
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
 mod doubles;

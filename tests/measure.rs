@@ -1,5 +1,5 @@
-//! `tirante measure` as users run it: one file to a force with its marks, a configuration and a report; questions on a terminal; the
-//! words of what goes wrong at first contact.
+//! `tirante measure` as users run it: one file to a force with its marks, a configuration and a report;
+//! questions on a terminal; messages of common errors at first contact.
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
 use assert_cmd::Command;
@@ -16,7 +16,7 @@ fn shipped(name: &str) -> String {
     format!("{}/recordings/{name}", env!("CARGO_MANIFEST_DIR"))
 }
 
-/// Exit code, stdout and stderr of the program in `folder`; nobody answers questions.
+/// Exit code, stdout and stderr of the program in `folder`, without answers to questions.
 fn tirante(folder: &Path, words: &[&str]) -> (Option<i32>, String, String) {
     let output = Command::cargo_bin("tirante")
         .unwrap()
@@ -115,7 +115,7 @@ fn the_first_command_of_the_readme_measures_a_rod() {
     );
 }
 
-/// What the README prints below its first command is what the command prints.
+/// The output in the README below its first command equals the command's output.
 #[test]
 fn the_readme_shows_what_its_first_command_prints() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
@@ -163,7 +163,8 @@ fn json_is_the_record_line_and_the_same_twice() {
     );
 }
 
-/// The paper's record lies beside every beam: a force of it bears a mark wherever it is told, and without a force expected there is none.
+/// The paper's record fits no beam: its force is marked wherever it is shown, and without an expected force
+/// there is none.
 #[test]
 fn a_force_in_doubt_bears_its_mark_and_orders_in_doubt_give_none() {
     let folder = tempfile::tempdir().unwrap();
@@ -259,7 +260,7 @@ fn what_is_not_said_is_named_by_its_flags_and_nothing_is_written() {
     assert_eq!(left, [at.join("bare.npy"), at.join("two.csv")]);
 }
 
-/// A person at a terminal: wrong answers are asked again with the reason, and what was said before is kept.
+/// A person at a terminal: wrong answers are asked again with the reason, and earlier answers are kept.
 #[test]
 fn questions_on_a_terminal_are_asked_until_they_are_understood() {
     let script = r#"
@@ -442,7 +443,7 @@ fn samples(path: &str) -> Vec<f64> {
     records.flatten().collect()
 }
 
-/// First contact gone wrong: each message names cause and remedy.
+/// Errors at first contact: each message names cause and remedy.
 #[test]
 fn messages_name_cause_and_remedy() {
     let folder = tempfile::tempdir().unwrap();

@@ -1,4 +1,4 @@
-//! Metrics: what is documented is what is shown, both ways, and labels stay bounded.
+//! Metrics: the documented ones are those shown, both ways, and labels stay bounded.
 
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 

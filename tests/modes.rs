@@ -24,7 +24,7 @@ use tirante::analysis::signal::spectrum::{PeakSettings, WelchSettings};
 const TODI: [f64; 3] = [4.492, 9.288, 13.252];
 const FS: f64 = 100.0;
 
-/// What the labels of the paper's rod are inferred from.
+/// Label plan of the paper's rod.
 fn todi() -> LabelPlan {
     LabelPlan::new(&RodPrior::todi(), &[0.0; 3], ModeSettings::default()).unwrap()
 }
@@ -207,7 +207,7 @@ fn resonance(frequency_hz: f64) -> Resonance {
     }
 }
 
-/// The orders told among those that the force uses.
+/// Reported orders among those that the force uses.
 fn labels(frequencies: &[f64], kind: MotionKind) -> Result<Vec<(usize, f64)>, Rejection> {
     let resonances: Vec<Resonance> = frequencies.iter().map(|&f| resonance(f)).collect();
     let labelling = todi()
@@ -345,7 +345,8 @@ fn noise_alone_is_never_identified() {
     assert!(identified <= 3, "{identified} of {records}");
 }
 
-/// The modes of a cell at other frequencies: the paper's own fit its priors badly and are told only where it was pulled.
+/// The modes of a cell at other frequencies: the paper's own fit its priors badly and are labelled only where
+/// the rod was pulled.
 fn modes_at(cell: &Cell, frequencies: &[f64]) -> Vec<SimulatedMode> {
     let modes = frequencies.iter().zip(cell.modes());
     modes
@@ -507,10 +508,10 @@ fn intervals_cover_the_truth() {
     }
 }
 
-/// Classes in which nothing is told of a rod that is there.
+/// Classes without the rod, in which no orders may be reported.
 const WITHOUT_ROD: [Class; 2] = [Class::NoRod, Class::AnotherRod];
 
-/// A small version of the campaign below, both kinds of prior: what is told is right as often as it says.
+/// A small version of the campaign below, both kinds of prior: labels are right as often as stated.
 #[test]
 fn labels_of_every_class_are_right_as_often_as_they_say() {
     let settings = ModeSettings::default();
@@ -698,14 +699,14 @@ fn the_same_peaks_have_the_same_labels_to_the_bit() {
     (0..4).into_par_iter().for_each(|_| assert_eq!(once(), first));
 }
 
-/// One way a sensor finds a rod moving.
+/// One kind of motion at a sensor.
 struct Case {
     name: &'static str,
     scene: Scene,
     kinds: &'static [MotionKind],
 }
 
-/// The paper's modes at 0, -3 and -6 dB in a record of which nothing is declared.
+/// The paper's modes at 0, -3 and -6 dB in a record without declarations.
 fn scene(damping: f64, seconds: f64, snr_db: f64) -> Scene {
     let cell = Cell {
         excitation: Excitation::Ambient,
@@ -805,7 +806,7 @@ fn classes(damping: f64, seconds: f64, snr_db: f64) -> Vec<Case> {
     ]
 }
 
-/// Of every mode of every record: found, covered; and how many records moved as they should.
+/// Of every mode of every record: found, covered; and number of records with the right motion.
 fn tally(class: &Case, repeats: u64, seed: u64) -> (usize, usize, usize) {
     let plan = plan();
     let all: Vec<Evidence> = (0..repeats)
@@ -839,7 +840,7 @@ fn tally(class: &Case, repeats: u64, seed: u64) -> (usize, usize, usize) {
     (found, covered, right)
 }
 
-/// Nothing is declared: how the rod moves is recognised, every mode found, and its interval covers.
+/// Without declarations the motion is recognised, every mode found, and its interval covers.
 #[test]
 fn every_excitation_is_recognised_and_covered() {
     let repeats = 20;
@@ -885,8 +886,8 @@ fn softened_decay(seed: u64, softening: f64, level_db: f64) -> Record {
     }
 }
 
-/// The frequency told is that of a small swing, whatever the amplitude did to it; and a clean decay of a rod that does not
-/// soften keeps its small error.
+/// The reported frequency is that of a small swing, whatever the amplitude did to it; and a clean decay of a
+/// rod that does not soften keeps its small error.
 #[test]
 fn a_frequency_that_falls_with_the_amplitude_is_covered() {
     let plan = plan();
@@ -1004,7 +1005,7 @@ fn a_clean_decay_is_no_line() {
     }
 }
 
-/// A steady tone is called one; one that breathes is not taken for a mode without doubt.
+/// A steady tone is recognised; one of varying amplitude is not taken for a mode without doubt.
 #[test]
 fn a_tone_is_told_from_a_decay() {
     for (breathing, sure) in [(0.0, 20), (0.3, 0)] {

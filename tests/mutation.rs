@@ -41,7 +41,7 @@ fn forms() -> impl Iterator<Item = (Encoding, Layout, WriterOptions)> {
     })
 }
 
-/// Whether a record holds what [`motion`] has at its time, to the bit; it may be cut short.
+/// True if a record holds the values of [`motion`] at its time, to the bit; it may be cut short.
 fn is_true(record: &tirante::analysis::signal::record::Record) -> bool {
     let first = (record.start.seconds_since(START) * FS).round() as usize;
     let all = motion(first + record.samples.len());

@@ -1,4 +1,4 @@
-//! What systemd is told, by a child with a socket of the test's as NOTIFY_SOCKET.
+//! Notifications to systemd, by a child with a socket of the test's as NOTIFY_SOCKET.
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
 use std::os::unix::net::UnixDatagram;
@@ -18,7 +18,7 @@ impl Drop for Killed {
     }
 }
 
-/// What the child does: told by the test below, ignored otherwise.
+/// Runs as the child: started by the test below, ignored otherwise.
 #[test]
 #[ignore = "the child of the other test"]
 fn child() {

@@ -20,10 +20,10 @@ use tirante::config::Config;
 use tirante::recording::read::{self, Recordings, Step};
 use tirante::site::store::Reader;
 
-/// How long a daemon may take on a machine that is busy with other things.
+/// Longest wait for a daemon on a busy machine.
 const DEADLINE: Duration = Duration::from_secs(120);
 
-/// Four alike rods and one thermometer.
+/// Four similar rods and one thermometer.
 const RODS: [&str; 4] = ["a", "b", "c", "d"];
 
 fn config(records: usize, record_s: f64) -> (String, String) {
@@ -204,6 +204,7 @@ fn events(paths: &[PathBuf], config: &Config) -> Vec<String> {
     let mut found = Vec::new();
     for step in Recordings::new(files, channels, config.record, false, Arc::default()) {
         match step {
+            Step::More | Step::Wait | Step::End => {}
             Step::File(summary) => {
                 let faults = summary.unwrap().faults();
                 assert!(faults.is_empty(), "{faults:?}");
@@ -227,7 +228,7 @@ fn rod_of(event: &Event) -> &RodId {
     }
 }
 
-/// An event as a text that tells any two apart.
+/// An event as a text that distinguishes any two.
 fn told(event: &Event) -> String {
     match event {
         Event::Record(record) => format!(
@@ -251,7 +252,7 @@ fn assert_same(expected: &[String], found: &[String], what: &str) {
     assert_eq!(expected.len(), found.len(), "{what}");
 }
 
-/// `--json`, what the store holds of records, states and alarms, and the alarms of all.
+/// Output of `--json`, and records, states and alarms of the store.
 fn replayed(site: &Site, paths: &[PathBuf], store: &str) -> (String, String) {
     let paths: Vec<&str> = paths.iter().map(|path| path.to_str().unwrap()).collect();
     let (output, code) = site.replay(&paths, store);

@@ -1,4 +1,5 @@
-//! The protocol of the sockets without sockets: any cut of the bytes means the same, and no bytes do harm.
+//! The protocol of the sockets without sockets: any split of the bytes gives the same, and no bytes do
+//! harm.
 
 #![allow(clippy::unwrap_used, reason = "a stream that cannot be made fails the test")]
 
@@ -16,7 +17,7 @@ fn topics() -> Arc<TopicSet> {
     Arc::new(["/laser", "/air"].map(str::to_owned).into())
 }
 
-/// What came of a client's bytes: batches as one, and why it was refused.
+/// Result of a client's bytes: batches joined, and the refusal, if any.
 #[derive(Debug, Default, PartialEq)]
 struct Heard {
     hellos: Vec<String>,
@@ -29,7 +30,7 @@ struct Heard {
     held: usize,
 }
 
-/// Feeds `parts`, then closes; every named client goes on with message 100.
+/// Feeds `parts`, then closes; every named client continues with message 100.
 fn hear<'a>(parts: impl IntoIterator<Item = &'a [u8]>) -> Heard {
     let mut protocol = Protocol::new(topics());
     let mut heard = Heard::default();

@@ -408,8 +408,8 @@ fn many_records_together_are_axial_if_each_is() {
     assert_eq!(shift.not_axial_p(delta, &[]), 1.0);
 }
 
-/// What the charts follow has the noise of the frequencies and nothing else, however large the change; the posterior mean has
-/// more, because it weighs the particles anew by every record's noise.
+/// The followed estimate has the noise of the frequencies and nothing else, however large the change; the
+/// posterior mean has more, because it weighs the particles anew by every record's noise.
 #[test]
 fn the_estimates_noise_does_not_grow_with_the_change() {
     let orders = [1, 2, 3];

@@ -1,4 +1,4 @@
-//! The same archive again, a damaged store, and what people ask between two replays.
+//! The same archive again, a damaged store, and requests between two replays.
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
 mod site;
@@ -101,7 +101,8 @@ fn a_damaged_store_is_moved_aside_and_rebuilt_from_the_recordings() {
     }
 }
 
-/// Replays the campaign into a store, with requests after the last week but one; `steps` are what is replayed after them.
+/// Replays the campaign into a store, with requests after the last week but one; `steps` are the replays
+/// after them.
 fn with_requests(site: &Site, store: &str, steps: &[&[&str]]) -> String {
     let before: Vec<String> = (0..6).map(|index| format!("archive/week-{index}.mcap")).collect();
     let before: Vec<&str> = before.iter().map(String::as_str).collect();
@@ -112,7 +113,13 @@ fn with_requests(site: &Site, store: &str, steps: &[&[&str]]) -> String {
     let alarm = alarms[0]["id"].as_str().unwrap().to_owned();
     let (north, south) = (RodId("north".into()), RodId("south".into()));
     let requests = [
-        (&north, Asked::Acknowledge { alarm }),
+        (
+            &north,
+            Asked::Acknowledge {
+                alarm,
+                said: Some("M. Rossi: looked at".to_owned()),
+            },
+        ),
         (&south, Asked::Rebaseline { reason: None }),
         (
             &north,

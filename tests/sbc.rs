@@ -25,7 +25,7 @@ struct Campaign {
     settings: AbcSettings,
     /// The rod's prior.
     prior: fn() -> RodPrior,
-    /// Factor on the prior mean of the force that truths are drawn with; 1 for a right prior.
+    /// Factor on the force's prior mean from which truths are drawn; 1 for a right prior.
     misled: f64,
 }
 
@@ -130,7 +130,7 @@ fn ranks_are_uniform() {
     }
 }
 
-/// What `init` writes of a rod of which only size and material are known: 9.5 m, 50 mm square, iron.
+/// Prior written by `init` for a rod of known size and material only: 9.5 m, 50 mm square, iron.
 fn unknown_rod() -> RodPrior {
     let normal = |mean: f64, cv: f64| Prior::TruncatedNormal { mean, sd: cv * mean };
     let support = Prior::Fixity(Fixity {
@@ -193,8 +193,8 @@ fn ranks_are_uniform_when_little_is_known() {
     }
 }
 
-/// The test sees what it should: truths whose force is 10 % (half a prior standard deviation) above the
-/// prior the inference believes in.
+/// The test detects a wrong prior: truths whose force is 10 % (half a prior standard deviation) above the
+/// prior of the inference.
 #[test]
 fn a_wrong_prior_is_seen() {
     let misled = Campaign {

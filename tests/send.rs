@@ -195,7 +195,7 @@ fn jiff_now() -> i128 {
         .as_nanos() as i128
 }
 
-/// Between sender and daemon; passes so many bytes, then cuts the connection.
+/// Proxy between sender and daemon that passes some bytes, then cuts the connection.
 fn saw(to: std::net::SocketAddr, lengths: Vec<usize>) -> std::net::SocketAddr {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = listener.local_addr().unwrap();
@@ -278,7 +278,7 @@ fn send_goes_on_after_every_cut() {
     assert_eq!(daemon.ledger.streams().pop().unwrap().messages().len(), 590);
 }
 
-/// What `tirante send` says of a file, and its exit code.
+/// Output of `tirante send` for a file, and its exit code.
 fn sent(daemon: &Daemon, folder: &std::path::Path, bytes: &[u8]) -> (String, i32) {
     let file = folder.join("sent.mcap");
     std::fs::write(&file, bytes).unwrap();

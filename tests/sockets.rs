@@ -1,4 +1,4 @@
-//! Live data through real sockets: JSON lines and MCAP, peers of others, and clients that mean no good.
+//! Live data through real sockets: JSON lines and MCAP, third-party peers, and hostile clients.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot be set up fails")]
 
@@ -42,7 +42,7 @@ fn lines(range: std::ops::Range<u64>) -> String {
 
 const HELLO: &str = "{\"hello\":{\"sender\":\"north-laser\"}}\n";
 
-/// Whether a tool of others is here; where tests must not leave them out, it has to be.
+/// True if a third-party tool is installed; where tests must not be skipped, it is required.
 fn has(what: &str, script: &str) -> bool {
     let mut shell = Command::new("sh");
     shell

@@ -1,4 +1,4 @@
-//! `tirante spectrum` as users run it, and what is shown of records that give no force.
+//! `tirante spectrum` as users run it, and the output for records without a force.
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
 use serde_json::Value as Json;
@@ -12,7 +12,7 @@ const PULL: &str = "recordings/todi-pull.mcap";
 /// The frequencies of the shipped recording \[Hz\] (config/todi.toml).
 const TODI_HZ: [f64; 3] = [4.492, 9.288, 13.252];
 
-/// A configuration of the shipped recording under which only one mode is left, which proves nothing.
+/// Configuration under which the shipped recording has only one mode, which is not enough for a force.
 const ONE_MODE: [&str; 2] = ["--set", "modes.masks=[{low_hz=6,high_hz=1000}]"];
 
 fn tirante(cache: &TempDir, arguments: &[&str]) -> Output {
@@ -48,7 +48,7 @@ fn is_drawn(text: &str) -> bool {
     text.chars().any(|c| ('\u{2801}'..='\u{28ff}').contains(&c))
 }
 
-/// The peaks of a look or of a line, as frequency and what it was taken for.
+/// Peaks of a JSON line, as frequency and nature.
 fn peaks(line: &Json) -> Vec<(f64, String)> {
     let peaks = line["peaks"].as_array().unwrap().iter();
     peaks

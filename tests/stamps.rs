@@ -5,7 +5,7 @@ use tirante::analysis::signal::record::{
     Assembler, Cut, Event, Flag, Record, RecordSettings, RodId, Timestamp,
 };
 
-/// A permuted congruential generator, so that the stamps are made by nobody else's code.
+/// A permuted congruential generator, so that the stamps do not depend on other code.
 struct Noise(u64);
 
 impl Noise {

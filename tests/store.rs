@@ -1,4 +1,4 @@
-//! The store: what goes in comes out, once; what is damaged is never believed; one writer at a time.
+//! The store: data is read back as written, once; damaged data is never used; one writer at a time.
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
 mod archive;
@@ -10,8 +10,7 @@ use std::path::Path;
 use tirante::analysis::signal::record::RodId;
 use tirante::analysis::track::{Kind, RodState, State};
 use tirante::site::store::{
-    Asked, Commit, Durability, Filter, Listing, Reader, RecordRow, RodRow, Store, StoreError,
-    request_of_writer,
+    Asked, Commit, Durability, Filter, Listing, Reader, RodRow, Store, StoreError, request_of_writer,
 };
 
 fn open(path: &Path) -> Store {
@@ -127,11 +126,7 @@ fn a_record_twice_is_refused_and_leaves_no_trace() {
     let mut now = state(&rod, 99);
     let commit = |store: &mut Store, now: &State| {
         store.commit(&Commit {
-            record: Some(RecordRow {
-                outcome: &outcome,
-                line: &line(&outcome),
-                emulator: "reduced",
-            }),
+            record: Some(archive::new_record(&outcome, &archive::row(&outcome))),
             rod: Some(RodRow {
                 state: now,
                 stands: &RodState::Monitoring,
@@ -157,7 +152,7 @@ fn a_record_twice_is_refused_and_leaves_no_trace() {
         })
         .unwrap_err();
     assert!(
-        matches!(&error, StoreError::Unkeepable { what, .. } if what == "open"),
+        matches!(&error, StoreError::NotStorable { what, .. } if what == "open"),
         "{error}"
     );
     assert_eq!(store.dump().unwrap(), dump);
@@ -222,7 +217,10 @@ fn requests_wait_for_the_writer_and_keep_their_order() {
     let alarm = store.alarms(&Filter::default()).unwrap()[0].id.clone();
     assert_eq!(store.alarm(&alarm).unwrap().unwrap().acknowledged, None);
     assert_eq!(store.alarm("none").unwrap(), None);
-    let acknowledge = Asked::Acknowledge { alarm: alarm.clone() };
+    let acknowledge = Asked::Acknowledge {
+        alarm: alarm.clone(),
+        said: Some("M. Rossi: looked at".to_owned()),
+    };
     let rebaseline = Asked::Rebaseline {
         reason: Some("tightened".into()),
     };
@@ -332,7 +330,8 @@ fn a_newer_format_is_refused_by_name_and_left_alone() {
     assert_eq!(std::fs::read(&path).unwrap(), before);
 }
 
-/// Opens a damaged copy as a writer: fine and equal, refused with a reason, or moved aside with its journals.
+/// Opens a damaged copy as a writer: it must be intact and equal, refused with a reason, or moved aside with
+/// its journals.
 fn survives(path: &Path, damaged: &[u8], dump: &str, what: &str) -> bool {
     let folder = path.parent().unwrap();
     for entry in std::fs::read_dir(folder).unwrap().flatten() {
@@ -439,8 +438,8 @@ fn a_reader_does_not_believe_a_changed_row() {
     }
 }
 
-/// A store that the program of format 1 wrote (`replay recordings/todi-pull.mcap`), and what its `history --format json`
-/// printed.
+/// A store that the program of format 1 wrote (`replay recordings/todi-pull.mcap`), and its output of
+/// `history --format json`.
 #[test]
 fn a_store_of_the_first_format_is_read_as_it_is_and_brought_up_to_date_by_a_writer() {
     let folder = tempfile::tempdir().unwrap();

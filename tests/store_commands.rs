@@ -1,4 +1,4 @@
-//! What `history`, `status`, `ack` and `rebaseline` say of a store and do to it.
+//! Output and effect of `history`, `status`, `ack` and `rebaseline` on a store.
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
 mod archive;
@@ -248,7 +248,7 @@ fn arguments_that_make_no_sense_name_what_would() {
     .unwrap();
 }
 
-/// What a daemon does: it writes, and its page reads, in one process; people ask from others meanwhile.
+/// A daemon writes while its page reads in the same process, and people query from other processes meanwhile.
 #[test]
 fn what_is_written_while_others_come_and_go_stays() {
     let folder = tempfile::tempdir().unwrap();

@@ -7,7 +7,7 @@ use std::path::Path;
 use tirante::analysis::lab::study::{self, Effort, Study};
 use tirante::command::report_page;
 
-/// The least that runs every part.
+/// Least effort that runs every part.
 const LITTLE: Effort = Effort {
     abc_runs: 2,
     mcmc_runs: 2,

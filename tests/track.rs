@@ -1,4 +1,4 @@
-//! `tirante track`: tables of frequencies take the same way as the records they came from.
+//! `tirante track`: tables of frequencies give the same as the records they came from.
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
 mod site;
@@ -71,8 +71,8 @@ fn raised(lines: &[Value]) -> Vec<String> {
         .collect()
 }
 
-/// What follows from frequencies alone is the same number as from the samples; temperatures once a record instead of every half
-/// hour find the same alarms.
+/// Results that depend on frequencies alone are the same numbers as from the samples; temperatures once a
+/// record instead of every half hour find the same alarms.
 #[test]
 fn a_table_of_the_frequencies_is_followed_as_the_records_were() {
     let (site, records) = replayed();
@@ -111,7 +111,7 @@ fn backwards<'a>(rows: &[(usize, &&'a str)]) -> Vec<&'a str> {
     rows.iter().rev().map(|(_, row)| **row).collect()
 }
 
-/// However rows are split into tables, and whatever order those are named in; going on with a store; twice the same rows.
+/// Rows split into tables in any way, named in any order; resuming with a store; the same rows twice.
 #[test]
 fn tables_are_followed_in_the_order_of_time() {
     let (site, records) = replayed();
@@ -150,7 +150,8 @@ fn tables_are_followed_in_the_order_of_time() {
     }
 }
 
-/// A thermometer of its own, named by no rod, compensates every rod; without any, the change is not compensated and said so.
+/// A thermometer of its own, named by no rod, compensates every rod; without any, the change is reported as
+/// not compensated.
 #[test]
 fn rows_of_temperature_alone_are_of_every_rod() {
     let (site, records) = replayed();

@@ -1,5 +1,5 @@
-//! Scenarios of months, at the level of frequencies, through the real fold: what must alarm, what must not, and what must
-//! not be lost.
+//! Scenarios of months, at the level of frequencies, through the real fold: cases that must alarm, that must
+//! not, and that must not be lost.
 
 mod scenario;
 

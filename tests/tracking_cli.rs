@@ -1,5 +1,5 @@
-//! Months of simulated recordings through the whole program: what must alarm and under which name, and what must never look
-//! like drift.
+//! Months of simulated recordings through the whole program: cases that must alarm, with the right name, and
+//! cases that must never look like drift.
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
 mod site;
@@ -17,8 +17,8 @@ fn healthy() -> Site {
     site
 }
 
-/// Replays file after file as they came, whatever the clock said; the alarms as `rod kind`. (One replay of a whole archive
-/// sorts its files by their clocks.)
+/// Replays file after file in order of arrival, whatever the clock; returns the alarms as `rod kind`. (One
+/// replay of a whole archive sorts its files by their clocks.)
 fn alarms(site: &Site) -> Vec<String> {
     for index in 0..fs::read_dir(site.path("archive")).unwrap().count() {
         let (output, code) = site.replay(&[&format!("archive/{index}.mcap")], "site.db");
@@ -27,7 +27,7 @@ fn alarms(site: &Site) -> Vec<String> {
     site.alarms("site.db")
 }
 
-/// Why records of a rod from a day on were set aside.
+/// Reasons why records of a rod from a day on were set aside.
 fn set_aside(site: &Site, rod: &str, from_day: i64) -> BTreeSet<String> {
     site.history("site.db", "records")
         .iter()

@@ -1,5 +1,5 @@
-//! The relative force judged over simulated histories: does the 95 % interval of N_t / N_0 cover the truth, how
-//! narrow is it, and does the misfit tell a change of axial force from an added mass?
+//! The relative force over simulated histories: coverage and width of the 95 % interval of N_t / N_0, and the
+//! misfit's power to distinguish a change of axial force from an added mass.
 //!
 //! Truths come from the exact solver, which the tracked model (the reduced emulator) is not. Every rod has a static
 //! discrepancy of 1 % per mode, a baseline of 30 records over which a temperature swings the force, and frequency
@@ -29,7 +29,7 @@ fn normal(generator: &mut ChaCha8Rng) -> f64 {
     StandardNormal.sample(generator)
 }
 
-/// How truths differ from what the analysis believes.
+/// Distribution of truths relative to the prior.
 #[derive(Debug, Clone, Copy)]
 enum Truth {
     /// Drawn from the prior.
@@ -62,7 +62,7 @@ fn truth(kind: Truth, prior: &RodPrior, generator: &mut ChaCha8Rng) -> Vec<f64> 
     theta
 }
 
-/// One simulated rod: its parameters and what the model misses.
+/// One simulated rod: its parameters and the model's error.
 struct Rod {
     theta: Vec<f64>,
     offsets: [f64; 5],
@@ -246,7 +246,7 @@ fn history(setting: &Setting, seed: u64) -> (History, ChaCha8Rng) {
     )
 }
 
-/// What a cell of the campaign came to.
+/// Results of a cell of the campaign.
 #[derive(Default, Clone, Copy)]
 struct Cell {
     count: usize,

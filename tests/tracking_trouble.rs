@@ -1,5 +1,5 @@
 //! Trouble over months, at the level of frequencies, through the real fold: sensors, clocks, silence, and one change
-//! after another. Each must have a name, end when it ends, and never pass for a drift.
+//! after another. Each must be named, end when its cause ends, and never be taken for a drift.
 
 mod scenario;
 
@@ -82,8 +82,8 @@ fn a_thermometer_in_fahrenheit_or_one_that_stands_still_is_no_drift() {
     assert_eq!(verdicts[199].state, RodState::Monitoring);
 }
 
-/// A site of four rods of different forces under one weather; `shown` says what the channels show of the rods' records of a
-/// day.
+/// A site of four rods of different forces under one weather; `shown` maps the rods' records of a day to
+/// those of the channels.
 fn follow_site(
     days: usize,
     change: impl Fn(usize, Scenario) -> Scenario,
@@ -516,7 +516,7 @@ fn a_false_alarm_ends_and_what_was_left_out_is_learned() {
             .count(),
         count(What::Raised)
     );
-    let learned = state.watch.as_ref().map_or(0, |watch| watch.periods());
+    let learned = state.watch.get().map_or(0, |watch| watch.periods());
     assert!(learned > 250, "{learned}");
     let change = state
         .periods

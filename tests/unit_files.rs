@@ -1,4 +1,5 @@
-//! What the package ships beside the program: unit, default configuration, alert rules, dashboard, man pages.
+//! Files that the package ships besides the program: unit, default configuration, alert rules, dashboard, man
+//! pages.
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
 use std::collections::BTreeSet;
@@ -23,7 +24,7 @@ fn tirante() -> Command {
     Command::new(env!("CARGO_BIN_EXE_tirante"))
 }
 
-/// Runs a tool of the system and wants it to succeed; a machine without it does not count.
+/// Runs a tool of the system, which must succeed; skipped on a machine without it.
 fn if_installed(command: &mut Command) {
     match command.output() {
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
@@ -122,7 +123,7 @@ fn metrics_in(expression: &str) -> BTreeSet<String> {
         .collect()
 }
 
-/// Every name docs/metrics.md lists, which tests/metrics.rs compares with what the program shows.
+/// True if docs/metrics.md lists a metric; tests/metrics.rs compares that list with the program.
 fn is_listed(metric: &str) -> bool {
     let page = text(&project().join("docs/metrics.md"));
     let series = ["_bucket", "_sum", "_count"]

@@ -1,5 +1,5 @@
-//! What robotics viewers see: the live view over a real WebSocket, and the file of results that `replay` writes, both with the
-//! numbers of `history`.
+//! Robotics viewers: the live view over a real WebSocket, and the file of results that `replay` writes, both
+//! with the numbers of `history`.
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
 mod archive;
@@ -19,10 +19,10 @@ use tirante::site::store::{Durability, Reader, Store};
 use tungstenite::client::IntoClientRequest;
 use tungstenite::{Message as Frame, WebSocket};
 
-/// How long anything may take on a machine that is busy with other things.
+/// Longest wait on a busy machine.
 const PATIENCE: Duration = Duration::from_secs(60);
 
-/// A viewer, or why it was not let in: the status.
+/// Connects a viewer; the status of the answer if it is refused.
 fn connect(server: &Server, protocol: &str, origin: Option<&str>) -> Result<Viewer, u16> {
     let mut request = format!("ws://{}/viewer", server.address)
         .into_client_request()
@@ -53,14 +53,14 @@ fn connect(server: &Server, protocol: &str, origin: Option<&str>) -> Result<View
 
 struct Viewer {
     socket: WebSocket<TcpStream>,
-    /// What was advertised, by topic.
+    /// Advertised topics, by name.
     channels: BTreeMap<String, Json>,
 }
 
-/// What a server says.
+/// Message of a server.
 enum Said {
     Text(Json),
-    /// The subscription, when it was told [ns], and the message.
+    /// The subscription, the time of sending [ns], and the message.
     Data(u32, u64, Json),
 }
 
@@ -114,7 +114,7 @@ impl Viewer {
         self.say(&json!({"op": "subscribe", "subscriptions": [{"id": id, "channelId": channel}]}));
     }
 
-    /// The next message of a subscription, held against its schema's keys.
+    /// The next message of a subscription, checked against its schema's keys.
     fn message(&mut self, id: u32, topic: &str) -> Json {
         loop {
             if let Said::Data(subscription, told, body) = self.next()
@@ -383,7 +383,7 @@ fn strangers_and_what_makes_no_sense_are_told_why() {
     viewer.message(5, "/tirante/south/force");
 }
 
-/// The server ends the connection; that it says nothing for a while is not enough.
+/// Checks that the server ends the connection; silence for a while is not enough.
 fn assert_cut_off(viewer: &mut Viewer) {
     loop {
         match viewer.socket.read() {

@@ -1,4 +1,4 @@
-//! Small files that unpack to much, read by the program as a process: what it takes is weighed, not counted.
+//! Small files that unpack to large ones, read by the program as a process: its real memory is measured.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot be set up fails")]
 
@@ -12,9 +12,9 @@ use std::process::{Child, Command, Stdio};
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// What no file, socket or import may pass \[MB\].
+/// Memory that no file, socket or import may exceed \[MB\].
 const PEAK_MB: f64 = 256.0;
-/// How long anything may take here, on a machine that is busy with other things.
+/// Longest wait on a busy machine.
 const PATIENCE: Duration = Duration::from_secs(240);
 const START_NS: u64 = 1_772_344_800_000_000_000;
 
@@ -63,7 +63,7 @@ fn file(parts: &[Vec<u8>]) -> Vec<u8> {
     [magic, header, parts.concat(), end].concat()
 }
 
-/// A ROS 2 message with so many bytes as samples: a motion that goes on repeating, as no check refuses it.
+/// A ROS 2 message with `count` bytes as samples: a repeating motion that no check refuses.
 fn bytes(count: u32) -> Vec<u8> {
     let mut data = vec![0, 1, 0, 0];
     data.extend(count.to_le_bytes());
@@ -106,7 +106,7 @@ fn json_arrays(field: &str, count: u64, samples: usize) -> Vec<u8> {
     file(&parts)
 }
 
-/// Messages of a sample each, so many to a chunk.
+/// Messages of one sample each, `count` per chunk.
 fn singles(chunks: u64, count: u64, step_ns: u64) -> Vec<u8> {
     let mut parts = vec![chunk(&channel(1, 0, "/rod-0", "json"))];
     for number in 0..chunks {
@@ -131,7 +131,7 @@ fn channels(count: u16) -> Vec<u8> {
     file(&[chunk(&schema(&large)), chunk(&records)])
 }
 
-/// A packed MATLAB variable of so many bytes.
+/// A packed MATLAB variable of `count` bytes.
 fn matlab(count: u32) -> Vec<u8> {
     let part = |kind: u32, content: &[u8]| {
         let mut part = [kind.to_le_bytes(), (content.len() as u32).to_le_bytes()].concat();
@@ -203,7 +203,7 @@ fn start(folder: &Path, words: &[&str]) -> Child {
         .unwrap()
 }
 
-/// The most memory a process had so far \[MB\]; nothing of one that has ended.
+/// Peak memory of a process so far \[MB\]; `None` if it has ended.
 fn peak_mb(pid: u32) -> Option<f64> {
     let status = fs::read_to_string(format!("/proc/{pid}/status")).ok()?;
     let line = status.lines().find(|line| line.starts_with("VmHWM"))?;
@@ -217,7 +217,7 @@ struct Ran {
     said: String,
 }
 
-/// Runs the program to its end and looks at its memory all the while.
+/// Runs the program to its end and watches its memory.
 fn run(folder: &Path, words: &[&str]) -> Ran {
     let begun = Instant::now();
     let mut child = start(folder, words);
@@ -242,7 +242,7 @@ fn run(folder: &Path, words: &[&str]) -> Ran {
     }
 }
 
-/// Checks one file: its weight, that it comes to an end, and that the reason is told.
+/// Checks one file: its memory, that it ends, and that the reason is reported.
 fn weigh(what: &str, config: &str, name: &str, content: &[u8], words: &[&str], told: &str) {
     let folder = tempfile::tempdir().unwrap();
     fs::write(folder.path().join("site.toml"), config).unwrap();

@@ -8,7 +8,7 @@
 use std::path::Path;
 use std::process::Command;
 
-/// Whether Python, numpy and mcap are there; with TIRANTE_REAL_PEERS they must be.
+/// True if Python, numpy and mcap are installed; with TIRANTE_REAL_PEERS they are required.
 fn has_python() -> bool {
     let found = Command::new("python3")
         .args(["-c", "import numpy, mcap"])
@@ -24,7 +24,7 @@ fn has_python() -> bool {
     found
 }
 
-/// What a script of `tests/worlds` prints; it must succeed.
+/// Output of a script of `tests/worlds`, which must succeed.
 fn run(script: &str, arguments: &[&str]) -> String {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/worlds");
     let output = Command::new("python3")
@@ -53,7 +53,8 @@ fn the_generator_agrees_with_closed_forms() {
 }
 
 /// Fixed seeds: this either always holds or never. With two records a class the requirements are those of few records: a share
-/// fails if even the favourable end of its exact interval does, a wrong order told surely always does.
+/// fails if even the favourable end of its exact interval does, a wrong order reported as certain always
+/// does.
 #[test]
 fn a_few_records_of_every_class_are_identified_as_required() {
     if has_python() {

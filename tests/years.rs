@@ -8,7 +8,7 @@
 use std::path::Path;
 use std::process::Command;
 
-/// Whether Python and numpy are there; with TIRANTE_REAL_PEERS they must be.
+/// True if Python and numpy are installed; with TIRANTE_REAL_PEERS they are required.
 fn has_python() -> bool {
     let found = Command::new("python3").args(["-c", "import numpy"]).output();
     let found = found.is_ok_and(|output| output.status.success());
@@ -22,7 +22,7 @@ fn has_python() -> bool {
     found
 }
 
-/// What a script of `tests/years` prints, and whether it succeeded.
+/// Output of a script of `tests/years`, and true if it succeeded.
 fn run(script: &str, arguments: &[&str]) -> (String, bool) {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/years");
     let output = Command::new("python3")

@@ -1,26 +1,27 @@
-//! Findings of a record besides its force: its peaks and what each was taken for, the motion that was recognised, the
-//! assignments of peaks to modes that were weighed. JSON lines, pictures, pages and `spectrum` show the same.
+//! Findings of a record besides its force: its peaks with their nature, the motion, the assignments of peaks
+//! to modes. JSON lines, figures, pages and `spectrum` show the same.
 
 use crate::analysis::identify::Measurement;
 use crate::analysis::signal::modes::{Labels, Mode, Motion, MotionKind, Resonance};
 use serde::{Deserialize, Serialize};
 
-/// Damping ratio above which a peak is no vibration of a rod, support losses included: filtered noise, a swaying stand.
+/// Largest damping ratio of a rod's vibration, support losses included; above it lie filtered noise or a
+/// swaying stand.
 const BROAD: f64 = 0.1;
 /// Periods within the record below which a broad peak is slow drift.
 const DRIFT_PERIODS: f64 = 40.0;
-/// Most orders of a harmonic that are looked for.
+/// Highest order of a harmonic considered.
 const MOST_TIMES: u32 = 20;
 /// Largest tolerance of a harmonic as a share of its fundamental: 40 orders of chance agreement in a thousand.
 const HARMONIC_TOLERANCE: f64 = 0.02;
 /// Least log odds of the fit itself against a mode that make a peak doubtful: ten to one.
 const DOUBT: f64 = 2.3;
-/// Probability of an assignment from which on the others are not shown beside a force.
+/// Probability of an assignment from which the others are not shown beside a force.
 pub const CERTAIN: f64 = 0.99;
 
-/// Standard deviations of conflict from which on people are told that model and data disagree.
+/// Conflict in standard deviations from which a disagreement of model and data is reported.
 pub const CONFLICT_SHOWN: f64 = 3.0;
-/// Share of the prior's own records as far out up to which people are told that the prior is doubtful.
+/// Share of the prior's own records at least as far out, up to which the prior is reported as doubtful.
 pub const PRIOR_TAIL_SHOWN: f64 = 0.01;
 
 /// Reason to doubt the force of a record.
@@ -36,7 +37,7 @@ pub enum Doubt {
 }
 
 impl Doubt {
-    /// All there are, the gravest first; what nobody knows of a record of an older program is no reason.
+    /// All doubts, the gravest first; figures missing in records of older programs raise none.
     pub fn all(conflict: Option<f64>, prior_tail: Option<f64>, label_probability: Option<f64>) -> Vec<Self> {
         let is_conflict = conflict.is_some_and(|score| score >= CONFLICT_SHOWN);
         let is_prior = !is_conflict && prior_tail.is_some_and(|tail| tail <= PRIOR_TAIL_SHOWN);
@@ -51,7 +52,7 @@ impl Doubt {
         .collect()
     }
 
-    /// The mark before a force of which there are such doubts.
+    /// Mark before a force that has such doubts.
     pub fn mark(doubts: &[Self]) -> &'static str {
         match doubts {
             [] => "",
@@ -60,7 +61,7 @@ impl Doubt {
         }
     }
 
-    /// In words.
+    /// Doubt in words.
     pub fn said(self) -> &'static str {
         match self {
             Self::Conflict => {
@@ -74,7 +75,7 @@ impl Doubt {
     }
 }
 
-/// Meaning of a peak, as far as the record tells.
+/// Nature of a peak, as far as the record shows it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Nature {
@@ -97,7 +98,7 @@ pub enum Nature {
 /// An integer multiple of another peak's frequency. The modes of a taut string are multiples too.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Multiple {
-    /// The factor, from 2.
+    /// Factor of the multiple, from 2.
     pub times: u32,
     /// Frequency of the other peak \[Hz\].
     pub frequency_hz: f64,
@@ -114,7 +115,7 @@ pub struct Peak {
     pub damping: f64,
     /// Height of the fitted peak over the fitted noise floor \[dB\].
     pub level_db: f64,
-    /// Meaning.
+    /// Nature of the peak.
     pub taken_for: Nature,
     /// Mode order, if it was given one.
     pub order: Option<usize>,
@@ -129,7 +130,7 @@ pub struct Candidate {
     pub modes: Vec<Assigned>,
     /// Probability of the assignment.
     pub probability: f64,
-    /// Force it would give \[N\], if it was computed.
+    /// Force it implies \[N\], if computed.
     pub axial_force_n: Option<Quantiles>,
 }
 
@@ -153,7 +154,7 @@ pub struct Quantiles {
     pub q975: f64,
 }
 
-/// A motion in a word, for tables.
+/// Motion in one word, for tables.
 pub fn motion_mark(motion: &Motion) -> &'static str {
     match motion.kind {
         MotionKind::Ambient => "ambient",
@@ -182,7 +183,7 @@ pub fn motion_said(motion: &Motion) -> String {
 }
 
 impl Candidate {
-    /// The assignments that were weighed, likeliest first.
+    /// Assignments considered, likeliest first.
     pub fn all(labels: &Labels) -> Vec<Self> {
         labels
             .candidates
@@ -215,7 +216,7 @@ impl Candidate {
     }
 }
 
-/// The peaks of a record, ascending in frequency, with what each was taken for; `modes` are those that were labelled.
+/// Peaks of a record with their nature, ascending in frequency; `modes` are the labelled ones.
 pub fn peaks(measurement: &Measurement, modes: &[Mode]) -> Vec<Peak> {
     of_resonances(
         &measurement.resonances,
@@ -277,8 +278,8 @@ fn nature(resonance: &Resonance, order: Option<usize>, is_multiple_of_tone: bool
     }
 }
 
-/// The lowest resonance of which one is an integer multiple within its errors, and whether that is a tone. A tone's
-/// multiples are looked for first.
+/// Lowest resonance of which resonance `i` is an integer multiple within its errors, and true if that one is
+/// a tone. Multiples of tones are searched first.
 fn multiple(resonances: &[Resonance], i: usize, duration_s: f64) -> Option<(Multiple, bool)> {
     let one = &resonances[i];
     let of = |other: &Resonance| {
@@ -307,7 +308,7 @@ fn multiple(resonances: &[Resonance], i: usize, duration_s: f64) -> Option<(Mult
     found(true).or_else(|| found(false))
 }
 
-/// What a peak was taken for, in words: `mode 2`, `candidate, 2 x 4.492`.
+/// Nature of a peak in words: `mode 2`, `candidate, 2 x 4.492`.
 pub fn said(taken_for: Nature, order: Option<usize>, multiple_of: Option<Multiple>) -> String {
     let name = match (taken_for, order) {
         (Nature::Mode, Some(order)) => format!("mode {order}"),
@@ -320,7 +321,7 @@ pub fn said(taken_for: Nature, order: Option<usize>, multiple_of: Option<Multipl
 }
 
 impl Nature {
-    /// The name, for tables.
+    /// Name for tables.
     pub fn name(self) -> &'static str {
         match self {
             Self::Mode => "mode",

@@ -14,47 +14,47 @@ use crate::analysis::signal::record::{Envelope, Flag, Reading, Record, Rejection
 use crate::analysis::signal::spectrum::{PeakSettings, Spectrum, WelchSettings};
 use std::sync::Arc;
 
-/// Raised whenever the same record and configuration may give other numbers than before.
+/// Version of the numbers: raised whenever the same record and configuration may give others.
 pub const VERSION: u32 = 2;
 
-/// Everything the analysis of one rod depends on.
+/// Settings of the analysis of one rod.
 #[derive(Debug, Clone, PartialEq)]
 pub struct AnalysisSettings {
-    /// The rod.
+    /// Id of the rod.
     pub rod: RodId,
-    /// What is known about it beforehand.
+    /// Prior of the rod's quantities.
     pub prior: RodPrior,
     /// Relative model discrepancy per mode order (standard deviation of b_n / y_n), one entry per
-    /// mode looked for; zeros are the paper's setting.
+    /// mode; zeros are the paper's setting.
     pub discrepancy: Vec<f64>,
-    /// How the spectrum is estimated.
+    /// Settings of the spectral estimate.
     pub welch: WelchSettings,
-    /// Which maxima count as peaks.
+    /// Criteria for a maximum to be a peak.
     pub peaks: PeakSettings,
-    /// Which modes are looked for.
+    /// Modes searched for.
     pub modes: ModeSettings,
-    /// How the force is inferred.
+    /// Settings of the inference of the force.
     pub abc: AbcSettings,
-    /// Which forward model answers.
+    /// Forward model of the natural frequencies.
     pub model: ModelSettings,
     /// Seed of the whole site; each record's seed follows from it, the rod and the record.
     pub seed: u64,
 }
 
-/// What one record says about its rod.
+/// Result of one record: modes, posterior and conflict.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Identification {
-    /// The rod.
+    /// Id of the rod.
     pub rod: RodId,
-    /// Where and when it was measured; `None` for frequencies measured elsewhere.
+    /// Time and data of the measurement; `None` for frequencies measured elsewhere.
     pub measurement: Option<Measurement>,
     /// The measured modes, ascending in order.
     pub modes: Vec<Mode>,
-    /// Certainty of their orders; `None` where the orders were given.
+    /// Probability of the mode orders; `None` where the orders were given.
     pub labels: Option<Labels>,
     /// The absolute force, per record: a weighted sample of the rod's parameters.
     pub posterior: Posterior,
-    /// How far the observed frequencies lie from everything the model can produce.
+    /// Distance of the observed frequencies from everything the model can produce.
     pub conflict: Conflict,
     /// The sources of the force's variance; `None` where the posterior is too small a sample to tell.
     pub hangs_on: Option<VarianceShares>,
@@ -73,28 +73,28 @@ pub struct Measurement {
     pub fs_hz: f64,
     /// Mean temperature during the record \[degC\], if measured.
     pub temperature_c: Option<f64>,
-    /// Temperature readings since the rod's record before this one, ascending in time.
+    /// Temperature readings since the rod's previous record, ascending in time.
     pub readings: Vec<Reading>,
     /// Root mean square of the samples, SI of their unit.
     pub rms: f64,
-    /// The samples as the columns of a drawing.
+    /// Envelope of the samples for drawing.
     pub waveform: Envelope,
-    /// What the quality checks noticed.
+    /// Faults noticed by the quality checks.
     pub flags: Vec<Flag>,
-    /// Welch's spectrum.
+    /// Welch's spectrum of the record.
     pub spectrum: Spectrum,
-    /// Every resonance and line found in the spectrum, whether it became a mode or not.
+    /// Every resonance and line found in the spectrum, labelled as a mode or not.
     pub resonances: Vec<Resonance>,
     /// Motion that was recognised.
     pub motion: Motion,
 }
 
-/// A record that gives no force, with as much as was found in it.
+/// A record that gives no force, with the evidence found in it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Refusal {
-    /// The reason.
+    /// Reason of the rejection.
     pub rejection: Rejection,
-    /// Spectrum and resonances, if the record has any.
+    /// Spectrum and resonances, if it has any.
     pub measurement: Option<Box<Measurement>>,
     /// Assignments of its peaks to orders, if there are peaks.
     pub labels: Option<Labels>,
@@ -111,7 +111,7 @@ impl From<Rejection> for Refusal {
 }
 
 impl Measurement {
-    /// Of a record and what was found in it.
+    /// Measurement of a record with its evidence.
     pub fn new(record: &Record, identity: [u8; 32], evidence: Evidence) -> Self {
         Self {
             identity,
@@ -130,7 +130,7 @@ impl Measurement {
     }
 }
 
-/// What is prepared once per rod: its pattern of modes and its simulated table.
+/// Prepared analysis of one rod: its pattern of modes and its simulated table.
 pub struct Plan {
     settings: AnalysisSettings,
     modal: ModalPlan,
@@ -138,10 +138,10 @@ pub struct Plan {
 }
 
 impl Plan {
-    /// Prepares one rod; `model` answers for its frequencies, `tables` are shared between rods.
+    /// Prepares one rod; `model` computes its frequencies, `tables` are shared between rods.
     ///
     /// # Errors
-    /// Settings that contradict each other or ask for what the model cannot give.
+    /// Settings that contradict each other or exceed the model.
     pub fn new(
         settings: AnalysisSettings,
         model: Arc<dyn ForwardModel>,
@@ -175,26 +175,26 @@ impl Plan {
         })
     }
 
-    /// The table of simulated draws: drawn now, not with the first record.
+    /// Draws the table of simulated draws now, not with the first record.
     pub fn table(&self) -> &Table {
         self.inference.table()
     }
 
-    /// What the plan was made from.
+    /// Settings the plan was made from.
     pub fn settings(&self) -> &AnalysisSettings {
         &self.settings
     }
 
-    /// The forward model that answers for the rod's frequencies.
+    /// Forward model of the rod's frequencies.
     pub fn model(&self) -> Arc<dyn ForwardModel> {
         Arc::clone(self.inference.model())
     }
 
-    /// One record to the posterior of its rod's axial force. A pure function of plan and record: the
-    /// same record gives the same bits on any number of threads.
+    /// Analyses one record to the posterior of its rod's axial force. A pure function of plan and
+    /// record: the same record gives the same bits on any number of threads.
     ///
     /// # Errors
-    /// The reason why the record gives no force, with what was found in it.
+    /// The reason why the record gives no force, with its findings.
     pub fn run(&self, record: &Record) -> Result<Identification, Refusal> {
         let identity = record.identity();
         let measured = |evidence| Measurement::new(record, identity, evidence);
@@ -218,7 +218,7 @@ impl Plan {
         }
     }
 
-    /// Frequencies measured elsewhere to the posterior of the axial force.
+    /// Infers the posterior of the axial force from frequencies measured elsewhere.
     ///
     /// # Errors
     /// The reason why they give no force.

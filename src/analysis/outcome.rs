@@ -1,4 +1,4 @@
-//! What came of one record: a force, or a reason why there is none.
+//! Result of one record: a force, or a reason why there is none.
 
 use crate::analysis::identify::{Identification, Measurement};
 use crate::analysis::inference::Conflict;
@@ -7,31 +7,31 @@ use crate::analysis::signal::record::{Envelope, Reading, Rejection, RodId, Times
 use crate::analysis::track::{Input, LogMode, Observation};
 use sha2::{Digest, Sha256};
 
-/// What came of one record.
+/// Result of one record.
 #[derive(Debug, Clone)]
 pub enum Outcome {
-    /// It gave a force.
+    /// The record gave a force.
     Identified(Box<Identification>),
-    /// Its frequencies were identified elsewhere: it is followed, without a force of its own.
+    /// Its frequencies were identified elsewhere: it is tracked, without a force of its own.
     Tabulated(Box<Tabulated>),
-    /// It gave none, for a stated reason.
+    /// The record gave no force, for a stated reason.
     Rejected(Box<Rejected>),
 }
 
-/// A record of which a table holds the natural frequencies, and nobody here the samples.
+/// A record known only by its natural frequencies in a table, without samples.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Tabulated {
-    /// The rod.
+    /// Id of the rod.
     pub rod: RodId,
     /// Time of the record.
     pub start: Timestamp,
-    /// Length \[s\]; zero if the table does not say it.
+    /// Length \[s\]; zero if the table does not give it.
     pub duration_s: f64,
     /// The measured modes, ascending in order.
     pub modes: Vec<Mode>,
-    /// Temperature in its row \[degC\].
+    /// Temperature in its row \[degC\], if given.
     pub temperature_c: Option<f64>,
-    /// Temperature readings since the rod's record before this one, ascending in time.
+    /// Temperature readings since the rod's previous record, ascending in time.
     pub readings: Vec<Reading>,
     /// Root mean square of its samples, in one unit throughout the table.
     pub rms: Option<f64>,
@@ -42,7 +42,7 @@ pub struct Tabulated {
 /// A record that gave no force.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Rejected {
-    /// The rod.
+    /// Id of the rod.
     pub rod: RodId,
     /// Time of the first sample, if it is known.
     pub start: Option<Timestamp>,
@@ -54,13 +54,13 @@ pub struct Rejected {
     pub identity: Option<[u8; 32]>,
     /// Temperature readings that came with it.
     pub readings: Vec<Reading>,
-    /// The reason.
+    /// Reason of the rejection.
     pub rejection: Rejection,
     /// Waveform, spectrum and resonances, if the analysis came that far.
     pub measurement: Option<Box<Measurement>>,
     /// Assignments of its peaks to orders, if there are peaks.
     pub labels: Option<Labels>,
-    /// Its samples as the columns of a drawing, if it was refused before there was a spectrum.
+    /// Envelope of its samples for drawing, if it was refused before there was a spectrum.
     pub waveform: Option<Envelope>,
 }
 
@@ -74,7 +74,7 @@ impl Outcome {
         }
     }
 
-    /// The rod.
+    /// Id of the rod.
     pub fn rod(&self) -> &RodId {
         match self {
             Self::Identified(identification) => &identification.rod,
@@ -83,7 +83,7 @@ impl Outcome {
         }
     }
 
-    /// Identity of the record by content; what has no samples is known by rod, time, length and reason or frequencies.
+    /// Identity of the record by content; without samples, by rod, time, length and reason or frequencies.
     /// `None` for frequencies measured elsewhere that have no time.
     pub fn identity(&self) -> Option<[u8; 32]> {
         match self {
@@ -95,7 +95,16 @@ impl Outcome {
         }
     }
 
-    /// What tracking takes from it; `None` for frequencies measured elsewhere that have no time.
+    /// Root mean square of the samples, SI, of a record that gave frequencies.
+    pub fn rms(&self) -> Option<f64> {
+        match self {
+            Self::Identified(identification) => identification.measurement.as_ref().map(|m| m.rms),
+            Self::Tabulated(row) => row.rms,
+            Self::Rejected(_) => None,
+        }
+    }
+
+    /// Input for tracking; `None` for frequencies measured elsewhere that have no time.
     pub fn input(&self) -> Option<Input> {
         match self {
             Self::Identified(identification) => Observation::of(identification).map(Input::Identified),
@@ -125,7 +134,7 @@ pub fn tabulated_identity(rod: &RodId, start: Timestamp, modes: &[Mode]) -> [u8;
 }
 
 impl Tabulated {
-    /// What tracking takes from it. Without a root mean square the amplitude is not judged.
+    /// Observation for tracking. Without a root mean square the amplitude is not judged.
     fn observation(&self) -> Observation {
         Observation {
             start: self.start,

@@ -14,16 +14,17 @@ use serde::{Deserialize, Serialize};
 
 /// Most points of a kept spectrum.
 const SPECTRUM_POINTS: usize = 1200;
-/// The kept spectrum ends at this many times the highest labelled mode, or the highest peak where none is.
+/// End of a kept spectrum, as a multiple of the highest labelled mode, or of the highest peak where none is
+/// labelled.
 const BEYOND_HIGHEST: f64 = 1.5;
 /// Points of a kept density.
 const DENSITY_POINTS: usize = 96;
-/// A kept density spans this many standard deviations of its prior to either side.
+/// Span of a kept density, in standard deviations of its prior to either side.
 const DENSITY_SPAN_SD: f64 = 3.5;
-/// Level that stands for a power of zero \[dB\].
+/// Level shown for a power of zero \[dB\].
 const SILENCE_DB: f64 = -400.0;
 
-/// What one record looked like.
+/// View of one record.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Snapshot {
     /// Time of the first sample.
@@ -34,7 +35,7 @@ pub struct Snapshot {
     pub fs_hz: f64,
     /// The record's seed, as sixteen hexadecimal digits: JSON readers round larger integers. Empty without a force.
     pub seed: String,
-    /// The samples; `None` for records of programs that did not keep them.
+    /// The samples; `None` for records of older programs.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub waveform: Option<Envelope>,
     /// Welch's power spectral density.
@@ -52,7 +53,7 @@ pub struct Snapshot {
     /// Probability that the orders of the modes are right, if they were found and not given.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub label_probability: Option<f64>,
-    /// Assignments of peaks to modes that were weighed, where none is certain; likeliest first.
+    /// Assignments of peaks to modes, where none is certain; likeliest first.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub candidates: Vec<Candidate>,
     /// The reason why there is no force, if there is none.
@@ -63,9 +64,9 @@ pub struct Snapshot {
 /// The reason why a record gives no force.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Reason {
-    /// Its short name: `no-label`.
+    /// Short name: `no-label`.
     pub code: String,
-    /// In words, with the remedy.
+    /// Reason in words, with the remedy.
     pub message: String,
 }
 
@@ -76,8 +77,8 @@ pub struct Curve {
     pub first_hz: f64,
     /// Distance of neighbouring points \[Hz\].
     pub step_hz: f64,
-    /// Ten times the decimal logarithm of the density in unit^2/Hz \[dB\]; the largest of the lines a point
-    /// stands for.
+    /// Ten times the decimal logarithm of the density in unit^2/Hz \[dB\]; the largest among the lines of
+    /// each point.
     pub level_db: Vec<f64>,
 }
 
@@ -86,11 +87,12 @@ pub struct Curve {
 pub struct PeakMark {
     /// Its frequency \[Hz\].
     pub frequency_hz: f64,
-    /// The mode order it was given, if it was.
+    /// Mode order, if it was given one.
     pub order: Option<usize>,
-    /// Whether it is a pure sine: interference.
+    /// True if it is a pure sine: interference.
     pub line: bool,
-    /// Standard error of the frequency \[Hz\]; this and what follows is not there in records of older programs.
+    /// Standard error of the frequency \[Hz\]; this and the following fields are missing in records of older
+    /// programs.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sd_hz: Option<f64>,
     /// Damping ratio \[-\].
@@ -99,10 +101,10 @@ pub struct PeakMark {
     /// Height over the noise floor \[dB\].
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub level_db: Option<f64>,
-    /// What it was taken for.
+    /// Nature of the peak.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub taken_for: Option<Nature>,
-    /// The peak it is a multiple of.
+    /// Peak of which it is a multiple.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub multiple_of: Option<Multiple>,
 }
@@ -127,7 +129,8 @@ pub struct Density {
 }
 
 impl Snapshot {
-    /// Of what came of a record; `None` for frequencies measured elsewhere, and where no sample is left of a refused record.
+    /// View of a record's result; `None` for frequencies measured elsewhere, and for a refused record without
+    /// samples.
     pub fn of_outcome(prior: &RodPrior, outcome: &Outcome) -> Option<Self> {
         match outcome {
             Outcome::Identified(identification) => Self::of(prior, identification),
@@ -136,7 +139,7 @@ impl Snapshot {
         }
     }
 
-    /// Of an identified record; `None` for frequencies measured elsewhere, which have no spectrum.
+    /// View of an identified record; `None` for frequencies measured elsewhere, which have no spectrum.
     pub fn of(prior: &RodPrior, identification: &Identification) -> Option<Self> {
         let measurement = identification.measurement.as_ref()?;
         let modes = &identification.modes;
@@ -156,7 +159,7 @@ impl Snapshot {
         })
     }
 
-    /// Of a refused record; `None` if no sample of it is left, or nobody knows when it was taken.
+    /// View of a refused record; `None` if it has no samples or no time.
     pub fn of_rejected(rejected: &Rejected) -> Option<Self> {
         let reason = Reason {
             code: rejected.rejection.code().to_owned(),
@@ -200,7 +203,7 @@ impl Snapshot {
         })
     }
 
-    /// Of what was measured, up to a frequency \[Hz\], with the modes that were labelled.
+    /// View of a measurement up to a frequency \[Hz\], with the labelled modes.
     pub fn of_measurement(
         measurement: &Measurement,
         modes: &[Mode],
@@ -248,7 +251,7 @@ impl PeakMark {
         }
     }
 
-    /// What it was taken for, in words.
+    /// Nature of the peak in words.
     pub fn said(&self) -> String {
         match (self.taken_for, self.order) {
             (Some(nature), order) => findings::said(nature, order, self.multiple_of),
@@ -321,7 +324,7 @@ fn densities(prior: &RodPrior, posterior: &Posterior) -> Vec<Density> {
         .collect()
 }
 
-/// The key under which the fixity of a support is shown.
+/// Key under which the fixity of a support is shown.
 fn fixity_key(support: Quantity) -> &'static str {
     match support {
         Quantity::SpringLeft => "fixity_left",
@@ -329,7 +332,7 @@ fn fixity_key(support: Quantity) -> &'static str {
     }
 }
 
-/// What was known of a quantity before, as it is drawn.
+/// Prior of a quantity, as it is drawn.
 struct Before<'a> {
     mean_sd: (f64, f64),
     /// The first and last value shown.
@@ -414,7 +417,7 @@ fn density(
     }
 }
 
-/// Scaled so that the mean over the span is one, the trapezoidal rule's end weights left out of account.
+/// Scales values so that their mean over the span is one, ignoring the end weights of the trapezoidal rule.
 fn scaled(values: impl Iterator<Item = f64>) -> Vec<f64> {
     // The prior's density may be infinite or not a number at the very ends (log-normal at zero).
     let values: Vec<f64> = values

@@ -1,4 +1,4 @@
-//! `tirante ack`: somebody knows of an alarm.
+//! `tirante ack`: acknowledges alarms.
 
 use super::BadArguments;
 use super::which_store::{WhichStore, ask, check_rod};
@@ -9,32 +9,40 @@ use crate::site::store::{Asked, Filter, Reader};
 use std::fmt::Write;
 use std::process::ExitCode;
 
-/// Acknowledges alarms: they are no longer told again, and end when their condition ends.
+/// Acknowledge alarms.
 ///
-/// At once if nothing writes to the store; else a running `run` does so within seconds, a running `replay` before the rod's
-/// next record.
+/// They are not repeated any more, and end when their condition ends. This takes effect at once if nothing writes
+/// to the store, within seconds beside a running `run`, and before the rod's next record beside a running `replay`.
 #[derive(Debug, Clone, clap::Args)]
 #[command(
     group = clap::ArgGroup::new("which alarms").required(true).args(["alarms", "rod", "all"]),
     after_help = "Examples:
   tirante ack --store site.db 5f1d0c7a9e3b2468
-  tirante ack --config site.toml --rod north
+  tirante ack --config site.toml --rod north --by 'M. Rossi' --note 'wedge inspected, sound'
   tirante ack --store site.db --all"
 )]
 pub struct Args {
-    /// The alarms, by the ids that `status` and `history --what alarms` show.
+    /// Ids of the alarms, as shown by `status` and `history --what alarms`.
     #[arg(value_name = "ALARM")]
     pub alarms: Vec<String>,
 
-    /// Every alarm of this rod that stands.
+    /// Acknowledge every active alarm of this rod.
     #[arg(long, value_name = "ID")]
     pub rod: Option<String>,
 
-    /// Every alarm that stands.
+    /// Acknowledge every active alarm.
     #[arg(long)]
     pub all: bool,
 
-    /// The store.
+    /// Who knows of it; kept with the alarm and shown on the page.
+    #[arg(long, value_name = "NAME")]
+    pub by: Option<String>,
+
+    /// What there is to say of it.
+    #[arg(long, value_name = "TEXT")]
+    pub note: Option<String>,
+
+    /// Store to use.
     #[command(flatten)]
     pub which: WhichStore,
 }
@@ -57,9 +65,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         .map(|alarm| {
             (
                 alarm.rod.clone(),
-                Asked::Acknowledge {
-                    alarm: alarm.id.clone(),
-                },
+                Asked::acknowledge(&alarm.id, args.by.as_deref(), args.note.as_deref()),
             )
         })
         .collect();
@@ -76,7 +82,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     super::print(out.as_bytes())
 }
 
-/// The alarms that are meant and that nobody acknowledged.
+/// Alarms selected that are not acknowledged.
 fn wanted(args: &Args, reader: &Reader) -> anyhow::Result<Vec<Alarm>> {
     let mut wanted = Vec::new();
     for id in &args.alarms {

@@ -1,4 +1,4 @@
-//! `tirante backup`: a copy of a store, while the daemon writes to it.
+//! `tirante backup`: copies a store, while the daemon writes to it.
 
 use super::which_store::WhichStore;
 use crate::site::store::Reader;
@@ -6,18 +6,19 @@ use std::fs;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// Copies a store to one file that is whole, checked row by row, and replaces an older copy of that name.
+/// Copy a store, also while the daemon writes to it.
 ///
-/// The daemon goes on meanwhile. Copying the files of a store by other means while it is written gives a damaged copy.
+/// The copy is one file, checked row by row; it replaces an older copy of that name. Copying the files of a store
+/// by other means while it is written gives a damaged copy.
 #[derive(Debug, Clone, clap::Args)]
 #[command(after_help = "Example:
   tirante backup --config /etc/tirante/tirante.toml /media/backup/site.sqlite")]
 pub struct Args {
-    /// The copy.
+    /// File to write.
     #[arg(value_name = "FILE")]
     pub target: PathBuf,
 
-    /// The store.
+    /// Store to copy.
     #[command(flatten)]
     pub which: WhichStore,
 }

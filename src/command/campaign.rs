@@ -1,20 +1,19 @@
-//! Recorded campaigns through the plans: every record's outcome in order, losses named, all counted.
+//! Runs recorded campaigns through the plans: every record's outcome in order, with losses reported and all
+//! counted.
 
 use super::foreign;
 use super::progress::Progress;
 use super::{BadArguments, WITH_LOSSES};
-use crate::analysis::identify::Plan;
 use crate::analysis::outcome::Outcome;
-use crate::analysis::signal::record::{
-    Reading as Temperature, RecordSettings, Rejection, RodChannels, RodId,
-};
-use crate::analysis::track::ordered::Ordered;
+use crate::analysis::signal::record::{RecordSettings, Rejection, RodChannels};
 use crate::config::Config;
 use crate::recording::import::{self, How, Whose};
 use crate::recording::read::folder::first_time;
-use crate::recording::read::{self, Event, Opener, Place, Recordings, SourceError, Step, Summary};
-use crate::site::analyse::{Analysed, Known, Passed, analyse};
-use crate::site::ordered_map::{Limits, map_in_order};
+use crate::recording::read::{self, Opener, Recordings, SourceError, Step, Summary};
+use crate::site::analyse::{Analysed, Known, LastSeen};
+use crate::site::driver::{self, Done, Held, Job, Taker};
+use crate::site::ordered_map::Limits;
+use crate::site::prepared::Plans;
 use crate::site::store::Position;
 use std::collections::{BTreeMap, HashSet};
 use std::fmt::{self, Display};
@@ -26,24 +25,25 @@ use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::thread;
+use std::time::Instant;
 
-/// Samples of records in memory between reading and analysis (8 bytes each).
+/// Most samples of records in memory between reading and analysis (8 bytes each).
 const SAMPLES_IN_FLIGHT: usize = 4 << 20;
 
-/// How recordings are read.
+/// Options for reading recordings.
 #[derive(Debug, Clone, Copy, Default, clap::Args)]
 pub struct Reading {
-    /// Threads that analyse records; the reader has one more. Default: one per core. The results are
-    /// the same, bit for bit, for any number.
+    /// Number of threads that analyse records, besides the reader's; default: one per core. Results are
+    /// bit-identical for any number.
     #[arg(long, value_name = "COUNT", value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub threads: Option<u16>,
 
-    /// Go on reading a recording that is still being written, until it is finished.
+    /// Keep reading a recording that is still being written, until it is finished.
     #[arg(long)]
     pub follow: bool,
 }
 
-/// Says on stderr what came of a campaign, and gives the exit code.
+/// Reports the result of a campaign on stderr and returns the exit code.
 pub fn conclude(tally: Option<Tally>) -> ExitCode {
     tally.map_or(ExitCode::SUCCESS, |tally| {
         tell!("{tally}");
@@ -51,7 +51,7 @@ pub fn conclude(tally: Option<Tally>) -> ExitCode {
     })
 }
 
-/// What came of a campaign.
+/// Result of a campaign.
 #[derive(Debug, Default)]
 pub struct Tally {
     identified: usize,
@@ -64,7 +64,7 @@ pub struct Tally {
 }
 
 impl Tally {
-    /// 0 good, 1 nothing could be read or something broke, 3 rejected records or lost data.
+    /// Exit code: 0 good, 1 nothing could be read or the analysis failed, 3 rejected records or lost data.
     fn exit_code(&self) -> ExitCode {
         if self.broken > 0 || (self.files > 0 && self.unreadable == self.files) {
             ExitCode::FAILURE
@@ -113,32 +113,43 @@ impl Display for Tally {
     }
 }
 
-/// Another program's files among the recordings.
+/// Options for other programs' files among the recordings.
 #[derive(Debug)]
 pub struct Others {
-    /// What is said of them.
+    /// Options for reading them.
     pub how: How,
-    /// Whether the configuration was named for them.
+    /// True if the configuration was named for them.
     pub is_meant: bool,
-    /// Whether one that does not say when it began is taken all the same.
+    /// True if one without a start is accepted.
     pub any_start: bool,
 }
 
+/// Takes what came of an event, the place in its recording, and the record of its rod that passed before; whether it is new.
+pub trait OnEvent:
+    FnMut(&Analysed, Position<'_>, Option<[u8; 32]>, &Progress) -> anyhow::Result<bool>
+{
+}
+
+impl<F> OnEvent for F where
+    F: FnMut(&Analysed, Position<'_>, Option<[u8; 32]>, &Progress) -> anyhow::Result<bool>
+{
+}
+
 /// Runs every record of `paths` (files, or folders of them) through its rod's plan and hands what came
-/// of them to `on_news` in the order of its time. What was lost is said on stderr. `None` if
+/// of them to `on_event` in the order of its time. What was lost is said on stderr. `None` if
 /// the reader of stdout has seen enough (`| head`). A record with the same data as one before (a copied or
 /// renamed file), or one of `known`, is counted and left out.
 ///
 /// # Errors
-/// `on_news` failed.
+/// `on_event` failed.
 pub fn run(
     paths: &[PathBuf],
     config: &Config,
-    plans: &BTreeMap<RodId, Plan>,
+    plans: &Arc<Plans>,
     reading: &Reading,
     others: Others,
     known: &Known,
-    on_news: impl FnMut(News<'_>, &Progress) -> anyhow::Result<Taken>,
+    on_event: impl OnEvent,
 ) -> anyhow::Result<Option<Tally>> {
     let files = in_order(read::recordings(paths), &others.how);
     if others.how.start.is_some() && files.len() > 1 {
@@ -166,62 +177,43 @@ pub fn run(
         usize::from,
     );
 
-    let mut ordered = Ordered::new(config.track.reorder_window_s);
+    let held = Held::new(config.track.reorder_window_s);
     let mut delivery = Delivery {
-        on_news,
+        on_event,
+        // Who follows a growing recording waits for nobody.
+        held: if reading.follow { held.impatient() } else { held },
+        read: done,
+        total,
+        is_meant,
         bar: &bar,
         tally: Tally::default(),
         seen: HashSet::new(),
-        passed: Passed::default(),
+        passed: LastSeen::default(),
         failure: None,
     };
-    map_in_order(
-        input,
-        Limits {
-            workers,
-            weight: SAMPLES_IN_FLIGHT,
-        },
-        |step| match step {
-            Step::Event(Event::Record(record), _) => record.samples.len(),
-            _ => 1,
-        },
-        |step| match step {
-            Step::Event(event, place) => Done::Event(analyse(event, plans, known), place),
-            Step::File(result) => Done::File(result),
-        },
-        |results| {
-            results.into_iter().try_for_each(|result| {
-                bar.set(done.load(Ordering::Relaxed), total);
-                match result {
-                    Ok(Done::Event(analysed, place)) => {
-                        ordered.note(&place.reached);
-                        let (rod, at) = (analysed.rod().clone(), place.at);
-                        ordered.push(&rod, at, (analysed, place));
-                        // Who follows a growing recording waits for nobody.
-                        let mut next = || match reading.follow {
-                            true => ordered.next_of_all(),
-                            false => ordered.next_settled(),
-                        };
-                        while let Some((analysed, place)) = next() {
-                            delivery.event(analysed, &place)?;
-                        }
-                    }
-                    Ok(Done::File(result)) => delivery.tally.file(&result, is_meant, &bar),
-                    Err(panic) => {
-                        delivery.tally.broken += 1;
-                        bar.say(&format!("error: the program broke on one event ({panic})"));
-                    }
-                }
-                ControlFlow::Continue(())
-            })
-        },
-    );
-    while delivery.failure.is_none()
-        && let Some((analysed, place)) = ordered.next_of_all()
-    {
-        if delivery.event(analysed, &place).is_break() {
-            break;
-        }
+    let jobs = input.filter_map(|step| match step {
+        Step::Event(event, place) => Some(Job::Event {
+            event,
+            place,
+            plans: Arc::clone(plans),
+            load: None,
+        }),
+        Step::File(result) => Some(Job::File {
+            mark: None,
+            result,
+            carry: None,
+        }),
+        Step::More | Step::Wait | Step::End => None,
+    });
+    let limits = Limits {
+        workers,
+        weight: SAMPLES_IN_FLIGHT,
+    };
+    driver::run(jobs, limits, |job| driver::work(job, known), &mut delivery);
+    if delivery.failure.is_none() {
+        let rest = delivery.held.rest();
+        // What it ends with is in `failure`.
+        let _ = rest.into_iter().try_for_each(|done| delivery.done(done));
     }
     let Delivery { tally, failure, .. } = delivery;
     drop(bar);
@@ -232,75 +224,75 @@ pub fn run(
     }
 }
 
-/// Hands on what came of events and counts it.
+/// Passes on the results of events and counts them.
 struct Delivery<'a, F> {
-    on_news: F,
+    on_event: F,
+    held: Held,
+    /// Bytes read so far, of how many.
+    read: Arc<AtomicU64>,
+    total: u64,
+    is_meant: bool,
     bar: &'a Progress,
     tally: Tally,
-    /// Records of this run.
+    /// Identities of the records of this run.
     seen: HashSet<[u8; 32]>,
-    passed: Passed,
+    passed: LastSeen,
     failure: Option<anyhow::Error>,
 }
 
-impl<F: FnMut(News<'_>, &Progress) -> anyhow::Result<Taken>> Delivery<'_, F> {
-    fn event(&mut self, analysed: Analysed, place: &Place) -> ControlFlow<()> {
-        match analysed {
-            Analysed::Known(rod, identity) => {
-                self.passed.note(&rod, identity);
-                self.tally.repeated += 1;
+impl<F: OnEvent> Taker for Delivery<'_, F> {
+    fn take(&mut self, group: Vec<Done>) -> ControlFlow<()> {
+        self.bar.set(self.read.load(Ordering::Relaxed), self.total);
+        let mut going = self.held.take(group, Instant::now()).into_iter();
+        going.try_for_each(|done| self.done(done))
+    }
+
+    fn lost(&mut self, panic: &str) {
+        self.tally.broken += 1;
+        self.bar
+            .say(&format!("error: the program broke on one event ({panic})"));
+    }
+}
+
+impl<F: OnEvent> Delivery<'_, F> {
+    fn done(&mut self, done: Done) -> ControlFlow<()> {
+        let (analysed, place) = match done {
+            Done::Event(analysed, place) => (analysed, place),
+            Done::Job(Job::File { result, .. }) => {
+                self.tally.file(&result, self.is_meant, self.bar);
+                return ControlFlow::Continue(());
             }
-            Analysed::Readings(rod, readings) => {
-                let news = News::Readings {
-                    rod: &rod,
-                    readings: &readings,
-                    after: self.passed.last(&rod),
-                };
-                if let Err(error) = (self.on_news)(news, self.bar) {
+            Done::Job(_) => return ControlFlow::Continue(()),
+        };
+        let before = self.passed.pass(&analysed);
+        let is_repeated = match &analysed {
+            Analysed::Known(..) => true,
+            Analysed::Record(outcome) => outcome
+                .identity()
+                .is_some_and(|identity| !self.seen.insert(identity)),
+            Analysed::Readings(..) => false,
+        };
+        let is_new = match is_repeated {
+            true => false,
+            false => match (self.on_event)(&analysed, place.position(), before, self.bar) {
+                Ok(is_new) => is_new,
+                Err(error) => {
                     self.failure = Some(error);
                     return ControlFlow::Break(());
                 }
-            }
-            Analysed::Record(outcome) => return self.record(&outcome, place),
-        }
-        ControlFlow::Continue(())
-    }
-
-    fn record(&mut self, outcome: &Outcome, place: &Place) -> ControlFlow<()> {
-        if let Some(identity) = outcome.identity() {
-            self.passed.note(outcome.rod(), identity);
-            if !self.seen.insert(identity) {
-                self.tally.repeated += 1;
-                return ControlFlow::Continue(());
-            }
-        }
-        match (self.on_news)(News::Outcome(outcome, place.position()), self.bar) {
-            Ok(Taken::New) => {}
-            Ok(Taken::Known) => {
-                self.tally.repeated += 1;
-                return ControlFlow::Continue(());
-            }
-            Err(error) => {
-                self.failure = Some(error);
-                return ControlFlow::Break(());
-            }
-        }
-        match outcome {
-            Outcome::Identified(_) | Outcome::Tabulated(_) => self.tally.identified += 1,
-            Outcome::Rejected(rejected) if matches!(rejected.rejection, Rejection::Broken { .. }) => {
-                self.tally.broken += 1;
-                self.bar
-                    .say(&format!("error: rod {}: {}", rejected.rod, rejected.rejection));
-            }
-            Outcome::Rejected(rejected) => {
-                *self.tally.rejected.entry(rejected.rejection.code()).or_default() += 1;
-            }
+            },
+        };
+        match &analysed {
+            Analysed::Readings(..) => {}
+            Analysed::Record(outcome) if is_new => self.tally.count(outcome, self.bar),
+            Analysed::Record(_) | Analysed::Known(..) => self.tally.repeated += 1,
         }
         ControlFlow::Continue(())
     }
 }
 
-/// Puts other programs' files among the recordings by the time of their first sample; those that do not say it stay last.
+/// Sorts other programs' files among the recordings by the time of their first sample; those without a start
+/// stay last.
 fn in_order(files: Vec<Result<PathBuf, SourceError>>, how: &How) -> Vec<Result<PathBuf, SourceError>> {
     if files.len() < 2 {
         return files;
@@ -340,7 +332,21 @@ fn opener(others: Others, rods: Vec<RodChannels>, settings: RecordSettings) -> O
 }
 
 impl Tally {
-    /// Counts a file and says what was wrong with it; without `is_meant` the rod looked for was the built-in one.
+    /// Counts a record that is new.
+    fn count(&mut self, outcome: &Outcome, bar: &Progress) {
+        match outcome {
+            Outcome::Identified(_) | Outcome::Tabulated(_) => self.identified += 1,
+            Outcome::Rejected(rejected) if matches!(rejected.rejection, Rejection::Broken { .. }) => {
+                self.broken += 1;
+                bar.say(&format!("error: rod {}: {}", rejected.rod, rejected.rejection));
+            }
+            Outcome::Rejected(rejected) => {
+                *self.rejected.entry(rejected.rejection.code()).or_default() += 1;
+            }
+        }
+    }
+
+    /// Counts a file and reports its faults; without `is_meant` the rod searched for was the built-in one.
     fn file(&mut self, result: &Result<Summary, SourceError>, is_meant: bool, bar: &Progress) {
         self.files += 1;
         let summary = match result {
@@ -380,33 +386,4 @@ fn is_broken_pipe(error: &anyhow::Error) -> bool {
     error
         .downcast_ref::<io::Error>()
         .is_some_and(|error| error.kind() == io::ErrorKind::BrokenPipe)
-}
-
-/// What a campaign hands on.
-pub enum News<'a> {
-    /// What came of a record, and where in its recording the record ended.
-    Outcome(&'a Outcome, Position<'a>),
-    /// Temperatures that no record of a recording left with.
-    Readings {
-        /// The rod.
-        rod: &'a RodId,
-        /// Ascending in time.
-        readings: &'a [Temperature],
-        /// The identity of the rod's record before them, if there was one.
-        after: Option<[u8; 32]>,
-    },
-}
-
-/// What became of news that were handed on.
-pub enum Taken {
-    /// It is new.
-    New,
-    /// It was known already.
-    Known,
-}
-
-/// What is delivered of a step.
-enum Done {
-    Event(Analysed, Place),
-    File(Result<Summary, SourceError>),
 }

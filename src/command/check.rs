@@ -1,4 +1,4 @@
-//! `tirante check`: a configuration, every fault at once, or what holds.
+//! `tirante check`: reports every fault of a configuration at once, or prints the effective one.
 
 use crate::config::{Config, ConfigError, Setting};
 use crate::site::baselines::{self, Fate, Prospect};
@@ -6,24 +6,26 @@ use crate::site::store::Reader;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-/// Checks a configuration: reports every fault at once with its key and line (exit code 2), or prints
-/// it with all defaults filled in.
+/// Check a configuration: report every fault, or print what holds.
+///
+/// Every fault comes with its key and line (exit code 2). Without a fault the configuration is printed with all
+/// defaults filled in.
 #[derive(Debug, clap::Args)]
-#[command(
-    after_help = "Examples:\n  tirante check config/todi.toml\n  tirante check config/todi.toml --set abc.draws=1000000\n  \
-                  tirante check site.toml --against site.db"
-)]
+#[command(after_help = "Examples:
+  tirante check config/todi.toml
+  tirante check config/todi.toml --set abc.draws=1000000
+  tirante check site.toml --against site.db")]
 pub struct Args {
-    /// The configuration; without one, the built-in rod of the paper.
+    /// Configuration; default: the built-in rod of the paper.
     #[arg(value_name = "FILE", conflicts_with = "config")]
     pub path: Option<PathBuf>,
-    /// The configuration, as for the other commands.
+    /// Configuration, as for the other commands.
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
-    /// A setting over the configuration's, as KEY=VALUE; may be repeated.
+    /// Override one configuration key (KEY=VALUE); may be repeated.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub settings: Vec<Setting>,
-    /// Only the exit code and the faults, no effective configuration.
+    /// Print only faults and set the exit code; no effective configuration.
     #[arg(long, short)]
     pub quiet: bool,
     /// A store: says of each of its rods whether its baseline would stay, and if not, why. Exit code 3 if one would be lost.
@@ -65,7 +67,7 @@ fn against(config: &Config, store: &Path) -> anyhow::Result<ExitCode> {
     })
 }
 
-/// Says on standard error what is wrong with a configuration; the exit code of bad arguments.
+/// Reports the faults of a configuration on stderr; returns the exit code of bad arguments.
 pub fn refuse(error: &ConfigError) -> ExitCode {
     tell!("{error}");
     if let ConfigError::Faults { origin, faults } = error {

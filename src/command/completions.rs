@@ -1,16 +1,16 @@
-//! `tirante completions`: what a shell completes after `tirante`.
+//! `tirante completions`: prints a shell completion script.
 
 use clap_complete::Shell;
 use std::process::ExitCode;
 
-/// Prints what a shell completes after `tirante`.
+/// Print a shell completion script.
 #[derive(Debug, clap::Args)]
-#[command(
-    after_help = "Examples:\n  tirante completions bash > ~/.local/share/bash-completion/completions/tirante\n  \
-                  tirante completions fish > ~/.config/fish/completions/tirante.fish"
-)]
+#[command(after_help = "Examples:
+  tirante completions bash \\
+      > ~/.local/share/bash-completion/completions/tirante
+  tirante completions fish > ~/.config/fish/completions/tirante.fish")]
 pub struct Args {
-    /// The shell.
+    /// Shell of the script.
     pub shell: Shell,
 }
 

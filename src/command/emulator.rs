@@ -1,4 +1,4 @@
-//! `tirante emulator`: fits emulators into the cache, and says how wrong they are.
+//! `tirante emulator`: fits emulators into the cache, and prints their errors.
 
 use super::progress::Progress;
 use super::{USAGE, print, setup};
@@ -7,81 +7,85 @@ use crate::analysis::rod::beam::{Exact, FiniteElements, finite_elements};
 use crate::analysis::rod::emulator::validate::{self, ErrorReport, GridErrors, ModeErrors, Spread};
 use crate::analysis::rod::emulator::{FitError, Pce, ReducedModel};
 use crate::analysis::rod::prior::RodPrior;
+use crate::command::which_store::Output;
 use crate::config::Config;
 use crate::site::emulator_cache::{Cache, Origin};
 use std::io::{self, Write};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// Fit an emulator, or judge one.
+/// Fit an emulator, or print its errors.
 #[derive(Debug, Clone, clap::Args)]
 #[command(after_help = "Examples:
   tirante emulator validate
   tirante emulator train --order 5 --config config/campaign.toml --rod nave-3")]
 pub struct Args {
-    /// What to do.
+    /// Action to take.
     #[command(subcommand)]
     pub action: Action,
 
-    /// The configuration whose rod's prior is meant; without it the paper's rod.
+    /// Configuration whose rod's prior is used; default: the paper's rod.
     #[arg(long, global = true, value_name = "FILE")]
     pub config: Option<PathBuf>,
 
-    /// The rod of the configuration; needed if it has several.
+    /// Rod of the configuration; required if it has several.
     #[arg(long, global = true, value_name = "ID")]
     pub rod: Option<String>,
 }
 
-/// What to do with an emulator.
+/// Action of `tirante emulator`.
 #[derive(Debug, Clone, clap::Subcommand)]
 pub enum Action {
     /// Fit the paper's chaos and keep it in the cache directory; the reduced emulator needs no training.
-    #[command(after_help = "Example: tirante emulator train --order 5")]
+    #[command(after_help = "Examples:
+  tirante emulator train --order 5")]
     Train {
         /// Total order of the chaos, 1 to 12.
         #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u8).range(1..=12))]
         order: u8,
     },
     /// Print an emulator's errors of value and slope over the prior.
-    #[command(after_help = "Example: tirante emulator validate --model pce --order 5 --sample 100000 --json")]
+    #[command(after_help = "Examples:
+  tirante emulator validate --model pce --order 5 --sample 100000 \\
+      --format json")]
     Validate(ValidateArgs),
 }
 
-/// How an emulator is judged.
+/// Options for measuring the errors of an emulator.
 #[derive(Debug, Clone, clap::Args)]
 pub struct ValidateArgs {
-    /// Which emulator.
+    /// Emulator to check.
     #[arg(long, value_enum, default_value_t = Which::All)]
     pub model: Which,
     /// Total order of the paper's chaos, 1 to 12.
     #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u8).range(1..=12))]
     pub order: u8,
-    /// What is taken as the truth.
+    /// Model taken as the truth.
     #[arg(long, value_enum, default_value_t = Truth::Exact)]
     pub reference: Truth,
-    /// Draws from the prior.
+    /// Number of draws from the prior.
     #[arg(long, default_value_t = validate::SAMPLE as u32, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     pub sample: u32,
     /// Seed of the draws.
     #[arg(long, default_value_t = validate::SEED)]
     pub seed: u64,
-    /// One JSON object per emulator and line instead of the tables.
-    #[arg(long)]
-    pub json: bool,
+    /// Text or JSON.
+    #[command(flatten)]
+    pub output: Output,
 }
 
-/// Which emulator is judged.
+/// Emulator to check.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum Which {
-    /// The reduced one (default model).
+    /// The reduced emulator (default model).
     Reduced,
     /// The paper's Hermite chaos.
     Pce,
-    /// Both.
+    /// Both emulators.
     All,
 }
 
-/// What an emulator is judged by.
+/// Model taken as the truth.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum Truth {
     /// The exact model.
@@ -150,9 +154,13 @@ fn validated(args: &ValidateArgs, cache: &Cache, prior: &RodPrior) -> Result<io:
         reports.push(report);
     }
     let line = |report: &ErrorReport| Ok(serde_json::to_string(report)? + "\n");
-    let texts = reports
-        .iter()
-        .map(|report| if args.json { line(report) } else { table(report) });
+    let texts = reports.iter().map(|report| {
+        if args.output.is_json() {
+            line(report)
+        } else {
+            table(report)
+        }
+    });
     Ok(texts.collect::<io::Result<String>>().map(String::into_bytes))
 }
 
@@ -174,7 +182,7 @@ fn judging(args: &ValidateArgs, work: impl FnOnce(&(dyn Fn(usize) + Sync)) -> Er
     work(&|more| judged.add(more as u64, sample))
 }
 
-/// An error report for people.
+/// Error report as tables.
 fn table(report: &ErrorReport) -> io::Result<String> {
     let mut out = Vec::new();
     let ErrorReport {
@@ -255,7 +263,7 @@ mod tests {
             reference: Truth::Exact,
             sample: 200,
             seed: 1,
-            json: false,
+            output: Output::default(),
         };
         let nowhere = Cache::at(std::path::Path::new("/nonexistent"));
         let text = |args: &ValidateArgs| {
@@ -266,7 +274,11 @@ mod tests {
             table.contains("reduced against exact: 200 draws from the prior, 0 outside the trained range")
         );
         assert_eq!(table.lines().count(), 9);
-        let json: ErrorReport = serde_json::from_str(&text(&ValidateArgs { json: true, ..args })).unwrap();
+        let json: ErrorReport = serde_json::from_str(&text(&ValidateArgs {
+            output: Output::JSON,
+            ..args
+        }))
+        .unwrap();
         assert_eq!((json.sample, json.modes.len()), (200, 5));
     }
 }

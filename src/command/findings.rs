@@ -1,4 +1,5 @@
-//! Findings of a record as text of at most 80 columns: its peaks and what they may be, marks of doubt, what the force hangs on.
+//! Findings of a record as text of at most 80 columns: its peaks and their nature, marks of doubt, sources of
+//! the force's variance.
 
 use crate::analysis::findings::{CONFLICT_SHOWN, Candidate, PRIOR_TAIL_SHOWN, motion_said, three_digits};
 use crate::analysis::identify::Measurement;
@@ -13,7 +14,7 @@ const WIDTH: usize = 80;
 /// Candidates listed.
 const CANDIDATES: usize = 5;
 
-/// Record, motion and what was noticed, a line each.
+/// Record, motion and flags, one line each.
 pub fn opening(measurement: &Measurement) -> Vec<String> {
     let mut lines = vec![
         format!(
@@ -28,7 +29,7 @@ pub fn opening(measurement: &Measurement) -> Vec<String> {
     lines
 }
 
-/// The beginning of a record; a file that does not say it begins in 1970 to the nanosecond.
+/// Start of a record in words; a file without a start begins in 1970 to the nanosecond.
 fn began(start: Timestamp) -> String {
     match start.as_nanos() {
         0 => "its time not said".to_owned(),
@@ -36,7 +37,7 @@ fn began(start: Timestamp) -> String {
     }
 }
 
-/// Refusal of a record, with what was found in it.
+/// Rejection of a record, with the findings in it.
 pub fn refused(rejected: &Rejected) -> String {
     let rejection = &rejected.rejection;
     let mut text = format!("{}: rejected ({}): {rejection}\n", rejected.rod, rejection.code());
@@ -57,7 +58,7 @@ pub fn refused(rejected: &Rejected) -> String {
     text
 }
 
-/// Marks of a force that may be wrong, a line each: model or prior against the data.
+/// Marks of a force that may be wrong, one line each: model or prior against the data.
 pub fn doubts(conflict: &Conflict) -> Vec<String> {
     if conflict.score >= CONFLICT_SHOWN {
         let reason = conflict
@@ -107,7 +108,7 @@ pub fn force(force: &Marginal) -> String {
     format!("{} kN ({} to {})", kn(force.mean), kn(force.q025), kn(force.q975))
 }
 
-/// Every peak with its standard error, damping, level over the noise floor, and what it was taken for.
+/// Every peak with its standard error, damping, level over the noise floor, and nature.
 pub fn peaks(peaks: &[PeakMark]) -> String {
     let mut text = format!(
         "  {:>14}  {:>10}  {:>11}  {:>10}  taken for\n",
@@ -137,7 +138,7 @@ pub fn peaks(peaks: &[PeakMark]) -> String {
     text
 }
 
-/// The assignments of peaks to mode orders that were weighed, likeliest first, each with the force it would give.
+/// Assignments of peaks to mode orders, likeliest first, each with the force it implies.
 pub fn candidates(candidates: &[Candidate]) -> String {
     let mut text = format!("  {:>11}  {:<24}  modes\n", "probability", "force [kN]");
     for candidate in candidates.iter().take(CANDIDATES) {
@@ -161,7 +162,7 @@ pub fn candidates(candidates: &[Candidate]) -> String {
     text
 }
 
-/// A probability that never says 1 or 0 of what is not certain.
+/// A probability that is never rounded to 0 or 1 unless certain.
 pub fn probability(probability: f64) -> String {
     match probability {
         p if p > 0.9999 && p < 1.0 => "> 0.9999".to_owned(),
@@ -171,7 +172,7 @@ pub fn probability(probability: f64) -> String {
     }
 }
 
-/// Text behind an opening, broken between words, further lines as far to the right.
+/// Text after an opening, wrapped between words, further lines indented by the opening.
 pub fn wrapped(opening: &str, text: &str) -> String {
     let indent = opening.chars().count();
     let mut out = String::from(opening);

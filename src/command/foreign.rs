@@ -1,4 +1,4 @@
-//! Flags that say what another program's file does not say itself.
+//! Flags for facts missing in another program's file.
 
 use super::campaign::Others;
 use super::progress::Watched;
@@ -10,46 +10,46 @@ use std::io::Read;
 
 const HEADING: &str = "Files of other programs";
 
-/// What is said of another program's file.
+/// Facts about another program's file.
 #[derive(Debug, Clone, Default, clap::Args)]
 pub struct Foreign {
-    /// The format, if neither the file's content nor its ending says it.
-    #[arg(long, value_enum, help_heading = HEADING)]
+    /// Format, if neither content nor ending of the file determines it.
+    #[arg(long = "input-format", value_enum, help_heading = HEADING)]
     pub format: Option<Format>,
-    /// A column or channel wanted, by name or number, with the topic it stands for; any number of times.
+    /// Column or channel to read, by name or number, with its topic; may be repeated.
     #[arg(long = "channel", visible_alias = "column", value_name = "SOURCE[=TOPIC][,UNIT]", value_parser = Wanted::parse)]
     pub channels: Vec<Wanted>,
-    /// The unit of channels whose unit the file does not say.
+    /// Unit of channels whose unit the file does not give.
     #[arg(long, value_parser = unit, help_heading = HEADING)]
     pub unit: Option<Unit>,
-    /// The sample rate in Hz, if the file does not say it; checked if it does.
+    /// Sample rate in Hz, if the file does not give it; checked if it does.
     #[arg(long, value_name = "HZ", value_parser = positive, help_heading = HEADING)]
     pub rate: Option<f64>,
-    /// The time of the first sample, if the file does not say it.
+    /// Time of the first sample, if the file does not give it.
     #[arg(long, value_name = "TIME", value_parser = time, help_heading = HEADING)]
     pub start: Option<Timestamp>,
-    /// How far times without an offset of their own are ahead of UTC.
+    /// Offset ahead of UTC of times without an offset of their own.
     #[arg(long, value_name = "+HH:MM", value_parser = import::utc_offset, default_value = "+00:00", allow_hyphen_values = true, help_heading = HEADING)]
     pub utc_offset: i32,
-    /// Interpolates uneven stamps to this rate in Hz; without it they are refused.
+    /// Interpolate uneven stamps to this rate in Hz; without it they are an error.
     #[arg(long, value_name = "HZ", value_parser = positive, conflicts_with = "rate", help_heading = HEADING)]
     pub resample: Option<f64>,
-    /// CSV, MATLAB, TDMS: where the stamps are (a column, two for day and time of day, a variable), or none.
+    /// CSV, MATLAB, TDMS: column or variable of the stamps (two columns for day and time of day), or none.
     #[arg(long, value_name = "NAME[,NAME]|none", help_heading = HEADING)]
     pub time: Option<String>,
-    /// CSV, MATLAB, TDMS: what numbers in the stamps count.
+    /// CSV, MATLAB, TDMS: unit of the numbers in the stamps.
     #[arg(long, value_enum, help_heading = HEADING)]
     pub time_unit: Option<TimeUnit>,
-    /// CSV: what stands between columns: one character, tab or space (any number of blanks).
+    /// CSV: delimiter of columns: one character, tab or space (any number of blanks).
     #[arg(long, value_name = "CHARACTER", value_parser = delimiter, help_heading = HEADING)]
     pub delimiter: Option<u8>,
-    /// CSV: decimals stand behind a comma.
+    /// CSV: the decimal sign is a comma.
     #[arg(long, help_heading = HEADING)]
     pub decimal_comma: bool,
-    /// CSV: lines before the first row of data.
+    /// CSV: number of lines before the first row of data.
     #[arg(long, value_name = "COUNT", value_parser = clap::value_parser!(u16).range(0..=190), help_heading = HEADING)]
     pub head_lines: Option<u16>,
-    /// CSV: how dates such as 03/04/2026 are meant.
+    /// CSV: order of day and month in dates such as 03/04/2026.
     #[arg(long, value_enum, help_heading = HEADING)]
     pub dates: Option<DateOrder>,
     /// WAV: the value at full scale, in --unit.
@@ -58,7 +58,7 @@ pub struct Foreign {
 }
 
 impl Foreign {
-    /// The same for the readers.
+    /// The flags as options of the readers.
     pub fn how(&self) -> How {
         let time = self.time.as_deref();
         How {
@@ -90,7 +90,7 @@ impl Foreign {
 }
 
 impl Foreign {
-    /// The same for a run over files; with `any_start` one that does not say when it began is taken all the same.
+    /// The flags for a run over files; with `any_start` a file without a start is accepted.
     pub fn among(&self, setup: &Setup, any_start: bool) -> Others {
         Others {
             how: self.how(),
@@ -100,12 +100,12 @@ impl Foreign {
     }
 }
 
-/// A file whose reading is shown if it takes long.
+/// Wraps a file so that slow reading shows a progress bar.
 pub fn watch(file: File, bytes: u64) -> Box<dyn Read> {
     Box::new(Watched::new(file, bytes))
 }
 
-/// A unit as people write it.
+/// Parses a unit.
 ///
 /// # Errors
 /// It is none.

@@ -1,4 +1,4 @@
-//! `tirante frequencies`: the natural frequencies of a given rod, by every forward model side by side.
+//! `tirante frequencies`: natural frequencies of a given rod, by every forward model side by side.
 
 use crate::analysis::rod::beam::forward::{ForwardModel, MAX_MODES};
 use crate::analysis::rod::beam::{
@@ -6,19 +6,21 @@ use crate::analysis::rod::beam::{
 };
 use crate::analysis::rod::emulator::ReducedModel;
 use crate::analysis::rod::prior::RodPrior;
+use crate::command::which_store::Output;
 use crate::site::emulator_cache::Cache;
 use std::io::Write;
 use std::process::ExitCode;
 
-/// Natural frequencies of a given rod by each forward model, with their differences.
+/// Compute natural frequencies of a rod by every forward model.
 ///
-/// Quantities that are not given are those of the paper's rod in Todi, and are named on standard error.
-/// The paper's chaos is trained for that rod's prior and answers only inside it.
+/// Quantities that are not given are those of the paper's rod in Todi, and are named on standard error. The paper's
+/// chaos is trained for that rod's prior and answers only inside it.
 #[derive(Debug, Clone, clap::Args)]
 #[command(
     allow_negative_numbers = true,
-    after_help = "Example: tirante frequencies --length 9.5 --section round --diameter 0.04 \
-                        --axial-force 60e3 --spring-left 0 --spring-right 5e4"
+    after_help = "Examples:
+  tirante frequencies --length 9.5 --section round --diameter 0.04 \\
+      --axial-force 60e3 --spring-left 0 --spring-right 5e4"
 )]
 pub struct Args {
     /// Cross-section.
@@ -60,21 +62,21 @@ pub struct Args {
     /// Free length in m.
     #[arg(long, value_name = "M")]
     pub length: Option<f64>,
-    /// How many modes, 1 to 5.
+    /// Number of modes, 1 to 5.
     #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u8).range(1..=MAX_MODES as i64))]
     pub modes: u8,
-    /// Finite elements.
+    /// Number of finite elements.
     #[arg(long, default_value_t = finite_elements::ELEMENTS as u16, value_parser = clap::value_parser!(u16).range(8..=2000))]
     pub elements: u16,
     /// Total order of the paper's chaos, 1 to 8.
     #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u8).range(1..=8))]
     pub order: u8,
-    /// One JSON object per model and line instead of the table.
-    #[arg(long)]
-    pub json: bool,
+    /// Text or JSON.
+    #[command(flatten)]
+    pub output: Output,
 }
 
-/// The cross-section as typed.
+/// Cross-section of the rod.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum Shape {
     /// Square of side `--side`.
@@ -98,13 +100,13 @@ impl From<Shape> for Section {
     }
 }
 
-/// What one model says, or why it says nothing.
+/// Answer of one model, or its error.
 struct Answer {
     model: &'static str,
     result: Result<(Vec<f64>, Vec<f64>), String>,
 }
 
-/// Prints the table, or a line of JSON per model. Exit code 2: what is given describes no rod.
+/// Prints the table, or a line of JSON per model. Exit code 2: the arguments describe no rod.
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let parameterisation = Parameterisation::new(args.section.into());
     let theta = match args.theta(&parameterisation) {
@@ -151,7 +153,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     });
 
     let mut out = Vec::new();
-    if args.json {
+    if args.output.is_json() {
         write_json(&mut out, &parameterisation, &theta, &answers)?;
     } else {
         write_table(&mut out, &answers, modes)?;
@@ -160,7 +162,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
 }
 
 impl Args {
-    /// The parameter vector and which of its entries are the paper's, or what is wrong.
+    /// Parameter vector and the names of the entries taken from the paper, or the fault.
     fn theta(&self, parameterisation: &Parameterisation) -> Result<(Vec<f64>, Vec<String>), String> {
         let paper = RodPrior::todi();
         let given = [

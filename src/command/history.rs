@@ -1,23 +1,21 @@
-//! `tirante history`: what the store has of records, periods, alarms and rejections.
+//! `tirante history`: lists records, periods, alarms and rejections of a store.
 
 use super::BadArguments;
-use super::listing::{Aligned, cell, csv, object, seconds};
+use super::listing::{Aligned, cell, csv, is_coloured, minutes, object};
 use super::render::percent;
 use super::which_store::{Format, WhichStore, check_rod};
 use crate::analysis::record_view::Snapshot;
 use crate::analysis::signal::record::Timestamp;
-use crate::service::api;
+use crate::service::api::{self, listing::AlarmAnswer};
 use crate::service::viewer::{Message, ResultsWriter};
 use crate::site::store::{Filter, Listing, Reader};
-use anyhow::Context;
 use rusqlite::types::Value;
-use serde_json::Value as Json;
 use std::io::{self, IsTerminal, Write};
 use std::process::ExitCode;
 
-/// Lists what the store has: records with their forces, closed periods with the evidence of a change, alarms, or rejected records.
+/// List records, periods, alarms or rejected records of a store.
 ///
-/// It reads beside a running `replay` or `run`.
+/// A running `replay` or `run` is not disturbed.
 #[derive(Debug, Clone, clap::Args)]
 #[command(after_help = "Examples:
   tirante history --store site.db
@@ -29,35 +27,35 @@ use std::process::ExitCode;
 
 A '~' before a change or force says that it is not compensated for temperature.")]
 pub struct Args {
-    /// The store.
+    /// Store to read.
     #[command(flatten)]
     pub which: WhichStore,
 
-    /// This rod only.
+    /// Only this rod.
     #[arg(long, value_name = "ID")]
     pub rod: Option<String>,
 
-    /// From this time on: a day (2026-03-01, from midnight UTC) or a time (2026-03-01T06:00:00Z).
+    /// Begin of the listing: a day (2026-03-01, from midnight UTC) or a time (2026-03-01T06:00:00Z).
     #[arg(long, value_name = "TIME", value_parser = Timestamp::as_written)]
     pub from: Option<Timestamp>,
 
-    /// Before this time.
+    /// End of the listing, exclusive.
     #[arg(long, value_name = "TIME", value_parser = Timestamp::as_written)]
     pub to: Option<Timestamp>,
 
-    /// What is listed.
+    /// Table to list.
     #[arg(long, value_enum, default_value_t)]
     pub what: What,
 
-    /// How it is listed.
+    /// Output format.
     #[arg(long, value_enum, default_value_t)]
     pub format: AnyFormat,
 }
 
-/// How a listing is written.
+/// Output format of a listing.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, clap::ValueEnum)]
 pub enum AnyFormat {
-    /// Aligned columns for people.
+    /// Aligned columns.
     #[default]
     Table,
     /// One JSON object per line.
@@ -66,26 +64,26 @@ pub enum AnyFormat {
     Csv,
     /// Parquet: the columns of the CSV, typed (only if built with `--features parquet`).
     Parquet,
-    /// MCAP: records and alarms as messages, to be opened beside the recordings in Foxglove or Lichtblick.
+    /// MCAP: records and alarms as messages, to open next to the recordings in Foxglove or Lichtblick.
     Mcap,
 }
 
-/// What can be listed.
+/// Table of a store to list.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, clap::ValueEnum)]
 pub enum What {
-    /// Every record, rejected ones too.
+    /// Every record, including rejected ones.
     #[default]
     Records,
-    /// Decorrelation periods (a day by default) that closed, with the evidence of a change.
+    /// Closed decorrelation periods (a day by default), with the evidence of a change.
     Periods,
-    /// Alarms, over or not.
+    /// Alarms, active or over.
     Alarms,
-    /// Records that were rejected.
+    /// Rejected records.
     Rejections,
 }
 
 impl What {
-    /// As the store calls it.
+    /// Listing of the store.
     pub fn listing(self) -> Listing {
         match self {
             Self::Records => Listing::Records,
@@ -137,17 +135,16 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// Records and alarms as messages.
+/// Writes records and alarms as messages.
 fn write_mcap(reader: &Reader, filter: &Filter, out: &mut impl Write) -> anyhow::Result<()> {
     if io::stdout().is_terminal() {
         let why = "MCAP is not for a terminal: send it to a file, > results.mcap";
         return Err(BadArguments(why.to_owned()).into());
     }
     let mut results = ResultsWriter::new(out)?;
-    reader.lines(Listing::Records, filter, |line| {
-        for message in Message::of_record(line).context("a record of the store is no JSON line")? {
-            results.write(&message)?;
-        }
+    reader.rows(filter, |row| {
+        let messages = Message::of_record(&row);
+        messages.iter().try_for_each(|message| results.write(message))?;
         anyhow::Ok(())
     })?;
     for rod in reader.rods()? {
@@ -201,7 +198,7 @@ fn write_parquet(_: &Reader, _: &Filter, _: What, _: &mut impl Write) -> anyhow:
     .into())
 }
 
-/// Writes what is wanted of a store.
+/// Writes a listing of a store.
 ///
 /// # Errors
 /// The store cannot be read, or `out` cannot be written.
@@ -219,11 +216,8 @@ pub fn write(
         }
         (Format::Json, What::Alarms) => {
             for alarm in reader.alarms(filter)? {
-                let mut object = serde_json::to_value(&alarm)?;
-                if let Json::Object(fields) = &mut object {
-                    fields.insert("stands".to_owned(), Json::Bool(!alarm.is_over()));
-                }
-                writeln!(out, "{object}")?;
+                let answer = serde_json::to_value(AlarmAnswer::of(reader, alarm)?)?;
+                writeln!(out, "{answer}")?;
             }
             Ok(())
         }
@@ -243,11 +237,15 @@ pub fn write(
             let mut found = false;
             reader.list(listing, filter, |names, values| -> anyhow::Result<()> {
                 found = true;
-                table.push(cells(what, &Row { names, values }));
+                let row = Row { names, values };
+                table.push(cells(what, &row));
+                if what == What::Alarms && row.number("stands") == Some(1.0) {
+                    table.stress();
+                }
                 Ok(())
             })?;
             if found {
-                out.write_all(table.print().as_bytes())?;
+                out.write_all(table.print(is_coloured()).as_bytes())?;
             } else {
                 tell!("nothing of that is in {}", reader.path().display());
             }
@@ -263,33 +261,20 @@ fn heads(what: What) -> &'static [&'static str] {
             "start (UTC)",
             ">change [%]",
             ">force [kN]",
-            ">absolute [kN]",
-            ">air [degC]",
+            ">alone [kN]",
+            ">degC",
             "state",
         ],
         What::Periods => &[
             "rod",
-            ">segment",
-            "start (UTC)",
-            ">records",
+            "day (UTC)",
             ">change [%]",
-            ">at reference [%]",
-            ">rod [degC]",
-            ">residual",
+            ">at reference",
             ">evidence",
             ">by peers",
             ">alone",
         ],
-        What::Alarms => &[
-            "id",
-            "rod",
-            "kind",
-            "raised (UTC)",
-            "acknowledged",
-            "cleared",
-            "stands",
-            "message",
-        ],
+        What::Alarms => &["id", "rod", "kind", "raised (UTC)", "stands", "message"],
         What::Rejections => &["rod", "start (UTC)", ">length [s]", "reason", "message"],
     }
 }
@@ -344,13 +329,9 @@ fn cells(what: What, row: &Row<'_>) -> Vec<String> {
             };
             vec![
                 row.shown("rod"),
-                row.shown("segment"),
-                row.time("start"),
-                row.shown("records"),
+                row.time("start").chars().take(10).collect(),
                 percent("delta", "delta_sd"),
                 percent("at_reference", "at_reference_sd"),
-                row.fixed("temperature_c", 1.0, 1),
-                row.fixed("residual", 1.0, 2),
                 evidence("evidence"),
                 evidence("evidence_peers"),
                 evidence("evidence_blind"),
@@ -361,15 +342,18 @@ fn cells(what: What, row: &Row<'_>) -> Vec<String> {
             row.shown("rod"),
             row.shown("kind"),
             row.time("raised"),
-            row.time("acknowledged"),
-            row.time("cleared"),
             if row.number("stands") == Some(1.0) {
                 "yes"
             } else {
                 "no"
             }
             .to_owned(),
-            row.shown("message"),
+            [("acknowledged", "acknowledged"), ("cleared", "condition ended")]
+                .iter()
+                .filter(|(column, _)| row.text(column).is_some())
+                .map(|(column, words)| format!("{words} {}; ", row.time(column)))
+                .chain([row.shown("message")])
+                .collect(),
         ],
         What::Rejections => vec![
             row.shown("rod"),
@@ -381,7 +365,7 @@ fn cells(what: What, row: &Row<'_>) -> Vec<String> {
     }
 }
 
-/// A row whose columns are asked for by name.
+/// A row with columns by name.
 struct Row<'a> {
     names: &'a [String],
     values: &'a [Value],
@@ -418,7 +402,7 @@ impl Row<'_> {
     }
 
     fn time(&self, name: &str) -> String {
-        self.text(name).map_or_else(|| "-".to_owned(), seconds)
+        self.text(name).map_or_else(|| "-".to_owned(), minutes)
     }
 
     fn fixed(&self, name: &str, factor: f64, digits: usize) -> String {
@@ -431,60 +415,5 @@ impl Row<'_> {
     fn with_sd(&self, mean: f64, sd: &str, factor: f64, digits: usize) -> String {
         let sd = self.number(sd).unwrap_or(f64::NAN);
         format!("{:.digits$} ± {:.digits$}", mean * factor, sd * factor)
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::analysis::inference::Marginal;
-    use crate::analysis::outcome::{Outcome, Rejected};
-    use crate::analysis::signal::record::{Rejection, RodId};
-    use crate::analysis::track::Interval;
-    use crate::site::store::columns;
-
-    /// The store's columns are taken out of the printed line: each must find its field there.
-    #[test]
-    fn every_column_of_the_store_is_a_field_of_the_line() {
-        let outcome = Outcome::Rejected(Box::new(Rejected {
-            rod: RodId("r".into()),
-            start: Some(Timestamp::from_nanos(1)),
-            duration_s: Some(1.0),
-            fs_hz: None,
-            identity: None,
-            readings: Vec::new(),
-            rejection: Rejection::NoOnset { duration_s: 1.0 },
-            measurement: None,
-            labels: None,
-            waveform: None,
-        }));
-        let line: Json = serde_json::from_str(&crate::site::record_json::json(&outcome, None, "0")).unwrap();
-        let interval = serde_json::to_value(Interval {
-            mean: 1.0,
-            sd: 1.0,
-            q025: 1.0,
-            q975: 1.0,
-        });
-        let marginal = serde_json::to_value(Marginal {
-            mean: 1.0,
-            sd: 1.0,
-            cv: 1.0,
-            q025: 1.0,
-            q50: 1.0,
-            q975: 1.0,
-            mean_error: 1.0,
-        });
-        let (interval, marginal) = (interval.unwrap(), marginal.unwrap());
-        for pointer in columns::pointers() {
-            let mut names = pointer.split('/').skip(1);
-            let (field, inner) = (names.next().unwrap(), names.next());
-            assert!(line.get(field).is_some(), "{pointer}");
-            match (field, inner) {
-                (_, None) => {}
-                ("rejection", Some(_)) => assert!(line.pointer(pointer).unwrap().is_string(), "{pointer}"),
-                ("axial_force_n", Some(inner)) => assert!(marginal.get(inner).is_some(), "{pointer}"),
-                (_, Some(inner)) => assert!(interval.get(inner).is_some(), "{pointer}"),
-            }
-        }
     }
 }

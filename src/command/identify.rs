@@ -1,8 +1,9 @@
 //! `tirante identify`: one recording, or frequencies measured elsewhere, to the posterior.
 
-use super::campaign::{self, News, Reading, Taken};
+use super::campaign::{self, Reading};
 use super::findings;
 use super::foreign::Foreign;
+use super::progress::Progress;
 use super::setup::{self, Setup};
 use super::sketch::{self, When};
 use super::{BadArguments, WITH_LOSSES};
@@ -16,37 +17,41 @@ use crate::analysis::rod::beam::Quantity;
 use crate::analysis::rod::fixity::Fixity;
 use crate::analysis::rod::prior::Prior;
 use crate::analysis::signal::modes::Mode;
-use crate::analysis::signal::record::RodId;
+use crate::command::which_store::Output;
 use crate::config::Config;
-use crate::site::analyse::Known;
-use crate::site::prepared::provenance;
-use crate::site::record_json;
+use crate::site::analyse::{Analysed, Known};
+use crate::site::prepared::{Plans, provenance};
+use crate::site::record_row::RecordRow;
+use crate::site::store::Position;
 use anyhow::anyhow;
-use std::collections::BTreeMap;
 use std::io::{self, Write};
 use std::path::PathBuf;
 use std::process::ExitCode;
+use std::sync::Arc;
 
 /// Standard error of a frequency given without one \[Hz\]: the paper's Sigma = 1e-3 Hz^2.
 const DEFAULT_SD_HZ: f64 = 0.031_622_776_601_683_79;
 
-/// No rod vibrates faster \[Hz\].
+/// Highest frequency accepted; no rod vibrates faster \[Hz\].
 const HIGHEST_HZ: f64 = 1e5;
 
-/// Identifies the axial force from one recording, or from natural frequencies measured elsewhere.
+/// Compute the posterior of the axial force from one recording.
 ///
-/// Prints prior and posterior of every uncertain parameter, or one JSON object with --json. Of a record that gives no force
-/// it prints the reason, every peak, and what the peaks may be, each assignment with its probability and its force.
+/// Frequencies measured elsewhere do as well. Prints prior and posterior of every uncertain parameter. Of a record
+/// that gives no force it prints the reason, every peak, and possible assignments of the peaks, each with its
+/// probability and its force.
 #[derive(Debug, Clone, clap::Args)]
 #[command(after_help = "Examples:
   tirante identify recordings/todi-pull.mcap
-  tirante identify laser.csv --config site.toml          (UFF, WAV, MATLAB, .lvm, .tdms alike)
+  tirante identify laser.csv \\
+      --config site.toml          (UFF, WAV, MATLAB, .lvm, .tdms alike)
   tirante identify hammer.tdms --config site.toml --channel 'Acc 3'
   tirante identify camera.npy --config site.toml --rate 250 --channel '[7,:,1]'
   tirante identify --frequencies 4.492,9.288,13.252
-  tirante identify --frequencies 4.492,-,13.252 --sd 0.005,-,0.01    (mode 2 not measured)")]
+  tirante identify --frequencies 4.492,-,13.252 \\
+      --sd 0.005,-,0.01    (mode 2 not measured)")]
 pub struct Args {
-    /// A recording (MCAP), or a file of another program; all its records are identified.
+    /// Recording (MCAP), or file of another program; all its records are identified.
     #[arg(
         value_name = "PATH",
         required_unless_present = "frequencies",
@@ -59,7 +64,8 @@ pub struct Args {
     #[arg(long, value_name = "HZ,HZ,...", allow_hyphen_values = true)]
     pub frequencies: Option<String>,
 
-    /// Their standard errors in Hz: one for all, or one per frequency. Default: the paper's 0.0316 Hz.
+    /// Standard errors of the frequencies in Hz: one for all, or one per frequency. Default: the paper's
+    /// 0.0316 Hz.
     #[arg(
         long,
         value_name = "HZ[,HZ,...]",
@@ -68,23 +74,23 @@ pub struct Args {
     )]
     pub sd: Option<String>,
 
-    /// The rod of the configuration; needed if it has several.
+    /// Rod of the configuration; required if it has several.
     #[arg(long, value_name = "ID")]
     pub rod: Option<String>,
 
-    /// One JSON object per record instead of tables.
-    #[arg(long)]
-    pub json: bool,
+    /// Text or JSON.
+    #[command(flatten)]
+    pub output: Output,
 
-    /// Whether a small plot is drawn in the end.
+    /// Draw a small plot at the end.
     #[arg(long, value_name = "WHEN", value_enum, default_value_t)]
     pub plot: When,
 
-    /// The configuration.
+    /// Configuration of the run.
     #[command(flatten)]
     pub setup: Setup,
 
-    /// What another program's file does not say.
+    /// Facts missing in another program's file.
     #[command(flatten)]
     pub foreign: Foreign,
 }
@@ -152,23 +158,24 @@ fn from_recording(args: &Args, path: &PathBuf) -> anyhow::Result<ExitCode> {
         let rod = setup::choose_rod(&config, Some(id))?.analysis.rod.clone();
         config.rods.retain(|candidate| candidate.analysis.rod == rod);
     }
-    let plans = setup::plans(&config)?;
+    let plans = Arc::new(setup::plans(&config)?);
     let paths = std::slice::from_ref(path);
     let known = Known::new();
     let reading = Reading::default();
     let others = args.foreign.among(&args.setup, true);
-    let tally = campaign::run(paths, &config, &plans, &reading, others, &known, |news, bar| {
-        if let News::Outcome(outcome, _) = news {
+    let on_event = |analysed: &Analysed, _: Position<'_>, _: Option<[u8; 32]>, bar: &Progress| {
+        if let Analysed::Record(outcome) = analysed {
             bar.suspend(|| show(args, &config, &plans, outcome))?;
         }
-        Ok(Taken::New)
-    })?;
+        Ok(true)
+    };
+    let tally = campaign::run(paths, &config, &plans, &reading, others, &known, on_event)?;
     Ok(campaign::conclude(tally))
 }
 
-fn show(args: &Args, config: &Config, plans: &BTreeMap<RodId, Plan>, outcome: &Outcome) -> io::Result<()> {
+fn show(args: &Args, config: &Config, plans: &Plans, outcome: &Outcome) -> io::Result<()> {
     let text = match outcome {
-        _ if args.json => record_json::json(outcome, None, &provenance(config)) + "\n",
+        _ if args.output.is_json() => RecordRow::of(outcome, None, &provenance(config)).to_json()? + "\n",
         Outcome::Identified(identification) => match plans.get(&identification.rod) {
             Some(plan) => {
                 describe(plan, identification)
@@ -185,7 +192,7 @@ fn show(args: &Args, config: &Config, plans: &BTreeMap<RodId, Plan>, outcome: &O
     io::stdout().lock().write_all(text.as_bytes())
 }
 
-/// The small plot of a record's spectrum, if one is wanted and there is a spectrum.
+/// Small plot of a record's spectrum, if wanted and there is a spectrum.
 fn plot(args: &Args, picture: impl FnOnce() -> Option<Snapshot>) -> String {
     let width = args.plot.width();
     let drawn = width.and_then(|width| Some(sketch::spectrum(&picture()?, width)));
@@ -195,7 +202,7 @@ fn plot(args: &Args, picture: impl FnOnce() -> Option<Snapshot>) -> String {
     }
 }
 
-/// Prior and posterior of every uncertain parameter, and how much to believe them.
+/// Prior and posterior of every uncertain parameter, with remarks on their reliability.
 fn describe(plan: &Plan, identification: &Identification) -> String {
     let mut text = String::new();
     let mut line = |content: String| {
@@ -282,7 +289,7 @@ fn describe(plan: &Plan, identification: &Identification) -> String {
     text
 }
 
-/// A support given by its fixity: the stiffness has no mean worth showing.
+/// Row of a support given by its fixity: its stiffness has no meaningful mean.
 fn fixity_row(support: Quantity, fixity: &Fixity, posterior: &Posterior) -> String {
     let (mean, sd) = fixity.fixity_mean_and_sd();
     let name = match support {

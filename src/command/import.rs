@@ -1,4 +1,4 @@
-//! `tirante import`: measurements of other programs to a recording.
+//! `tirante import`: converts measurements of other programs to a recording.
 
 use super::foreign::{self, Foreign};
 use super::{BadArguments, print};
@@ -6,6 +6,7 @@ use crate::analysis::signal::record::{RodChannels, Unit};
 use crate::config::Config;
 use crate::recording::import::{self, Contents, ImportError, Plan};
 use crate::recording::write::{Encoding, Layout, RecordingWriter, WriterOptions};
+use crate::site::hex::hex;
 use anyhow::Context;
 use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
@@ -15,47 +16,58 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-/// Makes a recording (MCAP) of a measurement in CSV, UFF58, WAV, MATLAB, LabVIEW (.lvm, .tdms) or NumPy format. Every sample is kept to the bit; what the
-/// file does not say (unit, rate, start) must be said, nothing is guessed. Without `--out` it shows what is in the file.
+/// Convert a file of another program to a recording (MCAP).
 ///
-/// On stdout it prints what it wrote, as the lines a configuration needs to read it.
+/// Reads CSV, UFF58, WAV, MATLAB, LabVIEW (.lvm, .tdms) and NumPy. Every sample is kept to the bit. Unit, rate and
+/// start are needed where the file does not say them; nothing is guessed. Without `--out` it shows the content of
+/// the file.
+///
+/// Prints the lines that a configuration needs to read the recording.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   tirante import laser.csv --out laser.mcap
-  tirante import laser.csv --delimiter ';' --decimal-comma --time Datum,Uhrzeit --channel 'Weg 1=/nave-3/displacement' --out laser.mcap
-  tirante import laser.uff --config site.toml --channel 1=/nave-3/displacement --out laser.mcap
-  tirante import laser.wav --full-scale 2.5 --unit mm --start 2026-03-01T06:00:00Z --out laser.mcap
-  tirante import laser.mat --rate 200 --unit um --start 2026-03-01T06:00:00Z --out laser.mcap
-  tirante import hammer.tdms --channel 'Acc 3=/nave-3/acceleration' --out hammer.mcap
-  tirante import camera.npy --rate 250 --channel '[7,:,1]=/nave-3/displacement,mm' --start 2026-03-01T06:00:00Z --out camera.mcap
+  tirante import laser.csv --delimiter ';' --decimal-comma \\
+      --time Datum,Uhrzeit --channel 'Weg 1=/nave-3/displacement' \\
+      --out laser.mcap
+  tirante import laser.uff --config site.toml \\
+      --channel 1=/nave-3/displacement --out laser.mcap
+  tirante import laser.wav --full-scale 2.5 --unit mm \\
+      --start 2026-03-01T06:00:00Z --out laser.mcap
+  tirante import laser.mat --rate 200 --unit um --start 2026-03-01T06:00:00Z \\
+      --out laser.mcap
+  tirante import hammer.tdms --channel 'Acc 3=/nave-3/acceleration' \\
+      --out hammer.mcap
+  tirante import camera.npy --rate 250 \\
+      --channel '[7,:,1]=/nave-3/displacement,mm' \\
+      --start 2026-03-01T06:00:00Z --out camera.mcap
   tirante import laser.csv                 what is in it
 
 `identify` and `replay` read these files as they are, with the same flags.
 
 The whole story is in docs/imports.md.")]
 pub struct Args {
-    /// The measurement.
+    /// Measurement to read.
     #[arg(value_name = "FILE")]
     pub path: PathBuf,
-    /// The recording to write (MCAP).
+    /// Recording to write (MCAP).
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
-    /// The configuration that will read it: units, fields and rates must be those it says.
+    /// Configuration that will read the recording: units, fields and rates must match it.
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
-    /// How messages are encoded.
+    /// Encoding of messages.
     #[arg(long, value_enum, default_value_t = MessageEncoding::Protobuf)]
     pub encoding: MessageEncoding,
-    /// Overwrite a file that exists.
+    /// Overwrite an existing file.
     #[arg(long)]
     pub force: bool,
 
-    /// What the file does not say.
+    /// Facts missing in the file.
     #[command(flatten)]
     pub foreign: Foreign,
 }
 
-/// How messages can be encoded.
+/// Encoding of messages.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum MessageEncoding {
     /// JSON.
@@ -69,7 +81,7 @@ pub enum MessageEncoding {
 /// Runs the command.
 ///
 /// # Errors
-/// The file cannot be read or does not say enough, or the recording cannot be written.
+/// The file cannot be read or lacks facts, or the recording cannot be written.
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let rods: Vec<RodChannels> = match &args.config {
         Some(path) => Config::load(path)?
@@ -113,7 +125,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     print(snippet(&args.path, out, &plan, messages).as_bytes())
 }
 
-/// A fault of the file or of what is asked of it, with its name.
+/// Error of the file or of its options, with its name.
 fn refuse(path: &Path, error: ImportError) -> anyhow::Error {
     let what = format!("{}: {error}", path.display());
     match error.is_unknown_format() {
@@ -122,7 +134,7 @@ fn refuse(path: &Path, error: ImportError) -> anyhow::Error {
     }
 }
 
-/// A regular file, opened, and its bytes; anything else could wait for ever.
+/// Opens a regular file and returns its size; anything else could block forever.
 fn open(path: &Path) -> anyhow::Result<(File, u64)> {
     let refuse = |what: String| anyhow::anyhow!("{}: {what}", path.display());
     let unreadable = |error: std::io::Error| refuse(format!("cannot be read: {error}"));
@@ -133,7 +145,7 @@ fn open(path: &Path) -> anyhow::Result<(File, u64)> {
     Ok((File::open(path).map_err(unreadable)?, kind.len()))
 }
 
-/// Refuses to overwrite without being told, and to replace what is no file.
+/// Refuses to overwrite without `force`, and to replace anything but a file.
 fn check_target(out: &Path, force: bool) -> Result<(), BadArguments> {
     match std::fs::metadata(out) {
         Ok(kind) if !kind.is_file() => Err(BadArguments(format!(
@@ -148,7 +160,7 @@ fn check_target(out: &Path, force: bool) -> Result<(), BadArguments> {
     }
 }
 
-/// What the recording says of its origin; nothing of the machine or the day.
+/// Facts about the origin, for the recording; nothing of the machine or the day.
 fn facts(path: &Path, plan: &Plan) -> anyhow::Result<BTreeMap<String, String>> {
     let mut hash = Sha256::new();
     let mut file = File::open(path).with_context(|| path.display().to_string())?;
@@ -163,7 +175,7 @@ fn facts(path: &Path, plan: &Plan) -> anyhow::Result<BTreeMap<String, String>> {
         bytes += read as u64;
         hash.update(&block[..read]);
     }
-    let hash: String = hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect();
+    let hash = hex(&hash.finalize());
     let name = path
         .file_name()
         .unwrap_or_default()
@@ -193,7 +205,7 @@ fn facts(path: &Path, plan: &Plan) -> anyhow::Result<BTreeMap<String, String>> {
     Ok(facts)
 }
 
-/// What is in a file, for people.
+/// Content of a file, for people.
 fn contents(path: &Path, found: &Contents) -> String {
     let mut text = format!("{}: {}\n", path.display(), found.format.name());
     for signal in &found.signals {
@@ -210,7 +222,7 @@ fn contents(path: &Path, found: &Contents) -> String {
     text
 }
 
-/// What was written, as the lines a configuration needs to read it.
+/// Summary of the recording, as the lines that a configuration needs to read it.
 fn snippet(path: &Path, out: &Path, plan: &Plan, messages: u64) -> String {
     let mut text = format!("# {} -> {}: {messages} messages\n", path.display(), out.display());
     for channel in &plan.channels {

@@ -1,4 +1,4 @@
-//! `tirante init`: a commented configuration for one rod, from flags, questions and a recording.
+//! `tirante init`: writes a commented configuration for one rod, from flags, questions and a recording.
 
 use super::questions::Questions;
 use super::rod_flags::{Rod, RodFlags, positive};
@@ -12,44 +12,49 @@ use anyhow::Context;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// The id of a rod that nobody names.
+/// Default id of the rod.
 const ID: &str = "rod-1";
 
-/// Writes a commented configuration for one rod: the least that is needed, with priors that claim little. What no flag says is
-/// asked for on a terminal; topic, field, unit and rate come from a recording, if one is given.
+/// Write a commented configuration for one rod.
+///
+/// It holds the least that is needed, with priors that claim little. What no flag says is asked for on a terminal;
+/// topic, field, unit and rate come from a recording, if one is given.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   tirante init laser.mcap --out site.toml
-  tirante init laser.mcap --id nave-3 --length 14 --section s70 --material iron --out site.toml
-  tirante init --length 9500mm --section d45 --material steel --force '20..200 kN' --topic /rod --unit um --out site.toml
+  tirante init laser.mcap --id nave-3 --length 14 --section s70 \\
+      --material iron --out site.toml
+  tirante init --length 9500mm --section d45 --material steel \\
+      --force '20..200 kN' --topic /rod --unit um --out site.toml
 
 Then: tirante check site.toml; tirante identify laser.mcap --config site.toml")]
 pub struct Args {
-    /// A recording of the rod (MCAP), or another program's file that says its rate (CSV, UFF, WAV, MATLAB, LabVIEW).
+    /// Recording of the rod (MCAP), or another program's file that gives its rate (CSV, UFF, WAV, MATLAB,
+    /// LabVIEW).
     #[arg(value_name = "RECORDING")]
     pub recording: Option<PathBuf>,
-    /// The configuration to write; one that exists is never overwritten.
+    /// Configuration to write; an existing one is never overwritten.
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
-    /// The name of the site.
+    /// Name of the site.
     #[arg(long)]
     pub site: Option<String>,
-    /// The name of the rod: letters, digits, '-', '_' and '.'; without it rod-1.
+    /// Name of the rod: letters, digits, '-', '_' and '.'; default: rod-1.
     #[arg(long)]
     pub id: Option<String>,
-    /// The rod.
+    /// Facts of the rod.
     #[command(flatten)]
     pub rod: RodFlags,
-    /// The topic of its displacement, velocity or acceleration.
+    /// Topic of its displacement, velocity or acceleration.
     #[arg(long)]
     pub topic: Option<String>,
-    /// The field of a message that holds the samples, if it is none of the usual ones.
+    /// Field of a message that holds the samples, if it is not one of the usual ones.
     #[arg(long, value_name = "PATH")]
     pub field: Option<String>,
-    /// The unit of the samples, if the recording does not say it.
+    /// Unit of the samples, if the recording does not give it.
     #[arg(long, value_parser = foreign::unit)]
     pub unit: Option<Unit>,
-    /// The sample rate in Hz, of arrays only, if the recording does not say it.
+    /// Sample rate in Hz, only for arrays, if the recording does not give it.
     #[arg(long, value_name = "HZ", value_parser = positive)]
     pub fs_hz: Option<f64>,
 }
@@ -57,7 +62,8 @@ pub struct Args {
 /// Runs the command.
 ///
 /// # Errors
-/// Something is not said and cannot be asked for, the recording cannot be read, or the file exists or cannot be written.
+/// A fact is missing and cannot be asked for, the recording cannot be read, or the file exists or cannot be
+/// written.
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     if args.out.exists() {
         return Err(BadArguments(format!(

@@ -1,70 +1,158 @@
-//! Rows as people, programs and spreadsheets want them: aligned, JSON, CSV.
+//! Output of rows: aligned, JSON, CSV.
 
 use rusqlite::types::Value;
 use serde_json::Value as Json;
+use std::env;
 use std::fmt::Write;
+use std::io::{self, IsTerminal};
 
-/// Rows in aligned columns, numbers to the right.
+/// Width that no line exceeds where its words allow it.
+const WIDTH: usize = 80;
+
+/// Least width of a last column that is broken within itself; a narrower one stands in lines of its own.
+const NARROWEST: usize = 32;
+
+/// Rows in aligned columns, numbers to the right, within 80 columns.
 pub struct Aligned {
-    rows: Vec<Vec<String>>,
+    rows: Vec<Row>,
     right: Vec<bool>,
 }
 
+struct Row {
+    /// One cell a column, or one alone.
+    cells: Vec<String>,
+    is_loud: bool,
+}
+
+/// True if a table on stdout may have colours: on a terminal, unless `NO_COLOR` is set (no-color.org).
+pub fn is_coloured() -> bool {
+    io::stdout().is_terminal() && env::var_os("NO_COLOR").is_none_or(|set| set.is_empty())
+}
+
 impl Aligned {
-    /// With these heads; those that begin with `>` are of columns that end together.
+    /// A table with these heads; a head that begins with `>` aligns its column to the right.
     pub fn new(heads: &[&str]) -> Self {
         Self {
-            rows: vec![
-                heads
+            rows: vec![Row {
+                cells: heads
                     .iter()
                     .map(|head| head.trim_start_matches('>').to_owned())
                     .collect(),
-            ],
+                is_loud: false,
+            }],
             right: heads.iter().map(|head| head.starts_with('>')).collect(),
         }
     }
 
-    /// One more row.
-    pub fn push(&mut self, row: Vec<String>) {
-        self.rows.push(row);
+    /// Adds a row.
+    pub fn push(&mut self, cells: Vec<String>) {
+        self.rows.push(Row {
+            cells,
+            is_loud: false,
+        });
     }
 
-    /// A line under the last row that keeps to no column.
+    /// Adds a line under the last row, outside the columns.
     pub fn note(&mut self, text: String) {
-        self.rows.push(vec![format!("  {text}")]);
+        self.push(vec![text]);
     }
 
-    /// All of it, with a rule under the heads.
-    pub fn print(&self) -> String {
+    /// Makes the last row or line stand out where there are colours.
+    pub fn stress(&mut self) {
+        if let Some(row) = self.rows.last_mut() {
+            row.is_loud = true;
+        }
+    }
+
+    /// All of it, with a rule under the heads; `is_coloured`: with escape sequences for a terminal.
+    pub fn print(&self, is_coloured: bool) -> String {
         let length = |text: &String| text.chars().count();
         let columns = self.right.len();
+        let is_whole = |row: &&Row| row.cells.len() == columns;
         let mut widths = vec![0; columns];
-        for row in self.rows.iter().filter(|row| row.len() == columns) {
-            for (width, cell) in widths.iter_mut().zip(row) {
+        for row in self.rows.iter().filter(is_whole) {
+            for (width, cell) in widths.iter_mut().zip(&row.cells) {
                 *width = (*width).max(length(cell));
             }
         }
+        // Words in the last column are broken where they would pass the margin.
+        let before: usize = widths.iter().rev().skip(1).map(|width| width + 2).sum();
+        let room = WIDTH.saturating_sub(before);
         let mut out = String::new();
         for (number, row) in self.rows.iter().enumerate() {
-            let mut line = String::new();
-            for (place, cell) in row.iter().enumerate() {
-                let width = if row.len() == columns { widths[place] } else { 0 };
-                let gap = if place > 0 { "  " } else { "" };
-                // Writing to a string cannot fail.
-                let _ = if self.right.get(place) == Some(&true) {
-                    write!(line, "{gap}{cell:>width$}")
-                } else {
-                    write!(line, "{gap}{cell:<width$}")
-                };
-            }
-            out.push_str(line.trim_end());
-            out.push('\n');
+            let mut lines = if is_whole(&row) {
+                self.lines(row, &widths, before, room)
+            } else {
+                hanging(&row.cells.concat(), 2, 4)
+            };
             if number == 0 {
-                let _ = writeln!(out, "{}", "-".repeat(line.trim_end().chars().count()));
+                let longest = lines.iter().map(length).max().unwrap_or(0);
+                lines.push("-".repeat(longest));
+            }
+            for line in lines {
+                let _ = if is_coloured && row.is_loud {
+                    writeln!(out, "\x1b[1;31m{line}\x1b[0m")
+                } else {
+                    writeln!(out, "{line}")
+                };
             }
         }
         out
     }
+
+    /// A row; its last cell in the room that is left, or in lines of its own.
+    fn lines(&self, row: &Row, widths: &[usize], before: usize, room: usize) -> Vec<String> {
+        let last = self.right.len().saturating_sub(1);
+        let is_broken = self.right.last() == Some(&false)
+            && row.cells.last().is_some_and(|cell| cell.chars().count() > room);
+        let mut line = String::new();
+        for (place, (cell, width)) in row.cells.iter().zip(widths).enumerate() {
+            if place == last && is_broken {
+                break;
+            }
+            let gap = if place > 0 { "  " } else { "" };
+            // Writing to a string cannot fail.
+            let _ = if self.right.get(place) == Some(&true) {
+                write!(line, "{gap}{cell:>width$}")
+            } else {
+                write!(line, "{gap}{cell:<width$}")
+            };
+        }
+        let words = row.cells.last().filter(|_| is_broken);
+        let Some(words) = words else {
+            return vec![line.trim_end().to_owned()];
+        };
+        if room < NARROWEST {
+            let mut lines = vec![line.trim_end().to_owned()];
+            lines.extend(hanging(words, 4, 4));
+            return lines;
+        }
+        let mut lines = hanging(words, before, before);
+        if let Some(first) = lines.first_mut() {
+            *first = format!("{line}  {}", first.trim_start());
+        }
+        lines
+    }
+}
+
+/// A text broken between words so that no line exceeds the width, the first line and the others indented.
+fn hanging(text: &str, first: usize, others: usize) -> Vec<String> {
+    let mut lines = Vec::new();
+    let mut line = " ".repeat(first);
+    let mut is_begun = false;
+    for word in text.split_whitespace() {
+        if is_begun && line.chars().count() + 1 + word.chars().count() > WIDTH {
+            lines.push(std::mem::replace(&mut line, " ".repeat(others)));
+            is_begun = false;
+        }
+        if is_begun {
+            line.push(' ');
+        }
+        line += word;
+        is_begun = true;
+    }
+    lines.push(line);
+    lines
 }
 
 /// A line of comma-separated values (RFC 4180), with its line end.
@@ -86,7 +174,7 @@ pub fn csv<'a>(cells: impl IntoIterator<Item = &'a str>) -> String {
     line
 }
 
-/// A value as a cell: nothing for NULL, every digit that tells two numbers apart.
+/// A value as a cell: empty for NULL, with every digit needed to distinguish two numbers.
 pub fn cell(value: &Value) -> String {
     match value {
         Value::Null | Value::Blob(_) => String::new(),
@@ -117,7 +205,7 @@ pub fn minutes(time: &str) -> String {
 }
 
 /// `2026-03-01 06:00:00` from RFC 3339 in UTC, fractions of a second cut off.
-pub fn seconds(time: &str) -> String {
+fn seconds(time: &str) -> String {
     time.trim_end_matches('Z')
         .split('.')
         .next()
@@ -147,8 +235,34 @@ mod tests {
         table.note("a long remark about it".into());
         table.push(vec!["longer".into(), "12.5".into()]);
         assert_eq!(
-            table.print(),
+            table.print(false),
             "rod     force\n-------------\nè         5.0\n  a long remark about it\nlonger   12.5\n"
         );
+        table.note("stands".into());
+        table.stress();
+        assert!(table.print(true).ends_with("\n\u{1b}[1;31m  stands\u{1b}[0m\n"));
+        assert!(!table.print(false).contains('\u{1b}'));
+    }
+
+    #[test]
+    fn no_line_passes_the_margin() {
+        let words =
+            "the loss of axial force at the reference temperature is 9.2 \u{b1} 0.6 %, above the limit"
+                .repeat(3);
+        for columns in 1..6 {
+            let mut heads = vec!["column"; columns];
+            heads.push("words");
+            let mut table = Aligned::new(&heads);
+            let mut row = vec!["2026-03-01 06:00".to_owned(); columns];
+            row.push(words.clone());
+            table.push(row);
+            table.note(words.clone());
+            let text = table.print(false);
+            // Five such columns alone are wider.
+            let widest = 80.max(18 * columns);
+            assert!(text.lines().all(|line| line.chars().count() <= widest), "{text}");
+            let all: Vec<&str> = text.split_whitespace().collect();
+            assert_eq!(all.iter().filter(|word| **word == "loss").count(), 6, "{text}");
+        }
     }
 }

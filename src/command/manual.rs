@@ -1,4 +1,4 @@
-//! `tirante manual`: man pages and shell completions, for packages.
+//! `tirante manual`: writes man pages and shell completions, for packages.
 
 use anyhow::Context;
 use clap_complete::Shell;
@@ -6,10 +6,10 @@ use std::fs;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// Writes man pages (one for each command) and shell completions into a folder.
+/// Write man pages and shell completions into a folder.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// The folder; it is made, files in it are written over.
+    /// Folder to write; created if missing, existing files are overwritten.
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
 }

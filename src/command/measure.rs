@@ -1,7 +1,8 @@
 //! `tirante measure`: one file to a force, a configuration and a report.
 
-use super::campaign::{self, News, Reading, Taken};
+use super::campaign::{self, Reading};
 use super::foreign::{self, Foreign};
+use super::progress::Progress;
 use super::questions::Questions;
 use super::rod_flags::{Rod, RodFlags, positive};
 use super::sensor::{Sensor, Wanted};
@@ -14,9 +15,12 @@ use crate::analysis::outcome::Outcome;
 use crate::analysis::record_view::Snapshot;
 use crate::analysis::rod::beam::Quantity;
 use crate::analysis::signal::record::{Rejection, Unit};
+use crate::command::which_store::Output;
 use crate::config::Config;
 use crate::recording::import::{self, Format, How};
 use crate::recording::read::contents::Content;
+use crate::site::analyse::Analysed;
+use crate::site::store::Position;
 use crate::site::trackers::Site;
 use anyhow::Context;
 use std::fs;
@@ -24,61 +28,68 @@ use std::io::{self, BufRead, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-/// Measures the axial force once: reads a file of any format, asks for length, section and material, recognises the motion, and shows
-/// the spectrum's peaks, the force with its 95 % interval and what it hangs on.
+/// Measure the axial force once, from one file of any format.
 ///
-/// It writes a configuration, to be corrected and used again by `identify`, `replay` and `run`, and a report to print and sign. What
-/// flags say is not asked. A mark stands before every force that may be wrong: '!' where model or prior and data disagree, '?' where
-/// the orders of the modes are not certain.
+/// Asks for length, section and material, recognises the motion, and shows the spectrum's peaks, the force with its
+/// 95 % interval and its sensitivities. What flags say is not asked.
+///
+/// Writes a configuration, to be corrected and used again by `identify`, `replay` and `run`, and a report to print
+/// and sign. A mark stands before every force that may be wrong: '!' where model or prior and data disagree, '?'
+/// where the orders of the modes are not certain.
 #[derive(Debug, Clone, clap::Args)]
 #[command(after_help = "Examples:
   tirante measure laser.csv
   tirante measure laser.csv --length 14 --section s70 --material iron
-  tirante measure hammer.wav --length '9.5 m' --section d45 --material steel --force '20..200 kN'
-  tirante measure camera.npy --rate 250 --length 950cm --section 40x60mm --material iron --json
+  tirante measure hammer.wav --length '9.5 m' --section d45 --material steel \\
+      --force '20..200 kN'
+  tirante measure camera.npy --rate 250 --length 950cm --section 40x60mm \\
+      --material iron --format json
 
-Files: laser.toml and laser.html in --out. A configuration that exists is never overwritten.
+Files: laser.toml and laser.html in --out. A configuration that exists is never
+overwritten.
 
-Exit codes: 0 a force was told, marked or not (read the marks, or conflict, prior_tail and label_probability of --json);
-1 the file cannot be read; 2 something is not said or makes no sense; 3 a record was refused, or data were lost.")]
+Exit codes: 0 a force was told, marked or not (read the marks, or conflict,
+prior_tail and label_probability of --format json); 1 the file cannot be read; 2
+something is not said or makes no sense; 3 a record was refused, or data were
+lost.")]
 pub struct Args {
-    /// A recording (MCAP), or a file of another program (CSV, UFF, WAV, MATLAB, LabVIEW, NumPy).
+    /// Recording (MCAP), or file of another program (CSV, UFF, WAV, MATLAB, LabVIEW, NumPy).
     #[arg(value_name = "FILE")]
     pub file: PathBuf,
 
-    /// The rod.
+    /// Facts of the rod.
     #[command(flatten)]
     pub rod: RodFlags,
 
-    /// The name of the rod; without it that of the file.
+    /// Name of the rod; default: that of the file.
     #[arg(long, value_parser = crate::config::rod_id)]
     pub id: Option<String>,
 
-    /// The name of the site, which heads the report; without it that of the file.
+    /// Name of the site, which heads the report; default: that of the file.
     #[arg(long)]
     pub site: Option<String>,
 
-    /// The channel of its motion, if the file has several.
+    /// Channel of its motion, if the file has several.
     #[arg(long)]
     pub topic: Option<String>,
 
-    /// The field of a message that holds the samples, if it is none of the usual ones; of recordings alone.
+    /// Field of a message that holds the samples, if it is not one of the usual ones; only for recordings.
     #[arg(long, value_name = "PATH")]
     pub field: Option<String>,
 
-    /// The folder for configuration and report.
+    /// Folder for configuration and report.
     #[arg(long, value_name = "DIR", default_value = ".")]
     pub out: PathBuf,
 
-    /// One JSON object per record on stdout instead of the text.
-    #[arg(long)]
-    pub json: bool,
+    /// Text or JSON.
+    #[command(flatten)]
+    pub output: Output,
 
-    /// Whether a small plot of the spectrum is drawn.
+    /// Draw a small plot of the spectrum.
     #[arg(long, value_name = "WHEN", value_enum, default_value_t)]
     pub plot: When,
 
-    /// What another program's file does not say.
+    /// Facts missing in another program's file.
     #[command(flatten)]
     pub foreign: Foreign,
 }
@@ -86,7 +97,7 @@ pub struct Args {
 /// Runs the command.
 ///
 /// # Errors
-/// Something is not said and nobody is there to ask, the file cannot be read, or an output cannot be written.
+/// A fact is missing and cannot be asked for, the file cannot be read, or an output cannot be written.
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let stem = args.file.file_stem().unwrap_or_default().to_string_lossy();
     let named = |ending: &str| {
@@ -139,7 +150,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         is_meant: true,
         any_start: true,
     };
-    if !args.json {
+    if !args.output.is_json() {
         super::print(format!("{}: {}\n", args.file.display(), rod.said()).as_bytes())?;
     }
     let mut records = 0;
@@ -150,19 +161,19 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         &Reading::default(),
         others,
         &site.store().all_known().clone(),
-        |news, bar| {
-            if let News::Outcome(outcome, place) = news {
+        |analysed: &Analysed, place: Position<'_>, _: Option<[u8; 32]>, bar: &Progress| {
+            if let Analysed::Record(outcome) = analysed {
                 records += 1;
                 let Some(taken) = site.take(outcome, Some(place))? else {
-                    return Ok(Taken::Known);
+                    return Ok(false);
                 };
-                let text = match args.json {
-                    true => taken.line + "\n",
+                let text = match args.output.is_json() {
+                    true => taken.row.to_json()? + "\n",
                     false => told(&generation.config, outcome, args.plot.width()),
                 };
                 bar.suspend(|| io::stdout().lock().write_all(text.as_bytes()))?;
             }
-            Ok(Taken::New)
+            Ok(true)
         },
     )?;
     let code = campaign::conclude(tally);
@@ -172,7 +183,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     Ok(code)
 }
 
-/// The channels of a file; its rate is asked for if it says none.
+/// Channels of a file; asks for its rate if it has none.
 fn look<R: BufRead>(
     file: &Path,
     how: &mut How,
@@ -189,8 +200,8 @@ fn look<R: BufRead>(
     Ok(import::topics(file, how, &foreign::watch)?)
 }
 
-/// The file as it is read with the configuration. That of a recording has rate and unit; the scale of samples moves no frequency, so one
-/// that nobody tells is 1.
+/// Options for reading the file with the configuration. That of a recording has rate and unit; the scale of
+/// the samples does not affect frequencies, so an unknown one is 1.
 fn as_read(file: &Path, how: How, sensor: &Sensor) -> anyhow::Result<How> {
     let Some(format) = import::format(file, &how)? else {
         return Ok(How {
@@ -226,7 +237,7 @@ fn id_of(stem: &str) -> String {
     }
 }
 
-/// Writes configuration and report, and says so.
+/// Writes configuration and report, and reports their paths.
 fn keep(toml: &Path, text: &str, site: &Site, page: &Path) -> anyhow::Result<()> {
     let folder = toml.parent().filter(|folder| !folder.as_os_str().is_empty());
     if let Some(folder) = folder {
@@ -238,7 +249,8 @@ fn keep(toml: &Path, text: &str, site: &Site, page: &Path) -> anyhow::Result<()>
     Ok(())
 }
 
-/// A record in words: peaks, spectrum, force with its marks, and what it hangs on; of a refused one the reason.
+/// A record in words: peaks, spectrum, force with its marks and the sources of its variance; for a refused
+/// one the reason.
 fn told(config: &Config, outcome: &Outcome, width: Option<usize>) -> String {
     let prior = config.rod(&outcome.rod().0).map(|rod| &rod.analysis.prior);
     let picture = prior.and_then(|prior| Snapshot::of_outcome(prior, outcome));

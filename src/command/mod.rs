@@ -1,7 +1,7 @@
 //! One file per subcommand, each with one `run`.
 
-/// A line of diagnostics on stderr. A stderr that cannot be written (full, closed) is no reason to lose
-/// results, let alone to panic as the standard macro does.
+/// A line of diagnostics on stderr. A stderr that cannot be written (full, closed) must not lose
+/// results, let alone panic as the standard macro does.
 macro_rules! tell {
     ($($part:tt)*) => {{
         use std::io::Write as _;
@@ -95,13 +95,13 @@ pub fn run(command: &Command) -> anyhow::Result<ExitCode> {
     }
 }
 
-/// Arguments that parse but make no sense together; ends with exit code 2.
+/// Arguments that parse but contradict each other; ends with exit code 2.
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
 pub struct BadArguments(pub String);
 
-/// Says on stderr what went wrong and gives the exit code: 2 for arguments and configuration, 1 for
-/// everything else. A reader of stdout that has seen enough (`| head`) is no failure.
+/// Reports an error on stderr and returns the exit code: 2 for arguments and configuration, 1 for
+/// everything else. A reader that closes stdout (`| head`) is no failure.
 pub fn report(error: &anyhow::Error) -> ExitCode {
     if let Some(faults) = error.downcast_ref::<ConfigError>() {
         return check::refuse(faults);

@@ -14,10 +14,10 @@ use rusqlite::types::Value;
 use std::io::Write;
 use std::sync::Arc;
 
-/// Rows held in memory and written together.
+/// Number of rows held in memory and written together.
 const GROUP: usize = 65_536;
 
-/// Writes what is wanted of a store.
+/// Writes a listing of a store.
 ///
 /// # Errors
 /// The store cannot be read, or `out` cannot be written.
@@ -54,7 +54,7 @@ pub fn write(reader: &Reader, filter: &Filter, what: What, out: impl Write + Sen
     Ok(())
 }
 
-/// A column as Parquet's own language says it.
+/// A column in Parquet's schema language.
 fn field(name: &str, kind: ColumnKind) -> String {
     match kind {
         ColumnKind::Text => format!("BYTE_ARRAY {name} (STRING)"),
@@ -76,7 +76,7 @@ fn flush<W: Write + Send>(
     Ok(())
 }
 
-/// Cells of one column that are not written yet.
+/// Cells of one column not yet written.
 struct Column {
     /// 1 for a value, 0 for nothing.
     levels: Vec<i16>,

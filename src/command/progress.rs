@@ -1,13 +1,13 @@
-//! Progress on standard error, for people only: nothing where that is no terminal, nothing of short work.
+//! Progress on standard error, for people only: nothing without a terminal, nothing for short work.
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::io::{self, IsTerminal, Read};
 use std::time::{Duration, Instant};
 
-/// Work that takes less shows no bar.
+/// Time before work shows a bar.
 const PATIENCE: Duration = Duration::from_secs(2);
 
-/// A bar that shows up after two seconds.
+/// A bar that appears after two seconds.
 pub struct Progress {
     bar: ProgressBar,
     since: Instant,
@@ -34,21 +34,21 @@ impl Progress {
         )
     }
 
-    /// So many steps are done, of so many.
+    /// Sets the number of steps done, of all.
     pub fn set(&self, done: u64, all: u64) {
         self.bar.set_length(all);
         self.bar.set_position(done);
         self.show();
     }
 
-    /// So many steps more are done, of so many.
+    /// Adds a number of steps done, of all.
     pub fn add(&self, more: u64, all: u64) {
         self.bar.set_length(all);
         self.bar.inc(more);
         self.show();
     }
 
-    /// So many steps are done, of so many; the last was this. Reports may come out of order.
+    /// Sets the number of steps done, of all, with the name of the last. Reports may come out of order.
     pub fn say_at(&self, what: &str, done: u64, all: u64) {
         self.bar.set_message(what.to_owned());
         self.set(done.max(self.bar.position()), all);
@@ -59,7 +59,7 @@ impl Progress {
         self.bar.suspend(print)
     }
 
-    /// A line on standard error.
+    /// Prints a line on standard error.
     pub fn say(&self, line: &str) {
         self.suspend(|| tell!("{line}"));
     }
@@ -71,7 +71,7 @@ impl Progress {
     }
 }
 
-/// A file whose reading is shown.
+/// A file whose reading drives a bar.
 pub struct Watched<R> {
     from: R,
     read: u64,
@@ -80,7 +80,7 @@ pub struct Watched<R> {
 }
 
 impl<R: Read> Watched<R> {
-    /// Of so many bytes.
+    /// Wraps a file of `all` bytes.
     pub fn new(from: R, all: u64) -> Self {
         let progress = Progress::new(all, "{wide_bar} {bytes}/{total_bytes} read, {eta} left");
         Self {

@@ -1,14 +1,14 @@
-//! Lengths, sections and forces as people write them: `14 m`, `d40`, `40x60 mm`, `2 in`, `20..200 kN`.
+//! Parses lengths, sections and forces: `14 m`, `d40`, `40x60 mm`, `2 in`, `20..200 kN`.
 
 use std::f64::consts::PI;
 
-/// Sizes without a unit from here on are millimetres; no section is that many metres.
+/// Least size without a unit that is taken in millimetres; no section is that many metres.
 const LEAST_BARE_MM: f64 = 1.0;
-/// Sizes without a unit up to here are metres \[m\]; no section is that few millimetres.
+/// Largest size without a unit that is taken in metres \[m\]; no section is that few millimetres.
 const MOST_BARE_M: f64 = 0.5;
-/// The largest section believed \[m\].
+/// Largest section accepted \[m\].
 const LARGEST_M: f64 = 0.5;
-/// The longest rod believed of a length without a unit \[m\].
+/// Longest rod accepted for a length without a unit \[m\].
 const LONGEST_BARE_M: f64 = 100.0;
 
 /// A cross-section with its dimensions \[m\].
@@ -22,19 +22,19 @@ pub enum Profile {
     Rectangle(f64, f64),
 }
 
-/// A section as somebody wrote it.
+/// A section as typed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Section {
-    /// All of it.
+    /// Shape and dimensions.
     Known(Profile),
     /// A size \[m\] that may be a diameter or a side.
     Size(f64),
 }
 
-/// A force expected beforehand \[N\].
+/// Expected force \[N\].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Expected {
-    /// About so much, give or take 30 %.
+    /// About this much, give or take 30 %.
     About(f64),
     /// Between these with a probability of 95 %.
     Between(f64, f64),
@@ -59,7 +59,7 @@ impl Profile {
         }
     }
 
-    /// Its area \[m^2\].
+    /// Area \[m^2\].
     pub fn area_m2(self) -> f64 {
         match self {
             Self::Square(side) => side * side,
@@ -93,12 +93,12 @@ impl Expected {
     }
 }
 
-/// A size in millimetres.
+/// A size in millimetres, as text.
 pub fn millimetres(metres: f64) -> String {
     format!("{} mm", number_said(1e3 * metres))
 }
 
-/// A length in metres.
+/// A length in metres, as text.
 pub fn metres(metres: f64) -> String {
     format!("{} m", number_said(metres))
 }
@@ -109,7 +109,8 @@ fn number_said(value: f64) -> String {
     rounded.to_string()
 }
 
-/// A number and what follows it; the reason if there is none. A comma is a decimal comma, unless it may separate thousands.
+/// Splits a number and the text after it; the fault if there is no number. A comma is a decimal comma, unless
+/// it may separate thousands.
 fn number(text: &str) -> Result<(f64, &str), String> {
     let end = text
         .char_indices()
@@ -142,7 +143,7 @@ fn number(text: &str) -> Result<(f64, &str), String> {
     }
 }
 
-/// A value in a unit of length \[m\]; nothing without a unit.
+/// Converts a value in a unit of length to metres; `None` without a unit.
 fn in_unit(value: f64, unit: &str) -> Result<Option<f64>, String> {
     Ok(Some(match unit {
         "" => return Ok(None),
@@ -160,7 +161,7 @@ fn in_unit(value: f64, unit: &str) -> Result<Option<f64>, String> {
     }))
 }
 
-/// A length \[m\]; without a unit in metres.
+/// Parses a length \[m\]; without a unit in metres.
 ///
 /// # Errors
 /// The reason why it is none.
@@ -180,7 +181,7 @@ pub fn length(text: &str) -> Result<f64, String> {
     }
 }
 
-/// A size of a section \[m\], as far as it can be told from its unit or from being a sensible size of one unit alone.
+/// Size of a section \[m\], if its unit is given or only one unit is plausible.
 fn size(value: f64, unit: &str) -> Result<f64, String> {
     let size_m = match in_unit(value, unit)? {
         Some(size_m) => size_m,
@@ -218,8 +219,8 @@ const SHAPES: [(&str, Shape); 14] = [
     ("a", Profile::Square),
 ];
 
-/// A section: `d40`, `square 40 mm`, `40x60 mm` (width x height in the plane of vibration), or a bare size. Sizes without a unit are
-/// millimetres from 1 on, metres up to 0.5.
+/// Parses a section: `d40`, `square 40 mm`, `40x60 mm` (width x height in the plane of vibration), or a bare
+/// size. Sizes without a unit are millimetres from 1 on, metres up to 0.5.
 ///
 /// # Errors
 /// The reason why it is none.
@@ -252,7 +253,7 @@ pub fn section(text: &str) -> Result<Section, String> {
     Ok(Section::Size(size(value, unit)?))
 }
 
-/// A force, or a range of it: `150 kN`, `20..200 kN`, `20 to 200 kN`, `0.8-1.2 MN`.
+/// Parses a force, or a range: `150 kN`, `20..200 kN`, `20 to 200 kN`, `0.8-1.2 MN`.
 ///
 /// # Errors
 /// The reason why it is none.

@@ -1,16 +1,16 @@
-//! Questions to a person at a terminal: asked again with the reason until the answer is understood, and confirmed.
+//! Questions to a person at a terminal: repeated with the reason until the answer is valid, and confirmed.
 
 use super::BadArguments;
 use std::io::{self, BufRead, IsTerminal, Read, StdinLock, Write};
 
-/// The longest answer read \[bytes\].
+/// Longest answer read \[bytes\].
 const LONGEST: u64 = 4096;
 
-/// Answers to what no flag says.
+/// Source of answers for missing flags.
 pub struct Questions<R> {
-    /// Where answers come from.
+    /// Input of the answers.
     pub answers: R,
-    /// Whether somebody is there to answer.
+    /// True if a person can answer.
     pub is_terminal: bool,
 }
 
@@ -25,7 +25,7 @@ impl Questions<StdinLock<'static>> {
 }
 
 impl<R: BufRead> Questions<R> {
-    /// The answer to a question; without a terminal, or at the end of the answers, an error that names the flag.
+    /// Asks a question; without a terminal, or at the end of the answers, an error names the flag.
     pub fn ask<T>(
         &mut self,
         question: &str,
@@ -46,7 +46,8 @@ impl<R: BufRead> Questions<R> {
         }
     }
 
-    /// The answer to a question that may be left open; nothing without a terminal, for an empty answer, or at their end.
+    /// Asks an optional question; `None` without a terminal, for an empty answer, or at the end of the
+    /// answers.
     pub fn ask_open<T>(
         &mut self,
         question: &str,
@@ -64,14 +65,14 @@ impl<R: BufRead> Questions<R> {
         Ok(None)
     }
 
-    /// Says to who answers what was understood.
+    /// Confirms the value understood.
     pub fn confirm(&self, understood: &str) {
         if self.is_terminal {
             tell!("  = {understood}");
         }
     }
 
-    /// One answer, trimmed; nothing at their end.
+    /// Reads one answer, trimmed; `None` at their end.
     fn line(&mut self, question: &str) -> io::Result<Option<String>> {
         let mut err = io::stderr();
         write!(err, "{question}: ").and_then(|()| err.flush())?;

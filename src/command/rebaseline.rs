@@ -1,27 +1,27 @@
-//! `tirante rebaseline`: a rod's force is compared with a new baseline from now on.
+//! `tirante rebaseline`: begins a new baseline of a rod.
 
 use super::which_store::{WhichStore, ask, check_rod};
 use crate::site::clock;
 use crate::site::store::{Asked, Reader};
 use std::process::ExitCode;
 
-/// Asks for a new baseline of a rod, after work on it: retensioning, a repair, another sensor.
+/// Start a new baseline for a rod, after work on it.
 ///
-/// It begins with the rod's next record, in a segment of its own; what was measured before is kept. Alarms that nobody
-/// acknowledged go on standing.
+/// Such work is retensioning, a repair, another sensor. The baseline begins with the rod's next record, in a
+/// segment of its own; earlier results are kept. Alarms that nobody acknowledged stay.
 #[derive(Debug, Clone, clap::Args)]
 #[command(after_help = "Example:
   tirante rebaseline --store site.db north --reason \"retensioned by 20 kN\"")]
 pub struct Args {
-    /// The rod.
+    /// Id of the rod.
     #[arg(value_name = "ROD")]
     pub rod: String,
 
-    /// Why, for whoever reads the history.
+    /// Reason, for readers of the history.
     #[arg(long, value_name = "TEXT")]
     pub reason: Option<String>,
 
-    /// The store.
+    /// Store to use.
     #[command(flatten)]
     pub which: WhichStore,
 }

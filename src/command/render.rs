@@ -14,19 +14,19 @@ use std::fmt::Write;
 /// Columns of one mode: `17.3085 ± 0.0065`.
 const MODE_WIDTH: usize = 16;
 
-/// The table for people: one line per record, columns for a fixed number of modes; three modes and a rod's name of
-/// nine letters fit into 120 columns.
+/// Table of records: one line per record, columns for a fixed number of modes; three modes and a rod's name
+/// of nine letters fit into 120 columns.
 pub struct Table {
     modes: usize,
     rod_width: usize,
-    /// What `--store` was, to be repeated in commands.
+    /// Value of `--store`, to be repeated in commands.
     store: Option<String>,
     is_coloured: bool,
 }
 
 impl Table {
-    /// A table for rods with these names, with columns for the first `modes` mode orders. `store`: where alarms
-    /// can be acknowledged. `is_coloured`: with escape sequences for a terminal.
+    /// A table for rods with these names, with columns for the first `modes` mode orders. `store`: the store
+    /// in which alarms can be acknowledged. `is_coloured`: with escape sequences for a terminal.
     pub fn new<'a>(
         rods: impl Iterator<Item = &'a RodId>,
         modes: usize,
@@ -46,7 +46,7 @@ impl Table {
         }
     }
 
-    /// The two header lines.
+    /// Two header lines of the table.
     pub fn header(&self) -> String {
         let mut line = format!("{:<width$}  {:<16}", "rod", "start (UTC)", width = self.rod_width);
         for order in 1..=self.modes {
@@ -80,7 +80,7 @@ impl Table {
         row
     }
 
-    /// An alarm, and what to do about it.
+    /// An alarm with advice.
     fn raised(&self, alarm: &Alarm) -> String {
         let what = format!("ALARM {} of {}: {}", alarm.kind, alarm.rod, alarm.message);
         let (bold, plain) = if self.is_coloured {

@@ -1,7 +1,7 @@
-//! `tirante replay`: recordings through the whole pipeline.
+//! `tirante replay`: runs recordings through the whole pipeline.
 
 use super::BadArguments;
-use super::campaign::{self, News, Reading};
+use super::campaign::{self, Reading};
 use super::foreign::Foreign;
 use super::progress::Progress;
 use super::render::Table;
@@ -9,7 +9,7 @@ use super::report;
 use super::setup::{self, GivenUp, Prepared, Setup};
 use super::sketch::{self, When};
 use super::status;
-use super::which_store::Format;
+use super::which_store::{Format, Output};
 use crate::analysis::outcome::Outcome;
 use crate::analysis::record_view::Snapshot;
 use crate::analysis::signal::record::RodId;
@@ -17,65 +17,75 @@ use crate::analysis::track::Verdict;
 use crate::config::Config;
 use crate::recording::atomic::AtomicFile;
 use crate::service::viewer::{Message, ResultsWriter};
+use crate::site::analyse::Analysed;
+use crate::site::record_row::RecordRow;
+use crate::site::store::Position;
 use crate::site::trackers::Taken;
 use anyhow::Context;
-use std::env;
-use std::io::{self, IsTerminal, Write};
+use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-/// Runs recordings through the whole pipeline: per record the natural frequencies, the axial force and its change
-/// since the baseline, alarms as they are raised, and in the end how every rod stands.
+/// Analyse recordings: frequencies, force, change, alarms.
+///
+/// Prints a line per record with its natural frequencies, its axial force and the change since the baseline; alarms
+/// as they are raised; and the state of every rod at the end.
 #[derive(Debug, Clone, clap::Args)]
 #[command(after_help = "Examples:
   tirante replay recordings/todi-pull.mcap
-  tirante replay recordings/campaign-2025.mcap --config config/campaign.toml --store site.db --report .
+  tirante replay recordings/campaign-2025.mcap --config config/campaign.toml \\
+      --store site.db --report .
   tirante replay recordings/todi-pull.mcap --results todi-results.mcap
-  tirante replay /data/2026 --config site.toml --json > forces.jsonl
+  tirante replay /data/2026 --config site.toml --format json > forces.jsonl
   tirante replay monday.csv tuesday.tdms --config site.toml --store site.db
 
-The force (mean ± standard deviation) is what one record says by itself. The change is that of the force since
-the rod's baseline, at the reference temperature; '~' marks one that is not compensated for temperature; '-'
-stands while the baseline is learned. `! conflict` says by how many standard deviations the frequencies lie
-outside everything the model can produce: the force may be wrong by more than it says. `? hardly in the prior`:
-check length, section, material and expected force. Behind the state, `decay`, `decays` and `blow` say what motion was
-recognised (nothing: ambient vibration), `? orders 0.93` that the orders of the modes are not certain: `tirante identify`
-shows what else the peaks may be. --json has everything else.
+The force (mean ± standard deviation) is what one record says by itself. The
+change is that of the force since the rod's baseline, at the reference
+temperature; '~' marks one that is not compensated for temperature; '-' stands
+while the baseline is learned. `! conflict` says by how many standard deviations
+the frequencies lie outside everything the model can produce: the force may be
+wrong by more than it says. `? hardly in the prior`: check length, section,
+material and expected force. Behind the state, `decay`, `decays` and `blow` say
+what motion was recognised (nothing: ambient vibration), `? orders 0.93` that
+the orders of the modes are not certain: `tirante identify` shows what else the
+peaks may be. --format json has everything else.
 
-Alarms are results, not failures: a replay that raises some still ends with 0 (or 3 with rejected records or
-lost data). Ask `tirante status --format json` whether an alarm stands.")]
+Alarms are results, not failures: a replay that raises some still ends with 0
+(or 3 with rejected records or lost data). Ask `tirante status --format json`
+whether an alarm stands.")]
 pub struct Args {
     /// MCAP recordings, folders of them, or files of other programs (CSV, UFF, WAV, MATLAB, LabVIEW, NumPy).
     #[arg(value_name = "PATH", required = true)]
     pub paths: Vec<PathBuf>,
 
-    /// One JSON object per record on stdout instead of the table.
-    #[arg(long)]
-    pub json: bool,
+    /// Text or JSON.
+    #[command(flatten)]
+    pub output: Output,
 
-    /// Keep results in this database (SQLite) and go on where it left off; over `[store] path` of the configuration. Without
-    /// either, nothing is remembered after the replay.
+    /// Keep results in this database (SQLite) and resume from it; overrides `[store] path` of the
+    /// configuration. Without either, nothing is kept after the replay.
     #[arg(long, value_name = "FILE")]
     pub store: Option<PathBuf>,
 
-    /// Write the report into this folder in the end: one page per site, to open without a network.
+    /// Write the report into this folder at the end: one page per site that needs no network.
     #[arg(long, value_name = "DIR")]
     pub report: Option<PathBuf>,
 
-    /// Write what came of every record, its waveform and spectrum too, into this MCAP file, to be opened beside the recordings in
-    /// Foxglove or Lichtblick. It must not be there yet; records the store had already are not in it.
+    /// Write the results of every record, with waveform and spectrum, into this MCAP file, to open next to
+    /// the recordings in Foxglove or Lichtblick. The file must not exist; records already in the store are
+    /// not in it.
     #[arg(long, value_name = "FILE")]
     pub results: Option<PathBuf>,
 
-    /// How recordings are read.
+    /// Options for reading recordings.
     #[command(flatten)]
     pub reading: Reading,
 
-    /// Whether a small plot is drawn in the end.
+    /// Draw a small plot at the end.
     #[arg(long, value_name = "WHEN", value_enum, default_value_t)]
     pub plot: When,
 
-    /// The configuration.
+    /// Configuration of the run.
     #[command(flatten)]
     pub setup: Setup,
 
@@ -83,7 +93,7 @@ pub struct Args {
     #[command(flatten)]
     pub given_up: GivenUp,
 
-    /// What another program's file does not say.
+    /// Facts missing in another program's file.
     #[command(flatten)]
     pub foreign: Foreign,
 }
@@ -104,7 +114,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         .unwrap_or(0);
     let rods: Vec<&RodId> = config.rods.iter().map(|rod| &rod.analysis.rod).collect();
     let store = args.store.as_deref().or(config.store.path.as_deref());
-    let is_coloured = io::stdout().is_terminal() && env::var_os("NO_COLOR").is_none_or(|set| set.is_empty());
+    let is_coloured = super::listing::is_coloured();
     let table = Table::new(
         rods.into_iter(),
         modes,
@@ -115,38 +125,28 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
 
     let mut results = args.results.as_deref().map(Results::create).transpose()?;
     let mut output = io::stdout().lock();
-    let mut header_due = !args.json;
-    let on_news = |news: News<'_>, bar: &Progress| {
-        let (outcome, place) = match news {
-            News::Outcome(outcome, place) => (outcome, place),
-            News::Readings { rod, readings, after } => {
-                let is_new = site.take_readings(rod, readings, after)?;
-                return Ok(if is_new {
-                    campaign::Taken::New
-                } else {
-                    campaign::Taken::Known
-                });
-            }
-        };
-        let Some(Taken { line, verdict }) = site.take(outcome, Some(place))? else {
-            return Ok(campaign::Taken::Known);
+    let mut header_due = !args.output.is_json();
+    let on_event = |analysed: &Analysed, place: Position<'_>, before: Option<[u8; 32]>, bar: &Progress| {
+        let taken = site.take_event(analysed, place, before)?;
+        let (Analysed::Record(outcome), Some(Taken { row, verdict })) = (analysed, taken) else {
+            return Ok(false);
         };
         if let Some(results) = &mut results {
-            results.add(config, outcome, &line, &verdict);
+            results.add(config, outcome, &row, &verdict);
         }
         bar.suspend(|| {
             if header_due {
                 header_due = false;
                 writeln!(output, "{}\n{}", config.site, table.header())?;
             }
-            let line = if args.json {
-                line
+            let line = if args.output.is_json() {
+                row.to_json()?
             } else {
                 table.row(outcome, &verdict)
             };
             writeln!(output, "{line}")
         })?;
-        Ok(campaign::Taken::New)
+        Ok(true)
     };
     let tally = campaign::run(
         &args.paths,
@@ -155,14 +155,14 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         &args.reading,
         args.foreign.among(&args.setup, false),
         &known,
-        on_news,
+        on_event,
     )?;
     let has_seen_all = tally.is_some();
     let code = campaign::conclude(tally);
     if has_seen_all {
         let standing = status::text(site.store(), None, Format::Table)?;
         tell!("{}", standing.trim_end());
-        if let Some(width) = args.plot.width().filter(|_| !args.json) {
+        if let Some(width) = args.plot.width().filter(|_| !args.output.is_json()) {
             for rod in site.store().rods()? {
                 write!(output, "\n{}", sketch::force(site.store(), &rod, width)?)?;
             }
@@ -179,12 +179,12 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     Ok(code)
 }
 
-/// The MCAP file of results: it appears whole or not at all.
+/// MCAP file of results: it appears complete or not at all.
 struct Results<'p> {
     writer: ResultsWriter<AtomicFile>,
     path: &'p Path,
     records: usize,
-    /// What went wrong first; nothing is written after it, and the replay goes on.
+    /// First error; nothing is written after it, and the replay goes on.
     failure: Option<anyhow::Error>,
 }
 
@@ -206,10 +206,10 @@ impl<'p> Results<'p> {
         })
     }
 
-    /// What came of a record: line and picture, and news of alarms at the time they came.
-    fn add(&mut self, config: &Config, outcome: &Outcome, line: &str, verdict: &Verdict) {
+    /// What came of a record: row and picture, and news of alarms at the time they came.
+    fn add(&mut self, config: &Config, outcome: &Outcome, row: &RecordRow, verdict: &Verdict) {
         if self.failure.is_none() {
-            match self.write(config, outcome, line, verdict) {
+            match self.write(config, outcome, row, verdict) {
                 Ok(()) => self.records += 1,
                 Err(error) => self.failure = Some(error),
             }
@@ -220,10 +220,10 @@ impl<'p> Results<'p> {
         &mut self,
         config: &Config,
         outcome: &Outcome,
-        line: &str,
+        row: &RecordRow,
         verdict: &Verdict,
     ) -> anyhow::Result<()> {
-        let mut messages = Message::of_record(line)?;
+        let mut messages = Message::of_record(row);
         if let Some(rod) = config.rod(&outcome.rod().0)
             && let Some(picture) = Snapshot::of_outcome(&rod.analysis.prior, outcome)
         {

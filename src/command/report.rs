@@ -1,4 +1,4 @@
-//! `tirante report`: what the store knows as one page per site.
+//! `tirante report`: writes a store's content as one page per site.
 
 use super::which_store::{WhichStore, check_rod};
 use crate::analysis::findings::Doubt;
@@ -13,33 +13,35 @@ use crate::command::report_page::view::{
 };
 use crate::config::{Config, RodConfig};
 use crate::recording::atomic::AtomicFile;
-use crate::site::store::{Filter, Listing, Reader, Standing};
+use crate::site::record_row::{RecordRow, RejectionRow};
+use crate::site::store::{Filter, Reader, Standing};
 use anyhow::Context;
-use serde::Deserialize;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-/// Writes the report of a site: one HTML page with figures, tables and alarms of every rod, which needs no
-/// network and no other file.
+/// Write the report of a site as one HTML page.
+///
+/// The page has figures, tables and alarms of every rod, and needs no network and no other file.
 #[derive(Debug, Clone, clap::Args)]
 #[command(after_help = "Examples:
   tirante report --store todi.db --out todi.html
   tirante report --config site.toml --out reports/ --rod north
 
-The same store gives the same page, byte for byte. It may be written beside a running `replay`.")]
+The same store gives the same page, byte for byte. It may be written beside a
+running `replay`.")]
 pub struct Args {
-    /// The store.
+    /// Store to read.
     #[command(flatten)]
     pub which: WhichStore,
 
-    /// A folder, in which the page is called after the site, or the page itself (*.html).
+    /// Folder, in which the page is named after the site, or the page itself (*.html).
     #[arg(long, value_name = "DIR|FILE", default_value = ".")]
     pub out: PathBuf,
 
-    /// This rod alone.
+    /// Only this rod.
     #[arg(long, value_name = "ID")]
     pub rod: Option<String>,
 }
@@ -47,7 +49,7 @@ pub struct Args {
 /// Runs the command.
 ///
 /// # Errors
-/// No store, one that cannot be read, a rod it does not know, or a page that cannot be written.
+/// No store, one that cannot be read, a rod that is not in it, or a page that cannot be written.
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let reader = Reader::open(&args.which.path()?)?;
     let rod = check_rod(&reader, args.rod.as_deref())?;
@@ -55,8 +57,8 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     super::print(format!("{}\n", page.display()).as_bytes())
 }
 
-/// Writes the page of what a store knows into the folder, or to the `*.html` file, `out`; all rods or one. Gives
-/// its path.
+/// Writes the page of a store into the folder, or to the `*.html` file, `out`; all rods or one. Returns its
+/// path.
 ///
 /// # Errors
 /// The store cannot be read, or the page cannot be written.
@@ -81,7 +83,7 @@ pub fn write(reader: &Reader, rod: Option<&RodId>, out: &Path) -> anyhow::Result
     Ok(page)
 }
 
-/// A site's name as a file's: letters, digits, `-`, `_`.
+/// File name for a site's name: letters, digits, `-`, `_`.
 fn file_name(site: &str) -> String {
     let mut name = String::new();
     for c in site.chars() {
@@ -99,7 +101,7 @@ fn file_name(site: &str) -> String {
     }
 }
 
-/// What a store knows, as a report; all rods or one.
+/// Reads a store's content as a report; all rods or one.
 ///
 /// # Errors
 /// The store cannot be read.
@@ -115,7 +117,7 @@ pub fn load(reader: &Reader, rod: Option<&RodId>) -> anyhow::Result<SiteReport> 
     {
         let mut report = load_rod(reader, standing, &mut meaning)?;
         if let Some(state) = states.get(&standing.rod) {
-            let slope = state.watch.as_ref().and_then(|watch| watch.slope());
+            let slope = state.watch.get().and_then(|watch| watch.slope());
             report.thermal = slope.map(|(slope_per_k, slope_sd_per_k)| ThermalLine {
                 slope_per_k,
                 slope_sd_per_k,
@@ -146,7 +148,7 @@ pub fn load(reader: &Reader, rod: Option<&RodId>) -> anyhow::Result<SiteReport> 
     };
     add(
         "analysis version",
-        meaning.versions.iter().map(u64::to_string).collect(),
+        meaning.versions.iter().map(u32::to_string).collect(),
     );
     add("configuration", meaning.configs.iter().cloned().collect());
     add(
@@ -160,7 +162,7 @@ pub fn load(reader: &Reader, rod: Option<&RodId>) -> anyhow::Result<SiteReport> 
     })
 }
 
-/// Facts of a rod as its configuration has them: what is known of its quantities.
+/// Facts of a rod from its configuration: the priors of its quantities.
 fn facts(rod: &RodConfig) -> Vec<(String, String)> {
     let prior = &rod.analysis.prior;
     let mut facts = vec![(
@@ -208,58 +210,13 @@ fn rounded(value: f64, digits: usize) -> f64 {
         .unwrap_or(value)
 }
 
-/// What gave the numbers their meaning, over all records.
+/// Everything that determines the meaning of the numbers, over all records.
 #[derive(Default)]
 struct Meaning {
     configs: BTreeSet<String>,
-    versions: BTreeSet<u64>,
+    versions: BTreeSet<u32>,
     /// Time and configuration of the latest record.
     latest: Option<(Timestamp, String)>,
-}
-
-/// The part of a record's JSON line a report needs.
-#[derive(Deserialize)]
-struct Line {
-    start: Option<Timestamp>,
-    #[serde(default)]
-    modes: Vec<LineMode>,
-    axial_force_n: Option<LineForce>,
-    conflict: Option<f64>,
-    prior_tail: Option<f64>,
-    label_probability: Option<f64>,
-    tracked_force_n: Option<Interval>,
-    relative_force: Option<Interval>,
-    temperature_c: Option<f64>,
-    reference_temperature_c: Option<f64>,
-    force_at_reference_n: Option<Interval>,
-    relative_force_at_reference: Option<Interval>,
-    segment: Option<u32>,
-    set_aside: Option<String>,
-    rejection: Option<LineReason>,
-    #[serde(default)]
-    config: String,
-    analysis_version: Option<u64>,
-}
-
-#[derive(Deserialize)]
-struct LineMode {
-    order: usize,
-    frequency_hz: f64,
-    sd_hz: f64,
-}
-
-#[derive(Deserialize)]
-struct LineForce {
-    mean: f64,
-    sd: f64,
-    q025: f64,
-    q975: f64,
-}
-
-#[derive(Deserialize)]
-struct LineReason {
-    code: String,
-    message: String,
 }
 
 fn load_rod(reader: &Reader, standing: &Standing, meaning: &mut Meaning) -> anyhow::Result<RodReport> {
@@ -271,12 +228,10 @@ fn load_rod(reader: &Reader, standing: &Standing, meaning: &mut Meaning) -> anyh
         ..Filter::default()
     };
     let mut rejections: BTreeMap<String, RejectionCount> = BTreeMap::new();
-    reader.lines(Listing::Records, &filter, |text| -> anyhow::Result<()> {
-        let line: Line =
-            serde_json::from_str(text).with_context(|| format!("a record of rod {rod} in the store"))?;
-        meaning.see(&line);
-        match line.rejection {
-            Some(LineReason { code, message }) => {
+    reader.rows(&filter, |row| -> anyhow::Result<()> {
+        meaning.see(&row);
+        match row.rejection {
+            Some(RejectionRow { code, message, .. }) => {
                 let entry = rejections.entry(code.clone()).or_insert_with(|| RejectionCount {
                     code,
                     count: 0,
@@ -284,10 +239,10 @@ fn load_rod(reader: &Reader, standing: &Standing, meaning: &mut Meaning) -> anyh
                     message: String::new(),
                 });
                 entry.count += 1;
-                entry.last = entry.last.max(line.start);
+                entry.last = entry.last.max(row.start);
                 entry.message = message;
             }
-            None => report.records.extend(line.into_point()),
+            None => report.records.extend(point(row)),
         }
         Ok(())
     })?;
@@ -326,46 +281,39 @@ fn load_rod(reader: &Reader, standing: &Standing, meaning: &mut Meaning) -> anyh
 }
 
 impl Meaning {
-    fn see(&mut self, line: &Line) {
-        if !self.configs.contains(&line.config) {
-            self.configs.insert(line.config.clone());
+    fn see(&mut self, row: &RecordRow) {
+        if !self.configs.contains(&row.config) {
+            self.configs.insert(row.config.clone());
         }
-        self.versions.extend(line.analysis_version);
+        self.versions.extend(row.analysis_version);
         let is_later = |start: &Timestamp| self.latest.as_ref().is_none_or(|(latest, _)| latest <= start);
-        if let Some(start) = line.start.filter(is_later) {
-            self.latest = Some((start, line.config.clone()));
+        if let Some(start) = row.start.filter(is_later) {
+            self.latest = Some((start, row.config.clone()));
         }
     }
 }
 
-impl Line {
-    fn into_point(self) -> Option<RecordPoint> {
-        let force = self.axial_force_n?;
-        Some(RecordPoint {
-            start: self.start?,
-            segment: self.segment,
-            force_n: Interval {
-                mean: force.mean,
-                sd: force.sd,
-                q025: force.q025,
-                q975: force.q975,
-            },
-            tracked_force_n: self.tracked_force_n,
-            force_at_reference_n: self.force_at_reference_n,
-            ratio: self.relative_force,
-            ratio_at_reference: self.relative_force_at_reference,
-            temperature_c: self.temperature_c,
-            reference_c: self.reference_temperature_c,
-            modes: self
-                .modes
-                .iter()
-                .map(|mode| (mode.order, mode.frequency_hz, mode.sd_hz))
-                .collect(),
-            conflict: self.conflict,
-            doubts: Doubt::all(self.conflict, self.prior_tail, self.label_probability),
-            set_aside: self.set_aside,
-        })
-    }
+/// A record that gave a force, as a point of the figures.
+fn point(row: RecordRow) -> Option<RecordPoint> {
+    Some(RecordPoint {
+        force_n: Interval::from(&row.axial_force_n?),
+        start: row.start?,
+        segment: row.segment,
+        tracked_force_n: row.tracked_force_n,
+        force_at_reference_n: row.force_at_reference_n,
+        ratio: row.relative_force,
+        ratio_at_reference: row.relative_force_at_reference,
+        temperature_c: row.temperature_c,
+        reference_c: row.reference_temperature_c,
+        modes: row
+            .modes
+            .iter()
+            .map(|mode| (mode.order, mode.frequency_hz, mode.sd_hz))
+            .collect(),
+        conflict: row.conflict,
+        doubts: Doubt::all(row.conflict, row.prior_tail, row.label_probability),
+        set_aside: row.set_aside.map(|aside| aside.code().to_owned()),
+    })
 }
 
 #[cfg(test)]

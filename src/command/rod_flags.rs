@@ -5,10 +5,10 @@ use super::quantities::{self, Expected, Profile, Section, metres, millimetres};
 use super::questions::Questions;
 use std::io::BufRead;
 
-/// Sections below this are wire \[m^2\]: 8 mm in diameter.
+/// Largest section of a wire \[m^2\]: 8 mm in diameter.
 const WIRE_M2: f64 = 5e-5;
 
-/// A rod as its owner knows it.
+/// Facts of a rod from flags.
 #[derive(Debug, Clone, Default, clap::Args)]
 pub struct RodFlags {
     /// Free length between the walls: 14, 14.5 m, 9500 mm, 31 ft; without a unit in metres.
@@ -30,14 +30,14 @@ pub struct RodFlags {
     /// Height of a rectangle in metres, in the plane of vibration.
     #[arg(long, value_name = "M", value_parser = positive, requires = "width_m")]
     pub height_m: Option<f64>,
-    /// What the rod is made of.
+    /// Material of the rod.
     #[arg(long, value_enum)]
     pub material: Option<Material>,
-    /// The force expected: '150 kN' is that give or take 30 %, '20..200 kN' holds it with 95 % probability. Without it every doubling
-    /// from slack to yield is as likely.
+    /// Expected force: '150 kN' means give or take 30 %, '20..200 kN' contains it with 95 % probability.
+    /// Without it every doubling from slack to yield is equally likely.
     #[arg(long, value_name = "FORCE", value_parser = quantities::force, conflicts_with = "force_n")]
     pub force: Option<Expected>,
-    /// The force expected in newtons, give or take 30 %.
+    /// Expected force in newtons, give or take 30 %.
     #[arg(long, value_name = "N", value_parser = positive)]
     pub force_n: Option<f64>,
 }
@@ -60,7 +60,8 @@ impl Material {
         }
     }
 
-    /// The largest stress thought possible where nobody expects a force \[Pa\]: the yield strength, of thin wire that of drawn steel.
+    /// Largest stress assumed without an expected force \[Pa\]: the yield strength; for thin wire that of
+    /// drawn steel.
     pub fn yield_pa(self, area_m2: f64) -> f64 {
         match self {
             Self::Iron => 300e6,
@@ -92,19 +93,19 @@ impl Material {
 pub struct Rod {
     /// Free length \[m\].
     pub length_m: f64,
-    /// Its section.
+    /// Cross-section.
     pub profile: Profile,
-    /// Its material.
+    /// Material.
     pub material: Material,
-    /// The force expected, if anybody expects one.
+    /// Expected force, if given.
     pub expected: Option<Expected>,
 }
 
 impl Rod {
-    /// From flags, and from answers where no flag says it; a force is asked for if `asks_force`.
+    /// Rod from flags, and from answers where a flag is missing; asks for a force if `asks_force`.
     ///
     /// # Errors
-    /// Flags are missing and nobody is there to answer, or the answers end; all that is missing is named.
+    /// Flags are missing and cannot be asked for, or the answers end; the error names all of them.
     pub fn of<R: BufRead>(
         flags: &RodFlags,
         asks_force: bool,
@@ -193,7 +194,7 @@ impl Rod {
 }
 
 impl RodFlags {
-    /// The section, whichever flags say it.
+    /// Section, from whichever flags give it.
     fn profile(&self) -> Option<Section> {
         let known = match (self.side_m, self.diameter_m, self.width_m, self.height_m) {
             (Some(side), ..) => Some(Profile::Square(side)),
@@ -205,7 +206,8 @@ impl RodFlags {
     }
 }
 
-/// The section of a size that may be a diameter or a side: the two differ by a quarter in mass and by 70 % in stiffness.
+/// Section of a size that may be a diameter or a side: the two differ by a quarter in mass and by 70 % in
+/// stiffness.
 fn shape<R: BufRead>(size_m: f64, questions: &mut Questions<R>) -> anyhow::Result<Profile> {
     let size = millimetres(size_m);
     let question = format!("{size}: round or square");
@@ -220,7 +222,7 @@ fn shape<R: BufRead>(size_m: f64, questions: &mut Questions<R>) -> anyhow::Resul
     )
 }
 
-/// A positive number, decimal comma or point.
+/// Parses a positive number with decimal comma or point.
 ///
 /// # Errors
 /// It is none.

@@ -1,4 +1,4 @@
-//! `tirante run`: the daemon.
+//! `tirante run`: runs the daemon.
 
 use super::setup::GivenUp;
 use crate::config::Setting;
@@ -6,25 +6,28 @@ use crate::service::daemon::{self, Options};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// Follows a site unattended: reads what comes into its folder and its sockets, keeps results, sends alarms.
+/// Run the daemon: read live sources, keep results, send alarms.
 ///
-/// Runs until SIGTERM or SIGINT (exit code 0 within 5 seconds, nothing lost). SIGHUP reads the configuration again; a bad
-/// one is refused with all its faults and the old one holds.
+/// Reads a folder and sockets until SIGTERM or SIGINT (exit code 0 within 5 seconds, nothing lost). SIGHUP reads
+/// the configuration again; a bad one is refused with all its faults and the old one holds.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   tirante check site.toml && tirante run --config site.toml
-  tirante run --config site.toml --set store.path=/var/lib/tirante/site.db --threads 1
+  tirante run --config site.toml --set store.path=/var/lib/tirante/site.db \\
+      --threads 1
   systemctl start tirante            # as the package installs it
 
-Exit codes: 0 it was told to stop; 1 something cannot be opened or written (another process has the store, the disk
-refuses); 2 bad arguments or configuration, found before anything is opened. A full disk is waited for.
-`tirante status --config site.toml`, `history`, `report`, `ack` and `rebaseline` work beside it.")]
+Exit codes: 0 it was told to stop; 1 something cannot be opened or written
+(another process has the store, the disk refuses); 2 bad arguments or
+configuration, found before anything is opened. A full disk is waited for.
+`tirante status --config site.toml`, `history`, `report`, `ack` and `rebaseline`
+work beside it.")]
 pub struct Args {
-    /// The configuration. It must name a store: `[store] path`.
+    /// Configuration. It must name a store: `[store] path`.
     #[arg(long, value_name = "FILE")]
     pub config: PathBuf,
 
-    /// Puts one key over the configuration, any number of times, after every reload too.
+    /// Override one configuration key, also after every reload; may be repeated.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub settings: Vec<Setting>,
 
@@ -32,8 +35,8 @@ pub struct Args {
     #[command(flatten)]
     pub given_up: GivenUp,
 
-    /// Threads that analyse records; others read, write and send. Default: one per core. The results are the same, bit for
-    /// bit, for any number.
+    /// Number of threads that analyse records; others read, write and send. Default: one per core. Results
+    /// are bit-identical for any number.
     #[arg(long, value_name = "COUNT", value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub threads: Option<u16>,
 }

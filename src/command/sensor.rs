@@ -1,4 +1,4 @@
-//! The channel of a rod's samples: from flags, from what a file holds, from answers.
+//! The channel of a rod's samples: from flags, from a file's channels, from answers.
 
 use super::BadArguments;
 use super::questions::Questions;
@@ -6,41 +6,41 @@ use crate::analysis::signal::record::Unit;
 use crate::recording::read::contents::Content;
 use std::io::BufRead;
 
-/// Words of flags about the channel.
+/// Flags about the channel.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Wanted<'a> {
-    /// Its topic or name.
+    /// Topic or name of the channel.
     pub topic: Option<&'a str>,
-    /// The field of a message that holds the samples.
+    /// Field of a message that holds the samples.
     pub field: Option<&'a str>,
-    /// The unit of the samples.
+    /// Unit of the samples.
     pub unit: Option<Unit>,
-    /// The sample rate \[Hz\].
+    /// Sample rate \[Hz\].
     pub fs_hz: Option<f64>,
-    /// Whether a unit must be told; without one samples pass for metres, which changes no frequency.
+    /// True if a unit is required; without one samples count as metres, which changes no frequency.
     pub needs_unit: bool,
 }
 
-/// Place and unit of the samples.
+/// Channel and unit of the samples.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Sensor {
     /// Topic or name of the channel.
     pub topic: String,
-    /// The field of a message that holds them.
+    /// Field of a message that holds the samples.
     pub field: String,
-    /// Their unit.
+    /// Unit of the samples.
     pub unit: Unit,
-    /// Whether file, flag or answer told the unit.
+    /// True if file, flag or answer gave the unit.
     pub says_unit: bool,
-    /// The sample rate \[Hz\], where it is not in the stamps.
+    /// Sample rate \[Hz\], where it is not in the stamps.
     pub fs_hz: Option<f64>,
 }
 
 impl Sensor {
-    /// Of the channels a file holds; of none if there is no file.
+    /// Chooses among the channels of a file; among none without a file.
     ///
     /// # Errors
-    /// There is no such channel, its field or unit cannot be told, or nobody is there to choose.
+    /// There is no such channel, its field or unit is unknown, or a choice is needed and cannot be asked for.
     pub fn of<R: BufRead>(
         wanted: &Wanted<'_>,
         found: Option<&[Content]>,
@@ -93,7 +93,7 @@ impl Sensor {
     }
 }
 
-/// The topic wanted, the only one that can be motion, the only one that says it is, or an answer.
+/// Topic asked for, the only one that can be motion, the only one declared as motion, or an answer.
 fn topic<R: BufRead>(
     wanted: Option<&str>,
     found: Option<&[Content]>,

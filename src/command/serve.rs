@@ -1,4 +1,4 @@
-//! `tirante serve`: the page of any store, without a daemon.
+//! `tirante serve`: serves the page of any store, without a daemon.
 
 use super::BadArguments;
 use super::which_store::{WhichStore, ask};
@@ -15,37 +15,40 @@ use std::sync::Arc;
 use tokio::signal::unix::{SignalKind, signal};
 use tokio::sync::watch;
 
-/// Shows a store as a web page, beside a running `replay` or `run` or without one.
+/// Serve a store as a web page.
 ///
-/// Runs until Ctrl-C. The page follows what is committed meanwhile: the store is looked at four times a second. Foxglove and
-/// Lichtblick follow it at ws://ADDRESS:PORT/viewer.
+/// It reads beside a running `replay` or `run`, or without one, until Ctrl-C. The page follows what is committed
+/// meanwhile: the store is looked at four times a second. Foxglove and Lichtblick follow it at
+/// ws://ADDRESS:PORT/viewer.
 #[derive(Debug, Clone, clap::Args)]
 #[command(after_help = "Examples:
-  tirante serve --store todi.db                      # then open http://127.0.0.1:7417
+  tirante serve \\
+      --store todi.db                      # then open http://127.0.0.1:7417
   tirante serve --config site.toml --listen 127.0.0.1:0
-  tirante serve --store todi.db --token-file token   # with the right to acknowledge alarms
+  tirante serve --store todi.db \\
+      --token-file token   # with the right to acknowledge alarms
 
-A daemon shows the page itself, at [http] listen. Other machines reach neither unless a proxy that asks for a password
-leads there, or --allow-remote is said.")]
+A daemon shows the page itself, at [http] listen. Other machines reach neither
+unless a proxy that asks for a password leads there, or --allow-remote is said.")]
 pub struct Args {
-    /// The store.
+    /// Store to show.
     #[command(flatten)]
     pub which: WhichStore,
 
-    /// Address and port; port 0 takes a free one, which is said on stderr.
+    /// Address and port; port 0 takes a free one, reported on stderr.
     #[arg(long, value_name = "ADDRESS:PORT", default_value = "127.0.0.1:7417")]
     pub listen: SocketAddr,
 
-    /// It may listen where other machines reach it, who then read everything it shows.
+    /// Allow an address that other machines can reach; they can then read everything shown.
     #[arg(long)]
     pub allow_remote: bool,
 
-    /// A file with the token of those who may acknowledge alarms; over `http.token_file` of the configuration.
+    /// File with the token for acknowledging alarms; overrides `http.token_file` of the configuration.
     #[arg(long, value_name = "FILE")]
     pub token_file: Option<String>,
 
-    /// An origin of pages that may open the live view; over `http.viewer_origins` of the configuration. May be repeated; viewers on
-    /// the desktop are "file://".
+    /// Origin of pages that may open the live view; overrides `http.viewer_origins` of the configuration. May
+    /// be repeated; desktop viewers are "file://".
     #[arg(long, value_name = "ORIGIN", value_parser = origin)]
     pub viewer_origin: Vec<String>,
 }

@@ -1,26 +1,24 @@
-//! From arguments to plans: the configuration, what the command line puts over it, the forward models.
+//! From arguments to plans: configuration, overriding settings, forward models.
 
 use super::BadArguments;
 use super::progress::Progress;
-use crate::analysis::identify::Plan;
 use crate::analysis::signal::record::RodId;
 use crate::config::{Config, ConfigError, RodConfig, Setting};
 use crate::site::baselines;
-use crate::site::prepared::{self, Generation};
+use crate::site::prepared::{self, Generation, Plans};
 use crate::site::store::{Durability, Store};
 use crate::site::trackers::{self, Site};
 use clap::Args;
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// The configuration, and what is put over it for one run.
+/// Configuration, with the settings that override it for one run.
 #[derive(Debug, Clone, Args)]
 pub struct Setup {
-    /// The configuration; without it the built-in one: the paper's tie-rod at Todi (config/todi.toml).
+    /// Configuration; default: the built-in one, the paper's tie-rod at Todi (config/todi.toml).
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
 
-    /// Puts one key over the configuration, any number of times: `--set abc.distance=relative`.
+    /// Override one configuration key; may be repeated: `--set abc.distance=relative`.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub settings: Vec<Setting>,
 
@@ -28,11 +26,11 @@ pub struct Setup {
     #[arg(long)]
     pub model: Option<String>,
 
-    /// Draws from the prior (abc.draws).
+    /// Number of draws from the prior (abc.draws).
     #[arg(long, value_name = "COUNT")]
     pub draws: Option<u64>,
 
-    /// Accept this share of the draws, the nearest (abc.accept).
+    /// Accept this share of the draws, the nearest ones (abc.accept).
     #[arg(long, value_name = "SHARE", conflicts_with = "epsilon")]
     pub alpha: Option<f64>,
 
@@ -46,7 +44,7 @@ pub struct Setup {
 }
 
 impl Setup {
-    /// The configuration of this run.
+    /// Loads the configuration of this run.
     ///
     /// # Errors
     /// Every fault of the file and of the settings over it.
@@ -73,11 +71,11 @@ impl Setup {
     }
 }
 
-/// The plans of every rod, with a progress bar where a model is fitted.
+/// Prepares the plans of every rod, with a progress bar where a model is fitted.
 ///
 /// # Errors
 /// As [`generation::plans`].
-pub fn plans(config: &Config) -> anyhow::Result<BTreeMap<RodId, Plan>> {
+pub fn plans(config: &Config) -> anyhow::Result<Plans> {
     prepared::plans(config, solves_of)
 }
 
@@ -102,15 +100,15 @@ impl GivenUp {
     }
 }
 
-/// A site ready for records: what analyses them, and what follows them.
+/// A site ready for records: plans, trackers and store.
 pub struct Prepared {
-    /// The configuration and its plans.
+    /// Configuration and plans.
     pub generation: Generation,
     /// Trackers and store.
     pub site: Site,
 }
 
-/// Prepares a whole site. `store`: over the configuration's; without either, a store that is gone with the process.
+/// Prepares a whole site. `store` overrides the configuration's; without either, a store in memory.
 ///
 /// # Errors
 /// Plans that cannot be made, a store that cannot be opened, settings that would drop a baseline nobody gave up.

@@ -1,4 +1,4 @@
-//! `tirante simulate`: a recording of simulated rods, with the truth known.
+//! `tirante simulate`: writes a recording of simulated rods, with the truth known.
 
 use super::BadArguments;
 use super::check::refuse;
@@ -17,26 +17,28 @@ use std::io::{Seek, Write};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// Writes a recording of simulated rods as the configuration's `[simulation]` describes it: modes,
-/// damping, noise, temperature, loss of force, faults. The same seed gives the same file to the byte.
+/// Write recordings simulated from the beam model.
+///
+/// The configuration's section `[simulation]` describes rods, modes, damping, noise, temperature, loss of force and
+/// faults. The same seed gives the same file to the byte.
 #[derive(Debug, clap::Args)]
-#[command(
-    after_help = "Example:\n  tirante simulate --config config/campaign.toml --out campaign.mcap --truth truth.jsonl"
-)]
+#[command(after_help = "Examples:
+  tirante simulate --config config/campaign.toml --out campaign.mcap \\
+      --truth truth.jsonl")]
 pub struct Args {
-    /// The configuration; it needs a section `[simulation]`.
+    /// Configuration; it needs a section `[simulation]`.
     #[arg(long, value_name = "FILE")]
     pub config: PathBuf,
-    /// The recording to write (MCAP).
+    /// Recording to write (MCAP).
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
-    /// What the rods are in truth, one JSON object a rod and record.
+    /// Write the true state of the rods to this file, one JSON object per rod and record.
     #[arg(long, value_name = "FILE")]
     pub truth: Option<PathBuf>,
-    /// Seed, instead of the configuration's.
+    /// Seed; overrides the configuration's.
     #[arg(long, value_name = "N")]
     pub seed: Option<u64>,
-    /// Overwrite files that exist.
+    /// Overwrite existing files.
     #[arg(long)]
     pub force: bool,
 }
@@ -150,7 +152,8 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     print(text.as_bytes())
 }
 
-/// Records made at once: enough for every thread, few enough for memory. The split does not change them.
+/// Batches of records made at once: enough for every thread, few enough for memory. The split does not
+/// change the records.
 fn batches(simulation: &Simulation) -> impl Iterator<Item = Vec<usize>> {
     let samples = simulation.samples().max(1) * simulation.rods.len().max(1);
     let together = (2_000_000 / samples).clamp(1, 4 * rayon::current_num_threads());
@@ -160,13 +163,13 @@ fn batches(simulation: &Simulation) -> impl Iterator<Item = Vec<usize>> {
         .map(move |begin| (begin..records.min(begin + together)).collect())
 }
 
-/// A channel and the unit its samples are written in.
+/// A channel and the unit of its samples.
 type Stream = (ChannelId, Unit);
 
 /// The channels of one rod.
 struct RodStreams {
     displacement: Stream,
-    /// None if there is no climate, or another rod writes the same thermometer.
+    /// `None` if there is no climate, or another rod writes the same thermometer.
     temperature: Option<Stream>,
 }
 
@@ -241,7 +244,7 @@ impl<W: Write + Seek> Recording<W> {
         })
     }
 
-    /// One record of every rod, the channels side by side as a recorder would write them.
+    /// Writes one record of every rod, the channels interleaved as a recorder would.
     fn write(&mut self, rods: &[SimulatedRecord]) -> Result<(), SinkError> {
         let mut sent: Vec<(f64, ChannelId, Unit, &Message)> = Vec::new();
         for (rod, streams) in rods.iter().zip(&self.channels) {
@@ -275,13 +278,14 @@ impl<W: Write + Seek> Recording<W> {
     }
 }
 
-/// An SI value (or degrees Celsius) in `unit`: the inverse of [`Unit::convert`], which is affine.
+/// Converts an SI value (or degrees Celsius) to `unit`: the inverse of [`Unit::convert`], which is
+/// affine.
 fn in_unit(value: f64, unit: Unit) -> f64 {
     let (zero, one) = (unit.convert(0.0), unit.convert(1.0));
     (value - zero) / (one - zero)
 }
 
-/// What one rod is in truth during one record, as a JSON object.
+/// True state of one rod during one record, as a JSON object.
 fn truth_line(record: &SimulatedRecord, simulation: &Simulation, seed: u64) -> serde_json::Value {
     let truth = &record.truth;
     json!({

@@ -1,4 +1,4 @@
-//! The small plots that `identify` and `replay` end with when a person looks at them.
+//! Small plots at the end of `identify` and `replay` on a terminal.
 
 use crate::analysis::findings::hertz;
 use crate::analysis::record_view::Snapshot;
@@ -7,25 +7,25 @@ use crate::command::report_page::terminal::Sketch;
 use crate::site::store::{Reader, StoreError};
 use std::io::{self, IsTerminal};
 
-/// Characters of a line when nobody says how many there are.
+/// Default number of characters of a line.
 const WIDTH: usize = 80;
 /// Most records of a force plot.
 const MOST: usize = 100_000;
 
-/// When plots are drawn.
+/// Condition for drawing plots.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, clap::ValueEnum)]
 pub enum When {
     /// If stdout is a terminal.
     #[default]
     Auto,
-    /// Into files and pipes too.
+    /// Also into files and pipes.
     Always,
     /// Never.
     Never,
 }
 
 impl When {
-    /// The width of the plots \[characters\]; `None` for no plots.
+    /// Width of the plots \[characters\]; `None` for no plots.
     pub fn width(self) -> Option<usize> {
         let out = io::stdout();
         if self == Self::Never || (self == Self::Auto && !out.is_terminal()) {
@@ -36,7 +36,7 @@ impl When {
     }
 }
 
-/// The spectrum of a record with its modes, or with its peaks where none is known; nothing without a spectrum.
+/// The spectrum of a record with its modes, or with its peaks where none is known; empty without a spectrum.
 pub fn spectrum(snapshot: &Snapshot, width: usize) -> String {
     let curve = &snapshot.curve;
     let has_modes = snapshot.peaks.iter().any(|peak| peak.order.is_some());
@@ -65,8 +65,8 @@ pub fn spectrum(snapshot: &Snapshot, width: usize) -> String {
     sketch.draw(width)
 }
 
-/// The change of a rod's force since its baseline, or its force while there is none, over time; nothing for less than two
-/// records.
+/// The change of a rod's force since its baseline, or its force while there is none, over time; empty for
+/// fewer than two records.
 ///
 /// # Errors
 /// The store cannot be read.

@@ -1,4 +1,4 @@
-//! `tirante spectrum`: every peak of a measurement, without a rod.
+//! `tirante spectrum`: shows every peak of a measurement, without a rod.
 
 mod input;
 mod look;
@@ -10,6 +10,7 @@ use super::{BadArguments, WITH_LOSSES, findings};
 use crate::analysis::findings::motion_said;
 use crate::command::report_page;
 use crate::command::report_page::view::SpectrumReport;
+use crate::command::which_store::Output;
 use crate::config::Config;
 use crate::recording::atomic::AtomicFile;
 use crate::recording::{import, read};
@@ -26,69 +27,79 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::thread;
 
-/// Samples of records in memory between reading and analysis (8 bytes each).
+/// Most samples of records in memory between reading and analysis (8 bytes each).
 const SAMPLES_IN_FLIGHT: usize = 4 << 20;
 /// Most records of a page.
 const PAGE_RECORDS: usize = 100;
 
-/// Shows every peak of a measurement: frequency with standard error, damping, level, and what it was taken for. No rod and no
-/// configuration is needed; every channel of motion in the files is looked at.
+/// Show every peak of a measurement; no rod is needed.
 ///
-/// With --config the records are those of the configured rods: the peaks then bear the orders of their modes, and what the record
-/// says of the force stands above them.
+/// Of each peak: frequency with standard error, damping, level, and its probable nature. Every channel of motion in
+/// the files is analysed.
+///
+/// With --config the records are those of the configured rods: the peaks then bear the orders of their modes, and
+/// the force of the record stands above them.
 #[derive(Debug, Clone, clap::Args)]
 #[command(after_help = "Examples:
   tirante spectrum recordings/todi-pull.mcap
   tirante spectrum laser.mcap --topic /nave-3/displacement --band 2..40
-  tirante spectrum laser.csv --unit mm                 any format that import reads
-  tirante spectrum laser.mcap --html laser.html        waveform and spectrum of every record
-  tirante spectrum /data/2026 --json > peaks.jsonl     one object per record and channel
-  tirante spectrum laser.mcap --config site.toml       with the orders of the modes
+  tirante spectrum laser.csv \\
+      --unit mm                 any format that import reads
+  tirante spectrum laser.mcap \\
+      --html laser.html        waveform and spectrum of every record
+  tirante spectrum /data/2026 --format json > peaks.jsonl     one object per \\
+      record and channel
+  tirante spectrum laser.mcap \\
+      --config site.toml       with the orders of the modes
 
 What a peak is taken for:
   mode 2      with --config alone: the rod's second mode
-  candidate   a resonance, which may be a mode; '2 x 4.492' if it is a multiple of another peak, as the
+  candidate   a resonance, which may be a mode; '2 x 4.492' if it is a \\
+      multiple of another peak, as the
               modes of a taut rod nearly are
   doubtful    a resonance whose shape or level speaks against a mode
-  tone        a pure sine: mains, a motor, a pump; harmonic: a multiple of a tone
-  broad       wider than any rod vibrates (damping above 10 %); drift: the same at the low end
+  tone        a pure sine: mains, a motor, a pump; harmonic: a multiple of a \\
+      tone
+  broad       wider than any rod vibrates (damping above 10 %); drift: the \\
+      same at the low end
 
-The level is the height of the fitted peak over the noise floor. Without --band, peaks are looked for from 15 periods
-in the record up to 0.48 of the sample rate.")]
+The level is the height of the fitted peak over the noise floor. Without --band,
+peaks are looked for from 15 periods in the record up to 0.48 of the sample
+rate.")]
 pub struct Args {
     /// Recordings (MCAP), measurements in any format that `import` reads, or folders of recordings.
     #[arg(value_name = "FILE", required = true)]
     pub paths: Vec<PathBuf>,
 
-    /// A channel of a recording by its topic, any number of times; the same as --channel.
+    /// Channel of a recording by its topic; may be repeated; the same as --channel.
     #[arg(long, value_name = "NAME", conflicts_with = "config")]
     pub topic: Vec<String>,
 
-    /// The field of a message that holds the samples, if it is none of the usual ones; of recordings alone.
+    /// Field of a message that holds the samples, if it is not one of the usual ones; only for recordings.
     #[arg(long, value_name = "PATH", conflicts_with = "config")]
     pub field: Option<String>,
 
-    /// Where peaks are looked for in Hz; either end may be left out.
+    /// Band searched for peaks in Hz; either end may be left out.
     #[arg(long, value_name = "LOW..HIGH")]
     pub band: Option<Band>,
 
-    /// A configuration: the records of its rods, with the orders of their modes.
+    /// Configuration: use the records of its rods, with the orders of their modes.
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
 
-    /// One JSON object per record and channel instead of tables.
-    #[arg(long)]
-    pub json: bool,
+    /// Text or JSON.
+    #[command(flatten)]
+    pub output: Output,
 
-    /// Write a page with waveform, spectrum and peaks of every record, to open without a network.
+    /// Write a page with waveform, spectrum and peaks of every record, which needs no network.
     #[arg(long, value_name = "FILE")]
     pub html: Option<PathBuf>,
 
-    /// Whether a small plot is drawn under each table.
+    /// Draw a small plot under each table.
     #[arg(long, value_name = "WHEN", value_enum, default_value_t)]
     pub plot: When,
 
-    /// What a file does not say itself.
+    /// Facts missing in a file.
     #[command(flatten)]
     pub foreign: Foreign,
 }
@@ -216,7 +227,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     Ok(shown.exit_code())
 }
 
-/// What becomes of a step.
+/// Result of a step.
 enum Done {
     Look(Option<Box<Look>>),
     Note(String),
@@ -224,7 +235,7 @@ enum Done {
     Failed(String),
 }
 
-/// Results on their way out, and how many of each there were.
+/// Output of results, with counts of each kind.
 struct Shown<'a> {
     args: &'a Args,
     page: Vec<SpectrumReport>,
@@ -286,7 +297,7 @@ impl<'a> Shown<'a> {
     }
 
     fn show(&self, look: &Look) -> io::Result<()> {
-        let text = match self.args.json {
+        let text = match self.args.output.is_json() {
             true => look.json() + "\n",
             false => self.table(look),
         };
@@ -375,7 +386,8 @@ impl<'a> Shown<'a> {
         Ok(())
     }
 
-    /// 0 good, 1 nothing could be looked at or something broke, 3 refused records, unreadable files or lost data.
+    /// Exit code: 0 good, 1 nothing could be read or the analysis failed, 3 refused records, unreadable files
+    /// or lost data.
     fn exit_code(&self) -> ExitCode {
         if self.broken > 0 || self.looks == 0 {
             if self.looks == 0 && self.failed == 0 && self.broken == 0 {

@@ -1,6 +1,6 @@
-//! `tirante status`: how every rod stands, since when, and why.
+//! `tirante status`: shows the state of every rod, since when, and why.
 
-use super::listing::{Aligned, csv, minutes};
+use super::listing::{Aligned, csv, is_coloured, minutes};
 use super::render::signed_percent;
 use super::which_store::{Format, WhichStore, check_rod};
 use crate::analysis::findings::Doubt;
@@ -10,8 +10,7 @@ use crate::site::clock;
 use crate::site::store::{self, Reader};
 use std::process::ExitCode;
 
-/// Says how every rod stands: its state and since when, the force with its 95 % interval, the change since the
-/// baseline, and the alarms that stand.
+/// Show the state of every rod: force, change, alarms.
 ///
 /// It reads beside a running `replay` or `run`. On stderr it says if monitoring has stopped, since when and why, and what lasts
 /// around the daemon.
@@ -20,20 +19,22 @@ use std::process::ExitCode;
   tirante status --store site.db
   tirante status --config site.toml --rod north --format json
 
-Force and change (since the rod's baseline) are given at the reference temperature. A '~' says that they
-are not: they are those of the latest record at its own temperature, uncompensated. Before there is a baseline the
-force is that of the latest record alone; '!' and '?' say that it may be wrong. The exit code says
-whether the store could be read, not whether an alarm stands: read `alarms` of --format json for that.")]
+Force and change (since the rod's baseline) are given at the reference
+temperature. A '~' says that they are not: they are those of the latest record
+at its own temperature, uncompensated. Before there is a baseline the force is
+that of the latest record alone; '!' and '?' say that it may be wrong. The exit
+code says whether the store could be read, not whether an alarm stands: read
+`alarms` of --format json for that.")]
 pub struct Args {
-    /// The store.
+    /// Store to read.
     #[command(flatten)]
     pub which: WhichStore,
 
-    /// This rod only.
+    /// Only this rod.
     #[arg(long, value_name = "ID")]
     pub rod: Option<String>,
 
-    /// How it is said.
+    /// Output format.
     #[arg(long, value_enum, default_value_t)]
     pub format: Format,
 }
@@ -58,7 +59,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     super::print(text.as_bytes())
 }
 
-/// How the rods of a store stand, or this one; nothing if it has no rod yet.
+/// Status of the rods of a store, or of one; empty if it has no rod yet.
 ///
 /// # Errors
 /// The store cannot be read.
@@ -97,15 +98,13 @@ fn table(rows: &[RodStatus]) -> String {
     let mut table = Aligned::new(&[
         "rod",
         "state",
-        "since (UTC)",
         ">force (95 %) [kN]",
         ">change (95 %) [%]",
-        "latest record (UTC)",
-        ">records",
-        ">rejected",
+        "latest (UTC)",
     ]);
     let time =
         |time: Option<Timestamp>| time.map_or_else(|| "-".to_owned(), |time| minutes(&time.to_string()));
+    let counted = |count: u64, noun: &str| format!("{count} {noun}{}", if count == 1 { "" } else { "s" });
     for row in rows {
         let change_mark = if row.compensated { "" } else { "~" };
         let dash = || "-".to_owned();
@@ -120,7 +119,6 @@ fn table(rows: &[RodStatus]) -> String {
         table.push(vec![
             row.rod.0.clone(),
             row.state.to_owned(),
-            time(row.since),
             force.map_or_else(dash, |n| {
                 let [mean, low, high] = [n.mean, n.q025, n.q975].map(|n| n * 1e-3);
                 format!("{force_mark}{mean:.0} ({low:.0} to {high:.0})")
@@ -129,10 +127,11 @@ fn table(rows: &[RodStatus]) -> String {
                 let [mean, low, high] = [r.mean, r.q025, r.q975].map(signed_percent);
                 format!("{change_mark}{mean} ({low} to {high})")
             }),
-            time(row.latest_record),
-            row.records.to_string(),
-            format!("{:.1} %", row.rejected_share() * 100.0),
+            row.latest_record.map_or_else(dash, day),
         ]);
+        if row.state == "alarm" {
+            table.stress();
+        }
         if own.is_some() {
             table.note("the force is that of the latest record alone".to_owned());
             row.doubts
@@ -142,6 +141,15 @@ fn table(rows: &[RodStatus]) -> String {
         if let Some(why) = row.why() {
             table.note(why);
         }
+        let since = row.since.map_or_else(String::new, |since| {
+            format!("{} since {}; ", row.state, minutes(&since.to_string()))
+        });
+        table.note(format!(
+            "{since}latest record {}; {}, {:.1} % rejected",
+            time(row.latest_record),
+            counted(row.records, "record"),
+            row.rejected_share() * 100.0
+        ));
         if row.relative_force.is_some() && !row.compensated {
             table.note(
                 "uncompensated: force and change are those at the temperature of the latest record"
@@ -167,12 +175,15 @@ fn table(rows: &[RodStatus]) -> String {
                 day(alarm.told),
                 alarm.message
             ));
+            if alarm.acknowledged.is_none() {
+                table.stress();
+            }
         }
         for request in &row.waiting {
             table.note(format!("asked for, waits for the next record: {request}"));
         }
     }
-    table.print()
+    table.print(is_coloured())
 }
 
 /// A time to the day.

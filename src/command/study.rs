@@ -1,4 +1,4 @@
-//! `tirante study`: the source paper, run again and held against what it prints.
+//! `tirante study`: repeats the source paper and compares its printed figures.
 
 use super::print;
 use super::progress::Progress;
@@ -10,6 +10,7 @@ use crate::analysis::lab::study::times::Time;
 use crate::analysis::lab::study::{self, Effort, Score, Study};
 use crate::analysis::rod::beam::Quantity;
 use crate::command::report_page;
+use crate::command::which_store::Output;
 use crate::recording::atomic::AtomicFile;
 use anyhow::Context;
 use serde::Serialize;
@@ -20,30 +21,32 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Instant;
 
-/// Runs the study of the source paper and holds every table and figure against what it prints, with Monte Carlo
-/// errors.
+/// Run the source paper's study and compare it with the paper.
+///
+/// Every table and figure is held against the printed one, with Monte Carlo errors.
 #[derive(Debug, Clone, clap::Args)]
 #[command(after_help = "Examples:
   tirante study --out study
   tirante study --quick
 
-Writes study.html (every table and figure), study.json and numbers.csv (every number), curves.csv (every curve). \
-The same seed gives the same bytes. A few minutes on two cores; --quick half a minute.")]
+Writes study.html (every table and figure), study.json and numbers.csv (every
+number), curves.csv (every curve). The same seed gives the same bytes. A few
+minutes on two cores; --quick half a minute.")]
 pub struct Args {
-    /// The folder of the report; without it only the table on stdout.
+    /// Folder of the report; without it only the table on stdout.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
 
-    /// Repetitions of every ABC; of every MCMC a quarter as many.
+    /// Number of repetitions of every ABC; of every MCMC a quarter as many.
     #[arg(long, value_name = "COUNT", default_value_t = 40, value_parser = clap::value_parser!(u16).range(8..=10_000), conflicts_with = "quick")]
     pub repeats: u16,
 
-    /// A small part of the work, to see what comes out; its errors are large.
+    /// Do a small part of the work, as a trial; its errors are large.
     #[arg(long)]
     pub quick: bool,
 
-    /// Also takes the times of training, evaluation and sampling on one thread, half a minute more; these are not the
-    /// same twice, everything else is.
+    /// Also measure the times of training, evaluation and sampling on one thread, half a minute more; these
+    /// are not reproducible, everything else is.
     #[arg(long)]
     pub times: bool,
 
@@ -51,9 +54,9 @@ pub struct Args {
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
 
-    /// One JSON object with every number instead of the table.
-    #[arg(long)]
-    pub json: bool,
+    /// Text or JSON.
+    #[command(flatten)]
+    pub output: Output,
 }
 
 impl Args {
@@ -105,7 +108,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         write(&out.join("numbers.csv"), &numbers(&study.comparisons()))?;
         write(&out.join("curves.csv"), &curves(&study))?;
     }
-    let text = if args.json {
+    let text = if args.output.is_json() {
         json
     } else {
         table(&study, args.out.as_deref())
@@ -120,7 +123,7 @@ fn write(path: &Path, text: &str) -> anyhow::Result<()> {
     file.commit().with_context(at)
 }
 
-/// Every number.
+/// All numbers of the study.
 #[derive(Serialize)]
 struct Document<'a> {
     program: &'static str,
@@ -219,7 +222,7 @@ fn curves(study: &Study) -> String {
     csv
 }
 
-/// The study for people: what agrees, what does not, which statements hold.
+/// Summary of the study: figures that agree or disagree, and verdicts on the statements.
 fn table(study: &Study, out: Option<&Path>) -> String {
     let mut text = String::new();
     let _ = writeln!(

@@ -9,9 +9,9 @@ use std::fmt::Write as _;
 use std::io::{self, Write};
 use std::path::Path;
 
-/// The lowest stress thought possible where nobody expects a force \[Pa\]: a rod slacker than this hangs like a chain.
+/// Least stress assumed without an expected force \[Pa\]: a rod slacker than this hangs like a chain.
 const SLACK_PA: f64 = 1e6;
-/// The lowest force thought possible of a rod of any section \[N\].
+/// Least force assumed of a rod of any section \[N\].
 const SLACK_N: f64 = 1e3;
 /// The 97.5 % quantile of the standard normal distribution.
 const QUANTILE: f64 = 1.96;
@@ -21,22 +21,22 @@ const MOST_LOG_SD: f64 = 3.0;
 
 /// Names and facts of one rod.
 pub struct Template<'a> {
-    /// The command that writes it.
+    /// Command that writes the configuration.
     pub command: &'a str,
-    /// The name of the site.
+    /// Name of the site.
     pub site: &'a str,
-    /// The id of the rod.
+    /// Id of the rod.
     pub id: &'a str,
     /// Geometry, material and expected force.
     pub rod: &'a Rod,
-    /// Where its samples are.
+    /// Channel of its samples.
     pub sensor: &'a Sensor,
-    /// A channel of temperature beside them.
+    /// Temperature channel beside them, if any.
     pub thermometer: Option<&'a Content>,
 }
 
 impl Template<'_> {
-    /// The configuration: the least that is needed, with comments and priors that claim little.
+    /// Text of the configuration: the minimum needed, with comments and weak priors.
     pub fn text(&self) -> String {
         let Self {
             command,
@@ -130,14 +130,14 @@ impl Template<'_> {
     }
 }
 
-/// The first channel of temperature.
+/// First temperature channel.
 pub fn thermometer(found: Option<&[Content]>) -> Option<&Content> {
     let is_temperature =
         |content: &&Content| content.unit.is_some_and(|unit| Unit::TEMPERATURE.contains(&unit));
     found?.iter().find(is_temperature)
 }
 
-/// Writes a file that must not exist, whole or not at all.
+/// Writes a file that must not exist, complete or not at all.
 ///
 /// # Errors
 /// It exists, or cannot be written.
@@ -220,7 +220,7 @@ mod tests {
         }
     }
 
-    /// The range of a force is where the prior has 95 % of its mass; nothing known reaches from 1 kN to yield.
+    /// The range of a force contains 95 % of its prior; without one the prior reaches from 1 kN to yield.
     #[test]
     fn the_prior_of_the_force_is_what_was_said() {
         let prior = |expected| {

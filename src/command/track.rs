@@ -1,10 +1,10 @@
-//! `tirante track`: tables of natural frequencies that were identified elsewhere, followed as records are.
+//! `tirante track`: tracks rods from tables of natural frequencies identified elsewhere.
 
 use super::progress::Progress;
 use super::render::Table;
 use super::setup::{self, GivenUp, Prepared, Setup};
 use super::status;
-use super::which_store::Format;
+use super::which_store::{Format, Output};
 use super::{BadArguments, WITH_LOSSES};
 use crate::analysis::identify::Plan;
 use crate::analysis::outcome::{Outcome, Rejected, Tabulated, tabulated_identity};
@@ -16,21 +16,20 @@ use crate::site::store::StoreError;
 use crate::site::trackers::{Site, Taken};
 use anyhow::{Context, anyhow};
 use std::collections::BTreeMap;
-use std::env;
 use std::fs::File;
-use std::io::{self, BufReader, IsTerminal, Write};
+use std::io::{self, BufReader, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-/// Follows rods from tables of natural frequencies that were identified elsewhere: a researcher's series, or years of which
-/// no samples are left.
+/// Follow rods from tables of natural frequencies.
 ///
-/// Per row it prints what `replay` prints per record: the change of the force since the baseline, the state, alarms as they are
-/// raised; in the end every alarm, and how every rod stands.
+/// The frequencies were identified elsewhere: a researcher's series, or years of which no samples are left. Prints
+/// per row what `replay` prints per record, and at the end every alarm and the state of every rod.
 #[derive(Debug, Clone, clap::Args)]
 #[command(after_help = "Examples:
   tirante track frequencies.csv --config site.toml
-  tirante track 2024.csv 2025.csv weather.csv --config site.toml --json > change.jsonl
+  tirante track 2024.csv 2025.csv weather.csv --config site.toml \\
+      --format json > change.jsonl
   tirante track frequencies.csv --config site.toml --store site.db
 
 A table (CSV, or with semicolons or tabs) names its columns in the first line, in any order:
@@ -40,32 +39,37 @@ A table (CSV, or with semicolons or tabs) names its columns in the first line, i
   2026-03-01T07:00:00Z,,,,,,8.9
   2026-03-01T12:00:00Z,nave-3,4.4870,0.0024,,,
 
-`time` is ISO 8601 (UTC where no zone is said) or seconds since 1970; `sd1_hz` is the standard error of `f1_hz`. An empty cell is
-a value that is missing: above, mode 2 of the last record. A row without frequencies is a temperature, of every rod if it names
-none. `rms` (of the samples, one unit throughout) and `duration_s` may be there. Rows of all tables are taken in the order of
-their times. The configuration is that of `replay`, from `tirante init`; where its samples come from does not matter here.
+`time` is ISO 8601 (UTC where no zone is said) or seconds since 1970; `sd1_hz`
+is the standard error of `f1_hz`. An empty cell is a value that is missing:
+above, mode 2 of the last record. A row without frequencies is a temperature, of
+every rod if it names none. `rms` (of the samples, one unit throughout) and
+`duration_s` may be there. Rows of all tables are taken in the order of their
+times. The configuration is that of `replay`, from `tirante init`; where its
+samples come from does not matter here.
 
-Each record has no force of its own, which `tirante identify --frequencies` gives: the force shown is that of the baseline times the
-change. Alarms are results, not failures: exit code 0, or 3 if rows were refused because no rod of the prior has such frequencies.")]
+Each record has no force of its own, which `tirante identify --frequencies`
+gives: the force shown is that of the baseline times the change. Alarms are
+results, not failures: exit code 0, or 3 if rows were refused because no rod of
+the prior has such frequencies.")]
 pub struct Args {
     /// Tables of frequencies and temperatures.
     #[arg(value_name = "TABLE", required = true)]
     pub paths: Vec<PathBuf>,
 
-    /// One JSON object per record on stdout instead of the table.
-    #[arg(long)]
-    pub json: bool,
+    /// Text or JSON.
+    #[command(flatten)]
+    pub output: Output,
 
-    /// Keep results in this database (SQLite) and go on where it left off; over `[store] path` of the configuration. Without
-    /// either, nothing is remembered afterwards.
+    /// Keep results in this database (SQLite) and resume from it; overrides `[store] path` of the
+    /// configuration. Without either, nothing is kept afterwards.
     #[arg(long, value_name = "FILE")]
     pub store: Option<PathBuf>,
 
-    /// Decimals stand behind a comma.
+    /// The decimal sign is a comma.
     #[arg(long)]
     pub decimal_comma: bool,
 
-    /// The configuration.
+    /// Configuration of the run.
     #[command(flatten)]
     pub setup: Setup,
 
@@ -77,8 +81,8 @@ pub struct Args {
 /// Runs the command.
 ///
 /// # Errors
-/// Bad arguments or configuration, a table that cannot be read or names a rod nobody configured, a store or an output that
-/// cannot be written.
+/// Bad arguments or configuration, a table that cannot be read or names a rod that is not configured, a store
+/// or an output that cannot be written.
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let config = args.setup.load()?;
     let mut rows = Vec::new();
@@ -100,7 +104,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         .max()
         .unwrap_or(0);
     let store = args.store.as_deref().or(config.store.path.as_deref());
-    let is_coloured = io::stdout().is_terminal() && env::var_os("NO_COLOR").is_none_or(|set| set.is_empty());
+    let is_coloured = super::listing::is_coloured();
     let table = Table::new(
         config.rods.iter().map(|rod| &rod.analysis.rod),
         modes,
@@ -108,7 +112,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         is_coloured,
     );
     let mut output = io::stdout().lock();
-    if !args.json {
+    if !args.output.is_json() {
         writeln!(output, "{}\n{}", config.site, table.header())?;
     }
     let bar = Progress::new(
@@ -129,13 +133,13 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         };
         let outcome = outcome_of(row, plan, waiting.take(&rod));
         waiting.passed(&rod, outcome.identity());
-        let Some(Taken { line, verdict }) = fold(&mut site, &outcome)? else {
+        let Some(Taken { row, verdict }) = fold(&mut site, &outcome)? else {
             tally.known += 1;
             continue;
         };
         tally.count(&outcome, verdict.set_aside.is_some(), &verdict.events);
-        let text = if args.json {
-            line
+        let text = if args.output.is_json() {
+            row.to_json()?
         } else {
             table.row(&outcome, &verdict)
         };
@@ -160,7 +164,7 @@ fn fold(site: &mut Site, outcome: &Outcome) -> Result<Option<Taken>, StoreError>
     site.take(outcome, None)
 }
 
-/// The rows of a table; every rod is configured, and every record's rod is known.
+/// Reads the rows of a table; every rod must be configured, and every record's rod known.
 fn read(path: &Path, decimal_comma: bool, config: &Config) -> anyhow::Result<Vec<FrequencyRow>> {
     let named = || path.display();
     let file = File::open(path).with_context(|| named().to_string())?;
@@ -220,7 +224,7 @@ fn first_hz(row: &FrequencyRow) -> f64 {
     row.modes.first().map_or(0.0, |mode| mode.frequency_hz)
 }
 
-/// Outcome of a row: followed, or refused because no rod of the prior has its frequencies.
+/// Outcome of a row: tracked, or refused because no rod of the prior has its frequencies.
 fn outcome_of(row: FrequencyRow, plan: &Plan, readings: Vec<Reading>) -> Outcome {
     let rod = plan.settings().rod.clone();
     match plan.conflict(&row.modes) {
@@ -284,7 +288,7 @@ impl Waiting {
         }
     }
 
-    /// Readings that no record left with: rod, readings, the record before them.
+    /// Readings that belong to no record: rod, readings, the record before them.
     fn rest(self) -> impl Iterator<Item = (RodId, Vec<Reading>, Option<[u8; 32]>)> {
         let rods = self.0.into_iter();
         rods.map(|(rod, (readings, after))| (rod, readings, after))
@@ -292,7 +296,7 @@ impl Waiting {
     }
 }
 
-/// Counts of a run, and every alarm that was told.
+/// Counts of a run, and every alarm raised.
 #[derive(Default)]
 struct Tally {
     followed: usize,
@@ -317,7 +321,7 @@ impl Tally {
         }
     }
 
-    /// Tells counts and alarms on stderr.
+    /// Reports counts and alarms on stderr.
     fn tell(&self) {
         let Self {
             followed,

@@ -1,4 +1,4 @@
-//! Which store a command means, and in which format it answers.
+//! Store and output format of a command.
 
 use super::BadArguments;
 use crate::analysis::signal::record::{RodId, Timestamp};
@@ -6,22 +6,22 @@ use crate::config::Config;
 use crate::site::store::{Asked, Durability, Reader, Store, StoreError, request_of_writer};
 use std::path::{Path, PathBuf};
 
-/// The store of a command.
+/// Store of a command.
 #[derive(Debug, Clone, clap::Args)]
 pub struct WhichStore {
-    /// The store; over the `[store] path` of the configuration.
+    /// Store; overrides `[store] path` of the configuration.
     #[arg(long, value_name = "FILE")]
     pub store: Option<PathBuf>,
 
-    /// The configuration whose `[store] path` names the store.
+    /// Configuration whose `[store] path` names the store.
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
 }
 
-/// How a command answers.
+/// Output format.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, clap::ValueEnum)]
 pub enum Format {
-    /// Aligned columns for people.
+    /// Aligned columns.
     #[default]
     Table,
     /// One JSON object per line.
@@ -30,8 +30,44 @@ pub enum Format {
     Csv,
 }
 
+/// How a command that prints text or JSON answers.
+#[derive(Debug, Clone, Copy, Default, clap::Args)]
+pub struct Output {
+    /// Output format.
+    #[arg(long, value_enum, default_value_t)]
+    format: TextFormat,
+
+    /// The older spelling of `--format json`.
+    #[arg(long, hide = true, conflicts_with = "format")]
+    json: bool,
+}
+
+/// Text or JSON.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, clap::ValueEnum)]
+enum TextFormat {
+    /// Text and tables for people.
+    #[default]
+    #[value(alias = "table")]
+    Text,
+    /// One JSON object per line.
+    Json,
+}
+
+impl Output {
+    /// JSON, as programs ask for it.
+    pub const JSON: Self = Self {
+        format: TextFormat::Json,
+        json: false,
+    };
+
+    /// True if JSON is asked for.
+    pub fn is_json(self) -> bool {
+        self.json || self.format == TextFormat::Json
+    }
+}
+
 impl WhichStore {
-    /// The file.
+    /// Path of the store.
     ///
     /// # Errors
     /// None is named, or the configuration is not valid.
@@ -57,7 +93,7 @@ impl WhichStore {
     }
 }
 
-/// Refuses a rod the store does not have.
+/// Checks that the store has a rod.
 pub fn check_rod(reader: &Reader, rod: Option<&str>) -> anyhow::Result<Option<RodId>> {
     let Some(id) = rod else { return Ok(None) };
     let rods: Vec<String> = reader.rods()?.into_iter().map(|rod| rod.0).collect();
@@ -72,7 +108,8 @@ pub fn check_rod(reader: &Reader, rod: Option<&str>) -> anyhow::Result<Option<Ro
     Err(BadArguments(format!("rod {id}: {} has {known}", reader.path().display())).into())
 }
 
-/// Puts requests into a store, and applies at once what needs no fold if nothing writes to it; says when they hold.
+/// Puts requests into a store, and applies those that need no fold at once if nothing writes to it; returns
+/// when they take effect, in words.
 pub fn ask(path: &Path, requests: &[(RodId, Asked)], asked: Timestamp) -> anyhow::Result<String> {
     let mut store = match Store::open(path, Durability::Full) {
         Ok(store) => store,

@@ -1,4 +1,4 @@
-//! `[abc]`: how the axial force is inferred.
+//! `[abc]`: settings of the inference of the axial force.
 
 use super::range::{Range, toml_float};
 use super::reader::{Absent, Table, key};
@@ -16,10 +16,10 @@ const METHODS: [(&str, Method); 2] = [
 ];
 const ADJUSTMENTS: [(&str, Adjustment); 2] = [("none", Adjustment::None), ("linear", Adjustment::Linear)];
 
-/// The fewest accepted draws a posterior is worth stating from.
+/// Fewest accepted draws of a usable posterior.
 const FEWEST_ACCEPTED: f64 = 50.0;
 
-/// The section.
+/// Reads the section.
 pub(super) fn read(table: &mut Table<'_>) -> AbcSettings {
     let default = AbcSettings::default();
     let draws = table.integer(

@@ -1,13 +1,13 @@
-//! `[alarm]`: when somebody is told.
+//! `[alarm]`: when alarms are raised and repeated.
 
 use super::range::Range;
 use super::reader::{Absent, Table, key};
+use crate::analysis::signal::record::time::DAY_S;
 use crate::analysis::track::AlarmSettings;
 
 const HOUR_S: f64 = 3600.0;
-const DAY_S: f64 = 86_400.0;
 
-/// The section.
+/// Reads the section.
 pub(super) fn read(table: &mut Table<'_>) -> AlarmSettings {
     let default = AlarmSettings::default();
     // Keys of the control charts of versions before: a configuration that has them is still read.

@@ -1,4 +1,4 @@
-//! `[rod.channel]` and `[rod.temperature]`: where a rod's samples stand in a recording.
+//! `[rod.channel]` and `[rod.temperature]`: location of a rod's samples in a recording.
 
 use super::range::{Range, toml_string};
 use super::reader::{Absent, Table, key};
@@ -6,7 +6,7 @@ use super::value::Value;
 use crate::analysis::signal::record::{Channel, TimeSource, Unit};
 use crate::recording::read::FieldPath;
 
-/// One channel; `field` and `unit` are the defaults, `units` what is allowed.
+/// Reads one channel; `field` and `unit` are the defaults, `units` the units allowed.
 pub(super) fn read(table: &mut Table<'_>, field: &str, units: &[Unit], unit: Unit) -> Option<Channel> {
     let topic = table.take(
         key("topic", "topic of the messages"),
@@ -76,7 +76,7 @@ fn time(value: &Value<'_>) -> Option<TimeSource> {
     })
 }
 
-/// A path into a message, as the decoders read it.
+/// Reads a path into a message, in the form of the decoders.
 fn path(value: &Value<'_>) -> Option<String> {
     let text = value.name_string()?;
     match FieldPath::parse(text) {

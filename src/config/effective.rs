@@ -1,4 +1,4 @@
-//! The effective configuration: every key with the value that holds, as commented TOML.
+//! The effective configuration: every key with its value in effect, as commented TOML.
 
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -17,11 +17,11 @@ pub(super) struct Node {
 #[derive(Debug, Clone)]
 pub(super) struct Line {
     pub(super) key: &'static str,
-    /// The value as TOML; none if nothing holds.
+    /// Value as TOML; `None` if there is none.
     pub(super) value: Option<String>,
-    /// Whether the key has an effect here.
+    /// True if the key has an effect here.
     pub(super) shown: bool,
-    /// Whether the text gave it.
+    /// True if the text gives the key.
     pub(super) given: bool,
     pub(super) default: String,
     pub(super) allowed: String,
@@ -29,27 +29,27 @@ pub(super) struct Line {
     pub(super) condition: Option<&'static str>,
 }
 
-/// Equal if the same holds, whether given or by default.
+/// Equal if the values in effect are equal, given or by default.
 impl PartialEq for Line {
     fn eq(&self, other: &Self) -> bool {
         self.key == other.key && self.value == other.value
     }
 }
 
-/// One key as the documentation lists it.
+/// One key as listed in the documentation.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct KeyReference {
-    /// The section: `rod.channel`; `[[` … `]]` for those that may stand several times.
+    /// Section: `rod.channel`; `[[` … `]]` for those that may occur several times.
     pub section: String,
-    /// The key.
+    /// Name of the key.
     pub key: &'static str,
-    /// Its default, `required`, or what happens without it.
+    /// Default, `required`, or the behaviour without it.
     pub default: String,
-    /// What is allowed.
+    /// Allowed values.
     pub allowed: String,
-    /// What it means, with its unit.
+    /// Meaning, with the unit.
     pub meaning: &'static str,
-    /// When it has an effect, if not always.
+    /// Condition for an effect; `None`: always.
     pub condition: Option<&'static str>,
 }
 
@@ -73,12 +73,12 @@ impl Node {
         }
     }
 
-    /// The section's full name.
+    /// Full name of the section.
     pub(super) fn name(&self) -> &str {
         &self.header
     }
 
-    /// The value of a key as TOML.
+    /// Value of a key as TOML.
     pub(super) fn value_of(&self, key: &str) -> Option<&String> {
         self.lines.iter().find(|line| line.key == key)?.value.as_ref()
     }
@@ -103,7 +103,7 @@ impl Node {
         }
     }
 
-    /// As TOML: with what each key means if `commented`, else the bare keys.
+    /// Prints TOML: with the meaning of each key if `commented`, else the bare keys.
     pub(super) fn print(&self, commented: bool, out: &mut String) {
         if !self.header.is_empty() {
             if !out.is_empty() {

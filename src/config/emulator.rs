@@ -1,4 +1,4 @@
-//! `[emulator]`: which forward model answers for the natural frequencies.
+//! `[emulator]`: forward model of the natural frequencies.
 
 use super::RodConfig;
 use super::reader::{Table, key};
@@ -20,7 +20,7 @@ const KINDS: [(&str, Kind); 4] = [
     ("pce", Kind::Pce),
 ];
 
-/// The section.
+/// Reads the section.
 pub(super) fn read(table: &mut Table<'_>) -> ModelSettings {
     let kind = table.choice(
         key(
@@ -55,7 +55,8 @@ pub(super) fn read(table: &mut Table<'_>) -> ModelSettings {
     }
 }
 
-/// The paper's chaos expands the uncertain quantities of a rod, on a tensor grid of (order + 1) points each.
+/// Checks that the paper's chaos can be fitted: it expands the uncertain quantities of a rod on a tensor
+/// grid of (order + 1) points each.
 pub(super) fn check_chaos(root: &Table<'_>, model: ModelSettings, rods: &[Option<RodConfig>]) {
     let ModelSettings::Pce { order } = model else {
         return;

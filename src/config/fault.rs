@@ -1,11 +1,11 @@
-//! What is wrong with a configuration: one sentence per fault, with its key, line and column.
+//! Faults of a configuration: one sentence per fault, with its key, line and column.
 
 use std::cell::{Cell, RefCell};
 use std::fmt;
 use std::path::PathBuf;
 use thiserror::Error;
 
-/// One thing wrong with a configuration.
+/// One fault of a configuration.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Fault {
     /// The full path of the key (`rod[0].priors.density_kg_m3.cv`); empty for a fault of the text itself.
@@ -14,7 +14,7 @@ pub struct Fault {
     pub line: usize,
     /// Column in the line, in characters, from 1; 0 for a setting of the command line.
     pub column: usize,
-    /// What is wrong and what is allowed.
+    /// Fault, with the values allowed.
     pub message: String,
 }
 
@@ -31,21 +31,21 @@ impl fmt::Display for Fault {
     }
 }
 
-/// Why there is no configuration.
+/// Reason why there is no configuration.
 #[derive(Debug, Error)]
 pub enum ConfigError {
-    /// The file cannot be read at all.
+    /// The file cannot be read.
     #[error("{}: {reason}", path.display())]
     Unreadable {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// What the system said.
+        /// Error of the system.
         reason: String,
     },
     /// The text has faults: all of them, in the order of the text.
     #[error("{}", listed(origin, faults))]
     Faults {
-        /// The file, or what the text is called.
+        /// Name of the file or text.
         origin: String,
         /// The faults, at least one.
         faults: Vec<Fault>,
@@ -63,13 +63,13 @@ fn listed(origin: &str, faults: &[Fault]) -> String {
     faults.iter().map(shown).collect::<Vec<_>>().join("\n")
 }
 
-/// Faults beyond this number are counted, not listed.
+/// Most faults listed; further ones are only counted.
 const MOST: usize = 500;
 
 /// Faults found so far in one text.
 pub(super) struct Faults<'t> {
     pub(super) text: &'t str,
-    /// Where the file ends and the settings of the command line begin.
+    /// End of the file's text, where the settings of the command line begin \[bytes\].
     end: usize,
     line_starts: Vec<usize>,
     list: RefCell<Vec<Found>>,
@@ -101,7 +101,7 @@ impl<'t> Faults<'t> {
         self.push(key.into(), at, message.into(), false);
     }
 
-    /// Adds that `key` is missing from the table at byte `at`.
+    /// Adds the absence of `key` from the table at byte `at`.
     pub(super) fn add_absence(&self, key: impl Into<String>, at: usize, message: impl Into<String>) {
         self.push(key.into(), at, message.into(), true);
     }
@@ -124,8 +124,8 @@ impl<'t> Faults<'t> {
         }
     }
 
-    /// Forgets what a broken text only seems to lack or to have wrong: faults of keys it lacks and
-    /// faults in lines that hold a fault of the text itself.
+    /// Drops faults that only follow from a broken text: missing keys, and faults in lines with a fault
+    /// of the text itself.
     pub(super) fn distrust_after_broken_text(&self) {
         let mut list = self.list.borrow_mut();
         let line = |found: &Found| self.line_starts.partition_point(|start| *start <= found.at);
@@ -139,17 +139,17 @@ impl<'t> Faults<'t> {
         });
     }
 
-    /// How many so far.
+    /// Number of faults so far.
     pub(super) fn count(&self) -> usize {
         self.count.get()
     }
 
-    /// The line of byte `at`, from 1.
+    /// Line of byte `at`, from 1.
     pub(super) fn line(&self, at: usize) -> usize {
         self.position(at).0
     }
 
-    /// All faults in the order of the text; the last says how many more there are.
+    /// All faults in the order of the text; the last one gives the number of faults not listed.
     pub(super) fn into_sorted(self) -> Vec<Fault> {
         let more = self.count.get().saturating_sub(MOST);
         let mut list = self.list.into_inner();

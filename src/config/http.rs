@@ -7,7 +7,7 @@ use super::sink::{file, list, strings};
 use super::value::Value;
 use std::net::SocketAddr;
 
-/// The section.
+/// Reads the section.
 pub(super) fn read(table: &mut Table<'_>) -> HttpSettings {
     let default = HttpSettings::default();
     let listen = table.take(

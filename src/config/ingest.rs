@@ -1,4 +1,4 @@
-//! `[ingest]`: where live data comes from.
+//! `[ingest]`: sources of live data.
 
 use super::range::{Range, toml_string};
 use super::reader::{Absent, Key, Table, key};
@@ -6,12 +6,12 @@ use super::value::Value;
 use crate::config::settings::ingest::{IngestSettings, Listen, TlsSettings};
 use std::path::PathBuf;
 
-/// Most sockets that are listened at.
+/// Most listening sockets.
 const MOST_SOCKETS: usize = 16;
 
 const HOUR_S: f64 = 3600.0;
 
-/// The section.
+/// Reads the section.
 pub(super) fn read(table: &mut Table<'_>) -> IngestSettings {
     let default = IngestSettings::default();
     let folder = path(

@@ -2,13 +2,14 @@
 
 use super::range::{Range, toml_string};
 use super::reader::{Absent, Table, key};
+use crate::analysis::signal::record::time::DAY_S;
 use crate::config::settings::journal::JournalSettings;
 use std::path::PathBuf;
 
 const MB: f64 = (1u64 << 20) as f64;
 const GB: f64 = 1e9;
 
-/// The section.
+/// Reads the section.
 pub(super) fn read(table: &mut Table<'_>) -> JournalSettings {
     let default = JournalSettings::default();
     let folder = table
@@ -42,7 +43,7 @@ pub(super) fn read(table: &mut Table<'_>) -> JournalSettings {
             "parts whose results are in the store are removed when they are this old [d]; 0 keeps them",
         ),
         Range::within(0.0, 36_500.0),
-        default.keep_s.unwrap_or(0.0) / 86_400.0,
+        default.keep_s.unwrap_or(0.0) / DAY_S,
     );
     let keep_gb = table.number(
         key(
@@ -56,7 +57,7 @@ pub(super) fn read(table: &mut Table<'_>) -> JournalSettings {
         folder,
         part_bytes: (part_mb * MB) as u64,
         part_s: part_h * 3600.0,
-        keep_s: Some(keep_d * 86_400.0).filter(|keep_s| *keep_s > 0.0),
+        keep_s: Some(keep_d * DAY_S).filter(|keep_s| *keep_s > 0.0),
         keep_bytes: Some((keep_gb * GB) as u64).filter(|bytes| *bytes > 0),
     }
 }

@@ -55,57 +55,57 @@ use std::io::Read;
 use std::path::Path;
 use toml::de::DeTable;
 
-/// The longest configuration read \[bytes\].
+/// Longest configuration read \[bytes\].
 pub const LONGEST: usize = 1 << 20;
 
-/// Sections no result depends on.
+/// Sections that no result depends on.
 const OPERATION: [&str; 6] = ["simulation", "ingest", "journal", "http", "sink", "alert"];
 
 const BUILT_IN: &str = include_str!("../../config/todi.toml");
 
-/// Everything a run depends on besides its data.
+/// Configuration of a site: everything a run depends on besides its data.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Config {
-    /// The name of the site.
+    /// Name of the site.
     pub site: String,
-    /// Seed of everything random.
+    /// Seed of all random numbers.
     pub seed: u64,
     /// The rods, at least one, with different ids.
     pub rods: Vec<RodConfig>,
-    /// How samples are cut into records and when a record is refused.
+    /// Settings of cutting samples into records and of refusing records.
     pub record: RecordSettings,
-    /// How the relative force is followed.
+    /// Settings of tracking the relative force.
     pub track: TrackSettings,
-    /// When somebody is told.
+    /// Settings of the alarms.
     pub alarm: AlarmSettings,
-    /// Where results are kept.
+    /// Settings of the store.
     pub store: StoreSettings,
-    /// Where live data comes from.
+    /// Sources of live data.
     pub ingest: IngestSettings,
-    /// Live data on disk.
+    /// Settings of the journal of live data.
     pub journal: JournalSettings,
-    /// The daemon's HTTP server.
+    /// Settings of the daemon's HTTP server.
     pub http: HttpSettings,
-    /// Where alarms go.
+    /// Destinations of alarms.
     pub sinks: Vec<SinkSettings>,
     /// How the sinks are told of the daemon itself.
     pub alert: AlertSettings,
-    /// What `simulate` writes; none if the configuration has no `[simulation]`.
+    /// Simulation that `simulate` writes; `None` without a `[simulation]`.
     pub simulation: Option<SimulationConfig>,
     effective: effective::Node,
 }
 
-/// One rod: how it is analysed and where its samples are.
+/// One rod: settings of its analysis, and channels of its samples.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RodConfig {
-    /// Everything its analysis depends on.
+    /// Settings of its analysis.
     pub analysis: AnalysisSettings,
-    /// Where its samples stand in a recording.
+    /// Location of its samples in a recording.
     pub channels: RodChannels,
 }
 
 impl Config {
-    /// The configuration shipped in the program: the paper's rod (`config/todi.toml`).
+    /// Configuration built into the program: the paper's rod (`config/todi.toml`).
     pub fn built_in() -> Self {
         match Self::parse(BUILT_IN, "config/todi.toml") {
             Ok(config) => config,
@@ -122,9 +122,9 @@ impl Config {
         Self::parse(&text, &path.display().to_string())
     }
 
-    /// What a command works with: the file at `path` or else the built-in configuration, with the
-    /// command line's settings over it. They are validated as if the file held them, and they are part of
-    /// the hash.
+    /// Resolves a command's configuration: the file at `path` or else the built-in one, overridden by
+    /// settings of the command line. They are validated as if the file held them, and they are part of the
+    /// hash.
     ///
     /// # Errors
     /// The file cannot be read, or the faults of file and settings, all of them.
@@ -271,7 +271,7 @@ impl Config {
         })
     }
 
-    /// The configuration with every default filled in, as commented TOML that reads back as the same.
+    /// The configuration with every default filled in, as commented TOML that reads back equal.
     pub fn effective(&self) -> String {
         let mut text = String::new();
         self.effective.print(true, &mut text);
@@ -339,7 +339,7 @@ impl Config {
         sections
     }
 
-    /// The keys this configuration could have had in the sections it has, for the documentation.
+    /// All keys of the sections that this configuration has, for the documentation.
     pub fn reference(&self) -> Vec<KeyReference> {
         let mut keys = Vec::new();
         self.effective.reference(&mut keys);
@@ -347,7 +347,7 @@ impl Config {
     }
 }
 
-/// The text of a configuration file of at most [`LONGEST`] bytes.
+/// Reads the text of a configuration file of at most [`LONGEST`] bytes.
 ///
 /// # Errors
 /// It is no regular file, too long, not UTF-8, or cannot be read.

@@ -1,4 +1,4 @@
-//! `[modes]` and `[rod.modes]`: which natural frequencies are looked for, and where.
+//! `[modes]` and `[rod.modes]`: natural frequencies searched for, and where.
 
 use super::range::{Range, toml_float};
 use super::reader::{Absent, Table, key};
@@ -6,7 +6,7 @@ use super::value::{Value, toml_floats};
 use crate::analysis::rod::beam::forward::{MAX_MODES, MAX_ORDERS};
 use crate::analysis::signal::modes::{Mask, ModeSettings, ModeWindow};
 
-/// The section.
+/// Reads the section.
 pub(super) fn read(table: &mut Table<'_>) -> ModeSettings {
     let default = ModeSettings::default();
     let count = table.integer(
@@ -52,7 +52,7 @@ pub(super) fn read(table: &mut Table<'_>) -> ModeSettings {
     }
 }
 
-/// What one rod adds to the modes of the site.
+/// Modes of one rod: the site's with the rod's own settings.
 pub(super) fn of_rod(table: &mut Table<'_>, shared: &ModeSettings) -> ModeSettings {
     let band_hz = table.take(
         key("band_hz", "lowest and highest frequency of any mode [Hz]"),
@@ -140,7 +140,7 @@ fn mask(value: &Value<'_>) -> Option<Mask> {
     })
 }
 
-/// Both ends of a range of frequencies.
+/// Reads both ends of a range of frequencies.
 fn ends(table: &mut Table<'_>) -> Option<(f64, f64)> {
     let range = Range::within(0.0, 1e5);
     let low_hz = table.maybe_number(key("low_hz", "lower end [Hz]"), range, Absent::Required);

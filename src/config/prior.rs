@@ -1,4 +1,4 @@
-//! A rod's quantities: their sane ranges, their priors, their fixed values.
+//! A rod's quantities: plausible ranges, priors, fixed values.
 
 use super::range::{Range, toml_float};
 use super::reader::{Absent, Key, Table, key};
@@ -7,7 +7,7 @@ use crate::analysis::rod::beam::Quantity;
 use crate::analysis::rod::fixity::Fixity;
 use crate::analysis::rod::prior::Prior;
 
-/// What the quantity is, with its unit.
+/// Meaning of the quantity, with its unit.
 pub(super) fn meaning(quantity: Quantity) -> &'static str {
     match quantity {
         Quantity::AxialForce => "axial force, tension positive [N]",
@@ -25,8 +25,8 @@ pub(super) fn meaning(quantity: Quantity) -> &'static str {
     }
 }
 
-/// Values that a tensioned rod, cable, wire or string may have, from a thread on a bench to a bridge's cable. Where one can be told
-/// from a slip of the unit, the limit catches it: t/m^3, MPa, GPa, and dimensions in mm.
+/// Values that a tensioned rod, cable, wire or string may have, from a thread on a bench to a bridge's cable.
+/// The limits catch wrong units where they can: t/m^3, MPa, GPa, and dimensions in mm.
 pub(super) fn sane(quantity: Quantity) -> Range {
     match quantity {
         Quantity::AxialForce => Range::within(1e-4, 1e9),
@@ -45,7 +45,7 @@ pub(super) fn quantity_key(quantity: Quantity) -> Key {
     key(quantity.key(), meaning(quantity))
 }
 
-/// Takes the prior of one quantity, which must be there.
+/// Takes the prior of one quantity, which is required.
 pub(super) fn take(table: &mut Table<'_>, quantity: Quantity) -> Option<Prior> {
     let allowed = format!(
         "{}; a number or a distribution",
@@ -60,17 +60,18 @@ pub(super) fn take(table: &mut Table<'_>, quantity: Quantity) -> Option<Prior> {
     )
 }
 
-/// In which scale a range is even.
+/// Scale in which a range is uniform.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Scale {
     Value,
     Logarithm,
 }
 
-/// The forms of a distribution, for whoever wrote none of them.
+/// Forms of a distribution, for the error message.
 const FORMS: &str = "wants { mean, cv }, { mean, sd }, { median, log_sd }, { low, high } or, of a support, { fixity_low, fixity_high }";
 
-/// A fixed number, `{ mean, cv }`, `{ mean, sd }`, `{ median, log_sd }`, `{ low, high }` or `{ fixity_low, fixity_high }`.
+/// Reads a prior: a fixed number, `{ mean, cv }`, `{ mean, sd }`, `{ median, log_sd }`, `{ low, high }` or
+/// `{ fixity_low, fixity_high }`.
 fn read(value: &Value<'_>, quantity: Quantity) -> Option<Prior> {
     let range = sane(quantity);
     if !value.is_table() {
@@ -184,7 +185,7 @@ fn read(value: &Value<'_>, quantity: Quantity) -> Option<Prior> {
     })
 }
 
-/// A support by its fixity; the stiffness it stands for is set once the other priors are known.
+/// Reads a support by its fixity; its stiffness is set once the other priors are known.
 fn fixity(table: &mut Table<'_>, quantity: Quantity) -> Option<Prior> {
     if !matches!(quantity, Quantity::SpringLeft | Quantity::SpringRight) {
         table.ignore(&["fixity_low", "fixity_high", "ends"]);
@@ -223,7 +224,7 @@ fn fixity(table: &mut Table<'_>, quantity: Quantity) -> Option<Prior> {
     }))
 }
 
-/// The prior as TOML that reads back as the same bits.
+/// The prior as TOML that reads back to the same bits.
 pub(super) fn show(prior: &Prior) -> String {
     let number = |value: f64| toml_float(value);
     match *prior {

@@ -1,4 +1,4 @@
-//! Which numbers a key accepts, and how they are written.
+//! Ranges of numbers that a key accepts, and their text forms.
 
 use std::fmt;
 
@@ -29,7 +29,7 @@ impl Range {
         }
     }
 
-    /// Whether it holds `value`; never a NaN.
+    /// True if it contains `value`; never for a NaN.
     pub(super) fn holds(&self, value: f64) -> bool {
         let above_low = if self.low_is_open {
             value > self.low
@@ -39,7 +39,7 @@ impl Range {
         above_low && value <= self.high
     }
 
-    /// `0 < cv <= 1` for the name `cv`.
+    /// Text form: `0 < cv <= 1` for the name `cv`.
     pub(super) fn of<'n>(&self, name: &'n str) -> impl fmt::Display + use<'n> {
         let sign = if self.low_is_open { "<" } else { "<=" };
         format!("{} {sign} {name} <= {}", plain(self.low), plain(self.high))
@@ -56,7 +56,7 @@ pub(super) fn plain(value: f64) -> String {
     }
 }
 
-/// A number as TOML that reads back as the same bits: `14.0`, `0.07`, `2e11`.
+/// A number as TOML that reads back to the same bits: `14.0`, `0.07`, `2e11`.
 pub(super) fn toml_float(value: f64) -> String {
     let size = value.abs();
     if value == 0.0 || (1e-3..1e7).contains(&size) {

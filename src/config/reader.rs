@@ -1,9 +1,9 @@
-//! A cursor over one TOML table: takes typed keys, collects every fault, remembers what holds.
+//! A cursor over one TOML table: takes typed keys, collects every fault, records the values in
+//! effect.
 //!
-//! Whoever reads a section asks for its keys one by one and always gets a value back, so that one
-//! fault never hides the next; the configuration is built only if none was found. Each key is
-//! written down as it is asked for ([`Node`]), which gives the effective configuration, the
-//! reference table of the documentation, and the keys nobody asked for.
+//! A section's reader takes its keys one by one and always gets a value back, so that one fault never hides
+//! the next; the configuration is built only if there was none. Each key is recorded when taken ([`Node`]),
+//! which gives the effective configuration, the reference table of the documentation, and the unknown keys.
 
 use super::effective::{Line, Node};
 use super::fault::Faults;
@@ -11,10 +11,10 @@ use super::value::Value;
 use std::fmt::Display;
 use toml::de::DeTable;
 
-/// How often a table may stand.
+/// Most elements of an array of tables.
 const MOST_ELEMENTS: usize = 1000;
 
-/// A key: its name, what it means, and when it has an effect.
+/// A key: name, meaning, and condition for an effect.
 #[derive(Clone, Copy)]
 pub(super) struct Key {
     pub(super) name: &'static str,
@@ -32,20 +32,20 @@ pub(super) const fn key(name: &'static str, meaning: &'static str) -> Key {
 }
 
 impl Key {
-    /// A key that has an effect only if `holds`, which `condition` says in words.
+    /// A key that has an effect only if `holds`; `condition` gives the condition in words.
     pub(super) const fn only(mut self, holds: bool, condition: &'static str) -> Self {
         self.only = Some((holds, condition));
         self
     }
 }
 
-/// What happens when a key is not given.
+/// Behaviour when a key is not given.
 pub(super) enum Absent<T> {
-    /// This value holds.
+    /// This value is used.
     Default(T),
-    /// Nothing holds, and that is fine; the text says what happens then.
+    /// No value is needed; the text describes the behaviour then.
     Nothing(&'static str),
-    /// It is a fault.
+    /// The absence is a fault.
     Required,
 }
 
@@ -60,7 +60,7 @@ pub(super) struct Table<'t> {
 }
 
 impl<'t> Table<'t> {
-    /// The whole text.
+    /// Cursor over the whole text.
     pub(super) fn root(faults: &'t Faults<'t>, entries: &'t DeTable<'t>) -> Self {
         Self::new(faults, String::new(), 0, Some(entries), Node::root())
     }
@@ -82,7 +82,7 @@ impl<'t> Table<'t> {
         }
     }
 
-    /// Takes one key: reads it if it is there, else does what `absent` says.
+    /// Takes one key: reads it if present, else applies `absent`.
     pub(super) fn take<T>(
         &mut self,
         key: Key,
@@ -155,7 +155,7 @@ impl<'t> Table<'t> {
         result
     }
 
-    /// Reads the sub-table `name` if it is there.
+    /// Reads the sub-table `name` if it is present.
     pub(super) fn optional_section<T>(
         &mut self,
         name: &'static str,
@@ -198,17 +198,17 @@ impl<'t> Table<'t> {
         results
     }
 
-    /// Whether the text has this key, without taking it.
+    /// True if the text has this key, without taking it.
     pub(super) fn has(&self, name: &str) -> bool {
         self.entries.is_some_and(|entries| entries.contains_key(name))
     }
 
-    /// Keys that are known here but not read, because another fault stands before them.
+    /// Marks keys as known that are not read because of another fault.
     pub(super) fn ignore(&mut self, names: &[&'static str]) {
         self.asked.extend(names);
     }
 
-    /// A fault of one key of this table, at the key if it is there, else at the table.
+    /// Adds a fault of one key of this table, at the key if present, else at the table.
     pub(super) fn fault_of(&self, name: &str, message: impl Into<String>) {
         let at = self
             .entries
@@ -217,25 +217,25 @@ impl<'t> Table<'t> {
         self.faults.add(self.path_of(name), at, message);
     }
 
-    /// The fault that a key is missing; `what` says what it is.
+    /// Adds the fault that a key is missing; `what` describes the key.
     pub(super) fn absence_of(&self, name: &str, what: impl Display) {
         self.faults
             .add_absence(self.path_of(name), self.at, format!("is missing: {what}"));
     }
 
-    /// A fault of the table itself.
+    /// Adds a fault of the table itself.
     pub(super) fn fault(&self, message: impl Into<String>) {
         self.faults.add(self.path.clone(), self.at, message);
     }
 
-    /// The line of one key, from 1.
+    /// Line of one key, from 1.
     pub(super) fn line_of(&self, name: &str) -> usize {
         let value = self.entries.and_then(|entries| entries.get(name));
         self.faults
             .line(value.map_or(self.at, |value| value.span().start))
     }
 
-    /// Reports keys nobody asked for and gives what was written down.
+    /// Reports unknown keys and returns the values recorded.
     pub(super) fn finish(self) -> Node {
         for (name, _) in self.entries.into_iter().flatten() {
             let text: &str = name.get_ref();

@@ -1,7 +1,8 @@
-//! `[record]`: how samples are cut into records and when a record is refused.
+//! `[record]`: settings of cutting samples into records and of refusing records.
 
 use super::range::Range;
 use super::reader::{Table, key};
+use crate::analysis::signal::record::time::DAY_S;
 use crate::analysis::signal::record::{Cut, RecordSettings};
 
 #[derive(Clone, Copy, PartialEq)]
@@ -19,11 +20,10 @@ const KINDS: [(&str, Kind); 4] = [
     ("free-decay", Kind::FreeDecay),
 ];
 
-/// The shortest and the longest record anyone may ask for \[s\].
+/// Shortest and longest record that may be configured \[s\].
 const SHORTEST: f64 = 1e-3;
-const DAY: f64 = 86_400.0;
 
-/// The section.
+/// Reads the section.
 pub(super) fn read(table: &mut Table<'_>) -> RecordSettings {
     let default = RecordSettings::default();
     let kind = table.choice(
@@ -34,7 +34,7 @@ pub(super) fn read(table: &mut Table<'_>) -> RecordSettings {
         &KINDS,
         Kind::Auto,
     );
-    let length = Range::within(SHORTEST, DAY);
+    let length = Range::within(SHORTEST, DAY_S);
     let window_s = table.number(
         key("window_s", "length of a window [s]").only(kind == Kind::Window, "cut = \"window\""),
         length,

@@ -1,4 +1,4 @@
-//! `[[rod]]`: one rod, what is known about it beforehand, and where its samples are.
+//! `[[rod]]`: one rod, its priors, and the location of its samples.
 
 use super::RodConfig;
 use super::range::{Range, toml_float, toml_string};
@@ -15,7 +15,7 @@ use crate::analysis::signal::modes::ModeSettings;
 use crate::analysis::signal::record::{RodChannels, RodId, Unit};
 use crate::analysis::signal::spectrum::{PeakSettings, WelchSettings};
 
-/// What all rods of a site share.
+/// Settings that all rods of a site share.
 pub(super) struct Shared {
     pub(super) welch: WelchSettings,
     pub(super) peaks: PeakSettings,
@@ -25,10 +25,10 @@ pub(super) struct Shared {
     pub(super) seed: u64,
 }
 
-/// Relative model discrepancy of a rod that states none.
+/// Default of the relative model discrepancy.
 const DISCREPANCY: f64 = 0.01;
 
-/// All rods; none in the place of one with a fault.
+/// Reads all rods; `None` in the place of one with a fault.
 pub(super) fn read_all(root: &mut Table<'_>, shared: &Shared) -> Vec<Option<RodConfig>> {
     let mut ids: Vec<(String, usize)> = Vec::new();
     let mut channels: Vec<(String, String, usize)> = Vec::new();
@@ -164,7 +164,7 @@ pub(super) fn id(value: &Value<'_>) -> Option<String> {
     id.map_err(|why| value.fault(why)).ok()
 }
 
-/// The id of a rod.
+/// Checks the id of a rod.
 ///
 /// # Errors
 /// It cannot be one: the reason.

@@ -1,4 +1,4 @@
-//! Settings of the command line, put over those of the file: `abc.draws=1000000`.
+//! Settings of the command line, which override those of the file: `abc.draws=1000000`.
 
 use std::fmt;
 use std::str::FromStr;
@@ -12,7 +12,7 @@ pub struct Setting {
 }
 
 impl Setting {
-    /// `key` is the full path of a key outside `[[rod]]` (`abc.draws`), `value` is TOML.
+    /// A setting; `key` is the full path of a key outside `[[rod]]` (`abc.draws`), `value` is TOML.
     pub fn new(key: &str, value: impl fmt::Display) -> Self {
         let value = value.to_string();
         let is_word = value.starts_with(|c: char| c.is_ascii_alphabetic())
@@ -27,7 +27,7 @@ impl Setting {
     }
 }
 
-/// `KEY=VALUE`.
+/// Parses `KEY=VALUE`.
 impl FromStr for Setting {
     type Err = String;
 
@@ -48,21 +48,21 @@ impl FromStr for Setting {
 }
 
 impl Setting {
-    /// How many tables the key goes through.
+    /// Number of nested tables that the key goes through.
     pub(super) fn levels(&self) -> usize {
         self.key.matches('.').count()
     }
 }
 
-/// As a line of TOML.
+/// Printed as a line of TOML.
 impl fmt::Display for Setting {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{} = {}", self.key, self.value)
     }
 }
 
-/// Puts `over`, one setting whose key names `levels` nested tables, over `entries`: those tables are
-/// merged, the value itself replaces what was there.
+/// Overrides `entries` with `over`, one setting whose key names `levels` nested tables: these are
+/// merged, the value itself is replaced.
 pub(super) fn merge<'t>(entries: &mut DeTable<'t>, over: DeTable<'t>, levels: usize) {
     for (key, value) in over {
         let name: &str = key.get_ref();

@@ -1,4 +1,4 @@
-//! `[[sink]]`: where alarms go.
+//! `[[sink]]`: destinations of alarms.
 
 pub(super) mod heartbeat;
 mod text;
@@ -17,7 +17,7 @@ use crate::config::settings::credential::CredentialPath;
 use lettre::message::Mailbox;
 use text::{Address, address, header, mailbox, topic};
 
-/// The words of `kind`.
+/// Words allowed for `kind`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Kind {
     Webhook,
@@ -36,7 +36,7 @@ const KINDS: [(&str, Kind); 4] = [
 /// Most entries of a list.
 const MOST: usize = 100;
 
-/// All sinks; `rods` are those of the site, for the filters.
+/// Reads all sinks; `rods` are those of the site, for the filters.
 pub(super) fn read_all(root: &mut Table<'_>, rods: &[Option<RodConfig>]) -> Option<Vec<SinkSettings>> {
     let mut ids: Vec<(String, usize)> = Vec::new();
     let sinks = root.list(
@@ -276,7 +276,7 @@ fn read(table: &mut Table<'_>, rods: &[Option<RodConfig>]) -> Option<SinkSetting
 
 const RESEND_S: Range = Range::within(1.0, 240.0);
 
-/// No secret leaves this machine in a way that others can read, and no certificate is named that nobody looks at.
+/// Checks that no secret leaves this machine unencrypted, and that no certificate is named without effect.
 fn check_secrets(table: &Table<'_>, address: &Address, has_token: bool, has_login: bool) {
     let Address { scheme, is_open, .. } = address;
     let why = format!("others could read it on the way: {scheme}:// is not encrypted");
@@ -294,7 +294,7 @@ fn check_secrets(table: &Table<'_>, address: &Address, has_token: bool, has_logi
     }
 }
 
-/// User and password file, both or none; `None` for a fault.
+/// Reads user and password file, both or neither; `None` for a fault.
 fn login(table: &mut Table<'_>, is_wanted: bool) -> Option<Option<Login>> {
     let only = "kind = \"mqtt\" or \"email\"";
     let user = table.take(
@@ -328,7 +328,7 @@ fn login(table: &mut Table<'_>, is_wanted: bool) -> Option<Option<Login>> {
     }
 }
 
-/// A file with a secret.
+/// Reads the path of a file with a secret.
 pub(super) fn file(table: &mut Table<'_>, key: Key, without: &'static str) -> Option<CredentialPath> {
     table.take(
         key,
@@ -339,7 +339,7 @@ pub(super) fn file(table: &mut Table<'_>, key: Key, without: &'static str) -> Op
     )
 }
 
-/// A list of what is wanted; without one, everything is.
+/// Reads a filter list; empty without one, which lets everything pass.
 fn filter<T: std::fmt::Display>(
     table: &mut Table<'_>,
     name: &'static str,
@@ -355,7 +355,7 @@ fn filter<T: std::fmt::Display>(
     )
 }
 
-/// The elements of a list, each read by `read`.
+/// Reads the elements of a list, each by `read`.
 pub(super) fn list<T>(value: &Value<'_>, read: impl Fn(&Value<'_>) -> Option<T>) -> Option<Vec<T>> {
     let elements = value.array()?;
     if elements.len() > MOST {
@@ -369,7 +369,7 @@ pub(super) fn list<T>(value: &Value<'_>, read: impl Fn(&Value<'_>) -> Option<T>)
     read.into_iter().collect()
 }
 
-/// A list of texts as TOML has it.
+/// A list of texts as TOML.
 pub(super) fn strings(list: impl Iterator<Item = String>) -> String {
     let quoted: Vec<String> = list.map(|text| toml_string(&text)).collect();
     format!("[{}]", quoted.join(", "))

@@ -1,9 +1,9 @@
-//! `[site]`: what the whole configuration shares.
+//! `[site]`: name and seed.
 
 use super::range::toml_string;
 use super::reader::{Absent, Table, key};
 
-/// Name and seed.
+/// Reads name and seed.
 pub(super) fn read(table: &mut Table<'_>) -> (String, u64) {
     let name = table.take(
         key("name", "name of the site"),

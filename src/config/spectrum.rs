@@ -1,4 +1,4 @@
-//! `[spectrum]`: how the spectrum is estimated and which maxima count.
+//! `[spectrum]`: settings of the spectral estimate and of its peaks.
 
 use super::range::Range;
 use super::reader::{Absent, Table, key};
@@ -11,7 +11,7 @@ const WINDOWS: [(&str, Window); 4] = [
     ("rectangular", Window::Rectangular),
 ];
 
-/// The section.
+/// Reads the section.
 pub(super) fn read(table: &mut Table<'_>) -> (WelchSettings, PeakSettings) {
     let (welch, peaks) = (WelchSettings::default(), PeakSettings::default());
     let welch = WelchSettings {

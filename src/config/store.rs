@@ -1,13 +1,12 @@
-//! `[store]`: where results are kept.
+//! `[store]`: path and retention of results.
 
 use super::range::{Range, toml_string};
 use super::reader::{Absent, Table, key};
+use crate::analysis::signal::record::time::DAY_S;
 use crate::config::settings::store::StoreSettings;
 use std::path::PathBuf;
 
-const DAY_S: f64 = 86_400.0;
-
-/// The section.
+/// Reads the section.
 pub(super) fn read(table: &mut Table<'_>) -> StoreSettings {
     let path = table
         .take(

@@ -1,4 +1,4 @@
-//! "Did you mean …?" for a key nobody knows.
+//! "Did you mean …?" for an unknown key.
 
 /// Characters of a name that are compared: names may come from outside.
 const LONGEST: usize = 80;
@@ -21,7 +21,7 @@ pub fn nearest<'c>(unknown: &str, candidates: impl Iterator<Item = &'c str>) -> 
         .min_by_key(|(distance, _)| *distance)
 }
 
-/// Edits (insert, delete, replace) from `a` to `b` (Levenshtein), upper and lower case alike; a key
+/// Number of edits (insert, delete, replace) from `a` to `b` (Levenshtein), case ignored; a key
 /// that only lacks its unit (`length` for `length_m`) counts as one edit.
 fn distance(a: &str, b: &str) -> usize {
     let short = |text: &str| -> String { text.to_lowercase().chars().take(LONGEST).collect() };

@@ -5,13 +5,13 @@ use super::reader::{Absent, Key, Table};
 use super::value::quoted;
 
 impl Table<'_> {
-    /// A number with a default.
+    /// Takes a number with a default.
     pub(super) fn number(&mut self, key: Key, range: Range, default: f64) -> f64 {
         self.maybe_number(key, range, Absent::Default(default))
             .unwrap_or(default)
     }
 
-    /// A number that may be absent, or must not.
+    /// Takes a number that may be absent, or must not, by `absent`.
     pub(super) fn maybe_number(&mut self, key: Key, range: Range, absent: Absent<f64>) -> Option<f64> {
         self.take(
             key,
@@ -22,12 +22,12 @@ impl Table<'_> {
         )
     }
 
-    /// A number that may be absent; `without` says what holds then.
+    /// Takes a number that may be absent; `without` describes the behaviour then.
     pub(super) fn optional_number(&mut self, key: Key, range: Range, without: &'static str) -> Option<f64> {
         self.maybe_number(key, range, Absent::Nothing(without))
     }
 
-    /// A whole number from `low` to `high` with a default.
+    /// Takes a whole number from `low` to `high` with a default.
     pub(super) fn integer(&mut self, key: Key, low: u64, high: u64, default: u64) -> u64 {
         self.take(
             key,
@@ -39,7 +39,7 @@ impl Table<'_> {
         .unwrap_or(default)
     }
 
-    /// One of a few words with a default.
+    /// Takes one of a few words with a default.
     pub(super) fn choice<T: Copy + PartialEq>(
         &mut self,
         key: Key,

@@ -1,4 +1,4 @@
-//! `[track]`: how the relative force is followed.
+//! `[track]`: settings of tracking the relative force.
 
 use super::range::Range;
 use super::reader::{Table, key};
@@ -12,7 +12,7 @@ const USES: [(&str, TemperatureUse); 2] = [
 
 const HOUR_S: f64 = 3600.0;
 
-/// The section.
+/// Reads the section.
 pub(super) fn read(table: &mut Table<'_>) -> TrackSettings {
     let default = TrackSettings::default();
     // A key of versions before, which knew one lag: lags are learned, whatever they are.

@@ -1,4 +1,5 @@
-//! One TOML value with its place in the text, read as what a key wants or refused with a sentence.
+//! One TOML value with its place in the text, read as the type of its key or refused with a
+//! sentence.
 
 use super::effective::Node;
 use super::fault::Faults;
@@ -26,12 +27,12 @@ impl<'t> Value<'t> {
         }
     }
 
-    /// A fault of this value.
+    /// Adds a fault of this value.
     pub(super) fn fault(&self, message: impl Into<String>) {
         self.faults.add(self.key.clone(), self.at, message);
     }
 
-    /// The last name of the key, for use in a sentence.
+    /// Last name of the key, for messages.
     fn name(&self) -> &str {
         self.key.rsplit('.').next().unwrap_or(&self.key)
     }
@@ -64,12 +65,12 @@ impl<'t> Value<'t> {
         self.fault(format!("{} is {found}, {wanted} is wanted", self.typed()));
     }
 
-    /// Whether it is a table.
+    /// True if it is a table.
     pub(super) fn is_table(&self) -> bool {
         matches!(self.value.get_ref(), DeValue::Table(_))
     }
 
-    /// Whether it is an array.
+    /// True if it is an array.
     pub(super) fn is_array(&self) -> bool {
         matches!(self.value.get_ref(), DeValue::Array(_))
     }

@@ -4,8 +4,8 @@ use std::fs::{self, File};
 use std::io::{self, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
-/// Writes beside the target under a hidden name; [`AtomicFile::commit`] makes it durable and moves it
-/// there in one step. Dropped without a commit, it leaves nothing behind.
+/// Writes next to the target under a hidden name; [`AtomicFile::commit`] makes the file durable and moves it
+/// to the target in one step. Dropped without a commit, it leaves nothing behind.
 #[derive(Debug)]
 pub struct AtomicFile {
     file: io::BufWriter<File>,
@@ -15,7 +15,7 @@ pub struct AtomicFile {
 }
 
 impl AtomicFile {
-    /// Starts a file that will be called `target`; its folder must exist.
+    /// Starts a file that will become `target`; its folder must exist.
     pub fn create(target: &Path) -> io::Result<Self> {
         let name = target
             .file_name()
@@ -33,7 +33,7 @@ impl AtomicFile {
         })
     }
 
-    /// Makes the content durable and gives it its name, replacing what had it before.
+    /// Makes the content durable and moves it to the target, replacing an existing file.
     pub fn commit(mut self) -> io::Result<()> {
         self.file.flush()?;
         self.file.get_ref().sync_all()?;

@@ -1,58 +1,59 @@
-//! What the journal says of itself between the data: one JSON message at the end of every chunk.
+//! Notes of the journal about itself: one JSON message at the end of every chunk.
 
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
-/// The topic of the notes.
+/// Topic of the notes.
 pub const TOPIC: &str = "/tirante/journal";
-/// The key in a channel's metadata that names the stream it belongs to.
+/// Key in a channel's metadata that names the stream it belongs to.
 pub const STREAM: &str = "stream";
 
-/// What one chunk changed. The first note of a part is complete: it names every stream there is.
+/// Changes by one chunk. The first note of a part is complete: it names every stream.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct Note {
-    /// In the first note of a part.
+    /// Journal and part, in the first note of a part.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub begins: Option<Begins>,
-    /// Streams whose standing changed. A named sender's is called as the sender; others are called `#part.number`.
+    /// Streams whose state changed. A named sender's stream has the sender's name; others are called
+    /// `#part.number`.
     #[serde(default)]
     pub streams: BTreeMap<String, Standing>,
 }
 
-/// Which part of which journal begins.
+/// Journal and number of a part that begins.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Begins {
-    /// The journal.
+    /// Identity of the journal.
     pub journal: String,
-    /// The part's number, from 1 on.
+    /// Number of the part, from 1.
     pub part: u32,
 }
 
-/// How far a stream has come.
+/// Progress of a stream.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Standing {
-    /// Its messages that are in the journal up to here, those of no rod's topic included.
+    /// Number of its messages in the journal so far, those of no rod's topic included.
     pub messages: u64,
-    /// Whether it goes on.
+    /// State of the stream.
     pub state: State,
-    /// When its last data came, by this machine's clock \[ns since 1970\].
+    /// Arrival of its last data, by this machine's clock \[ns since 1970\].
     pub seen_ns: u64,
 }
 
-/// Whether a stream goes on.
+/// State of a stream.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum State {
-    /// It goes on, or may be taken up again.
+    /// Goes on, or may be resumed.
     Open,
-    /// Its sender ended it.
+    /// Ended by its sender.
     Complete,
-    /// It broke off, and was not taken up again.
+    /// Broke off, and was not resumed.
     Broken,
 }
 
 impl Note {
-    /// As a message.
+    /// The note as a JSON message.
     pub fn to_json(&self) -> Vec<u8> {
         // Texts and whole numbers only: it cannot fail.
         serde_json::to_vec(self).unwrap_or_default()

@@ -1,37 +1,37 @@
-//! The files of a journal: their names and which there are.
+//! The files of a journal: names and listing.
 
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// The file name of a part.
+/// File name of a part.
 pub fn file_name(part: u32) -> String {
     format!("journal.{part:06}.mcap")
 }
 
-/// The number of the part with this file name.
+/// Number of the part with this file name; `None` if it is not a part's.
 pub fn number(name: &str) -> Option<u32> {
     let digits = name.strip_prefix("journal.")?.strip_suffix(".mcap")?;
     let part = digits.parse().ok()?;
     (file_name(part) == name).then_some(part)
 }
 
-/// Where a part is.
+/// Path of a part.
 pub fn path(folder: &Path, part: u32) -> PathBuf {
     folder.join(file_name(part))
 }
 
-/// A part as the store names it: `journal/journal.000001.mcap`, wherever the folder is.
+/// Name of a part in the store: `journal/journal.000001.mcap`, wherever the folder is.
 pub fn mark_name(part: u32) -> String {
     format!("journal/{}", file_name(part))
 }
 
-/// The number of the part the store names so.
+/// Number of the part with this name in the store.
 pub fn number_of_mark(name: &str) -> Option<u32> {
     number(name.strip_prefix("journal/")?)
 }
 
-/// The numbers of the parts in a folder, ascending.
+/// Numbers of the parts in a folder, ascending.
 ///
 /// # Errors
 /// The folder cannot be read.

@@ -6,13 +6,13 @@
 //! ingest -> journal --.
 //! watched folder -----+-> daemon: reader -> pipeline -> core -> store -> alert
 //! ```
-//! * [`daemon`]    its life and its threads: reader, pipeline, core; reload, drain, suspects
+//! * [`daemon`]    its life and its threads: reader, pipeline, core; reload, drain, quarantine
 //! * [`ingest`]    sockets: the protocol, named senders and what is acknowledged, limits, TLS
 //! * [`journal`]   what the sockets took, as MCAP parts on disk
 //! * [`alert`]     news of alarms to the sinks, at least once and in order
 //! * [`telemetry`] faults and health, metrics, the log
 //! * [`viewer`]    results as messages for robotics viewers, as a file and live
-//! * [`api`]       what a store says to the page and to other programs, as JSON
+//! * [`api`]       answers of a store to the page and to other programs, as JSON
 //! * [`http`]      the page, its API, `/healthz`, `/readyz`, `/metrics`
 
 pub mod alert;

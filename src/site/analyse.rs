@@ -1,4 +1,4 @@
-//! From an event of a source to what came of it: the same for a replay and for the daemon.
+//! Analyses an event of a source: the same for a replay and for the daemon.
 
 use crate::analysis::identify::{Plan, Refusal};
 use crate::analysis::outcome::{Outcome, Rejected};
@@ -9,11 +9,11 @@ use crate::site::store::Position;
 use std::collections::{BTreeMap, HashMap, HashSet};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-/// Records that need not be analysed again.
+/// Identities of the records that need not be analysed again, by rod.
 pub type Known = HashMap<RodId, HashSet<[u8; 32]>>;
 
 impl Place {
-    /// The place as the store keeps it.
+    /// The place in the form of the store.
     pub fn position(&self) -> Position<'_> {
         Position {
             name: &self.file,
@@ -23,18 +23,18 @@ impl Place {
     }
 }
 
-/// What came of an event.
+/// Result of an event.
 pub enum Analysed {
-    /// A record's outcome.
+    /// Outcome of a record.
     Record(Box<Outcome>),
-    /// A record that was known before it was analysed.
+    /// A record that was known before its analysis.
     Known(RodId, [u8; 32]),
-    /// Temperatures that no record left with.
+    /// Temperatures that belong to no record.
     Readings(RodId, Vec<Reading>),
 }
 
 impl Analysed {
-    /// The rod.
+    /// The rod of the result.
     pub fn rod(&self) -> &RodId {
         match self {
             Self::Record(outcome) => outcome.rod(),
@@ -43,12 +43,13 @@ impl Analysed {
     }
 }
 
-/// The record of each rod that passed last, known before or not: what says which record temperatures came after.
+/// Last record of each rod that passed, known before or not: it identifies the record that temperatures
+/// follow.
 #[derive(Debug, Clone, Default)]
-pub struct Passed(HashMap<RodId, [u8; 32]>);
+pub struct LastSeen(HashMap<RodId, [u8; 32]>);
 
-impl Passed {
-    /// A record of a rod passes.
+impl LastSeen {
+    /// Notes the record of a rod that passes.
     pub fn note(&mut self, rod: &RodId, identity: [u8; 32]) {
         match self.0.get_mut(rod) {
             Some(last) => *last = identity,
@@ -58,13 +59,22 @@ impl Passed {
         }
     }
 
-    /// The rod's last record, if one passed.
-    pub fn last(&self, rod: &RodId) -> Option<[u8; 32]> {
-        self.0.get(rod).copied()
+    /// What came of an event passes; the record of its rod that passed before.
+    pub fn pass(&mut self, analysed: &Analysed) -> Option<[u8; 32]> {
+        let (rod, identity) = match analysed {
+            Analysed::Known(rod, identity) => (rod, Some(*identity)),
+            Analysed::Record(outcome) => (outcome.rod(), outcome.identity()),
+            Analysed::Readings(rod, _) => (rod, None),
+        };
+        let before = self.0.get(rod).copied();
+        if let Some(identity) = identity {
+            self.note(rod, identity);
+        }
+        before
     }
 }
 
-/// The outcome of a record that gives no force.
+/// Outcome of a record that gives no force.
 pub fn refused(record: Record, identity: [u8; 32], refusal: Refusal) -> Outcome {
     let waveform = match refusal.measurement {
         Some(_) => None,
@@ -84,8 +94,8 @@ pub fn refused(record: Record, identity: [u8; 32], refusal: Refusal) -> Outcome 
     }))
 }
 
-/// Runs an event's record through its rod's plan, unless it is one of `known`. An analysis that panics is a rejection like
-/// any other: every record that was offered ends as a force or as a reason.
+/// Runs an event's record through its rod's plan, unless it is one of `known`. A panic of the analysis is a
+/// rejection like any other: every record ends as a force or as a reason.
 pub fn analyse(event: Event, plans: &BTreeMap<RodId, Plan>, known: &Known) -> Analysed {
     let record = match event {
         Event::Rejected {

@@ -4,14 +4,14 @@ use crate::analysis::identify;
 use crate::analysis::signal::record::{RodId, Timestamp};
 use crate::analysis::track::Segment;
 use crate::config::Config;
+use crate::site::hex::hex;
 use crate::site::store::{Reader, StoreError};
 use std::fmt::Write;
 
 /// The hash of everything that gives a rod's numbers their meaning: its settings, and the version of the analysis.
 pub fn key(config: &Config, rod: &RodId) -> String {
     let meaning = config.meaning_of(rod);
-    let hex: String = meaning.iter().take(8).map(|byte| format!("{byte:02x}")).collect();
-    format!("{}-{hex}", identify::VERSION)
+    format!("{}-{}", identify::VERSION, hex(&meaning[..8]))
 }
 
 /// What becomes of a rod's baseline.

@@ -1,12 +1,15 @@
-//! What the clock says: the time people's requests carry, never a result.
+//! The machine's clock: times of requests, messages and journal entries, never of a result.
 
 use crate::analysis::signal::record::Timestamp;
 use std::time::SystemTime;
 
-/// Now; 1970 for a clock that stands before it.
+/// The present time; 1970 for a clock set before it.
 pub fn now() -> Timestamp {
-    let nanos = SystemTime::now()
-        .duration_since(SystemTime::UNIX_EPOCH)
-        .map_or(0, |since| i64::try_from(since.as_nanos()).unwrap_or(i64::MAX));
-    Timestamp::from_nanos(nanos)
+    Timestamp::from_nanos(i64::try_from(now_ns()).unwrap_or(i64::MAX))
+}
+
+/// Nanoseconds since 1970; 0 for a clock that stands before it.
+pub fn now_ns() -> u64 {
+    let since = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH);
+    since.map_or(0, |since| u64::try_from(since.as_nanos()).unwrap_or(u64::MAX))
 }

@@ -1,12 +1,11 @@
-//! Fitted emulators on disk, under the hash of what they depend on; a damaged or stale file is refitted.
+//! Fitted emulators on disk, named by the hash of their inputs; a damaged or stale file is refitted.
 //!
 //! A file is four parts: a line with the format, the key, the SHA-256 of the body, and the body as JSON. It is
-//! written beside its place, flushed and renamed, so that a reader sees all of it or nothing. Whatever is
-//! wrong with a file is said in a warning and answered by a new fit; whatever is wrong with the directory
-//! costs nothing but the next start's fit.
+//! written next to its place, flushed and renamed, so that a reader sees all of it or nothing. A faulty file
+//! gives a warning and a new fit; a faulty directory costs only a fit at the next start.
 //!
-//! Only the Hermite chaos is kept. The reduced emulator serves every rod and is fitted in about 20 ms, in
-//! less time than the care a file deserves: there is nothing to go stale.
+//! Only the Hermite chaos is kept. The reduced emulator serves every rod and is fitted in about 20 ms, faster
+//! than a file could be checked, so there is nothing to go stale.
 
 use crate::analysis::rod::beam::forward::ForwardModel;
 use crate::analysis::rod::beam::{Exact, FiniteElements, finite_elements};
@@ -14,8 +13,8 @@ use crate::analysis::rod::emulator::pce::{self, Fitted};
 use crate::analysis::rod::emulator::{FitError, ModelSettings, OrExact, Pce, ReducedModel};
 use crate::analysis::rod::prior::RodPrior;
 use crate::recording::atomic::AtomicFile;
+use crate::site::hex::hex;
 use sha2::{Digest, Sha256};
-use std::fmt::Write as _;
 use std::fs::File;
 use std::io::{ErrorKind, Read, Write};
 use std::path::{Path, PathBuf};
@@ -23,14 +22,14 @@ use std::sync::Arc;
 
 /// First line of every file.
 const FORMAT: &str = "tirante-emulator 1";
-/// The longest file that is read \[bytes\].
+/// Longest file that is read \[bytes\].
 const LONGEST: u64 = 64 << 20;
 
-/// The forward model that `settings` name, for rods with this prior.
+/// Forward model by `settings`, for rods with this prior.
 ///
 /// A Hermite chaos comes from the user's cache directory, or is fitted and kept there; outside its trained
 /// range the exact model answers ([`OrExact`]).
-/// `solved` is told how many model solves more a fit has done, and of how many.
+/// `solved` is called with the number of model solves newly done and the total.
 pub fn model(
     settings: &ModelSettings,
     prior: &RodPrior,
@@ -50,10 +49,10 @@ pub fn model(
     })
 }
 
-/// Where a fitted emulator came from.
+/// Origin of a fitted emulator.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Origin {
-    /// From this file.
+    /// Read from this file.
     Read(PathBuf),
     /// Fitted, and kept in this file.
     Kept(PathBuf),
@@ -82,7 +81,7 @@ impl Cache {
         Self { directory }
     }
 
-    /// This directory.
+    /// Cache in this directory.
     pub fn at(directory: impl Into<PathBuf>) -> Self {
         Self {
             directory: Some(directory.into()),
@@ -129,7 +128,7 @@ impl Cache {
     }
 }
 
-/// The hash of everything a fitted chaos depends on.
+/// Hash of everything that a fitted chaos depends on.
 fn key(prior: &RodPrior, order: usize, elements: usize) -> String {
     let mut hash = Sha256::new();
     let mut part = |bytes: &[u8]| {
@@ -149,15 +148,7 @@ fn key(prior: &RodPrior, order: usize, elements: usize) -> String {
     hex(hash.finalize().as_slice())
 }
 
-fn hex(bytes: &[u8]) -> String {
-    bytes.iter().fold(String::new(), |mut text, byte| {
-        // Writing to a string cannot fail.
-        let _ = write!(text, "{byte:02x}");
-        text
-    })
-}
-
-/// Reads a file; `None` if there is none, and in words what is wrong with one that is not to be trusted.
+/// Reads a file; `None` if there is none, and the fault in words of one that cannot be trusted.
 fn read(path: &Path, key: &str) -> Result<Option<Fitted>, String> {
     let mut bytes = Vec::new();
     match File::open(path) {

@@ -2,19 +2,23 @@
 //!
 //! * [`prepared`]       a configuration with the plans of its rods
 //! * [`analyse`]        one record through its rod's plan, the same for `replay` and daemon
+//! * [`driver`]         jobs of a source through analysis and into the order of event time
 //! * [`ordered_map`]    reading and computing at once, results in order
 //! * [`trackers`]       the trackers of a site's rods, folded in the order of event time
 //! * [`store`]          what is remembered: SQLite, one transaction per record
-//! * [`record_json`]    a record as one JSON line
+//! * [`record_row`]     a record's result: one row of the store, one JSON line
 //! * [`emulator_cache`] fitted emulators on disk
+//! * [`hex`]            bytes as hexadecimal digits
 //! * [`clock`]          the time people's requests carry
 
 pub mod analyse;
 pub mod baselines;
 pub mod clock;
+pub mod driver;
 pub mod emulator_cache;
+pub mod hex;
 pub mod ordered_map;
 pub mod prepared;
-pub mod record_json;
+pub mod record_row;
 pub mod store;
 pub mod trackers;

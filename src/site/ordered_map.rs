@@ -8,23 +8,23 @@ use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread;
 
-/// Items in flight per worker at the most, however light.
+/// Most items in flight per worker, however light.
 const ITEMS_PER_WORKER: usize = 8;
 
-/// How much is done at once.
+/// Limits of the work in flight.
 #[derive(Debug, Clone, Copy)]
 pub struct Limits {
-    /// Threads that work.
+    /// Number of threads that work.
     pub workers: usize,
     /// Summed weight of the items taken from the input and not yet delivered; an item heavier than
-    /// this goes alone.
+    /// this is processed alone.
     pub weight: usize,
 }
 
 /// Applies `work` to every item of `input` on several threads and hands the results to `deliver` on
-/// the calling thread, in input order: all that are there, at least one, so that whoever pays for each delivery pays less
-/// when there is much to do. The input is pulled on a thread of its own, ahead of delivery
-/// by at most one item more than `limits` allow, each weighing `weigh(item)`.
+/// the calling thread, in input order: all that are ready, at least one, so that the cost per delivery falls
+/// when there is much to do. The input is pulled on a thread of its own, ahead of delivery by at most one
+/// item more than `limits` allow, each weighing `weigh(item)`.
 ///
 /// A panic in `work` is delivered as `Err` with its message; the other items go on. A panic in
 /// `input` itself is resumed on the calling thread. `deliver` may break off the whole run.
@@ -75,7 +75,7 @@ pub fn map_in_order<T: Send, R: Send>(
     });
 }
 
-/// An item, or its result, with its place in the input.
+/// An item, or its result, with its index in the input.
 struct Job<T> {
     index: usize,
     weight: usize,
@@ -134,7 +134,7 @@ fn serve<T, R>(
     }
 }
 
-/// What a caught panic said.
+/// Message of a caught panic.
 pub fn message_of(panic: &(dyn std::any::Any + Send)) -> String {
     let text = panic.downcast_ref::<&str>().map(|s| (*s).to_owned());
     text.or_else(|| panic.downcast_ref::<String>().cloned())
@@ -170,7 +170,7 @@ impl Tickets {
         }
     }
 
-    /// Waits until there is room, or nothing else is in flight; false once closed.
+    /// Waits until there is room, or nothing else is in flight; returns false once closed.
     fn take(&self, weight: usize) -> bool {
         let full = |taken: &mut Taken| {
             let room = taken.items < self.items && taken.weight.saturating_add(weight) <= self.weight;

@@ -7,25 +7,29 @@ use crate::analysis::track::TrackPlan;
 use crate::config::Config;
 use crate::site::baselines;
 use crate::site::emulator_cache::{self, Cache};
+use crate::site::hex::hex;
 use crate::site::trackers::Provenance;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
+/// What analyses each rod's records.
+pub type Plans = BTreeMap<RodId, Plan>;
+
 /// One configuration in force, and everything prepared from it.
 pub struct Generation {
-    /// The configuration.
+    /// The configuration in force.
     pub config: Config,
-    /// What analyses each rod's records.
-    pub plans: BTreeMap<RodId, Plan>,
-    /// What follows each rod.
+    /// Plan of each rod's analysis.
+    pub plans: Arc<Plans>,
+    /// Plan of each rod's tracking.
     pub track_plans: Vec<Arc<TrackPlan>>,
     hash: String,
     effective: String,
 }
 
 impl Generation {
-    /// Prepares everything; `solves_of` gives who is told of a rod's model solves (done, of how many), where a model is
-    /// fitted. This may take minutes.
+    /// Prepares everything; `solves_of` gives the progress callback (solves newly done, total) of a rod whose
+    /// model is fitted. This may take minutes.
     ///
     /// # Errors
     /// Settings that contradict each other, or an emulator that cannot be fitted.
@@ -38,12 +42,12 @@ impl Generation {
             track_plans: track_plans(&config, &plans),
             hash: provenance(&config),
             effective: config.effective(),
-            plans,
+            plans: Arc::new(plans),
             config,
         })
     }
 
-    /// The configuration as the store keeps it.
+    /// The configuration in the form of the store.
     pub fn provenance(&self) -> Provenance<'_> {
         Provenance {
             site: &self.config.site,
@@ -52,19 +56,15 @@ impl Generation {
         }
     }
 
-    /// Where the rods' samples stand in recordings.
+    /// Location of the rods' samples in recordings.
     pub fn channels(&self) -> Vec<RodChannels> {
         self.config.rods.iter().map(|rod| rod.channels.clone()).collect()
     }
 }
 
-/// Sixteen hexadecimal digits that name everything a result depends on besides its record.
+/// Sixteen hexadecimal digits that identify everything a result depends on besides its record.
 pub fn provenance(config: &Config) -> String {
     hex(&config.hash()[..8])
-}
-
-fn hex(bytes: &[u8]) -> String {
-    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
 /// Prepares the analysis of every rod: model (fitted or from the cache), table, pattern; `solves_of` as for
@@ -75,7 +75,7 @@ fn hex(bytes: &[u8]) -> String {
 pub fn plans<S: Fn(usize, usize) + Sync>(
     config: &Config,
     solves_of: impl Fn(&RodId) -> S,
-) -> anyhow::Result<BTreeMap<RodId, Plan>> {
+) -> anyhow::Result<Plans> {
     let tables = Tables::new(config.seed);
     let cache = Cache::of_user();
     let mut plans = BTreeMap::new();
@@ -90,7 +90,7 @@ pub fn plans<S: Fn(usize, usize) + Sync>(
 }
 
 /// Prepares the tracking of every rod that has a plan.
-fn track_plans(config: &Config, plans: &BTreeMap<RodId, Plan>) -> Vec<Arc<TrackPlan>> {
+fn track_plans(config: &Config, plans: &Plans) -> Vec<Arc<TrackPlan>> {
     let alarm = &config.alarm;
     plans
         .iter()

@@ -5,15 +5,16 @@ use crate::analysis::record_view::Snapshot;
 use crate::analysis::signal::record::{Reading, RodId, Timestamp};
 use crate::analysis::track::alarm::Board;
 use crate::analysis::track::{AlarmEvent, Kind, Others, Peer, RodState, State, TrackPlan, Tracker, Verdict};
-use crate::site::record_json;
+use crate::site::analyse::Analysed;
+use crate::site::record_row::RecordRow;
 use crate::site::store::{
-    Asked, Carry, Commit, FileMark, Notice, Position, RecordRow, RodRow, SnapshotRow, Standing, Store,
-    StoreError, Stretch,
+    Asked, Carry, Commit, ConditionEvent, FileMark, NewRecord, Position, RodRow, SnapshotRow, Standing,
+    Store, StoreError, Stretch,
 };
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
-/// The rods of a site as they stand.
+/// Trackers of a site's rods, and their store.
 pub struct Site {
     trackers: BTreeMap<RodId, Tracker>,
     emulators: BTreeMap<RodId, &'static str>,
@@ -24,56 +25,56 @@ pub struct Site {
     expected: BTreeMap<RodId, Timestamp>,
 }
 
-/// One record that was taken: its line, and what it changed.
+/// One record that was taken: its row, and what it changed.
 pub struct Taken {
-    /// The JSON line the store keeps.
-    pub line: String,
-    /// What tracking made of it.
+    /// The row the store keeps.
+    pub row: RecordRow,
+    /// Verdict of tracking.
     pub verdict: Verdict,
 }
 
-/// One picture of a record in so many seconds is enough for people \[s\].
+/// Interval between snapshots of records \[s\].
 const PICTURE_S: i64 = 600;
 
-/// Whether a record is the first of its stretch of [`PICTURE_S`], or the clock went back: by event time alone, so that a replay keeps the same
-/// pictures.
-fn is_pictured(before: Option<Timestamp>, start: Timestamp) -> bool {
+/// True if a record is the first of its stretch of [`PICTURE_S`], or the clock went back: by event time
+/// alone, so that a replay keeps the same snapshots.
+fn keeps_snapshot(before: Option<Timestamp>, start: Timestamp) -> bool {
     let stretch = |time: Timestamp| time.as_nanos().div_euclid(PICTURE_S * 1_000_000_000);
     before.is_none_or(|before| stretch(start) != stretch(before))
 }
 
-/// The configuration a site runs with, as the store keeps it.
+/// The configuration of a site, in the form of the store.
 #[derive(Debug, Clone, Copy)]
 pub struct Provenance<'a> {
-    /// The site's name.
+    /// Name of the site.
     pub site: &'a str,
-    /// The hash records name it by.
+    /// Hash by which records refer to it.
     pub hash: &'a str,
-    /// The text with every default filled in.
+    /// Text with every default filled in.
     pub effective: &'a str,
 }
 
-/// What a daemon remembers besides records.
+/// State of a daemon besides records.
 #[derive(Debug, Clone, Copy)]
 pub enum Note<'a> {
     /// A file was read to its end.
     File {
-        /// The file; `None` for one that may still grow.
+        /// Mark of the file; `None` for one that may still grow.
         mark: Option<&'a FileMark>,
-        /// What its journal leaves for the next part.
+        /// State that its journal leaves for the next part.
         carry: Option<&'a Carry>,
     },
-    /// A sink has all news up to a number.
+    /// A sink has all events up to a number.
     Delivered {
-        /// The sink's id.
+        /// Id of the sink.
         sink: &'a str,
-        /// The number.
+        /// Number of the latest event delivered.
         through: i64,
     },
 }
 
 impl Site {
-    /// Goes on where the store left off. A rod whose numbers have another meaning now begins a new segment.
+    /// Resumes from the store. A rod whose numbers have another meaning now begins a new segment.
     ///
     /// # Errors
     /// The store cannot be read or written.
@@ -155,7 +156,7 @@ impl Site {
         Ok(())
     }
 
-    /// Goes on with another configuration and the same store.
+    /// Continues with another configuration and the same store.
     ///
     /// # Errors
     /// The store cannot be read or written; the site is given up.
@@ -167,12 +168,12 @@ impl Site {
         Self::open(plans, self.store, provenance)
     }
 
-    /// The rods whose numbers have another meaning since the site was opened, with the segment they began.
+    /// Rods whose numbers have another meaning since the site was opened, with the segment they began.
     pub fn renewed(&self) -> &[(RodId, u32)] {
         &self.renewed
     }
 
-    /// The rods, and the latest record of each that was believed.
+    /// Rods with the start of their latest accepted record.
     pub fn latest(&self) -> impl Iterator<Item = (&RodId, Option<Timestamp>)> {
         self.trackers
             .iter()
@@ -198,7 +199,7 @@ impl Site {
             .map(|(rod, _)| rod)
     }
 
-    /// How its rods stand; the store may know others, which are no longer configured.
+    /// Status of its rods; the store may have others, which are no longer configured.
     ///
     /// # Errors
     /// The store cannot be read.
@@ -208,15 +209,15 @@ impl Site {
         Ok(standings)
     }
 
-    /// What is remembered.
+    /// Store of the site.
     pub fn store(&self) -> &Store {
         &self.store
     }
 
-    /// Does several things that become durable at once, and are visible to others only then.
+    /// Runs several changes that become durable, and visible to others, at once.
     ///
     /// # Errors
-    /// As what is done; the site must be given up, nothing of it was kept.
+    /// As of the changes; the site must be closed, none of them was kept.
     pub fn together<T>(
         &mut self,
         act: impl FnOnce(&mut Self) -> Result<T, StoreError>,
@@ -227,8 +228,8 @@ impl Site {
         Ok(value)
     }
 
-    /// Takes what came of one record and makes it durable; `None` if the store has the record already, or the site does not
-    /// have its rod. What people asked of the rod is done first.
+    /// Takes the outcome of one record and makes it durable; `None` if the store has the record already, or
+    /// the site does not have its rod. Requests about the rod are applied first.
     ///
     /// # Errors
     /// The store refuses: nothing of the record was kept, and nothing more can be.
@@ -266,7 +267,7 @@ impl Site {
                 .as_ref()
                 .map(|measurement| measurement.start)
                 .filter(|start| tracker.state().latest == Some(*start) && before != Some(*start))
-                .filter(|start| tracker.state().periods.is_empty() || is_pictured(before, *start))
+                .filter(|start| tracker.state().periods.is_empty() || keeps_snapshot(before, *start))
                 .and_then(|_| Snapshot::of(tracker.plan().prior(), identification)),
             Outcome::Tabulated(_) => None,
             // What a refused record looked like says why it was; as seldom, and never in place of one that was believed.
@@ -275,15 +276,16 @@ impl Site {
                 let has_period = !tracker.state().periods.is_empty();
                 rejected
                     .start
-                    .filter(|start| !has_period || is_pictured(before, *start))
+                    .filter(|start| !has_period || keeps_snapshot(before, *start))
                     .and_then(|_| Snapshot::of_rejected(rejected))
             }
         };
-        let line = record_json::json(outcome, Some(&verdict), &self.config_hash);
+        let row = RecordRow::of(outcome, Some(&verdict), &self.config_hash);
         self.store.commit(&Commit {
-            record: Some(RecordRow {
-                outcome,
-                line: &line,
+            record: Some(NewRecord {
+                row: &row,
+                identity,
+                rms: outcome.rms(),
                 emulator: self.emulators.get(rod).copied().unwrap_or_default(),
             }),
             rod: Some(RodRow {
@@ -300,10 +302,29 @@ impl Site {
             source: position,
             ..Commit::default()
         })?;
-        Ok(Some(Taken { line, verdict }))
+        Ok(Some(Taken { row, verdict }))
     }
 
-    /// Takes temperatures a recording held beside its records and makes them durable; whether they said anything new.
+    /// Takes what came of an event and makes it durable; `before` is the record of its rod that passed before it. `None` unless it
+    /// is a record that is new.
+    ///
+    /// # Errors
+    /// As [`Site::take`] and [`Site::take_readings`].
+    pub fn take_event(
+        &mut self,
+        analysed: &Analysed,
+        position: Position<'_>,
+        before: Option<[u8; 32]>,
+    ) -> Result<Option<Taken>, StoreError> {
+        match analysed {
+            Analysed::Record(outcome) => self.take(outcome, Some(position)),
+            Analysed::Readings(rod, readings) => self.take_readings(rod, readings, before).map(|_| None),
+            Analysed::Known(..) => Ok(None),
+        }
+    }
+
+    /// Takes temperatures of a recording that belong to no record and makes them durable; returns true if any
+    /// were new.
     ///
     /// `after` is the rod's record that came before them. They count only where that is the record the rod took last: so
     /// the same recording read again, or the same run begun again, changes nothing.
@@ -359,14 +380,14 @@ impl Site {
     ///
     /// # Errors
     /// The store refuses: nothing of it was kept.
-    pub fn watch(&mut self, notices: &[Notice], stretch: Stretch) -> Result<(), StoreError> {
+    pub fn watch(&mut self, notices: &[ConditionEvent], stretch: Stretch) -> Result<(), StoreError> {
         self.store.watch(notices, Some(stretch))
     }
 
-    /// Does what people asked of any rod of the site, in the order they did; how much that was.
+    /// Applies the requests about any rod of the site, in their order; returns their number.
     ///
     /// # Errors
-    /// The store refuses: what was not done yet still waits.
+    /// The store returned an error: requests not applied yet still wait.
     pub fn apply_requests(&mut self) -> Result<usize, StoreError> {
         let mut applied = 0;
         for rod in self.store.rods_asked()? {
@@ -375,7 +396,7 @@ impl Site {
         Ok(applied)
     }
 
-    /// Keeps what a daemon remembers of its sources and sinks.
+    /// Stores the state of a daemon's sources and sinks.
     ///
     /// # Errors
     /// The store refuses: nothing of it was kept.
@@ -410,7 +431,7 @@ impl Site {
         self.store.forget_lines(rod, from, latest.plus_seconds(-keep_s))
     }
 
-    /// Does what people asked of a rod, in the order they did; how much that was.
+    /// Applies the requests about a rod, in their order; returns their number.
     fn do_as_asked(&mut self, rod: &RodId) -> Result<usize, StoreError> {
         let Some(tracker) = self.trackers.get_mut(rod) else {
             return Ok(0);
@@ -418,7 +439,7 @@ impl Site {
         let requests = self.store.waiting(rod)?;
         for request in &requests {
             let events = match &request.what {
-                Asked::Acknowledge { alarm } => tracker.acknowledge(alarm, request.asked),
+                Asked::Acknowledge { alarm, .. } => tracker.acknowledge(alarm, request.asked),
                 Asked::Rebaseline { .. } => tracker.rebaseline(None),
             };
             self.store.commit(&Commit {
@@ -464,7 +485,7 @@ fn forget(store: &mut Store, mut state: State) -> Result<(), StoreError> {
     store.forget_rod(&rod)
 }
 
-/// The other sites a store holds records of.
+/// Other sites with records in a store.
 ///
 /// # Errors
 /// The store cannot be read.

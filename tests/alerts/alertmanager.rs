@@ -32,7 +32,7 @@ fn alerts(server: &Server) -> Vec<Value> {
     serde_json::from_str(&text).unwrap()
 }
 
-/// The `status` of what the Alertmanager told its own receiver about an alarm, in order.
+/// Each `status` that the Alertmanager sent to its own receiver about an alarm, in order.
 fn told(fake: &Fake, alarm: &str) -> Vec<String> {
     let bodies = fake.bodies();
     let alerts = bodies.iter().flat_map(|body| body["alerts"].as_array().unwrap());

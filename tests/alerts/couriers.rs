@@ -1,4 +1,4 @@
-//! At least once, in order, with the same id, whatever fails and whoever is restarted.
+//! Delivery at least once, in order, with the same id, whatever fails or is restarted.
 
 use crate::desk::*;
 use crate::fake::{Answer, Fake};
@@ -123,7 +123,7 @@ fn a_server_that_asks_for_time_gets_it() {
     );
 }
 
-/// Days without the sink: the news wait in the store, and nobody waits for them.
+/// Days without the sink: the events wait in the store, and nothing waits for them.
 #[test]
 fn a_thousand_news_survive_an_outage_and_arrive_in_order() {
     let desk = Desk::new();
@@ -284,7 +284,7 @@ fn couriers_stop_at_once() {
     );
 }
 
-/// One that is taken out while it hangs says nothing more, however its send ends.
+/// A sink removed while it hangs reports nothing more, however its send ends.
 #[test]
 fn a_sink_that_is_taken_out_leaves_no_condition_behind() {
     let desk = Desk::new();

@@ -1,4 +1,4 @@
-//! A store with news, and a stand-in for the daemon's core thread, which alone writes it.
+//! A store with alarm events, and a stand-in for the daemon's core thread, its only writer.
 
 use serde_json::Value;
 use std::path::PathBuf;
@@ -24,7 +24,7 @@ pub const FAST: Pace = Pace {
     deadline: Duration::from_millis(300),
 };
 
-/// A sink's id and the number of the latest news it has.
+/// A sink's id and the number of the latest event delivered to it.
 pub type Report = (String, i64);
 
 pub struct Desk {
@@ -68,7 +68,7 @@ impl Desk {
         self.folder.path().join(name)
     }
 
-    /// Puts news into the outbox: something happened to the alarm of `rod` and `kind` of this hour.
+    /// Adds an event to the outbox, about the alarm of `rod` and `kind` of this hour.
     pub fn tell(&self, rod: &str, kind: Kind, hour: usize, what: What) -> Alarm {
         let raised = at(hour);
         let rod = RodId(rod.into());
@@ -99,7 +99,7 @@ impl Desk {
         alarm
     }
 
-    /// An alarm that goes with its condition.
+    /// An alarm that ends with its condition.
     pub fn raise(&self, hour: usize) -> Alarm {
         self.tell("north", Kind::Sensor, hour, What::Raised)
     }
@@ -127,7 +127,7 @@ impl Desk {
         self.store.lock().unwrap().delivered(sink).unwrap()
     }
 
-    /// What lasts of this sink.
+    /// Lasting condition of this sink.
     pub fn condition(&self, sink: &str) -> Option<String> {
         let conditions = self.health.conditions();
         conditions

@@ -10,18 +10,18 @@ use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 use tokio_rustls::rustls::{ServerConfig, ServerConnection, StreamOwned};
 
-/// What the server does with a request it has read.
+/// Reaction of the server to a request.
 #[derive(Debug, Clone)]
 pub enum Answer {
     /// Answers with this status and these headers.
     Status(u16, &'static str),
     /// Ends the connection.
     Drop,
-    /// Says nothing for this time, then ends the connection.
+    /// Is silent for this time, then ends the connection.
     Hang(Duration),
 }
 
-/// A request as it came.
+/// A request as received.
 #[derive(Debug, Clone)]
 pub struct Request {
     pub time: Instant,

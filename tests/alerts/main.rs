@@ -1,4 +1,5 @@
-//! Alarms that arrive: each sink against a fake that fails in every way and against the real servers, restarts, outages.
+//! Delivery of alarms: each sink against a fake that fails in every way and against the real servers,
+//! restarts, outages.
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
 mod alertmanager;

@@ -1,4 +1,4 @@
-//! What `[[sink]]` refuses, with key and line.
+//! Errors of `[[sink]]`, with key and line.
 
 use crate::desk::{config_text, sinks};
 use tirante::config::settings::alert::{MailSecurity, SinkKind};

@@ -1,4 +1,4 @@
-//! A site of two rods with made-up results: what a store is filled with.
+//! A site of two rods with made-up results, to fill a store.
 
 #![allow(clippy::unwrap_used, dead_code)] // helpers of tests are tests; not every test uses all of them
 use tirante::analysis::identify::{Identification, Measurement};
@@ -19,7 +19,8 @@ use tirante::analysis::track::plausibility::Plausibility;
 use tirante::analysis::track::relative::Misfit;
 use tirante::analysis::track::thermometer::Thermometer;
 use tirante::analysis::track::{AlarmEvent, Baseline, Kind, Period, RodState, Segment, State};
-use tirante::site::store::{Commit, Position, RecordRow, RodRow, SnapshotRow, Store};
+use tirante::site::record_row::RecordRow;
+use tirante::site::store::{Commit, NewRecord, Position, RodRow, SnapshotRow, Store};
 
 pub const HOUR_NS: i64 = 3_600_000_000_000;
 pub const CONFIG: &str = "0123456789abcdef";
@@ -95,7 +96,7 @@ pub fn identified(rod: &RodId, number: i64) -> Outcome {
     }))
 }
 
-/// What an identified record looked like.
+/// View of an identified record.
 pub fn snapshot(outcome: &Outcome) -> Option<Snapshot> {
     let Outcome::Identified(identification) = outcome else {
         return None;
@@ -128,12 +129,26 @@ pub fn rejected(rod: &RodId, number: i64) -> Outcome {
 }
 
 /// A line as `replay --json` prints it, as far as the columns go.
+/// The record as it is put into a store.
+pub fn new_record<'a>(outcome: &Outcome, row: &'a RecordRow) -> NewRecord<'a> {
+    NewRecord {
+        row,
+        identity: outcome.identity().unwrap(),
+        rms: outcome.rms(),
+        emulator: "reduced",
+    }
+}
+
 pub fn line(outcome: &Outcome) -> String {
-    match outcome {
+    row(outcome).to_json().unwrap()
+}
+
+pub fn row(outcome: &Outcome) -> RecordRow {
+    let line = match outcome {
         Outcome::Identified(identification) => format!(
             concat!(
                 r#"{{"rod":"{}","start":"{}","duration_s":60.0,"fs_hz":200.0,"modes":{},"#,
-                r#""axial_force_n":{{"mean":574000.0,"sd":109000.0,"cv":0.19,"q025":4e5,"q50":570000.0,"q975":8e5}},"#,
+                r#""axial_force_n":{{"mean":574000.0,"sd":109000.0,"cv":0.19,"q025":4e5,"q50":570000.0,"q975":8e5,"mean_error":9e3}},"#,
                 r#""parameters":{{"density_kg_m3":{{"mean":7500.5,"cv":0.05}}}},"epsilon":0.01,"draws":1000000,"#,
                 r#""accepted":100,"ess":99.5,"conflict":0.4,"prior_tail":0.5,"tracked_force_n":null,"#,
                 r#""relative_force":{{"mean":0.9515,"sd":0.0014,"q025":0.9487,"q975":0.9543}},"not_axial_p":0.37,"#,
@@ -157,7 +172,8 @@ pub fn line(outcome: &Outcome) -> String {
             CONFIG
         ),
         Outcome::Tabulated(_) => unreachable!("the archive holds records"),
-    }
+    };
+    RecordRow::parse(&line).unwrap()
 }
 
 pub fn state(rod: &RodId, number: i64) -> State {
@@ -203,7 +219,7 @@ pub fn state(rod: &RodId, number: i64) -> State {
             6
         ],
         filters: filters(number),
-        watch: tirante::analysis::track::fold::packed::Packed(None),
+        watch: tirante::analysis::track::fold::packed::Packed::default(),
         early: None,
         closed: Some(number.div_euclid(24)),
         periods: Vec::new(),
@@ -315,11 +331,7 @@ pub fn fill(store: &mut Store, range: std::ops::Range<i64>) {
         let snapshot = snapshot(&outcome);
         store
             .commit(&Commit {
-                record: Some(RecordRow {
-                    outcome: &outcome,
-                    line: &line(&outcome),
-                    emulator: "reduced",
-                }),
+                record: Some(new_record(&outcome, &row(&outcome))),
                 rod: Some(RodRow {
                     state: &now,
                     stands: &stands,

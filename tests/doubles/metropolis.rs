@@ -1,5 +1,5 @@
-//! Adaptive random-walk Metropolis on the exact likelihood: a posterior that shares nothing with ABC
-//! but prior and forward model.
+//! Adaptive random-walk Metropolis on the exact likelihood: a posterior that shares only prior and
+//! forward model with ABC.
 
 use rand::RngExt;
 use rand_distr::{Distribution, StandardNormal};

@@ -87,7 +87,7 @@ impl ForwardModel for Linear {
 }
 
 /// The hinged tensioned beam: f_n = n / (2 l) sqrt(N / m) sqrt(1 + n^2 pi^2 EI / (N l^2)).
-/// Refuses forces below `lowest_force`, as an emulator refuses what it was not trained on.
+/// Refuses forces below `lowest_force`, as an emulator refuses parameters outside its trained range.
 pub struct Hinged {
     parameterisation: Parameterisation,
     pub lowest_force: f64,

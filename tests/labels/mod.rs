@@ -13,10 +13,10 @@ use tirante::analysis::rod::fixity::Fixity;
 use tirante::analysis::rod::prior::{Prior, RodPrior};
 use tirante::analysis::signal::modes::{LabelPlan, ModeSettings, MotionKind, Resonance};
 
-/// What a record shows.
+/// Class of a record's peaks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Class {
-    /// So many modes stand clear.
+    /// This many modes are clear of the noise.
     Visible(usize, usize),
     FirstMissing,
     MidSpan,
@@ -55,20 +55,20 @@ pub const CLASSES: [Class; 19] = [
     Class::Odd,
 ];
 
-/// What is known of the rod beforehand.
+/// Prior knowledge of the rod.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Knowledge {
-    /// What `init` writes: any force up to 300 MPa, any support.
+    /// Prior as written by `init`: any force up to 300 MPa, any support.
     FirstContact,
     /// A force known to 20 %, supports to 30 %.
     Known,
 }
 
-/// One record: its peaks and what they are.
+/// One record: its peaks and their true orders.
 pub struct World {
     pub prior: RodPrior,
     pub peaks: Vec<Resonance>,
-    /// The order of each peak, or none for a foreign one.
+    /// Order of each peak; `None` for a foreign one.
     pub truth: Vec<Option<usize>>,
     pub limit_hz: f64,
     pub force_n: f64,
@@ -325,20 +325,20 @@ pub fn world(class: Class, knowledge: Knowledge, seed: u64) -> World {
     }
 }
 
-/// What came of the records of a class.
+/// Results for the records of a class.
 #[derive(Debug, Clone, Default)]
 pub struct Score {
     pub records: usize,
     pub identified: usize,
-    /// Every order told is right.
+    /// Number of records with every reported order right.
     pub right: usize,
-    /// Right orders beside a foreign peak.
+    /// Number of records with right orders beside a foreign peak.
     pub intruders: usize,
-    /// A true mode under a wrong order.
+    /// Number of records with a true mode under a wrong order.
     pub wrong: usize,
-    /// The force of the likeliest candidate is inside its interval.
+    /// Number of records in which the likeliest candidate's interval holds the true force.
     pub covered: usize,
-    /// Stated probability and whether all was right, of every record identified.
+    /// Stated probability of every record identified, with true if all orders were right.
     pub stated: Vec<(f64, bool)>,
 }
 

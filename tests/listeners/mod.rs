@@ -1,4 +1,4 @@
-//! Listeners on ports of the system's choice, and what stands for the journal behind them.
+//! Listeners on free ports, with a substitute for the journal behind them.
 #![allow(dead_code, reason = "each test file uses its part")]
 #![allow(clippy::unwrap_used, reason = "a test that cannot be set up fails")]
 
@@ -15,13 +15,13 @@ use tirante::service::journal::{Batch, Closed, End, Entry};
 use tirante::service::telemetry::{Fault, Health};
 use tokio::sync::watch;
 
-/// What came of one stream.
+/// Result of one stream.
 #[derive(Debug, Clone, Default)]
 pub struct Written {
     pub sender: Option<String>,
     pub entries: Vec<Entry>,
     pub through: u64,
-    /// `None` while it is under way, or when it was dropped.
+    /// End of the stream; `None` while it runs, or when it was dropped.
     pub end: Option<End>,
 }
 
@@ -49,7 +49,7 @@ impl Written {
     }
 }
 
-/// Stands for the journal: everything is durable at once, unless its gate is shut.
+/// Substitute for the journal: everything is durable at once, unless its gate is shut.
 #[derive(Clone)]
 pub struct Ledger {
     inner: Arc<Mutex<Inner>>,
@@ -221,7 +221,7 @@ impl Daemon {
         }
     }
 
-    /// Stops, and says how long that took.
+    /// Stops, and returns the time taken.
     pub fn stop(&mut self) -> Duration {
         let since = Instant::now();
         self.stop.send_replace(true);
@@ -231,7 +231,7 @@ impl Daemon {
         since.elapsed()
     }
 
-    /// Waits until the only stream, or the last one, is as wanted.
+    /// Waits until the only stream, or the last one, meets a condition.
     pub fn until(&self, what: &str, is_so: impl Fn(&Written) -> bool) -> Written {
         let mut last = None;
         wait_for(what, || {

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 const HOURS: usize = 24;
 const RODS: usize = 3;
-/// After so many hours buffers and caches have their size.
+/// Hours after which buffers and caches have their final size.
 const SETTLED_H: f64 = 4.0;
 const PEAK_MB: f64 = 256.0;
 const GROWTH_MB_PER_H: f64 = 1.0;

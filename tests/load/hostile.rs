@@ -18,7 +18,7 @@ use tirante::recording::write::{
 };
 
 const PEAK_MB: f64 = 256.0;
-/// What the well-behaved client may wait \[s\].
+/// Longest latency of the well-behaved client \[s\].
 const LATENCY_S: f64 = 1.0;
 /// Hostile clients at once; the daemon takes 64.
 const CROWD: usize = 40;
@@ -59,7 +59,7 @@ impl Scene {
         }
     }
 
-    /// Does something hostile, then checks client and memory. It takes half a minute at least.
+    /// Does something hostile, then checks client and memory. Takes at least half a minute.
     fn survive(mut self, what: &str, hostile: impl FnOnce(&Plant, &mut Process)) {
         let witness = Witness::start(&self.plant);
         let begun = Instant::now();
@@ -142,7 +142,7 @@ fn garbage(rng: &mut impl Rng, seeds: &[Vec<u8>]) -> Vec<u8> {
     bytes
 }
 
-/// `FRAMES=1000` for less.
+/// Number of frames: `FRAMES=1000` for fewer.
 #[test]
 #[ignore = "minutes"]
 fn a_million_frames_of_garbage() {
@@ -242,7 +242,7 @@ fn raw(records: &[(u8, Vec<u8>)]) -> Vec<u8> {
     bytes
 }
 
-/// A chunk that says it has `size` bytes and unpacks to a gigabyte of zeros.
+/// A chunk that declares `size` bytes and unpacks to a gigabyte of zeros.
 fn bomb(size: u64) -> Vec<u8> {
     let mut packed = zstd::Encoder::new(Vec::new(), 3).unwrap();
     for _ in 0..1024 {

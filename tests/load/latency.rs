@@ -1,4 +1,4 @@
-//! Many rods live, in real time: how long from a record's last sample to its result in the store.
+//! Many rods live, in real time: latency from a record's last sample to its result in the store.
 //!
 //! `RODS=400` tries another number; `SAMPLES=1` sends one sample a message.
 
@@ -13,7 +13,7 @@ use std::time::{Duration, Instant};
 const SENDERS: usize = 10;
 /// Records of each rod.
 const RECORDS: usize = 2;
-/// What is asked for \[s\].
+/// Latency required \[s\].
 const LIMIT_S: f64 = 1.0;
 
 fn number(name: &str, default: usize) -> usize {

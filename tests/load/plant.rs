@@ -6,16 +6,16 @@ use std::path::PathBuf;
 use std::process::{Child, Command, Stdio};
 use std::thread;
 
-/// What is measured, and how.
+/// Parameters of a measurement.
 pub struct Plan {
     pub rods: usize,
     pub fs_hz: f64,
     /// Length of a record \[s\]; 0 where each ends with a gap.
     pub window_s: f64,
     pub modes: usize,
-    /// Where samples stand in a message: `values` for arrays, `data` for one sample.
+    /// Field of the samples in a message: `values` for arrays, `data` for one sample.
     pub field: &'static str,
-    /// What the daemon's configuration has besides rods, store and sockets.
+    /// Further sections of the daemon's configuration.
     pub more: String,
 }
 
@@ -43,7 +43,7 @@ pub struct Take<'a> {
     pub record_s: f64,
     pub samples_per_message: usize,
     pub encoding: &'a str,
-    /// TOML of what is special about every rod.
+    /// Further TOML of every rod.
     pub special: &'a str,
 }
 
@@ -134,7 +134,7 @@ impl Plant {
         Sender(child)
     }
 
-    /// The daemon's store, to be looked at beside it.
+    /// The daemon's store, opened beside it.
     pub fn store(&self) -> rusqlite::Connection {
         let flags = rusqlite::OpenFlags::SQLITE_OPEN_READ_ONLY;
         let store = rusqlite::Connection::open_with_flags(self.path("site.db"), flags).unwrap();
@@ -142,7 +142,7 @@ impl Plant {
         store
     }
 
-    /// A number the store is asked for.
+    /// Number returned by a query of the store.
     pub fn count(&self, query: &str) -> i64 {
         self.store().query_row(query, (), |row| row.get(0)).unwrap()
     }
@@ -166,7 +166,7 @@ impl Drop for Sender {
     }
 }
 
-/// Waits in small steps until it is so; the daemon must go on meanwhile.
+/// Waits in small steps until a condition holds; the daemon must keep running.
 pub fn wait(daemon: &mut Process, what: &str, limit: std::time::Duration, is_so: impl Fn() -> bool) {
     let until = std::time::Instant::now() + limit;
     while !is_so() {

@@ -6,13 +6,13 @@ use std::sync::{Arc, Mutex};
 use std::thread;
 use std::time::Duration;
 
-/// What it does with a request.
+/// Reaction to a request.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Mood {
     Well,
     /// Nobody listens.
     Down,
-    /// Takes the request and says nothing.
+    /// Takes the request and does not answer.
     Hanging,
     /// Answers with this.
     Refusing(&'static str),
@@ -56,7 +56,7 @@ impl Server {
         });
     }
 
-    /// From now on all is well.
+    /// Answers normally from now on.
     pub fn heal(&self) {
         let before = std::mem::replace(&mut *self.shared.mood.lock().unwrap(), Mood::Well);
         if before == Mood::Down {

@@ -1,4 +1,5 @@
-//! Twelve hours of dead sinks: what comes in is analysed as fast as with healthy ones, and every alarm arrives in order later.
+//! Twelve hours of dead sinks: data is analysed as fast as with healthy ones, and every alarm arrives in
+//! order later.
 
 use super::plant::{Plan, Plant, Take, wait};
 use super::process::Process;
@@ -9,9 +10,9 @@ use std::time::{Duration, Instant};
 const RODS: usize = 6;
 /// Twelve hours of a record a minute.
 const RECORDS: usize = 720;
-/// Records in a row that are spoiled, and then as many that are not: an alarm is raised and cleared each time.
+/// Number of bad records in a row, followed by as many good ones: an alarm is raised and cleared each time.
 const BLOCK: usize = 6;
-/// Dead sinks may cost this share of the throughput.
+/// Largest factor on the time with dead sinks.
 const SLOWER: f64 = 1.1;
 
 const DEAD: [Mood; 4] = [
@@ -21,7 +22,7 @@ const DEAD: [Mood; 4] = [
     Mood::Refusing("429 Too Many\r\nRetry-After: 2\r\n"),
 ];
 
-/// A plant whose four sinks are as said, with its daemon.
+/// A plant with four sinks in these moods, and its daemon.
 fn plant(moods: [Mood; 4]) -> (Plant, [Server; 4], Process) {
     let servers = moods.map(Server::new);
     let mut more = String::from("settle_s = 3600\n[alarm]\nsensor_records = 3\nconfirm = 3\n");
@@ -45,7 +46,7 @@ fn plant(moods: [Mood; 4]) -> (Plant, [Server; 4], Process) {
     (plant, servers, daemon)
 }
 
-/// Twelve hours through the socket, as fast as they go; how long until the last result was there \[s\].
+/// Sends twelve hours through the socket, as fast as possible; returns the time until the last result \[s\].
 fn twelve_hours(plant: &Plant, daemon: &mut Process) -> f64 {
     let mut special = String::new();
     for first in (BLOCK + 1..=RECORDS).step_by(2 * BLOCK) {
@@ -88,7 +89,7 @@ fn told(plant: &Plant) -> Vec<(String, String)> {
     rows.map(Result::unwrap).collect()
 }
 
-/// Waits until a sink has all news; how many came more than once.
+/// Waits until a sink has all events; returns the number that came more than once.
 fn arrived(daemon: &mut Process, server: &Server, news: &[(String, String)]) -> usize {
     let mut seen: Vec<String> = Vec::new();
     let mut repeated = 0;

@@ -1,4 +1,5 @@
-//! How long the daemon takes to be ready: a hundred rods, no two alike, with nothing and with a hundred thousand records.
+//! Time for the daemon to be ready: a hundred rods, no two alike, with nothing and with a hundred thousand
+//! records.
 
 use super::archive;
 use super::plant::{Plan, Plant};
@@ -6,13 +7,13 @@ use super::process::Process;
 use std::path::Path;
 use std::time::{Duration, Instant};
 use tirante::analysis::signal::record::RodId;
-use tirante::site::store::{Commit, Durability, RecordRow, Store};
+use tirante::site::store::{Commit, Durability, Store};
 
 const RODS: usize = 100;
 const RECORDS: i64 = 100_000;
 const LIMIT: Duration = Duration::from_secs(2);
 
-/// Starts a daemon, kills it when it is ready, and tells how long that took.
+/// Starts a daemon, kills it when ready, and returns the time to be ready.
 fn ready(plant: &Plant, cache: &Path) -> Duration {
     let begun = Instant::now();
     let variables = [("TIRANTE_CACHE_DIR", cache.to_str().unwrap())];
@@ -36,11 +37,7 @@ fn fill(plant: &Plant) {
         let outcome = archive::identified(&rod, number);
         store
             .commit(&Commit {
-                record: Some(RecordRow {
-                    outcome: &outcome,
-                    line: &archive::line(&outcome),
-                    emulator: "reduced",
-                }),
+                record: Some(archive::new_record(&outcome, &archive::row(&outcome))),
                 ..Commit::default()
             })
             .unwrap();

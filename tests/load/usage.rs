@@ -1,4 +1,4 @@
-//! What a process takes: memory, descriptors, processor time; and what it says of itself.
+//! Resources of a process: memory, descriptors, processor time; and its own metrics.
 
 use super::process::Process;
 use std::fs;
@@ -6,7 +6,7 @@ use std::io::{Read, Write};
 use std::net::TcpStream;
 use std::time::Duration;
 
-/// What a process takes at one moment.
+/// Resources of a process at one moment.
 #[derive(Debug, Clone, Copy)]
 pub struct Usage {
     pub resident_mb: f64,
@@ -35,7 +35,7 @@ impl Usage {
     }
 }
 
-/// What `/metrics` shows.
+/// Content of `/metrics`.
 pub fn metrics(daemon: &Process) -> String {
     let log = daemon.log();
     let address = log
@@ -54,7 +54,7 @@ pub fn metrics(daemon: &Process) -> String {
     text
 }
 
-/// The sum of all series that begin so; 0 if there are none.
+/// Sum of all series that begin with `series`; 0 if there are none.
 pub fn metric(text: &str, series: &str) -> f64 {
     let values = text.lines().filter(|line| line.starts_with(series));
     values

@@ -1,4 +1,4 @@
-//! Looks at the store while the daemon writes it, and notes when each record's result became visible.
+//! Watches the store while the daemon writes it, and notes when each record's result became visible.
 
 use super::plant::Plant;
 use std::sync::Arc;
@@ -6,14 +6,14 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, SystemTime};
 
-/// How often it looks.
+/// Interval between checks.
 const LOOK: Duration = Duration::from_millis(5);
 
 /// A record as it was seen.
 #[derive(Debug, Clone)]
 pub struct Seen {
     pub rod: String,
-    /// When it ended, in seconds since 1970.
+    /// End of the record \[s since 1970\].
     pub end_s: f64,
     /// From the time of its last sample to when it was seen \[s\].
     pub latency_s: f64,
@@ -25,7 +25,7 @@ pub struct Witness {
 }
 
 impl Witness {
-    /// Begins to look; what is there already is not seen.
+    /// Begins to watch; records already present are ignored.
     pub fn start(plant: &Plant) -> Self {
         let store = plant.store();
         let stop = Arc::<AtomicBool>::default();

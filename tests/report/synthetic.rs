@@ -137,7 +137,7 @@ fn snapshot(at: Timestamp, shift: f64) -> Snapshot {
     }
 }
 
-/// A refused record with peaks of every kind, and two assignments that were weighed.
+/// A refused record with peaks of every kind, and two assignments.
 pub fn refused(at: Timestamp) -> Snapshot {
     let peak = |frequency_hz: f64, taken_for: Nature| PeakMark {
         frequency_hz,

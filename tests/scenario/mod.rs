@@ -94,7 +94,7 @@ pub fn follow_on(tracker: &mut Tracker, observations: &[Observation]) -> Vec<Ver
         .collect()
 }
 
-/// What was raised, with the number of the record.
+/// Alarms raised, with the number of the record.
 pub fn raised(verdicts: &[Verdict]) -> Vec<(usize, Kind)> {
     told(verdicts, What::Raised)
 }

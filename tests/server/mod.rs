@@ -1,4 +1,4 @@
-//! `tirante serve` on a port of its own, and a client that says exactly what a test says.
+//! `tirante serve` on a port of its own, and a client that sends exactly the bytes of a test.
 #![allow(clippy::unwrap_used, dead_code)] // helpers of tests are tests; not every test uses all of them
 
 use super::site::Site;
@@ -10,7 +10,7 @@ use std::os::unix::fs::PermissionsExt;
 use std::process::{Child, Stdio};
 use std::time::Duration;
 
-/// How long anything may take here before the test fails.
+/// Longest wait before the test fails.
 const PATIENCE: Duration = Duration::from_secs(60);
 
 pub const TOKEN: &str = "0123456789abcdef-secret";
@@ -47,7 +47,7 @@ impl Server {
         }
     }
 
-    /// Sends a request and gives the connection.
+    /// Sends a request and returns the connection.
     fn send(&self, method: &str, path: &str, headers: &str) -> TcpStream {
         let mut stream = TcpStream::connect(self.address).unwrap();
         stream.set_read_timeout(Some(PATIENCE)).unwrap();
@@ -60,15 +60,24 @@ impl Server {
         stream
     }
 
-    fn whole(&self, method: &str, path: &str, headers: &str) -> (String, String) {
+    fn answer(&self, method: &str, path: &str, headers: &str) -> (String, Vec<u8>) {
         let mut stream = self.send(method, path, &format!("Connection: close\r\n{headers}"));
         let mut answer = Vec::new();
         stream.read_to_end(&mut answer).unwrap();
-        let answer = String::from_utf8(answer).unwrap();
-        let (head, body) = answer
-            .split_once("\r\n\r\n")
-            .unwrap_or_else(|| panic!("{answer}"));
-        (head.to_ascii_lowercase(), body.to_owned())
+        let end = answer.windows(4).position(|four| four == b"\r\n\r\n").unwrap();
+        let body = answer.split_off(end + 4);
+        (String::from_utf8(answer).unwrap().to_ascii_lowercase(), body)
+    }
+
+    fn whole(&self, method: &str, path: &str, headers: &str) -> (String, String) {
+        let (head, body) = self.answer(method, path, headers);
+        (head, String::from_utf8(body).unwrap())
+    }
+
+    /// Status and body as they were sent.
+    pub fn bytes(&self, path: &str, headers: &str) -> (u16, Vec<u8>) {
+        let (head, body) = self.answer("GET", path, headers);
+        (head.split(' ').nth(1).unwrap().parse().unwrap(), body)
     }
 
     /// Status and body.
@@ -88,7 +97,7 @@ impl Server {
         serde_json::from_str(&body).unwrap()
     }
 
-    /// The status of an answer that gives a reason.
+    /// Status of an answer with a reason.
     pub fn refused(&self, path: &str) -> u16 {
         let (status, body) = self.ask("GET", path, "");
         let reason: Result<Json, _> = serde_json::from_str(&body);
@@ -99,7 +108,7 @@ impl Server {
         status
     }
 
-    /// A connection on which an answer goes on coming.
+    /// A connection with a continuing answer.
     pub fn stream(&self, path: &str) -> TcpStream {
         self.send("GET", path, "")
     }

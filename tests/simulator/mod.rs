@@ -74,7 +74,7 @@ impl SimulatedMode {
     }
 }
 
-/// The ambient standard deviation whose spectral peak stands `ratio_db` over white noise of standard
+/// The ambient standard deviation whose spectral peak is `ratio_db` above white noise of standard
 /// deviation `noise`: one-sided peak sigma^2 / (pi zeta f), noise 2 noise^2 / fs.
 pub fn ambient_sd(frequency_hz: f64, damping: f64, ratio_db: f64, noise: f64, fs: f64) -> f64 {
     (10f64.powf(ratio_db / 10.0) * 2.0 * noise * noise / fs * PI * damping * frequency_hz).sqrt()

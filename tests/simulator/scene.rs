@@ -12,11 +12,11 @@ use tirante::analysis::signal::record::Record;
 /// A pull and release, or a blow.
 #[derive(Debug, Clone, Copy)]
 pub struct Pull {
-    /// When \[s\].
+    /// Time \[s\].
     pub at_s: f64,
     /// Amplitude over each mode's ambient standard deviation.
     pub ratio: f64,
-    /// Held and slowly drawn for this long before \[s\]; 0 for a blow.
+    /// Duration of the slow pull before \[s\]; 0 for a blow.
     pub ramp_s: f64,
 }
 
@@ -38,7 +38,7 @@ pub struct Scene {
     pub noise: f64,
     /// Standard deviation of the logarithm of the force, and its correlation time \[s\].
     pub gust: Option<(f64, f64)>,
-    /// A knock every so many seconds, so many times each mode's ambient standard deviation.
+    /// Knocks: interval \[s\], and size as a multiple of each mode's ambient standard deviation.
     pub knocks: Option<(f64, f64)>,
     pub pulls: Vec<Pull>,
     pub hums: Vec<Hum>,

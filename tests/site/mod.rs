@@ -73,10 +73,10 @@ pub fn noon(day: i64) -> Timestamp {
 pub struct Part {
     pub first_day: i64,
     pub days: usize,
-    /// TOML of what is special about a rod: changes, masses, faults.
+    /// Further TOML of a rod: changes, masses, faults.
     pub north: String,
     pub south: String,
-    /// What comes of the configuration before it is simulated.
+    /// Edit of the configuration before it is simulated.
     pub wiring: fn(&str) -> String,
 }
 
@@ -208,7 +208,7 @@ impl Site {
         self.command(words).output().unwrap()
     }
 
-    /// Replays paths into a store; what it said and its exit code.
+    /// Replays paths into a store; returns output and exit code.
     pub fn replay(&self, paths: &[&str], store: &str) -> (Output, i32) {
         let words = ["replay", "--config", "site.toml", "--json", "--store", store];
         let output = self.run(&[&words[..], paths].concat());
@@ -251,7 +251,7 @@ pub fn lines(bytes: &[u8]) -> Vec<Value> {
         .collect()
 }
 
-/// Where two dumps part.
+/// Panics at the first difference of two dumps.
 pub fn assert_equal_dumps(one: &str, other: &str) {
     for (line, (a, b)) in one.lines().zip(other.lines()).enumerate() {
         assert_eq!(a, b, "line {line}");
@@ -263,8 +263,8 @@ pub fn copy(from: &Path, to: &Path) {
     fs::copy(from, to).unwrap();
 }
 
-/// 56 days of two rods in seven recordings: baselines, charts, records spoiled in several ways, days on which only the
-/// thermometer spoke, a loss of 10 % that alarms.
+/// 56 days of two rods in seven recordings: baselines, charts, records with several faults, days with
+/// temperatures only, a loss of 10 % that alarms.
 pub fn campaign() -> Site {
     let site = Site::new(SITE);
     let loss = "[[simulation.rod.change]]\nstart_d = 0.0\nrelative = -0.10\n";

@@ -1,4 +1,5 @@
-//! Four rods whose data come in every way there is, each in its own so that its order is fixed, and what must come of them.
+//! Four rods whose data come by every possible way, one way each so that its order is fixed, with the results
+//! required.
 
 use super::feed::Feed;
 use super::hook::Hook;
@@ -16,7 +17,7 @@ use tempfile::TempDir;
 /// Files that appear, one that grows, `tirante send`, JSON lines.
 pub const RODS: [&str; 4] = ["north", "west", "south", "east"];
 
-/// Everything that is fed, and what an undisturbed daemon makes of it.
+/// All data fed, and the results of an undisturbed daemon.
 pub struct Material {
     folder: TempDir,
     pub days: usize,
@@ -125,7 +126,7 @@ fn tirante(folder: &Path, words: &[&str]) -> std::process::Output {
         .unwrap()
 }
 
-/// Simulates a recording into a folder; where it is.
+/// Simulates a recording into a folder; returns its path.
 fn simulate(folder: &Path, name: &str, config: &str, seed: usize) -> PathBuf {
     fs::write(folder.join("simulated.toml"), config).unwrap();
     let seed = seed.to_string();
@@ -162,7 +163,7 @@ impl Material {
         LONG.get_or_init(|| Self::new(40, 26))
     }
 
-    /// A few records, to be gone through again and again.
+    /// A few records, for many repetitions.
     pub fn short() -> &'static Self {
         static SHORT: OnceLock<Material> = OnceLock::new();
         SHORT.get_or_init(|| Self::new(2, 2))
@@ -197,7 +198,7 @@ impl Material {
         }
     }
 
-    /// What an undisturbed daemon makes of every rod; a replay of the same data makes the same.
+    /// Results of an undisturbed daemon for every rod; a replay of the same data gives the same.
     pub fn undisturbed(&'static self) -> &'static BTreeMap<String, String> {
         self.undisturbed.get_or_init(|| {
             let campaign = Campaign::new(self, "");
@@ -323,7 +324,7 @@ impl Campaign {
         ids.map(Result::unwrap).collect()
     }
 
-    /// Replays into a fresh store; what came of every rod.
+    /// Replays into a fresh store; returns the results of every rod.
     fn replay(&self, paths: &[&str]) -> BTreeMap<String, String> {
         let _ = fs::remove_file(self.path("replayed.db"));
         let words = ["replay", "--config", "site.toml", "--store", "replayed.db"];
@@ -333,7 +334,7 @@ impl Campaign {
         self.results("replayed.db")
     }
 
-    /// Everything the store has of every rod but the numbers that depend on the order of rods.
+    /// Results of every rod in a store, without the numbers that depend on the order of rods.
     pub fn results(&self, store: &str) -> BTreeMap<String, String> {
         let store = rusqlite::Connection::open(self.path(store)).unwrap();
         RODS.iter()
@@ -341,7 +342,8 @@ impl Campaign {
             .collect()
     }
 
-    /// The invariants, after everything was fed. A store that was damaged on purpose must have been moved aside, no other.
+    /// Checks the invariants after all data was fed. A store damaged on purpose must have been moved aside,
+    /// no other.
     pub fn check(&self, what: &str, was_damaged: bool) {
         let made = self.results("state/site.db");
         compare(what, self.material.undisturbed(), &made);

@@ -1,5 +1,5 @@
 //! Data on their way to a daemon that may be gone at any moment: files that appear, one that grows, `tirante send`, and a client that
-//! holds the daemon to what it acknowledged.
+//! checks the daemon's acknowledgements.
 
 use super::campaign::Material;
 use serde_json::Value;
@@ -13,10 +13,10 @@ use std::sync::{Arc, Mutex};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
-/// What the two senders and the test share.
+/// State shared by the two senders and the test.
 #[derive(Default)]
 struct Shared {
-    /// How much of everything may be sent [millionths].
+    /// Share of all data that may be sent [millionths].
     share: AtomicU64,
     stop: AtomicBool,
     lines_are_done: AtomicBool,
@@ -68,7 +68,7 @@ impl Feed {
         }
     }
 
-    /// Offers this share of everything.
+    /// Offers this share of all data.
     pub fn offer(&mut self, share: f64) {
         self.shared.share.store((share * 1e6) as u64, Ordering::Relaxed);
         let archive = self.folder.join("archive");
@@ -87,21 +87,21 @@ impl Feed {
         }
     }
 
-    /// Kills `tirante send` where it is; it is begun again with `--resume`.
+    /// Kills `tirante send`; it is started again with `--resume`.
     pub fn kill_sender(&self) {
         if let Some(sender) = self.shared.sender.lock().unwrap().as_mut() {
             let _ = sender.kill();
         }
     }
 
-    /// Whether the senders were told that everything is durable.
+    /// True if the senders were told that all data is durable.
     pub fn is_done(&self) -> bool {
         assert_eq!(*self.shared.broken.lock().unwrap(), [""; 0]);
         self.shared.lines_are_done.load(Ordering::Relaxed)
             && self.shared.files_are_sent.load(Ordering::Relaxed)
     }
 
-    /// Acknowledgements the client saw.
+    /// Number of acknowledgements the client received.
     pub fn acks(&self) -> u64 {
         self.shared.acks.load(Ordering::Relaxed)
     }
@@ -122,7 +122,7 @@ impl Drop for Feed {
     }
 }
 
-/// One `tirante send` a recording, begun again until it says that everything is durable.
+/// Runs one `tirante send` per recording, started again until it reports that everything is durable.
 fn send(shared: &Shared, folder: &Path, recordings: &[PathBuf]) {
     let to = format!("unix://{}", folder.join("state/in.sock").display());
     let mut sent = 0;
@@ -160,10 +160,11 @@ fn send(shared: &Shared, folder: &Path, recordings: &[PathBuf]) {
         .store(sent == recordings.len(), Ordering::Relaxed);
 }
 
-/// A connection of the client; whether it is the last one.
+/// Runs a connection of the client; returns true if it is the last one.
 fn client(shared: &Shared, socket: &Path, lines: &[String]) -> bool {
     thread_local! {
-        /// Lines that were acknowledged, and whether the end was said: the daemon may have forgotten the stream then.
+        /// Number of lines acknowledged, and true if the end was sent: the daemon may have forgotten the
+        /// stream then.
         static ACKED: std::cell::Cell<(u64, bool)> = const { std::cell::Cell::new((0, false)) };
     }
     if shared.is_over() {

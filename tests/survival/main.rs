@@ -1,5 +1,6 @@
-//! The daemon under faults, as a process: killed at random and at every durable step, refused by the disk, told to stop, stalled, and
-//! confined to what its unit allows. After each: exactly once, the same answer, nothing acknowledged lost, every alarm told.
+//! The daemon under faults, as a process: killed at random and at every durable step, with errors of the
+//! disk, stopped, stalled, and confined to the rights of its unit. After each: exactly once, the same answer,
+//! no acknowledged data lost, every alarm sent.
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
 mod campaign;

@@ -1,4 +1,4 @@
-//! A recording that ends the program whenever it is read: too much for the memory it has.
+//! A recording that crashes the program whenever it is read, by lack of memory.
 
 use super::campaign::{Campaign, Material, RODS, huge};
 use super::process::Process;
@@ -7,12 +7,12 @@ use std::io::Cursor;
 use tirante::analysis::signal::record::{Timestamp, Unit};
 use tirante::recording::write::{ChannelSpec, Encoding, Layout, Precision, RecordingWriter, WriterOptions};
 
-/// Memory beyond what a daemon takes that reads what is harmless \[kB\].
+/// Memory limit above that of a daemon with harmless input \[kB\].
 const MORE_KB: u64 = 24 << 10;
-/// One arena, so that addresses are taken for what is used.
+/// One malloc arena, so that address space follows memory use.
 const VARIABLES: [(&str, &str); 1] = [("MALLOC_ARENA_MAX", "1")];
 
-/// The most addresses a process had so far \[kB\].
+/// Peak address space of a process so far \[kB\].
 fn peak_kb(pid: u32) -> u64 {
     let status = fs::read_to_string(format!("/proc/{pid}/status")).unwrap();
     let line = status

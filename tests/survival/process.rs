@@ -7,7 +7,7 @@ use std::process::{Child, Command, ExitStatus, Stdio};
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// How long anything may take on a machine that is busy with other things.
+/// Longest wait on a busy machine.
 pub const DEADLINE: Duration = Duration::from_secs(120);
 
 pub struct Process {
@@ -16,7 +16,7 @@ pub struct Process {
 }
 
 impl Process {
-    /// The daemon in a folder; `wrapped` is what runs it, before its own words.
+    /// Starts the daemon in a folder; `wrapped` is the command that runs it.
     pub fn start(folder: &Path, wrapped: &[&str]) -> Self {
         Self::with(folder, wrapped, &[])
     }
@@ -55,7 +55,7 @@ impl Process {
         self.child.try_wait().unwrap().is_none()
     }
 
-    /// Waits until it is so; panics if the daemon ends before.
+    /// Waits until a condition holds; panics if the daemon ends before.
     pub fn wait_until(&mut self, what: &str, mut is_so: impl FnMut(&str) -> bool) {
         let until = Instant::now() + DEADLINE;
         while !is_so(&self.log()) {
@@ -65,7 +65,7 @@ impl Process {
         }
     }
 
-    /// Waits until it is so, or the daemon ends; whether it is so.
+    /// Waits until a condition holds, or the daemon ends; returns true if it holds.
     pub fn becomes(&mut self, is_so: impl Fn(&str) -> bool) -> bool {
         let until = Instant::now() + DEADLINE;
         while self.is_running() {
@@ -78,7 +78,7 @@ impl Process {
         false
     }
 
-    /// The daemon itself, inside of what runs it.
+    /// Process id of the daemon itself, inside its wrapper.
     pub fn pid(&self) -> u32 {
         let mut pid = self.child.id();
         while let Ok(children) = fs::read_to_string(format!("/proc/{pid}/task/{pid}/children"))
@@ -106,7 +106,7 @@ impl Process {
         }
     }
 
-    /// Told to stop with a signal: ends with 0 within five seconds.
+    /// Stops it with a signal: it must end with 0 within five seconds.
     pub fn stop(mut self, signal: &str) {
         self.signal(signal);
         let begun = Instant::now();

@@ -1,4 +1,4 @@
-//! A disk that refuses: an error ends the daemon with 1, no room is waited for; nothing is lost either way.
+//! A failing disk: an error ends the daemon with 1, a full disk is waited for; nothing is lost either way.
 
 use super::campaign::{Campaign, Material};
 use super::steps::{Files, Found, SWEEPS, has_strace, injecting, prepare, run};
@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use std::process::{Command, ExitStatus};
 use std::time::Instant;
 
-/// Calls that are refused besides those with which something becomes durable: opening files, those of SQLite among them.
+/// Calls to fail besides those that make data durable: opening files, those of SQLite among them.
 const OPENS: [(Files, Found, &str); 4] = [
     (Files::Store, Found::Nothing, "openat"),
     (Files::Store, Found::Begun, "openat"),
@@ -15,18 +15,18 @@ const OPENS: [(Files, Found, &str); 4] = [
     (Files::Suspects, Found::Begun, "openat"),
 ];
 
-/// What came of a refusal.
+/// Result of a failed call.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Came {
-    /// The daemon said why and ended with 1.
+    /// The daemon reported the error and ended with 1.
     Ended,
-    /// It waited and went on.
+    /// It waited and continued.
     Waited,
-    /// Nothing was told: there was no such call, or one whose failure costs nothing.
+    /// Nothing was reported: there was no such call, or its failure is harmless.
     Nothing,
 }
 
-/// Refuses the `number`th such call.
+/// Makes the `number`th such call fail.
 fn refuse(files: Files, found: Found, calls: &str, error: &str, number: usize) -> Came {
     let what = format!("{error} at {files:?}, {found:?}, {calls} {number}");
     let campaign = Campaign::new(Material::short(), "");
@@ -43,7 +43,7 @@ fn refuse(files: Files, found: Found, calls: &str, error: &str, number: usize) -
     came
 }
 
-/// `None` for what must not be: an end that is not told, or another one.
+/// Result of a run; `None` for a forbidden one: an end without report, or another exit code.
 fn came_of(status: ExitStatus, log: &str) -> Option<Came> {
     let state = ["site.db", "journal"];
     let is_named = log
@@ -87,7 +87,7 @@ fn a_disk_without_room_for_a_moment_is_waited_for() {
     }
 }
 
-/// `SWEEP=9` for one of them only.
+/// Fails every write in turn; `SWEEP=9` for one of them only.
 #[test]
 #[ignore = "every write, twice: hours"]
 fn every_write_may_be_refused() {

@@ -1,6 +1,6 @@
-//! The daemon confined to what its unit allows: a read-only system, one writable folder, no capabilities, and no system call, address
-//! family or writable code beyond the unit's. First under the unit's own filter, which the kernel enforces; then under `strace`,
-//! which shows what it would have asked for.
+//! The daemon confined to the rights of its unit: a read-only system, one writable folder, no capabilities,
+//! and no system call, address family or writable code beyond the unit's. First under the unit's own filter,
+//! which the kernel enforces; then under `strace`, which shows what it would have asked for.
 
 use super::campaign::{Campaign, Material};
 use super::watchdog::{free_port, status};
@@ -25,7 +25,7 @@ fn has(program: &str) -> bool {
     has
 }
 
-/// What the unit's filter allows, by systemd's own lists.
+/// System calls that the unit's filter allows, by systemd's own lists.
 fn allowed() -> BTreeSet<String> {
     let output = Command::new("systemd-analyze")
         .arg("syscall-filter")
@@ -65,7 +65,7 @@ fn allowed() -> BTreeSet<String> {
     allowed
 }
 
-/// The unit's filter as the kernel takes it: what is not allowed fails with `EPERM`, as the unit says.
+/// The unit's filter in the kernel's form: calls that are not allowed fail with `EPERM`, as the unit sets.
 fn compiled(allowed: &BTreeSet<String>) -> Vec<u8> {
     assert!(UNIT.contains("\nSystemCallErrorNumber=EPERM\n"));
     let arch = TargetArch::try_from(std::env::consts::ARCH).unwrap();

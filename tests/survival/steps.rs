@@ -9,7 +9,7 @@ use std::process::{Command, ExitStatus};
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// Files that last, by who writes them.
+/// Durable files, by their writer.
 ///
 /// `strace` counts the calls of every thread by itself, and the thread that comes first to a number is hit. So each group is swept
 /// alone: the journal's few calls would never be the first among the store's many.
@@ -53,22 +53,22 @@ impl Files {
     }
 }
 
-/// What the daemon finds when it is begun with an injection.
+/// State that the daemon finds when it is started with an injection.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Found {
     /// Nothing yet.
     Nothing,
     /// An empty store and an empty journal.
     Begun,
-    /// What a daemon left that was killed amid a step.
+    /// Files left by a daemon that was killed amid a step.
     Marks,
-    /// The same, and the step has been taken for a suspect.
+    /// The same, with the step marked as a suspect.
     Suspect,
-    /// A finished store that somebody zeroed.
+    /// A finished store overwritten with zeros.
     Damaged,
 }
 
-/// Calls with which something becomes durable, or that are on the way there, and the files they are about.
+/// Calls that make data durable, or lead to it, with their files.
 pub const SWEEPS: [(Files, Found, &str); 15] = [
     (Files::Store, Found::Nothing, "write"),
     (Files::Store, Found::Nothing, "pwrite64"),
@@ -114,7 +114,7 @@ pub fn injecting(campaign: &Campaign, files: Files, calls: &str, injection: &str
     words
 }
 
-/// Makes what the daemon is to find.
+/// Prepares the state that the daemon is to find.
 pub fn prepare(campaign: &Campaign, feed: &mut Feed, found: Found) {
     match found {
         Found::Nothing => {}
@@ -146,7 +146,7 @@ pub fn prepare(campaign: &Campaign, feed: &mut Feed, found: Found) {
     }
 }
 
-/// A daemon under `strace` that is fed everything, until it ends or all is in and it is told to stop.
+/// Runs a daemon under `strace` with all data, until it ends or all is stored and it is stopped.
 pub fn run(campaign: &Campaign, feed: &mut Feed, words: &[String]) -> (ExitStatus, String) {
     let words: Vec<&str> = words.iter().map(String::as_str).collect();
     let mut daemon = campaign.start(&words);
@@ -172,7 +172,7 @@ pub fn is_killed(status: ExitStatus) -> bool {
     status.signal() == Some(9) || status.code() == Some(137)
 }
 
-/// Kills at the `number`th such call; whether there was one.
+/// Kills at the `number`th such call; returns true if there was one.
 fn kill_at(files: Files, found: Found, calls: &str, number: usize) -> bool {
     let what = format!("killed at {files:?}, {found:?}, {calls} {number}");
     let campaign = Campaign::new(Material::short(), "");
@@ -203,7 +203,7 @@ fn killed_at_some_durable_steps_it_loses_nothing() {
     }
 }
 
-/// `SWEEP=9` for one of them only.
+/// Kills at every durable step in turn; `SWEEP=9` for one of them only.
 #[test]
 #[ignore = "every step: an hour"]
 fn killed_at_every_durable_step_it_loses_nothing() {

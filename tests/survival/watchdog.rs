@@ -1,4 +1,4 @@
-//! A work loop that stands still: systemd's watchdog is not fed, health says so, and the other threads go on.
+//! A stalled work loop: systemd's watchdog is not fed, health reports it, and the other threads go on.
 
 use super::campaign::{Campaign, Material};
 use super::process::Process;
@@ -8,7 +8,7 @@ use std::net::{TcpListener, TcpStream};
 use std::os::unix::net::UnixDatagram;
 use std::time::{Duration, Instant};
 
-/// What `/healthz` answers, whole.
+/// Full answer of `/healthz`.
 pub fn status(port: u16) -> String {
     let mut stream = TcpStream::connect(("127.0.0.1", port)).unwrap();
     stream.set_read_timeout(Some(Duration::from_secs(10))).unwrap();
@@ -20,7 +20,7 @@ pub fn status(port: u16) -> String {
     answer
 }
 
-/// A port nobody listens at.
+/// A free port.
 pub fn free_port() -> u16 {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     listener.local_addr().unwrap().port()

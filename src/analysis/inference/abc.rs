@@ -17,7 +17,7 @@ pub struct Accepted {
     pub epsilon: f64,
 }
 
-/// Draws a share `alpha` of `draws` stands for: the nearest whole number, at least one.
+/// Number of draws in a share `alpha` of `draws`: the nearest whole number, at least one.
 pub fn count_of(alpha: f64, draws: usize) -> usize {
     ((alpha * draws as f64).round() as usize).clamp(1, draws.max(1))
 }

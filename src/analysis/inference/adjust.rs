@@ -14,7 +14,7 @@ use crate::analysis::rod::prior::RodPrior;
 use nalgebra::{DMatrix, SymmetricEigen};
 use thiserror::Error;
 
-/// Directions of the scaled design with less than this share of the largest eigenvalue count as absent.
+/// Share of the largest eigenvalue below which a direction of the scaled design counts as absent.
 const RANK_TOLERANCE: f64 = 1e-10;
 
 /// Farthest the observation may lie from the mean of the accepted y_i, in standard deviations of the
@@ -22,10 +22,10 @@ const RANK_TOLERANCE: f64 = 1e-10;
 /// low for the model 4.4, the paper's rod 8.6, where the adjusted force still depends on the tolerance.
 pub const REACH: f64 = 5.0;
 
-/// Reason for accepted draws to be left unadjusted although an adjustment was wanted.
+/// Reason why accepted draws stay unadjusted although an adjustment was asked for.
 #[derive(Debug, Clone, Copy, PartialEq, Error)]
 pub enum Withheld {
-    /// Too few points carry weight.
+    /// Too few points have weight.
     #[error("{points} draws for {modes} modes are too few to fit a line")]
     TooFew {
         /// Points with weight.
@@ -48,8 +48,8 @@ pub enum Withheld {
 /// and after, by the kernel. `differences` are y_i - y_0, row-major (points x modes).
 ///
 /// # Errors
-/// Changes nothing if fewer points carry weight than twice the coefficients sought, or if the observation is out of their
-/// [`REACH`].
+/// Changes nothing if fewer points have weight than twice the coefficients sought, or if the observation is
+/// out of their [`REACH`].
 pub fn linear(
     prior: &RodPrior,
     particles: &mut [f64],
@@ -96,7 +96,7 @@ pub fn linear(
     Ok(())
 }
 
-/// 1 - (d / epsilon)^2 inside the tolerance; one for all when every distance is zero.
+/// Epanechnikov's kernel: 1 - (d / epsilon)^2 inside the tolerance; one for all when every distance is zero.
 fn epanechnikov(distance: f64, epsilon: f64) -> f64 {
     if epsilon > 0.0 {
         (1.0 - (distance / epsilon).powi(2)).max(0.0)
@@ -106,7 +106,7 @@ fn epanechnikov(distance: f64, epsilon: f64) -> f64 {
 }
 
 struct Fit {
-    /// Modes x quantities.
+    /// Slopes, modes x quantities.
     slopes: DMatrix<f64>,
     /// Mahalanobis distance of a zero row from the weighted mean of the design.
     reach: f64,

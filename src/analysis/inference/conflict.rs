@@ -1,4 +1,4 @@
-//! The conflict score: how far observed frequencies lie from everything a tensioned beam on rotational
+//! The conflict score: distance of observed frequencies from everything that a tensioned beam on rotational
 //! springs can produce, whatever its prior.
 //!
 //! By dimensional analysis f_n = c n G_n(lambda, s_l, s_r) with any scale c > 0 (design 4.2). The score is
@@ -7,9 +7,9 @@
 //! min over c, lambda, s_l, s_r of sqrt( sum_n ((f_n - c n G_n) / sd_n)^2 ),
 //! ```
 //!
-//! in standard deviations: zero for what the model reproduces, and for a right model with noise at
-//! most the root of a chi-square with as many degrees of freedom as modes. The search is global: the
-//! best patterns of a fixed grid, each refined by Levenberg's method on exact frequencies.
+//! in standard deviations: zero for frequencies that the model reproduces, and for a right model with noise
+//! at most the root of a chi-square with as many degrees of freedom as modes. The search is global: the best
+//! patterns of a fixed grid, each refined by Levenberg's method on exact frequencies.
 
 use crate::analysis::rod::beam::exact::{self, Support};
 use crate::analysis::rod::beam::forward::MAX_MODES;
@@ -18,21 +18,20 @@ use std::f64::consts::PI;
 use std::fmt;
 use std::sync::LazyLock;
 
-/// Standard deviations below this share of the frequency count as it: smaller ones are beyond what the
-/// search resolves.
+/// Least standard deviation as a share of the frequency: the search does not resolve smaller ones.
 const SMALLEST_RELATIVE_SD: f64 = 1e-6;
 
-/// Points of the grid along tension and along each support.
+/// Points of the grid along tension, and along each support.
 const TENSIONS: usize = 64;
 const FIXITIES: usize = 13;
 
-/// Most places refined.
+/// Most starting points refined.
 const STARTS: usize = 5;
 
-/// Steps of a refinement.
+/// Most steps of a refinement.
 const STEPS: usize = 25;
 
-/// How far an observation lies from everything the model can produce.
+/// Distance of an observation from everything the model can produce.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Conflict {
     /// The distance, in standard deviations of measurement and discrepancy together.
@@ -41,22 +40,25 @@ pub struct Conflict {
     pub nearest_hz: Vec<f64>,
     /// (observed - nearest) / sd, one per observed mode.
     pub residuals: Vec<f64>,
-    /// The ratio of frequencies furthest outside what any such beam has, if one is outside.
+    /// Ratio of frequencies furthest outside the range of any such beam, if one is.
     pub violation: Option<Violation>,
     /// Share of the *prior's* simulated records that lie as far out as this one or further, from 1 (in
-    /// their middle) to 1 / (draws looked at). Small with a small score: the beam is fine, the prior is not.
+    /// their middle) to 1 / (number of draws used). Small with a small score: the beam is fine, the prior is
+    /// not.
     pub prior_tail: f64,
     /// Distance of the frequencies, each by itself, from the mean of the prior's records in ln f, as a multiple of the farthest of
-    /// 4096 of them; of the least distant frequency. From [`Conflict::OUTSIDE`] on no rod of the prior has any of them.
+    /// 4096 of them; of the least distant frequency. At [`Conflict::OUTSIDE`] or more, no rod of the prior
+    /// has any of them.
     pub prior_distance: f64,
 }
 
 impl Conflict {
-    /// Multiple of the farthest draw's distance from which on an observation counts as outside the prior: of normal
-    /// records fewer than one in a million lie there, of bounded ones none.
+    /// Multiple of the farthest draw's distance above which an observation counts as outside the prior: of
+    /// normal records fewer than one in a million lie there, of bounded ones none.
     pub const OUTSIDE: f64 = 1.5;
 
-    /// Solves the grid that every score starts from, once a process; else the first score does.
+    /// Solves the grid that every score starts from, once per process; without this call the first score does
+    /// it.
     pub fn prepare() {
         LazyLock::force(&LINES);
     }
@@ -75,7 +77,7 @@ pub struct Violation {
     pub smallest: f64,
     /// Largest ratio: the hinged beam's without tension.
     pub largest: f64,
-    /// How far outside, in standard deviations of the ratio.
+    /// Distance outside that range, in standard deviations of the ratio.
     pub deviations: f64,
 }
 
@@ -96,7 +98,7 @@ impl fmt::Display for Violation {
     }
 }
 
-/// What an observation is compared with.
+/// Best fit of the model to an observation.
 pub(super) struct Nearest {
     pub score: f64,
     pub nearest_hz: Vec<f64>,
@@ -176,7 +178,7 @@ fn pattern(point: Point) -> [f64; MAX_MODES] {
     pattern_of(0..MAX_MODES, point)
 }
 
-/// The same of some modes, counted from zero; the others stay zero.
+/// The same for some modes, counted from zero; the others stay zero.
 fn pattern_of(modes: impl Iterator<Item = usize>, point: Point) -> [f64; MAX_MODES] {
     let u = point[0].clamp(1e-7, 1.0 - 1e-4);
     let lambda = 0.1 * u / (1.0 - u);
@@ -242,7 +244,7 @@ struct Fit {
 }
 
 impl Data<'_> {
-    /// The best scale c = sum f g / sd^2 / sum g^2 / sd^2, and what remains.
+    /// Fits the best scale c = sum f g / sd^2 / sum g^2 / sd^2, with its residuals.
     fn fit(&self, pattern: &[f64; MAX_MODES]) -> Fit {
         let (mut fg, mut gg) = (0.0, 0.0);
         for ((&order, f), sd) in self.orders.iter().zip(self.frequency_hz).zip(self.sd_hz) {
@@ -265,7 +267,8 @@ impl Data<'_> {
         fit
     }
 
-    /// Where refinements start: the best place of the best lines, no two of them neighbours.
+    /// Starting points of the refinements: the best place of each of the best lines, no two of them
+    /// neighbours.
     fn starts(&self) -> Vec<Point> {
         let mut ranked: Vec<(f64, usize, Point)> = LINES
             .iter()
@@ -323,8 +326,8 @@ impl Data<'_> {
     }
 }
 
-/// Levenberg's method inside the unit cube, the scale eliminated; coordinates at a face
-/// the descent points out of are held.
+/// Levenberg's method inside the unit cube, the scale eliminated; a coordinate at a face is fixed while the
+/// descent points out of the cube.
 fn refine(data: &Data<'_>, start: Point) -> Fit {
     let mut point = start;
     let mut fit = data.at(point);

@@ -9,13 +9,13 @@ use super::{Distance, Noise, Observation};
 use crate::analysis::numerics::random::BLOCK;
 use crate::analysis::numerics::simd::{Kernel, vectorised};
 
-/// Draws looked at to bound the nearest share before the full pass.
+/// Blocks of draws examined first, to bound the nearest share before the full pass.
 const PILOT_BLOCKS: usize = 16;
 
 /// Draws handled together; a group without a near draw costs one test.
 const GROUP: usize = 16;
 
-/// How one observed mode enters generative model and distance.
+/// Terms of one observed mode in generative model and distance.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Term {
     /// Mode counted from zero.
@@ -30,7 +30,7 @@ pub struct Term {
     pub weight: f32,
 }
 
-/// An observation together with the error model and the distance: what draws are held against.
+/// An observation with its error model and distance, to which draws are compared.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Target {
     terms: Vec<Term>,
@@ -96,8 +96,8 @@ pub(super) fn error_sds(observation: &Observation, noise: Noise) -> impl Iterato
     })
 }
 
-/// A draw and its squared distance in one sortable number: bits of the `f32` above the index. For
-/// numbers not negative the bits sort as the values do, and the index decides ties.
+/// A draw and its squared distance in one sortable number: the bits of the `f32` above the index. The
+/// bits of non-negative numbers sort like their values; the index breaks ties.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Candidate(u64);
 
@@ -107,12 +107,12 @@ impl Candidate {
         Self((u64::from(distance_squared.to_bits()) << 32) | u64::from(draw))
     }
 
-    /// The draw.
+    /// Index of the draw.
     pub fn draw(self) -> usize {
         (self.0 & 0xffff_ffff) as usize
     }
 
-    /// Its squared distance.
+    /// Squared distance of the draw.
     pub fn distance_squared(self) -> f32 {
         f32::from_bits((self.0 >> 32) as u32)
     }
@@ -207,7 +207,7 @@ fn scan_modes<const M: usize>(
     }
 }
 
-/// `PLAIN`: no mode has a discrepancy.
+/// Scans blocks of draws. `PLAIN`: no mode has a discrepancy.
 fn scan_blocks<const M: usize, const PLAIN: bool>(
     terms: &[Term; M],
     table: &Table,
@@ -238,8 +238,8 @@ struct Block<'a, const M: usize> {
     z: [&'a [f32]; M],
 }
 
-/// Element by element the same operations at any vector width (no fused multiply-add), so the bits do
-/// not depend on the processor.
+/// Scans one block. The operations per element are the same at any vector width (no fused
+/// multiply-add), so the bits do not depend on the processor.
 #[inline(always)]
 fn scan_block<const M: usize, const PLAIN: bool>(
     terms: &[Term; M],
@@ -316,7 +316,7 @@ mod tests {
         )
     }
 
-    /// One draw after the other, as the definition says, then sorted.
+    /// Reference: one draw after the other by the definition, then sorted.
     fn by_definition(target: &Target, table: &Table, noise: &NoiseTable, shift: usize) -> Vec<Candidate> {
         let mut all: Vec<Candidate> = (0..table.draws())
             .map(|draw| {
@@ -340,8 +340,8 @@ mod tests {
         all
     }
 
-    /// To the bit, for any modes, shift, share, and a table that ends within a block. On a processor
-    /// with AVX2 this compares the wide pass with plain arithmetic.
+    /// Equal to the bit, for any modes, shift, share, and a table that ends within a block. On a
+    /// processor with AVX2 this compares the wide pass with plain arithmetic.
     #[test]
     fn the_pass_finds_exactly_the_nearest() {
         for draws in [1000, 1025, 20_000] {

@@ -44,7 +44,8 @@ impl Terms {
         }
     }
 
-    /// Of weighted mean zero and norm one, rows times the root of their weight; `None` without spread.
+    /// Scales values to weighted mean zero and norm one, rows times the root of their weight; `None` without
+    /// spread.
     pub(super) fn whiten(&self, mut values: Vec<f64>) -> Option<DVector<f64>> {
         let mean: f64 = values.iter().zip(&self.weights).map(|(x, w)| w * x).sum();
         let scale = values.iter().fold(0.0f64, |most, x| most.max(x.abs()));
@@ -131,7 +132,8 @@ pub(super) fn shapley(explained: &[f64], count: usize, source: usize) -> f64 {
 mod tests {
     use super::*;
 
-    /// Two sources that carry 0.6 and 0.3 alone and 0.8 together: the order in which they come matters, the mean over it does not.
+    /// Two sources that explain 0.6 and 0.3 alone and 0.8 together: the order in which they come matters, the
+    /// mean over it does not.
     #[test]
     fn shares_divide_what_two_sources_have_in_common() {
         let explained = [0.0, 0.6, 0.3, 0.8];

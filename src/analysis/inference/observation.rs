@@ -1,12 +1,12 @@
-//! The observed natural frequencies, and what makes a set of them usable.
+//! The observed natural frequencies, and the checks that a set of them is usable.
 
 use crate::analysis::rod::beam::forward::MAX_MODES;
 use thiserror::Error;
 
-/// Highest natural frequency taken for one \[Hz\]; far above any rod, far below the range of `f32`.
+/// Highest natural frequency accepted \[Hz\]; far above any rod, far below the range of `f32`.
 pub const MAX_FREQUENCY_HZ: f64 = 1e6;
 
-/// Natural frequencies to be explained: one entry per measured mode, any order may be missing.
+/// Observed natural frequencies: one entry per measured mode; any order may be missing.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Observation {
     /// Mode orders, from 1, ascending.
@@ -17,10 +17,10 @@ pub struct Observation {
     pub sd_hz: Vec<f64>,
 }
 
-/// Why a set of frequencies is no observation.
+/// Reason why a set of frequencies is no observation.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum InvalidObservation {
-    /// No frequency at all.
+    /// There is no frequency.
     #[error("no natural frequency given")]
     Empty,
     /// Orders, frequencies and standard errors differ in number.
@@ -28,17 +28,17 @@ pub enum InvalidObservation {
         "{orders} mode orders, {frequencies} frequencies and {sds} standard errors: one of each per mode is needed"
     )]
     Lengths {
-        /// How many orders.
+        /// Number of orders.
         orders: usize,
-        /// How many frequencies.
+        /// Number of frequencies.
         frequencies: usize,
-        /// How many standard errors.
+        /// Number of standard errors.
         sds: usize,
     },
     /// An order is zero, repeated, out of sequence or beyond the highest.
     #[error("mode orders {orders:?}: they must ascend between 1 and {MAX_MODES}")]
     Orders {
-        /// As given.
+        /// Orders as given.
         orders: Vec<usize>,
     },
     /// A frequency is not a positive number, or they do not ascend with the order.
@@ -46,7 +46,7 @@ pub enum InvalidObservation {
         "frequency {frequency_hz} Hz of mode {order}: frequencies must be positive and ascend with the order"
     )]
     Frequency {
-        /// The order.
+        /// Mode order, from 1.
         order: usize,
         /// Its frequency \[Hz\].
         frequency_hz: f64,
@@ -54,7 +54,7 @@ pub enum InvalidObservation {
     /// A standard error is negative or not finite.
     #[error("standard error {sd_hz} Hz of mode {order}: it must be zero or positive")]
     StandardError {
-        /// The order.
+        /// Mode order, from 1.
         order: usize,
         /// Its standard error \[Hz\].
         sd_hz: f64,
@@ -77,7 +77,7 @@ impl Observation {
         Ok(observation)
     }
 
-    /// The first frequencies of a rod without a gap, all with one standard error.
+    /// An observation of the first orders without a gap, all with one standard error \[Hz\].
     pub fn first(frequency_hz: &[f64], sd_hz: f64) -> Result<Self, InvalidObservation> {
         Self::new(
             (1..=frequency_hz.len()).collect(),
@@ -86,13 +86,13 @@ impl Observation {
         )
     }
 
-    /// How many modes are observed.
+    /// Number of modes observed.
     pub fn modes(&self) -> usize {
         self.orders.len()
     }
 
-    /// Whether the fields hold together: equal lengths, ascending orders from 1 to [`MAX_MODES`],
-    /// positive ascending frequencies, standard errors not negative.
+    /// Checks the fields: equal lengths, ascending orders from 1 to [`MAX_MODES`], positive
+    /// ascending frequencies, standard errors not negative.
     pub fn check(&self) -> Result<(), InvalidObservation> {
         let count = self.orders.len();
         if self.frequency_hz.len() != count || self.sd_hz.len() != count {

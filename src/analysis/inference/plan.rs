@@ -16,20 +16,20 @@ use crate::analysis::signal::record::Rejection;
 use std::sync::Arc;
 use thiserror::Error;
 
-/// Fewest accepted draws that make a posterior: its 2.5 % quantile is then more than a guess.
+/// Fewest accepted draws of a posterior; with fewer, its 2.5 % quantile is unreliable.
 pub const MIN_ACCEPTED: usize = 50;
 
 /// Largest share of draws without a model answer. The posterior treats such draws as impossible, so
-/// this much of the prior may go missing unseen.
+/// at most this much of the prior is lost unnoticed.
 pub const MAX_INVALID_SHARE: f64 = 0.001;
 
 /// Fewest and most draws of a table.
 pub const DRAWS: std::ops::RangeInclusive<usize> = 1_000..=50_000_000;
 
-/// Why an inference cannot be planned.
+/// Reason why an inference cannot be planned.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum PlanError {
-    /// Prior and model speak of different quantities.
+    /// Prior and model have different quantities.
     #[error("the prior describes a {prior} section, the model a {model} section")]
     Section {
         /// The prior's section.
@@ -37,33 +37,33 @@ pub enum PlanError {
         /// The model's section.
         model: &'static str,
     },
-    /// A prior is none.
+    /// A prior is not a distribution.
     #[error("prior of {quantity}: {fault}")]
     Prior {
         /// The quantity's key.
         quantity: &'static str,
-        /// What is wrong with it.
+        /// Fault of the prior.
         fault: &'static str,
     },
     /// Every quantity has a fixed value.
     #[error("every quantity is fixed: nothing is left to infer")]
     NothingUncertain,
-    /// More modes are wanted than the model gives, or none.
+    /// More modes are asked for than the model gives, or none.
     #[error("{wanted} modes wanted; the model {model} gives 1 to {given}")]
     Modes {
-        /// Wanted.
+        /// Number of modes asked for.
         wanted: usize,
-        /// The model.
+        /// Name of the model.
         model: &'static str,
-        /// What it gives.
+        /// Number of modes that the model gives.
         given: usize,
     },
     /// One discrepancy per mode is needed, each at least zero and below one.
     #[error("discrepancy {discrepancy:?}: one number from 0 to below 1 for each of {modes} modes is needed")]
     Discrepancy {
-        /// As given.
+        /// Discrepancies as given.
         discrepancy: Vec<f64>,
-        /// How many modes.
+        /// Number of modes.
         modes: usize,
     },
     /// Hardly any draw from the prior has natural frequencies.
@@ -72,34 +72,34 @@ pub enum PlanError {
     /// The number of draws is out of range.
     #[error("{draws} draws: between {} and {} are possible", DRAWS.start(), DRAWS.end())]
     Draws {
-        /// As given.
+        /// Number of draws as given.
         draws: usize,
     },
-    /// The share accepted is no share, or accepts too few draws for a posterior.
+    /// The accepted share is not within 0 to 1, or accepts too few draws for a posterior.
     #[error(
         "accepting a share of {alpha} of {draws} draws: it must lie in (0, 1] and accept at least {MIN_ACCEPTED}"
     )]
     Quantile {
-        /// As given.
+        /// Share as given.
         alpha: f64,
-        /// Of how many draws.
+        /// Number of draws it is taken of.
         draws: usize,
     },
     /// The tolerance is not positive.
     #[error("tolerance epsilon = {epsilon}: it must be positive")]
     Epsilon {
-        /// As given.
+        /// Tolerance as given.
         epsilon: f64,
     },
     /// The fixed measurement error is negative or not a number.
     #[error("fixed measurement error {sd_hz} Hz: it must be zero or positive")]
     Noise {
-        /// As given.
+        /// Standard deviation as given \[Hz\].
         sd_hz: f64,
     },
 }
 
-/// Everything the inference of one rod needs, ready for any number of records.
+/// Prepared inference of one rod, for any number of records.
 #[derive(Clone)]
 pub struct Inference {
     prior: RodPrior,
@@ -111,7 +111,8 @@ pub struct Inference {
 }
 
 impl Inference {
-    /// Checks the choices and finds the table (or shares an equal one of `tables`); it is drawn when it is first needed.
+    /// Checks the settings and takes the table from `tables`, shared with equal rods; it is drawn when first
+    /// needed.
     ///
     /// `discrepancy` holds the relative standard deviation of the model discrepancy, one entry for
     /// each of the mode orders 1 to `modes`.
@@ -139,7 +140,7 @@ impl Inference {
         })
     }
 
-    /// The posterior given an observation. The same observation and seed give the same bits.
+    /// Posterior given an observation. The same observation and seed give the same bits.
     ///
     /// Rejections: `NoLabel` for an observation that is none, `OutsideEmulator` for an order beyond the
     /// planned modes or a prior that reaches beyond the model's range, `NothingAccepted` for fewer than
@@ -165,8 +166,8 @@ impl Inference {
         }
     }
 
-    /// How far the observed frequencies lie from everything the beam can produce, and how far out in
-    /// what the prior produces. Rejects what [`Inference::run`] rejects as no observation.
+    /// Distance of the observed frequencies from everything the beam can produce, and their place among the
+    /// records of the prior. Rejects an invalid observation as [`Inference::run`] does.
     pub fn conflict(&self, observation: &Observation) -> Result<Conflict, Rejection> {
         check_observation(observation, self.table.modes())?;
         let target = Target::new(
@@ -199,7 +200,7 @@ impl Inference {
         })
     }
 
-    /// Which source carries how much of the posterior's variance; `None` where the sample is too small to tell.
+    /// Share of each source in the posterior's variance; `None` where the sample is too small.
     pub fn variance_shares(
         &self,
         observation: &Observation,
@@ -224,7 +225,7 @@ impl Inference {
         )
     }
 
-    /// The table of simulated draws, drawn now if it is not yet.
+    /// Table of simulated draws; drawn now if it is not yet.
     pub fn table(&self) -> &Table {
         self.table.get()
     }
@@ -244,7 +245,7 @@ impl Inference {
         &self.discrepancy
     }
 
-    /// How the force is inferred.
+    /// Settings of the inference.
     pub fn settings(&self) -> &AbcSettings {
         &self.settings
     }

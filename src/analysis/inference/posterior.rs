@@ -1,11 +1,12 @@
-//! A posterior as a weighted sample of parameter vectors, with what is needed to judge and repeat it.
+//! A posterior as a weighted sample of parameter vectors, with the figures to judge and repeat it.
 
 use super::{Adjustment, Method, Withheld};
 use crate::analysis::numerics::diagnostics;
+use crate::analysis::numerics::json_number::nan_if_null;
 use crate::analysis::rod::beam::{Parameterisation, Quantity};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
-/// Why a sequence of populations ended.
+/// Reason why a sequence of populations ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Stop {
@@ -24,42 +25,43 @@ pub enum Stop {
 /// A weighted sample from the posterior of a rod's parameters.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Posterior {
-    /// What the entries of a particle mean.
+    /// Meaning of the entries of a particle.
     pub parameterisation: Parameterisation,
     /// Parameter vectors, row-major (accepted x quantities), SI.
     pub particles: Vec<f64>,
     /// One weight per particle; they sum to one.
     pub weights: Vec<f64>,
-    /// The tolerance: largest accepted distance, in the unit of the distance.
+    /// Tolerance: the largest accepted distance, in the unit of the distance.
     pub epsilon: f64,
-    /// Draws of the generative model.
+    /// Number of draws of the generative model.
     pub draws: usize,
-    /// Accepted draws: the number of particles.
+    /// Number of accepted draws: the particles.
     pub accepted: usize,
-    /// Draws the forward model had no answer for.
+    /// Number of draws for which the forward model had no answer.
     pub invalid: usize,
     /// Effective sample size 1 / sum w^2.
     pub ess: f64,
-    /// The record's seed.
+    /// Seed of the record.
     pub seed: u64,
-    /// How draws were proposed.
+    /// Method of proposing draws.
     pub method: Method,
     /// Adjustment made to the accepted draws.
     pub adjustment: Adjustment,
-    /// Reason for a wanted adjustment to be withheld.
+    /// Reason why an adjustment asked for was withheld.
     pub withheld: Option<Withheld>,
-    /// Why a sequence of populations ended; rejection has no such reason.
+    /// Reason why a sequence of populations ended; `None` for rejection.
     pub stop: Option<Stop>,
 }
 
 /// Mean, spread and quantiles of one quantity.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Marginal {
     /// Mean, SI.
     pub mean: f64,
     /// Standard deviation, SI.
     pub sd: f64,
     /// Coefficient of variation sd / mean.
+    #[serde(deserialize_with = "nan_if_null")]
     pub cv: f64,
     /// 2.5 % quantile, SI.
     pub q025: f64,
@@ -68,6 +70,7 @@ pub struct Marginal {
     /// 97.5 % quantile, SI.
     pub q975: f64,
     /// Monte Carlo standard error of the mean, SI.
+    #[serde(deserialize_with = "nan_if_null")]
     pub mean_error: f64,
 }
 

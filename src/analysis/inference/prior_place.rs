@@ -5,12 +5,12 @@ use super::table::{NoiseTable, Table};
 use crate::analysis::rod::beam::forward::MAX_MODES;
 use nalgebra::{SMatrix, SVector};
 
-/// Draws the observation is compared with.
+/// Number of draws with which the observation is compared.
 const DRAWS: usize = 4096;
 
 type Row = SVector<f64, MAX_MODES>;
 
-/// Where an observation lies among the prior's records.
+/// Place of an observation among the prior's records.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Place {
     /// Share of the draws whose Mahalanobis distance from their mean is at least the observation's, which counts as one of them.
@@ -21,7 +21,8 @@ pub(super) struct Place {
 }
 
 /// The observation among the table's first [`DRAWS`] draws, error and discrepancy included, all by the logarithms of the
-/// frequencies: a prior of the force over decades has no other scale. In the middle if the draws have no spread to measure by.
+/// frequencies: a prior of the force over decades has no other scale. In the middle if the draws have no
+/// spread.
 pub(super) fn prior_place(target: &Target, table: &Table, noise: &NoiseTable) -> Place {
     let entries = |value: &dyn Fn(usize) -> f64| {
         Row::from_fn(|i, _| {

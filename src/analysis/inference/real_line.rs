@@ -1,5 +1,5 @@
-//! Maps of a prior's support to the real line, for whatever must not leave the support: regression adjustment, Markov chains,
-//! random walks.
+//! Maps of a prior's support to the real line, for methods that must not leave the support: regression
+//! adjustment, Markov chains, random walks.
 
 use crate::analysis::rod::prior::Prior;
 
@@ -24,7 +24,8 @@ impl Prior {
         }
     }
 
-    /// The value on the real line: the logarithm, or the logit of the share between the ends of the support.
+    /// Maps a value to the real line: the logarithm, or the logit of the share between the ends of the
+    /// support.
     pub fn to_line(&self, value: f64) -> f64 {
         match self.share(value) {
             Some(share) => {
@@ -36,7 +37,7 @@ impl Prior {
         }
     }
 
-    /// The value of a place on the real line; inside the support for every number.
+    /// Maps a place on the real line back to a value; inside the support for every number.
     pub fn from_line(&self, place: f64) -> f64 {
         let share = || 1.0 / (1.0 + libm::exp(-place));
         match *self {
@@ -49,7 +50,8 @@ impl Prior {
         }
     }
 
-    /// The coordinate in which a random walk moves: the value, but the real line for families that span decades.
+    /// Coordinate in which a random walk moves: the value itself, or the real line for families that span
+    /// decades.
     pub fn to_walk(&self, value: f64) -> f64 {
         match self {
             Self::LogUniform { .. } | Self::Fixity(_) => self.to_line(value),
@@ -57,7 +59,7 @@ impl Prior {
         }
     }
 
-    /// The value of a place of a random walk.
+    /// Value at a place of a random walk.
     pub fn from_walk(&self, place: f64) -> f64 {
         match self {
             Self::LogUniform { .. } | Self::Fixity(_) => self.from_line(place),
@@ -91,7 +93,8 @@ mod tests {
     use super::*;
     use crate::analysis::rod::fixity::Fixity;
 
-    /// Every family goes to the real line and back, and its density there integrates to a constant times its own.
+    /// Every family maps to the real line and back, and its density there integrates to a constant times its
+    /// own.
     #[test]
     fn the_real_line_and_back() {
         let priors = [

@@ -19,32 +19,32 @@ use rand::rngs::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use rayon::prelude::*;
 
-/// Proposals that share one stream and one call of the model.
+/// Number of proposals that share one stream and one call of the model.
 const PROPOSALS: usize = 256;
 
-/// Blocks of proposals evaluated before acceptance is counted: a fixed number, so that the amount of
-/// work done does not depend on the number of threads.
+/// Number of blocks of proposals evaluated before acceptance is counted: a fixed number, so that the
+/// amount of work done does not depend on the number of threads.
 const ROUND: usize = 16;
 
-/// How populations follow each other, and when they end.
+/// Settings of a sequence of populations.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SequentialSettings {
-    /// Particles of a population.
+    /// Number of particles of a population.
     pub population: usize,
-    /// The next tolerance is this quantile of the accepted distances.
+    /// Quantile of the accepted distances that becomes the next tolerance, from 0 to 1.
     pub shrink: f64,
     /// Tolerance at which the sequence ends.
     pub target_epsilon: Option<f64>,
-    /// A generation that accepts less than this share of its proposals is given up.
+    /// Least share of proposals that a generation must accept, or it is given up.
     pub min_acceptance: f64,
-    /// Most populations.
+    /// Most populations, the first included.
     pub max_generations: usize,
     /// Most model evaluations.
     pub budget: usize,
 }
 
 impl From<&AbcSettings> for SequentialSettings {
-    /// The draws are the budget. A quantile alpha gives the population size it would accept by
+    /// Takes the draws as the budget. A quantile alpha gives the population size it would accept by
     /// rejection; an epsilon is the target, with populations of 2000.
     fn from(settings: &AbcSettings) -> Self {
         let (population, target_epsilon) = match settings.accept {
@@ -62,25 +62,25 @@ impl From<&AbcSettings> for SequentialSettings {
     }
 }
 
-/// The last complete population.
+/// Result of a sequence: the last complete population.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Run {
     /// Its particles, simulated frequencies and distances.
     pub accepted: Accepted,
-    /// Their weights, summing to one.
+    /// Weights of the particles, of sum one.
     pub weights: Vec<f64>,
-    /// Model evaluations of all generations.
+    /// Number of model evaluations of all generations.
     pub draws: usize,
-    /// Those without an answer.
+    /// Number of evaluations without an answer.
     pub invalid: usize,
-    /// Populations, the first included.
+    /// Number of populations, the first included.
     pub generations: usize,
-    /// Why it ended.
+    /// Reason why the sequence ended.
     pub stop: Stop,
 }
 
 /// Runs the sequence. The same seed gives the same bits at any thread count; quantities with a fixed
-/// prior keep their value. Always returns the last population that was completed.
+/// prior keep their value. Always returns the last complete population.
 pub fn run(
     prior: &RodPrior,
     model: &dyn ForwardModel,
@@ -220,7 +220,7 @@ impl Draws {
     }
 }
 
-/// Where proposals come from.
+/// Source of the proposals.
 enum Source {
     Prior,
     Population {
@@ -240,7 +240,7 @@ struct Proposer<'a> {
     target: &'a Target,
     uncertain: Vec<usize>,
     width: usize,
-    /// Model frequencies needed: up to the highest observed mode.
+    /// Number of model frequencies needed: up to the highest observed mode.
     asked: usize,
 }
 

@@ -1,8 +1,8 @@
-//! How the absolute force is inferred: the choices of approximate Bayesian computation.
+//! Settings of the approximate Bayesian computation of the absolute force.
 
 use serde::Serialize;
 
-/// Which draws are accepted.
+/// Criterion for accepting draws.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Accept {
@@ -12,7 +12,7 @@ pub enum Accept {
     Epsilon(f64),
 }
 
-/// How far simulated frequencies y are from observed ones y0.
+/// Distance of simulated frequencies y from observed ones y0.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Distance {
@@ -24,17 +24,17 @@ pub enum Distance {
     Mahalanobis,
 }
 
-/// The measurement error e of the generative model.
+/// Measurement error e of the generative model.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Noise {
-    /// The standard errors of the record itself.
+    /// The record's own standard errors.
     Record,
     /// One standard deviation for every mode \[Hz\]; the paper: sqrt(1e-3).
     Fixed(f64),
 }
 
-/// What is done to the accepted draws.
+/// Adjustment of the accepted draws.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Adjustment {
@@ -44,7 +44,7 @@ pub enum Adjustment {
     Linear,
 }
 
-/// How draws are proposed.
+/// Method of proposing draws.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Method {
@@ -54,26 +54,27 @@ pub enum Method {
     Sequential,
 }
 
-/// How the absolute force is inferred.
+/// Settings of the inference of the absolute force.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct AbcSettings {
-    /// Draws from the prior.
+    /// Number of draws from the prior.
     pub draws: usize,
-    /// Which are accepted.
+    /// Criterion for accepting draws.
     pub accept: Accept,
-    /// By which distance.
+    /// Distance between simulated and observed frequencies.
     pub distance: Distance,
-    /// With which measurement error.
+    /// Measurement error of the generative model.
     pub noise: Noise,
-    /// How draws are proposed.
+    /// Method of proposing draws.
     pub method: Method,
-    /// What is done to the accepted.
+    /// Adjustment of the accepted draws.
     pub adjustment: Adjustment,
 }
 
-/// The paper's choices but for more draws and the regression adjustment. Against the exact posterior of
-/// records with standard errors of 2 to 32 mHz the mean of N is off by 0.03 to 0.06 posterior standard
-/// deviations, without the adjustment by 0.2, with the paper's 10 000 draws by 0.22 (docs/abc.md).
+/// The paper's choices, except for more draws and the regression adjustment. Against the exact
+/// posterior of records with standard errors of 2 to 32 mHz the mean of N is off by 0.03 to 0.06
+/// posterior standard deviations, without the adjustment by 0.2, with the paper's 10 000 draws by 0.22
+/// (docs/abc.md).
 impl Default for AbcSettings {
     fn default() -> Self {
         Self {

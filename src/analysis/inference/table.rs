@@ -13,7 +13,7 @@ use std::sync::{Arc, Mutex, OnceLock, PoisonError, Weak};
 /// Frequencies are kept as `f32`, block by block of [`BLOCK`] draws and within a block mode by mode;
 /// their rounding, 6e-8 of the value, is a thousandth of the smallest standard error a record has.
 /// Parameters are kept as `f32` rows of the uncertain quantities only; fixed ones stay exact.
-/// A draw for which the model gives no answer has NaN in all modes.
+/// A draw without an answer of the model has NaN in all modes.
 #[derive(Debug)]
 pub struct Table {
     fixed: Vec<f64>,
@@ -26,8 +26,8 @@ pub struct Table {
 }
 
 impl Table {
-    /// Draws `draws` parameter vectors from the prior and asks the model for `modes` frequencies of
-    /// each. Block b uses stream b of `seed`, so the bits do not depend on the number of threads.
+    /// Draws `draws` parameter vectors from the prior and computes `modes` frequencies of each. Block b uses
+    /// stream b of `seed`, so the bits do not depend on the number of threads.
     pub fn draw(prior: &RodPrior, model: &dyn ForwardModel, modes: usize, draws: usize, seed: u64) -> Self {
         let width = prior.priors().len();
         let uncertain: Vec<usize> = (0..width).filter(|&i| !prior.priors()[i].is_fixed()).collect();
@@ -80,27 +80,27 @@ impl Table {
         }
     }
 
-    /// How many draws.
+    /// Number of draws.
     pub fn draws(&self) -> usize {
         self.draws
     }
 
-    /// How many mode orders, from the first.
+    /// Number of mode orders, from the first.
     pub fn modes(&self) -> usize {
         self.modes
     }
 
-    /// How many draws the model has no answer for.
+    /// Number of draws for which the model has no answer.
     pub fn invalid(&self) -> usize {
         self.invalid
     }
 
-    /// How many entries a parameter vector has.
+    /// Number of entries of a parameter vector.
     pub fn width(&self) -> usize {
         self.fixed.len()
     }
 
-    /// Bytes held.
+    /// Size in memory \[bytes\].
     pub fn bytes(&self) -> usize {
         4 * (self.parameters.len() + self.frequencies.len())
     }
@@ -126,7 +126,7 @@ impl Table {
         &self.frequencies[(block * self.modes + mode) * BLOCK..][..BLOCK]
     }
 
-    /// How many blocks.
+    /// Number of blocks.
     pub fn blocks(&self) -> usize {
         self.draws.div_ceil(BLOCK)
     }
@@ -137,7 +137,7 @@ impl Table {
 /// A record with shift s pairs draw i with entry (i + s) mod S. For any fixed s this is a one-to-one
 /// pairing of two independent samples, so the pairs (theta_i, z_(i+s)) are independent draws from the
 /// generative model, and rejection on them is rejection ABC exactly. Only *between* records the same
-/// numbers return: their Monte Carlo errors are dependent, their posteriors are each right.
+/// numbers recur: their Monte Carlo errors are dependent, but each posterior is right.
 #[derive(Debug, Clone)]
 pub struct NoiseTable {
     draws: usize,
@@ -176,7 +176,7 @@ impl NoiseTable {
     }
 }
 
-/// What a table depends on; equal keys mean equal tables.
+/// Everything that a table depends on; equal keys mean equal tables.
 #[derive(Debug, PartialEq)]
 struct Key {
     prior: RodPrior,
@@ -188,7 +188,7 @@ struct Key {
     draws: usize,
 }
 
-/// A column of noise that some rod may still hold.
+/// A column of noise that some rod may still use.
 #[derive(Debug)]
 struct KnownColumn {
     draws: usize,
@@ -196,8 +196,8 @@ struct KnownColumn {
     values: Weak<Vec<f32>>,
 }
 
-/// A table that is drawn when it is first asked for. Nothing of a plan depends on what is in it, so a site of many rods is
-/// ready before all of theirs are drawn.
+/// A table that is drawn when it is first used. No plan depends on its content, so a site of many rods is
+/// ready before all tables are drawn.
 pub struct LaterTable {
     drawn: OnceLock<Table>,
     prior: RodPrior,
@@ -208,7 +208,7 @@ pub struct LaterTable {
 }
 
 impl LaterTable {
-    /// The table, drawn now if it is not yet.
+    /// The table; drawn now if it is not yet.
     pub fn get(&self) -> &Table {
         if let Some(table) = self.drawn.get() {
             return table;
@@ -225,7 +225,7 @@ impl LaterTable {
         self.drawn.get_or_init(|| table)
     }
 
-    /// Modes in each draw.
+    /// Number of modes of each draw.
     pub fn modes(&self) -> usize {
         self.modes
     }
@@ -239,7 +239,7 @@ pub struct Tables {
 }
 
 impl Tables {
-    /// No tables yet; those to come are drawn from `seed`.
+    /// An empty set; its tables are drawn from `seed`.
     pub fn new(seed: u64) -> Self {
         Self {
             seed,
@@ -248,7 +248,7 @@ impl Tables {
         }
     }
 
-    /// The seed all tables are drawn from.
+    /// Seed of all tables.
     pub fn seed(&self) -> u64 {
         self.seed
     }
@@ -257,7 +257,7 @@ impl Tables {
         random::seed(&[use_, &self.seed.to_le_bytes()])
     }
 
-    /// The table of this prior and model: one that is to be drawn, unless a rod still holds an equal one.
+    /// Table of this prior and model: a new one, unless a rod still holds an equal one.
     pub fn simulated(
         &self,
         prior: &RodPrior,
@@ -291,7 +291,7 @@ impl Tables {
         table
     }
 
-    /// Noise for tables of this many draws and modes, drawn now unless still held.
+    /// Noise for tables of this many draws and modes; drawn now unless a rod still holds it.
     pub fn noise(&self, draws: usize, modes: usize) -> NoiseTable {
         let seed = self.stream_seed(b"noise table");
         let columns = (0..modes)

@@ -1,4 +1,4 @@
-//! Sources of the variance of ln N: how much each carries, and how much of it would go if that source were known exactly.
+//! Sources of the variance of ln N: the share of each, and the reduction if that source were known exactly.
 //!
 //! Given the frequencies, ln N is a function of the other quantities x and of the errors e = ln y_0 - ln y_M(x) of measurement and
 //! model. The posterior is a sample of both. For a set S of sources, R^2(S) is the share of the posterior variance of ln N that
@@ -22,47 +22,49 @@ use crate::analysis::rod::prior::{Prior, RodPrior};
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 
-/// Most particles looked at: a share is then good to about 0.02.
+/// Most particles used: a share is then good to about 0.02.
 const PARTICLES: usize = 2000;
-/// Fewest effective particles that say anything of a dozen terms.
+/// Least effective sample size that determines a dozen terms.
 const LEAST_ESS: f64 = 200.0;
 /// Particles over which the model's slopes are averaged.
 const SLOPES: usize = 64;
-/// Draws that stand for the prior's mass per length; its variance is then good to a thirtieth.
+/// Draws of the prior's mass per length; its variance is then good to a thirtieth.
 const MASS_DRAWS: usize = 2048;
-/// Up to this share of its variance removed, the mass counts as not checked by the frequencies.
+/// Largest share of its variance removed at which the mass counts as not checked by the frequencies.
 const UNCHECKED: f64 = 0.2;
 
-/// One source's part.
+/// Part of one source in the variance.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct SourceShare {
     /// The source.
     pub source: Source,
-    /// Its share of the variance; all shares add up to one.
+    /// Share of the variance \[-\]; all shares add up to one.
     pub share: f64,
-    /// The part of the variance that would go if this source alone were known exactly.
+    /// Part of the variance \[-\] that would vanish if this source alone were known exactly.
     pub if_known: f64,
 }
 
 /// Dependence of the force on the mass.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct MassDependence {
-    /// Relative change of the force by relative change of the mass, everything else and the frequencies staying as they are.
+    /// Relative change of the force per relative change of the mass, with the frequencies and all else
+    /// unchanged.
     pub force_per_mass: f64,
     /// Share of the prior variance of the mass that the frequencies remove; 0 for a mass that is a fixed number.
     pub learned: f64,
 }
 
-/// Where the variance of a force comes from.
+/// Sources of the variance of a force.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct VarianceShares {
     /// The sources, the largest share first.
     pub sources: Vec<SourceShare>,
     /// Share of the variance that all sources together explain; the rest is curvature beyond squares.
     pub explained: f64,
-    /// The mass, which no number of frequencies can tell from the force.
+    /// The mass, which no number of frequencies can separate from the force.
     pub mass: MassDependence,
-    /// The largest source with what to do about it, and whether the frequencies check the mass: sentences for people.
+    /// Sentences for people: the largest source with its remedy, and if the frequencies do not check the
+    /// mass.
     pub said: Vec<String>,
 }
 
@@ -80,7 +82,7 @@ impl Source {
         })
     }
 
-    /// The name for people.
+    /// Name for people.
     pub fn name(self) -> &'static str {
         match self {
             Self::Modulus => "modulus",
@@ -95,7 +97,7 @@ impl Source {
         }
     }
 
-    /// What would make it smaller.
+    /// Remedy that would make its share smaller.
     fn remedy(self) -> &'static str {
         match self {
             Self::Modulus => "test a sample, or load the rod",
@@ -111,7 +113,7 @@ impl Source {
 }
 
 impl VarianceShares {
-    /// The largest source and what to do about it, as one sentence.
+    /// One sentence with the largest source and its remedy.
     fn sentence(&self) -> Option<String> {
         let first = self.sources.first()?;
         let name = first.source.name();
@@ -128,7 +130,7 @@ impl VarianceShares {
         ))
     }
 
-    /// What a reader must know of the mass; `None` where the frequencies do check it.
+    /// Warning about the mass; `None` where the frequencies do check it.
     fn mass_sentence(&self) -> Option<String> {
         (self.mass.learned < UNCHECKED).then(|| {
             format!(
@@ -139,7 +141,7 @@ impl VarianceShares {
     }
 }
 
-/// A share as people say it.
+/// A share in words.
 fn in_words(share: f64) -> &'static str {
     const WORDS: [(f64, &str); 9] = [
         (0.97, "Nearly all"),
@@ -161,8 +163,8 @@ fn in_words(share: f64) -> &'static str {
     }
 }
 
-/// The shares of one posterior. `error_is_discrepancy`: which part of the frequencies' error is the larger. `None` if the sample is
-/// too small or the force certain.
+/// The shares of one posterior. `error_is_discrepancy`: true if the discrepancy is the larger part of the
+/// frequencies' error. `None` if the sample is too small or the force certain.
 pub fn variance_shares(
     prior: &RodPrior,
     model: &dyn ForwardModel,
@@ -239,7 +241,7 @@ pub fn variance_shares(
     Some(shares)
 }
 
-/// Sources with the columns of `theta` they stand for; what is fixed carries nothing.
+/// Sources with their columns of `theta`; fixed quantities are left out.
 fn groups(prior: &RodPrior) -> Vec<(Source, Vec<usize>)> {
     let mut groups: Vec<(Source, Vec<usize>)> = Vec::new();
     let quantities = prior.parameterisation().quantities().iter();
@@ -255,7 +257,7 @@ fn groups(prior: &RodPrior) -> Vec<(Source, Vec<usize>)> {
     groups
 }
 
-/// The value in the scale in which its prior is broad: force and frequencies follow it smoothly there.
+/// Maps a value to the scale in which its prior is broad, where force and frequencies follow it smoothly.
 fn coordinate(prior: &Prior, value: f64) -> f64 {
     match prior {
         Prior::Fixity(fixity) => fixity.of(value),
@@ -277,8 +279,9 @@ fn errors(model: &dyn ForwardModel, rows: &[&[f64]], observation: &Observation) 
     ))
 }
 
-/// How the force follows the mass, and what the frequencies know of it. A relative change d of the mass moves every frequency by -d/2;
-/// the force that undoes this best changes by d sum(w s) / (2 sum(w s^2)), s = d ln f / d ln N, w the inverse variances.
+/// Dependence of the force on the mass, and the share of the mass's variance that the frequencies remove. A
+/// relative change d of the mass moves every frequency by -d/2; the force that undoes this best changes by d
+/// sum(w s) / (2 sum(w s^2)), s = d ln f / d ln N, w the inverse variances.
 fn mass(
     prior: &RodPrior,
     model: &dyn ForwardModel,

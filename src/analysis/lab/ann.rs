@@ -22,9 +22,9 @@ use rand::rngs::ChaCha8Rng;
 
 /// Neurons of each hidden layer.
 const HIDDEN: [usize; 2] = [32, 32];
-/// Rate of the first and of the last step; between them it falls along a cosine.
+/// Rate of the first and of the last step; between them the rate falls along a cosine.
 const RATE: (f64, f64) = (4e-3, 2e-6);
-/// Passes over the design unless told otherwise.
+/// Default number of passes over the design.
 pub const EPOCHS: usize = 150;
 
 /// A trained perceptron.
@@ -39,7 +39,7 @@ pub struct Ann {
 }
 
 impl Ann {
-    /// Trains on solves made for a chaos, and judges; `epochs` passes over the design.
+    /// Trains on the solves made for a chaos, with `epochs` passes over the design, and measures the errors.
     pub fn train(prior: &RodPrior, training: &Training, epochs: usize, seed: u64) -> Self {
         let design = &training.design;
         let points = design.len();
@@ -87,7 +87,7 @@ impl Ann {
         ann
     }
 
-    /// Its errors against the exact model over the prior; draws outside the design's box left out.
+    /// Errors against the exact model over the prior; draws outside the design's box left out.
     pub fn report(&self) -> &ErrorReport {
         &self.report
     }

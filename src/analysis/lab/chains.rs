@@ -1,5 +1,4 @@
-//! What Markov chains have drawn, and whether it can be trusted: split R-hat, effective sample size,
-//! autocorrelation.
+//! Draws of Markov chains and their convergence: split R-hat, effective sample size, autocorrelation.
 
 use crate::analysis::inference::Marginal;
 use crate::analysis::numerics::diagnostics;
@@ -8,13 +7,13 @@ use crate::analysis::rod::beam::{Parameterisation, Quantity};
 /// Draws of several chains after their burn-in.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Chains {
-    /// What the entries of a draw mean.
+    /// Meaning of the entries of a draw.
     pub parameterisation: Parameterisation,
-    /// How many chains.
+    /// Number of chains.
     pub chains: usize,
-    /// Draws kept of each chain.
+    /// Number of draws kept of each chain.
     pub kept: usize,
-    /// One of so many steps is kept.
+    /// Steps of a chain per draw kept.
     pub thin: usize,
     /// Parameter vectors, row-major (chains x kept x quantities), SI.
     pub draws: Vec<f64>,
@@ -74,7 +73,7 @@ impl Chains {
 }
 
 /// Gelman and Rubin's R-hat over the halves of chains of `length` values each (Gelman et al., Bayesian Data
-/// Analysis, 3rd ed., 11.4). One for chains that agree; NaN for fewer than four values a chain.
+/// Analysis, 3rd ed., 11.4). One for chains that agree; NaN for fewer than four values per chain.
 pub fn split_r_hat(values: &[f64], length: usize) -> f64 {
     let half = length / 2;
     if half < 2 {

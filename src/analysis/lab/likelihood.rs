@@ -4,7 +4,7 @@
 use crate::analysis::inference::Observation;
 use thiserror::Error;
 
-/// Why an observation has no likelihood.
+/// Reason why an observation has no likelihood.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum NoLikelihood {
     /// A mode without discrepancy has a standard error of zero.
@@ -12,7 +12,7 @@ pub enum NoLikelihood {
         "mode {order} has neither a standard error nor a model discrepancy: its likelihood is not a density"
     )]
     Exact {
-        /// The order.
+        /// Mode order, from 1.
         order: usize,
     },
     /// The discrepancy is missing for a mode, negative, or not a number.
@@ -20,9 +20,9 @@ pub enum NoLikelihood {
         "discrepancy {discrepancy:?}: one number from zero for each mode order up to {highest} is needed"
     )]
     Discrepancy {
-        /// As given.
+        /// Discrepancies as given.
         discrepancy: Vec<f64>,
-        /// The highest order observed.
+        /// Highest order observed.
         highest: usize,
     },
 }
@@ -44,7 +44,7 @@ struct Term {
 }
 
 impl Likelihood {
-    /// `discrepancy` holds the relative standard deviation per mode order from the first.
+    /// A likelihood; `discrepancy` holds the relative standard deviation per mode order from the first.
     pub fn new(observation: &Observation, discrepancy: &[f64]) -> Result<Self, NoLikelihood> {
         let modes = observation.orders.last().copied().unwrap_or(0);
         if discrepancy.len() < modes || discrepancy.iter().any(|d| !(d.is_finite() && *d >= 0.0)) {
@@ -73,7 +73,7 @@ impl Likelihood {
         Ok(Self { terms, modes })
     }
 
-    /// How many frequencies, from the first, it needs.
+    /// Number of frequencies needed, from the first.
     pub fn modes(&self) -> usize {
         self.modes
     }

@@ -1,12 +1,12 @@
 //! Metropolis-Hastings on the augmented space of parameters and latent variables (paper, Algorithm 1): the
-//! springs are moved with everything else and integrated out by looking away.
+//! springs are sampled with everything else and integrated out by ignoring them.
 //!
 //! A random walk in the logarithms of positive quantities (the logit between the ends of a uniform) with a
 //! normal proposal. During the burn-in its covariance follows that of the chains (Haario et al. 2001) and its
-//! size the share accepted (Robbins and Monro); then both are frozen, so that what is kept comes from a proper
-//! Metropolis chain. Chains move in groups side by side: an emulator answers for a group in one block, and a
-//! group adapts together. Each chain draws from its own stream: the same seed gives the same bytes at any
-//! number of threads.
+//! size the share accepted (Robbins and Monro); then both are frozen, so that the draws kept come from a
+//! proper Metropolis chain. Chains move in groups side by side: an emulator answers for a group in one block,
+//! and a group adapts together. Each chain draws from its own stream: the same seed gives the same bytes at
+//! any number of threads.
 
 mod proposal;
 
@@ -22,15 +22,15 @@ use rand_distr::{Distribution, Exp1, StandardNormal};
 use rayon::prelude::*;
 use thiserror::Error;
 
-/// Chains that move side by side.
+/// Number of chains in a group.
 pub const GROUP: usize = 16;
 /// Prior draws a chain chooses its start from. The best of so few is near the posterior, and far from where it
-/// is narrow: starts stay wider spread than what they are to find.
+/// is narrow: starts stay more widely spread than the posterior.
 const STARTS: usize = 64;
 /// Steps between two proposals in the burn-in, and before the first.
 const RENEWAL: usize = 50;
 
-/// What is to be inferred from what.
+/// Posterior to be sampled.
 #[derive(Clone, Copy)]
 pub struct Problem<'a> {
     /// The prior of all quantities.
@@ -43,16 +43,16 @@ pub struct Problem<'a> {
     pub discrepancy: &'a [f64],
 }
 
-/// How long the chains are.
+/// Number and length of the chains.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct McmcSettings {
-    /// How many chains.
+    /// Number of chains.
     pub chains: usize,
-    /// Steps of each, burn-in included.
+    /// Steps of each chain, burn-in included.
     pub steps: usize,
-    /// Steps of each that adapt the proposal and are thrown away.
+    /// Steps of each chain that adapt the proposal and are discarded.
     pub burn_in: usize,
-    /// One of so many steps is kept.
+    /// Steps of a chain per draw kept.
     pub thin: usize,
 }
 
@@ -68,15 +68,15 @@ impl Default for McmcSettings {
     }
 }
 
-/// Why there are no chains.
+/// Reason why there are no chains.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum McmcError {
-    /// Prior and model speak of different quantities, or the model gives too few modes.
+    /// Prior and model have different quantities, or the model gives too few modes.
     #[error("the model {model} does not describe this rod: another section, or fewer than {modes} modes")]
     Model {
-        /// The model.
+        /// Name of the model.
         model: &'static str,
-        /// Modes needed.
+        /// Number of modes needed.
         modes: usize,
     },
     /// Every quantity has a fixed value.
@@ -85,16 +85,16 @@ pub enum McmcError {
     /// No steps would be kept.
     #[error("{0:?}: chains, thinning and the steps after the burn-in must each be at least one")]
     Settings(McmcSettings),
-    /// The frequencies are none.
+    /// The frequencies are no valid observation.
     #[error(transparent)]
     Observation(#[from] InvalidObservation),
-    /// They have no likelihood.
+    /// The frequencies have no likelihood.
     #[error(transparent)]
     Likelihood(#[from] NoLikelihood),
     /// No draw of the prior has a likelihood above zero.
     #[error("none of {STARTS} draws of the prior is a rod the model {model} has an answer for")]
     NoStart {
-        /// The model.
+        /// Name of the model.
         model: &'static str,
     },
 }
@@ -161,9 +161,9 @@ struct Walk<'a> {
     likelihood: &'a Likelihood,
     generators: Vec<ChaCha8Rng>,
     uncertain: Vec<usize>,
-    /// Per uncertain quantity, where the chains are, on the real line.
+    /// Per uncertain quantity, the chains' positions on the real line.
     places: Vec<Lanes>,
-    /// Log densities there.
+    /// Log densities at the positions.
     density: Lanes,
     /// Triangular root of the proposal's covariance, row by row, size included.
     root: Vec<f64>,
@@ -254,7 +254,7 @@ impl<'a> Walk<'a> {
         }
     }
 
-    /// One step of every chain; says which have moved.
+    /// Moves every chain by one step; returns true for each that moved.
     fn step(&mut self) -> [bool; GROUP] {
         let count = self.generators.len();
         let mut patience = [0.0; GROUP];

@@ -69,9 +69,9 @@ pub fn mean_error(values: &[f64], weights: &[f64]) -> f64 {
     sum.sqrt()
 }
 
-/// Where the truth stands in a posterior: the posterior probability of smaller values plus half that
-/// of equal ones, from 0 to 1. Uniform over repeated (truth, record) pairs drawn from prior and model
-/// if the posterior is right (Cook, Gelman and Rubin 2006; Talts et al. 2018).
+/// Rank of the truth in a posterior: the posterior probability of smaller values plus half that of
+/// equal ones, from 0 to 1. Uniform over repeated (truth, record) pairs drawn from prior and model if
+/// the posterior is right (Cook, Gelman and Rubin 2006; Talts et al. 2018).
 pub fn rank(truth: f64, values: &[f64], weights: &[f64]) -> f64 {
     values
         .iter()

@@ -1,4 +1,4 @@
-//! Numerical tools that know nothing of rods: they import from no other module.
+//! Numerical tools independent of rods: they import from no other module.
 //!
 //! * [`random`]      seeds and counter-based streams
 //! * `simd`          inner loops on the widest vectors a processor has
@@ -6,8 +6,10 @@
 //! * [`optimum`]     minima of smooth functions
 //! * [`diagnostics`] Monte Carlo errors, effective sample size, tests of calibration
 //! * `tail`          the normal distribution far out
+//! * `json_number`   numbers that may not be finite, out of JSON
 
 pub mod diagnostics;
+pub(crate) mod json_number;
 pub mod optimum;
 pub mod orthogonal;
 pub mod random;

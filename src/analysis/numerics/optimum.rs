@@ -5,17 +5,16 @@ use nalgebra::{Matrix4, Vector4};
 /// A maximum with the covariance that its curvature implies (Laplace's approximation).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Optimum {
-    /// Where it lies.
+    /// Parameters at the maximum.
     pub at: [f64; 4],
-    /// The value there.
+    /// Value at the maximum.
     pub value: f64,
     /// Inverse of the negative matrix of second derivatives.
     pub covariance: Matrix4<f64>,
 }
 
 const MAX_ITERATIONS: usize = 30;
-/// Converged when a full step promises less than this (a fifth of a standard deviation); the step is
-/// still taken.
+/// Convergence: predicted gain of a full step (a fifth of a standard deviation); the step is still taken.
 const LEAST_GAIN: f64 = 0.02;
 
 /// The maximum near `start`; `reach` bounds the step of each parameter, and the differences begin with a
@@ -28,7 +27,7 @@ pub fn maximise(
     maximise_from(objective, start, reach, reach.map(|r| 0.02 * r), f64::INFINITY)
 }
 
-/// Newton's method with second differences, made to climb where the function is not concave.
+/// Newton's method with second differences, modified to ascend where the function is not concave.
 ///
 /// The steps of the differences begin with `step` and follow the function's own scale: half the width at which it
 /// falls by one half. A maximum counts once they are within a factor of `settled` of that.

@@ -1,14 +1,14 @@
 //! Inner loops compiled once more for the wide vectors of newer processors, with the same bits on each.
 
-/// Work worth wide vectors: element by element, with no sum across elements. `run` must be marked
-/// `#[inline(always)]`, and so must what it calls in its loops, or it stays narrow (and still right).
+/// Work for wide vectors: element by element, with no sum across elements. `run` and all it calls in its
+/// loops must be marked `#[inline(always)]`; otherwise it runs narrow, with the same result.
 pub trait Kernel {
     /// Does the work.
     fn run(self);
 }
 
-/// Runs `kernel` compiled for the widest vectors this processor has; the results do not depend on it, for
-/// the compiler never fuses or reorders floating-point operations.
+/// Runs `kernel` compiled for the widest vectors this processor has; the results do not depend on it,
+/// since the compiler never fuses or reorders floating-point operations.
 pub fn vectorised(kernel: impl Kernel) {
     #[cfg(target_arch = "x86_64")]
     {

@@ -22,7 +22,8 @@ pub struct Fixity {
 }
 
 impl Fixity {
-    /// Highest fixity a prior may reach: 3000 EI / l, beyond which no frequency can tell it from a clamp.
+    /// Highest fixity a prior may reach: 3000 EI / l, beyond which no frequency distinguishes it from a
+    /// clamp.
     pub const MOST: f64 = 0.999;
 
     /// Stiffness of a fixity \[N m/rad\].
@@ -30,7 +31,7 @@ impl Fixity {
         self.unit_n_m * fixity / (1.0 - fixity)
     }
 
-    /// Fixity of a stiffness.
+    /// Fixity of a stiffness \[-\].
     pub fn of(&self, stiffness: f64) -> f64 {
         if stiffness.is_infinite() {
             1.0

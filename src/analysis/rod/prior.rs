@@ -11,7 +11,7 @@ use serde::Serialize;
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case", tag = "distribution")]
 pub enum Prior {
-    /// A known value.
+    /// A value known exactly.
     Fixed {
         /// The value, SI.
         value: f64,
@@ -90,8 +90,8 @@ impl Prior {
         }
     }
 
-    /// The value that stands for the distribution when one is needed: the mean before truncation,
-    /// the median of a log-normal, a log-uniform and a fixity, the middle of a uniform.
+    /// Representative value of the distribution: the mean before truncation, the median of a log-normal, a
+    /// log-uniform and a fixity, the middle of a uniform.
     pub fn centre(&self) -> f64 {
         match *self {
             Self::Fixed { value } => value,
@@ -103,7 +103,7 @@ impl Prior {
         }
     }
 
-    /// What keeps this from being a distribution of a positive quantity; `None` if nothing does.
+    /// Fault that keeps this from being a distribution of a positive quantity; `None` if there is none.
     pub fn fault(&self) -> Option<&'static str> {
         let finite = |values: &[f64]| values.iter().all(|value| value.is_finite());
         match *self {
@@ -153,7 +153,7 @@ impl Prior {
         }
     }
 
-    /// Whether the quantity is known exactly.
+    /// True if the quantity is known exactly.
     pub fn is_fixed(&self) -> bool {
         matches!(self, Self::Fixed { .. })
     }
@@ -189,7 +189,7 @@ impl RodPrior {
         self
     }
 
-    /// What the entries mean.
+    /// Meaning of the entries.
     pub fn parameterisation(&self) -> &Parameterisation {
         &self.parameterisation
     }

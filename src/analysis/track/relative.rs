@@ -6,6 +6,7 @@ mod shift;
 use super::baseline::levels::{self, LEAST_LOG_SD};
 use super::baseline::{Baseline, BaselineMode};
 use super::observation::{LogMode, Observation};
+use super::relative::bend::Bend;
 use super::relative::shift::{
     Draws, HIGH, LANES, LOW, Lanes, Polynomials, Proposal, Seen, TERMS, mean_and_slope,
 };
@@ -13,6 +14,7 @@ use crate::analysis::rod::beam::forward::{ForwardModel, MAX_MODES};
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 use std::f64::consts::{FRAC_1_SQRT_2, PI};
+use std::sync::OnceLock;
 
 /// Draws of u per particle.
 const PER_PARTICLE: usize = 4;
@@ -112,6 +114,8 @@ pub struct Shift {
     /// quantiles of.
     normals: Vec<Lanes>,
     shares: Vec<Lanes>,
+    /// Its bend, once asked for.
+    bend: OnceLock<Bend>,
 }
 
 /// Modes of one record that the baseline has too.
@@ -146,6 +150,7 @@ impl Shift {
             normals: shares.iter().map(|lanes| lanes.map(normal_quantile)).collect(),
             shares,
             polynomials,
+            bend: OnceLock::new(),
         }
     }
 

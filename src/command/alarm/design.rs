@@ -1,13 +1,16 @@
-//! `tirante alarm design`: false-alarm rate, delays by simulation of this rod, and the smallest change that is told.
+//! `tirante alarm design`: false-alarm rate, delays by simulation of this rod, and the smallest change
+//! detected.
 
 use crate::analysis::lab::synthesis::{Outlook, Told, Tried, World};
 use crate::analysis::numerics::random;
 use crate::analysis::rod::beam::Exact;
 use crate::analysis::rod::beam::forward::ForwardModel;
 use crate::analysis::rod::prior::RodPrior;
+use crate::analysis::signal::record::time::DAY_S;
 use crate::analysis::track::drift::ThermalPrior;
 use crate::analysis::track::fold::plan::YEAR_S;
 use crate::command::setup::choose_rod;
+use crate::command::which_store::Output;
 use crate::command::{BadArguments, print};
 use crate::config::{Config, Setting};
 use rayon::prelude::*;
@@ -16,61 +19,62 @@ use std::fmt::Write as _;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// Days learned before the change.
+/// Numbers of days learned before the change.
 const LEARNED: [usize; 3] = [30, 90, 365];
-/// Changes of the force at once, and in a year.
+/// Relative changes of the force: at once, and in a year.
 const STEPS: [f64; 4] = [-0.01, -0.02, -0.05, -0.10];
 const RAMPS: [f64; 3] = [-0.01, -0.02, -0.05];
-/// Times for which the smallest change is asked \[d\].
+/// Times for which the smallest detectable change is printed \[d\].
 const WITHIN_D: [usize; 5] = [3, 30, 90, 180, 365];
-/// Sites simulated for each time learned.
+/// Number of sites simulated for each time learned.
 const SITES: u64 = 30;
 /// Relative curvature of the slope with temperature \[1/K\]: modulus and expansion of iron.
 const CURVATURE_PER_K: f64 = 3e-4;
-/// Readings a day from which on they resolve the day.
+/// Number of readings a day that resolve the day.
 const DENSE: u32 = 6;
-/// A day \[s\].
-const DAY_S: f64 = 86_400.0;
-/// Draws from the prior for the range of slopes.
+/// Number of draws from the prior for the range of slopes.
 const DRAWS: usize = 400;
 
-/// Print the false-alarm rate, delays for steps and ramps by simulation of this rod, and the smallest change that is told.
+/// Print the false-alarm rate, the delays and the smallest change told.
 ///
-/// Before commissioning the noise of a period follows from the frequencies' standard error and the rod's prior; once the
-/// rod is followed, give the noise it learned.
+/// Delays for steps and ramps come from a simulation of this rod. Before commissioning the noise of a period
+/// follows from the frequencies' standard error and the rod's prior; once the rod is followed, give the noise it
+/// learned.
 #[derive(Debug, Clone, clap::Args)]
 #[command(after_help = "Examples:
   tirante alarm design
   tirante alarm design --noise 0.003
-  tirante alarm design --config config/campaign.toml --rod nave-3 --set alarm.arl0_years=20 --json")]
+  tirante alarm design --config config/campaign.toml --rod nave-3 \\
+      --set alarm.arl0_years=20 --format json")]
 pub struct Args {
-    /// The configuration; without it the built-in one: the paper's tie-rod at Todi.
+    /// Configuration; default: the built-in one, the paper's tie-rod at Todi.
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
-    /// Puts one key over the configuration, any number of times: `--set alarm.arl0_years=20`.
+    /// Override one configuration key; may be repeated: `--set alarm.arl0_years=20`.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub settings: Vec<Setting>,
-    /// The rod of the configuration; needed if it has several.
+    /// Rod of the configuration; required if it has several.
     #[arg(long, value_name = "ID")]
     pub rod: Option<String>,
     /// Relative standard error of one record's natural frequencies.
     #[arg(long, value_name = "SD", default_value_t = 0.001)]
     pub frequency_sd: f64,
-    /// Records in a period.
+    /// Number of records in a period.
     #[arg(long, value_name = "COUNT", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     pub records_per_period: u32,
-    /// Noise of one period's relative force, as learned on the rod, instead of the one expected from the frequencies.
+    /// Noise of one period's relative force, as learned on the rod; default: expected from the frequencies.
     #[arg(long, value_name = "SD", allow_negative_numbers = true)]
     pub noise: Option<f64>,
-    /// The world of the simulation, as in `alarm prove`; the slope with temperature is that of the rod, of any restraint.
+    /// World of the simulation, as in `alarm prove`; the slope with temperature is that of the rod, for any
+    /// restraint.
     #[arg(long, value_name = "NAME", default_value = "benign")]
     pub world: String,
-    /// Rods of the site: with three or more the others' median is known.
+    /// Number of rods of the site: with three or more, the median of the others is used.
     #[arg(long, value_name = "COUNT", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=50))]
     pub rods: u32,
-    /// One JSON object instead of the tables.
-    #[arg(long)]
-    pub json: bool,
+    /// Text or JSON.
+    #[command(flatten)]
+    pub output: Output,
 }
 
 /// Runs the command.
@@ -100,14 +104,14 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let fixed_per_k =
         prior.parameterisation().axial_rigidity(&centre) * config.track.expansion_per_k / centre[0];
     let promise = Promise::new(args, rod.analysis.rod.0.clone(), &config, expected, fixed_per_k)?;
-    if args.json {
+    if args.output.is_json() {
         print(format!("{}\n", serde_json::to_string(&promise)?).as_bytes())
     } else {
         print(promise.table()?.as_bytes())
     }
 }
 
-/// What the rod's prior says about a period's noise.
+/// Noise of a period by the rod's prior.
 #[derive(Debug, Clone, Serialize)]
 struct Expected {
     /// d ln f_n / d ln N at the prior's centre.
@@ -151,22 +155,22 @@ impl Expected {
     }
 }
 
-/// Everything that is printed.
+/// All figures printed.
 #[derive(Debug, Clone, Serialize)]
 struct Promise {
     rod: String,
     period_s: f64,
     expected: Expected,
-    /// Noise of a period that delays are computed for, and whether it was learned.
+    /// Noise of a period behind the delays, and true if it was learned.
     noise_sd: f64,
     noise_learned: bool,
     world: String,
     rods: u32,
     sites: u64,
-    /// R that raises an alarm: the mean number of periods between false ones.
+    /// Limit R of the alarm: the mean number of periods between false alarms.
     arl0_periods: f64,
     arl0_years: f64,
-    /// Greatest probability of a false alarm in a year: periods over the limit.
+    /// Largest probability of a false alarm in a year: number of periods over the limit.
     false_alarm_probability_per_year: f64,
     delays: Vec<DelayLine>,
     least: Vec<LeastLine>,
@@ -179,14 +183,14 @@ struct DelayLine {
     /// Relative change of force: at once, or in a year.
     relative: f64,
     learned_periods: usize,
-    /// Share found within 60 days (steps) or two years (ramps).
+    /// Share detected within 60 days (steps) or two years (ramps).
     found: f64,
-    /// Days from the change to the record that tells it.
+    /// Days from the change to the record that raises the alarm.
     median_d: Option<f64>,
     q90_d: Option<f64>,
 }
 
-/// Smallest changes told within some days, by the posterior: medians over the sites.
+/// Smallest changes detected within some days, by the posterior: medians over the sites.
 #[derive(Debug, Clone, Serialize)]
 struct LeastLine {
     learned_periods: usize,
@@ -383,7 +387,7 @@ impl Promise {
     }
 }
 
-/// A quantile of what is found at all; `None` if it lies among what is not.
+/// A quantile over all changes; `None` if it lies among those not detected.
 fn quantile(values: &[Option<f64>], p: f64) -> Option<f64> {
     let mut sorted: Vec<f64> = values
         .iter()
@@ -394,7 +398,7 @@ fn quantile(values: &[Option<f64>], p: f64) -> Option<f64> {
     sorted.get(rank).copied().filter(|value| value.is_finite())
 }
 
-/// Median and 90 %, or the share that is found at all.
+/// Median and 90 % quantile, or the share detected.
 fn delay(line: &DelayLine) -> String {
     let days = |days: Option<f64>| days.map_or("never".to_owned(), |days| format!("{:.0}", days.ceil()));
     if line.found < 1.0 {

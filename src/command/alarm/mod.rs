@@ -1,4 +1,5 @@
-//! `tirante alarm`: what the drift alarm promises, the proof, and whether messages arrive.
+//! `tirante alarm`: limits and false-alarm rate of the drift alarm, their check by simulation, and a test of
+//! its messages.
 
 mod design;
 mod prove;
@@ -6,27 +7,26 @@ mod test;
 
 use std::process::ExitCode;
 
-/// What the drift alarm promises for a rod, the proof of it by simulated years of sites, and whether its messages arrive.
+/// Check the drift alarm: its limits, its rate of false alarms, its sinks.
 #[derive(Debug, Clone, clap::Args)]
 #[command(after_help = "Examples:
   tirante alarm design --noise 0.003
-  tirante alarm design --config config/campaign.toml --rod nave-3 --frequency-sd 0.0005 --json
+  tirante alarm design --config config/campaign.toml --rod nave-3 \\
+      --frequency-sd 0.0005 --format json
   tirante alarm prove --world masonry-30d,harsh --histories 400
   tirante alarm test --config site.toml --sink mail")]
 pub struct Args {
-    /// What to do.
+    /// Action to take.
     #[command(subcommand)]
     pub action: Action,
 }
 
-/// What to do with the alarm.
+/// The subcommands of `alarm`; their help is that of their arguments.
 #[derive(Debug, Clone, clap::Subcommand)]
+#[allow(missing_docs, reason = "clap would show it instead of the long help")]
 pub enum Action {
-    /// Print the false-alarm rate, delays by simulation of this rod, and the smallest change that is told.
     Design(design::Args),
-    /// Simulate years of whole sites, follow them with the real trackers, and print how often they alarmed beside what is stated.
     Prove(prove::Args),
-    /// Send a test message to every sink of a configuration, and say which of them have it.
     Test(test::Args),
 }
 

@@ -1,11 +1,14 @@
-//! `tirante alarm prove`: simulated years of whole sites through the real trackers, and how often they told something.
+//! `tirante alarm prove`: simulated years of whole sites through the real trackers, with the rates of their
+//! alarms.
 
 use crate::analysis::lab::synthesis::{Change, Outcome, Raised, Trial, World};
 use crate::analysis::numerics::random;
+use crate::analysis::signal::record::time::{DAY_S, YEAR_D};
 use crate::analysis::signal::record::{RodId, Timestamp};
 use crate::analysis::track::{Kind, TrackPlan, Witness};
 use crate::command::progress::Progress;
 use crate::command::setup::choose_rod;
+use crate::command::which_store::Output;
 use crate::command::{BadArguments, print};
 use crate::config::{Config, Setting};
 use crate::site::emulator_cache::{self, Cache};
@@ -19,86 +22,88 @@ use std::process::ExitCode;
 use std::str::FromStr;
 use std::sync::Arc;
 
-const DAY_S: f64 = 86_400.0;
-const DAYS_PER_YEAR: f64 = 365.25;
 /// 1 March 2025: the first midnight.
 const START_NS: i64 = 1_740_787_200_000_000_000;
 
-/// Simulate years of whole sites, follow every rod with the real tracker, and print how often it alarmed beside what is stated.
+/// Simulate years of whole sites and count the alarms.
 ///
-/// A site has several rods drawn from the prior, each with a static model discrepancy, under common weather and one
-/// thermometer. Frequencies are the exact beam's with measurement errors; no waveform is made. Worlds differ in what makes
-/// tracking difficult; a thermometer that fails does so on day 100. The same seed gives the same output at any number of threads.
+/// Every rod is followed with the real tracker; the counts stand beside what is promised. A site has several rods
+/// drawn from the prior, each with a static model discrepancy, under common weather and one thermometer.
+/// Frequencies are the exact beam's with measurement errors; no waveform is made. Worlds differ in what makes
+/// tracking difficult; a thermometer that fails does so on day 100. The same seed gives the same output at any
+/// number of threads.
 #[derive(Debug, Clone, clap::Args)]
 #[command(after_help = "Examples:
   tirante alarm prove --histories 200
-  tirante alarm prove --world harsh,masonry-30d,mixed --histories 1000 --json
+  tirante alarm prove --world harsh,masonry-30d,mixed --histories 1000 \\
+      --format json
   tirante alarm prove --world drifting-thermometer --rods 5
   tirante alarm prove --change step:-0.03@100 --rods 3
   tirante alarm prove --change ramp:-0.02@400 --years 2")]
 pub struct Args {
-    /// The configuration; without it the built-in one: the paper's tie-rod at Todi.
+    /// Configuration; default: the built-in one, the paper's tie-rod at Todi.
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
-    /// Puts one key over the configuration, any number of times.
+    /// Override one configuration key; may be repeated.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub settings: Vec<Setting>,
-    /// The rod of the configuration whose prior every simulated rod is drawn from; needed if it has several.
+    /// Rod whose prior all simulated rods are drawn from; required if the configuration has several.
     #[arg(long, value_name = "ID")]
     pub rod: Option<String>,
-    /// The worlds, separated by commas; `all` for every one.
+    /// Worlds to simulate, separated by commas; `all` for every one.
     #[arg(long, value_name = "NAMES", default_value = "benign", value_delimiter = ',')]
     pub world: Vec<String>,
-    /// Rods of a site.
+    /// Number of rods of a site.
     #[arg(long, value_name = "COUNT", default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=50))]
     pub rods: u32,
-    /// Rods simulated in every world, rounded up to whole sites.
+    /// Number of rods simulated in every world, rounded up to whole sites.
     #[arg(long, default_value_t = 100, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     pub histories: u32,
-    /// Years each is followed after its baseline.
+    /// Years for which each rod is tracked after its baseline.
     #[arg(long, default_value_t = 1.0)]
     pub years: f64,
-    /// Records, one a day, that make the baseline and teach the regression; by default as configured
+    /// Number of records, one a day, of the baseline and of learning; default: as configured
     /// (track.baseline_records, track.learning_periods).
     #[arg(long, value_name = "RECORDS", value_parser = clap::value_parser!(u32).range(10..=10_000))]
     pub baseline: Option<u32>,
-    /// Temperature from winter to summer instead of the world's [K].
+    /// Override the world's temperature range from winter to summer [K].
     #[arg(long, value_name = "K")]
     pub season: Option<f64>,
-    /// Restraint of the ends instead of the world's slopes: 0 free to expand, 1 rigid.
+    /// Override the world's slopes by a restraint of the ends: 0 free to expand, 1 rigid.
     #[arg(long)]
     pub restraint: Option<f64>,
-    /// Thermal lag of the rods instead of the world's [h].
+    /// Override the world's thermal lag of the rods [h].
     #[arg(long, value_name = "H")]
     pub lag: Option<f64>,
-    /// Fluctuation of the force that temperature does not explain, instead of the world's, as a share of the force.
+    /// Override the world's fluctuation of the force that temperature does not explain, as a share of the
+    /// force.
     #[arg(long, value_name = "SD")]
     pub fluctuation: Option<f64>,
-    /// Its memory instead of the world's [d].
+    /// Override the world's memory of that fluctuation [d].
     #[arg(long, value_name = "D")]
     pub memory: Option<f64>,
     /// Relative standard error of each natural frequency.
     #[arg(long, value_name = "SD", default_value_t = 0.001)]
     pub frequency_sd: f64,
-    /// A true change of the force of the first rod of every site: `step:-0.05@100` is a loss of 5 % a hundred days after the
-    /// first record, `ramp:-0.02@100` a loss of 2 % a year from then on.
+    /// True change of the force of the first rod of every site: `step:-0.05@100` is a loss of 5 % a hundred
+    /// days after the first record, `ramp:-0.02@100` a loss of 2 % a year from then on.
     #[arg(long, value_name = "CHANGE")]
     pub change: Option<TrueChange>,
     /// Seed of the histories.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
-    /// One JSON object per world instead of the table.
-    #[arg(long)]
-    pub json: bool,
+    /// Text or JSON.
+    #[command(flatten)]
+    pub output: Output,
 }
 
 /// A change as typed.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct TrueChange {
     is_ramp: bool,
-    /// Share of the force: at once, or in a year.
+    /// Relative change of the force: at once, or in a year.
     relative: f64,
-    /// Days from the first record.
+    /// Begin in days from the first record.
     start_d: f64,
 }
 
@@ -127,11 +132,11 @@ impl FromStr for TrueChange {
 }
 
 impl TrueChange {
-    /// As the simulation takes it, over so many days.
+    /// The change in the form of the simulation, over `days` days.
     fn within(self, days: usize) -> Change {
         let left = days as f64 - self.start_d;
         let (over_d, relative) = if self.is_ramp {
-            (left, self.relative * left / DAYS_PER_YEAR)
+            (left, self.relative * left / YEAR_D)
         } else {
             (0.0, self.relative)
         };
@@ -144,7 +149,7 @@ impl TrueChange {
 }
 
 impl Args {
-    /// The worlds asked for.
+    /// Checks the arguments; returns the worlds to simulate.
     fn check(&self) -> Result<Vec<String>, BadArguments> {
         let ranges = [
             ("--years", Some(self.years), 0.01, 100.0),
@@ -178,7 +183,7 @@ impl Args {
         }
     }
 
-    /// The world of one site.
+    /// World of one site.
     fn world_of(&self, name: &str, index: u64) -> Option<World> {
         let seed = random::seed(&[b"world", &self.seed.to_le_bytes(), name.as_bytes()]);
         let mut world = World::named(name, &mut random::stream(seed, index))?;
@@ -216,7 +221,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let (track, alarm) = (config.track.clone(), config.alarm.clone());
     let learned = track.baseline_records.max(track.learning_periods);
     // One more, with which the last period closes.
-    let days = learned + (args.years * DAYS_PER_YEAR).round() as usize + 1;
+    let days = learned + (args.years * YEAR_D).round() as usize + 1;
     if args.change.is_some_and(|change| change.start_d >= days as f64) {
         return Err(BadArguments("--change begins after the last record".to_owned()).into());
     }
@@ -271,7 +276,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     drop(progress);
     let mut text = String::new();
     for (place, proof) in proofs.iter().enumerate() {
-        if args.json {
+        if args.output.is_json() {
             writeln!(text, "{}", serde_json::to_string(proof)?)?;
         } else {
             if place > 0 {
@@ -321,7 +326,7 @@ impl Share {
     }
 }
 
-/// Everything that is printed of a world.
+/// Figures printed for a world.
 #[derive(Debug, Clone, Serialize)]
 struct Proof {
     world: String,
@@ -332,24 +337,24 @@ struct Proof {
     frequency_sd: f64,
     seed: u64,
     change: Option<TrueChange>,
-    /// Rods that were never followed; they count as without an alarm.
+    /// Number of rods that were never tracked; they count as without an alarm.
     never_monitored: usize,
-    /// Draws that would have come near to slack.
+    /// Number of draws that would have come near to slack.
     redrawn: u64,
-    /// Greatest probability of a false drift alarm in the time followed, as stated.
+    /// Largest probability of a false drift alarm in the time tracked, as stated.
     stated: f64,
-    /// Rods that raised a kind of alarm without a reason: at all, or before the change.
+    /// Rates of false alarms by kind: at all, or before the change.
     alarms: Vec<Rate>,
-    /// Rods with a false drift that the other rods confirmed.
+    /// Share of rods with a false drift that the other rods confirmed.
     confirmed: Share,
-    /// Sites with at least one notice that rods moved together.
+    /// Share of sites with at least one notice that rods moved together.
     notices: Share,
-    /// Records whose 95 % interval of the change since the baseline held the truth.
+    /// Share of records whose 95 % interval of the change since the baseline held the truth.
     coverage: Share,
     found: Option<Found>,
 }
 
-/// How many rods raised a kind of alarm without a reason.
+/// Rate of false alarms of one kind.
 #[derive(Debug, Clone, Serialize)]
 struct Rate {
     kind: Kind,
@@ -357,19 +362,19 @@ struct Rate {
     share: Share,
 }
 
-/// How a true change was found.
+/// Detection of a true change.
 #[derive(Debug, Clone, Serialize)]
 struct Found {
-    /// Sites whose first rod had no alarm that stays before the change.
+    /// Number of sites whose first rod had no lasting alarm before the change.
     followed: usize,
     drift: usize,
     confirmed: usize,
     not_axial: usize,
-    /// Days from the change to the record with which the drift was told.
+    /// Days from the change to the record that raised the drift alarm.
     q10_d: Option<f64>,
     median_d: Option<f64>,
     q90_d: Option<f64>,
-    /// Intervals of size and onset, as first told, that held the truth.
+    /// Shares of intervals of size and onset, at the first alarm, that held the truth.
     size: Share,
     onset: Share,
 }
@@ -534,7 +539,7 @@ impl Found {
     }
 }
 
-/// The exact 95 % interval of a probability of which `count` of `all` are known (Clopper and Pearson, 1934).
+/// The exact 95 % interval of a probability from `count` of `all` (Clopper and Pearson, 1934).
 fn clopper_pearson(count: usize, all: usize) -> (f64, f64) {
     // P(at least count | p) = I_p(count, all - count + 1) is increasing in p.
     let solve = |count: usize, tail: f64| {

@@ -1,4 +1,4 @@
-//! `tirante alarm test`: a message to every sink, to see whether alarms would arrive.
+//! `tirante alarm test`: sends a message to every sink, to check that alarms would arrive.
 
 use crate::command::BadArguments;
 use crate::config::settings::alert::SinkSettings;
@@ -8,18 +8,19 @@ use crate::site::clock;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// Sends a test message to every sink of a configuration and says which of them have it: exit code 0 if all, 1 if not.
+/// Send a test message to every sink of a configuration.
 ///
-/// Run it as the user the daemon runs as, so that it reads the same password files.
+/// Exit code 0 if all have it, 1 if not. Run it as the user the daemon runs as, so that it reads the same password
+/// files.
 #[derive(Debug, Clone, clap::Args)]
 pub struct Args {
-    /// The configuration.
+    /// Configuration.
     #[arg(long, value_name = "FILE")]
     pub config: PathBuf,
-    /// Only this sink; may be repeated.
+    /// Test only this sink; may be repeated.
     #[arg(long = "sink", value_name = "ID")]
     pub sinks: Vec<String>,
-    /// A setting over the configuration's, as KEY=VALUE; may be repeated.
+    /// Override one configuration key; may be repeated.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub settings: Vec<Setting>,
 }

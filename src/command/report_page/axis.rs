@@ -1,23 +1,23 @@
-//! Scales from data to drawing, and ticks people can read: round numbers, and dates in UTC.
+//! Scales from data to drawing, and ticks at round numbers and dates in UTC.
 
+use crate::analysis::signal::record::time::DAY_S;
 use jiff::civil::Date;
 use jiff::tz::TimeZone;
 
 const MINUTE_S: f64 = 60.0;
 const HOUR_S: f64 = 3600.0;
-const DAY_S: f64 = 86_400.0;
 
 /// A linear map from data to drawing units.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Scale {
-    /// Data at both ends, the first below the second.
+    /// Data values at both ends, the first below the second.
     pub data: (f64, f64),
-    /// Where they are drawn.
+    /// Drawing positions of both ends.
     pub drawn: (f64, f64),
 }
 
 impl Scale {
-    /// Maps `low` and `high` to the two places; an empty or unordered span is widened.
+    /// Maps `low` and `high` to the two positions; an empty or unordered span is widened.
     pub fn new((low, high): (f64, f64), drawn: (f64, f64)) -> Self {
         let data = match (low.is_finite() && high.is_finite(), high - low) {
             (true, span) if span > 1e-12 * low.abs().max(high.abs()).max(1e-300) => (low, high),
@@ -30,24 +30,24 @@ impl Scale {
         Self { data, drawn }
     }
 
-    /// Where a value is drawn.
+    /// Drawing position of a value.
     pub fn place(&self, value: f64) -> f64 {
         let share = (value - self.data.0) / (self.data.1 - self.data.0);
         self.drawn.0 + share * (self.drawn.1 - self.drawn.0)
     }
 
-    /// Whether a value lies within.
+    /// True if a value lies within.
     pub fn holds(&self, value: f64) -> bool {
         (self.data.0..=self.data.1).contains(&value)
     }
 }
 
-/// A mark on an axis.
+/// A tick of an axis.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Tick {
-    /// Where, in data.
+    /// Data value of the tick.
     pub at: f64,
-    /// What is written beside it.
+    /// Label of the tick.
     pub label: String,
 }
 

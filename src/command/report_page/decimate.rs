@@ -3,15 +3,15 @@
 /// One value of a series with its interval.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Point {
-    /// Unix seconds.
+    /// Time \[Unix s\].
     pub time: f64,
-    /// Its value.
+    /// Value of the series.
     pub value: f64,
     /// Its 95 % interval; both ends the value itself where there is none.
     pub interval: (f64, f64),
 }
 
-/// What a column of the drawing holds.
+/// Content of a column of the drawing.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Column {
     /// Mean time of its points \[Unix s\].
@@ -22,7 +22,7 @@ pub struct Column {
     pub interval: (f64, f64),
     /// Smallest and largest value.
     pub extremes: (f64, f64),
-    /// How many points.
+    /// Number of points.
     pub count: usize,
 }
 
@@ -74,7 +74,8 @@ pub fn columns(points: &[Point], span: (f64, f64), columns: usize) -> Vec<Column
         .collect()
 }
 
-/// Cuts where neighbours lie much further apart than usual: a line must not be drawn across silence.
+/// Splits the columns where neighbours lie much further apart than usual: a line must not be drawn across a
+/// gap.
 pub fn without_gaps(columns: &[Column]) -> impl Iterator<Item = &[Column]> {
     let mut distances: Vec<f64> = columns
         .windows(2)

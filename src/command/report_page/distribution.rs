@@ -9,7 +9,7 @@ use crate::analysis::record_view::Density;
 /// Most points of the temperature figure: beyond, every n-th period is drawn.
 const SCATTER_POINTS: usize = 2000;
 
-/// Name of a quantity for people, the unit it is shown in, and how many of it are one SI unit.
+/// Name of a quantity for people, its display unit, and the factor from SI to it.
 pub fn quantity(key: &str) -> (&str, &'static str, f64) {
     match key {
         "axial_force_n" => ("axial force", "kN", 1e-3),

@@ -6,20 +6,20 @@ use std::fmt::Write;
 
 /// Width of a drawing over the whole page, in its own units; the page scales it.
 const WIDTH: f64 = 760.0;
-/// Width of a drawing that stands beside another: letters keep their size.
+/// Width of a drawing next to another: letters keep their size.
 const HALF_WIDTH: f64 = 380.0;
 const LEFT: f64 = 64.0;
 const HALF_LEFT: f64 = 26.0;
 const RIGHT: f64 = 14.0;
-/// Room for the key above the frame.
+/// Height of the key above the frame.
 const TOP: f64 = 26.0;
 const BOTTOM: f64 = 42.0;
 /// Mean width of a character of the labels.
 const CHARACTER: f64 = 6.4;
-/// Rows over which labels of vertical marks are spread before they would cover one another.
+/// Number of rows over which labels of vertical marks are spread to avoid overlap.
 const LABEL_ROWS: usize = 3;
 
-/// Columns of the frame that a series can fill.
+/// Number of columns of the frame.
 pub(super) const COLUMNS: usize = (WIDTH - LEFT - RIGHT) as usize;
 
 /// A drawing under construction.
@@ -34,7 +34,7 @@ pub(super) struct Figure {
     key: Markup,
     key_at: f64,
     rows: [f64; LABEL_ROWS],
-    /// Left, right, top and bottom of the labels that must not be covered.
+    /// Boxes of labels that must not be covered: left, right, top, bottom.
     labels: Vec<[f64; 4]>,
 }
 
@@ -65,7 +65,7 @@ impl Figure {
         }
     }
 
-    /// The horizontal axis: ticks and what is measured along it.
+    /// Draws the horizontal axis: ticks and label.
     pub fn x_axis(&mut self, ticks: &[Tick], label: &str) {
         let bottom = TOP + self.height;
         for tick in ticks.iter().filter(|tick| self.x.holds(tick.at)) {
@@ -99,7 +99,7 @@ impl Figure {
         );
     }
 
-    /// The vertical axis: ticks and what is measured along it.
+    /// Draws the vertical axis: ticks and label.
     pub fn y_axis(&mut self, ticks: &[Tick], label: &str) {
         let (left, right) = (self.left, self.width - RIGHT);
         for tick in ticks.iter().filter(|tick| self.y.holds(tick.at)) {
@@ -129,7 +129,7 @@ impl Figure {
         );
     }
 
-    /// The area between two lines, given as (x, low, high).
+    /// Draws the area between two lines, given as (x, low, high).
     pub fn band(&mut self, class: &str, points: &[(f64, f64, f64)]) {
         if points.len() < 2 {
             return self.bars(class, points);
@@ -145,7 +145,7 @@ impl Figure {
             .empty("path", &[("class", &format!("band {class}")), ("d", &d)]);
     }
 
-    /// A line through points (x, y).
+    /// Draws a line through points (x, y).
     pub fn line(&mut self, class: &str, points: impl Iterator<Item = (f64, f64)>) {
         let mut d = String::new();
         self.trace(&mut d, points);
@@ -155,7 +155,7 @@ impl Figure {
         }
     }
 
-    /// A dot at each point (x, y).
+    /// Draws a dot at each point (x, y).
     pub fn dots(&mut self, class: &str, points: impl Iterator<Item = (f64, f64)>) {
         // Strokes of no length with round ends: one path however many dots.
         let mut d = String::new();
@@ -170,7 +170,7 @@ impl Figure {
         }
     }
 
-    /// A vertical bar from low to high at each x.
+    /// Draws a vertical bar from low to high at each x.
     pub fn bars(&mut self, class: &str, points: &[(f64, f64, f64)]) {
         let mut d = String::new();
         for &(x, low, high) in points {
@@ -184,7 +184,7 @@ impl Figure {
         }
     }
 
-    /// A horizontal line through the frame, with a label at its left end.
+    /// Draws a horizontal line through the frame, with a label at its left end.
     pub fn level(&mut self, class: &str, at: f64, label: &str) {
         let y = self.y.place(at);
         let (left, right) = (self.left, self.width - RIGHT);
@@ -203,7 +203,7 @@ impl Figure {
         }
     }
 
-    /// A vertical line through the frame; its label stands beside it at the top unless others leave no room there.
+    /// Draws a vertical line through the frame, with a label beside it at the top if there is room.
     pub fn event(&mut self, class: &str, at: f64, label: &str) {
         if !self.x.holds(at) {
             return;
@@ -232,7 +232,7 @@ impl Figure {
         }
     }
 
-    /// A stretch of the horizontal axis, shaded over the whole height.
+    /// Shades a stretch of the horizontal axis over the whole height.
     pub fn stretch(&mut self, class: &str, from: f64, to: f64, label: &str) {
         let (low, high) = self.x.data;
         if to < low || from > high {
@@ -261,7 +261,7 @@ impl Figure {
         }
     }
 
-    /// A label at a point, above it or one line higher; left out if it would cover another of its kind.
+    /// Draws a label at a point, above it or one line higher; left out if it would cover another of its kind.
     pub fn label_beside_others(&mut self, class: &str, at: (f64, f64), label: &str) {
         let Some((x, y)) = self.place(at.0, at.1) else {
             return;
@@ -289,7 +289,7 @@ impl Figure {
         }
     }
 
-    /// An entry of the key above the frame.
+    /// Adds an entry of the key above the frame.
     pub fn key(&mut self, class: &str, label: &str) {
         let x = self.key_at;
         let d = format!("M{x:.1} 13h18");

@@ -7,18 +7,18 @@ use super::markup::Markup;
 use super::view::{RecordPoint, RodReport, unix_s};
 use crate::analysis::track::Interval;
 
-/// Up to this many points each is drawn as a dot with its interval, beyond as a line with a band.
+/// Most points drawn as dots with intervals; more are drawn as a line with a band.
 const FEW: usize = 80;
 /// Colours of the modes, by order.
 const MODE_COLOURS: [&str; 6] = ["c1", "c2", "c3", "c4", "c5", "c6"];
-/// A chart is drawn up to this many times its limit.
+/// Upper end of a chart, in multiples of its limit.
 const BEYOND_LIMIT: f64 = 2.0;
 
-/// Evidence below which nothing is drawn, as a share of the limit.
+/// Least evidence drawn, as a share of the limit.
 const LEAST_EVIDENCE: f64 = 1e-5;
 const TIME: &str = "time (UTC)";
 
-/// The time axis all histories of one rod share.
+/// Time axis shared by all histories of one rod.
 #[derive(Debug, Clone)]
 pub(super) struct Span {
     ends: (f64, f64),
@@ -116,7 +116,7 @@ fn vertical(series: &[&[Point]], always: &[f64]) -> (f64, f64) {
     axis::span(all, 0.06).unwrap_or((0.0, 1.0))
 }
 
-/// The baseline's stretch and the alarms.
+/// Marks the baseline's stretch and the alarms.
 fn mark(figure: &mut Figure, rod: &RodReport) {
     for segment in &rod.segments {
         if let Some((first, last)) = segment.baseline {
@@ -268,7 +268,7 @@ pub(super) fn frequencies(rod: &RodReport, span: &Span, id: &str) -> Option<Mark
     ))
 }
 
-/// Evidence of a change over its limit, as a power of ten, by the best-informed detector that saw each period.
+/// Evidence of a change over its limit, as a power of ten, by the best-informed detector of each period.
 pub(super) fn evidence(rod: &RodReport, span: &Span, id: &str) -> Option<Markup> {
     let points: Vec<Point> = rod
         .periods

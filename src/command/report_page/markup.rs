@@ -14,7 +14,7 @@ impl Markup {
         Self::default()
     }
 
-    /// An element with what `content` puts into it.
+    /// Adds an element with the content that `content` adds.
     pub fn element(&mut self, name: &str, attributes: &[(&str, &str)], content: impl FnOnce(&mut Self)) {
         self.start(name, attributes);
         self.text.push('>');
@@ -25,12 +25,12 @@ impl Markup {
         }
     }
 
-    /// An element that holds text alone.
+    /// Adds an element that holds only text.
     pub fn leaf(&mut self, name: &str, attributes: &[(&str, &str)], text: impl Display) {
         self.element(name, attributes, |inside| inside.text(text));
     }
 
-    /// An element without content.
+    /// Adds an element without content.
     pub fn empty(&mut self, name: &str, attributes: &[(&str, &str)]) {
         self.start(name, attributes);
         self.text.push_str("/>");
@@ -39,17 +39,17 @@ impl Markup {
         }
     }
 
-    /// Text.
+    /// Adds text, escaped.
     pub fn text(&mut self, text: impl Display) {
         escape(&mut self.text, &text.to_string());
     }
 
-    /// Markup of this program's own making, as it is: the style sheet, the document type.
+    /// Adds markup of this program unescaped: the style sheet, the document type.
     pub fn verbatim(&mut self, markup: &str) {
         self.text.push_str(markup);
     }
 
-    /// Puts another document behind this one.
+    /// Appends another document.
     pub fn append(&mut self, other: Self) {
         self.text.push_str(&other.text);
     }
@@ -98,7 +98,7 @@ const BLOCKS: [&str; 24] = [
     "title",
 ];
 
-/// Replaces what markup would read as its own, and characters no document may hold.
+/// Escapes characters with a meaning in markup, and replaces those not allowed in a document.
 fn escape(out: &mut String, text: &str) {
     for c in text.chars() {
         match c {

@@ -1,6 +1,6 @@
 //! Figures and the self-contained report page, drawn from plain data.
 //!
-//! [`view`] says what a report is about; everything else turns it into one HTML page:
+//! [`view`] is the content of a report; everything else turns it into one HTML page:
 //! * [`page`](mod@page)      the whole page
 //! * [`terminal`] a small plot in the terminal
 //! * [`study`](fn@study) the paper's study as a page
@@ -39,7 +39,7 @@ pub use spectra::spectra;
 pub use study::study;
 pub use view::SiteReport;
 
-/// A probability in percent: never a whole that is not one.
+/// A probability in percent: never rounded to 100 unless certain.
 fn percent_said(probability: f64) -> String {
     match 100.0 * probability {
         percent if percent > 99.9 && probability < 1.0 => "over 99.9 %".to_owned(),

@@ -9,7 +9,8 @@ use crate::analysis::track::RodState;
 
 const STYLE: &str = include_str!("style.css");
 
-/// The page. The same report gives the same bytes: nothing in it knows the time of day.
+/// The page of a report. The same report gives the same bytes: it does not depend on the time of
+/// day.
 pub fn page(report: &SiteReport) -> String {
     let title = format!("{}: axial force of the tie-rods", report.site);
     document(&title, |body| {
@@ -182,7 +183,7 @@ pub(super) fn day(time: Timestamp) -> String {
     time.to_string().chars().take(10).collect()
 }
 
-/// The state in a word.
+/// State in one word.
 fn state_name(rod: &RodReport) -> &'static str {
     match &rod.state {
         Some(RodState::NotMonitoring { .. }) | None => "not monitoring",
@@ -190,7 +191,7 @@ fn state_name(rod: &RodReport) -> &'static str {
     }
 }
 
-/// The state in words.
+/// State in words.
 pub(super) fn state_text(rod: &RodReport) -> String {
     match &rod.state {
         Some(RodState::Learning { records, periods }) => {
@@ -207,7 +208,7 @@ pub(super) fn state_text(rod: &RodReport) -> String {
     }
 }
 
-/// The style of the state.
+/// Style class of the state.
 pub(super) fn state_class(rod: &RodReport) -> &'static str {
     match &rod.state {
         Some(RodState::Alarm) => "alarm-state",

@@ -1,4 +1,5 @@
-//! One record as figures and tables: waveform, spectrum with its peaks, and the assignments that were weighed.
+//! One record as figures and tables: waveform, spectrum with its peaks, and the assignments of its peaks to
+//! modes.
 
 use super::axis;
 use super::distribution::{mean_and_sd, significant};
@@ -9,14 +10,14 @@ use crate::analysis::findings::{Candidate, hertz};
 use crate::analysis::record_view::{Curve, PeakMark, Snapshot};
 use crate::analysis::signal::modes::MotionKind;
 
-/// Levels drawn below the highest \[dB\]: a line of silence must not flatten the rest.
+/// Range of levels drawn below the highest \[dB\]: a line at zero power must not flatten the rest.
 const DEPTH_DB: f64 = 120.0;
 /// Candidates listed.
 const CANDIDATES: usize = 6;
 
-/// A record, and what it is drawn beside.
+/// A record with the context of its drawing.
 pub(super) struct Drawn<'s> {
-    /// The record.
+    /// Record to draw.
     pub record: &'s Snapshot,
     /// Its entry in the key.
     pub key: String,
@@ -24,7 +25,7 @@ pub(super) struct Drawn<'s> {
     pub earlier: Option<(&'s Snapshot, String)>,
     /// Unit of the samples.
     pub unit: Option<&'s str>,
-    /// Whose record it is: `rod north`.
+    /// Owner of the record in words: `rod north`.
     pub of: &'s str,
 }
 
@@ -70,7 +71,7 @@ impl Drawn<'_> {
         ))
     }
 
-    /// The peaks, the highest first, so that their labels find room.
+    /// Draws the peaks, the highest first, so that their labels find room.
     fn marks(&self, figure: &mut Figure, low: f64) {
         let curve = &self.record.curve;
         let level_at = |hz: f64| -> f64 {
@@ -160,7 +161,7 @@ fn points(curve: &Curve) -> Vec<(f64, f64)> {
     level.map(|(i, level)| (curve.frequency_hz(i), *level)).collect()
 }
 
-/// A unit that can be squared.
+/// A unit in brackets if needed, so that it can be squared.
 fn bracketed(unit: &str) -> String {
     if unit.contains('/') {
         format!("({unit})")
@@ -169,7 +170,7 @@ fn bracketed(unit: &str) -> String {
     }
 }
 
-/// Every peak with its numbers; nothing for a record without peaks or of an older program.
+/// Table of the peaks; nothing for a record without peaks or of an older program.
 pub(super) fn peaks(html: &mut Markup, record: &Snapshot) {
     let rows: Vec<Vec<Cell>> = record
         .peaks
@@ -194,7 +195,7 @@ pub(super) fn peaks(html: &mut Markup, record: &Snapshot) {
     );
 }
 
-/// The assignments that were weighed, with the force each would give.
+/// Table of the assignments, with the force each implies.
 pub(super) fn candidates(html: &mut Markup, candidates: &[Candidate]) {
     if candidates.is_empty() {
         return;

@@ -1,4 +1,4 @@
-//! One rod's part of the report: how it stands, figures with their captions, tables.
+//! One rod's part of the report: status, figures with their captions, tables.
 
 use super::axis::minus;
 use super::distribution::{self, significant};
@@ -13,7 +13,7 @@ use crate::analysis::inference::VarianceShares;
 use crate::analysis::record_view::Snapshot;
 use crate::analysis::track::{Alarm, Interval};
 
-/// Alarms listed; the latest of more.
+/// Most alarms listed, the latest.
 const ALARMS_LISTED: usize = 200;
 
 /// A cell of a table.
@@ -22,22 +22,22 @@ pub(super) enum Cell {
     Text(String),
     /// Text that stays on one line.
     Line(String),
-    /// A value, and what belongs to it (an interval, a temperature, a time): broken only between them.
+    /// A value with an interval, a temperature or a time: wrapped only between them.
     Value(String),
     /// A state with its style.
     State(&'static str, String),
-    /// A place in the page, and what is written there.
+    /// A link within the page: target and text.
     Link(String, String),
 }
 
-/// What is known now, as text.
+/// Present force and change, as text.
 pub(super) struct Now {
     pub as_measured: String,
     pub at_reference: String,
     pub change: String,
 }
 
-/// The latest force and change; a record that does not count has none.
+/// Latest force and change; a record that does not count has none.
 pub(super) fn now(rod: &RodReport) -> Now {
     let Some(last) = rod.records.last() else {
         let none = || "not known".to_owned();
@@ -154,7 +154,7 @@ pub(super) fn section(html: &mut Markup, rod: &RodReport, id: &str) {
     tables(html, rod, id);
 }
 
-/// What a reader must know before believing the figures.
+/// Remarks that qualify the figures.
 fn remarks(html: &mut Markup, rod: &RodReport) {
     let mut calm = |text: String| html.leaf("p", &[("class", "note calm")], text);
     let Some(last) = rod.records.last() else {
@@ -266,7 +266,7 @@ fn last_record(html: &mut Markup, rod: &RodReport, id: &str) {
     }
 }
 
-/// What was assumed of each quantity and what a record leaves possible, and what the force hangs on.
+/// Priors and posteriors of the quantities, and the sources of the force's variance.
 pub(super) fn taught(html: &mut Markup, rod: &RodReport, latest: &Snapshot, id: &str) {
     if latest.densities.is_empty() {
         return;
@@ -319,7 +319,7 @@ pub(super) fn taught(html: &mut Markup, rod: &RodReport, latest: &Snapshot, id: 
     }
 }
 
-/// Which source carries how much of the force's variance.
+/// Table of the sources of the force's variance.
 fn hangs_on(html: &mut Markup, shares: &VarianceShares) {
     html.leaf("h3", &[], "What the force hangs on");
     for sentence in &shares.said {
@@ -379,7 +379,7 @@ fn latest_spectrum(html: &mut Markup, rod: &RodReport, id: &str) {
     record::candidates(html, &latest.candidates);
 }
 
-/// How the rod was found to move, and how sure the orders of its modes are.
+/// Motion of the rod, and certainty of its mode orders.
 fn motion_and_labels(record: &Snapshot) -> Option<String> {
     let motion = record.motion.as_ref().map(motion_said)?;
     let probability = record.label_probability.map_or_else(String::new, |probability| {
@@ -391,7 +391,7 @@ fn motion_and_labels(record: &Snapshot) -> Option<String> {
     Some(format!("The record shows {motion}.{probability}"))
 }
 
-/// The latest refused record: why it was, and what can be seen of it.
+/// The latest refused record: the reason, and its figures.
 fn latest_refused(html: &mut Markup, rod: &RodReport, id: &str) {
     let Some(record) = &rod.refused else { return };
     html.leaf("h3", &[], "The latest refused record");
@@ -577,7 +577,7 @@ fn alarm_row(alarm: &Alarm) -> Vec<Cell> {
     ]
 }
 
-/// A table with its caption, which scrolls by itself on a narrow screen.
+/// A table with its caption, scrollable on a narrow screen.
 pub(super) fn table(html: &mut Markup, caption: &str, header: &[&str], rows: &[Vec<Cell>]) {
     html.element("div", &[("class", "scroll"), ("tabindex", "0")], |div| {
         div.element("table", &[], |table| {
@@ -619,7 +619,7 @@ fn write(row: &mut Markup, cell: &Cell) {
     }
 }
 
-/// A value and what belongs to it, apart.
+/// Splits a value from its interval, temperature or time.
 fn parts(text: &str) -> Vec<&str> {
     let mut parts = Vec::new();
     let mut rest = text;

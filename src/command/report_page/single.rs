@@ -1,4 +1,5 @@
-//! A rod measured once: its force as the headline, facts, frequencies, figures, a line to sign; what backs them on the next page.
+//! A rod measured once: its force as the headline, facts, frequencies, figures, a line to sign; supporting
+//! tables on the next page.
 
 use super::distribution::{self, mean_and_sd, significant};
 use super::markup::Markup;
@@ -102,7 +103,7 @@ fn facts(html: &mut Markup, rod: &RodReport, only: &RecordPoint, latest: Option<
     });
 }
 
-/// The time of a record; of a file that does not say it, that.
+/// Time of a record in words; for a file without a start, a remark.
 pub(super) fn began(start: Timestamp) -> String {
     match start.as_nanos() {
         0 => "at a time the file does not say".to_owned(),

@@ -7,7 +7,7 @@ use super::rod::figure;
 use super::view::SpectrumReport;
 use crate::analysis::findings::motion_said;
 
-/// The page of some records; `left_out` records were too many for it.
+/// Page of some records; `left_out` is the number of records beyond its limit.
 pub fn spectra(title: &str, records: &[SpectrumReport], left_out: usize) -> String {
     document(&format!("{title}: spectrum"), |body| {
         body.element("header", &[], |header| {

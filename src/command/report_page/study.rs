@@ -1,4 +1,4 @@
-//! The paper's study as a page: which of its statements hold, then every table and figure beside it.
+//! The paper's study as a page: verdicts on its statements, then every table and figure beside ours.
 
 mod beyond;
 mod figures;
@@ -20,7 +20,7 @@ use crate::analysis::lab::study::{Part, Study, reasons};
 use beyond::{beyond, emulators, sensitivity};
 use figures::{COLOURS, case_figure, densities, figure, figure_8, traces};
 
-/// The page. The same study gives the same bytes.
+/// The page of a study. The same study gives the same bytes.
 pub fn study(study: &Study) -> String {
     document("The paper, reproduced", |body| {
         body.element("header", &[], |header| {
@@ -250,7 +250,7 @@ fn table_2(main: &mut Markup, setting: Setting, column: &Column) {
     }
 }
 
-/// Which figures of a column disagree, in a sentence.
+/// Sentence with the figures of a column that disagree.
 fn sentence(setting: Setting, column: &Column, comparisons: &[Comparison]) -> String {
     let off: Vec<String> = comparisons
         .iter()
@@ -311,7 +311,7 @@ fn significant4(value: f64) -> String {
     minus(&format!("{value:.decimals$}"))
 }
 
-/// Hyphens before digits as minus signs.
+/// Replaces hyphens before digits by minus signs.
 fn minus_signs(text: &str) -> String {
     let mut out = String::new();
     let mut before = ' ';

@@ -3,34 +3,34 @@
 use super::axis;
 use std::fmt::Write;
 
-/// Characters of the tallest plot.
+/// Most characters of the plot's height.
 const ROWS: usize = 10;
-/// Characters left of the plot for the ticks' texts.
+/// Width of the ticks' texts left of the plot, in characters.
 const LEFT: usize = 9;
-/// Characters of the widest plot.
+/// Width of the widest plot, in characters.
 const WIDEST: usize = 100;
-/// Characters of the narrowest plot.
+/// Width of the narrowest plot, in characters.
 const NARROWEST: usize = 20;
 /// The empty braille character; its eight lowest bits are its dots.
 const BRAILLE: u32 = 0x2800;
-/// The bit of each dot of a braille character: \[column\]\[row\].
+/// Bit of each dot of a braille character: \[column\]\[row\].
 const DOTS: [[u32; 4]; 2] = [[0x01, 0x02, 0x04, 0x40], [0x08, 0x10, 0x20, 0x80]];
 
-/// What is drawn.
+/// Content of a plot.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Sketch<'t> {
-    /// What it shows, with the unit of the upright axis.
+    /// Title, with the unit of the vertical axis.
     pub title: &'t str,
     /// Points, ascending in x; those that are not finite are left out.
     pub points: &'t [(f64, f64)],
-    /// Whether x is Unix time in seconds.
+    /// True if x is Unix time in seconds.
     pub is_time: bool,
-    /// Texts above places of x.
+    /// Labels above positions of x.
     pub labels: &'t [(f64, String)],
 }
 
 impl Sketch<'_> {
-    /// As lines of at most `width` characters; nothing for less than two points.
+    /// The plot as lines of at most `width` characters; empty for fewer than two points.
     pub fn draw(&self, width: usize) -> String {
         let points: Vec<(f64, f64)> = self
             .points
@@ -119,7 +119,7 @@ impl Sketch<'_> {
     }
 }
 
-/// Texts about their columns; one that would touch the one before is left out.
+/// Texts centred at their columns; one that would touch the previous one is left out.
 fn beside<'t>(texts: impl Iterator<Item = (usize, &'t str)>, columns: usize) -> String {
     let mut line = String::new();
     for (middle, text) in texts {

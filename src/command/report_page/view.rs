@@ -1,4 +1,4 @@
-//! What a report is about, as plain data: whoever fills it, a store or a test, the page is the same.
+//! Content of a report, as plain data: the page is the same whether a store or a test fills it.
 
 use crate::analysis::findings::Doubt;
 use crate::analysis::record_view::Snapshot;
@@ -8,26 +8,26 @@ use crate::analysis::track::{Alarm, Interval, Period, RodState};
 /// A site and its rods.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct SiteReport {
-    /// The site's name.
+    /// Name of the site.
     pub site: String,
     /// Its rods, in the order shown.
     pub rods: Vec<RodReport>,
-    /// What the numbers depend on, as name and value: program, configuration, analysis version, seed.
+    /// Provenance of the numbers, as name and value: program, configuration, analysis version, seed.
     pub provenance: Vec<(String, String)>,
 }
 
-/// One rod.
+/// Content of a report for one rod.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RodReport {
-    /// Its id.
+    /// Id of the rod.
     pub rod: String,
-    /// How it stands after its last record; `None` if it is not tracked.
+    /// State after its last record; `None` if it is not tracked.
     pub state: Option<RodState>,
     /// Unit of its samples as written, if known: `m`, `m/s`.
     pub motion_unit: Option<String>,
-    /// What its configuration says of it, as name and value: length, section, material, supports.
+    /// Facts of its configuration, as name and value: length, section, material, supports.
     pub facts: Vec<(String, String)>,
-    /// Records that a baseline takes, if known.
+    /// Number of records that a baseline takes, if known.
     pub baseline_takes: Option<usize>,
     /// Identified records, ascending in time.
     pub records: Vec<RecordPoint>,
@@ -37,20 +37,20 @@ pub struct RodReport {
     pub segments: Vec<SegmentReport>,
     /// Closed periods with their segment's number, ascending.
     pub periods: Vec<(u32, Period)>,
-    /// What temperature does, as learned.
+    /// Effect of temperature, as learned.
     pub thermal: Option<ThermalLine>,
-    /// Every alarm there was, in the order raised.
+    /// Every alarm, in the order raised.
     pub alarms: Vec<Alarm>,
     /// The first record of the present baseline.
     pub baseline: Option<Snapshot>,
     /// The latest identified record.
     pub latest: Option<Snapshot>,
-    /// The latest refused record that has samples left.
+    /// The latest refused record with samples.
     pub refused: Option<Snapshot>,
 }
 
 impl RodReport {
-    /// A rod of which nothing is known.
+    /// A rod without any data.
     pub fn new(rod: &str) -> Self {
         Self {
             rod: rod.to_owned(),
@@ -70,12 +70,12 @@ impl RodReport {
         }
     }
 
-    /// Alarms that are not over.
+    /// Active alarms.
     pub fn standing(&self) -> impl Iterator<Item = &Alarm> {
         self.alarms.iter().filter(|alarm| !alarm.is_over())
     }
 
-    /// The record of a rod measured once: there is nothing to compare it with.
+    /// The record of a rod measured only once, without another to compare it with.
     pub fn only_record(&self) -> Option<&RecordPoint> {
         match &self.records[..] {
             [only] if only.ratio.is_none() => Some(only),
@@ -83,7 +83,7 @@ impl RodReport {
         }
     }
 
-    /// The present segment.
+    /// The current segment.
     pub fn segment(&self) -> Option<&SegmentReport> {
         self.segments.last()
     }
@@ -92,21 +92,21 @@ impl RodReport {
 /// One record without a rod.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SpectrumReport {
-    /// The file it came from.
+    /// File of the record.
     pub file: String,
-    /// Its channel, or its rod.
+    /// Channel or rod of the record.
     pub channel: String,
     /// Unit of its samples as written, if known.
     pub unit: Option<String>,
-    /// The band that was searched for peaks \[Hz\].
+    /// Band searched for peaks \[Hz\].
     pub band_hz: Option<(f64, f64)>,
-    /// What the quality checks noticed.
+    /// Faults noticed by the quality checks.
     pub flags: Vec<String>,
-    /// The force it gives, in words, if a rod is known.
+    /// Force in words, if a rod is configured.
     pub force: Option<String>,
-    /// Its picture, if it has samples.
+    /// View of the record, if it has samples.
     pub record: Option<Snapshot>,
-    /// Why it was refused, if it was.
+    /// Reason why it was refused, if it was.
     pub fault: Option<String>,
 }
 
@@ -115,7 +115,7 @@ pub struct SpectrumReport {
 pub struct RecordPoint {
     /// Time of the first sample.
     pub start: Timestamp,
-    /// The segment it belongs to.
+    /// Number of its segment.
     pub segment: Option<u32>,
     /// Absolute force from this record alone \[N\].
     pub force_n: Interval,
@@ -137,52 +137,52 @@ pub struct RecordPoint {
     pub conflict: Option<f64>,
     /// Reasons to doubt the force of this record alone.
     pub doubts: Vec<Doubt>,
-    /// Why it does not count on the charts, if it does not.
+    /// Reason why it does not count on the charts, if it does not.
     pub set_aside: Option<String>,
 }
 
 /// Records refused for one reason.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RejectionCount {
-    /// The reason's code.
+    /// Code of the reason.
     pub code: String,
-    /// How many.
+    /// Number of records.
     pub count: usize,
-    /// When last.
+    /// Start of the latest one.
     pub last: Option<Timestamp>,
-    /// What was said the last time.
+    /// Message of the latest one.
     pub message: String,
 }
 
 /// A stretch of history with one baseline.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SegmentReport {
-    /// From 1.
+    /// Number of the segment, from 1.
     pub number: u32,
-    /// Why it was opened.
+    /// Reason for opening it.
     pub reason: String,
     /// First and last record of the baseline, once learned.
     pub baseline: Option<(Timestamp, Timestamp)>,
-    /// Records of the baseline.
+    /// Number of records of the baseline.
     pub records: usize,
-    /// By how much the frequencies scatter more than their standard errors, as a factor.
+    /// Scatter of the frequencies over their standard errors, as a factor.
     pub overdispersion: Option<f64>,
     /// Reference temperature \[degC\].
     pub reference_c: Option<f64>,
-    /// Why the last attempt at a baseline failed.
+    /// Error of the last attempt at a baseline.
     pub fault: Option<String>,
 }
 
-/// What temperature does to the relative force, as learned.
+/// Effect of temperature on the relative force, as learned.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ThermalLine {
     /// Slope \[1/K\].
     pub slope_per_k: f64,
-    /// Its standard deviation \[1/K\].
+    /// Standard deviation of the slope \[1/K\].
     pub slope_sd_per_k: f64,
 }
 
-/// Unix seconds, for drawing.
+/// Time in Unix seconds, for drawing.
 pub(super) fn unix_s(time: Timestamp) -> f64 {
     time.as_nanos() as f64 * 1e-9
 }

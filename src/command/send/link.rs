@@ -13,21 +13,21 @@ use tokio::time::timeout;
 use tokio_rustls::TlsConnector;
 use tokio_rustls::rustls::pki_types::ServerName;
 
-/// How long a connection may take to be made.
+/// Longest time to connect.
 const CONNECT: Duration = Duration::from_secs(10);
 
-/// How long the reason for a closed connection may take to arrive.
+/// Longest time to wait for the reason of a closed connection.
 const LAST_WORDS: Duration = Duration::from_secs(1);
 
-/// Longest answers together \[bytes\]: the daemon says little.
+/// Most bytes of all answers: the daemon sends little.
 const MOST_ANSWERS: u64 = 1 << 30;
 
-/// Where the daemon listens.
+/// Address of the daemon.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Address {
     /// A host and its port.
     Tcp {
-        /// Name or IP address.
+        /// Host name or IP address.
         host: String,
         /// Port.
         port: u16,
@@ -68,24 +68,24 @@ impl FromStr for Address {
     }
 }
 
-/// The client's certificate and what it trusts.
+/// Certificate, key and trusted authority of the client.
 #[derive(Debug, Clone, Default, clap::Args)]
 pub struct TlsArgs {
-    /// TLS: the authority the daemon's certificate must come from (PEM file).
+    /// TLS: authority of the daemon's certificate (PEM file).
     #[arg(long, value_name = "FILE", requires = "tls_certificate", requires = "tls_key")]
     pub tls_ca: Option<PathBuf>,
 
-    /// TLS: this client's certificate (PEM file).
+    /// TLS: certificate of this client (PEM file).
     #[arg(long, value_name = "FILE", requires = "tls_ca")]
     pub tls_certificate: Option<PathBuf>,
 
-    /// TLS: its private key (PEM file).
+    /// TLS: private key of this client (PEM file).
     #[arg(long, value_name = "FILE", requires = "tls_ca")]
     pub tls_key: Option<PathBuf>,
 }
 
 impl TlsArgs {
-    /// What connects with TLS, if it is wanted.
+    /// TLS connector, if TLS is wanted.
     ///
     /// # Errors
     /// A file cannot be used.
@@ -102,14 +102,14 @@ impl TlsArgs {
 trait Socket: AsyncRead + AsyncWrite + Send + Unpin {}
 impl<T: AsyncRead + AsyncWrite + Send + Unpin> Socket for T {}
 
-/// A connection.
+/// A connection to the daemon.
 pub(super) struct Link {
     output: WriteHalf<Box<dyn Socket>>,
     answers: mpsc::UnboundedReceiver<Reply>,
 }
 
 impl Link {
-    /// Connects.
+    /// Connects to the daemon.
     pub async fn open(to: &Address, tls: Option<&TlsConnector>) -> anyhow::Result<Self> {
         timeout(CONNECT, Self::connect(to, tls))
             .await
@@ -151,7 +151,7 @@ impl Link {
         Ok(Self { output, answers })
     }
 
-    /// Sends; answers that come meanwhile go to `on_answer`, whose error ends the sending.
+    /// Sends bytes; answers that come meanwhile go to `on_answer`, whose error ends the sending.
     pub async fn send<E: From<std::io::Error>>(
         &mut self,
         bytes: &[u8],
@@ -188,7 +188,7 @@ impl Link {
         self.answers.recv().await
     }
 
-    /// The daemon's answer to a hello: how many messages it has.
+    /// Sends a hello; returns the number of messages that the daemon has.
     pub async fn hello(&mut self, sender: &str, patience: Duration) -> anyhow::Result<Result<u64, Reply>> {
         let hello = serde_json::json!({"hello": {"sender": sender}});
         self.output.write_all(format!("{hello}\n").as_bytes()).await?;

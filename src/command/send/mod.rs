@@ -1,4 +1,4 @@
-//! `tirante send`: recordings into the daemon's socket, at a chosen speed.
+//! `tirante send`: sends recordings to the daemon's socket, at a chosen speed.
 
 mod link;
 mod playback;
@@ -9,6 +9,7 @@ use super::progress::Progress;
 use crate::recording::read;
 use crate::service::ingest::{LeftOut, Reply};
 use crate::service::journal::MAX_MESSAGE;
+use crate::site::clock;
 use link::{Address, Link, TlsArgs};
 use playback::{Message, Piece, Playback};
 use std::cell::{Cell, RefCell};
@@ -17,74 +18,80 @@ use std::io;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::str::FromStr;
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use std::time::Duration;
 use stream::Stream;
 use tokio::time::{Instant, sleep, sleep_until, timeout};
 use tokio_rustls::TlsConnector;
 
-/// A chunk is closed when its first message is this old.
+/// Age of its first message at which a chunk is closed.
 const FLUSH_AFTER: Duration = Duration::from_millis(100);
 
-/// A chunk is closed when it has this many bytes.
+/// Size at which a chunk is closed \[bytes\].
 const FLUSH_BYTES: usize = 256 << 10;
 
-/// A sign of life is sent when nothing else was for this long.
+/// Time without data after which a sign of life is sent.
 const ALIVE_EVERY: Duration = Duration::from_secs(20);
 
-/// The daemon must answer a hello, and the end of the stream, within this time.
+/// Longest wait for the daemon's answer to a hello, and to the end of the stream.
 const PATIENCE: Duration = Duration::from_secs(300);
 
-/// Pauses between attempts to connect.
+/// Shortest and longest pause between attempts to connect.
 const BACK_OFF: (Duration, Duration) = (Duration::from_secs(1), Duration::from_secs(30));
 
-/// Sends recordings into the socket of a running daemon as one MCAP stream, at the speed they were recorded or another.
+/// Send recordings to a running daemon, at a chosen speed.
+///
+/// They go into its socket as one MCAP stream.
 #[derive(Debug, Clone, clap::Args)]
 #[command(after_help = "Examples:
   tirante send recordings/todi-pull.mcap --to tcp://127.0.0.1:7415
-  tirante send day.mcap --to unix:///run/tirante/ingest.sock --sender north-laser --speed 10
+  tirante send day.mcap --to unix:///run/tirante/ingest.sock \\
+      --sender north-laser --speed 10
   tirante send day.mcap --to tcp://127.0.0.1:7415 --speed max --stamp-now
-  tirante send day.mcap --to tcp://tower.example:7415 --tls-ca ca.pem --tls-certificate me.pem --tls-key me.key
+  tirante send day.mcap --to tcp://tower.example:7415 --tls-ca ca.pem \\
+      --tls-certificate me.pem --tls-key me.key
 
-Log times decide when a message is sent. With --sender the daemon acknowledges what is on its disk; after a cut
-the command connects again (after 1 s, then longer, up to 30 s) and goes on from there. Without --sender a cut is
-the end. Exit code 0 says that everything is durable; 1 that it is not, or that a recording is damaged; 3 that some was
-left out, with the reason.")]
+Log times decide when a message is sent. With --sender the daemon acknowledges
+what is on its disk; after a cut the command connects again (after 1 s, then
+longer, up to 30 s) and goes on from there. Without --sender a cut is the end.
+Exit code 0 says that everything is durable; 1 that it is not, or that a
+recording is damaged; 3 that some was left out, with the reason.")]
 pub struct Args {
     /// MCAP recordings, or folders of them; sent in the order of their data.
     #[arg(value_name = "FILE", required = true)]
     pub files: Vec<PathBuf>,
 
-    /// The daemon's socket: tcp://HOST:PORT or unix:///PATH.
+    /// Address of the daemon's socket: tcp://HOST:PORT or unix:///PATH.
     #[arg(long, value_name = "ADDRESS")]
     pub to: Address,
 
-    /// A name for the sender: 1 to 64 letters, digits, '-', '_' and '.'. One stream at a time goes by a name.
+    /// Name of the sender: 1 to 64 letters, digits, '-', '_' and '.'. A name has one stream at a time.
     #[arg(long, value_name = "NAME")]
     pub sender: Option<String>,
 
-    /// Go on where an earlier `tirante send` of the same recordings by the same name was stopped.
+    /// Resume an earlier `tirante send` of the same recordings under the same name.
     #[arg(long, requires = "sender", conflicts_with = "stamp_now")]
     pub resume: bool,
 
-    /// How many times faster than recorded, or max.
+    /// Speed as a multiple of the recorded one, or max.
     #[arg(long, value_name = "TIMES", default_value = "1")]
     pub speed: Speed,
 
-    /// Shift log and publish times so that the first message is of now. Times inside the messages (fields) stay as they are.
+    /// Shift log and publish times so that the first message is at the present time. Times inside the
+    /// messages (fields) are unchanged.
     #[arg(long)]
     pub stamp_now: bool,
 
-    /// TLS.
+    /// TLS options.
     #[command(flatten)]
     pub tls: TlsArgs,
 }
 
-/// How fast.
+/// Speed of sending.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Speed {
-    /// So many times faster than recorded.
+    /// Multiple of the recorded speed.
     Times(f64),
-    /// As fast as the daemon takes it.
+    /// As fast as the daemon accepts.
     Max,
 }
 
@@ -174,31 +181,31 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     })
 }
 
-/// Everything the attempts to send share.
+/// State shared by the attempts to send.
 struct Errand<'a> {
     args: &'a Args,
     tls: Option<TlsConnector>,
     files: Vec<PathBuf>,
-    /// Bytes of the files.
+    /// Total size of the files \[bytes\].
     total: u64,
     bar: Progress,
-    /// When the first message was sent, and its log time; paces all that follow.
+    /// Time of sending the first message, and its log time; paces all that follow.
     start: Cell<Option<(Instant, u64)>>,
-    /// What is added to every time, once the first is known.
+    /// Offset added to every time, once the first is known \[ns\].
     shift_ns: Cell<Option<i128>>,
-    /// Messages the daemon acknowledged.
+    /// Number of messages that the daemon acknowledged.
     durable: Cell<u64>,
-    /// Recordings that are damaged.
+    /// Number of damaged recordings.
     losses: Cell<usize>,
-    /// Messages that were not kept, by the reason.
+    /// Number of messages not kept, by reason.
     left_out: RefCell<BTreeMap<String, u64>>,
 }
 
-/// Why an attempt failed.
+/// Reason why an attempt failed.
 enum Failure {
-    /// Another attempt may go well.
+    /// Another attempt may succeed.
     Again(String),
-    /// None will.
+    /// No further attempt can succeed.
     Final(anyhow::Error),
 }
 
@@ -215,7 +222,7 @@ impl From<mcap::McapError> for Failure {
 }
 
 impl Errand<'_> {
-    /// Sends until everything is durable; the number of messages.
+    /// Sends until everything is durable; returns the number of messages.
     async fn run(&self) -> anyhow::Result<u64> {
         let mut pause = BACK_OFF.0;
         let mut is_first = true;
@@ -237,7 +244,7 @@ impl Errand<'_> {
         }
     }
 
-    /// One connection from its beginning to the end of the stream.
+    /// Runs one connection from its beginning to the end of the stream.
     async fn attempt(&self, is_first: &mut bool) -> Result<u64, Failure> {
         let again = |error: anyhow::Error| Failure::Again(format!("{error:#}"));
         let mut link = Link::open(&self.args.to, self.tls.as_ref())
@@ -360,7 +367,7 @@ impl Errand<'_> {
         }
     }
 
-    /// Notes so many messages in all that were not kept, and says so with the first.
+    /// Notes the total of messages not kept for a reason, and reports the first.
     fn leave_out(&self, reason: &str, messages: u64) {
         let mut left_out = self.left_out.borrow_mut();
         let known = left_out.entry(reason.to_owned()).or_insert(0);
@@ -370,24 +377,22 @@ impl Errand<'_> {
         *known = messages.max(*known);
     }
 
-    /// Moves a message to now, if that is wanted.
+    /// Shifts the times of a message to now, if asked for.
     fn stamp(&self, message: &mut Message) {
         if !self.args.stamp_now {
             return;
         }
-        let shift = self.shift_ns.get().unwrap_or_else(|| {
-            let now = SystemTime::now()
-                .duration_since(UNIX_EPOCH)
-                .map_or(0, |time| time.as_nanos());
-            now as i128 - i128::from(message.log_time)
-        });
+        let shift = self
+            .shift_ns
+            .get()
+            .unwrap_or_else(|| i128::from(clock::now_ns()) - i128::from(message.log_time));
         self.shift_ns.set(Some(shift));
         let moved = |time: u64| u64::try_from(i128::from(time) + shift).unwrap_or(time);
         message.log_time = moved(message.log_time);
         message.publish_time = moved(message.publish_time);
     }
 
-    /// When a message is to be sent; `None` for now.
+    /// Time at which a message is due; `None` for now.
     fn due(&self, log_time: u64) -> Option<Instant> {
         let Speed::Times(times) = self.args.speed else {
             return None;
@@ -398,7 +403,7 @@ impl Errand<'_> {
         begun.checked_add(Duration::try_from_secs_f64(after_s).ok()?)
     }
 
-    /// What the daemon said along the way.
+    /// Handles an answer of the daemon.
     fn heard(&self, reply: Reply) -> Result<(), Failure> {
         match reply {
             Reply::Ack { messages } => {
@@ -414,7 +419,7 @@ impl Errand<'_> {
     }
 }
 
-/// An answer that ends the attempt.
+/// Failure by an answer that ends the attempt.
 fn refused(reply: Reply) -> Failure {
     match reply {
         Reply::Error { reason, again: true } => {

@@ -10,31 +10,31 @@ use std::sync::Arc;
 /// A channel as its recording declares it.
 #[derive(Debug, Clone)]
 pub(super) struct Channel {
-    /// Its id in the recording.
+    /// Id in the recording.
     pub id: u16,
     pub topic: String,
     pub encoding: String,
     pub schema: Option<Definition>,
 }
 
-/// A message as it stands in its recording.
+/// A message of its recording.
 #[derive(Debug, Clone)]
 pub(super) struct Message {
     pub channel: u16,
-    /// \[ns since 1970\]
+    /// Time of recording \[ns since 1970\].
     pub log_time: u64,
-    /// \[ns since 1970\]
+    /// Time of sending \[ns since 1970\].
     pub publish_time: u64,
     pub data: Vec<u8>,
 }
 
-/// What comes next.
+/// Next item of a recording.
 pub(super) enum Piece {
     /// Another recording begins: channels have new ids.
     File,
     Channel(Channel),
     Message(Message),
-    /// A recording is damaged or cannot be read, and why: what came before is good.
+    /// A recording is damaged or cannot be read, with the reason: the items before are good.
     Loss(String),
 }
 
@@ -43,7 +43,7 @@ pub(super) struct Playback {
     files: std::vec::IntoIter<PathBuf>,
     open: Option<(PathBuf, Reader<File>)>,
     pieces: VecDeque<Piece>,
-    /// Schemas of the open recording, by their ids.
+    /// Schemas of the open recording, by id.
     definitions: HashMap<u16, Definition>,
     bytes_of_closed: u64,
 }
@@ -59,7 +59,7 @@ impl Playback {
         }
     }
 
-    /// Bytes read.
+    /// Number of bytes read.
     pub fn bytes(&self) -> u64 {
         self.bytes_of_closed + self.open.as_ref().map_or(0, |(_, reader)| reader.bytes_read())
     }

@@ -1,4 +1,4 @@
-//! The MCAP stream that goes into a socket: small chunks, each written whole when it is flushed.
+//! The MCAP stream to a socket: small chunks, each written whole when flushed.
 
 use super::playback::{Channel, Message};
 use mcap::records::{MessageHeader, Metadata};
@@ -8,11 +8,11 @@ use std::collections::{BTreeMap, HashMap};
 use std::io::{self, Write};
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// The stream; what is to be sent collects until it is [taken](Stream::take).
+/// The stream; its bytes collect until they are [taken](Stream::take).
 pub(super) struct Stream {
     writer: Writer<NoSeek<Pipe>>,
     pipe: Pipe,
-    /// The stream's ids of the recording's channels.
+    /// Ids in the stream by the recording's channel ids.
     channels: HashMap<u16, u16>,
     sequence: u32,
     /// Bytes of messages since the last flush.
@@ -41,7 +41,7 @@ impl Stream {
         })
     }
 
-    /// Channels of another recording follow.
+    /// Prepares for the channels of another recording.
     pub fn begin_file(&mut self) {
         self.channels.clear();
     }
@@ -84,7 +84,7 @@ impl Stream {
         self.writer.flush()
     }
 
-    /// A sign of life, of no other meaning.
+    /// Adds a sign of life without other meaning.
     pub fn sign_of_life(&mut self) -> McapResult<()> {
         self.writer.write_metadata(&Metadata {
             name: "tirante-alive".to_owned(),
@@ -97,13 +97,13 @@ impl Stream {
         self.writer.finish().map(|_| ())
     }
 
-    /// What is to be sent now.
+    /// Takes the bytes to be sent now.
     pub fn take(&mut self) -> Vec<u8> {
         std::mem::take(&mut self.pipe.bytes())
     }
 }
 
-/// Bytes between the writer of the stream and that of the socket.
+/// Buffer between the writer of the stream and that of the socket.
 #[derive(Default, Clone)]
 struct Pipe(Arc<Mutex<Vec<u8>>>);
 

@@ -15,28 +15,28 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// What is wanted of the files.
+/// Selection of records and channels.
 pub(super) struct Wanted<'a> {
-    /// The records of its rods alone.
+    /// Configuration whose rods' records are used alone.
     pub config: Option<&'a Config>,
-    /// The field of samples in recordings.
+    /// Field of the samples in recordings.
     pub field: Option<&'a str>,
-    /// What the files do not say themselves, and the channels wanted.
+    /// Facts missing in the files, and the channels asked for.
     pub how: How,
 }
 
-/// Where a record comes from.
+/// Origin of a record.
 #[derive(Debug, Clone)]
 pub(super) struct Source {
-    /// The file.
+    /// Path of the file.
     pub file: Arc<str>,
-    /// Its topic.
+    /// Topic of the channel.
     pub channel: String,
-    /// Its rod, if one is configured.
+    /// Rod, if one is configured.
     pub rod: Option<RodId>,
-    /// SI unit of its samples, if it is known.
+    /// SI unit of its samples, if known.
     pub unit: Option<&'static str>,
-    /// The unit the file writes, if it is none of ours.
+    /// Unit as the file writes it, if it is not supported.
     pub foreign_unit: Option<String>,
 }
 
@@ -55,17 +55,17 @@ impl Source {
 /// One step of reading.
 #[expect(clippy::large_enum_variant, reason = "one at a time, handed on at once")]
 pub(super) enum Step {
-    /// A record, or a stretch that is none.
+    /// A record, or a rejected stretch.
     Event(Source, Event),
-    /// A sentence that is no fault.
+    /// A note that is no fault.
     Note(String),
-    /// The end of a file, with what was wrong in it.
+    /// The end of a file, with its faults.
     Ended(Vec<String>),
-    /// A file that cannot be looked at.
+    /// A file that cannot be read.
     Failed(String),
 }
 
-/// Samples an event holds in memory.
+/// Number of samples that an event holds in memory.
 pub(super) fn samples(event: &Event) -> usize {
     match event {
         Event::Record(record) => record.samples.len(),
@@ -110,7 +110,7 @@ impl<'a> Inputs<'a> {
         }
     }
 
-    /// The records of configured rods.
+    /// Opens a recording for configured rods.
     fn open_for(&self, config: &Config, path: &Path) -> Result<Open, SourceError> {
         let rods: Vec<RodChannels> = config.rods.iter().map(|rod| rod.channels.clone()).collect();
         let whose = Whose {
@@ -144,7 +144,7 @@ impl<'a> Inputs<'a> {
         })
     }
 
-    /// Every channel of a recording, or those wanted.
+    /// Opens every channel of a recording, or those asked for.
     fn open_recording(&mut self, path: &Path) -> Result<Open, SourceError> {
         let refused = |what: String| SourceError::Foreign {
             path: path.display().to_string(),
@@ -180,7 +180,7 @@ impl<'a> Inputs<'a> {
         })
     }
 
-    /// Every channel of another program's file, or those wanted.
+    /// Opens every channel of another program's file, or those asked for.
     fn open_other(&mut self, path: &Path) -> Result<Open, SourceError> {
         let Opened {
             recording,
@@ -207,10 +207,10 @@ impl<'a> Inputs<'a> {
             .extend(notes.into_iter().map(|note| format!("{name}: {note}")));
     }
 
-    /// One step of the open file; nothing where there is nothing to tell.
+    /// Takes one step of the open file; `None` without a result.
     fn step(&mut self, mut open: Open) -> Option<Step> {
         let event = open.recording.next();
-        let bytes = Recording::position(&open.recording).read;
+        let bytes = Recording::progress(&open.recording).read;
         self.done.store(self.bytes_of_closed + bytes, Ordering::Relaxed);
         let Some(event) = event else {
             self.bytes_of_closed += bytes;
@@ -260,7 +260,7 @@ impl Iterator for Inputs<'_> {
     }
 }
 
-/// What was wrong with a file. That nothing could be checked is no matter here.
+/// Faults of a file, without the remark that its content could not be verified.
 fn faults(summary: &Summary) -> Vec<String> {
     let summary = Summary {
         unverified: false,
@@ -269,7 +269,7 @@ fn faults(summary: &Summary) -> Vec<String> {
     summary.faults()
 }
 
-/// Whether a file is a recording, by its first bytes or its name; whatever else is wrong with it is told by who reads it.
+/// True if a file is a recording, by its first bytes or its name; other faults are reported when it is read.
 fn is_recording(path: &Path) -> bool {
     let is_called_so = path
         .extension()
@@ -287,7 +287,7 @@ fn is_recording(path: &Path) -> bool {
     is_called_so || begins_so()
 }
 
-/// The channels that are wanted of those there are.
+/// Channels asked for, among those present.
 fn chosen<'c>(
     found: &'c [Content],
     wanted: &'c [import::Wanted],
@@ -310,7 +310,8 @@ fn chosen<'c>(
         .collect()
 }
 
-/// A channel as a rod called as its topic, with its unit if that is known; else the reason why it cannot be looked at.
+/// A channel as a rod named after its topic, with its unit if known; otherwise the reason why it cannot be
+/// used.
 fn as_rod(
     content: &Content,
     field: Option<&str>,
@@ -350,7 +351,7 @@ fn as_rod(
     Ok((rod, unit))
 }
 
-/// Records to be looked at, whatever their quality: what would refuse them elsewhere is noticed.
+/// Settings that accept records of any quality: faults that would refuse them elsewhere become flags.
 fn lenient() -> RecordSettings {
     RecordSettings {
         cut: Cut::Auto,

@@ -1,9 +1,9 @@
-//! One record looked at: its peaks over the whole band, and what a configured rod makes of them.
+//! Examines one record: its peaks over the whole band, and the result for a configured rod.
 
 use super::Band;
 use super::input::Source;
 use crate::analysis::findings::{self, Candidate, Peak};
-use crate::analysis::identify::{Measurement, Plan};
+use crate::analysis::identify::Measurement;
 use crate::analysis::inference::Marginal;
 use crate::analysis::outcome::Rejected;
 use crate::analysis::record_view::Snapshot;
@@ -14,35 +14,35 @@ use crate::analysis::signal::spectrum::{PeakSettings, WelchSettings};
 use crate::command::report_page::view::SpectrumReport;
 use crate::command::setup;
 use crate::config::Config;
+use crate::site::prepared::Plans;
 use serde::Serialize;
-use std::collections::BTreeMap;
 
 /// Most peaks of a record.
 const MOST_PEAKS: usize = 40;
 
-/// Looks at records, all in the same way.
+/// Examines records, all with the same settings.
 pub(super) struct Looker {
     search: PeakSearch,
-    plans: BTreeMap<RodId, Plan>,
+    plans: Plans,
     band: Band,
 }
 
-/// What was seen of a record.
+/// Findings of a record.
 pub(super) struct Look {
     source: Source,
-    /// Time of the first sample, if it is known.
+    /// Time of the first sample, if known.
     pub start: Option<Timestamp>,
     /// Length \[s\].
     pub duration_s: f64,
-    /// Sample rate \[Hz\], if it is known.
+    /// Sample rate \[Hz\], if known.
     pub fs_hz: Option<f64>,
-    /// Where peaks were looked for \[Hz\].
+    /// Band searched for peaks \[Hz\].
     pub band_hz: Option<(f64, f64)>,
-    /// What the quality checks noticed.
+    /// Faults noticed by the quality checks.
     pub flags: Vec<Flag>,
-    /// Why there are no peaks, or no force of the configured rod.
+    /// Reason why there are no peaks, or no force of the configured rod.
     pub rejection: Option<Rejection>,
-    /// The force of the configured rod, in words.
+    /// Force of the configured rod, in words.
     pub force: Option<String>,
     /// Waveform, spectrum and peaks, if it has samples.
     pub picture: Option<Snapshot>,
@@ -50,7 +50,7 @@ pub(super) struct Look {
     peaks: Vec<Peak>,
 }
 
-/// What a configured rod makes of a record.
+/// Result of a configured rod for a record.
 #[derive(Default)]
 struct Told {
     modes: Vec<Mode>,
@@ -59,7 +59,7 @@ struct Told {
     rejection: Option<Rejection>,
 }
 
-/// A look as one JSON object.
+/// Findings as one JSON object.
 #[derive(Serialize)]
 struct Line<'a> {
     file: &'a str,
@@ -88,7 +88,7 @@ struct Reason<'a> {
 }
 
 impl Looker {
-    /// With a configuration, its rods' plans are made.
+    /// A looker; with a configuration, it prepares the plans of its rods.
     pub fn new(config: Option<&Config>, band: Band) -> anyhow::Result<Self> {
         let first = config.and_then(|config| config.rods.first());
         let (welch, peaks) = first.map_or_else(
@@ -106,7 +106,7 @@ impl Looker {
         })
     }
 
-    /// What is seen of an event; nothing of temperatures.
+    /// Examines an event; `None` for temperatures.
     pub fn look(&self, source: &Source, event: Event) -> Option<Box<Look>> {
         let look = match event {
             Event::Readings { .. } => return None,
@@ -202,7 +202,7 @@ impl Looker {
         look
     }
 
-    /// What the configured rod makes of a record; nothing without one.
+    /// Result of the configured rod for a record; empty without one.
     fn told(&self, source: &Source, record: &Record) -> Told {
         let Some(plan) = source.rod.as_ref().and_then(|rod| self.plans.get(rod)) else {
             return Told::default();
@@ -244,18 +244,18 @@ impl Look {
         format!("{file}, {channel}{rod}{unit}")
     }
 
-    /// The motion that was recognised.
+    /// Motion of the record.
     pub fn motion(&self) -> Option<&Motion> {
         self.picture.as_ref()?.motion.as_ref()
     }
 
-    /// Probability of the modes' orders, if they were told.
+    /// Probability of the mode orders, if labelled.
     pub fn label_probability(&self) -> Option<f64> {
         let is_told = self.rejection.is_none();
         self.picture.as_ref()?.label_probability.filter(|_| is_told)
     }
 
-    /// The look as one JSON object, without a line end.
+    /// The findings as one JSON object, without a line end.
     pub fn json(&self) -> String {
         let line = Line {
             file: &self.source.file,
@@ -285,7 +285,7 @@ impl Look {
         serde_json::to_string(&line).unwrap_or_else(|error| format!("{{\"error\":\"{error}\"}}"))
     }
 
-    /// The look as a part of a page.
+    /// The findings as a part of a page.
     pub fn report(&self) -> SpectrumReport {
         let mut picture = self.picture.clone();
         let fault = self

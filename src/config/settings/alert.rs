@@ -1,13 +1,13 @@
-//! Where alarms go, as the configuration says.
+//! Destinations of alarms (sinks), as configured.
 
 use super::credential::CredentialPath;
 use crate::analysis::signal::record::RodId;
 use crate::analysis::track::alarm::Kind;
 
-/// The id of the log, the sink that is always there.
+/// Id of the log, the sink that always exists.
 pub const LOG: &str = "log";
 
-/// The names in braces that a topic may hold.
+/// Names in braces that a topic may hold.
 pub const TOPIC_PLACES: [&str; 5] = ["{site}", "{rod}", "{kind}", "{what}", "{alarm}"];
 
 /// How the sinks are told of the daemon itself.
@@ -43,21 +43,21 @@ pub struct HeartbeatSettings {
     pub every_s: f64,
 }
 
-/// One sink.
+/// Settings of one sink.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SinkSettings {
-    /// Its name, unique within the site; the store remembers by it what was delivered.
+    /// Its name, unique within the site; the store records deliveries under it.
     pub id: String,
-    /// What it is.
+    /// Kind of the sink, with its own settings.
     pub kind: SinkKind,
-    /// The kinds of alarms it wants; all if empty.
+    /// Kinds of alarms delivered; all if empty.
     pub kinds: Vec<Kind>,
-    /// The rods it wants; all if empty.
+    /// Rods whose alarms are delivered; all if empty.
     pub rods: Vec<RodId>,
 }
 
 impl SinkSettings {
-    /// The log.
+    /// The log as a sink.
     pub fn log() -> Self {
         Self {
             id: LOG.to_owned(),
@@ -67,14 +67,14 @@ impl SinkSettings {
         }
     }
 
-    /// Whether it wants to hear of alarms of this kind and rod.
+    /// True if alarms of this kind and rod are delivered.
     pub fn wants(&self, kind: Kind, rod: &RodId) -> bool {
         (self.kinds.is_empty() || self.kinds.contains(&kind))
             && (self.rods.is_empty() || self.rods.contains(rod))
     }
 }
 
-/// What a sink is, with the settings of its own.
+/// Kind of a sink, with its own settings.
 #[derive(Debug, Clone, PartialEq)]
 pub enum SinkKind {
     /// The program's log.
@@ -92,18 +92,18 @@ pub enum SinkKind {
 /// An HTTP server.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct HttpTarget {
-    /// The URL, http or https.
+    /// URL, http or https.
     pub url: String,
-    /// The file with the bearer token.
+    /// File with the bearer token.
     pub token_file: Option<CredentialPath>,
-    /// The file with the certificates (PEM) that are trusted instead of the built-in roots.
+    /// File with the certificates (PEM) that are trusted instead of the built-in roots.
     pub ca_file: Option<CredentialPath>,
 }
 
 /// JSON posted to a URL.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct WebhookSettings {
-    /// The server.
+    /// HTTP server to post to.
     pub target: HttpTarget,
     /// Further headers, name and value.
     pub headers: Vec<(String, String)>,
@@ -112,37 +112,37 @@ pub struct WebhookSettings {
 /// The API of a Prometheus Alertmanager.
 #[derive(Debug, Clone, PartialEq)]
 pub struct AlertmanagerSettings {
-    /// The server; the path of the API is put behind its URL.
+    /// Server; the path of the API is appended to its URL.
     pub target: HttpTarget,
-    /// Everything that stands is sent again after this time \[s\].
+    /// Interval at which active alarms are sent again \[s\].
     pub resend_s: f64,
 }
 
 /// A message to an MQTT 5 broker.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct MqttSettings {
-    /// The broker.
+    /// Host name or address of the broker.
     pub host: String,
     /// Its port.
     pub port: u16,
-    /// Whether the connection is encrypted.
+    /// True if the connection is encrypted.
     pub is_tls: bool,
-    /// The topic, with `{site}`, `{rod}`, `{kind}`, `{what}` and `{alarm}` in it.
+    /// Topic; may hold `{site}`, `{rod}`, `{kind}`, `{what}` and `{alarm}`.
     pub topic: String,
-    /// Whether the broker keeps the latest message of each topic for those who come later.
+    /// True if the broker keeps the latest message of each topic for later subscribers.
     pub is_retained: bool,
     /// The topic of the daemon's state, with `{site}` in it.
     pub status_topic: Option<String>,
-    /// Who we are.
+    /// User name and password file, if the broker requires a login.
     pub login: Option<Login>,
-    /// The file with the certificates (PEM) that are trusted instead of the built-in roots.
+    /// File with the certificates (PEM) that are trusted instead of the built-in roots.
     pub ca_file: Option<CredentialPath>,
 }
 
-/// How a mail server is spoken to.
+/// Encryption of the connection to a mail server.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum MailSecurity {
-    /// Not encrypted; only on this machine.
+    /// Not encrypted; only to this machine.
     Plain,
     /// Encrypted after a greeting, and refused if the server cannot.
     StartTls,
@@ -150,30 +150,30 @@ pub enum MailSecurity {
     Tls,
 }
 
-/// A mail.
+/// Mail to one or more recipients.
 #[derive(Debug, Clone, PartialEq)]
 pub struct EmailSettings {
-    /// The server.
+    /// Host name or address of the mail server.
     pub host: String,
     /// Its port.
     pub port: u16,
-    /// How it is spoken to.
+    /// Encryption of the connection.
     pub security: MailSecurity,
-    /// Who writes.
+    /// Sender.
     pub from: lettre::message::Mailbox,
-    /// Who reads, at least one.
+    /// Recipients, at least one.
     pub to: Vec<lettre::message::Mailbox>,
-    /// Who we are.
+    /// User name and password file, if the server requires a login.
     pub login: Option<Login>,
-    /// The file with the certificates (PEM) that are trusted instead of the built-in roots.
+    /// File with the certificates (PEM) that are trusted instead of the built-in roots.
     pub ca_file: Option<CredentialPath>,
 }
 
-/// A user and the file with the password.
+/// A user name and the file with the password.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Login {
-    /// The user.
+    /// User name.
     pub user: String,
-    /// The file with the password.
+    /// File with the password.
     pub password_file: CredentialPath,
 }

@@ -5,33 +5,34 @@ use std::io::Read;
 use std::path::PathBuf;
 use thiserror::Error;
 
-/// What a path begins with that lies in the folder of systemd's `LoadCredential=`.
+/// Prefix of a path in the folder of systemd's `LoadCredential=`.
 const PREFIX: &str = "$CREDENTIALS_DIRECTORY/";
 
 /// The longest file read \[bytes\].
 const LONGEST: u64 = 1 << 20;
 
-/// A file that cannot be read, or does not hold what it should, in one sentence.
+/// A credential file that cannot be read or has the wrong content, in one sentence.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
 #[error("{0}")]
 pub struct CredentialError(String);
 
-/// The path of a file with a password, a token or certificates, as the configuration has it.
+/// The path of a file with a password, a token or certificates, as configured.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct CredentialPath(String);
 
 impl CredentialPath {
-    /// From the text of the configuration; a leading `$CREDENTIALS_DIRECTORY/` is looked up at each reading.
+    /// A path from the text of the configuration; a leading `$CREDENTIALS_DIRECTORY/` is resolved at each
+    /// reading.
     pub fn new(text: &str) -> Self {
         Self(text.to_owned())
     }
 
-    /// As the configuration has it.
+    /// Text as configured.
     pub fn as_str(&self) -> &str {
         &self.0
     }
 
-    /// What the file holds.
+    /// Content of the file.
     ///
     /// # Errors
     /// It cannot be read.
@@ -44,7 +45,7 @@ impl CredentialPath {
         Ok(bytes)
     }
 
-    /// The one line the file holds.
+    /// The single line of the file.
     ///
     /// # Errors
     /// It cannot be read, or holds something else than one line of text.

@@ -1,16 +1,16 @@
-//! Where the HTTP server listens, and who may change something.
+//! Address of the HTTP server, and permissions of its clients.
 
 use super::credential::CredentialPath;
 use std::net::SocketAddr;
 
-/// Where the HTTP server listens, and who may change something.
+/// Address of the HTTP server, and permissions of its clients.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct HttpSettings {
-    /// Its address; `None` for no server.
+    /// Address to listen at; `None` for no server.
     pub listen: Option<SocketAddr>,
-    /// The file with the token of those who acknowledge alarms; `None`: nobody may, over HTTP.
+    /// File with the token for acknowledging alarms; `None`: not allowed over HTTP.
     pub token_file: Option<CredentialPath>,
-    /// Names browsers reach it under, besides addresses and `localhost`.
+    /// Host names under which browsers may reach it, besides addresses and `localhost`.
     pub names: Vec<String>,
     /// Origins of web pages that may open the live view.
     pub viewer_origins: Vec<String>,
@@ -27,10 +27,11 @@ impl Default for HttpSettings {
     }
 }
 
-/// An origin as browsers say it: a scheme and a host, perhaps with a port, nothing behind; `file://` has no host.
+/// Checks an origin as browsers send it: a scheme and a host, perhaps with a port, nothing behind; `file://`
+/// has no host.
 ///
 /// # Errors
-/// It is none; the text says what is expected.
+/// It is none; the text names the expected form.
 pub fn origin(text: &str) -> Result<String, String> {
     let is_origin = text.split_once("://").is_some_and(|(scheme, host)| {
         !scheme.is_empty() && !host.contains(['/', '*', ' ']) && (scheme == "file") == host.is_empty()

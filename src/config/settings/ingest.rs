@@ -1,11 +1,11 @@
-//! Where live data comes from, and what a client may do.
+//! Sources of live data, and limits of their clients.
 
 use std::fmt;
 use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::str::FromStr;
 
-/// A place to listen at.
+/// An address to listen at.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Listen {
     /// TCP.
@@ -15,7 +15,7 @@ pub enum Listen {
 }
 
 impl Listen {
-    /// Whether others than this machine can reach it.
+    /// True if other machines can reach it.
     pub fn is_open(&self) -> bool {
         matches!(self, Self::Tcp(address) if !address.ip().is_loopback())
     }
@@ -50,30 +50,30 @@ impl FromStr for Listen {
 /// TLS for the TCP sockets: certificates as PEM files.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct TlsSettings {
-    /// The daemon's certificate and those between it and its authority.
+    /// Certificate of the daemon, with the intermediate ones up to its authority.
     pub certificate: PathBuf,
-    /// Its private key.
+    /// Private key of the certificate.
     pub key: PathBuf,
-    /// The authority clients' certificates must come from.
+    /// Authority that must have issued the clients' certificates.
     pub client_ca: PathBuf,
 }
 
-/// Where live data comes from, and what a client may do.
+/// Sources of live data, and limits of their clients.
 #[derive(Debug, Clone, PartialEq)]
 pub struct IngestSettings {
-    /// The watched folder.
+    /// Watched folder, if any.
     pub folder: Option<PathBuf>,
-    /// A growing recording that has not grown for this long counts as cut short \[s\].
+    /// Time without growth after which a recording counts as cut short \[s\].
     pub settle_s: f64,
-    /// Where to listen.
+    /// Addresses to listen at.
     pub listen: Vec<Listen>,
-    /// TLS; wanted on every TCP socket that is not on loopback.
+    /// TLS; required on every TCP socket that is not on loopback.
     pub tls: Option<TlsSettings>,
     /// Most clients at once.
     pub clients: usize,
-    /// A client that says nothing for this long is closed \[s\].
+    /// Time without data after which a client is disconnected \[s\].
     pub idle_s: f64,
-    /// A named sender that was cut off may take up its stream for this long; then its last record ends \[s\].
+    /// Time for which a named sender that was cut off may resume its stream \[s\]; then its last record ends.
     pub resume_s: f64,
 }
 

@@ -1,19 +1,21 @@
-//! Where the journal is and how long it is kept.
+//! Folder, part size and retention of the journal.
 
+use crate::analysis::signal::record::time::DAY_S;
 use std::path::PathBuf;
 
-/// Where the journal is and how long it is kept.
+/// Folder, part size and retention of the journal.
 #[derive(Debug, Clone, PartialEq)]
 pub struct JournalSettings {
-    /// The folder; by default `journal` beside the store.
+    /// Folder; by default `journal` next to the store.
     pub folder: Option<PathBuf>,
-    /// A part is closed when it has this many bytes.
+    /// Size at which a part is closed \[bytes\].
     pub part_bytes: u64,
-    /// A part is closed when it is this old \[s\].
+    /// Age at which a part is closed \[s\].
     pub part_s: f64,
-    /// Parts whose results are in the store are removed when they are this old \[s\]; `None` keeps them.
+    /// Age at which parts whose results are in the store are removed \[s\]; `None` keeps them.
     pub keep_s: Option<f64>,
-    /// The oldest parts whose results are in the store are removed beyond this many bytes; `None` keeps them.
+    /// Total size beyond which the oldest parts whose results are in the store are removed \[bytes\]; `None`
+    /// keeps them.
     pub keep_bytes: Option<u64>,
 }
 
@@ -23,7 +25,7 @@ impl Default for JournalSettings {
             folder: None,
             part_bytes: 64 << 20,
             part_s: 3600.0,
-            keep_s: Some(30.0 * 86_400.0),
+            keep_s: Some(30.0 * DAY_S),
             keep_bytes: Some(20_000_000_000),
         }
     }

@@ -1,4 +1,4 @@
-//! Settings of parts above the configuration, as it hands them on: plain data with defaults.
+//! Settings of the parts above the configuration: plain data with defaults.
 
 pub mod alert;
 pub mod credential;

@@ -1,12 +1,13 @@
-//! Where results are kept, and for how long what.
+//! Path of the store, and retention of its records.
 
 use std::path::PathBuf;
 
-/// Where results are kept, and for how long what.
+/// Path of the store, and retention of its records.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct StoreSettings {
-    /// The database file, if one is named.
+    /// Path of the database file, if configured.
     pub path: Option<PathBuf>,
-    /// A daemon removes records' JSON lines this long before their rod's latest record \[s\]; `None` keeps them.
+    /// Age, before their rod's latest record, at which a daemon removes the JSON of records \[s\]; `None`
+    /// keeps it.
     pub keep_lines_s: Option<f64>,
 }

@@ -1,4 +1,4 @@
-//! `[[simulation.rod.fault]]`: something that goes wrong in some records.
+//! `[[simulation.rod.fault]]`: a fault of some records.
 
 use super::super::range::Range;
 use super::super::reader::{Absent, Key, Table, key};
@@ -38,7 +38,7 @@ const KINDS: [(&str, Kind); 13] = [
     ("lost", Kind::Lost),
 ];
 
-/// One fault; none if a key it needs is missing.
+/// Reads one fault; `None` if a required key is missing.
 pub(super) fn read(table: &mut Table<'_>, records: usize) -> Option<Fault> {
     let kind = table.take(
         key("kind", "what goes wrong"),

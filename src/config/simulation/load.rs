@@ -1,4 +1,5 @@
-//! What moves a simulated rod, and what else moves: pulls, gusts, knocks, a neighbour, foreign resonances.
+//! Sources of motion of a simulated rod and beside it: pulls, gusts, knocks, a neighbour, foreign
+//! resonances.
 
 use super::super::range::Range;
 use super::super::reader::{Absent, Table, key};
@@ -7,7 +8,7 @@ use crate::analysis::lab::synthesis::{Gusts, Knocks, Neighbour, Pull, PullKind, 
 
 const PULLS: [(&str, PullKind); 2] = [("release", PullKind::Release), ("blow", PullKind::Blow)];
 
-/// Pulls on a schedule.
+/// Reads the schedule of pulls.
 pub(super) fn pull(table: &mut Table<'_>) -> Pull {
     let kind = table.choice(
         key("kind", "a slow pull and sudden release, or a blow"),
@@ -51,7 +52,7 @@ pub(super) fn pull(table: &mut Table<'_>) -> Pull {
     }
 }
 
-/// Gusts.
+/// Reads the gusts.
 pub(super) fn gusts(table: &mut Table<'_>) -> Gusts {
     Gusts {
         log_sd: table.number(
@@ -70,7 +71,7 @@ pub(super) fn gusts(table: &mut Table<'_>) -> Gusts {
     }
 }
 
-/// Knocks.
+/// Reads the knocks.
 pub(super) fn knocks(table: &mut Table<'_>) -> Knocks {
     Knocks {
         every_s: table.number(
@@ -99,7 +100,7 @@ pub(super) fn knocks(table: &mut Table<'_>) -> Knocks {
     }
 }
 
-/// The neighbour.
+/// Reads the neighbour.
 pub(super) fn neighbour(table: &mut Table<'_>) -> Neighbour {
     Neighbour {
         detuning: table
@@ -117,7 +118,7 @@ pub(super) fn neighbour(table: &mut Table<'_>) -> Neighbour {
     }
 }
 
-/// A foreign resonance; none if a key it needs is missing.
+/// Reads a foreign resonance; `None` if a required key is missing.
 pub(super) fn resonance(table: &mut Table<'_>) -> Option<Resonance> {
     let frequency_hz = table.maybe_number(
         key("frequency_hz", "its natural frequency [Hz]"),

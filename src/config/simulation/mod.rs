@@ -1,4 +1,4 @@
-//! `[simulation]`: what `tirante simulate` writes.
+//! `[simulation]`: settings of `tirante simulate`.
 
 mod fault;
 mod load;
@@ -11,16 +11,16 @@ use crate::analysis::lab::synthesis::{Climate, SimulatedRod, Simulation};
 use crate::analysis::signal::record::{Channel, TimeSource, Timestamp, Unit};
 use crate::recording::write::{Compression, Encoding, Precision};
 
-/// A simulation and how it is written.
+/// A simulation with its file format.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SimulationConfig {
-    /// What is simulated.
+    /// Rods, surroundings and faults simulated.
     pub simulation: Simulation,
-    /// How messages are encoded.
+    /// Encoding of messages.
     pub encoding: Encoding,
-    /// Bits a sample keeps.
+    /// Floating-point precision of a sample.
     pub precision: Precision,
-    /// How the file is compressed.
+    /// Compression of the file.
     pub compression: Compression,
 }
 
@@ -36,13 +36,14 @@ const COMPRESSIONS: [(&str, Compression); 3] = [
     ("none", Compression::None),
 ];
 
-/// The most samples a simulated record may have, as it is held in memory.
+/// Most samples of a simulated record, which is held in memory.
 const MOST_SAMPLES: f64 = 2e7;
 
 /// 2026-01-01T00:00:00Z.
 const START: Timestamp = Timestamp::from_nanos(1_767_225_600_000_000_000);
 
-/// The section; `rods` are the rods of the configuration, none in the place of one with a fault.
+/// Reads the section; `rods` are the rods of the configuration, `None` in the place of one with a
+/// fault.
 pub(super) fn read(table: &mut Table<'_>, rods: &[Option<RodConfig>]) -> Option<SimulationConfig> {
     let fs_hz = table.number(key("fs_hz", "sample rate [Hz]"), Range::within(0.01, 1e8), 100.0);
     let start = table.take(
@@ -219,7 +220,7 @@ struct Written {
     fs_hz: f64,
 }
 
-/// A simulation is there to be read: the rods' channels must fit what is written.
+/// Checks that the rods' channels fit the recording to be written, so that it can be read.
 fn check_channels(table: &Table<'_>, rods: &[SimulatedRod], written: Written) {
     for rod in rods {
         let fault = |message: String| table.fault_of("rod", format!("\"{}\": {message}", rod.rod));

@@ -1,4 +1,4 @@
-//! `[[simulation.rod]]`: one simulated rod, its truth and its sensor.
+//! `[[simulation.rod]]`: one simulated rod, its true state and its sensor.
 
 use super::super::RodConfig;
 use super::super::prior::{quantity_key, sane};
@@ -10,10 +10,10 @@ use crate::analysis::lab::synthesis::{AddedMass, Change, Line, Sensor, Simulated
 use crate::analysis::rod::beam::Section;
 use crate::analysis::rod::beam::forward::{MAX_MODES, MAX_ORDERS};
 
-/// Damping ratio of a rod that states none: iron between masonry walls.
+/// Default damping ratio: iron between masonry walls.
 const DAMPING: f64 = 0.002;
 
-/// One rod; none if it has a fault that leaves nothing to build.
+/// Reads one rod; `None` if a fault leaves nothing to build.
 pub(super) fn read(
     table: &mut Table<'_>,
     rods: &[Option<RodConfig>],
@@ -211,7 +211,7 @@ pub(super) fn read(
     })
 }
 
-/// A rod no temperature acts on.
+/// Thermal settings of a rod unaffected by temperature.
 const FREE: Thermal = Thermal {
     restraint: 0.0,
     expansion_per_k: 0.0,
@@ -220,7 +220,8 @@ const FREE: Thermal = Thermal {
     lag_h: 0.0,
 };
 
-/// A rod of the configuration at the centre of its priors, with a good sensor in ambient vibration.
+/// Default simulation of a configured rod: at the centre of its priors, with a good sensor in
+/// ambient vibration.
 pub(super) fn by_default(config: &RodConfig) -> SimulatedRod {
     SimulatedRod {
         rod: config.analysis.rod.clone(),

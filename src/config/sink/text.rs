@@ -1,4 +1,4 @@
-//! What the texts of a `[[sink]]` must be: URL, header, mail address, topic.
+//! Checks of the texts of a `[[sink]]`: URL, header, mail address, topic.
 
 use super::super::value::{Value, quoted};
 use super::Kind;
@@ -8,7 +8,7 @@ use std::net::IpAddr;
 use ureq::http::{HeaderName, HeaderValue, Uri};
 
 impl Kind {
-    /// The schemes of its `url`: the word, the usual port, and whether what goes there can be read on the way.
+    /// Schemes of its `url`: the word, the default port, and true if the traffic can be read on the way.
     pub(super) fn schemes(self) -> &'static [(&'static str, u16, bool)] {
         match self {
             Self::Webhook | Self::Alertmanager => &[("http", 80, true), ("https", 443, false)],
@@ -22,17 +22,17 @@ impl Kind {
     }
 }
 
-/// A server's address, taken from a `url`.
+/// Address of a server, from a `url`.
 pub(super) struct Address {
     pub(super) url: String,
     pub(super) scheme: &'static str,
     pub(super) host: String,
     pub(super) port: u16,
-    /// Whether it can be read on the way: not encrypted, and not on this machine.
+    /// True if the traffic can be read on the way: not encrypted, and not on this machine.
     pub(super) is_open: bool,
 }
 
-/// A header, name and value; none that holds a secret.
+/// Reads a header, name and value; headers for secrets are a fault.
 pub(super) fn header(value: &Value<'_>) -> Option<(String, String)> {
     let text = value.name_string()?;
     let parts = text
@@ -54,7 +54,7 @@ pub(super) fn header(value: &Value<'_>) -> Option<(String, String)> {
     Some((name.to_owned(), content.to_owned()))
 }
 
-/// A mail address, perhaps with a name.
+/// Reads a mail address, perhaps with a name.
 pub(super) fn mailbox(value: &Value<'_>) -> Option<Mailbox> {
     let text = value.name_string()?;
     let mailbox = text.parse::<Mailbox>().ok();
@@ -66,7 +66,7 @@ pub(super) fn mailbox(value: &Value<'_>) -> Option<Mailbox> {
     mailbox
 }
 
-/// A topic with names in braces.
+/// Reads a topic with names in braces.
 pub(super) fn topic(value: &Value<'_>) -> Option<String> {
     let text = value.name_string()?;
     let rest = TOPIC_PLACES
@@ -82,7 +82,7 @@ pub(super) fn topic(value: &Value<'_>) -> Option<String> {
     is_topic.then(|| text.to_owned())
 }
 
-/// A server, by a scheme of its kind of sink.
+/// Reads the address of a server, by a scheme of its kind of sink.
 pub(super) fn address(value: &Value<'_>, kind: Kind, schemes: &[String]) -> Option<Address> {
     let text = value.name_string()?;
     let refuse = |why: String| {

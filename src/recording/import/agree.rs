@@ -1,4 +1,4 @@
-//! Whether what the file, the command line and the configuration say of rates and times is the same.
+//! Checks that file, command line and configuration agree on rates and times.
 
 use super::asked::{Asked, channels_of};
 use super::plan::Plan;
@@ -7,11 +7,11 @@ use crate::analysis::signal::record::{RodChannels, Timestamp};
 use crate::recording::read::contents::rounded;
 use crate::recording::write::Layout;
 
-/// Two rates that differ by more than this share are not the same.
+/// Largest relative difference of two rates that count as equal.
 const RATE_ERROR: f64 = 1e-3;
 
 impl Plan {
-    /// Holds the channels against those a configuration reads.
+    /// Compares the channels with those that a configuration reads.
     pub(super) fn check(&self, rods: &[RodChannels], is_written: bool) -> Result<(), ImportError> {
         if rods.is_empty() {
             return Ok(());
@@ -77,7 +77,7 @@ pub(super) fn no_start(told: &str) -> ImportError {
     ))
 }
 
-/// What to add to stamps so that they count from 1970 \[ns\].
+/// Offset from stamps to nanoseconds since 1970 \[ns\].
 pub(super) fn base(stamps: &Stamps, asked: &Asked<'_>, told: &str) -> Result<i64, ImportError> {
     let first = stamps.nanos.first().copied().unwrap_or_default();
     let start = asked.start.or(asked.start_else.filter(|_| !stamps.absolute));
@@ -96,7 +96,7 @@ pub(super) fn is_same_rate(a: f64, b: f64) -> bool {
     (a / b - 1.0).abs() <= RATE_ERROR
 }
 
-/// Refuses a rate that somebody says and the file contradicts.
+/// Returns an error if the file contradicts a given rate.
 pub(super) fn agree(fs_hz: f64, said: Option<f64>, told: &str) -> Result<(), ImportError> {
     match said {
         Some(said) if !is_same_rate(said, fs_hz) => Err(contradicted(fs_hz, said, told)),
@@ -111,7 +111,7 @@ fn contradicted(fs_hz: f64, said: f64, told: &str) -> ImportError {
     ))
 }
 
-/// The rate of samples without stamps \[Hz\].
+/// Rate of samples without stamps \[Hz\].
 pub(super) fn rate(
     timing: &Timing,
     said: Option<f64>,

@@ -1,24 +1,24 @@
-//! What somebody asks of a file, and whether file, command line and configuration agree.
+//! Options for a file, and the checks that file, command line and configuration agree.
 
 use super::{ImportError, Signal};
 use crate::analysis::signal::record::{Channel, RodChannels, Timestamp, Unit};
 
-/// A channel that somebody wants, as `SOURCE[=TOPIC][,UNIT]`.
+/// A channel asked for, as `SOURCE[=TOPIC][,UNIT]`.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Wanted {
-    /// Its name or number in the file.
+    /// Name or number of the channel in the file.
     pub source: String,
-    /// The topic it gets, else its name.
+    /// Topic it gets; `None`: its name.
     pub topic: Option<String>,
-    /// Its unit, if the file does not say it.
+    /// Unit, if the file does not give it.
     pub unit: Option<Unit>,
 }
 
 impl Wanted {
-    /// From `SOURCE`, `SOURCE=TOPIC`, `SOURCE=TOPIC,UNIT` or `SOURCE=,UNIT`.
+    /// Parses `SOURCE`, `SOURCE=TOPIC`, `SOURCE=TOPIC,UNIT` or `SOURCE=,UNIT`.
     ///
     /// # Errors
-    /// There is no source, or the unit is none of ours.
+    /// There is no source, or the unit is not supported.
     pub fn parse(text: &str) -> Result<Self, String> {
         let (source, rest) = text.split_once('=').unwrap_or((text, ""));
         let (topic, unit) = match rest.rsplit_once(',') {
@@ -41,7 +41,7 @@ impl Wanted {
     }
 }
 
-/// What to say of a unit that is none of ours.
+/// Error message for an unsupported unit.
 pub fn unknown_unit(unit: &str) -> String {
     let known: Vec<&str> = Unit::MOTION
         .iter()
@@ -51,26 +51,26 @@ pub fn unknown_unit(unit: &str) -> String {
     format!("{unit:?} is no unit; there is {}", known.join(", "))
 }
 
-/// What is asked of a file.
+/// Options for a file.
 #[derive(Debug, Clone, Default)]
 pub struct Asked<'a> {
-    /// The channels wanted; empty: all.
+    /// Channels asked for; empty: all.
     pub channels: &'a [Wanted],
-    /// The unit of channels whose unit nobody else says.
+    /// Unit of channels whose unit is not given otherwise.
     pub unit: Option<Unit>,
-    /// The sample rate \[Hz\].
+    /// Sample rate \[Hz\].
     pub rate_hz: Option<f64>,
-    /// The time of the first sample.
+    /// Time of the first sample.
     pub start: Option<Timestamp>,
-    /// Interpolate to this rate \[Hz\].
+    /// Rate to interpolate to \[Hz\].
     pub resample_hz: Option<f64>,
-    /// The rods of a configuration the result is for; empty: any.
+    /// Rods of the configuration the result is for; empty: any.
     pub rods: &'a [RodChannels],
-    /// What stands in for a start that nobody says; none: it is refused.
+    /// Default for a missing start; `None`: a missing start is an error.
     pub start_else: Option<Timestamp>,
-    /// Whether a unit that nobody says is no fault: the samples are looked at as they are.
+    /// True if a missing unit is allowed: the samples are then taken as they are.
     pub any_unit: bool,
-    /// Whether uneven stamps are handed on as they are, to be judged where records are made; else they are refused.
+    /// True if uneven stamps are kept, to be judged where records are made; otherwise they are an error.
     pub keeps_stamps: bool,
 }
 
@@ -82,7 +82,7 @@ pub(super) fn channels_of(rods: &[RodChannels]) -> impl Iterator<Item = (&str, &
     })
 }
 
-/// The signals wanted, in the order they are.
+/// Signals asked for, in the order asked.
 pub(super) fn choose(
     signals: Vec<Signal>,
     wanted: &[Wanted],
@@ -119,7 +119,7 @@ pub(super) fn choose(
     Ok(chosen)
 }
 
-/// A signal's name in sentences.
+/// Name of a signal in messages.
 pub(super) fn told(signal: &Signal) -> String {
     match signal.name.as_str() {
         "" => format!("channel {}", signal.number),
@@ -127,7 +127,7 @@ pub(super) fn told(signal: &Signal) -> String {
     }
 }
 
-/// The unit that file, command line and configuration agree on.
+/// Unit on which file, command line and configuration agree.
 pub(super) fn unit(
     signal: &Signal,
     wanted: Option<&Wanted>,

@@ -1,21 +1,22 @@
-//! Which channels of a file are those of configured rods.
+//! Assigns channels of a file to configured rods.
 
 use super::asked::{Asked, Wanted, channels_of, choose, told};
 use super::contents::describe;
 use super::{ImportError, Signal, Timing, is_time_name, ramp};
 use crate::analysis::signal::record::{RodChannels, Unit};
 
-/// The most channels named in a refusal.
+/// Most channels named in an error.
 const NAMED: usize = 12;
 
-/// Channels with what was wanted of each, and sentences about what was taken for what.
+/// Channels with the options of each, and notes on the assignments made.
 type Chosen = (Vec<(Signal, Wanted)>, Vec<String>);
 
-/// A file's channels under the topics of the rods that read them, and sentences about what was taken for what. Without
-/// `is_meant`, a channel is nobody's unless it says so itself: the rods are not of this file.
+/// A file's channels under the topics of the rods that read them, and notes on the assignments made. Without
+/// `is_meant`, the configuration was not named for this file, and only channels with the name of a topic are
+/// assigned.
 ///
 /// # Errors
-/// It is not clear which channel is whose; the sentence names what there is and the next step.
+/// The assignment is not clear; the sentence names the channels and the next step.
 pub(super) fn for_rods(
     signals: Vec<Signal>,
     asked: &Asked<'_>,
@@ -56,13 +57,13 @@ fn as_topic(signal: Signal, topic: String) -> (Signal, Wanted) {
     (signal, wanted)
 }
 
-/// The topics of displacements.
+/// Topics of displacements.
 fn topics(rods: &[RodChannels]) -> String {
     let topics: Vec<&str> = rods.iter().map(|rod| rod.displacement.topic.as_str()).collect();
     topics.join(", ")
 }
 
-/// What a file holds, for refusals.
+/// Channels of a file in words, for errors.
 pub(super) fn holds(signals: &[Signal]) -> String {
     let mut named: Vec<String> = signals
         .iter()
@@ -80,7 +81,7 @@ fn is_temperature(signal: &Signal) -> bool {
     unit.is_some_and(|unit| Unit::TEMPERATURE.contains(&unit))
 }
 
-/// The channels somebody asked for; one without a topic is that of the only rod.
+/// Channels asked for by name; one without a topic is that of the only rod.
 fn named(signals: Vec<Signal>, asked: &Asked<'_>, is_meant: bool) -> Result<Chosen, ImportError> {
     let mut found: Vec<(Signal, Wanted)> = Vec::new();
     let mut notes = Vec::new();
@@ -118,7 +119,7 @@ fn named(signals: Vec<Signal>, asked: &Asked<'_>, is_meant: bool) -> Result<Chos
     Ok((found, notes))
 }
 
-/// Whose a topic is, for sentences.
+/// Rod that reads a topic, in words.
 fn of_rod(rods: &[RodChannels], topic: &str) -> String {
     let of = channels_of(rods).find(|(_, channel)| channel.topic == topic);
     of.map_or_else(String::new, |(rod, _)| format!(" of rod {rod}"))
@@ -132,7 +133,7 @@ fn of_nobody(signals: &[Signal]) -> ImportError {
     ))
 }
 
-/// The channels of the only rod: the one of motion, and the one thermometer.
+/// Channels of the only rod: the one channel of motion, and the one thermometer.
 fn only(signals: Vec<Signal>, rod: &RodChannels) -> Result<Chosen, ImportError> {
     let is_time = |signal: &Signal| {
         signal.timing == Timing::Unknown && is_time_name(&signal.name) || ramp::is_ramp(signal)

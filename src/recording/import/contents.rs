@@ -1,4 +1,4 @@
-//! A file of any format, read as it is asked for, and what it holds in words.
+//! Reads a file of any format as asked for, and describes its content in words.
 
 use super::asked::{Asked, Wanted};
 use super::format::{Format, Kind, LOOKED_AT, kind};
@@ -8,29 +8,29 @@ use crate::recording::read::contents::rounded;
 use std::io::{BufReader, Cursor, Read};
 use std::path::Path;
 
-/// What somebody says of a file beside its name.
+/// Options for reading a file.
 #[derive(Debug, Clone, Default)]
 pub struct How {
-    /// Its format, else found from its content.
+    /// Format; `None`: detected from the content.
     pub format: Option<Format>,
-    /// How its tables are made, and where stamps are.
+    /// Layout of tables, and the place of stamps.
     pub table: csv::Table,
     /// The value of a WAV file's full scale.
     pub full_scale: Option<f64>,
-    /// The channels wanted; empty: all, or those the configuration reads.
+    /// Channels asked for; empty: all, or those that the configuration reads.
     pub channels: Vec<Wanted>,
-    /// The unit of channels whose unit nobody else says.
+    /// Unit of channels whose unit is not given otherwise.
     pub unit: Option<Unit>,
-    /// The sample rate \[Hz\].
+    /// Sample rate \[Hz\].
     pub rate_hz: Option<f64>,
-    /// The time of the first sample.
+    /// Time of the first sample.
     pub start: Option<Timestamp>,
-    /// Interpolate to this rate \[Hz\].
+    /// Rate to interpolate to \[Hz\].
     pub resample_hz: Option<f64>,
 }
 
 impl How {
-    /// Whether anything is said of what samples mean.
+    /// True if any option gives meaning to the samples.
     pub(super) fn says_something(&self) -> bool {
         self.format.is_some()
             || self.full_scale.is_some()
@@ -41,7 +41,7 @@ impl How {
             || self.resample_hz.is_some()
     }
 
-    /// What is asked of the file's channels.
+    /// Options for the file's channels.
     pub fn asked<'a>(&'a self, rods: &'a [RodChannels]) -> Asked<'a> {
         Asked {
             channels: &self.channels,
@@ -55,24 +55,24 @@ impl How {
     }
 }
 
-/// What a file holds.
+/// Content of a file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Contents {
-    /// Its format.
+    /// Format of the file.
     pub format: Format,
-    /// Its channels.
+    /// Channels of the file.
     pub signals: Vec<Signal>,
-    /// What was left out, a sentence each.
+    /// Items left out, one sentence each.
     pub left_out: Vec<String>,
-    /// Whether its values are shares of a full scale that nobody said.
+    /// True if its values are shares of an unknown full scale.
     pub is_of_full_scale: bool,
 }
 
 impl Contents {
-    /// Refuses values whose full scale nobody says.
+    /// Returns an error if the full scale is unknown.
     ///
     /// # Errors
-    /// Nobody says it.
+    /// It is not given.
     pub fn check_full_scale(&self) -> Result<(), ImportError> {
         match self.is_of_full_scale {
             false => Ok(()),
@@ -83,10 +83,11 @@ impl Contents {
     }
 }
 
-/// Reads another program's file; nothing if it is a recording. `path` helps where its content does not tell the format.
+/// Reads another program's file; `None` if it is a recording. `path` helps where the content does not
+/// determine the format.
 ///
 /// # Errors
-/// It is of no format that is read, damaged, or does not fit what is said of it.
+/// It is of no format that is read, damaged, or does not fit the options.
 pub fn read(mut from: impl Read, path: &Path, how: &How) -> Result<Option<Contents>, ImportError> {
     let mut head = Vec::new();
     from.by_ref()
@@ -142,7 +143,7 @@ pub fn read(mut from: impl Read, path: &Path, how: &How) -> Result<Option<Conten
 }
 
 impl How {
-    /// The variable with the stamps, and whether one is looked for.
+    /// Variable with the stamps, and true if one is to be searched for.
     fn time(&self) -> (Option<String>, bool) {
         match &self.table.time {
             csv::TimeColumn::Found => (None, true),

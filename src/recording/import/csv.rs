@@ -1,9 +1,9 @@
 //! Text tables: any delimiter, decimal comma, heads, dates.
 //!
 //! * `beginning` the first lines: delimiter, decimal sign, layout
-//! * `cells`   lines to cells, and what a cell may be
+//! * `cells`   lines to cells, and kinds of cells
 //! * `columns` rows of cells to signals
-//! * `layout`  where data begin, and what the lines above call them
+//! * `layout`  first row of data, and names in the lines above
 
 mod beginning;
 mod cells;
@@ -20,50 +20,51 @@ use columns::Columns;
 use layout::heads;
 use std::io::BufRead;
 
-/// Lines looked at to find delimiter and heads.
+/// Number of lines examined to find delimiter and heads.
 const HEAD: usize = 200;
 
-/// How a text table is read.
+/// Options for reading a text table.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Table {
-    /// What stands between columns; none: found from the file. A blank stands for any number of blanks and tabs.
+    /// Delimiter of columns; `None`: detected from the file. A blank stands for any number of blanks and
+    /// tabs.
     pub delimiter: Option<u8>,
-    /// Whether decimals stand behind a comma.
+    /// True if the decimal sign is a comma.
     pub decimal_comma: bool,
-    /// Lines before the first row of data; none: found from the file.
+    /// Number of lines before the first row of data; `None`: detected from the file.
     pub head_lines: Option<usize>,
-    /// Where the stamps are.
+    /// Column of the stamps.
     pub time: TimeColumn,
-    /// What numbers in the time column count; none: what its head says, else seconds.
+    /// Unit of numbers in the time column; `None`: from its head, else seconds.
     pub time_unit: Option<TimeUnit>,
-    /// How dates with slashes are meant.
+    /// Order of day and month in dates with slashes.
     pub dates: Option<DateOrder>,
-    /// How far dates without an offset of their own are ahead of UTC \[s\].
+    /// Offset ahead of UTC of dates without an offset of their own \[s\].
     pub utc_offset_s: i32,
-    /// The columns wanted, by name or number; empty: all.
+    /// Columns asked for, by name or number; empty: all.
     pub columns: Vec<String>,
 }
 
-/// Where the stamps are.
+/// Column of the stamps.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub enum TimeColumn {
-    /// In the column whose head says so, if there is one.
+    /// The column whose head names the time, if there is one.
     #[default]
     Found,
-    /// Nowhere: a column of stamps is none.
+    /// No column, even if a head names the time.
     None,
-    /// In this column, or in these two (day and time of day), by name or number.
+    /// This column, or these two (day and time of day), by name or number.
     Named(Vec<String>),
 }
 
-/// What a table holds.
+/// Content of a table.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Tabled {
-    /// Its columns of numbers.
+    /// Columns of numbers.
     pub signals: Vec<Signal>,
-    /// Columns that are not wanted but may say the rate: those that could be the time.
+    /// Columns not asked for that may give the rate: those that could be the time.
     pub witnesses: Vec<Signal>,
-    /// What was left out, a sentence each.
+    /// Items left out, one sentence each.
     pub skipped: Vec<String>,
 }
 

@@ -1,12 +1,12 @@
-//! The format of a file: by its first bytes, else by its ending.
+//! Detects the format of a file by its first bytes, else by its ending.
 
 use super::ImportError;
 use std::path::Path;
 
-/// Bytes looked at.
+/// Number of bytes examined.
 pub(super) const LOOKED_AT: usize = 512;
 
-/// The formats that are read.
+/// Supported formats of other programs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum Format {
     /// Text tables.
@@ -28,14 +28,14 @@ pub enum Format {
 /// The kind of a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Kind {
-    /// A recording, which is read as it is.
+    /// A recording, which needs no import.
     Mcap,
     /// Another program's measurement.
     Foreign(Format),
 }
 
 impl Format {
-    /// Its name in sentences.
+    /// Name in messages.
     pub fn name(self) -> &'static str {
         match self {
             Self::Csv => "a text table",
@@ -48,7 +48,7 @@ impl Format {
         }
     }
 
-    /// The format an ending stands for.
+    /// Format of a file name's ending.
     fn of_ending(ending: &str) -> Option<Self> {
         match ending {
             "csv" | "txt" | "tsv" | "asc" | "dat" => Some(Self::Csv),
@@ -100,7 +100,7 @@ pub fn kind(head: &[u8], path: &Path) -> Result<Kind, ImportError> {
         None => Err(ImportError {
             is_unknown_format: true,
             ..ImportError::new(format!(
-                "is of no format that is read ({FORMATS}); --format says which one it is"
+                "is of no format that is read ({FORMATS}); --input-format says which one it is"
             ))
         }),
     }
@@ -136,7 +136,7 @@ fn by_content(head: &[u8]) -> Result<Option<Format>, ImportError> {
     }
 }
 
-/// Whether it begins with the delimiter of a dataset and its number.
+/// True if the file begins with the delimiter of a dataset and its number.
 fn is_universal(head: &[u8]) -> bool {
     let text = super::lines::text(head);
     let mut lines = text.lines().map(str::trim).filter(|line| !line.is_empty());
@@ -182,7 +182,7 @@ mod tests {
         assert_eq!(of(b"t,d\n0,1\n", "a.log"), Ok(Kind::Foreign(Format::Csv)));
         assert_eq!(of(b"junk", "a.wav"), Ok(Kind::Foreign(Format::Wav)));
         assert!(of(b"PK\x03\x04", "a.xlsx").unwrap_err().contains("CSV"));
-        assert!(of(b"\0\x01\x02", "a.bin").unwrap_err().contains("--format"));
+        assert!(of(b"\0\x01\x02", "a.bin").unwrap_err().contains("--input-format"));
         assert!(of(b"", "a.bin").unwrap_err().contains("empty"));
     }
 }

@@ -1,4 +1,4 @@
-//! Tables of natural frequencies that were identified elsewhere: one row a record, or a temperature alone.
+//! Tables of natural frequencies identified elsewhere: one row per record, or a temperature alone.
 
 use super::csv::Splitter;
 use super::lines::Lines;
@@ -9,34 +9,34 @@ use crate::analysis::signal::modes::Mode;
 use crate::analysis::signal::record::{RodId, Timestamp};
 use std::io::BufRead;
 
-/// No rod vibrates faster \[Hz\].
+/// Highest frequency accepted; no rod vibrates faster \[Hz\].
 const HIGHEST_HZ: f64 = 1e5;
 
-/// A table, its rows as they stand in the file.
+/// A table, its rows in the order of the file.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Frequencies {
-    /// Its rows.
+    /// Rows of the table.
     pub rows: Vec<FrequencyRow>,
-    /// Names of columns that mean nothing here.
+    /// Names of unknown columns, which are ignored.
     pub unused: Vec<String>,
 }
 
 /// One row: a record's frequencies, a temperature, or both.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FrequencyRow {
-    /// Its line in the file, from 1.
+    /// Line in the file, from 1.
     pub line: u32,
     /// Time of the record or reading.
     pub time: Timestamp,
-    /// Length of the record \[s\], zero if it is not said.
+    /// Length of the record \[s\], zero if not given.
     pub duration_s: f64,
-    /// The rod; `None` where the table does not say it: of a temperature then every rod.
+    /// Rod; `None` where the table does not name it: a temperature then applies to every rod.
     pub rod: Option<RodId>,
     /// The measured modes, ascending in order; none in a row of temperature alone.
     pub modes: Vec<Mode>,
     /// Temperature \[degC\].
     pub temperature_c: Option<f64>,
-    /// Root mean square of the record's samples, in any unit that is the same throughout.
+    /// Root mean square of the record's samples, in any unit, the same throughout the table.
     pub rms: Option<f64>,
 }
 
@@ -53,7 +53,7 @@ enum Column {
 }
 
 impl Column {
-    /// The column a head names.
+    /// Column of a head's name.
     fn of(name: &str) -> Option<Self> {
         let order = |prefix: &str| -> Option<usize> {
             let digits = name.strip_prefix(prefix)?.strip_suffix("_hz")?;
@@ -75,9 +75,10 @@ impl Column {
     }
 }
 
-/// Reads a table. The first line names the columns: `time` (ISO 8601, UTC where no zone is said, or seconds since 1970), `rod`, `f1_hz`,
-/// `sd1_hz`, `f2_hz`, ..., `temperature_c`, `rms`, `duration_s`, in any order; only `time` must be there. Empty cells are missing
-/// values. The delimiter (comma, semicolon, tab) is the first that the head holds; `decimal_comma` for `4,492`.
+/// Reads a table. The first line names the columns: `time` (ISO 8601, UTC where no zone is given, or seconds
+/// since 1970), `rod`, `f1_hz`, `sd1_hz`, `f2_hz`, ..., `temperature_c`, `rms`, `duration_s`, in any order;
+/// only `time` must be there. Empty cells are missing values. The delimiter (comma, semicolon, tab) is the
+/// first that the head holds; `decimal_comma` for `4,492`.
 ///
 /// # Errors
 /// The first thing that is wrong, with line and column.
@@ -114,7 +115,7 @@ pub fn read(from: impl BufRead, decimal_comma: bool) -> Result<Frequencies, Impo
     Ok(Frequencies { rows, unused })
 }
 
-/// The columns of a table.
+/// Columns of a table.
 struct Table {
     names: Vec<String>,
     columns: Vec<Option<Column>>,
@@ -220,7 +221,7 @@ impl Table {
     }
 }
 
-/// The cells of one line.
+/// Cells of one line.
 struct Cells<'a> {
     table: &'a Table,
     cells: &'a [String],
@@ -228,7 +229,7 @@ struct Cells<'a> {
 }
 
 impl Cells<'_> {
-    /// What stands in a column, unless that is missing.
+    /// Text of a column, unless it is missing.
     fn text(&self, column: Column) -> Option<&str> {
         let index = self
             .table

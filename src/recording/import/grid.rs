@@ -1,36 +1,39 @@
-//! An even grid under stamps: the rate, where stretches begin and end, and how far the stamps lie from it.
+//! Fits an even grid to stamps: the rate, the beginnings and ends of stretches, and the stamps' distance from
+//! it.
 
 use super::{ImportError, Stamps};
 use crate::recording::read::contents::rounded;
 use std::ops::Range;
 
-/// Stamps farther from the grid than this share of the interval are uneven, unless they are written that coarsely.
+/// Largest distance of even stamps from the grid, as a share of the interval; more is allowed where they are
+/// written that coarsely.
 const UNEVEN: f64 = 0.1;
 
-/// A rounder rate is taken only within this share of the measured one, however coarse the stamps are.
+/// Largest relative change of the measured rate to a rounder one, however coarse the stamps are.
 const SURE: f64 = 1e-4;
-/// The largest interval to resample to, in intervals of the stamps: without a filter, more would fold fast vibration onto slow.
+/// Largest interval to resample to, in intervals of the stamps: without a filter, a larger one would alias
+/// fast vibration onto slow.
 const COARSER: f64 = 1.1;
 
 /// Evenly spaced samples without a gap.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Stretch {
-    /// Its samples.
+    /// Range of its samples.
     pub samples: Range<usize>,
-    /// The time of the first one \[ns\], on the clock of the stamps.
+    /// Time of the first one \[ns\], on the clock of the stamps.
     pub start_ns: i64,
 }
 
-/// Where the samples of stamps lie.
+/// Times of stamped samples on a grid.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Grid {
     pub(super) fs_hz: f64,
     pub(super) stretches: Vec<Stretch>,
-    /// The largest distance of a stamp from the grid \[s\].
+    /// Largest distance of a stamp from the grid \[s\].
     pub(super) deviation_s: f64,
 }
 
-/// The grid the stamps lie on.
+/// Grid on which the stamps lie.
 ///
 /// # Errors
 /// They go back, repeat, or lie unevenly; the sentence names the place and the largest deviation.
@@ -63,10 +66,10 @@ pub(super) fn even(stamps: &Stamps) -> Result<Grid, ImportError> {
     Ok(grid)
 }
 
-/// The most samples that keep a stamp each.
+/// Most samples that keep one stamp each.
 const STAMPED: usize = 1 << 21;
 
-/// Uneven samples, each at its own stamp; nothing if they are too many or their stamps do not increase.
+/// Uneven samples, each at its own stamp; `None` if they are too many or their stamps do not increase.
 pub(super) fn uneven(stamps: &Stamps) -> Option<Grid> {
     if stamps.nanos.len() > STAMPED {
         return None;
@@ -80,7 +83,7 @@ pub(super) fn uneven(stamps: &Stamps) -> Option<Grid> {
     Some(grid)
 }
 
-/// The best grid, and the stamp that lies farthest from it.
+/// Best grid, and the stamp farthest from it.
 fn fit(stamps: &Stamps) -> Result<(Grid, usize), ImportError> {
     let nanos = &stamps.nanos;
     if nanos.len() < 2 {
@@ -132,7 +135,7 @@ fn difference(later: i64, earlier: i64) -> f64 {
     (i128::from(later) - i128::from(earlier)) as f64
 }
 
-/// The median interval \[ns\]; refuses stamps that do not increase.
+/// Median interval \[ns\]; an error if the stamps do not increase.
 fn interval_ns(stamps: &Stamps) -> Result<f64, ImportError> {
     let mut steps = Vec::with_capacity(stamps.nanos.len());
     let mut equal = None;
@@ -162,7 +165,7 @@ fn interval_ns(stamps: &Stamps) -> Result<f64, ImportError> {
     Ok(*median as f64)
 }
 
-/// The common slope of all stretches by least squares \[ns\], and the samples it rests on.
+/// Common slope of all stretches by least squares \[ns\], and the number of samples behind it.
 fn slope_ns(nanos: &[i64], stretches: &[Range<usize>], interval: f64) -> (f64, f64) {
     let (mut up, mut down, mut longest) = (0.0, 0.0, 1.0_f64);
     for samples in stretches.iter().filter(|samples| samples.len() > 1) {
@@ -205,8 +208,8 @@ pub(super) fn simplest(slope: f64, tolerance: f64) -> f64 {
     slope
 }
 
-/// Values between stamps on an even grid of `fs_hz`, by straight lines; gaps of more than three intervals
-/// stay gaps. With the largest distance between a sample of the grid and the stamp nearest to it \[s\].
+/// Interpolates linearly to an even grid of `fs_hz`; gaps of more than three intervals stay gaps. Also
+/// returns the largest distance between a sample of the grid and the stamp nearest to it \[s\].
 pub(super) fn resample(
     stamps: &Stamps,
     values: &[f64],

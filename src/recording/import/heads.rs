@@ -1,4 +1,4 @@
-//! Heads of columns as other programs write them: a name, perhaps with a unit.
+//! Heads of columns of other programs: a name, perhaps with a unit.
 
 /// `disp [mm]` or `disp (mm)` as name and unit; a head without one is a name alone.
 pub(super) fn split_head(head: &str) -> (String, Option<String>) {
@@ -13,7 +13,7 @@ pub(super) fn split_head(head: &str) -> (String, Option<String>) {
     (head.to_owned(), None)
 }
 
-/// A unit that is written at all.
+/// A unit that is not blank; `None` otherwise.
 pub(super) fn some(unit: &str) -> Option<String> {
     let unit = unit
         .trim()

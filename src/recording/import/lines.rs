@@ -1,10 +1,10 @@
-//! A text file line by line, with its numbers, its odd encodings and a bound on each line.
+//! Reads a text file line by line, with line numbers, odd encodings and a bound on each line.
 
 use super::ImportError;
 use std::borrow::Cow;
 use std::io::{BufRead, Read};
 
-/// The longest line read \[bytes\].
+/// Longest line read \[bytes\].
 const LONGEST: u64 = 1 << 20;
 
 /// Lines of a file, without their ends.
@@ -23,12 +23,12 @@ impl<R: BufRead> Lines<R> {
         }
     }
 
-    /// The number of the line that was read last, from 1.
+    /// Number of the line that was read last, from 1.
     pub(super) fn number(&self) -> u32 {
         self.number
     }
 
-    /// The next line as bytes, none at the end.
+    /// The next line as bytes; `None` at the end.
     pub(super) fn next_bytes(&mut self) -> Result<Option<&[u8]>, ImportError> {
         self.line.clear();
         let mut bounded = self.from.by_ref().take(LONGEST + 1);
@@ -51,8 +51,8 @@ impl<R: BufRead> Lines<R> {
         Ok(Some(&self.line))
     }
 
-    /// The next line as text, none at the end. Bytes that are not UTF-8 are taken as Latin-1, which older
-    /// recorders write (`µm`, `°C`).
+    /// The next line as text; `None` at the end. Bytes that are not UTF-8 are read as Latin-1, which
+    /// older recorders write (`µm`, `°C`).
     pub(super) fn next_text(&mut self) -> Result<Option<Cow<'_, str>>, ImportError> {
         let is_first = self.number == 0;
         if self.next_bytes()?.is_none() {
@@ -74,7 +74,7 @@ impl<R: BufRead> Lines<R> {
         Ok(Some(text(line)))
     }
 
-    /// What follows the last line, for a block that is not text.
+    /// Input after the last line read, for a block that is not text.
     pub(super) fn rest(&mut self) -> &mut R {
         &mut self.from
     }
@@ -88,7 +88,7 @@ pub(super) fn text(bytes: &[u8]) -> Cow<'_, str> {
     }
 }
 
-/// At most the first 40 characters of a text, for sentences.
+/// At most the first 40 characters of a text, for messages.
 pub(super) fn shown(text: &str) -> String {
     let mut short: String = text.chars().take(40).collect();
     if short.len() < text.len() {

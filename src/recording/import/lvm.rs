@@ -12,33 +12,33 @@ use segment::{Piece, Segment, When};
 use std::io::BufRead;
 use std::sync::Arc;
 
-/// The most lines of a header.
+/// Most lines of a header.
 const HEADER: usize = 1000;
 
-/// What a file holds.
+/// Content of a file.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Measured {
-    /// Its channels, the segments of each put together.
+    /// Channels, the segments of each joined.
     pub signals: Vec<Signal>,
-    /// What was left out, a sentence each.
+    /// Items left out, one sentence each.
     pub skipped: Vec<String>,
 }
 
-/// What the header of a file says.
+/// Facts of a file's header.
 #[derive(Debug, Clone)]
 struct Header {
     separator: char,
     decimal_comma: bool,
-    /// Whether times of the x column may count from 1904.
+    /// True if times of the x column may count from 1904.
     is_absolute: bool,
     /// Date and time of day of the file.
     date: String,
     time: String,
-    /// How far dates are ahead of UTC \[s\].
+    /// Offset of dates ahead of UTC \[s\].
     utc_offset_s: i32,
 }
 
-/// Reads every channel. Its dates have no offset and are taken as `utc_offset_s` ahead of UTC.
+/// Reads every channel. Dates have no offset and are taken as `utc_offset_s` ahead of UTC.
 ///
 /// # Errors
 /// The first thing that is wrong, with its line.
@@ -118,7 +118,7 @@ pub fn read(from: impl BufRead, utc_offset_s: i32) -> Result<Measured, ImportErr
     Ok(found)
 }
 
-/// Whether a cell is the name of a fact rather than a number or nothing.
+/// True if a cell is the name of a fact rather than a number or empty.
 fn is_key(cell: &str) -> bool {
     cell.starts_with(|c: char| c.is_alphabetic() || c == '*')
         && !cell.to_lowercase().starts_with("nan")
@@ -175,7 +175,7 @@ impl Header {
     }
 }
 
-/// The pieces of a channel as one signal; nothing without samples.
+/// Joins the pieces of a channel into one signal; `None` without samples.
 fn joined(pieces: Vec<Piece>, number: usize) -> Result<Option<Signal>, ImportError> {
     let Some(first) = pieces.first() else {
         return Ok(None);
@@ -208,10 +208,10 @@ fn joined(pieces: Vec<Piece>, number: usize) -> Result<Option<Signal>, ImportErr
     }))
 }
 
-/// A step that is written more coarsely than this says no rate.
+/// Relative rounding of a step above which it gives no rate.
 const COARSE: f64 = 1e-3;
 
-/// The stamps of several pieces.
+/// Joins the stamps of several pieces.
 fn together(pieces: &[Piece]) -> Result<Stamps, ImportError> {
     let mut all = Stamps {
         nanos: Vec::new(),

@@ -1,7 +1,7 @@
 //! MATLAB files of version 5 to 7 (`save -v6`, `-v7`): real numeric vectors and matrices.
 //!
-//! <https://www.mathworks.com/help/pdf_doc/matlab/matfile_format.pdf>. Ours, because of the crates there are one prints to the
-//! terminal and leaves out variables in silence, another refuses files of `scipy.io.savemat`.
+//! <https://www.mathworks.com/help/pdf_doc/matlab/matfile_format.pdf>. Own code, since one existing crate
+//! prints to the terminal and drops variables silently, and another refuses files of `scipy.io.savemat`.
 
 use super::numbers::Kind;
 use super::stamp::{self, TimeUnit};
@@ -10,21 +10,22 @@ use flate2::read::ZlibDecoder;
 use std::io::Read;
 use std::sync::Arc;
 
-/// The most bytes of one variable, unpacked.
+/// Most bytes of one variable, unpacked.
 const MOST_BYTES: u64 = 8 * MOST_VALUES as u64 + 4096;
-/// The most channels.
+/// Most channels.
 const CHANNELS: usize = 1024;
 
-/// What a file holds.
+/// Content of a file.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Variables {
-    /// Its vectors, and the columns of its matrices (rows, if those are longer).
+    /// Vectors, and the columns of matrices (rows, if those are longer).
     pub signals: Vec<Signal>,
-    /// What was left out, a sentence each.
+    /// Items left out, one sentence each.
     pub skipped: Vec<String>,
 }
 
-/// Reads every numeric variable. `time`: the variable with the stamps; none: one whose name says so, if `find_time`.
+/// Reads every numeric variable. `time`: the variable with the stamps; `None`: one named as a time, if
+/// `find_time`.
 ///
 /// # Errors
 /// It is no such file, damaged, or of a version that is not read.
@@ -100,7 +101,7 @@ fn missing(name: &str, arrays: &[Array], skipped: &[String]) -> ImportError {
     ImportError::new(format!("no variable {name:?}; there is: {}", known.join(", ")))
 }
 
-/// Whether numbers are little endian; refuses what is no file of these versions by its name.
+/// True if numbers are little endian; an error for a file of another kind or version.
 fn header(from: &mut impl Read) -> Result<bool, ImportError> {
     let mut bytes = Vec::new();
     from.by_ref()
@@ -125,7 +126,7 @@ fn header(from: &mut impl Read) -> Result<bool, ImportError> {
     }
 }
 
-/// The next variable's bytes, unpacked; `None` within for another element; `None` at the end.
+/// Bytes of the next variable, unpacked; `None` within for another element; `None` at the end.
 fn element(from: &mut impl Read, is_little: bool) -> Result<Option<Option<Vec<u8>>>, String> {
     let mut tag = Vec::new();
     from.by_ref()
@@ -164,7 +165,7 @@ fn element(from: &mut impl Read, is_little: bool) -> Result<Option<Option<Vec<u8
     Ok(Some(whole))
 }
 
-/// The matrix in an unpacked element, which packs nothing in turn.
+/// The matrix in an unpacked element, which may not contain a packed element again.
 fn element_once(mut unpacked: Vec<u8>, is_little: bool) -> Result<Option<Vec<u8>>, String> {
     let mut cursor = Cursor {
         bytes: &unpacked,
@@ -216,7 +217,7 @@ enum Matrix {
     Other(String),
 }
 
-/// Bytes of one variable, from here on.
+/// Reader over the bytes of one variable.
 struct Cursor<'a> {
     bytes: &'a [u8],
     is_little: bool,
@@ -237,7 +238,7 @@ impl<'a> Cursor<'a> {
         Ok(word(bytes, self.is_little))
     }
 
-    /// The kind and bytes of the next part; small ones stand in their own tag.
+    /// Kind and bytes of the next part; small ones are stored in their own tag.
     fn part(&mut self) -> Result<(u32, &'a [u8]), String> {
         let first = self.word()?;
         if first >> 16 != 0 {
@@ -307,7 +308,7 @@ impl<'a> Cursor<'a> {
     }
 }
 
-/// Numbers of any stored kind as doubles; whole numbers that a double cannot hold are refused.
+/// Numbers of any stored kind as doubles; integers that a double cannot represent are an error.
 fn numbers(kind: u32, bytes: &[u8], is_little: bool) -> Result<Vec<f64>, String> {
     let kind = match kind {
         1 => Kind::I8,
@@ -334,7 +335,7 @@ fn numbers(kind: u32, bytes: &[u8], is_little: bool) -> Result<Vec<f64>, String>
     Ok(values)
 }
 
-/// Puts the channels of a variable to the others.
+/// Appends the channels of a variable to the others.
 fn spread(array: Array, stamps: Option<&Arc<Stamps>>, to: &mut Variables) -> Result<(), ImportError> {
     let Array {
         name,

@@ -1,4 +1,4 @@
-//! Measurements of other programs in: one pure reader a format, one grid of time, one writer to MCAP.
+//! Measurements of other programs in: one pure reader per format, one time grid, one writer to MCAP.
 //!
 //! ```text
 //! csv, uff, wav, mat, lvm, tdms, npy -> Signal -> plan (topic, unit, rate, stretches) -> write -> MCAP
@@ -41,10 +41,10 @@ use crate::analysis::signal::record::Timestamp;
 use std::sync::Arc;
 use thiserror::Error;
 
-/// The most values one file may hold, stamps among them: 64 MiB in memory, and about twice that on the way to records.
+/// Most values of one file, stamps included: 64 MiB in memory, and about twice that on the way to records.
 pub const MOST_VALUES: usize = 1 << 23;
 
-/// What is wrong with a file or with what is asked of it, and where: the line, the record, the channel.
+/// Fault of a file or of the options for it, with its place: line, record, channel.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
 #[error("{place}{what}")]
 pub struct ImportError {
@@ -54,7 +54,7 @@ pub struct ImportError {
 }
 
 impl ImportError {
-    /// Of the file as a whole.
+    /// A fault of the file as a whole.
     pub fn new(what: impl Into<String>) -> Self {
         Self {
             place: String::new(),
@@ -63,12 +63,12 @@ impl ImportError {
         }
     }
 
-    /// Whether nobody knows the format, which an argument may say.
+    /// True if the format is unknown, which an option may give.
     pub fn is_unknown_format(&self) -> bool {
         self.is_unknown_format
     }
 
-    /// At a place within it.
+    /// A fault at a place in the file.
     pub fn at(place: impl std::fmt::Display, what: impl Into<String>) -> Self {
         Self {
             place: format!("{place}: "),
@@ -87,54 +87,54 @@ impl ImportError {
     }
 }
 
-/// One quantity as a file has it.
+/// One quantity of a file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Signal {
-    /// Its name in the file.
+    /// Name in the file.
     pub name: String,
-    /// Its place among the file's channels, from 1; a time column counts.
+    /// Number among the file's channels, from 1; a time column counts.
     pub number: usize,
-    /// Its unit as the file writes it.
+    /// Unit as the file writes it.
     pub unit: Option<String>,
-    /// When its samples were taken.
+    /// Times of its samples.
     pub timing: Timing,
-    /// Its samples in its unit; what the file marks as missing is NaN.
+    /// Samples in the signal's unit; missing ones are NaN.
     pub values: Vec<f64>,
 }
 
-/// When samples were taken, as a file says it.
+/// Times of samples, as the file gives them.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Timing {
-    /// The file does not say.
+    /// The file does not give them.
     Unknown,
-    /// One after the other at one rate.
+    /// One sample after the other at one rate.
     Rate {
-        /// Samples a second \[Hz\].
+        /// Sample rate \[Hz\].
         fs_hz: f64,
-        /// How far the file's own rounding may have moved the rate, as a share of it.
+        /// Largest error of the rate by the file's own rounding, as a share of it.
         rounding: f64,
-        /// The time of the first one.
+        /// Time of the first sample.
         start: Option<Timestamp>,
     },
-    /// Each has a stamp; those of one file are shared.
+    /// One stamp per sample; the stamps of one file are shared.
     Stamps(Arc<Stamps>),
 }
 
-/// The stamps of samples.
+/// Stamps of a file's samples.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Stamps {
-    /// Nanoseconds since 1970, or since a beginning that the file does not say.
+    /// Nanoseconds since 1970, or since an origin that the file does not give.
     pub nanos: Vec<i64>,
-    /// Whether they count from 1970.
+    /// True if they count from 1970.
     pub absolute: bool,
-    /// The finest step they are written in \[ns\], at least 1.
+    /// Finest step in which they are written \[ns\], at least 1.
     pub resolution_ns: i64,
-    /// The line of each in the file; empty if it has no lines.
+    /// Line of each in the file; empty if it has no lines.
     pub lines: Vec<u32>,
 }
 
 impl Stamps {
-    /// Where a stamp stands, for sentences.
+    /// Place of a stamp in words.
     fn place(&self, index: usize) -> String {
         match self.lines.get(index) {
             Some(line) => format!("line {line}"),
@@ -143,7 +143,7 @@ impl Stamps {
     }
 }
 
-/// Whether the file says when a channel began.
+/// True if the file gives the start of a channel.
 fn has_start(signal: &Signal) -> bool {
     match &signal.timing {
         Timing::Unknown => false,
@@ -152,7 +152,7 @@ fn has_start(signal: &Signal) -> bool {
     }
 }
 
-/// Whether a column or variable of this name holds the time.
+/// True if a column or variable of this name holds the time.
 fn is_time_name(name: &str) -> bool {
     const NAMES: [&str; 12] = [
         "t",

@@ -1,20 +1,21 @@
 //! NumPy arrays (`numpy.save`): real numbers of one to three dimensions, either order, either byte order.
 //!
-//! <https://numpy.org/doc/stable/reference/generated/numpy.lib.format.html>. Ours, because the crates there are read into arrays
-//! whose size the header says, before a byte of them is there.
+//! <https://numpy.org/doc/stable/reference/generated/numpy.lib.format.html>. Own code, since existing crates
+//! allocate arrays of the size in the header before a byte of them is read.
 
 use super::numbers::Kind;
 use super::{ImportError, MOST_VALUES, Signal, Timing};
 use std::io::Read;
 
-/// The longest header read \[bytes\].
+/// Longest header read \[bytes\].
 const LONGEST: usize = 1 << 16;
-/// The most channels.
+/// Most channels.
 const CHANNELS: usize = 4096;
-/// Bytes taken at once; whole numbers of every size fit.
+/// Number of bytes read at once; a multiple of every integer's size.
 const BLOCK: usize = 3 << 14;
 
-/// Reads an array: its longest dimension is time, each index of the others a channel, called as NumPy would write it.
+/// Reads an array: its longest dimension is time, each index of the others a channel, named as NumPy would
+/// index it.
 ///
 /// # Errors
 /// It is no such array, damaged, or too large.
@@ -62,7 +63,7 @@ pub fn read(mut from: impl Read) -> Result<Vec<Signal>, ImportError> {
     Ok(signals)
 }
 
-/// What stands before the numbers.
+/// Content before the numbers.
 struct Header {
     kind: Kind,
     is_little: bool,
@@ -119,7 +120,7 @@ impl Header {
         Self::parse(&super::lines::text(&text))
     }
 
-    /// From the text of a dictionary: `{'descr': '<f8', 'fortran_order': False, 'shape': (3, 4), }`.
+    /// Parses a header dictionary: `{'descr': '<f8', 'fortran_order': False, 'shape': (3, 4), }`.
     fn parse(text: &str) -> Result<Self, ImportError> {
         let damaged = |what: &str| ImportError::new(format!("its header {what}: damaged"));
         let behind = |key: &str| {
@@ -158,7 +159,7 @@ impl Header {
     }
 }
 
-/// The numbers of a type string, and whether they are little endian.
+/// Kind of the numbers of a type string, and true if they are little endian.
 fn kind(descr: &str) -> Result<(Kind, bool), ImportError> {
     let (order, rest) = match descr.split_at_checked(1) {
         Some((order @ ("<" | ">" | "|" | "="), rest)) => (order, rest),
@@ -194,12 +195,12 @@ fn kind(descr: &str) -> Result<(Kind, bool), ImportError> {
     Ok((kind, order != ">"))
 }
 
-/// Which number belongs to which channel.
+/// Assignment of numbers to channels.
 struct Layout {
     shape: Vec<usize>,
-    /// Numbers between neighbours along each dimension.
+    /// Distance between neighbours along each dimension, in numbers.
     strides: Vec<usize>,
-    /// The dimension that is time.
+    /// Index of the time dimension.
     time: usize,
     numbers: usize,
 }
@@ -256,7 +257,7 @@ impl Layout {
         self.numbers
     }
 
-    /// The dimensions that are not time.
+    /// Dimensions other than time.
     fn others(&self) -> impl Iterator<Item = usize> + '_ {
         (0..self.shape.len()).filter(|dimension| *dimension != self.time)
     }
@@ -265,7 +266,7 @@ impl Layout {
         self.others().map(|dimension| self.shape[dimension]).product()
     }
 
-    /// The channel of the number at a place in the file; the last index runs fastest.
+    /// Channel of the number at a place in the file; the last index runs fastest.
     fn channel(&self, place: usize) -> usize {
         self.others().fold(0, |channel, dimension| {
             let size = self.shape[dimension].max(1);

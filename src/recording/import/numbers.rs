@@ -1,6 +1,6 @@
-//! Numbers as binary files store them, as doubles.
+//! Converts numbers of binary files to doubles.
 
-/// The kind of a stored number.
+/// Kind of a stored number.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Kind {
     I8,
@@ -17,7 +17,7 @@ pub(super) enum Kind {
     F64,
 }
 
-/// A whole number that a double cannot hold.
+/// An integer that a double cannot represent.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Inexact;
 
@@ -28,7 +28,7 @@ impl std::fmt::Display for Inexact {
 }
 
 impl Kind {
-    /// Bytes of one number.
+    /// Size of one number \[bytes\].
     pub(super) fn size(self) -> usize {
         match self {
             Self::I8 | Self::U8 => 1,
@@ -39,7 +39,7 @@ impl Kind {
         }
     }
 
-    /// Hands out the numbers in `bytes`; what is left of a last one is passed over.
+    /// Calls back with each number in `bytes`; an incomplete last one is ignored.
     ///
     /// # Errors
     /// A whole number that a double cannot hold.

@@ -1,4 +1,4 @@
-//! A file of any format as a recording: its records, without a recording being written.
+//! Opens a file of any format as a recording, without writing one.
 
 use super::choose::for_rods;
 use super::contents::{How, read};
@@ -16,46 +16,47 @@ use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
-/// Whose records are wanted of a file.
+/// Rods whose records are read from a file.
 #[derive(Debug, Clone, Copy)]
 pub struct Whose<'a> {
-    /// The rods, and where their samples are.
+    /// Rods, with the channels of their samples.
     pub rods: &'a [RodChannels],
-    /// Whether somebody named this configuration for this file: then the only channel of motion is that of the only rod,
-    /// whatever it is called.
+    /// True if the user named this configuration for this file: then the only channel of motion is that of
+    /// the only rod, whatever its name.
     pub is_meant: bool,
-    /// Whether a file that does not say when it began begins in 1970; else it is refused.
+    /// True if a file without a start begins in 1970; otherwise a missing start is an error.
     pub any_start: bool,
 }
 
 /// A file with every channel as a rod of its own.
 pub struct Opened {
-    /// Its records; the rod of each is the topic of its channel.
+    /// Records of the file; the rod of each is the topic of its channel.
     pub recording: Recording,
-    /// Its channels of motion, in the order of the file.
+    /// Channels of motion, in the order of the file.
     pub channels: Vec<Seen>,
-    /// What was left out, a sentence each.
+    /// Items left out, one sentence each.
     pub notes: Vec<String>,
 }
 
 /// A channel of a file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Seen {
-    /// Its topic, and the name of the rod its records are of.
+    /// Topic, and name of the rod of its records.
     pub topic: String,
-    /// Its unit; none if nobody says it: its samples are then as they stand in the file.
+    /// Unit; `None` if unknown: the samples are then as in the file.
     pub unit: Option<Unit>,
-    /// Its unit as the file writes it, if that is none of ours.
+    /// Unit as the file writes it, if it is not supported.
     pub foreign_unit: Option<String>,
-    /// Whether the file says when it began; else its times count from 1970.
+    /// True if the file gives its start; otherwise times count from 1970.
     pub has_start: bool,
 }
 
-/// The records that configured rods have in a file of any format. A recording is read as by [`Recording::open`], anything
+/// Opens a file of any format for configured rods. A recording is read as by [`Recording::open`], anything
 /// else as by `import`.
 ///
 /// # Errors
-/// The file cannot be read, or what it does not say is not said; the sentence names what it holds and the next step.
+/// The file cannot be read, or lacks facts that were not given; the sentence names its content and the next
+/// step.
 pub fn open(
     path: &Path,
     how: &How,
@@ -121,11 +122,11 @@ pub fn open(
     Ok(recording)
 }
 
-/// A file of any format with nobody's configuration: every channel of motion is a rod of its own, called as its topic. Units
-/// and start may be unknown.
+/// Opens a file of any format without a configuration: every channel of motion is a rod of its own, named
+/// after its topic. Units and start may be unknown.
 ///
 /// # Errors
-/// The file cannot be read, or says no rate and `how` does not either.
+/// The file cannot be read, or neither it nor `how` gives a rate.
 pub fn open_any(
     path: &Path,
     how: &How,
@@ -160,7 +161,7 @@ pub fn open_any(
     })
 }
 
-/// The channels of a file of any format and how they would be read, for who writes a configuration.
+/// Channels of a file of any format with the way to read them, as a basis for a configuration.
 ///
 /// # Errors
 /// As of [`open_any`].
@@ -184,7 +185,7 @@ pub fn topics(
     Ok(plan.channels.iter().map(content).collect())
 }
 
-/// The format of another program's file; nothing of a recording.
+/// Format of another program's file; `None` for a recording.
 ///
 /// # Errors
 /// The file cannot be read, or is of no format that is read.
@@ -212,7 +213,7 @@ pub fn format(path: &Path, how: &How) -> Result<Option<Format>, SourceError> {
     }
 }
 
-/// Whether none of the channels of another program's file has a rate, by stamps or otherwise.
+/// True if no channel of another program's file has a rate, by stamps or otherwise.
 ///
 /// # Errors
 /// As of [`open_any`].
@@ -225,7 +226,7 @@ pub fn lacks_rate(path: &Path, how: &How) -> Result<bool, SourceError> {
         }))
 }
 
-/// When the first sample of another program's file was taken, if the file says it; nothing of a recording.
+/// Time of the first sample of another program's file, if the file gives it; `None` for a recording.
 pub fn begins(path: &Path, how: &How) -> Option<Timestamp> {
     let (plan, ..) = of_anybody(path, how, &|file, _| Box::new(file)).ok()??;
     let known = plan.channels.iter().filter(|planned| planned.says_start);
@@ -234,7 +235,8 @@ pub fn begins(path: &Path, how: &How) -> Option<Timestamp> {
         .min()
 }
 
-/// Every channel of another program's file, what was left out, and its bytes; nothing if it is a recording.
+/// Every channel of another program's file, the items left out, and its size in bytes; `None` if it is a
+/// recording.
 fn of_anybody(
     path: &Path,
     how: &How,
@@ -257,7 +259,7 @@ fn of_anybody(
     Ok(Some((plan, notes, bytes)))
 }
 
-/// A recording with every channel as a rod.
+/// Opens a recording with every channel as a rod.
 fn recorded(path: &Path, how: &How, settings: &RecordSettings) -> Result<Opened, SourceError> {
     let found = contents(path).map_err(|source| SourceError::Io {
         path: path.display().to_string(),
@@ -325,7 +327,7 @@ fn rod(topic: &str, field: &str, unit: Unit, fs_hz: Option<f64>) -> RodChannels 
     }
 }
 
-/// What another program's file holds, and its bytes; nothing if it is a recording.
+/// Content of another program's file, and its size in bytes; `None` if it is a recording.
 fn foreign(
     path: &Path,
     how: &How,
@@ -350,7 +352,7 @@ fn refused(path: &Path, error: &ImportError) -> SourceError {
     }
 }
 
-/// Leaves out what only counts time or rows, where no channel was asked for by name.
+/// Drops channels that only count time or rows, unless a channel was asked for by name.
 fn without_ramps(signals: Vec<Signal>, how: &How, notes: &mut Vec<String>) -> Vec<Signal> {
     if !how.channels.is_empty() || signals.len() < 2 {
         return signals;

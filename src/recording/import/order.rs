@@ -1,4 +1,4 @@
-//! The messages of a plan, channels side by side in time, as a recorder would write them.
+//! The messages of a plan in order of time, as a recorder would write them.
 
 use super::plan::{Plan, Planned};
 use crate::analysis::signal::record::Timestamp;
@@ -7,10 +7,10 @@ use crate::recording::write::Layout;
 use std::ops::Range;
 use std::sync::Arc;
 
-/// Which message is next.
+/// Iterator over the messages of a plan.
 pub(super) struct Order(Vec<Cursor>);
 
-/// A channel's place: the stretch, the next sample, and its time.
+/// A channel's position: stretch, next sample, and its time.
 struct Cursor {
     stretch: usize,
     at: usize,
@@ -31,7 +31,7 @@ impl Order {
         Self(plan.channels.iter().map(start).collect())
     }
 
-    /// The channel, time and samples of the next message; the first of several at one time.
+    /// Channel, time and samples of the next message; the first of several at one time.
     pub(super) fn next(&mut self, plan: &Plan) -> Option<(usize, Timestamp, Range<usize>)> {
         let waiting = self.0.iter().enumerate();
         let (index, time) = waiting
@@ -51,7 +51,7 @@ impl Order {
 }
 
 impl Cursor {
-    /// Goes to the first stretch with samples left and notes the time of the next one.
+    /// Moves to the first stretch with samples left and notes the time of the next one.
     fn settle(&mut self, channel: &Planned) {
         self.time = None;
         while let Some((start, samples)) = channel.stretches.get(self.stretch) {
@@ -66,7 +66,7 @@ impl Cursor {
     }
 }
 
-/// The samples of a plan, message by message.
+/// Samples of a plan, message by message.
 pub(super) struct Blocks {
     plan: Plan,
     order: Order,

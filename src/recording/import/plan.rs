@@ -1,4 +1,5 @@
-//! What is written of a file: topics, units, rates and times settled, and held against a configuration.
+//! Settles topics, units, rates and times of a file before it is written, and checks them against a
+//! configuration.
 
 use super::agree::{agree, base, no_start, rate};
 use super::asked::{Asked, Wanted, channels_of, choose, told, unit};
@@ -9,66 +10,67 @@ use crate::recording::write::{Encoding, Layout};
 use std::ops::Range;
 use std::sync::Arc;
 
-/// The most samples in a message.
+/// Most samples in a message.
 const BATCH: usize = 4096;
 
 /// A recording that can be written.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Plan {
-    /// How its messages are encoded.
+    /// Encoding of its messages.
     pub encoding: Encoding,
-    /// Its channels, with different topics.
+    /// Channels, each with a topic of its own.
     pub channels: Vec<Planned>,
 }
 
-/// A channel of it.
+/// A channel of a plan.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Planned {
-    /// Its name in the file.
+    /// Name in the file.
     pub name: String,
-    /// Its unit as the file writes it.
+    /// Unit as the file writes it.
     pub written_unit: Option<String>,
-    /// Its topic.
+    /// Topic.
     pub topic: String,
-    /// The unit of its samples.
+    /// Unit of the samples.
     pub unit: Unit,
-    /// Its sample rate \[Hz\].
+    /// Sample rate \[Hz\].
     pub fs_hz: f64,
-    /// One sample or many in a message.
+    /// Number of samples per message: one or a batch.
     pub layout: Layout,
-    /// Its samples.
+    /// Samples.
     pub values: Vec<f64>,
-    /// Which samples follow one another without a gap, and when the first one was taken.
+    /// Stretches without a gap: time of the first sample, and range of the samples.
     pub stretches: Vec<(Timestamp, Range<usize>)>,
-    /// The largest distance of a stamp from the grid it is put on \[s\]; nothing without stamps.
+    /// Largest distance of a stamp from its place on the grid \[s\]; `None` without stamps.
     pub deviation_s: Option<f64>,
-    /// Whether the samples are interpolated.
+    /// True if the samples are interpolated.
     pub is_resampled: bool,
-    /// Whether anybody says the unit; else the metre stands for it.
+    /// True if the unit is given; otherwise the metre is assumed.
     pub says_unit: bool,
-    /// Whether anybody says when it began.
+    /// True if the start is given.
     pub says_start: bool,
-    /// Whether each sample has a stamp of its own, because they are uneven.
+    /// True if each sample keeps its own stamp, because they are uneven.
     pub is_stamped: bool,
 }
 
 impl Planned {
-    /// Samples that are not there.
+    /// Number of missing samples.
     pub fn missing(&self) -> usize {
         self.values.iter().filter(|value| !value.is_finite()).count()
     }
 
-    /// The field of a message that holds them.
+    /// Field of a message that holds the samples.
     pub fn field(&self, encoding: Encoding) -> &'static str {
         encoding.samples_field(matches!(self.layout, Layout::Batch(_)))
     }
 }
 
 impl Plan {
-    /// Settles what is open.
+    /// Settles all that is open.
     ///
     /// # Errors
-    /// Something is missing or contradicts: a unit, the rate, the time, a channel; the sentence says what to add.
+    /// Something is missing or contradicts: a unit, the rate, the time, a channel; the sentence names the
+    /// remedy.
     pub fn new(signals: Vec<Signal>, asked: &Asked<'_>, encoding: Encoding) -> Result<Self, ImportError> {
         let chosen = choose(signals, asked.channels)?;
         let plan = Self::of(chosen, asked, encoding)?;
@@ -76,7 +78,7 @@ impl Plan {
         Ok(plan)
     }
 
-    /// The same of channels that are for rods already, to be read without being written.
+    /// The same for channels already assigned to rods, to be read without being written.
     pub(super) fn to_read(signals: Vec<(Signal, Wanted)>, asked: &Asked<'_>) -> Result<Self, ImportError> {
         let chosen = signals
             .iter()

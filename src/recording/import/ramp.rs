@@ -1,24 +1,24 @@
-//! Columns that rise evenly: stamps that nobody called so, or a count of the rows.
+//! Columns that rise evenly: stamps without a name, or a count of the rows.
 
 use super::{ImportError, Signal, Timing};
 use crate::recording::read::contents::rounded;
 
-/// Rows from which on a rise is no accident.
+/// Number of rows from which a rise is no accident.
 const ENOUGH: usize = 8;
-/// Numbers farther from a straight line than this share of a step do not rise evenly. Stamps of few digits lie off by up to
+/// Largest distance from a straight line of an even rise, in steps. Stamps of few digits lie off by up to
 /// their last digit, which is no more than a step, or they would repeat.
 const UNEVEN: f64 = 1.0;
-/// Two rates that differ by more than this share are not the same.
+/// Largest relative difference of two rates that count as equal.
 const RATE_ERROR: f64 = 1e-3;
 
 /// An even rise.
 pub(super) struct Ramp {
     step: f64,
-    /// How far the step may be off, as a share of it: stamps of few digits do not give it better.
+    /// Largest relative error of the step: stamps of few digits do not give it better.
     tolerance: f64,
 }
 
-/// The rise of a column, if it rises evenly.
+/// Rise of a column, if it rises evenly.
 pub(super) fn ramp(values: &[f64]) -> Option<Ramp> {
     let (first, last) = (*values.first()?, *values.last()?);
     let step = (last - first) / (values.len().checked_sub(1)? as f64);
@@ -34,12 +34,12 @@ pub(super) fn ramp(values: &[f64]) -> Option<Ramp> {
     })
 }
 
-/// Whether a channel without stamps rises evenly, as time does.
+/// True if a channel without stamps rises evenly, as time does.
 pub(super) fn is_ramp(signal: &Signal) -> bool {
     signal.timing == Timing::Unknown && ramp(&signal.values).is_some()
 }
 
-/// Refuses a rate that a column of the file contradicts. A count of the rows contradicts nothing.
+/// Returns an error if a column of the file contradicts the rate. A count of the rows contradicts nothing.
 pub(super) fn agree<'s>(
     signals: impl IntoIterator<Item = &'s Signal>,
     rate_hz: f64,

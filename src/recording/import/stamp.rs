@@ -4,7 +4,7 @@ use super::{ImportError, Stamps};
 use jiff::civil::DateTime;
 use jiff::tz::Offset;
 
-/// What the numbers of a time column count.
+/// Unit of the numbers of a time column.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum TimeUnit {
     /// Seconds.
@@ -17,7 +17,7 @@ pub enum TimeUnit {
     Ns,
 }
 
-/// How `03/04/2026` is meant.
+/// Order of day and month in dates such as `03/04/2026`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum DateOrder {
     /// The third of April.
@@ -30,14 +30,14 @@ pub enum DateOrder {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Written {
     pub(super) nanos: i64,
-    /// The step of its last digit \[ns\], at least 1.
+    /// Step of its last digit \[ns\], at least 1.
     pub(super) resolution_ns: i64,
-    /// Whether it is a date rather than a number.
+    /// True if it is a date rather than a number.
     pub(super) is_date: bool,
 }
 
 impl TimeUnit {
-    /// Powers of ten from this unit to nanoseconds.
+    /// Exponent of ten from this unit to nanoseconds.
     fn power(self) -> i32 {
         match self {
             Self::S => 9,
@@ -47,12 +47,12 @@ impl TimeUnit {
         }
     }
 
-    /// Nanoseconds in one.
+    /// Nanoseconds in one unit.
     pub(super) fn nanos(self) -> f64 {
         f64::from(10_u32.pow(self.power().unsigned_abs()))
     }
 
-    /// The unit a head names.
+    /// Unit that a head names.
     pub(super) fn of(text: &str) -> Option<Self> {
         match text.trim() {
             "s" | "sec" | "S" | "seconds" => Some(Self::S),
@@ -64,8 +64,8 @@ impl TimeUnit {
     }
 }
 
-/// A decimal number of `unit`, with or without exponent, rounded to the nanosecond; none if it is no number or
-/// beyond 292 years.
+/// Parses a decimal number of `unit`, with or without exponent, rounded to the nanosecond; `None` if it is no
+/// number or beyond 292 years.
 pub(super) fn number(text: &str, unit: TimeUnit) -> Option<Written> {
     let (text, negative) = match text.strip_prefix('-') {
         Some(rest) => (rest, true),
@@ -107,7 +107,8 @@ pub(super) fn number(text: &str, unit: TimeUnit) -> Option<Written> {
     })
 }
 
-/// A time of day or a duration: `06:00:00.005`, `5:07`, `125:00:00,5`. Nanoseconds since 0:00; none if it is none.
+/// Parses a time of day or a duration: `06:00:00.005`, `5:07`, `125:00:00,5`. Nanoseconds since 0:00; `None`
+/// if it is none.
 pub(super) fn clock(text: &str) -> Option<Written> {
     let (hours, rest) = text.split_once(':')?;
     let (minutes, seconds) = rest.split_once(':').unwrap_or((rest, "0"));
@@ -125,10 +126,10 @@ pub(super) fn clock(text: &str) -> Option<Written> {
     })
 }
 
-/// Numbers from here on count from 1970: 10^9 s, in September 2001.
+/// Least number that counts from 1970: 10^9 s, in September 2001.
 pub(super) const SINCE_2001: i64 = 1_000_000_000_000_000_000;
 
-/// The stamps in a variable or channel called `name`.
+/// Stamps in a variable or channel called `name`.
 pub(super) fn from_numbers(name: &str, values: &[f64], unit: TimeUnit) -> Result<Stamps, ImportError> {
     let in_nanos = |value: &f64| {
         let nanos = (value * unit.nanos()).round();
@@ -149,8 +150,9 @@ pub(super) fn from_numbers(name: &str, values: &[f64], unit: TimeUnit) -> Result
     })
 }
 
-/// A date with its time of day: `2026-03-01T06:00:00.005Z`, `2026-03-01 06:00`, `01.03.2026 06:00:00,005`, and with an
-/// `order` `01/03/2026 06:00:00`. Without an offset of its own it is `offset_s` ahead of UTC.
+/// Parses a date with its time of day: `2026-03-01T06:00:00.005Z`, `2026-03-01 06:00`,
+/// `01.03.2026 06:00:00,005`, and with an `order` `01/03/2026 06:00:00`. Without an offset of its own it is
+/// `offset_s` ahead of UTC.
 ///
 /// # Errors
 /// A sentence about it.
@@ -227,7 +229,7 @@ fn offset(clock: &str, default_s: i32) -> Option<(&str, i32)> {
     }
 }
 
-/// `+01:00`, `-0530` or `+1` in seconds ahead of UTC.
+/// Parses `+01:00`, `-0530` or `+1` to seconds ahead of UTC.
 ///
 /// # Errors
 /// It is none of these.

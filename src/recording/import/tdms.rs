@@ -1,11 +1,12 @@
 //! LabVIEW's binary measurements (`.tdms`): segments of metadata and raw data, each adding to the channels before.
 //!
-//! <https://www.ni.com/en/support/documentation/supplemental/07/tdms-file-format-internal-structure.html>. Ours, because of the crates
-//! there are one allocates what a length field says before a byte of it is there, another gives up where a recorder was switched off.
+//! <https://www.ni.com/en/support/documentation/supplemental/07/tdms-file-format-internal-structure.html>.
+//! Own code, since one existing crate allocates the size in a length field before reading a byte, and another
+//! fails where a recorder was switched off.
 //!
 //! * `metadata` the objects of a segment, their properties, and where their raw data lie
 //! * `data`     raw data to numbers
-//! * `channels` what was read of each object, as signals
+//! * `channels` objects to signals
 
 mod channels;
 mod data;
@@ -17,16 +18,16 @@ use data::{Left, Raw};
 use metadata::Objects;
 use std::io::Read;
 
-/// What a file holds.
+/// Content of a file.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Groups {
-    /// Its numeric channels.
+    /// Numeric channels.
     pub signals: Vec<Signal>,
-    /// What was left out, a sentence each.
+    /// Items left out, one sentence each.
     pub skipped: Vec<String>,
 }
 
-/// The most bytes of a segment's metadata.
+/// Most bytes of a segment's metadata.
 const METADATA: u64 = 1 << 24;
 
 /// Bits of a segment's table of contents.
@@ -37,7 +38,8 @@ const IS_INTERLEAVED: u32 = 1 << 5;
 const IS_BIG: u32 = 1 << 6;
 const HAS_DAQMX: u32 = 1 << 7;
 
-/// Reads every numeric channel. `time`: the channel with the stamps; none: one whose name says so, if `find_time`.
+/// Reads every numeric channel. `time`: the channel with the stamps; `None`: one named as a time, if
+/// `find_time`.
 ///
 /// # Errors
 /// It is no such file, damaged, cut short, or holds raw data of a kind that is not read.
@@ -110,12 +112,12 @@ const DAQMX: &str = "holds raw data of DAQmx, numbers of the hardware with a sca
 struct Segment {
     toc: u32,
     metadata: u64,
-    /// Bytes of raw data; none if the recorder did not finish the segment.
+    /// Size of the raw data \[bytes\]; `None` if the recorder did not finish the segment.
     raw: Option<u64>,
 }
 
 impl Segment {
-    /// The next one; none at the end of the file.
+    /// Reads the next one; `None` at the end of the file.
     fn read(from: &mut impl Read) -> Result<Option<Self>, String> {
         let bytes = take(from, 28).map_err(|error| error.to_string())?;
         if bytes.is_empty() {
@@ -157,7 +159,7 @@ impl Segment {
     }
 }
 
-/// So many bytes, fewer where the file ends.
+/// Reads `count` bytes, fewer where the file ends.
 fn take(from: &mut impl Read, count: u64) -> Result<Vec<u8>, ImportError> {
     let mut bytes = Vec::new();
     from.take(count)

@@ -8,16 +8,16 @@ use crate::analysis::signal::record::Timestamp;
 use std::io::{BufRead, Read};
 use std::sync::Arc;
 
-/// What a file holds.
+/// Content of a file.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Read58 {
-    /// Its time histories.
+    /// Time histories of the file.
     pub signals: Vec<Signal>,
-    /// What else it holds and was left out, a sentence each.
+    /// Items left out, one sentence each.
     pub skipped: Vec<String>,
 }
 
-/// Reads every time history of a file. Its dates have no offset and are taken as `utc_offset_s` ahead of UTC.
+/// Reads every time history of a file. Dates have no offset and are taken as `utc_offset_s` ahead of UTC.
 ///
 /// # Errors
 /// The first thing that is wrong, with its line.
@@ -89,7 +89,7 @@ fn at<R: BufRead>(lines: &Lines<R>, what: impl Into<String>) -> ImportError {
     ImportError::at(format_args!("line {}", lines.number()), what)
 }
 
-/// Passes the rest of a dataset, its closing delimiter included.
+/// Skips the rest of a dataset, its closing delimiter included.
 fn skip<R: BufRead>(lines: &mut Lines<R>) -> Result<(), ImportError> {
     while let Some(line) = lines.next_bytes()? {
         if line.trim_ascii() == b"-1" {
@@ -99,7 +99,7 @@ fn skip<R: BufRead>(lines: &mut Lines<R>) -> Result<(), ImportError> {
     Ok(())
 }
 
-/// The closing delimiter.
+/// Reads the closing delimiter.
 fn end<R: BufRead>(lines: &mut Lines<R>) -> Result<(), ImportError> {
     loop {
         let ended = match lines.next_text()? {
@@ -127,17 +127,17 @@ struct Header {
     id: String,
     date: String,
     function: i64,
-    /// 2: real single, 4: real double, others complex.
+    /// Type of the ordinate; 2: real single, 4: real double, others complex.
     ordinate: i64,
     points: usize,
     even: bool,
     first_s: f64,
     step_s: f64,
-    /// Half a digit of the step as it is written, as a share of it.
+    /// Half the last digit of the step as written, as a share of it.
     rounding: f64,
-    /// 17: time.
+    /// Type of the abscissa; 17: time.
     abscissa: i64,
-    /// The unit of the time, if it is not the second.
+    /// Unit of the time, if it is not the second.
     odd_time: Option<String>,
     unit: Option<String>,
 }
@@ -200,7 +200,7 @@ impl Header {
         })
     }
 
-    /// What it is if it is no time history of ours.
+    /// Kind of a dataset that is not a supported time history.
     fn foreign(&self) -> Option<String> {
         // Type 0 says nothing: the abscissa then decides.
         let is_time = self.function == 1 || (self.function == 0 && self.abscissa == 17);
@@ -222,7 +222,7 @@ impl Header {
         (self.ordinate != 2 && self.ordinate != 4).then(|| "complex".to_owned())
     }
 
-    /// The numbers of a text block: 13 or 20 columns each, as the format says, if they are not set apart by blanks.
+    /// Numbers of a text block: 13 or 20 columns each by the format, unless separated by blanks.
     fn numbers<R: BufRead>(&self, lines: &mut Lines<R>) -> Result<Vec<f64>, ImportError> {
         let wanted = self.points * if self.even { 1 } else { 2 };
         let widths: &[usize] = match (self.ordinate, self.even) {
@@ -312,7 +312,7 @@ impl Header {
     }
 }
 
-/// The unit in the record of an axis.
+/// Unit in the record of an axis.
 fn label(record: &str) -> Option<String> {
     some(&record.chars().skip(47).take(20).collect::<String>())
 }
@@ -340,7 +340,7 @@ fn columns(line: &str, widths: &[usize]) -> Option<Vec<f64>> {
     Some(numbers)
 }
 
-/// `16-Aug-26 14:03:12` as point in time; none for anything else, since the record is free text for many programs.
+/// Parses `16-Aug-26 14:03:12`; `None` for anything else, since the record is free text for many programs.
 fn date(text: &str, utc_offset_s: i32) -> Option<Timestamp> {
     const MONTHS: [&str; 12] = [
         "jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec",
@@ -365,14 +365,14 @@ fn date(text: &str, utc_offset_s: i32) -> Option<Timestamp> {
     Some(Timestamp::from_nanos(written.nanos))
 }
 
-/// The block of a 58b dataset.
+/// Block of a 58b dataset.
 struct Binary {
     is_little: bool,
     bytes: u64,
 }
 
 impl Binary {
-    /// From the dataset's first line: byte order, float format, lines of header, bytes.
+    /// Parses the dataset's first line: byte order, float format, lines of header, bytes.
     fn parse(line: &str, header: &Header) -> Result<Self, String> {
         let mut fields = line
             .split_whitespace()

@@ -1,14 +1,14 @@
-//! WAV files: whole numbers of 8 to 32 bits, floats of 32 and 64 bits, full scale given by who knows the recorder.
+//! WAV files: whole numbers of 8 to 32 bits, floats of 32 and 64 bits, with the full scale given by the user.
 
 use super::numbers::Kind;
 use super::{ImportError, MOST_VALUES, Signal, Timing};
 use std::io::Read;
 
-/// Bytes taken at once; whole numbers of every size fit.
+/// Number of bytes read at once; a multiple of every integer's size.
 const BLOCK: usize = 3 << 14;
-/// The longest format chunk read \[bytes\]; the longest there is has 40.
+/// The longest format chunk read \[bytes\]; the longest in use has 40.
 const LONGEST: u32 = 1 << 12;
-/// The most channels.
+/// Most channels.
 const CHANNELS: usize = 1024;
 
 /// Reads every channel; the value of a sample is its share of full scale times `full_scale`.
@@ -109,15 +109,15 @@ fn pass(from: &mut impl Read, count: u64) -> Result<(), ImportError> {
     }
 }
 
-/// What the format chunk says.
+/// Content of the format chunk.
 #[derive(Debug, Clone, Copy)]
 struct Format {
     channels: usize,
     rate_hz: u32,
     kind: Kind,
-    /// The number that stands for zero; bytes are counted from below.
+    /// Stored number for zero; 8-bit samples are unsigned.
     middle: f64,
-    /// The number that stands for full scale.
+    /// Stored number for full scale.
     most: f64,
 }
 

@@ -1,11 +1,11 @@
-//! A plan to MCAP.
+//! Writes a plan to MCAP.
 
 use super::order::Order;
 use super::plan::Plan;
 use crate::recording::write::{ChannelSpec, Precision, RecordingWriter, SinkError};
 use std::io::{Seek, Write};
 
-/// Writes every sample as the plan has it, bit for bit; the number of messages.
+/// Writes every sample of the plan, bit for bit; returns the number of messages.
 ///
 /// # Errors
 /// As of the writer; a time before 1970.

@@ -1,10 +1,10 @@
-//! What stays open when a part of a journal was read to its end: samples that are no record yet.
+//! State that remains open after a part of a journal was read to its end: samples not yet in a record.
 
 use super::route::Router;
 use crate::analysis::signal::record::{Assembler, RecordSettings, RodChannels, RodId};
 use serde::{Deserialize, Serialize};
 
-/// Raised whenever what an assembler holds changes its meaning.
+/// Version of the encoding, raised whenever the content of an assembler changes its meaning.
 const VERSION: u32 = 4;
 
 #[derive(Serialize, Deserialize)]
@@ -18,19 +18,19 @@ struct Saved {
 #[derive(Serialize, Deserialize)]
 struct SavedRod {
     rod: RodId,
-    /// The channels and settings its samples were cut with.
+    /// Channels and settings with which its samples were cut.
     cut_by: String,
     messages: u64,
     fed_by: [Option<String>; 2],
     assembler: Vec<u8>,
 }
 
-/// Which channels and settings a rod's samples are cut with, as a text to compare.
+/// Channels and settings with which a rod's samples are cut, as a text to compare.
 fn cut_by(channels: &RodChannels, settings: &RecordSettings) -> String {
     serde_json::to_string(&(channels, settings)).unwrap_or_default()
 }
 
-/// Encodes what a router holds; its events were taken before.
+/// Encodes the state of a router whose events were taken.
 pub(super) fn encode(router: &Router, settings: &RecordSettings) -> Result<Vec<u8>, postcard::Error> {
     let rods = router.rods.iter().enumerate().map(|(at, rod)| {
         Ok(SavedRod {
@@ -49,7 +49,7 @@ pub(super) fn encode(router: &Router, settings: &RecordSettings) -> Result<Vec<u
     })
 }
 
-/// A router that goes on from what was encoded, and a sentence for everything that had to be left behind.
+/// Restores a router from its encoded state, with a sentence for everything that could not be restored.
 pub(super) fn decode(
     body: &[u8],
     channels: &[RodChannels],

@@ -14,7 +14,7 @@ use re_cdr::{BigEndian, CdrReader, LittleEndian};
 use re_ros_msg::message_spec::BuiltInType;
 use walk::{Taken, malformed, walk};
 
-/// How to walk a message.
+/// Operations to walk a message.
 #[derive(Debug)]
 pub struct CdrPlan {
     ops: Vec<Op>,
@@ -37,11 +37,11 @@ enum Primitive {
     F64,
 }
 
-/// What is done with a number or a text on the way.
+/// Use of a number or a text met on the way.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Use {
     Value,
-    /// Time in nanoseconds if an integer, in seconds if a float.
+    /// Time: nanoseconds if an integer, seconds if a float.
     Stamp,
     Seconds,
     Nanos,
@@ -51,7 +51,7 @@ enum Use {
 enum Op {
     Skip(Primitive),
     Take(Primitive, Use),
-    /// An array of numbers; its length stands in the message if `None`.
+    /// An array of numbers; `None`: its length is in the message.
     SkipArray(Primitive, Option<usize>),
     TakeArray(Primitive, Option<usize>),
     TakeElement(Primitive, Option<usize>, usize, Use),
@@ -107,7 +107,7 @@ impl CdrPlan {
         })
     }
 
-    /// About what it takes in memory \[bytes\].
+    /// Approximate size in memory \[bytes\].
     pub(super) fn bytes(&self) -> usize {
         fn of(ops: &[Op]) -> usize {
             let inner = |op: &Op| match op {

@@ -1,4 +1,4 @@
-//! One chunk of an MCAP file: decompressed into a bounded buffer and checked before it is believed.
+//! One chunk of an MCAP file: decompressed into a bounded buffer and checked before use.
 
 use super::wire::Fields;
 use std::io::Read;
@@ -6,7 +6,7 @@ use std::io::Read;
 /// Largest uncompressed chunk accepted \[bytes\]; recorders write about one MiB.
 pub const MAX_CHUNK: u64 = 32 << 20;
 
-/// A buffer larger than this is given back after its chunk \[bytes\]: of many files at once few hold much.
+/// Largest buffer kept after its chunk \[bytes\], so that many files at once take little memory.
 const KEPT: usize = 4 << 20;
 
 /// Decompresses chunks, one at a time, into the same buffer.
@@ -16,16 +16,16 @@ pub struct ChunkReader {
     zstd: Option<zstd::bulk::Decompressor<'static>>,
 }
 
-/// Why a chunk is not believed.
+/// Reason why a chunk is refused.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum BadChunk {
-    /// It is not built as a chunk, or beyond the limits: where the next record begins is doubtful too.
+    /// Malformed or beyond the limits: the place of the next record is doubtful too.
     Broken(String),
-    /// It begins and ends where it says, but its content is not what was written.
+    /// Correct length, but its content is damaged.
     Spoilt {
-        /// What is wrong.
+        /// Description of the fault.
         what: String,
-        /// Log times of its first and last message, by its head \[ns since 1970\].
+        /// Log times of its first and last message, by its header \[ns since 1970\].
         from: u64,
         to: u64,
     },
@@ -38,8 +38,8 @@ impl From<&str> for BadChunk {
 }
 
 impl ChunkReader {
-    /// Decompresses and checks a chunk record of at most `most` bytes uncompressed; whether it has a checksum (which is
-    /// right then).
+    /// Decompresses and checks a chunk record of at most `most` bytes uncompressed; returns true if it has a
+    /// (correct) checksum.
     pub fn read(&mut self, record: &[u8], most: u64) -> Result<bool, BadChunk> {
         let mut fields = Fields(record);
         let (from, to) = (fields.u64()?, fields.u64()?);
@@ -63,12 +63,12 @@ impl ChunkReader {
             })
     }
 
-    /// The records of the chunk that was read last, one after another.
+    /// Records of the chunk that was read last, one after another.
     pub fn records(&self) -> &[u8] {
         &self.records
     }
 
-    /// Gives the buffer back if it is large, or without `keep` whatever its size.
+    /// Frees the buffer if it is large, or without `keep` whatever its size.
     pub fn release(&mut self, keep: bool) {
         if keep && self.records.capacity() <= KEPT {
             self.records.clear();
@@ -77,7 +77,7 @@ impl ChunkReader {
         }
     }
 
-    /// Bytes of the buffer.
+    /// Size of the buffer \[bytes\].
     pub fn held(&self) -> usize {
         self.records.capacity()
     }

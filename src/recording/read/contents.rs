@@ -1,4 +1,4 @@
-//! What channels a recording has and how they would be read, for who writes a configuration.
+//! Channels of a recording with the way to read them, as a basis for a configuration.
 
 use super::decode::{Decoder, SchemaRef};
 use super::mcap::{Item, Progress, Reader};
@@ -8,13 +8,13 @@ use std::io;
 use std::path::Path;
 use std::sync::Arc;
 
-/// Messages looked at of each channel.
+/// Messages examined per channel.
 const ENOUGH: usize = 200;
-/// Messages after which no more are read.
+/// Most messages read.
 const MOST: u64 = 200_000;
-/// Message definitions looked at.
+/// Most message definitions examined.
 const MOST_DEFINITIONS: usize = 256;
-/// Fields that hold samples in recordings of ours and in the usual message types.
+/// Fields that hold samples in our recordings and in the usual message types.
 const FIELDS: [&str; 4] = ["value", "values", "data", "displacement"];
 
 /// A rate with the seven digits a person reads.
@@ -25,26 +25,26 @@ pub fn rounded(fs_hz: f64) -> f64 {
 /// A channel of a recording.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Content {
-    /// Its topic.
+    /// Topic.
     pub topic: String,
-    /// The field that holds its samples; if none was found, what stands in the messages instead.
+    /// Field that holds its samples; if none was found, a description of the messages.
     pub field: Result<String, String>,
-    /// The unit it says it has.
+    /// Unit, if the channel gives it.
     pub unit: Option<Unit>,
-    /// Its sample rate, for arrays, which need it said \[Hz\].
+    /// Sample rate of arrays \[Hz\], which need one.
     pub array_fs_hz: Option<f64>,
 }
 
-/// What may read the messages of a definition.
+/// Decoders that may read the messages of a definition.
 #[derive(Default, Clone)]
 struct Readers {
-    /// The fields that may hold the samples, with what reads them.
+    /// Fields that may hold the samples, with their decoders.
     decoders: Vec<(&'static str, Arc<Decoder>)>,
     rate: Option<Arc<Decoder>>,
     fault: String,
 }
 
-/// A channel while it is looked at.
+/// State of a channel during the examination.
 #[derive(Default)]
 struct Looked {
     topic: String,
@@ -104,7 +104,7 @@ pub fn contents(path: &Path) -> io::Result<Vec<Content>> {
 }
 
 impl Readers {
-    /// Behind `count` definitions that were looked at before.
+    /// Readers of a definition; `count` were examined before.
     fn new(encoding: &str, schema: Option<SchemaRef<'_>>, count: usize) -> Self {
         let mut readers = Self::default();
         if count >= MOST_DEFINITIONS {
@@ -174,7 +174,7 @@ impl Looked {
         }
     }
 
-    /// Samples a second by the stamps \[Hz\].
+    /// Sample rate by the stamps \[Hz\].
     fn measured_fs_hz(&self) -> Option<f64> {
         let (first, last) = (*self.stamps.first()?, *self.stamps.last()?);
         let before_last: usize = self.samples.iter().rev().skip(1).sum();

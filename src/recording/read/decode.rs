@@ -1,4 +1,4 @@
-//! Messages to samples: one plan a channel, compiled from the encoding, its schema and the paths.
+//! Decodes messages to samples: one plan per channel, compiled from the encoding, its schema and the paths.
 
 use super::cdr::CdrPlan;
 use super::json::JsonPlan;
@@ -7,26 +7,26 @@ use super::protobuf::ProtobufPlan;
 use crate::analysis::signal::record::TimeSource;
 use thiserror::Error;
 
-/// Why a message, or a whole channel, gives no samples.
+/// Reason why a message, or a whole channel, gives no samples.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
 pub enum DecodeError {
-    /// The message is not what its encoding says.
+    /// The message does not follow its encoding.
     #[error("{0}")]
     Malformed(String),
     /// The path leads nowhere.
     #[error("no field `{path}`; there is: {has}")]
     Missing {
-        /// The path.
+        /// Path as configured.
         path: String,
-        /// What stands where the path ends.
+        /// Content where the path ends.
         has: String,
     },
     /// The path leads to something that is not a number.
     #[error("field `{path}` is {found}, not a number or an array of numbers")]
     Type {
-        /// The path.
+        /// Path as configured.
         path: String,
-        /// What it is.
+        /// Type found.
         found: &'static str,
     },
     /// The time cannot be read.
@@ -35,51 +35,51 @@ pub enum DecodeError {
          between 1677 and 2262)"
     )]
     Time {
-        /// The path.
+        /// Path as configured.
         path: String,
     },
-    /// A stamp beside the message that no clock shows.
+    /// The stamp beside the message is no possible time.
     #[error("time {nanos} ns since 1970 is beyond the year 2262")]
     Stamp {
-        /// As stamped.
+        /// Stamp as given \[ns\].
         nanos: u64,
     },
     /// An array of samples without their rate.
     #[error("field `{path}` is an array: its sample rate is needed (`fs_hz`)")]
     Rate {
-        /// The path.
+        /// Path as configured.
         path: String,
     },
-    /// More bytes than a message is read with.
+    /// The message has more bytes than allowed.
     #[error("a message of {bytes} bytes, at most {MAX_MESSAGE} are read: send its samples in several")]
     TooLarge {
-        /// Its length.
+        /// Length of the message \[bytes\].
         bytes: usize,
     },
-    /// More samples than a message is read with.
+    /// The message has more samples than allowed.
     #[error("more than {MAX_VALUES} samples in one message: send them in several")]
     TooMany,
-    /// Nobody knows whose samples they are.
+    /// Several channels share the topic at once, so that the rod's channel is ambiguous.
     #[error(
         "channels {channels} have this topic at once, and nothing says which is the rod's; give each sensor a topic of its own"
     )]
     SharedTopic {
-        /// The channels' ids.
+        /// Ids of the channels, for people.
         channels: String,
     },
     /// The schema cannot be used.
     #[error("{0}")]
     Schema(String),
-    /// The encoding is not one of ours.
+    /// The encoding is not supported.
     #[error("message encoding `{0}` cannot be read; json, protobuf and cdr (ROS 2) can")]
     Encoding(String),
-    /// The path is none.
+    /// The path is malformed.
     #[error(transparent)]
     Path(#[from] PathError),
 }
 
 impl DecodeError {
-    /// A path that leads nowhere, and what is there instead (shortened).
+    /// Error for a path that leads nowhere, with what is there instead (shortened).
     pub(super) fn missing(path: &FieldPath, mut has: Vec<String>) -> Self {
         const SHOWN: usize = 12;
         if has.len() > SHOWN {
@@ -104,7 +104,7 @@ pub const MAX_MESSAGE: usize = 16 << 20;
 /// Most samples of one message: as many doubles as the largest message over a socket holds.
 pub const MAX_VALUES: usize = 1 << 20;
 
-/// The time of a message.
+/// Time of a message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Time {
     /// Not in the message: the stamps beside it count.
@@ -113,34 +113,34 @@ pub enum Time {
     Nanos(i64),
 }
 
-/// What a message held besides its samples.
+/// Properties of a message besides its samples.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Decoded {
-    /// Whether the field is an array.
+    /// True if the field is an array.
     pub array: bool,
-    /// Its time.
+    /// Time of the message.
     pub time: Time,
 }
 
-/// A schema as it stands in the file.
+/// A schema as in the file.
 #[derive(Debug, Clone, Copy)]
 pub struct SchemaRef<'a> {
-    /// Its name.
+    /// Name of the schema.
     pub name: &'a str,
-    /// Its encoding.
+    /// Encoding of the schema.
     pub encoding: &'a str,
-    /// Its text or bytes.
+    /// Text or bytes of the schema.
     pub data: &'a [u8],
 }
 
 impl SchemaRef<'_> {
-    /// Its name, encoding and content.
+    /// Name, encoding and content, owned.
     pub fn owned(&self) -> (String, String, Vec<u8>) {
         (self.name.to_owned(), self.encoding.to_owned(), self.data.to_vec())
     }
 }
 
-/// How one field of one channel's messages is read.
+/// Decoder of one field of one channel's messages.
 #[derive(Debug)]
 pub enum Decoder {
     /// JSON.
@@ -203,7 +203,7 @@ impl Decoder {
         }
     }
 
-    /// Appends the samples in `message` to `out`. On an error, what was appended is meaningless.
+    /// Appends the samples in `message` to `out`. On an error, the appended samples are meaningless.
     pub fn decode(&self, message: &[u8], out: &mut Vec<f64>) -> Result<Decoded, DecodeError> {
         if message.len() > MAX_MESSAGE {
             return Err(DecodeError::TooLarge { bytes: message.len() });
@@ -215,7 +215,7 @@ impl Decoder {
         }
     }
 
-    /// About what the plan takes in memory \[bytes\].
+    /// Approximate size of the plan in memory \[bytes\].
     pub(super) fn bytes(&self) -> usize {
         match self {
             Self::Json(_) => size_of::<JsonPlan>(),

@@ -1,4 +1,4 @@
-//! Paths as given on the command line to the recordings they mean, in the order of their data.
+//! Expands paths of the command line to recordings, in the order of their data.
 
 use super::SourceError;
 use super::wire::Fields;
@@ -8,8 +8,8 @@ use std::io::{BufReader, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
 /// Expands folders to their `*.mcap` files (regular files only, not below) and puts all recordings in the
-/// order of their first message; files without one come last, by name. Before them stand the paths that
-/// lead to no recording, each with its reason: the others are still worth reading.
+/// order of their first message; files without one come last, by name. Paths without a recording come
+/// first, each with its reason: the others are still read.
 pub fn recordings(paths: &[PathBuf]) -> Vec<Result<PathBuf, SourceError>> {
     let mut found = Vec::new();
     let mut failed = Vec::new();
@@ -29,7 +29,7 @@ pub fn recordings(paths: &[PathBuf]) -> Vec<Result<PathBuf, SourceError>> {
     failed
 }
 
-/// The recordings of one path: itself, or a folder's.
+/// Recordings of one path: itself, or those of a folder.
 fn expand(path: &Path) -> Result<Vec<PathBuf>, SourceError> {
     let failed = |source| SourceError::Io {
         path: path.display().to_string(),
@@ -58,7 +58,7 @@ fn expand(path: &Path) -> Result<Vec<PathBuf>, SourceError> {
     Ok(files)
 }
 
-/// Records looked at for the first message.
+/// Number of records examined for the first message.
 const LOOKED_AT: usize = 1000;
 
 pub(super) fn first_time_at(path: &Path) -> Option<u64> {
@@ -68,19 +68,19 @@ pub(super) fn first_time_at(path: &Path) -> Option<u64> {
     first_time(&File::open(path).ok()?)
 }
 
-/// When a finished file's messages are, and on which topics.
+/// Time span and topics of a finished file's messages.
 pub(super) struct Span {
     /// Earliest and latest log time \[ns since 1970\].
     pub from: u64,
     pub to: u64,
-    /// Topics with messages.
+    /// Topics that have messages.
     pub topics: BTreeSet<String>,
 }
 
 /// Longest summary that is read \[bytes\].
 const MAX_SUMMARY: u64 = 16 << 20;
 
-/// What the summary at the end of a finished file says; `None` without one.
+/// Span by the summary at the end of a finished file; `None` without one.
 pub(super) fn span_at(path: &Path) -> Option<Span> {
     if !fs::metadata(path).ok()?.is_file() {
         return None;
@@ -104,7 +104,7 @@ pub(super) fn span_at(path: &Path) -> Option<Span> {
     span_of(&summary).ok()?
 }
 
-/// Channels and statistics among the records of a summary.
+/// Span by the channels and statistics among the records of a summary.
 fn span_of(summary: &[u8]) -> Result<Option<Span>, &'static str> {
     let (mut channels, mut times, mut used) = (Vec::new(), None, BTreeSet::new());
     let mut records = Fields(summary);

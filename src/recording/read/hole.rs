@@ -1,21 +1,21 @@
-//! Holes of a recording: what was lost between two places that can be believed.
+//! Holes of a recording: data lost between two intact places.
 
 use crate::analysis::signal::record::Timestamp;
 use std::collections::BTreeSet;
 
-/// Topics named in a sentence.
+/// Most topics named in a sentence.
 const NAMED: usize = 8;
 
-/// Something lost in the middle of a file.
+/// Data lost in the middle of a file.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Hole {
-    /// Where it begins in the file \[bytes\].
+    /// Begin in the file \[bytes\].
     pub offset: u64,
-    /// What is wrong there.
+    /// Description of the fault.
     pub what: String,
-    /// Log times of the first and the last message that were lost, if that is known.
+    /// Log times of the first and the last message lost, if known.
     pub span: Option<(Timestamp, Timestamp)>,
-    /// The channels that lost messages; empty: nobody knows which.
+    /// Channels that lost messages; empty: unknown.
     pub channels: BTreeSet<u16>,
 }
 
@@ -34,17 +34,17 @@ impl Hole {
         }
     }
 
-    /// The time of the first message that was lost.
+    /// Time of the first message lost.
     pub fn start(&self) -> Option<Timestamp> {
         self.span.map(|(from, _)| from)
     }
 
-    /// From the first lost message to the last \[s\]; 0 if that is not known.
+    /// Time from the first lost message to the last \[s\]; 0 if unknown.
     pub fn duration_s(&self) -> f64 {
         self.span.map_or(0.0, |(from, to)| to.seconds_since(from))
     }
 
-    /// One clause that says where, why, when and of which topics.
+    /// One clause with place, fault, time and topics.
     pub fn sentence<'a>(&self, topics: impl ExactSizeIterator<Item = &'a str>) -> String {
         let Self { offset, what, .. } = self;
         let when = match &self.span {

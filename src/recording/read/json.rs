@@ -7,15 +7,15 @@ use super::decode::{DecodeError, Decoded, MAX_VALUES, Time};
 use super::path::{FieldPath, Found, Step, into_field, into_item};
 use super::stamp;
 
-/// Nesting that is followed; deeper messages are refused, so that no message can exhaust the stack.
+/// Deepest nesting accepted, so that no message can exhaust the stack.
 const MAX_DEPTH: usize = 128;
 
-/// Longest message of which is said what stands in it, and longest time made of parts \[bytes\]: both are built as values,
-/// which take many times their text.
+/// Longest message whose content is shown in errors, and longest time made of parts \[bytes\]: both are built
+/// as values, which take many times their text.
 const MAX_SHOWN: usize = 64 << 10;
 const MAX_TIME: usize = 1 << 10;
 
-/// Where the value and its time stand.
+/// Paths of the value and its time.
 #[derive(Debug, Clone)]
 pub struct JsonPlan {
     value: FieldPath,
@@ -71,7 +71,7 @@ fn malformed(what: &'static str, at: usize) -> DecodeError {
     DecodeError::Malformed(format!("not JSON: {what} at byte {at}"))
 }
 
-/// Says where a path ends and what is there instead. Slow, for errors only.
+/// Error with the place where a path ends and what is there instead. Slow, for errors only.
 fn missing(path: &FieldPath, text: &str) -> DecodeError {
     let mut has = Vec::new();
     if text.len() > MAX_SHOWN {
@@ -109,7 +109,7 @@ struct Scan<'a, 'o> {
     bytes: &'a [u8],
     at: usize,
     out: &'o mut Vec<f64>,
-    /// Set when the value was found: whether it is an array.
+    /// Set when the value was found: true if it is an array.
     array: Option<bool>,
     time: Option<i64>,
 }
@@ -141,7 +141,7 @@ impl<'a> Scan<'a, '_> {
         }
     }
 
-    /// One value; `value` and `time` are what is left of the two paths if they lead here.
+    /// Reads one value; `value` and `time` are the remainders of the two paths if they lead here.
     fn value(&mut self, value: Found<'_>, time: Found<'_>, depth: usize) -> Result<(), Fault> {
         if depth > MAX_DEPTH {
             return self.fault("nested too deep");
@@ -224,7 +224,7 @@ impl<'a> Scan<'a, '_> {
         Ok(())
     }
 
-    /// The value: a number, `null`, or an array of them.
+    /// Reads the value: a number, `null`, or an array of them.
     fn samples(&mut self) -> Result<(), Fault> {
         if self.peek() != b'[' {
             self.array = Some(false);
@@ -310,7 +310,7 @@ impl<'a> Scan<'a, '_> {
         }
     }
 
-    /// A string, without its quotes, escapes as they stand.
+    /// Reads a string, without its quotes, escapes unchanged.
     #[inline]
     fn string(&mut self) -> Result<&'a str, Fault> {
         if self.peek() != b'"' {
@@ -348,7 +348,7 @@ impl<'a> Scan<'a, '_> {
         Ok(())
     }
 
-    /// A number as JSON spells it: `-?(0|[1-9][0-9]*)(.[0-9]+)?([eE][+-]?[0-9]+)?`.
+    /// Reads a JSON number: `-?(0|[1-9][0-9]*)(.[0-9]+)?([eE][+-]?[0-9]+)?`.
     #[inline]
     fn number(&mut self) -> Result<Number, Fault> {
         let start = self.at;
@@ -399,7 +399,7 @@ impl<'a> Scan<'a, '_> {
         })
     }
 
-    /// Appends the digits here to a number, wrapping.
+    /// Appends the next digits to a number, wrapping.
     #[inline]
     fn digits(&mut self, number: &mut u64) {
         loop {
@@ -413,7 +413,7 @@ impl<'a> Scan<'a, '_> {
     }
 }
 
-/// What is left of a path behind a key as it stands in the message, escapes and all.
+/// Remainder of a path behind a key as written in the message, escapes included.
 #[inline]
 fn into<'p>(path: Found<'p>, key: &str) -> Found<'p> {
     if path.is_some() && key.contains('\\') {
@@ -423,8 +423,8 @@ fn into<'p>(path: Found<'p>, key: &str) -> Found<'p> {
     into_field(path, key)
 }
 
-/// A number of the common kind, `-?digits.digits` with at most 15 of them, and where it ends; `None` for
-/// any other, and for what is none.
+/// Reads a number of the common form `-?digits.digits` with at most 15 digits, and its end; `None` for any
+/// other text.
 #[inline(always)]
 fn plain(bytes: &[u8], start: usize) -> Option<(f64, usize)> {
     let rest = bytes.get(start..)?;
@@ -450,7 +450,7 @@ fn plain(bytes: &[u8], start: usize) -> Option<(f64, usize)> {
     ))
 }
 
-/// Appends the digits at the start to a number, wrapping; how many there are.
+/// Appends the digits at the start to a number, wrapping; returns their number.
 #[inline(always)]
 fn digits(bytes: &[u8], number: &mut u64) -> usize {
     let mut count = 0;
@@ -591,14 +591,14 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig { failure_persistence: None, cases: 2000, ..Default::default() })]
 
-        /// The standard library reads every number the same, to the bit.
+        /// The standard library reads every number to the same bits.
         #[test]
         fn numbers_are_rounded_correctly(text in "-?(0|[1-9][0-9]{0,20})(\\.[0-9]{1,22})?([eE][+-]?[0-9]{1,3})?") {
             let out = decode(&format!("{{\"v\":{text}}}"), "v", None).unwrap().0;
             prop_assert_eq!(out[0].to_bits(), text.parse::<f64>().unwrap().to_bits());
         }
 
-        /// serde_json agrees on what is JSON, for any damage to a message.
+        /// serde_json accepts the same texts, for any damage to a message.
         #[test]
         fn agrees_with_serde_json(at in 0usize..60, byte in 0u8..128, cut in 0usize..80) {
             let mut message = br#"{"v":[1.5,-2e3,null],"w":{"x":"a\n\u00e9","y":[true,false]},"z":0}"#.to_vec();

@@ -1,10 +1,10 @@
-//! Reads MCAP strictly: what is handed out was checked, or is known to be unchecked.
+//! Reads MCAP strictly: everything handed out was checked, or is marked as unchecked.
 //!
 //! The framing is the `mcap` crate's reader; chunks are decompressed and checked here before anything
 //! in them is handed out. Besides broken framing and wrong checksums, these are refused: a message
 //! before its channel, a channel or schema that changes under its id, names that are not UTF-8,
-//! a chunk in a chunk, messages behind the data section, and sizes beyond any recorder's. A chunk that begins and ends where
-//! it says, but holds other bytes than were written, is a hole: it is told, and reading goes on behind it.
+//! a chunk in a chunk, messages after the data section, and sizes beyond any recorder's. A chunk of correct
+//! length with damaged content is a hole: it is reported, and reading continues after it.
 
 use super::chunk::{BadChunk, ChunkReader, MAX_CHUNK};
 use super::decode::SchemaRef;
@@ -23,7 +23,7 @@ use std::path::Path;
 /// Largest record accepted, compressed chunks included \[bytes\].
 pub const MAX_RECORD: usize = 16 << 20;
 
-/// Largest uncompressed chunk accepted from a socket \[bytes\]: the largest message, and what describes it.
+/// Largest uncompressed chunk accepted from a socket \[bytes\]: the largest message with its definitions.
 pub const MAX_LIVE_CHUNK: u64 = 12 << 20;
 
 /// Most bytes of schemas and channels held.
@@ -32,22 +32,22 @@ const MAX_HELD: usize = 16 << 20;
 /// Most bytes of schemas and channels held of a socket's stream.
 const MAX_LIVE_HELD: usize = 4 << 20;
 
-/// Bytes of a chunk's records handed out in one step: what comes of them is taken before more follow.
+/// Bytes of a chunk's records handed out in one step: their results are taken before more follow.
 const HANDED_OUT: usize = 256 << 10;
 
-/// Most holes of a file; one with more is not worth reading on.
+/// Most holes of a file; reading stops beyond.
 const MOST_HOLES: usize = 100;
 
-/// Where and why a file cannot be believed any further.
+/// Place and kind of damage after which a file cannot be read any further.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Damage {
     /// Position in the file \[bytes\].
     pub offset: u64,
-    /// What is wrong there.
+    /// Description of the fault.
     pub what: String,
 }
 
-/// What one step brought.
+/// Result of one step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Progress {
     /// There may be more.
@@ -63,9 +63,9 @@ pub enum Progress {
 /// A channel as the file describes it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ChannelInfo {
-    /// The topic.
+    /// MCAP topic.
     pub topic: String,
-    /// The message encoding.
+    /// Message encoding, by the MCAP registry.
     pub encoding: String,
     /// The id of its schema, 0 for none; its content does not change within a file.
     pub schema: u16,
@@ -79,29 +79,29 @@ struct Schema {
     data: Vec<u8>,
 }
 
-/// What is handed out.
+/// Item read from a file.
 #[derive(Debug)]
 pub enum Item<'a> {
     /// A channel, before its first message.
     Channel(u16, &'a ChannelInfo, Option<SchemaRef<'a>>),
     /// A message.
     Message(Message<'a>),
-    /// What follows could not be checked.
+    /// The following data could not be checked.
     Unverified,
-    /// Something is lost here; what follows can be believed as what came before.
+    /// Data are lost here; what follows is as reliable as what came before.
     Hole(&'a Hole),
 }
 
-/// A message.
+/// A message with its channel and times.
 #[derive(Debug, Clone, Copy)]
 pub struct Message<'a> {
-    /// Its channel's id.
+    /// Id of its channel.
     pub channel: u16,
-    /// When it was recorded \[ns since 1970\].
+    /// Time of recording \[ns since 1970\].
     pub log_time: u64,
-    /// When it was sent \[ns since 1970\].
+    /// Time of sending \[ns since 1970\].
     pub publish_time: u64,
-    /// Its content.
+    /// Content of the message.
     pub data: &'a [u8],
 }
 
@@ -110,9 +110,9 @@ pub struct Reader<R> {
     input: R,
     framing: LinearReader,
     contents: Contents,
-    /// Whether the input may grow.
+    /// True if the input may grow.
     live: bool,
-    /// Least bytes asked of the input at once.
+    /// Fewest bytes requested of the input at once.
     ahead: usize,
     bytes_read: u64,
 }
@@ -120,22 +120,22 @@ pub struct Reader<R> {
 struct Contents {
     trust: Trust,
     chunk: ChunkReader,
-    /// A chunk that is not handed out to its end.
+    /// A chunk not yet handed out to its end.
     under_way: Option<UnderWay>,
-    /// Whether a spoilt chunk is passed over.
+    /// True if a damaged chunk is skipped.
     passes_holes: bool,
-    /// A hole that is not told yet: indices behind it may say whose it is.
+    /// A hole not reported yet: the indices after it may name its channels.
     hole: Option<Hole>,
     holes: usize,
     schemas: HashMap<u16, Schema>,
     channels: HashMap<u16, ChannelInfo>,
-    /// Which channel ids are known; asked for every message.
+    /// Known channel ids, looked up for every message.
     known: Vec<bool>,
     offset: u64,
     previous: u8,
     data_ended: bool,
     messages: u64,
-    /// Messages by the file's own count.
+    /// Number of messages by the file's own count.
     counted: Option<u64>,
     unverified: bool,
     /// Bytes of schemas and channels held.
@@ -144,12 +144,12 @@ struct Contents {
     max_chunk: u64,
 }
 
-/// How far a chunk was handed out.
+/// Position in a chunk.
 #[derive(Clone, Copy)]
 struct UnderWay {
-    /// Where in its records the next one begins.
+    /// Begin of the next of its records \[bytes\].
     at: usize,
-    /// Bytes the chunk takes in the file.
+    /// Size of the chunk in the file \[bytes\].
     bytes: u64,
 }
 
@@ -170,14 +170,14 @@ impl Reader<File> {
 }
 
 impl ChannelInfo {
-    /// What the channel's metadata say under `key`.
+    /// Value of a channel's metadata under `key`.
     pub fn metadata(&self, key: &str) -> Option<&str> {
         self.metadata.get(key).map(String::as_str)
     }
 }
 
 impl<R: Read> Reader<R> {
-    /// Starts at the first byte of `input`. With `live`, an end is taken for a pause.
+    /// Starts at the first byte of `input`. With `live`, the end of the input is a pause.
     pub fn new(input: R, trust: Trust, live: bool) -> Self {
         let options = LinearReaderOptions::default()
             .with_emit_chunks(true)
@@ -214,8 +214,8 @@ impl<R: Read> Reader<R> {
         }
     }
 
-    /// Starts at the first byte of a stream from a socket: what is not there yet is waited for, chunks and definitions are
-    /// smaller, and no byte behind the end is touched.
+    /// Starts at the first byte of a stream from a socket: waits for missing data, takes smaller chunks and
+    /// definitions, and reads no byte past the end.
     pub fn of_stream(input: R) -> Self {
         let mut reader = Self::new(input, Trust::Unverified, true);
         reader.ahead = 1;
@@ -224,13 +224,13 @@ impl<R: Read> Reader<R> {
         reader
     }
 
-    /// Passes over spoilt chunks of a file that is still written too: its writer never goes back.
+    /// Skips damaged chunks even in a file that is still being written: its writer never goes back.
     pub fn passing_holes(mut self) -> Self {
         self.contents.passes_holes = true;
         self
     }
 
-    /// Reads on, at most to the end of one record or some way into one chunk, and hands out what it held.
+    /// Reads on, at most to the end of one record or some way into one chunk, and hands out the items read.
     pub fn step(&mut self, each: &mut dyn FnMut(Item<'_>)) -> Result<Progress, Damage> {
         // The framing is not ours: a panic in it ends the file, not the program.
         let offset = self.contents.offset;
@@ -303,45 +303,45 @@ impl<R: Read> Reader<R> {
         Ok(Progress::More)
     }
 
-    /// Bytes read so far.
+    /// Number of bytes read so far.
     pub fn bytes_read(&self) -> u64 {
         self.bytes_read
     }
 
-    /// Where the record or chunk stands that the next step goes on with \[bytes\].
+    /// Position of the record or chunk with which the next step continues \[bytes\].
     pub fn offset(&self) -> u64 {
         self.contents.offset
     }
 
-    /// The input.
+    /// Input of the reader.
     pub fn input_mut(&mut self) -> &mut R {
         &mut self.input
     }
 
-    /// The input, with what was not read of it.
+    /// Returns the input, with the part not yet read.
     pub fn into_input(self) -> R {
         self.input
     }
 
-    /// Bytes in memory: a record that is not whole yet, and the definitions.
+    /// Bytes in memory: an incomplete record, and the definitions.
     pub fn held(&self) -> usize {
         let pending = self.bytes_read.saturating_sub(self.contents.offset);
         pending as usize + self.contents.held + self.contents.chunk.held()
     }
 
-    /// Messages handed out so far.
+    /// Number of messages handed out so far.
     pub fn messages(&self) -> u64 {
         self.contents.messages
     }
 
-    /// Whether the end of the data was reached (a summary may follow).
+    /// True if the end of the data was reached (a summary may follow).
     pub fn data_ended(&self) -> bool {
         self.contents.data_ended
     }
 }
 
 impl Contents {
-    /// What the end of the file says.
+    /// Result by the file's end: complete or not.
     fn end(&self) -> Result<Progress, Damage> {
         match self.counted {
             Some(counted) if counted != self.messages && self.holes == 0 => Err(Damage {
@@ -355,7 +355,7 @@ impl Contents {
         }
     }
 
-    /// Notes the kind of the next record; the kind of the one before.
+    /// Notes the kind of the next record and returns that of the one before.
     fn next_is(&mut self, opcode: u8) -> Result<u8, String> {
         let previous = std::mem::replace(&mut self.previous, opcode);
         if previous == 0 && opcode != op::HEADER {
@@ -364,7 +364,7 @@ impl Contents {
         Ok(previous)
     }
 
-    /// A record of the file itself, but for chunks.
+    /// Handles a record of the file other than a chunk.
     fn record(&mut self, opcode: u8, data: &[u8], each: &mut dyn FnMut(Item<'_>)) -> Result<(), String> {
         let previous = self.next_is(opcode)?;
         let loose = matches!(opcode, op::SCHEMA | op::CHANNEL | op::MESSAGE);
@@ -417,7 +417,7 @@ impl Contents {
         }
     }
 
-    /// Passes over a record that ends where it says but cannot be believed; `span`: first and last log time of what it held.
+    /// Skips a damaged record of correct length; `span`: its first and last log time.
     fn lose(&mut self, what: String, span: Option<(u64, u64)>) -> Result<(), String> {
         if !self.passes_holes || self.holes >= MOST_HOLES {
             return Err(what);
@@ -435,7 +435,8 @@ impl Contents {
         }
     }
 
-    /// Index records are not needed, but an odd one may be a damaged chunk. Behind a hole they say whose messages it held.
+    /// Checks an index record: it is not needed, but an odd one may be a damaged chunk. After a hole it names
+    /// the channels of the messages lost.
     fn message_index(&mut self, previous: u8, mut fields: Fields<'_>) -> Result<(), String> {
         if self.trust == Trust::Verified && self.hole.is_none() {
             return Ok(());
@@ -456,7 +457,7 @@ impl Contents {
         Ok(())
     }
 
-    /// Reads and looks through a chunk that takes so many bytes in the file.
+    /// Reads and checks a chunk of `bytes` bytes in the file.
     fn begin_chunk(&mut self, bytes: u64, data: &[u8], each: &mut dyn FnMut(Item<'_>)) -> Result<(), String> {
         self.next_is(op::CHUNK)?;
         if self.data_ended {
@@ -479,7 +480,7 @@ impl Contents {
         }
     }
 
-    /// The whole chunk is looked through before any of its messages is handed out.
+    /// Checks the whole chunk before any of its messages is handed out.
     fn look_through(
         &mut self,
         is_checked: bool,
@@ -509,7 +510,7 @@ impl Contents {
         Ok(())
     }
 
-    /// Hands out some more of the chunk under way.
+    /// Hands out more of the current chunk.
     fn hand_out(
         &mut self,
         UnderWay { at, bytes }: UnderWay,
@@ -573,7 +574,7 @@ impl Contents {
         }
     }
 
-    /// Accounts for a definition that is kept.
+    /// Adds a kept definition to the bytes held.
     fn hold(&mut self, bytes: usize) -> Result<(), &'static str> {
         self.held += bytes;
         if self.held > self.max_held {
@@ -637,7 +638,7 @@ impl Contents {
     }
 }
 
-/// What the framing says, in the words of this program.
+/// Error of the framing in the words of this program.
 fn sentence(fault: &McapError) -> String {
     match fault {
         McapError::BadMagic => "not an MCAP file (its first or last bytes are wrong)".to_owned(),

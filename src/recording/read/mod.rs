@@ -17,6 +17,7 @@ pub mod recording;
 pub mod recordings;
 mod route;
 pub mod series;
+pub mod source;
 mod speakers;
 pub mod stamp;
 pub mod summary;
@@ -27,9 +28,10 @@ pub use self::decode::{DecodeError, Decoder, SchemaRef};
 pub use self::folder::recordings;
 pub use self::path::FieldPath;
 pub use self::place::Place;
-pub use self::recording::{Block, Follow, Options, Poll, Position, Recording};
-pub use self::recordings::{Opener, Recordings, Step};
-pub use self::series::{PartEnd, Parts, Series, SeriesPoll};
+pub use self::recording::{Block, Follow, Options, Position, Recording};
+pub use self::recordings::{Opener, Recordings};
+pub use self::series::{PartEnd, Parts, Series};
+pub use self::source::{Source, Step};
 pub use self::summary::{Summary, TopicSummary};
 pub use self::verify::Trust;
 pub use crate::analysis::signal::record::Event;
@@ -37,43 +39,43 @@ pub use crate::analysis::signal::record::Event;
 use std::io;
 use thiserror::Error;
 
-/// Why a recording cannot be opened.
+/// Reason why a recording cannot be opened.
 #[derive(Debug, Error)]
 pub enum SourceError {
-    /// The file system said no.
+    /// The file system returned an error.
     #[error("{path}: cannot be read: {source}")]
     Io {
-        /// The file.
+        /// Path of the file.
         path: String,
-        /// What it said.
+        /// Error of the file system.
         source: io::Error,
     },
     /// A pipe, a device, a folder where a file is needed.
     #[error("{path}: not a regular file")]
     NotAFile {
-        /// The path.
+        /// Path that is no file.
         path: String,
     },
     /// Another program's file that cannot be read, or not for these rods.
     #[error("{path}: {what}")]
     Foreign {
-        /// The file.
+        /// Path of the file.
         path: String,
-        /// What is missing or wrong.
+        /// Description of the fault.
         what: String,
     },
     /// A folder without recordings.
     #[error("{path}: no recordings (*.mcap) in this folder")]
     Empty {
-        /// The folder.
+        /// Path of the folder.
         path: String,
     },
-    /// A field path that is none.
+    /// The path of a field is malformed.
     #[error("rod {rod}: {source}")]
     Field {
-        /// The rod.
+        /// Id of the rod.
         rod: String,
-        /// What is wrong with it.
+        /// Fault of the path.
         source: path::PathError,
     },
 }

@@ -16,13 +16,13 @@ pub enum Step {
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct FieldPath(Vec<Step>);
 
-/// A path that is none.
+/// A malformed path.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
 #[error("field path `{path}`: {what} (write names with dots and indices in brackets: `sensors[0].value`)")]
 pub struct PathError {
-    /// As written.
+    /// Path as written.
     pub path: String,
-    /// What is wrong.
+    /// Description of the fault.
     pub what: &'static str,
 }
 
@@ -30,7 +30,7 @@ pub struct PathError {
 const MAX_STEPS: usize = 32;
 
 impl FieldPath {
-    /// Reads a path.
+    /// Parses a path.
     pub fn parse(path: &str) -> Result<Self, PathError> {
         let fault = |what| PathError {
             path: path.to_owned(),
@@ -65,16 +65,16 @@ impl FieldPath {
         Ok(Self(steps))
     }
 
-    /// The steps, outermost first; never empty.
+    /// Steps, outermost first; never empty.
     pub fn steps(&self) -> &[Step] {
         &self.0
     }
 }
 
-/// What is left of a path while a message is walked; `None` off the path.
+/// Remainder of a path while a message is walked; `None` off the path.
 pub type Found<'p> = Option<&'p [Step]>;
 
-/// What is left of a path behind the field `key`.
+/// Remainder of a path behind the field `key`.
 #[inline]
 pub fn into_field<'p>(path: Found<'p>, key: &str) -> Found<'p> {
     match path {
@@ -83,7 +83,7 @@ pub fn into_field<'p>(path: Found<'p>, key: &str) -> Found<'p> {
     }
 }
 
-/// What is left of a path behind item `index` of a list.
+/// Remainder of a path behind item `index` of a list.
 #[inline]
 pub fn into_item(path: Found<'_>, index: usize) -> Found<'_> {
     match path {

@@ -4,17 +4,17 @@ use crate::analysis::signal::record::Timestamp;
 use crate::analysis::track::ordered::Reached;
 use std::sync::Arc;
 
-/// Where in its recording a record ended.
+/// Place of a record's end in its recording.
 #[derive(Debug, Clone)]
 pub struct Place {
-    /// The recording's name.
+    /// Name of the recording.
     pub file: Arc<str>,
-    /// Bytes read.
+    /// Number of bytes read.
     pub bytes: u64,
-    /// Records found.
+    /// Number of records found.
     pub records: u64,
-    /// When the event was complete, by the rod's own stamps.
+    /// Completion time of the event, by the rod's own stamps.
     pub at: Timestamp,
-    /// Times up to which the rods had been followed then.
+    /// Times up to which each rod had been read by then.
     pub reached: Reached,
 }

@@ -1,4 +1,4 @@
-//! Which rods read a channel, and how: one plan for all channels of one topic, encoding and schema.
+//! Assigns channels to rods: one plan for all channels of one topic, encoding and schema.
 
 use super::decode::{DecodeError, Decoder, SchemaRef};
 use super::mcap::ChannelInfo;
@@ -6,7 +6,7 @@ use crate::analysis::signal::record::RodChannels;
 use std::collections::HashMap;
 use std::sync::Arc;
 
-/// Bytes all plans of a file may take together.
+/// Most bytes of all plans of a file.
 const MOST: usize = 16 << 20;
 
 /// One quantity of one rod on one channel.
@@ -16,16 +16,16 @@ pub(super) struct Route {
     pub decoder: Result<Decoder, DecodeError>,
 }
 
-/// The plans of a file's channels.
+/// Plans of a file's channels.
 #[derive(Default)]
 pub(super) struct Plans {
-    /// By topic, encoding and id of the schema.
+    /// Plans by topic, encoding and id of the schema.
     known: HashMap<(String, String, u16), Arc<[Route]>>,
     bytes: usize,
 }
 
 impl Plans {
-    /// The quantities of `rods` on a channel; `None` if nobody reads it.
+    /// Quantities of `rods` on a channel; `None` if no rod reads it.
     pub fn routes<'a>(
         &mut self,
         rods: impl Iterator<Item = &'a RodChannels>,

@@ -12,23 +12,23 @@ use prost_reflect::prost::encoding::{DecodeContext, WireType, decode_key, decode
 use prost_reflect::prost_types::{FileDescriptorProto, FileDescriptorSet};
 use prost_reflect::{DescriptorPool, FieldDescriptor, Kind, MessageDescriptor, Value};
 
-/// Where the value and its time stand.
+/// Paths of the value and its time.
 #[derive(Debug)]
 pub struct ProtobufPlan {
     value: Target,
     time: Option<TimePlan>,
 }
 
-/// A way down to one numeric or text field.
+/// Path to one numeric or text field.
 #[derive(Debug)]
 struct Target {
     path: String,
-    /// Field number and, in lists, index of each message on the way down.
+    /// Field number of each message on the way down, with the index in lists.
     parents: Vec<(u32, Option<usize>)>,
     number: u32,
     kind: Kind,
     shape: Shape,
-    /// What an absent field without presence means.
+    /// Value of an absent field without presence.
     default: Option<f64>,
 }
 
@@ -53,7 +53,7 @@ enum Number {
     Float(f64),
 }
 
-/// What is done with each occurrence of a field: its wire type and the buffer it stands at.
+/// Callback for each occurrence of a field: its wire type and the buffer at its place.
 type Visit<'a> = dyn FnMut(WireType, &mut &[u8]) -> Result<(), DecodeError> + 'a;
 
 impl Number {
@@ -263,7 +263,7 @@ impl Target {
         }
     }
 
-    /// A field of the message this one leads to.
+    /// Target of a field within this one's message.
     fn child(&self, field: &FieldDescriptor) -> Self {
         let mut parents = self.parents.clone();
         let index = match self.shape {
@@ -274,7 +274,7 @@ impl Target {
         Self::leaf(self.path.clone(), parents, field, Shape::Single)
     }
 
-    /// The one number this target leads to.
+    /// Single number of this target.
     fn single(&self, message: &[u8]) -> Result<Number, DecodeError> {
         let mut last = None;
         let mut count = 0usize;
@@ -304,7 +304,8 @@ impl Target {
         }
     }
 
-    /// Hands every number at this target to `each`, in order; whether its parent message is there.
+    /// Calls `each` with every number at this target, in order; returns true if its parent message
+    /// is present.
     fn walk(&self, message: &[u8], each: &mut impl FnMut(Number)) -> Result<bool, DecodeError> {
         let list = self.shape != Shape::Single;
         self.find(message, 0, &mut |wire, buffer| {
@@ -323,7 +324,8 @@ impl Target {
         })
     }
 
-    /// Walks down to the field and hands over each of its occurrences; whether the parent is there.
+    /// Walks down to the field and calls back with each of its occurrences; returns true if the
+    /// parent is present.
     fn find(&self, mut buffer: &[u8], depth: usize, each: &mut Visit<'_>) -> Result<bool, DecodeError> {
         let (number, index) = match self.parents.get(depth) {
             Some(&(number, index)) => (number, index),
@@ -358,7 +360,7 @@ fn broken(fault: prost_reflect::prost::DecodeError) -> DecodeError {
     malformed(&fault.to_string())
 }
 
-/// Takes a length-delimited field off the buffer.
+/// Reads a length-delimited field from the buffer.
 fn bytes<'a>(wire: WireType, buffer: &mut &'a [u8]) -> Result<&'a [u8], DecodeError> {
     if wire != WireType::LengthDelimited {
         return Err(malformed("a field has the wrong wire type"));
@@ -371,7 +373,7 @@ fn bytes<'a>(wire: WireType, buffer: &mut &'a [u8]) -> Result<&'a [u8], DecodeEr
     Ok(inner)
 }
 
-/// Takes a number off the buffer.
+/// Reads a number from the buffer.
 #[inline]
 fn scalar(kind: &Kind, buffer: &mut &[u8]) -> Result<Number, DecodeError> {
     let four = |buffer: &mut &[u8]| take::<4>(buffer);

@@ -1,14 +1,15 @@
 //! One recording: an MCAP file as an iterator of records and rejections.
 
-use super::SourceError;
 use super::mcap::{Damage, Progress, Reader};
 use super::path::FieldPath;
 use super::route::{Rod, Router, Timed};
+use super::source::{Source, Step};
 use super::summary::Summary;
 use super::verify::{Check, Trust};
+use super::{Place, SourceError};
 use crate::analysis::signal::record::{Event, RecordSettings, RodChannels, TimeSource, Timestamp};
-use crate::analysis::track::ordered::Reached;
 use std::collections::VecDeque;
+use std::convert::Infallible;
 use std::fs::{self, File};
 use std::io::{Read, Seek, SeekFrom};
 use std::path::Path;
@@ -16,28 +17,28 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-/// How a file that still grows is followed.
+/// Options for following a file that still grows.
 #[derive(Debug, Clone)]
 pub struct Follow {
-    /// Set to end the reading at the next pause.
+    /// Flag that ends the reading at the next pause.
     pub stop: Arc<AtomicBool>,
-    /// How long to wait at the end before looking again.
+    /// Wait at the end before looking again.
     pub poll: Duration,
 }
 
-/// How a recording is read.
+/// Options for reading a recording.
 #[derive(Debug, Clone, Default)]
 pub struct Options {
-    /// Wait at the end for more, until the file is finished or the flag is set.
+    /// Waits at the end for more, until the file is finished or the flag is set.
     pub follow: Option<Follow>,
 }
 
-/// How far a recording was read.
+/// Progress in a recording.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Position {
-    /// Bytes read.
+    /// Number of bytes read.
     pub read: u64,
-    /// Bytes in the file when it was opened.
+    /// Size of the file when it was opened \[bytes\].
     pub total: u64,
 }
 
@@ -47,66 +48,55 @@ impl<T: Read + Seek + Send> Input for T {}
 /// Samples of one channel that need no decoding: those of another program's file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Block {
-    /// The topic.
+    /// Topic.
     pub topic: Arc<str>,
-    /// The time of the first sample.
+    /// Time of the first sample.
     pub time: Timestamp,
-    /// Samples a second \[Hz\].
+    /// Sample rate \[Hz\].
     pub fs_hz: f64,
-    /// The samples, in the unit of the topic's channel.
+    /// Samples, in the unit of the topic's channel.
     pub samples: Vec<f64>,
 }
 
-/// What a recording does next.
+/// Stage of reading.
 enum Stage {
-    /// Its checksum is taken, before anything in it is believed.
+    /// Its checksum is computed, before any of its data is used.
     Checking(Box<dyn Input>, Check),
-    /// It is read.
+    /// Its messages are read.
     Reading(Box<Reader<Box<dyn Input>>>),
-    /// Its samples are handed over as they are.
+    /// Its samples are passed on as they are.
     Given(Box<dyn Iterator<Item = Block> + Send>),
-    /// There is nothing more in it.
+    /// It is at its end.
     Ended,
-}
-
-/// What one step of reading brought.
-#[derive(Debug)]
-pub enum Poll {
-    /// An event.
-    Event(Event),
-    /// Nothing yet; there is more to read.
-    More,
-    /// Nothing yet, and nothing to read now; the file may grow.
-    Wait,
-    /// The end.
-    End,
 }
 
 /// One recording. Iterate over its events; then look at the [summary](Self::summary).
 ///
-/// Memory is bounded by one chunk and one record a rod, never by the file. It is `Send`: read on one
-/// thread while another computes.
+/// Memory is bounded by one chunk and one record per rod, never by the file. It is `Send`: read on one thread
+/// while another computes.
 pub struct Recording {
     stage: Stage,
     router: Router,
     queue: VecDeque<Timed>,
-    /// When the event that was handed out last was complete, and how far the rods had been followed then.
-    moment: (Timestamp, Reached),
+    /// As it is called in sentences and in the store.
+    name: Arc<str>,
+    /// Records handed out.
+    records: u64,
     follow: Option<Follow>,
     total: u64,
     read: u64,
     offset: u64,
     summary: Summary,
-    /// Whether it is read while it may be written.
+    /// True if it is read while it may be written.
     is_live: bool,
-    /// True if other files are read beside it, and go on where it ends.
+    /// True if other files are read beside it and continue where it ends.
     is_joined: bool,
-    /// What looks like damage while it may be a record that is being written.
+    /// Damage that may be a record still being written.
     doubt: Option<Damage>,
 }
 
 impl Recording {
-    /// Opens a file. A file that is complete is first read once for its checksum.
+    /// Opens a file. A complete file is first read once for its checksum.
     pub fn open(
         path: &Path,
         rods: &[RodChannels],
@@ -126,7 +116,7 @@ impl Recording {
         Self::new(&name, file, rods, settings, options)
     }
 
-    /// Reads from anything that can be read and sought; `name` stands for it in sentences.
+    /// Reads from anything that can be read and sought; `name` names it in messages.
     pub fn new(
         name: &str,
         input: impl Read + Seek + Send + 'static,
@@ -148,7 +138,7 @@ impl Recording {
         Ok(recording)
     }
 
-    /// As [`Recording::new`], to be read by [`Recording::poll`]; `live` says that its end may not be there yet.
+    /// As [`Recording::new`], to be read by [`Recording::poll`]; with `live` its end may not be there yet.
     ///
     /// # Errors
     /// It cannot be read, or a field of a rod is none.
@@ -193,7 +183,8 @@ impl Recording {
             },
             router: Router::new(rods, settings),
             queue: VecDeque::new(),
-            moment: (Timestamp::from_nanos(0), Arc::from([])),
+            name: Arc::from(name),
+            records: 0,
             follow: None,
             total,
             read: 0,
@@ -208,7 +199,7 @@ impl Recording {
         })
     }
 
-    /// Reads samples that are there already; `total`: the bytes of the file they come from.
+    /// A recording of samples in memory; `total`: size of the file they come from \[bytes\].
     pub fn given(
         name: &str,
         blocks: impl Iterator<Item = Block> + Send + 'static,
@@ -220,7 +211,8 @@ impl Recording {
             stage: Stage::Given(Box::new(blocks)),
             router: Router::new(rods, settings),
             queue: VecDeque::new(),
-            moment: (Timestamp::from_nanos(0), Arc::from([])),
+            name: Arc::from(name),
+            records: 0,
             follow: None,
             total,
             // The file was read before.
@@ -236,21 +228,20 @@ impl Recording {
         }
     }
 
-    /// Puts a sentence into the summary: something a person should know that is no fault.
+    /// Adds a sentence to the summary: information that is no fault.
     pub fn note(&mut self, sentence: String) {
         self.summary.notes.push(sentence);
     }
 
-    /// One step: at most one record of the file is read, or some way into one chunk.
-    pub fn poll(&mut self) -> Poll {
-        if let Some(event) = self.pop() {
-            return Poll::Event(event);
+    fn step(&mut self) -> Step<Infallible> {
+        if let Some((event, place)) = self.pop() {
+            return Step::Event(event, place);
         }
         if self.doubt.is_some() {
-            return Poll::Wait;
+            return Step::Wait;
         }
         let outcome = match &mut self.stage {
-            Stage::Ended => return Poll::End,
+            Stage::Ended => return Step::End,
             Stage::Checking(input, check) => match check.step(input) {
                 Ok(Some(trust)) => {
                     self.believe(trust);
@@ -279,48 +270,59 @@ impl Recording {
         };
         match outcome {
             Ok(Progress::More) => self.router.events(&mut self.queue),
-            Ok(Progress::Wait) => return Poll::Wait,
+            Ok(Progress::Wait) => return Step::Wait,
             // Some writers go back and fill in lengths: until it settles this may be no damage.
             Err(damage) if self.is_live => {
                 self.doubt = Some(damage);
-                return Poll::Wait;
+                return Step::Wait;
             }
             outcome => self.end(outcome),
         }
-        self.pop().map_or(Poll::More, Poll::Event)
+        self.next_step()
     }
 
-    /// The next event that is there already.
-    pub(super) fn pop(&mut self) -> Option<Event> {
-        let Timed { event, at, reached } = self.queue.pop_front()?;
-        self.moment = (at, reached);
-        Some(event)
+    fn next_step(&mut self) -> Step<Infallible> {
+        self.pop()
+            .map_or(Step::More, |(event, place)| Step::Event(event, place))
     }
 
-    /// As [`Recording::poll`], for one of several files that are read side by side: hands nothing on that was logged behind
-    /// `limit` \[ns\], and leaves open at its end what may go on in the next file.
-    pub(super) fn poll_up_to(&mut self, limit: u64) -> Poll {
+    /// Next event that is ready.
+    pub(super) fn pop(&mut self) -> Option<(Event, Place)> {
+        let timed = self.queue.pop_front()?;
+        self.records += timed.records();
+        Some(timed.at_place(Arc::clone(&self.name), self.read, self.records))
+    }
+
+    /// Its name, bytes read and records handed out.
+    pub(super) fn counts(&self) -> (Arc<str>, u64, u64) {
+        (Arc::clone(&self.name), self.read, self.records)
+    }
+
+    /// As [`Recording::poll`], for one of several files read side by side: passes on nothing logged after
+    /// `limit` \[ns\], and leaves records open at its end that may continue in the next file.
+    pub(super) fn poll_up_to(&mut self, limit: u64) -> Step<Infallible> {
         self.is_joined = true;
         if self.queue.is_empty() && self.router.waits() {
             self.router.go_on(limit);
             self.router.events(&mut self.queue);
-            return self.pop().map_or(Poll::More, Poll::Event);
+            return self.next_step();
         }
         self.router.limit(limit);
-        self.poll()
+        self.step()
     }
 
-    /// The log time up to which its messages were handed on \[ns\]; `None` before the first, and where they have none.
+    /// Log time up to which its messages were passed on \[ns\]; `None` before the first, and where they have
+    /// none.
     pub(super) fn front(&self) -> Option<u64> {
         self.router.front()
     }
 
-    /// Lends it the rods its samples are for, or takes them back.
+    /// Swaps in the rods that its samples are for, or takes them back.
     pub(super) fn swap_rods(&mut self, rods: &mut Vec<Rod>) {
         std::mem::swap(&mut self.router.rods, rods);
     }
 
-    /// There is nothing to read now: pauses, or gives it up if it is not followed.
+    /// Handles a pause: waits, or gives the recording up if it is not followed.
     pub(super) fn wait_or_give_up(&mut self) {
         match &self.follow {
             Some(follow) if !follow.stop.load(Ordering::Relaxed) => std::thread::sleep(follow.poll),
@@ -328,43 +330,19 @@ impl Recording {
         }
     }
 
-    /// When the event that was handed out last was complete by the rod's own stamps, and how far the rods had been
-    /// followed then.
-    pub fn moment(&self) -> (Timestamp, Reached) {
-        self.moment.clone()
-    }
-
-    /// Ends a recording that does not grow any more as one that is cut short; its last events are still to be taken.
+    /// Ends a recording that no longer grows as one cut short; its last events are still to be taken.
     pub fn give_up(&mut self) {
         let outcome = self.doubt.take().map_or(Ok(Progress::Truncated), Err);
         self.end(outcome);
     }
 
-    /// Whether something in it looks like damage, but may be a record that is being written: it waits until it is
-    /// [given up](Self::give_up) or opened again when it is finished.
+    /// True if it contains apparent damage that may be a record still being written: it waits until it is
+    /// [given up](Self::give_up) or opened again when finished.
     pub fn is_in_doubt(&self) -> bool {
         self.doubt.is_some()
     }
 
-    /// Ends a recording that may not be read any further; its last events are still to be taken.
-    pub fn abandon(&mut self, why: &str) {
-        self.doubt = None;
-        self.end(Err(Damage {
-            offset: self.offset,
-            what: why.to_owned(),
-        }));
-    }
-
-    /// Ends a recording as if nothing of it had been read; there are no events to be taken any more.
-    pub fn discard(&mut self, why: &str) {
-        self.stage = Stage::Ended;
-        self.doubt = None;
-        self.queue.clear();
-        self.router = Router::of(Vec::new());
-        self.summary.damage = Some(format!("{}: {why}; nothing of it was used", self.summary.file));
-    }
-
-    /// Bytes in memory: samples that are no record yet, and what was read of the file and not handed on.
+    /// Bytes in memory: samples not yet in a record, and data read but not passed on.
     pub fn held(&self) -> usize {
         let reading = match &self.stage {
             Stage::Reading(reader) => reader.held(),
@@ -373,26 +351,21 @@ impl Recording {
         self.router.held() + reading
     }
 
-    /// Where the record or chunk stands that the next step goes on with \[bytes\].
-    pub fn offset(&self) -> u64 {
-        self.offset
-    }
-
     fn believe(&mut self, trust: Trust) {
         if let Stage::Checking(input, _) = std::mem::replace(&mut self.stage, Stage::Ended) {
             self.stage = Stage::Reading(Box::new(Reader::new(input, trust, false)));
         }
     }
 
-    /// How far the file was read, for a progress bar.
-    pub fn position(&self) -> Position {
+    /// Progress in the file, for a progress bar.
+    pub fn progress(&self) -> Position {
         Position {
             read: self.read,
             total: self.total.max(self.read),
         }
     }
 
-    /// What the file held; complete once the iterator has ended.
+    /// Summary of the file; complete once the iterator has ended.
     pub fn summary(&self) -> &Summary {
         &self.summary
     }
@@ -442,12 +415,41 @@ impl Iterator for Recording {
 
     fn next(&mut self) -> Option<Event> {
         loop {
-            match self.poll() {
-                Poll::Event(event) => return Some(event),
-                Poll::End => return None,
-                Poll::More => {}
-                Poll::Wait => self.wait_or_give_up(),
+            match self.step() {
+                Step::Event(event, _) => return Some(event),
+                Step::End => return None,
+                Step::More => {}
+                Step::Wait => self.wait_or_give_up(),
             }
         }
+    }
+}
+
+/// One file: its end is the source's, and its summary can be asked for then.
+impl Source for Recording {
+    type File = Infallible;
+
+    fn poll(&mut self) -> Step<Infallible> {
+        self.step()
+    }
+
+    fn position(&self) -> Option<(Arc<str>, u64)> {
+        Some((Arc::clone(&self.name), self.offset))
+    }
+
+    fn abandon(&mut self, why: &str) {
+        self.doubt = None;
+        self.end(Err(Damage {
+            offset: self.offset,
+            what: why.to_owned(),
+        }));
+    }
+
+    fn discard(&mut self, why: &str) {
+        self.stage = Stage::Ended;
+        self.doubt = None;
+        self.queue.clear();
+        self.router = Router::of(Vec::new());
+        self.summary.damage = Some(format!("{}: {why}; nothing of it was used", self.summary.file));
     }
 }

@@ -1,13 +1,13 @@
 //! Many recordings, read side by side in the order of their messages.
 //!
-//! Files of one series are one stream, as the parts of a journal are: where one ends and the next one goes on nothing is cut,
-//! and the rods of a site may lie in files of their own. A file that holds a topic at times at which another one has it too
-//! (a copy, most likely) is a series of its own, and so is one that does not say what it holds before it is read.
+//! Files of one series are one stream, as the parts of a journal are: nothing is cut where one ends and the
+//! next continues, and each rod of a site may have its own files. A file with a topic at times at which
+//! another file has it too (most likely a copy) is a series of its own, and so is one without a summary.
 
-use super::Place;
 use super::folder::{Span, first_time_at, span_at};
 use super::route::{Rod, Router};
-use super::{Event, Follow, Options, Parts, Poll, Recording, Series, SeriesPoll, SourceError, Summary};
+use super::source::{Source, Step};
+use super::{Follow, Options, Parts, Recording, Series, SourceError, Summary};
 use crate::analysis::signal::record::{RecordSettings, RodChannels};
 use crate::recording::part;
 use std::collections::{HashMap, VecDeque};
@@ -16,52 +16,46 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
-/// Pause before a growing recording is looked at again.
+/// Pause before a growing recording is read again.
 const FOLLOW_POLL: Duration = Duration::from_millis(200);
-/// Files that overlap by less go on from one to the next all the same: messages at the seam come out of order \[ns\].
+/// Largest overlap of consecutive files of one series \[ns\]: messages at the seam come out of order.
 const SEAM_NS: u64 = 1_000_000_000;
 
-/// One step of reading: an event of a recording, or its end.
-pub enum Step {
-    /// An event, and where its recording then stands.
-    Event(Event, Place),
-    /// The end of a recording: what it held, or why it could not be read.
-    File(Result<Summary, SourceError>),
-}
-
-/// Opens a file that stands by itself, whatever its format.
+/// Opens a single file of any format.
 pub type Opener = Box<dyn Fn(&Path, &Options) -> Result<Recording, SourceError> + Send>;
+
+/// What a file held, or why it could not be read.
+pub type FileResult = Result<Summary, SourceError>;
 
 /// Parts that are read as one file.
 enum Input {
     Waiting(PathBuf),
-    /// The recording, its name, and how many records it has given.
-    File(Box<Recording>, Arc<str>, u64),
+    File(Box<Recording>),
     Journal(Box<Series>),
 }
 
 /// A file among others.
 struct Lane {
     input: Input,
-    /// Log time its reading has come to; before it is opened that of its first message \[ns\].
+    /// Log time reached by reading \[ns\]; before it is opened, that of its first message.
     front: u64,
-    /// The series it belongs to.
+    /// Index of its series.
     series: usize,
 }
 
-/// Files that are one stream.
+/// Files that form one stream.
 struct Stream {
     rods: Vec<Rod>,
-    /// Files that are not read yet.
+    /// Number of files not yet read.
     left: usize,
-    /// What is held at times that later files may share.
+    /// Time spans and topics that later files may share.
     spans: Vec<Span>,
     /// True if other files may join it.
     is_open: bool,
 }
 
-/// The events of many files, in the order of their messages. Each file's end follows when it is read; what goes on in
-/// another one comes later.
+/// The events of many files, in the order of their messages. Each file's end follows when it is read; records
+/// that continue in another file come later.
 pub struct Recordings {
     lanes: Vec<Lane>,
     streams: Vec<Stream>,
@@ -71,12 +65,12 @@ pub struct Recordings {
     done: Arc<AtomicU64>,
     bytes_of_closed: u64,
     opener: Option<Opener>,
-    ready: VecDeque<Step>,
+    ready: VecDeque<Step<FileResult>>,
 }
 
 impl Recordings {
-    /// Reads `files`, which stand in the order of their first messages. `done` counts the bytes read so far; with `follow`, a
-    /// file that has no end yet is waited for.
+    /// Reads `files`, which are in the order of their first messages. `done` counts the bytes read so far;
+    /// with `follow`, a file that has no end yet is waited for.
     pub fn new(
         files: Vec<Result<PathBuf, SourceError>>,
         channels: Vec<RodChannels>,
@@ -103,7 +97,7 @@ impl Recordings {
         recordings
     }
 
-    /// The same, with files opened by `opener`; without it all are MCAP.
+    /// Uses `opener` to open files; without it all are MCAP.
     pub fn opened_by(self, opener: Opener) -> Self {
         Self {
             opener: Some(opener),
@@ -111,7 +105,7 @@ impl Recordings {
         }
     }
 
-    /// Puts files to their series. Parts of one journal are one, where its first one stands.
+    /// Assigns files to series. Parts of one journal are one series, at the place of the first part.
     fn plan(&mut self, files: Vec<Result<PathBuf, SourceError>>) {
         let mut journals = journals(&files);
         let mut latest = 0;
@@ -149,7 +143,7 @@ impl Recordings {
         }
     }
 
-    /// The number of the series a file belongs to.
+    /// Index of the series of a file.
     fn series_for(&mut self, span: Option<Span>) -> usize {
         let found = span.as_ref().and_then(|span| {
             self.streams
@@ -170,7 +164,8 @@ impl Recordings {
         at
     }
 
-    /// The lane that is behind all others, and the log time up to which it goes before another one has its turn.
+    /// The lane that is furthest behind, and the log time up to which it may read before another has its
+    /// turn.
     fn turn(&self) -> Option<(usize, u64)> {
         let fronts = self.lanes.iter().enumerate();
         let (at, _) = fronts.min_by_key(|(at, lane)| (lane.front, *at))?;
@@ -185,7 +180,7 @@ impl Recordings {
         Some((at, limit.min().unwrap_or(u64::MAX)))
     }
 
-    /// One step of the lane whose turn it is; its steps are ready then.
+    /// Takes one step of the lane whose turn it is.
     fn step(&mut self, at: usize, limit: u64) {
         let lane = &mut self.lanes[at];
         if let Input::Waiting(path) = &lane.input {
@@ -195,10 +190,10 @@ impl Recordings {
                 None => Recording::open(path, &self.channels, &self.settings, self.options.clone()),
             };
             match opened {
-                Ok(recording) => lane.input = Input::File(Box::new(recording), name, 0),
+                Ok(recording) => lane.input = Input::File(Box::new(recording)),
                 Err(error) => {
                     self.ready.push_back(Step::File(Err(error)));
-                    self.close(at, &name, 0, 0);
+                    self.close(at, (name, 0, 0));
                 }
             }
             return;
@@ -210,49 +205,38 @@ impl Recordings {
                 let bytes = self.bytes_of_closed + series.bytes_read();
                 self.done.store(bytes, Ordering::Relaxed);
                 match polled {
-                    SeriesPoll::Event(event, place) => self.ready.push_back(Step::Event(event, place)),
-                    SeriesPoll::Part(end) => {
+                    Step::Event(event, place) => self.ready.push_back(Step::Event(event, place)),
+                    Step::File(end) => {
                         self.bytes_of_closed += end.size;
                         self.ready.push_back(Step::File(end.result));
                     }
-                    SeriesPoll::More => {}
+                    Step::More => {}
                     // Only the parts that are there are read: there is nothing to wait for.
-                    SeriesPoll::Wait | SeriesPoll::End => self.close(at, &Arc::from(""), 0, 0),
+                    Step::Wait | Step::End => self.close(at, (Arc::from(""), 0, 0)),
                 }
             }
-            Input::File(recording, file, records) => {
+            Input::File(recording) => {
                 let stream = &mut self.streams[lane.series];
                 recording.swap_rods(&mut stream.rods);
                 let polled = recording.poll_up_to(limit);
                 recording.swap_rods(&mut stream.rods);
                 lane.front = recording.front().unwrap_or(lane.front).max(lane.front);
-                let bytes = Recording::position(recording).read;
+                let (_, bytes, _) = recording.counts();
                 self.done.store(self.bytes_of_closed + bytes, Ordering::Relaxed);
                 match polled {
-                    Poll::Event(event) => {
+                    Step::Event(event, place) => {
+                        self.ready.push_back(Step::Event(event, place));
                         // All of them: another file's turn comes behind what is read already.
-                        let mut event = Some(event);
-                        while let Some(next) = event {
-                            let (at, reached) = recording.moment();
-                            *records += u64::from(!matches!(next, Event::Readings { .. }));
-                            let place = Place {
-                                file: Arc::clone(file),
-                                bytes,
-                                records: *records,
-                                at,
-                                reached,
-                            };
-                            self.ready.push_back(Step::Event(next, place));
-                            event = recording.pop();
+                        while let Some((event, place)) = recording.pop() {
+                            self.ready.push_back(Step::Event(event, place));
                         }
                     }
-                    Poll::More => {}
-                    Poll::Wait => recording.wait_or_give_up(),
-                    Poll::End => {
-                        let (summary, file) = (recording.summary().clone(), Arc::clone(file));
-                        let records = *records;
+                    Step::More => {}
+                    Step::Wait => recording.wait_or_give_up(),
+                    Step::End => {
+                        let (summary, counts) = (recording.summary().clone(), recording.counts());
                         self.bytes_of_closed += bytes;
-                        self.close(at, &file, bytes, records);
+                        self.close(at, counts);
                         self.ready.push_back(Step::File(Ok(summary)));
                     }
                 }
@@ -260,8 +244,8 @@ impl Recordings {
         }
     }
 
-    /// A lane is at its end; behind the last one of a series its records end.
-    fn close(&mut self, at: usize, file: &Arc<str>, bytes: u64, mut records: u64) {
+    /// Closes a lane at its end; after the last lane of a series its records end.
+    fn close(&mut self, at: usize, (file, bytes, mut records): (Arc<str>, u64, u64)) {
         let series = self.lanes.remove(at).series;
         let stream = &mut self.streams[series];
         stream.left -= 1;
@@ -280,21 +264,15 @@ impl Recordings {
             .into_iter()
             .filter(|rod| rod.is_followed || !is_elsewhere(rod));
         for timed in Router::of(rods.collect()).ended() {
-            records += u64::from(!matches!(timed.event, Event::Readings { .. }));
-            let place = Place {
-                file: Arc::clone(file),
-                bytes,
-                records,
-                at: timed.at,
-                reached: timed.reached,
-            };
-            self.ready.push_back(Step::Event(timed.event, place));
+            records += timed.records();
+            let (event, place) = timed.at_place(Arc::clone(&file), bytes, records);
+            self.ready.push_back(Step::Event(event, place));
         }
     }
 }
 
 impl Stream {
-    /// True if a file can be one stream with those that are in it already. Files come in the order of their first messages.
+    /// True if a file can join this stream. Files come in the order of their first messages.
     fn takes(&mut self, span: &Span) -> bool {
         self.spans
             .retain(|known| known.to > span.from.saturating_add(SEAM_NS));
@@ -306,13 +284,13 @@ impl Stream {
     }
 }
 
-/// The folder and number of a part of a journal.
+/// Folder and number of a part of a journal.
 fn part_of(path: &Path) -> Option<(PathBuf, u32)> {
     let number = part::number(path.file_name()?.to_str()?)?;
     Some((path.parent()?.to_owned(), number))
 }
 
-/// The journals there are parts of among files, with their parts.
+/// Journals with parts among the files, with their parts.
 fn journals(files: &[Result<PathBuf, SourceError>]) -> HashMap<PathBuf, Vec<u32>> {
     let mut journals: HashMap<PathBuf, Vec<u32>> = HashMap::new();
     for (folder, number) in files.iter().flatten().filter_map(|path| part_of(path)) {
@@ -325,9 +303,9 @@ fn journals(files: &[Result<PathBuf, SourceError>]) -> HashMap<PathBuf, Vec<u32>
 }
 
 impl Iterator for Recordings {
-    type Item = Step;
+    type Item = Step<FileResult>;
 
-    fn next(&mut self) -> Option<Step> {
+    fn next(&mut self) -> Option<Step<FileResult>> {
         loop {
             if let Some(step) = self.ready.pop_front() {
                 return Some(step);

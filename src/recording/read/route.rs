@@ -1,5 +1,6 @@
-//! From a file's channels to the rods: which messages mean what, decoded and handed to the assemblers.
+//! Routes messages of a file's channels to the rods: decodes them and passes the samples to the assemblers.
 
+use super::Place;
 use super::decode::{DecodeError, Decoded, SchemaRef, Time};
 use super::hole::Hole;
 use super::mcap::{ChannelInfo, Item, Message};
@@ -16,50 +17,71 @@ use std::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet, HashMap, VecDeque};
 use std::sync::Arc;
 
-/// Bytes all rods' samples that are no record yet may take together; beyond, the longest stretch becomes a record.
+/// Most bytes of all rods' samples that are not yet in a record; beyond, the longest stretch becomes a
+/// record.
 const HELD: usize = 96 << 20;
-/// The rods are weighed again when their samples may have grown by so much \[bytes\].
+/// Growth of the rods' samples after which their memory is checked again \[bytes\].
 const WEIGHED_EVERY: usize = 1 << 20;
-/// Samples of a message the buffer between two messages keeps room for.
+/// Capacity of the sample buffer kept between two messages \[samples\].
 const SCRATCH: usize = 1 << 17;
 
-/// An event of a rod, and when it came.
+/// An event of a rod with its completion time.
 #[derive(Debug)]
 pub(super) struct Timed {
     pub event: Event,
-    /// When it was complete, by the rod's own stamps.
+    /// Completion time, by the rod's own stamps.
     pub at: Timestamp,
-    /// Times up to which the rods had been followed then.
+    /// Times up to which each rod had been read by then.
     pub reached: Reached,
 }
 
-/// Everything between messages and events for one file, or for all parts of one journal.
+impl Timed {
+    /// One, or zero for temperatures alone.
+    pub fn records(&self) -> u64 {
+        u64::from(!matches!(self.event, Event::Readings { .. }))
+    }
+
+    /// The event with the place at which it was complete.
+    pub fn at_place(self, file: Arc<str>, bytes: u64, records: u64) -> (Event, Place) {
+        let Self { event, at, reached } = self;
+        let place = Place {
+            file,
+            bytes,
+            records,
+            at,
+            reached,
+        };
+        (event, place)
+    }
+}
+
+/// State between messages and events of one file, or of all parts of one journal.
 pub(super) struct Router {
     pub(super) rods: Vec<Rod>,
-    /// By channel id.
+    /// Channels by id.
     channels: Vec<Listed>,
     scratch: Vec<f64>,
     topics: Vec<Topic>,
     topic_numbers: HashMap<String, usize>,
     plans: Plans,
     pub(super) unverified: bool,
-    /// The streams of a journal that channels belong to.
+    /// Streams of a journal that channels belong to.
     streams: Vec<String>,
     stream_numbers: HashMap<String, usize>,
-    /// The journal that is read.
+    /// Identity of the journal that is read.
     pub(super) journal: Option<String>,
-    /// Events until they are taken.
+    /// Events not yet taken.
     ready: VecDeque<Timed>,
-    /// What the file had of each rod.
+    /// Contents of the file per rod.
     counts: Vec<Count>,
     /// True if a record ends with its file.
     ends_with_file: bool,
     ahead: Ahead,
-    /// Bytes the rods' samples may have grown by since they were weighed.
+    /// Largest growth of the rods' samples since the last memory check \[bytes\].
     grown: usize,
-    /// Records of each rod that ended because all rods together held too much.
+    /// Number of records of each rod that ended because all rods together held too much.
     cuts: BTreeMap<usize, u64>,
-    /// What the file lost, a clause each.
+    /// Data lost in the file, one clause each.
     holes: Vec<String>,
 }
 
@@ -70,14 +92,14 @@ struct Count {
     samples: u64,
 }
 
-/// Messages behind those of other files, where several are read side by side.
+/// Messages ahead of those of other files, where several are read side by side.
 #[derive(Default)]
 struct Ahead {
-    /// Log time up to which messages are handed on; `None` where all are \[ns\].
+    /// Log time up to which messages are passed on \[ns\]; `None`: all are.
     limit: Option<u64>,
-    /// The latest log time so far.
+    /// Latest log time so far \[ns\].
     front: Option<u64>,
-    /// Those that wait, with the latest log time up to them.
+    /// Waiting messages, with the latest log time up to each.
     waiting: VecDeque<(u64, Owned)>,
 }
 
@@ -99,7 +121,7 @@ struct Topic {
 pub(super) struct Rod {
     pub(super) config: RodChannels,
     pub(super) assembler: Assembler,
-    /// The stream its last sample came with, and the one its last temperature came with: indices into the streams.
+    /// Indices of the streams of its last sample and of its last temperature.
     fed_by: [Option<usize>; 2],
     /// True if it ever had samples.
     pub(super) is_followed: bool,
@@ -111,9 +133,9 @@ struct Listed {
     topic: usize,
     known: bool,
     routes: Option<Arc<[Route]>>,
-    /// The stream it belongs to, in a journal.
+    /// Index of its stream, in a journal.
     stream: Option<usize>,
-    /// Whether it holds the notes of a journal.
+    /// True if it holds the notes of a journal.
     notes: bool,
 }
 
@@ -137,7 +159,7 @@ impl Router {
         }
     }
 
-    /// A router that hands samples to rods that may have some already.
+    /// A router for rods that may hold samples already.
     pub fn of(rods: Vec<Rod>) -> Self {
         Self {
             counts: vec![Count::default(); rods.len()],
@@ -160,7 +182,7 @@ impl Router {
         }
     }
 
-    /// Takes what the reader hands out.
+    /// Takes an item of the reader.
     pub fn item(&mut self, item: Item<'_>) {
         match item {
             Item::Message(message) => self.in_turn(message),
@@ -195,7 +217,7 @@ impl Router {
         };
     }
 
-    /// The number of a topic.
+    /// Index of a topic.
     fn topic(&mut self, name: &str, encoding: &str) -> usize {
         self.topic_numbers.get(name).copied().unwrap_or_else(|| {
             self.topic_numbers.insert(name.to_owned(), self.topics.len());
@@ -211,7 +233,7 @@ impl Router {
         })
     }
 
-    /// Hands a message on if it is its turn.
+    /// Passes a message on if it is its turn.
     #[inline]
     fn in_turn(&mut self, message: Message<'_>) {
         let ahead = &mut self.ahead;
@@ -234,7 +256,7 @@ impl Router {
         self.message(message);
     }
 
-    /// From now on only messages up to this log time are handed on \[ns\].
+    /// Sets the log time up to which messages are passed on from now on \[ns\].
     pub fn limit(&mut self, limit: u64) {
         self.ahead.limit = Some(limit);
     }
@@ -244,13 +266,13 @@ impl Router {
         !self.ahead.waiting.is_empty()
     }
 
-    /// The log time of the message that is next, or of the latest one \[ns\].
+    /// Log time of the next message, or of the latest one \[ns\].
     pub fn front(&self) -> Option<u64> {
         let next = self.ahead.waiting.front().map(|(front, _)| *front);
         next.or(self.ahead.front)
     }
 
-    /// Hands on those that wait, up to a log time \[ns\].
+    /// Passes on the waiting messages up to a log time \[ns\].
     pub fn go_on(&mut self, limit: u64) {
         while let Some((front, owned)) = self.ahead.waiting.pop_front() {
             if front > limit {
@@ -349,7 +371,7 @@ impl Router {
         }
     }
 
-    /// Bytes of samples that are no record yet, of all rods.
+    /// Bytes of samples of all rods that are not yet in a record.
     pub fn held(&self) -> usize {
         self.rods.iter().map(|rod| rod.assembler.held()).sum()
     }
@@ -377,7 +399,7 @@ impl Router {
         }
     }
 
-    /// Tells what the file lost, and refuses it to each rod that may have had messages in it.
+    /// Notes data lost in the file, and rejects it for each rod that may have had messages there.
     fn hole(&mut self, hole: &Hole) {
         let is_lost = |id: usize| {
             hole.channels.is_empty() || u16::try_from(id).is_ok_and(|id| hole.channels.contains(&id))
@@ -454,12 +476,12 @@ impl Router {
         }
     }
 
-    /// Messages of all topics.
+    /// Number of messages of all topics.
     pub fn messages(&self) -> u64 {
         self.topics.iter().map(|topic| topic.summary.messages).sum()
     }
 
-    /// What a journal says of itself: another journal ends everything, a stream that ended ends its rods' records.
+    /// Handles a journal's note: another journal ends everything, a stream that ended ends its rods' records.
     fn note(&mut self, data: &[u8]) {
         // Notes of a newer version, or none at all: the data speak for themselves.
         let Ok(note) = serde_json::from_slice::<Note>(data) else {
@@ -482,7 +504,7 @@ impl Router {
         }
     }
 
-    /// A stream ended: so do the records of the rods that were last fed by it.
+    /// Ends the records of the rods last fed by a stream that ended.
     fn end_of(&mut self, stream: &str, cut_short: bool) {
         let Some(stream) = self.stream_numbers.get(stream).copied() else {
             return;
@@ -497,7 +519,8 @@ impl Router {
         }
     }
 
-    /// Ends a rod's records as the end of a file does, and begins anew. Its temperatures go on if they come from elsewhere.
+    /// Ends a rod's records as the end of a file does, and starts again. Its temperatures are kept if they
+    /// come from elsewhere.
     fn end_rod(&mut self, at: usize, cut_short: bool) {
         let Some(rod) = self.rods.get_mut(at) else { return };
         let count = std::mem::take(&mut self.counts[at]);
@@ -510,7 +533,7 @@ impl Router {
         rod.fed_by = [None, temperature.filter(|_| is_from_elsewhere)];
     }
 
-    /// The number of a stream.
+    /// Index of a stream.
     pub(super) fn stream(&mut self, name: &str) -> usize {
         self.stream_numbers.get(name).copied().unwrap_or_else(|| {
             self.stream_numbers.insert(name.to_owned(), self.streams.len());
@@ -519,7 +542,7 @@ impl Router {
         })
     }
 
-    /// The names of the streams that last fed a rod.
+    /// Names of the streams that last fed a rod.
     pub(super) fn fed_by(&self, rod: &Rod) -> [Option<String>; 2] {
         rod.fed_by
             .map(|stream| stream.and_then(|stream| self.streams.get(stream).cloned()))
@@ -533,12 +556,12 @@ impl Router {
         }
     }
 
-    /// Messages of a rod so far, for what goes on after a restart.
+    /// Number of messages of a rod so far, to be restored after a restart.
     pub(super) fn messages_of(&self, at: usize) -> u64 {
         self.counts.get(at).map_or(0, |count| count.messages)
     }
 
-    /// Goes on with samples that were there before a restart.
+    /// Restores samples from before a restart.
     pub(super) fn restore(&mut self, at: usize, assembler: Assembler, messages: u64) {
         let samples = assembler.samples();
         if let (Some(rod), Some(count)) = (self.rods.get_mut(at), self.counts.get_mut(at)) {
@@ -548,7 +571,7 @@ impl Router {
         }
     }
 
-    /// Another file of the same journal follows: channels are numbered anew, samples go on.
+    /// Prepares for another file of the same journal: channels are numbered anew, samples are kept.
     pub fn next_part(&mut self) {
         let fed_by: Vec<_> = self.rods.iter().map(|rod| self.fed_by(rod)).collect();
         self.channels.clear();
@@ -564,12 +587,12 @@ impl Router {
         }
     }
 
-    /// What became of the samples so far.
+    /// Moves the events so far to `to`.
     pub fn events(&mut self, to: &mut impl Extend<Timed>) {
         to.extend(self.ready.drain(..));
     }
 
-    /// Takes what became of the rods' samples from their assemblers.
+    /// Collects events from the assemblers of the rods.
     fn collect(&mut self) {
         let reached = self.reached();
         for rod in &mut self.rods {
@@ -582,7 +605,7 @@ impl Router {
         }
     }
 
-    /// Times up to which the rods have been followed.
+    /// Times up to which each rod has been read.
     pub fn reached(&self) -> Reached {
         self.rods
             .iter()
@@ -591,8 +614,8 @@ impl Router {
             .collect()
     }
 
-    /// Ends every stream; `damage` stands for what was not read, one rejection for each rod the file had
-    /// messages of.
+    /// Ends every stream; `damage` describes the part not read and gives one rejection for each rod with
+    /// messages in the file.
     pub fn finish(&mut self, cut_short: bool, damage: Option<&str>, to: &mut impl Extend<Timed>) {
         for (rod, count) in self.rods.iter_mut().zip(&self.counts) {
             rod.finish(*count, cut_short, damage);
@@ -601,8 +624,8 @@ impl Router {
         self.events(to);
     }
 
-    /// Ends one of several files that are read side by side. Records go on in the next one if this one ended as it
-    /// should.
+    /// Ends one of several files that are read side by side. Records continue in the next one if this one
+    /// ended properly.
     pub fn end_file(&mut self, cut_short: bool, damage: Option<&str>) {
         let fed = self.rods.iter_mut().zip(&self.counts);
         for (rod, count) in fed.filter(|(_, count)| count.messages > 0) {
@@ -615,14 +638,14 @@ impl Router {
         self.collect();
     }
 
-    /// What comes of samples that are left at the very end.
+    /// Events of the samples left at the very end.
     pub fn ended(mut self) -> impl Iterator<Item = Timed> {
         let mut last = VecDeque::new();
         self.finish(false, None, &mut last);
         last.into_iter()
     }
 
-    /// Fills in what the messages said.
+    /// Adds the counts of messages to a summary.
     pub fn summarise(&self, summary: &mut Summary) {
         summary.unverified = self.unverified;
         let topics = self.topics.iter();

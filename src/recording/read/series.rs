@@ -1,13 +1,13 @@
 //! The parts of one journal, read as the one stream they are.
 //!
-//! Where a part ends nothing is cut: the next one goes on, also behind a part that a crash tore. Replay and daemon read
-//! a journal here, so they cut the same records.
+//! Nothing is cut where a part ends: the next one continues, even after a part torn by a crash. Replay and
+//! daemon both read a journal here, so they cut the same records.
 
-use super::Place;
 use super::mcap::{Damage, Progress, Reader};
 use super::route::{Router, Timed};
+use super::source::{Source, Step};
 use super::verify::{Check, Trust};
-use super::{SourceError, Summary, carry};
+use super::{Place, SourceError, Summary, carry};
 use crate::analysis::signal::record::{Event, RecordSettings, RodChannels};
 use crate::analysis::track::ordered::Reached;
 use crate::recording::part;
@@ -18,67 +18,51 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::UNIX_EPOCH;
 
-/// What one step of reading brought.
-#[derive(Debug)]
-#[expect(clippy::large_enum_variant, reason = "one at a time, moved on at once")]
-pub enum SeriesPoll {
-    /// An event.
-    Event(Event, Place),
-    /// Nothing yet; there is more to read.
-    More,
-    /// Nothing yet, and nothing to read now; the journal may grow.
-    Wait,
-    /// The end of a part.
-    Part(Box<PartEnd>),
-    /// The end of the journal.
-    End,
-}
-
-/// A part that was read to its end.
+/// Result of a part that was read to its end.
 #[derive(Debug)]
 pub struct PartEnd {
-    /// Its number.
+    /// Number of the part.
     pub part: u32,
-    /// Its length \[bytes\].
+    /// Size of the part \[bytes\].
     pub size: u64,
-    /// When it was last written, in nanoseconds since 1970.
+    /// Time of its last change \[ns since 1970\].
     pub modified_ns: i64,
-    /// What it held, or why it could not be read.
+    /// Summary of the part, or the error that prevented reading.
     pub result: Result<Summary, SourceError>,
-    /// The next part, if there is one.
+    /// Number of the next part, if there is one.
     pub next: Option<u32>,
 }
 
-/// Which parts are read.
+/// Parts to read.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Parts {
-    /// These, ascending; the journal ends behind the last.
+    /// These, ascending; the journal ends after the last.
     Given(Vec<u32>),
-    /// All from this one on, of a journal that is still written.
+    /// All from this one on, of a journal that is still being written.
     From(u32),
 }
 
-/// The parts of one journal. Call [`Series::poll`] until it says [`SeriesPoll::End`].
+/// The parts of one journal.
 pub struct Series {
     folder: PathBuf,
     channels: Vec<RodChannels>,
     settings: RecordSettings,
-    /// Whether the journal is still written.
+    /// True if the journal is still written.
     live: bool,
     router: Router,
     queue: VecDeque<Timed>,
-    /// The parts that are read; of a live journal those there were when reading began.
+    /// Parts to read; for a live journal, those present when reading began.
     listed: Vec<u32>,
     open: Option<Open>,
-    /// The part read before, and the one to be read next.
+    /// Number of the part read before, and of the next one.
     before: Option<u32>,
     next: Option<u32>,
 }
 
-/// The part that is read.
+/// The part that is being read.
 struct Open {
     number: u32,
-    /// As the store or a person knows it.
+    /// Name in the store or given by the user.
     name: Arc<str>,
     stage: Stage,
     offset: u64,
@@ -86,9 +70,9 @@ struct Open {
     records: u64,
     messages: u64,
     damage: Option<String>,
-    /// Whether the part is at its end, as far as it is written.
+    /// True if the part is at its end, as far as it is written.
     ended: bool,
-    /// The part behind it, once it was seen; from then on this one does not grow.
+    /// Number of the part after it, once seen; from then on this one no longer grows.
     successor: Option<u32>,
     size: u64,
     modified_ns: i64,
@@ -122,7 +106,8 @@ impl Series {
         }
     }
 
-    /// Goes on from samples that earlier parts left open; a sentence for each rod whose samples do not fit any more.
+    /// Restores samples that earlier parts left open; returns a sentence for each rod whose samples no longer
+    /// fit.
     pub fn resume(&mut self, body: &[u8]) -> Vec<String> {
         let (router, lost) = carry::decode(body, &self.channels, &self.settings);
         self.router = router;
@@ -131,7 +116,7 @@ impl Series {
         lost
     }
 
-    /// The samples that are open between two parts, for [`Series::resume`].
+    /// Samples open between two parts, for [`Series::resume`].
     ///
     /// # Errors
     /// They cannot be encoded, which no input brings about.
@@ -139,7 +124,7 @@ impl Series {
         carry::encode(&self.router, &self.settings)
     }
 
-    /// Between two parts: ends every record that is open, and goes on with other channels and settings.
+    /// Ends every open record between two parts, and continues with other channels and settings.
     pub fn change(
         &mut self,
         channels: &[RodChannels],
@@ -152,136 +137,43 @@ impl Series {
         self.settings = settings.of_stream();
         self.router = Router::new(channels, &self.settings);
         self.router.journal = journal;
-        let place = |Timed { event, at, reached }| {
-            let place = Place {
-                file: Arc::from(part::mark_name(end.part)),
-                bytes: end.size,
-                records: 0,
-                at,
-                reached,
-            };
-            (event, place)
-        };
-        self.queue.drain(..).map(place).collect()
+        let name: Arc<str> = Arc::from(part::mark_name(end.part));
+        let timed = self.queue.drain(..);
+        timed
+            .map(|timed| timed.at_place(Arc::clone(&name), end.size, 0))
+            .collect()
     }
 
-    /// Times up to which the rods have been followed.
+    /// Times up to which each rod has been read.
     pub fn reached(&self) -> Reached {
         self.router.reached()
     }
 
-    /// What is read now: the part's number and where in it \[bytes\].
-    pub fn position(&self) -> Option<(u32, u64)> {
-        let open = self.open.as_ref()?;
-        Some((open.number, open.offset))
-    }
-
-    /// The part that is written now, if nothing more of it can be read: only another part brings data again.
+    /// Number of the current part, if no more of it can be read: only another part brings data again.
     pub fn stuck_in(&self) -> Option<u32> {
         let open = self.open.as_ref()?;
         (open.ended && open.damage.is_some()).then_some(open.number)
     }
 
-    /// Bytes read of the part that is open.
+    /// Number of bytes read of the open part.
     pub fn bytes_read(&self) -> u64 {
         self.open.as_ref().map_or(0, |open| open.read)
     }
 
-    /// Reads nothing more of the part that is open.
-    pub fn abandon(&mut self, why: &str) {
-        if let Some(open) = &mut self.open
-            && !open.ended
-        {
-            open.fail(Damage {
-                offset: open.offset,
-                what: why.to_owned(),
-            });
-            self.lose();
-        }
-    }
-
-    /// Reads nothing more of the part that is open, and forgets what was read of it: the samples that are no record yet are lost.
-    pub fn discard(&mut self, why: &str) {
-        if let Some(open) = &mut self.open {
-            open.fail(Damage {
-                offset: open.offset,
-                what: why.to_owned(),
-            });
-            self.queue.clear();
-            self.begin_anew();
-        }
-    }
-
-    /// One step: at most one record is read, or some way into one chunk.
-    pub fn poll(&mut self) -> SeriesPoll {
-        if let Some(event) = self.queue.pop_front() {
-            return self.event(event);
-        }
-        if self.open.is_none() {
-            return self.open_next();
-        }
-        let Some(open) = &mut self.open else {
-            return SeriesPoll::End;
-        };
-        if open.ended {
-            return self.end_part();
-        }
-        match open.step(&mut self.router) {
-            Ok(Progress::More) => self.router.events(&mut self.queue),
-            Ok(Progress::Complete) => open.ended = true,
-            Ok(Progress::Wait | Progress::Truncated) => {
-                if open.successor.is_some() || !self.live {
-                    // The end was reached after the part behind it had been seen: it was torn.
-                    open.ended = true;
-                } else {
-                    let number = open.number;
-                    let Some(later) = self.later(number) else {
-                        return SeriesPoll::Wait;
-                    };
-                    // What was written before that part was begun may still be unread.
-                    if let Some(open) = &mut self.open {
-                        open.successor = Some(later);
-                    }
-                }
+    fn event(&mut self, timed: Timed) -> Step<Box<PartEnd>> {
+        let (file, bytes, records) = match &mut self.open {
+            Some(open) => {
+                open.records += timed.records();
+                (Arc::clone(&open.name), open.read, open.records)
             }
-            // After a power cut the end of a torn part may be blank.
-            Err(_) if open.is_blank() => open.ended = true,
-            Err(damage) => {
-                open.fail(damage);
-                self.lose();
-            }
-        }
-        match self.queue.pop_front() {
-            Some(event) => self.event(event),
-            None => SeriesPoll::More,
-        }
-    }
-
-    fn event(&mut self, timed: Timed) -> SeriesPoll {
-        let Timed { event, at, reached } = timed;
-        let Some(open) = &mut self.open else {
             // Events at the very end belong to the part that was read last.
-            let place = Place {
-                file: Arc::from(self.name(self.before.unwrap_or_default())),
-                bytes: 0,
-                records: 0,
-                at,
-                reached,
-            };
-            return SeriesPoll::Event(event, place);
+            None => (Arc::from(self.name(self.before.unwrap_or_default())), 0, 0),
         };
-        open.records += u64::from(!matches!(event, Event::Readings { .. }));
-        let place = Place {
-            file: Arc::clone(&open.name),
-            bytes: open.read,
-            records: open.records,
-            at,
-            reached,
-        };
-        SeriesPoll::Event(event, place)
+        let (event, place) = timed.at_place(file, bytes, records);
+        Step::Event(event, place)
     }
 
-    /// After damage: what the open part still held is lost, and records end there.
+    /// Handles damage: the rest of the open part is lost, and records end there.
     fn lose(&mut self) {
         let damage = self.open.as_ref().and_then(|open| open.damage.clone());
         self.router.finish(true, damage.as_deref(), &mut self.queue);
@@ -302,7 +194,7 @@ impl Series {
         }
     }
 
-    /// The next part behind `number` that is there.
+    /// Number of the next existing part after `number`.
     fn later(&self, number: u32) -> Option<u32> {
         let next = number.checked_add(1)?;
         let is_there = |part: &u32| part::path(&self.folder, *part).is_file();
@@ -311,9 +203,9 @@ impl Series {
         next.into_iter().chain(listed).find(is_there)
     }
 
-    fn open_next(&mut self) -> SeriesPoll {
+    fn open_next(&mut self) -> Step<Box<PartEnd>> {
         let Some(next) = self.next else {
-            return SeriesPoll::End;
+            return Step::End;
         };
         let number = if part::path(&self.folder, next).is_file() {
             next
@@ -321,10 +213,10 @@ impl Series {
             // Not there yet, or removed.
             match self.later(next) {
                 Some(later) => later,
-                None if self.live => return SeriesPoll::Wait,
+                None if self.live => return Step::Wait,
                 None => {
                     self.next = None;
-                    return SeriesPoll::More;
+                    return Step::More;
                 }
             }
         };
@@ -346,18 +238,18 @@ impl Series {
         if is_unreadable {
             self.lose();
         }
-        SeriesPoll::More
+        Step::More
     }
 
-    /// A part is at its end: hands it over once the next one is there, or ends the journal.
-    fn end_part(&mut self) -> SeriesPoll {
+    /// Ends a part: hands it over once the next one exists, or ends the journal.
+    fn end_part(&mut self) -> Step<Box<PartEnd>> {
         let Some(number) = self.open.as_ref().map(|open| open.number) else {
-            return SeriesPoll::End;
+            return Step::End;
         };
         let next = self.later(number);
         if next.is_none() {
             if self.live {
-                return SeriesPoll::Wait;
+                return Step::Wait;
             }
             self.next = None;
             // What is still open may have gone on.
@@ -368,7 +260,7 @@ impl Series {
             }
         }
         let Some(open) = self.open.take() else {
-            return SeriesPoll::End;
+            return Step::End;
         };
         self.before = Some(number);
         self.next = next;
@@ -382,7 +274,7 @@ impl Series {
         // Which topics a part has says nothing about the journal.
         summary.missing.clear();
         summary.samples.clear();
-        SeriesPoll::Part(Box::new(PartEnd {
+        Step::File(Box::new(PartEnd {
             part: number,
             size: open.size,
             modified_ns: open.modified_ns,
@@ -392,6 +284,82 @@ impl Series {
             },
             next,
         }))
+    }
+}
+
+impl Source for Series {
+    type File = Box<PartEnd>;
+
+    fn poll(&mut self) -> Step<Box<PartEnd>> {
+        if let Some(event) = self.queue.pop_front() {
+            return self.event(event);
+        }
+        if self.open.is_none() {
+            return self.open_next();
+        }
+        let Some(open) = &mut self.open else {
+            return Step::End;
+        };
+        if open.ended {
+            return self.end_part();
+        }
+        match open.step(&mut self.router) {
+            Ok(Progress::More) => self.router.events(&mut self.queue),
+            Ok(Progress::Complete) => open.ended = true,
+            Ok(Progress::Wait | Progress::Truncated) => {
+                if open.successor.is_some() || !self.live {
+                    // The end was reached after the part behind it had been seen: it was torn.
+                    open.ended = true;
+                } else {
+                    let number = open.number;
+                    let Some(later) = self.later(number) else {
+                        return Step::Wait;
+                    };
+                    // What was written before that part was begun may still be unread.
+                    if let Some(open) = &mut self.open {
+                        open.successor = Some(later);
+                    }
+                }
+            }
+            // After a power cut the end of a torn part may be blank.
+            Err(_) if open.is_blank() => open.ended = true,
+            Err(damage) => {
+                open.fail(damage);
+                self.lose();
+            }
+        }
+        match self.queue.pop_front() {
+            Some(event) => self.event(event),
+            None => Step::More,
+        }
+    }
+
+    fn position(&self) -> Option<(Arc<str>, u64)> {
+        let open = self.open.as_ref()?;
+        Some((Arc::clone(&open.name), open.offset))
+    }
+
+    fn abandon(&mut self, why: &str) {
+        if let Some(open) = &mut self.open
+            && !open.ended
+        {
+            open.fail(Damage {
+                offset: open.offset,
+                what: why.to_owned(),
+            });
+            self.lose();
+        }
+    }
+
+    fn discard(&mut self, why: &str) {
+        if let Some(open) = &mut self.open {
+            open.fail(Damage {
+                offset: open.offset,
+                what: why.to_owned(),
+            });
+            self.queue.clear();
+            self.begin_anew();
+        }
     }
 }
 
@@ -433,7 +401,7 @@ impl Open {
         open
     }
 
-    /// Notes how large the file is and when it was written.
+    /// Notes the size of the file and the time of its last change.
     fn look(&mut self) {
         if let Stage::Checking(file, _) | Stage::Reading(file, _) = &self.stage
             && let Ok(data) = file.metadata()
@@ -488,7 +456,7 @@ impl Open {
     }
 }
 
-/// Whether a file holds nothing but zeros from `offset` on.
+/// True if a file holds nothing but zeros from `from` on.
 pub fn is_blank(file: &File, from: u64) -> bool {
     let mut offset = from;
     let mut buffer = vec![0u8; 1 << 16];
@@ -501,7 +469,7 @@ pub fn is_blank(file: &File, from: u64) -> bool {
     }
 }
 
-/// A file's time as nanoseconds since 1970.
+/// File time in nanoseconds since 1970.
 pub fn modified_ns(time: std::time::SystemTime) -> i64 {
     match time.duration_since(UNIX_EPOCH) {
         Ok(since) => i64::try_from(since.as_nanos()).unwrap_or(i64::MAX),

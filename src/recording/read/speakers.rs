@@ -1,24 +1,24 @@
-//! Who speaks on a topic: one channel at a time, or nobody knows whose samples they are.
+//! Detects several channels on one topic, so that no rod gets another sensor's samples.
 //!
-//! A writer that begins anew may give a topic another channel: the old one is silent from then on. Two sensors on one
-//! topic speak in turn, or at the same times.
+//! A writer that starts again may give a topic another channel: the old one is silent from then on. Two sensors on
+//! one topic are active in turn, or at the same times.
 
-/// The channels of one topic, as they spoke.
+/// Active channels of one topic.
 #[derive(Debug, Default)]
 pub(super) struct Speakers {
     now: Option<Speaker>,
-    /// Those that spoke before.
+    /// Channels that were active before.
     before: Vec<Speaker>,
-    /// True if several speak at once, and that was told.
+    /// True if several are active at once, and that was reported.
     shared: Shared,
 }
 
 #[derive(Debug, Clone, Copy)]
 struct Speaker {
     channel: u16,
-    /// In a journal, the stream it belongs to.
+    /// Index of its stream, in a journal.
     stream: Option<usize>,
-    /// Its latest log time \[ns\].
+    /// Latest log time \[ns\].
     latest: u64,
 }
 
@@ -31,7 +31,7 @@ enum Shared {
 }
 
 impl Speakers {
-    /// Takes note of a message; whether it may be used.
+    /// Notes a message; returns true if it may be used.
     #[inline]
     pub fn may_speak(&mut self, channel: u16, stream: Option<usize>, log_time: u64) -> bool {
         if let (Some(now), Shared::No) = (&mut self.now, self.shared)
@@ -64,12 +64,12 @@ impl Speakers {
         self.shared == Shared::No
     }
 
-    /// True if it was found just now that several speak at once.
+    /// True if several active channels were found just now.
     pub fn is_news(&self) -> bool {
         self.shared == Shared::News
     }
 
-    /// The channels, for people.
+    /// Names of the channels, for people.
     pub fn names(&self) -> String {
         let speakers = self.before.iter().chain(&self.now);
         let mut channels: Vec<u16> = speakers.map(|speaker| speaker.channel).collect();
@@ -78,7 +78,7 @@ impl Speakers {
         channels.join(", ")
     }
 
-    /// A stream of a journal ended: who is left may speak.
+    /// Ends a stream of a journal: the remaining channel may be used.
     pub fn end_of(&mut self, stream: usize) {
         let spoke = self.before.iter().chain(&self.now);
         if spoke.into_iter().any(|speaker| speaker.stream == Some(stream)) {
@@ -91,7 +91,7 @@ impl Speakers {
 mod tests {
     use super::*;
 
-    /// Which messages may be used: channels with log times.
+    /// Messages that may be used, given channels with log times.
     fn used(messages: &[(u16, u64)]) -> Vec<bool> {
         let mut speakers = Speakers::default();
         let mut may = |&(channel, time): &(u16, u64)| speakers.may_speak(channel, None, time);

@@ -1,70 +1,70 @@
-//! What a recording held, and what was wrong with it, in sentences.
+//! Content of a recording and its faults, in sentences.
 
 use crate::analysis::signal::record::RodId;
 use std::collections::BTreeMap;
 
-/// What a recording held.
+/// Content of a recording.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Summary {
-    /// The file, as named.
+    /// File name as given.
     pub file: String,
-    /// All messages, wanted or not.
+    /// Number of messages, of all topics.
     pub messages: u64,
-    /// Samples of each configured rod.
+    /// Number of samples of each configured rod.
     pub samples: BTreeMap<RodId, u64>,
-    /// Where and why the file could not be believed any further.
+    /// Damage that ended the reading: place and kind.
     pub damage: Option<String>,
-    /// What was lost between two places that can be believed, a clause each.
+    /// Data lost between two intact places, one clause each.
     pub holes: Vec<String>,
-    /// Whether it ended in the middle.
+    /// True if it is cut short.
     pub truncated: bool,
-    /// Whether some of it has no checksum.
+    /// True if some of it has no checksum.
     pub unverified: bool,
     /// Every topic of the file.
     pub topics: BTreeMap<String, TopicSummary>,
-    /// What a person should know that is no fault: what was left out of another program's file, which column was taken.
+    /// Notes that are no faults: items left out of another program's file, the column taken.
     pub notes: Vec<String>,
-    /// How many topics are configured.
+    /// Number of configured topics.
     pub wanted: usize,
-    /// Those of them the file does not have.
+    /// Configured topics that the file does not have.
     pub missing: Vec<(RodId, String)>,
 }
 
-/// What one topic held.
+/// Content of one topic.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct TopicSummary {
-    /// Its message encoding.
+    /// Message encoding of the topic.
     pub encoding: String,
-    /// Its messages.
+    /// Number of its messages.
     pub messages: u64,
-    /// Those of a configured channel that gave no samples.
+    /// Number of messages of a configured channel that gave no samples.
     pub undecodable: u64,
-    /// Why the first of them did not.
+    /// Error of the first of them.
     pub fault: Option<String>,
 }
 
 impl Summary {
-    /// Whether any data was lost: damage, holes, or messages that could not be decoded.
+    /// True if any data was lost: damage, holes, or messages that could not be decoded.
     pub fn lost_data(&self) -> bool {
         self.damage.is_some()
             || !self.holes.is_empty()
             || self.topics.values().any(|topic| topic.undecodable > 0)
     }
 
-    /// Whether the file has none of the configured topics.
+    /// True if the file has none of the configured topics.
     pub fn has_nothing(&self) -> bool {
         self.wanted > 0 && self.missing.len() == self.wanted
     }
 
-    /// One clear sentence for everything a person should know, most important first.
+    /// One sentence per item that a person should know, most important first.
     pub fn sentences(&self) -> Vec<String> {
         let mut sentences = self.faults();
         sentences.extend(self.absences());
         sentences
     }
 
-    /// One sentence per configured topic that the file does not have; normal where every rod has files
-    /// of its own.
+    /// One sentence per configured topic that the file does not have; this is normal where every rod has its
+    /// own files.
     pub fn absences(&self) -> Vec<String> {
         const NAMED: usize = 40;
         let mut topics: Vec<String> = self.topics.keys().take(NAMED).cloned().collect();

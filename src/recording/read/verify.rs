@@ -1,24 +1,23 @@
-//! The checksum over a whole MCAP file, looked at before anything in it is believed.
+//! Verifies the checksum over a whole MCAP file before any of its data is used.
 
 use std::io::{self, Read, Seek, SeekFrom};
 
-/// What the checksum over a file's data section says.
+/// Result of the checksum over a file's data section.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Trust {
-    /// It is there and right: nothing in the data section is damaged.
+    /// Present and correct: nothing in the data section is damaged.
     Verified,
-    /// It is there and wrong: something is damaged, only checked chunks can be believed, and only up
-    /// to the first oddity.
+    /// Present and wrong: something is damaged; only checked chunks are used, and only up to the first
+    /// fault.
     Damaged,
-    /// There is none, or the file has no end yet.
+    /// Absent, or the file has no end yet.
     Unverified,
 }
 
-const MAGIC: &[u8; 8] = b"\x89MCAP0\r\n";
 const FOOTER: u64 = 9 + 20;
 const DATA_END: u64 = 9 + 4;
 
-/// Reads the file once to check it, and goes back to its start.
+/// Reads the file once to check it, and rewinds it.
 pub fn verify(file: &mut (impl Read + Seek)) -> io::Result<Trust> {
     let Some(mut check) = Check::begin(file)? else {
         return Ok(Trust::Unverified);
@@ -30,10 +29,10 @@ pub fn verify(file: &mut (impl Read + Seek)) -> io::Result<Trust> {
     }
 }
 
-/// Bytes a step reads.
+/// Number of bytes that a step reads.
 const STEP: usize = 1 << 18;
 
-/// A checksum being taken over a file, a little at a time.
+/// An incremental checksum over a file.
 pub struct Check {
     hasher: crc32fast::Hasher,
     left: u64,
@@ -41,7 +40,7 @@ pub struct Check {
 }
 
 impl Check {
-    /// Looks at the end of a file for its checksum and goes back to its start; `None` if there is none.
+    /// Reads the checksum at the end of a file and rewinds it; `None` if there is none.
     pub fn begin(file: &mut (impl Read + Seek)) -> io::Result<Option<Self>> {
         let found = find(file);
         file.seek(SeekFrom::Start(0))?;
@@ -57,7 +56,7 @@ impl Check {
         }
     }
 
-    /// Reads on; at the end says what came out and goes back to the file's start.
+    /// Reads on; at the end returns the result and rewinds the file.
     pub fn step(&mut self, file: &mut (impl Read + Seek)) -> io::Result<Option<Trust>> {
         let mut buffer = vec![0u8; STEP];
         // Bounded by the buffer.
@@ -83,10 +82,10 @@ impl Check {
     }
 }
 
-/// Where the data of a complete file ends, and the checksum over them; `None` without.
+/// End of the data of a complete file \[bytes\] and the checksum over them; `None` without.
 fn find(file: &mut (impl Read + Seek)) -> io::Result<Option<(u64, u32)>> {
     let length = file.seek(SeekFrom::End(0))?;
-    let tail_length = FOOTER + MAGIC.len() as u64;
+    let tail_length = FOOTER + mcap::MAGIC.len() as u64;
     if length < tail_length + DATA_END {
         return Ok(None);
     }
@@ -96,7 +95,7 @@ fn find(file: &mut (impl Read + Seek)) -> io::Result<Option<(u64, u32)>> {
     file.read_exact(&mut tail)?;
     let (footer, magic) = tail.split_at(29);
     let (head, content) = footer.split_at(9);
-    if magic != MAGIC || head != [2, 20, 0, 0, 0, 0, 0, 0, 0] {
+    if magic != mcap::MAGIC || head != [2, 20, 0, 0, 0, 0, 0, 0, 0] {
         return Ok(None);
     }
     let mut summary_at = [0u8; 8];

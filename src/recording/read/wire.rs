@@ -1,13 +1,13 @@
-//! Fields of an MCAP record, read from bytes that may be anything.
+//! Fields of an MCAP record, read from untrusted bytes.
 
 use std::collections::BTreeMap;
 
-/// What is left of a record.
+/// Remaining bytes of a record.
 #[derive(Debug, Clone, Copy)]
 pub struct Fields<'a>(pub &'a [u8]);
 
 impl<'a> Fields<'a> {
-    /// The next `count` bytes, or why not.
+    /// The next `count` bytes, or the reason why there are none.
     pub fn bytes(&mut self, count: u64) -> Result<&'a [u8], &'static str> {
         let count = usize::try_from(count).map_err(|_| "a record ends too early")?;
         let (head, rest) = self.0.split_at_checked(count).ok_or("a record ends too early")?;

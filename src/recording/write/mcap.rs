@@ -9,24 +9,24 @@ use std::io::{self, Seek, Write};
 use std::path::Path;
 use thiserror::Error;
 
-/// Why a recording could not be written.
+/// Reason why a recording could not be written.
 #[derive(Debug, Error)]
 pub enum SinkError {
-    /// The file system said no.
+    /// The file system returned an error.
     #[error("cannot write {path}: {source}")]
     Io {
-        /// The file.
+        /// Path of the file.
         path: String,
-        /// What it said.
+        /// Error of the file system.
         source: io::Error,
     },
-    /// The MCAP writer said no.
+    /// The MCAP writer returned an error.
     #[error("cannot write MCAP: {0}")]
     Mcap(#[from] mcap::McapError),
-    /// MCAP counts time from 1970.
+    /// The time is before 1970, where MCAP's times begin.
     #[error("{0} cannot be stored: MCAP time starts in 1970")]
     Time(Timestamp),
-    /// A channel id from another writer.
+    /// The channel id is from another writer.
     #[error("no such channel")]
     Channel,
     /// A sample rate that is not a positive number, or stamps and samples that differ in number.
@@ -34,25 +34,25 @@ pub enum SinkError {
     Samples(&'static str),
 }
 
-/// How chunks are compressed.
+/// Compression of chunks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Compression {
     /// Zstandard.
     Zstd,
     /// LZ4.
     Lz4,
-    /// Not at all.
+    /// No compression.
     None,
 }
 
-/// How the file is laid out.
+/// Layout of the file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct WriterOptions {
-    /// How chunks are compressed.
+    /// Compression of chunks.
     pub compression: Compression,
-    /// Uncompressed bytes in a chunk; `None` writes messages without chunks.
+    /// Uncompressed size of a chunk \[bytes\]; `None` writes messages without chunks.
     pub chunk_bytes: Option<u64>,
-    /// Whether checksums are written; without them damage goes unseen.
+    /// True if checksums are written; without them damage is not detected.
     pub checksums: bool,
     /// Zstandard level, 0 for its default.
     pub level: u32,
@@ -72,15 +72,15 @@ impl Default for WriterOptions {
 /// A channel to be written.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ChannelSpec {
-    /// Its topic.
+    /// Topic.
     pub topic: String,
-    /// How its messages are encoded.
+    /// Encoding of its messages.
     pub encoding: Encoding,
-    /// One sample or a batch in a message.
+    /// Number of samples per message: one or a batch.
     pub layout: Layout,
-    /// Bits a sample keeps.
+    /// Floating-point precision of a sample.
     pub precision: Precision,
-    /// The unit the samples are given in; named in batches and in the channel's metadata.
+    /// Unit of the samples; named in batches and in the channel's metadata.
     pub unit: Unit,
 }
 
@@ -124,7 +124,7 @@ impl RecordingWriter<AtomicFile> {
 }
 
 impl<W: Write + Seek> RecordingWriter<W> {
-    /// Starts a recording on anything that can be written and sought.
+    /// Starts a recording on any output that can be written and sought.
     pub fn new(to: W, options: WriterOptions) -> Result<Self, SinkError> {
         let compression = match options.compression {
             Compression::Zstd => Some(mcap::Compression::Zstd),
@@ -234,12 +234,12 @@ impl<W: Write + Seek> RecordingWriter<W> {
         Ok(())
     }
 
-    /// Writes what is buffered as a chunk, so that a reader can follow.
+    /// Writes the buffer as a chunk, so that a reader can follow.
     pub fn flush(&mut self) -> Result<(), SinkError> {
         Ok(self.mcap.flush()?)
     }
 
-    /// Ends the recording and hands back where it was written to.
+    /// Ends the recording and returns the output.
     pub fn finish(mut self) -> Result<W, SinkError> {
         self.mcap.finish()?;
         Ok(self.mcap.into_inner())

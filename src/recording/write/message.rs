@@ -18,7 +18,7 @@ use prost_reflect::prost_types::{
 use re_cdr::{CdrWriter, LittleEndian};
 use std::io::Write as _;
 
-/// How messages are encoded.
+/// Encoding of messages.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Encoding {
     /// JSON with a JSON Schema.
@@ -30,7 +30,7 @@ pub enum Encoding {
 }
 
 impl Encoding {
-    /// The field of a message that holds its sample or samples.
+    /// Field of a message that holds its sample or samples.
     pub fn samples_field(self, is_batch: bool) -> &'static str {
         match (self, is_batch) {
             (_, true) => "values",
@@ -39,7 +39,7 @@ impl Encoding {
         }
     }
 
-    /// The field of a message that holds its time; a single sample has none.
+    /// Field of a message that holds its time; `None` for a single sample.
     pub fn time_field(self, is_batch: bool) -> Option<&'static str> {
         match (self, is_batch) {
             (_, false) => None,
@@ -49,7 +49,7 @@ impl Encoding {
     }
 }
 
-/// What one message holds.
+/// Content of one message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Layout {
     /// One sample.
@@ -58,7 +58,7 @@ pub enum Layout {
     Batch(usize),
 }
 
-/// How many bits a sample keeps.
+/// Floating-point precision of a sample.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Precision {
     /// 32-bit floating point.
@@ -70,16 +70,16 @@ pub enum Precision {
 /// A schema as MCAP stores it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Schema {
-    /// Its name.
+    /// Name of the schema.
     pub name: String,
-    /// Its encoding, by the MCAP registry.
+    /// Encoding of the schema, by the MCAP registry.
     pub encoding: &'static str,
-    /// Its text or bytes.
+    /// Text or bytes of the schema.
     pub data: Vec<u8>,
 }
 
 impl Encoding {
-    /// The message encoding, by the MCAP registry.
+    /// Message encoding, by the MCAP registry.
     pub fn key(self) -> &'static str {
         match self {
             Self::Json => "json",
@@ -93,7 +93,7 @@ const JSON_SAMPLE: &str =
     r#"{"type":"object","properties":{"value":{"type":["number","null"]}},"required":["value"]}"#;
 const JSON_BATCH: &str = r#"{"type":"object","properties":{"start_ns":{"type":"integer","description":"time of the first sample [ns since 1970]"},"fs_hz":{"type":"number","description":"sample rate [Hz]"},"unit":{"type":"string"},"values":{"type":"array","items":{"type":["number","null"]}}},"required":["start_ns","fs_hz","unit","values"]}"#;
 
-/// The schema of a message type.
+/// Schema of a message type.
 pub fn schema(encoding: Encoding, layout: Layout, precision: Precision) -> Schema {
     let batch = matches!(layout, Layout::Batch(_));
     let (name, schema_encoding, data) = match encoding {

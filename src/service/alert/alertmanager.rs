@@ -1,13 +1,14 @@
-//! The API of a Prometheus Alertmanager, which forgets what it is not told again.
+//! The API of a Prometheus Alertmanager, which drops alerts that are not sent again.
 
 use super::post::post;
 use super::{Failure, Message, Sink, What};
 use crate::analysis::signal::record::Timestamp;
 use crate::config::settings::alert::AlertmanagerSettings;
+use crate::site::clock;
 use serde_json::{Value as Json, json};
 use std::time::Duration;
 
-/// How long an alert fires without being sent again \[s\].
+/// Time for which an alert fires without being sent again \[s\].
 const LASTS_S: f64 = 300.0;
 
 /// An Alertmanager.
@@ -30,7 +31,7 @@ impl Alertmanager {
 
 impl Sink for Alertmanager {
     fn deliver(&mut self, message: &Message) -> Result<(), Failure> {
-        self.post(&[alert(message, super::now())])
+        self.post(&[alert(message, clock::now())])
     }
 
     fn refresh_every(&self) -> Option<Duration> {
@@ -41,13 +42,13 @@ impl Sink for Alertmanager {
         if standing.is_empty() {
             return Ok(());
         }
-        let now = super::now();
+        let now = clock::now();
         let alerts: Vec<Json> = standing.iter().map(|message| alert(message, now)).collect();
         self.post(&alerts)
     }
 }
 
-/// The alert of a message: its labels are the same for all news of an alarm.
+/// The alert of a message: its labels are the same for all events of an alarm.
 fn alert(message: &Message, now: Timestamp) -> Json {
     let is_test = matches!(message.what, What::Test | What::Alive);
     let ends = if message.stands || is_test {

@@ -1,18 +1,18 @@
-//! How long to wait before a sink that failed is tried again.
+//! Waits before a failed sink is tried again.
 
 use crate::analysis::numerics::random;
 use rand::RngExt;
 use rand::rngs::ChaCha8Rng;
 use std::time::Duration;
 
-/// The shortest and the longest time between two tries, and the time one may take.
+/// Shortest and longest time between two tries, and the time one may take.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Pace {
     /// The wait after the first failure.
     pub first: Duration,
-    /// The wait never grows beyond this, nor beyond it by what the other side asks for.
+    /// Longest wait, even if the other side asks for more.
     pub longest: Duration,
-    /// How long one send may take.
+    /// Longest time of one send.
     pub deadline: Duration,
 }
 
@@ -26,8 +26,8 @@ impl Default for Pace {
     }
 }
 
-/// Waits that double with each failure, a fifth more or less by chance so that sinks that failed together do not come
-/// back together.
+/// Waits that double with each failure, varied randomly by a fifth so that sinks that failed together do not
+/// retry together.
 #[derive(Debug)]
 pub struct Backoff {
     pace: Pace,
@@ -45,7 +45,7 @@ impl Backoff {
         }
     }
 
-    /// The wait after one more failure: at least as long as the other side `asked` for, up to the longest.
+    /// Wait after one more failure: at least as long as the other side `asked` for, up to the longest.
     pub fn after_failure(&mut self, asked: Option<Duration>) -> Duration {
         let doubled = self
             .pace
@@ -58,7 +58,7 @@ impl Backoff {
         own.max(asked.unwrap_or_default().min(self.pace.longest))
     }
 
-    /// It worked: the next failure counts as the first.
+    /// Resets after a success: the next failure counts as the first.
     pub fn reset(&mut self) {
         self.failures = 0;
     }

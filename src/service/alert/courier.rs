@@ -1,4 +1,4 @@
-//! One thread a sink: takes the next news from the store, sends it, reports that it arrived, for ever.
+//! One thread per sink: takes the next event from the store, sends it, reports its delivery, and repeats.
 
 use super::marks::Marks;
 use super::signal::{Place, Signal, Stopped};
@@ -15,10 +15,10 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// News read at once.
+/// Number of events read at once.
 const BATCH: usize = 100;
 
-/// How often the store is looked at without being told of news.
+/// Interval at which the store is checked without notification.
 const LOOK_EVERY: Duration = Duration::from_secs(30);
 
 /// The name under which the store remembers how far a sink was told of the daemon's conditions. No id has a slash.
@@ -26,12 +26,13 @@ fn notices_mark(sink: &str) -> String {
     format!("{sink}/conditions")
 }
 
-/// The name under which the store remembers that a sink was told what stood when it was added. No id has a slash.
+/// Name under which the store records that a sink got the alarms active when it was added. No sink id has a
+/// slash.
 fn standing_mark(sink: &str) -> String {
     format!("{sink}/standing")
 }
 
-/// Why a round ended early.
+/// Reason why a round ended early.
 enum Trouble {
     Stopped,
     Failed(Failure),
@@ -56,7 +57,7 @@ impl From<StoreError> for Trouble {
     }
 }
 
-/// What a courier is sent out with.
+/// Everything that a courier needs for its work.
 pub(super) struct Errand {
     pub(super) settings: SinkSettings,
     pub(super) site: String,
@@ -71,7 +72,7 @@ pub(super) struct Courier {
     sink: Box<dyn Sink>,
     reader: Option<Reader>,
     place: Option<Place>,
-    /// What stood when the sink was added and it still has to be told; `None` until that was looked up.
+    /// Alarms active when the sink was added that it still has to get; `None` until they were looked up.
     standing: Option<VecDeque<Message>>,
     refreshed: Option<Instant>,
     /// Messages it told past the store: they are not told again when the store has them too.
@@ -81,7 +82,7 @@ pub(super) struct Courier {
 }
 
 impl Courier {
-    /// A courier that goes on at `place`, or where the store remembers it was.
+    /// A courier that continues at `place`, or at the position in the store.
     pub(super) fn new(errand: Errand, pace: Pace, place: Option<Place>, signal: Arc<Signal>) -> Self {
         let Errand { settings, site, .. } = &errand;
         let seed = random::seed(&[b"sink", site.as_bytes(), settings.id.as_bytes()]);
@@ -98,7 +99,7 @@ impl Courier {
         }
     }
 
-    /// Works until it is told to stop.
+    /// Works until stopped.
     pub(super) fn run(&mut self) {
         loop {
             let told = match self.round() {
@@ -118,7 +119,7 @@ impl Courier {
         }
     }
 
-    /// Says so and waits.
+    /// Reports a failure and waits.
     fn failed(&mut self, failure: &Failure) -> Result<(), Stopped> {
         let wait = self.backoff.after_failure(failure.retry_after);
         let id = &self.errand.settings.id;
@@ -148,7 +149,7 @@ impl Courier {
         }
     }
 
-    /// Sends everything there is to send.
+    /// Sends all that is due.
     fn round(&mut self) -> Result<(), Trouble> {
         while let Some(message) = self.signal.direct() {
             self.send(&message)?;
@@ -219,7 +220,7 @@ impl Courier {
         }
     }
 
-    /// Where to go on: as remembered, or, for a sink that is new, behind the news there are now.
+    /// Position to continue from: as stored, or, for a new sink, after the present events.
     fn place(&mut self, reader: &Reader) -> Result<Place, Trouble> {
         if let Some(place) = self.place {
             return Ok(place);
@@ -246,7 +247,7 @@ impl Courier {
         Ok(place)
     }
 
-    /// Tells a sink that is new what stood when it was added.
+    /// Sends a new sink the alarms active when it was added.
     fn tell_standing(&mut self, reader: &Reader, place: &mut Place) -> Result<(), Trouble> {
         if self.standing.is_none() {
             self.standing = Some(self.standing_before(reader, *place)?);
@@ -262,7 +263,7 @@ impl Courier {
         Ok(self.report(&standing_mark(&self.errand.settings.id), i64::MAX)?)
     }
 
-    /// What stands, but for what the sink is told of by later news.
+    /// Active alarms, except those that later events will report.
     fn standing_before(&self, reader: &Reader, place: Place) -> Result<VecDeque<Message>, Trouble> {
         let mut later = HashSet::new();
         let mut number = place.through;
@@ -293,7 +294,7 @@ impl Courier {
         Ok(alarms.chain(conditions).collect())
     }
 
-    /// Sends again what stands to a sink that forgets.
+    /// Sends the active alarms again to a sink that forgets.
     fn refresh(&mut self, reader: &Reader) -> Result<(), Trouble> {
         let Some(every) = self.sink.refresh_every() else {
             return Ok(());
@@ -314,20 +315,20 @@ impl Courier {
         Ok(guarded(|| self.sink.deliver(message))?)
     }
 
-    /// This thread is ahead of what the store remembers.
+    /// Notes the position reached, ahead of the store.
     fn arrive(&mut self, place: Place) {
         self.place = Some(place);
         self.signal.arrive(place);
     }
 
-    /// The store shall remember what was reached.
+    /// Reports the position reached, to be stored.
     fn report(&self, mark: &str, through: i64) -> Result<(), Stopped> {
         self.signal
             .unless_stopped(|| self.errand.marks.put(mark, through))
     }
 }
 
-/// A sink that breaks is a sink that failed: its thread must go on.
+/// Turns a panic of a sink into a failure: its thread must go on.
 fn guarded(send: impl FnOnce() -> Result<(), Failure>) -> Result<(), Failure> {
     catch_unwind(AssertUnwindSafe(send)).unwrap_or_else(|_| {
         Err(Failure::new(

@@ -9,14 +9,14 @@ use super::{Message, Pace};
 use crate::analysis::signal::record::Timestamp;
 use crate::config::settings::alert::{AlertSettings, SinkKind, SinkSettings};
 use crate::service::telemetry::{Fault, Telemetry};
-use crate::site::store::Notice;
+use crate::site::store::ConditionEvent;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// How long a courier that is told to stop may take, unless it is in the middle of a send.
+/// Longest time for a courier to stop, unless it is in the middle of a send.
 const STOP_WITHIN: Duration = Duration::from_millis(100);
 
 /// All couriers of a daemon.
@@ -44,8 +44,8 @@ struct Running {
 }
 
 impl Couriers {
-    /// Starts one for each sink and one for the log. They read `store` and report to `delivered`, which they keep
-    /// until they are stopped.
+    /// Starts one courier for each sink and one for the log. They read `store` and report to `delivered`,
+    /// which they hold until stopped.
     pub fn start(
         sinks: &[SinkSettings],
         site: &str,
@@ -56,7 +56,7 @@ impl Couriers {
         Self::start_at(Pace::default(), sinks, site, store, delivered, telemetry)
     }
 
-    /// Starts them at another pace than the usual one.
+    /// Starts them at a given pace.
     pub fn start_at(
         pace: Pace,
         sinks: &[SinkSettings],
@@ -107,7 +107,7 @@ impl Couriers {
     }
 
     /// Tells every sink of a condition that the store cannot keep now. When it has it, it is not sent again.
-    pub fn tell(&self, notice: &Notice) {
+    pub fn tell(&self, notice: &ConditionEvent) {
         for courier in &self.running {
             courier.signal.tell(Message::of_notice(&courier.site, notice));
         }
@@ -144,15 +144,15 @@ impl Couriers {
         }
     }
 
-    /// There may be news in the store.
+    /// Notifies the couriers that there may be events in the store.
     pub fn wake(&self) {
         for courier in &self.running {
             courier.signal.wake();
         }
     }
 
-    /// Goes on with these sinks. A courier whose settings are the same is not disturbed; one whose settings changed
-    /// goes on where it was.
+    /// Changes to these sinks. A courier with unchanged settings is not disturbed; one with changed settings
+    /// continues at its position.
     pub fn reload(&mut self, sinks: &[SinkSettings], site: &str) {
         let log = SinkSettings::log();
         let mut wanted: Vec<&SinkSettings> = sinks.iter().collect();
@@ -235,7 +235,7 @@ impl Drop for Couriers {
     }
 }
 
-/// Stops couriers and waits for them until a moment; their ids and how far they came.
+/// Stops couriers and waits for them until a deadline; returns their ids and positions.
 fn stop(couriers: Vec<Running>, until: Instant) -> Vec<(String, Option<Place>)> {
     for courier in &couriers {
         courier.signal.stop();

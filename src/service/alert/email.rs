@@ -90,7 +90,7 @@ impl Sink for Email {
     }
 }
 
-/// Whether the system waited for as long as it was told to; it has two names for that.
+/// True if the system waited for the time limit; it has two names for that.
 fn is_timeout(error: &(dyn Error + 'static)) -> bool {
     let kind = error.downcast_ref::<io::Error>().map(io::Error::kind);
     matches!(kind, Some(io::ErrorKind::TimedOut | io::ErrorKind::WouldBlock))

@@ -1,4 +1,4 @@
-//! The log as a sink: one line a message, always there.
+//! The log as a sink: one line per message; it always exists.
 
 use super::{Failure, Message, Sink};
 

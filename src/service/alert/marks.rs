@@ -1,4 +1,4 @@
-//! How far each sink came, on its way to the core thread.
+//! Delivery positions of the sinks on their way to the core thread.
 //!
 //! A thread of its own waits for a place in the queue of jobs, which may be full for hours while an archive is read: a
 //! courier must not wait with its next alarm for that. Marks that wait are joined: only the latest of a sink counts.
@@ -9,8 +9,8 @@ use std::sync::mpsc::{Receiver, sync_channel};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread;
 
-/// Takes the number of the latest news that a sink has, by the sink's id; waits for its turn, and returns false when nobody
-/// listens any more.
+/// Callback for the number of the latest event delivered to a sink, by the sink's id; waits for its turn, and
+/// returns false when nothing receives it any more.
 pub type Delivered = Box<dyn FnMut(String, i64) -> bool + Send>;
 
 /// Marks that wait to be reported.
@@ -27,8 +27,8 @@ struct Inner {
 }
 
 impl Marks {
-    /// Starts the thread that reports marks to `delivered`; it has ended, and `delivered` is dropped, when the receiver is
-    /// disconnected.
+    /// Starts the thread that reports marks to `delivered`; when the receiver is disconnected, it has ended
+    /// and `delivered` is dropped.
     pub(super) fn start(self: &Arc<Self>, delivered: Delivered) -> io::Result<Receiver<()>> {
         let marks = Arc::clone(self);
         let (ending, ended) = sync_channel(0);
@@ -41,13 +41,13 @@ impl Marks {
         Ok(ended)
     }
 
-    /// The latest news a sink has.
+    /// Sets the latest event delivered to a sink.
     pub(super) fn put(&self, mark: &str, through: i64) {
         self.lock().waiting.insert(mark.to_owned(), through);
         self.changed.notify_all();
     }
 
-    /// No more will come; what waits is still reported.
+    /// Ends the input; waiting marks are still reported.
     pub(super) fn end(&self) {
         self.lock().is_over = true;
         self.changed.notify_all();

@@ -1,39 +1,40 @@
-//! What a sink sends about an alarm: one JSON object for machines, a subject and a text for people.
+//! Message of a sink about an alarm: one JSON object for machines, a subject and a text for people.
 
 use crate::analysis::signal::record::Timestamp;
 use crate::analysis::track::AlarmEvent;
 use crate::analysis::track::alarm::change::Change;
 use crate::analysis::track::alarm::{self, Alarm};
 use crate::analysis::track::relative::Interval;
-use crate::site::store::{News, Notice};
+use crate::site::store::{ConditionEvent, News};
 use serde::Serialize;
 use std::fmt::Write;
 
-/// The version of the JSON. It changes only if a field goes or changes its meaning, not if one comes.
+/// Version of the JSON. It changes only if a field is removed or changes its meaning, not if one is
+/// added.
 const VERSION: u32 = 1;
 
-/// What happened.
+/// Kind of a message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum What {
     /// The alarm is new.
     Raised,
-    /// It still stands and nobody acknowledged it.
+    /// It is still active and not acknowledged.
     Repeated,
-    /// Somebody acknowledged it.
+    /// It was acknowledged.
     Acknowledged,
     /// Its condition ended.
     Cleared,
-    /// It stood already when the sink was added.
+    /// It was already active when the sink was added.
     Standing,
-    /// Nothing: somebody tries whether messages arrive.
+    /// No alarm: a test of the delivery.
     Test,
     /// Nothing: the daemon says once a day that it is at work, and what lasts.
     Alive,
 }
 
 impl What {
-    /// The name in JSON.
+    /// Name in JSON.
     pub fn code(self) -> &'static str {
         match self {
             Self::Raised => "raised",
@@ -56,34 +57,34 @@ impl What {
     }
 }
 
-/// News as a sink sends it; its JSON is documented in docs/sinks.md.
+/// An event as a sink sends it; its JSON is documented in docs/sinks.md.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Message {
-    /// The version of the JSON.
+    /// Version of the JSON.
     pub version: u32,
-    /// The same whenever the same news are sent, also after a crash or by another sink.
+    /// Id of the event, the same whenever it is sent, also after a crash or by another sink.
     pub id: String,
-    /// What happened.
+    /// Kind of the message.
     pub what: What,
-    /// When it happened, in event time.
+    /// Time of the event, in event time.
     pub time: Timestamp,
-    /// The site.
+    /// Name of the site.
     pub site: String,
     /// The rod; empty for what concerns the daemon.
     pub rod: String,
-    /// The alarm's id: one for each condition, from its raising to its end.
+    /// Id of the alarm: one for each condition, from its raising to its end.
     pub alarm: String,
-    /// The alarm's kind.
+    /// Kind of the alarm.
     pub kind: String,
-    /// When the alarm was raised, in event time.
+    /// Time of raising, in event time.
     pub raised: Timestamp,
-    /// One sentence.
+    /// Description in one sentence.
     pub message: String,
-    /// Whether the alarm stands: its condition holds, or nobody acknowledged one that speaks of the rod.
+    /// True if the alarm is active: its condition holds, or it concerns the rod and is not acknowledged.
     pub stands: bool,
-    /// When somebody acknowledged it.
+    /// Time of its acknowledgement.
     pub acknowledged: Option<Timestamp>,
-    /// When its condition ended.
+    /// Time of the end of its condition.
     pub cleared: Option<Timestamp>,
     /// Onset, size and rate, for a drift.
     pub change: Option<Change>,
@@ -93,13 +94,13 @@ pub struct Message {
 }
 
 impl Message {
-    /// News of the outbox.
+    /// Message of an event of the outbox.
     pub fn of_news(site: &str, news: &News) -> Self {
         let AlarmEvent { what, time, alarm } = &news.event;
         Self::of_alarm(site, What::of(*what), *time, alarm)
     }
 
-    /// An alarm that stands.
+    /// Message of an active alarm.
     pub fn standing(site: &str, alarm: &Alarm) -> Self {
         Self::of_alarm(site, What::Standing, alarm.told, alarm)
     }
@@ -126,7 +127,7 @@ impl Message {
     }
 
     /// A condition of the daemon that began or ended.
-    pub fn of_notice(site: &str, notice: &Notice) -> Self {
+    pub fn of_notice(site: &str, notice: &ConditionEvent) -> Self {
         let what = if notice.is_raised {
             What::Raised
         } else {
@@ -136,11 +137,11 @@ impl Message {
     }
 
     /// A condition of the daemon that lasts.
-    pub fn lasting(site: &str, begun: &Notice) -> Self {
+    pub fn lasting(site: &str, begun: &ConditionEvent) -> Self {
         Self::of_condition(site, What::Standing, begun)
     }
 
-    fn of_condition(site: &str, what: What, notice: &Notice) -> Self {
+    fn of_condition(site: &str, what: What, notice: &ConditionEvent) -> Self {
         let (time, id) = (notice.time, &notice.condition);
         Self {
             version: VERSION,
@@ -179,7 +180,7 @@ impl Message {
         self.about.is_some()
     }
 
-    /// A message that tries a sink.
+    /// Message that tests a sink.
     pub fn test(site: &str, sink: &str, now: Timestamp) -> Self {
         Self {
             version: VERSION,
@@ -200,7 +201,7 @@ impl Message {
         }
     }
 
-    /// One line for people: `Duomo, rod nave-3: drift raised`.
+    /// Subject in one line: `Duomo, rod nave-3: drift raised`.
     pub fn subject(&self) -> String {
         match self.what {
             What::Test => format!("{}: test of an alarm sink", self.site),
@@ -218,7 +219,7 @@ impl Message {
         }
     }
 
-    /// A few lines for people, no line end behind the last.
+    /// Text of a few lines, without a final line end.
     pub fn text(&self) -> String {
         let mut text = format!("{}\n\n", self.message);
         let mut line = |name: &str, value: &str| {
@@ -325,7 +326,7 @@ mod tests {
         }
     }
 
-    /// The names and their order are a promise: docs/sinks.md.
+    /// Names and order of the fields are a contract: docs/sinks.md.
     #[test]
     fn the_json_is_the_documented_one() {
         let message = Message::of_news("Duomo", &news(alarm::What::Raised, RAISED, drift()));
@@ -348,7 +349,7 @@ mod tests {
 
     #[test]
     fn a_condition_of_the_daemon_is_told_with_one_id_and_nothing_to_acknowledge() {
-        let begun = Notice::raised("disk-full", "site.db", RAISED, "no room on the disk");
+        let begun = ConditionEvent::raised("disk-full", "site.db", RAISED, "no room on the disk");
         let message = Message::of_notice("Duomo", &begun);
         assert_eq!(message.subject(), "Duomo, monitoring: disk-full");
         let text = message.text();

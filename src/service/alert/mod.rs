@@ -1,8 +1,8 @@
 //! Alarms that arrive: the outbox delivered to every sink, in order, at least once.
 //!
-//! The store's outbox is the queue. One thread a sink, a courier, reads it beside the writer, sends one piece of news
-//! at a time, and only when the other side has taken it reports the place reached to whoever started it. A sink
-//! that fails is tried again for ever and holds up nobody else. docs/sinks.md is the page for operators.
+//! The store's outbox is the queue. One thread per sink, a courier, reads it beside the writer, sends one
+//! event at a time, and reports its position to its owner only when the other side has taken the event. A
+//! failed sink is retried indefinitely and delays no other. docs/sinks.md is the page for operators.
 
 mod alertmanager;
 pub mod backoff;
@@ -24,12 +24,11 @@ pub use couriers::Couriers;
 pub use marks::Delivered;
 pub use message::{Message, What};
 
-use crate::analysis::signal::record::Timestamp;
 use crate::config::settings::alert::{SinkKind, SinkSettings};
 use crate::config::settings::credential::CredentialError;
 use std::time::Duration;
 
-/// Somewhere alarms go.
+/// A destination of alarms.
 pub trait Sink: Send {
     /// Sends a message; returns when the other side has it.
     ///
@@ -37,12 +36,12 @@ pub trait Sink: Send {
     /// It is not known to have it.
     fn deliver(&mut self, message: &Message) -> Result<(), Failure>;
 
-    /// After which time it wants to hear again of everything that stands; `None` for one that remembers.
+    /// Interval at which it needs all active alarms again; `None` for one that remembers.
     fn refresh_every(&self) -> Option<Duration> {
         None
     }
 
-    /// Sends again what stands.
+    /// Sends the active alarms again.
     ///
     /// # Errors
     /// It is not known to have it.
@@ -51,18 +50,18 @@ pub trait Sink: Send {
     }
 }
 
-/// Why a message was not delivered.
+/// Reason why a message was not delivered.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{reason}")]
 pub struct Failure {
-    /// One sentence.
+    /// Reason in one sentence.
     pub reason: String,
-    /// The time before which the other side does not want to be asked again.
+    /// Least wait that the other side asks for.
     pub retry_after: Option<Duration>,
 }
 
 impl Failure {
-    /// A failure the other side says nothing more about.
+    /// A failure without a requested wait.
     pub fn new(reason: impl Into<String>) -> Self {
         Self {
             reason: reason.into(),
@@ -89,9 +88,4 @@ pub fn open(settings: &SinkSettings, site: &str, deadline: Duration) -> Box<dyn 
         SinkKind::Mqtt(mqtt) => Box::new(mqtt::Mqtt::new(mqtt.clone(), site, &settings.id, deadline)),
         SinkKind::Email(email) => Box::new(email::Email::new(email.clone(), deadline)),
     }
-}
-
-/// What time it is.
-fn now() -> Timestamp {
-    Timestamp::from_nanos(i64::try_from(jiff::Timestamp::now().as_nanosecond()).unwrap_or(i64::MAX))
 }

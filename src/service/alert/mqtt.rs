@@ -1,6 +1,6 @@
 //! A message to an MQTT 5 broker with QoS 1: delivered when the broker acknowledges it.
 //!
-//! MQTT 5 and not 3.1.1: there a broker acknowledges what it then throws away for want of permission.
+//! MQTT 5 and not 3.1.1: there a broker acknowledges messages that it then drops for lack of permission.
 
 use super::{Failure, Message, Sink};
 use crate::analysis::numerics::random;
@@ -17,10 +17,10 @@ use tokio_rustls::rustls::pki_types::CertificateDer;
 use tokio_rustls::rustls::pki_types::pem::PemObject;
 use tokio_rustls::rustls::{ClientConfig, RootCertStore};
 
-/// The broker hears from us at least this often while we wait for its answer.
+/// Keep-alive interval while waiting for the broker's answer.
 const KEEP_ALIVE: Duration = Duration::from_secs(5);
 
-/// A broker.
+/// An MQTT broker as a sink.
 pub(super) struct Mqtt {
     settings: MqttSettings,
     client_id: String,
@@ -57,7 +57,8 @@ impl Mqtt {
 }
 
 impl Sink for Mqtt {
-    /// One connection a message: alarms are rare, and a connection that is not kept cannot be half dead.
+    /// Opens one connection per message: alarms are rare, and a connection that is not kept cannot be
+    /// half dead.
     fn deliver(&mut self, message: &Message) -> Result<(), Failure> {
         let MqttSettings { host, port, .. } = &self.settings;
         let failed = |reason: String| Failure::new(format!("mqtt broker {host}:{port}: {reason}"));
@@ -99,7 +100,7 @@ impl Sink for Mqtt {
     }
 }
 
-/// The topic of a message. What stands for a level of it is one level, without wildcards.
+/// Topic of a message. Each placeholder is replaced by a single level, without wildcards.
 fn topic(template: &str, message: &Message) -> String {
     let values = [
         &message.site,

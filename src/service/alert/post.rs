@@ -4,13 +4,14 @@ use super::Failure;
 use crate::analysis::signal::record::Timestamp;
 use crate::config::settings::alert::HttpTarget;
 use crate::config::settings::credential::CredentialPath;
+use crate::site::clock;
 use std::io::Read;
 use std::time::Duration;
 use ureq::http::Response;
 use ureq::tls::{PemItem, RootCerts, TlsConfig, parse_pem};
 use ureq::{Agent, Body};
 
-/// How much of an answer is shown \[bytes\].
+/// Most bytes of an answer shown.
 const SHOWN: u64 = 200;
 
 /// Posts `json` to `url` of `target`. Every request has a connection of its own: alarms are rare, and a connection that
@@ -63,7 +64,7 @@ fn judge(url: &str, response: Response<Body>) -> Result<(), Failure> {
         .get("Retry-After")
         .filter(|_| matches!(status.as_u16(), 429 | 503))
         .and_then(|value| value.to_str().ok())
-        .and_then(|text| wait(text, super::now()));
+        .and_then(|text| wait(text, clock::now()));
     let mut reason = format!("{url} answers {status}");
     if let Some(place) = response.headers().get("Location").and_then(|l| l.to_str().ok()) {
         reason += &format!(" to {place}, which is not followed: put it into the configuration");
@@ -85,7 +86,7 @@ fn judge(url: &str, response: Response<Body>) -> Result<(), Failure> {
     Err(Failure { reason, retry_after })
 }
 
-/// How long `Retry-After` asks to wait: seconds, or until a date.
+/// Wait asked for by `Retry-After`: seconds, or until a date.
 fn wait(text: &str, now: Timestamp) -> Option<Duration> {
     if let Ok(seconds) = text.trim().parse() {
         return Some(Duration::from_secs(seconds));
@@ -98,7 +99,7 @@ fn wait(text: &str, now: Timestamp) -> Option<Duration> {
     Some(Duration::try_from_secs_f64(wait_s).unwrap_or_default())
 }
 
-/// The certificates of a file.
+/// Reads the certificates of a file.
 fn trusted(file: &CredentialPath) -> Result<RootCerts, Failure> {
     let bytes = file.read()?;
     let mut certificates = Vec::new();

@@ -1,26 +1,26 @@
-//! How a courier is told of news and of its end.
+//! Signals to a courier: new events, and its end.
 
 use super::Message;
 use std::collections::VecDeque;
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-/// How far a sink's courier came.
+/// Position of a sink's courier.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Place {
-    /// The number of the latest news the sink has.
+    /// Number of the latest event delivered.
     pub(super) through: i64,
     /// The number of the latest notice of the daemon's conditions the sink has.
     pub(super) notices: i64,
-    /// Whether it was told what stood when it was added.
+    /// True if it got the alarms active when it was added.
     pub(super) knows_standing: bool,
 }
 
-/// Somebody told the courier to stop.
+/// The courier was told to stop.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Stopped;
 
-/// Between a courier's thread and whoever started it.
+/// Shared state between a courier's thread and its owner.
 #[derive(Debug, Default)]
 pub(super) struct Signal {
     inner: Mutex<Inner>,
@@ -40,7 +40,7 @@ struct Inner {
 const MOST_DIRECT: usize = 256;
 
 impl Signal {
-    /// There may be news.
+    /// Notifies the courier that there may be events.
     pub(super) fn wake(&self) {
         self.lock().is_woken = true;
         self.changed.notify_all();
@@ -68,23 +68,23 @@ impl Signal {
         self.lock().direct.retain(|message| message.id != id);
     }
 
-    /// It shall end.
+    /// Tells the courier to end.
     pub(super) fn stop(&self) {
         self.lock().is_stopped = true;
         self.changed.notify_all();
     }
 
-    /// How far it came.
+    /// Position reached; `None` if unknown.
     pub(super) fn place(&self) -> Option<Place> {
         self.lock().place
     }
 
-    /// Notes how far it came.
+    /// Notes the position reached.
     pub(super) fn arrive(&self, place: Place) {
         self.lock().place = Some(place);
     }
 
-    /// Does something that nobody must do any more once it is told to stop.
+    /// Runs `act` unless the courier was told to stop.
     pub(super) fn unless_stopped(&self, act: impl FnOnce()) -> Result<(), Stopped> {
         let inner = self.lock();
         if inner.is_stopped {
@@ -94,12 +94,12 @@ impl Signal {
         Ok(())
     }
 
-    /// Waits until there may be news, at most `longest`.
+    /// Waits until there may be events, at most `longest`.
     pub(super) fn wait_for_news(&self, longest: Duration) -> Result<(), Stopped> {
         self.wait(longest, |inner| std::mem::take(&mut inner.is_woken))
     }
 
-    /// Waits for `time`, whatever news come.
+    /// Waits for `time`, regardless of events.
     pub(super) fn pause(&self, time: Duration) -> Result<(), Stopped> {
         self.wait(time, |_| false)
     }

@@ -1,4 +1,4 @@
-//! What every rod's days were, kept up to date from the records that are new in a store.
+//! Daily means of every rod, kept up to date from the new records in a store.
 //!
 //! A history of years is drawn from these instead of from its records; a day of a rod takes a few hundred bytes.
 
@@ -10,23 +10,23 @@ use std::collections::BTreeMap;
 /// Length of a day \[ns\].
 pub const DAY_NS: i64 = 86_400_000_000_000;
 
-/// Records read at once: some ten milliseconds.
+/// Number of records read at once: some ten milliseconds.
 const BATCH: usize = 2_000;
 
-/// Every rod's days.
+/// Daily sums of every rod.
 #[derive(Debug, Default)]
 pub struct Days {
-    /// The number of the last record taken up.
+    /// Number of the last record added.
     through: i64,
     rods: BTreeMap<RodId, BTreeMap<i64, Bucket>>,
 }
 
-/// The records of a stretch of time.
+/// Sums over the records of a stretch of time.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Bucket {
-    /// All of them.
+    /// Number of records.
     pub records: u64,
-    /// Those that were rejected.
+    /// Number of rejected records.
     pub rejected: u64,
     /// N_t / N_0 at the reference temperature.
     pub relative_force_at_reference: Mean,
@@ -72,14 +72,14 @@ impl Mean {
         self.q975 += other.q975;
     }
 
-    /// The means of value, 2.5 % and 97.5 % quantile over the records; `None` without one.
+    /// Means of value, 2.5 % and 97.5 % quantile over the records; `None` without records.
     pub fn get(&self) -> Option<[f64; 3]> {
         (self.count > 0).then(|| [self.mean, self.q025, self.q975].map(|sum| sum / f64::from(self.count)))
     }
 }
 
 impl Bucket {
-    /// Takes up a record. One that was set aside counts, but its force is not drawn with those that are believed.
+    /// Adds a record. One that was set aside counts, but its force is left out of the means.
     pub fn add(&mut self, point: &Point) {
         self.records += 1;
         if point.rejection.is_some() {
@@ -101,7 +101,7 @@ impl Bucket {
         self.axial_force_n.add_interval(point.axial_force_n.as_ref());
     }
 
-    /// Takes up the records of another.
+    /// Adds the records of another.
     pub fn join(&mut self, other: &Self) {
         self.records += other.records;
         self.rejected += other.rejected;
@@ -116,7 +116,7 @@ impl Bucket {
 }
 
 impl Days {
-    /// Takes up at most a batch of the records that are new in the store; whether there may be more.
+    /// Adds at most a batch of the new records in the store; returns true if there may be more.
     ///
     /// # Errors
     /// The store cannot be read, or a row is damaged.
@@ -136,7 +136,7 @@ impl Days {
         Ok(points.len() == BATCH)
     }
 
-    /// The part of a store's records that was taken up.
+    /// Share of a store's records added so far, 0 to 1.
     ///
     /// # Errors
     /// The store cannot be read.
@@ -145,7 +145,7 @@ impl Days {
         Ok(self.through.max(0) as f64 / last.max(1) as f64)
     }
 
-    /// The days of a rod from one time to before another, ascending: when each begins, and its records.
+    /// Days of a rod from one time to before another, ascending: begin of each, and its records.
     pub fn between(
         &self,
         rod: &RodId,
@@ -160,7 +160,7 @@ impl Days {
             .map(|(day, bucket)| (Timestamp::from_nanos(day.saturating_mul(DAY_NS)), bucket))
     }
 
-    /// A rod's records with a time, and how many of them were rejected.
+    /// Number of a rod's records with a time, and of those rejected.
     pub fn counts(&self, rod: &RodId) -> (u64, u64) {
         self.rods
             .get(rod)
@@ -171,7 +171,7 @@ impl Days {
             })
     }
 
-    /// The beginning of a rod's first day and the end of its last.
+    /// Begin of a rod's first day and end of its last.
     pub fn span(&self, rod: &RodId) -> Option<(Timestamp, Timestamp)> {
         let days = self.rods.get(rod)?;
         let (first, last) = (days.keys().next()?, days.keys().next_back()?);

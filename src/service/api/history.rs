@@ -1,34 +1,35 @@
-//! A rod's history in columns, drawn from its records, or from stretches of time if they are too many.
+//! A rod's history in columns, by record, or by stretch of time if there are too many records.
 
 use super::days::{Bucket, DAY_NS, Days, Mean};
 use crate::analysis::signal::record::{RodId, Timestamp};
 use crate::analysis::track::Interval;
 use crate::site::store::{Point, Reader, StoreError};
 use serde::Serialize;
+use std::collections::BTreeSet;
 
 const SECOND_NS: i64 = 1_000_000_000;
 
-/// Most records that are read for one answer.
+/// Most records read for one answer.
 const MOST_READ: u64 = 20_000;
 
 /// A rod's history; all columns are equally long, ascending in time.
 #[derive(Debug, Serialize)]
 pub struct History {
-    /// The rod.
+    /// Id of the rod.
     pub rod: RodId,
-    /// From this time on.
+    /// Begin of the history.
     pub from: Timestamp,
-    /// Before this time.
+    /// End of the history, exclusive.
     pub to: Timestamp,
-    /// What a point stands for: a stretch of so many seconds; `null` if each is one record.
+    /// Length of the stretch of time behind each point \[s\]; `null` if each is one record.
     pub step_s: Option<f64>,
     /// Time of the record's first sample, or the beginning of the stretch.
     pub time: Vec<Timestamp>,
-    /// Records of the point.
+    /// Number of records of each point.
     pub records: Vec<u64>,
-    /// Those of them that were rejected.
+    /// Number of rejected records of each point.
     pub rejected: Vec<u64>,
-    /// Why a record does not count on the charts; `null` for one that does, and for stretches.
+    /// Reason why a record does not count on the charts; `null` for one that does, and for stretches.
     pub set_aside: Vec<Option<String>>,
     /// N_t / N_0 at the reference temperature.
     pub relative_force_at_reference: Band,
@@ -67,14 +68,14 @@ impl Band {
         self.push(interval.map(|i| [i.mean, i.q025, i.q975]));
     }
 
-    /// Of a stretch: means, which nobody compares digit by digit.
+    /// Adds the means of a stretch, rounded, since they are never compared digit by digit.
     fn push_mean(&mut self, mean: &Mean) {
         self.push(mean.get().map(|values| values.map(shortened)));
     }
 }
 
 impl History {
-    /// The history of a rod from one time to before another, in about `points` points at most.
+    /// History of a rod from one time to before another, in about `points` points at most.
     ///
     /// # Errors
     /// The store cannot be read, or a row is damaged.
@@ -121,7 +122,7 @@ impl History {
         }
     }
 
-    /// Whole days, several to a point if there are too many.
+    /// Fills in whole days, several per point if there are too many.
     fn fill_from_days(&mut self, days: &Days, points: usize) {
         let rod = self.rod.clone();
         let number = |time: Timestamp| time.as_nanos().div_euclid(DAY_NS);
@@ -139,7 +140,7 @@ impl History {
         );
     }
 
-    /// Even stretches of time.
+    /// Fills in even stretches of time.
     fn fill_from_records(&mut self, found: &[Point], points: usize) {
         let start = |point: &Point| point.start.map_or(0, Timestamp::as_nanos);
         let (first, last) = (found.first().map_or(0, start), found.last().map_or(0, start));
@@ -209,6 +210,69 @@ impl History {
         self.tracked_force_n.push_interval(point.tracked_force_n.as_ref());
         self.axial_force_n.push_interval(point.axial_force_n.as_ref());
         self.temperature_c.push(point.temperature_c);
+    }
+}
+
+/// The natural frequencies of a rod's records; all columns are equally long, ascending in time.
+#[derive(Debug, Serialize)]
+pub struct Frequencies {
+    /// The rod.
+    pub rod: RodId,
+    /// One record in so many is listed.
+    pub every: usize,
+    /// Time of the record's first sample.
+    pub time: Vec<Timestamp>,
+    /// One entry a mode, ascending.
+    pub modes: Vec<ModeColumn>,
+}
+
+/// One mode over time.
+#[derive(Debug, Serialize)]
+pub struct ModeColumn {
+    /// Its order, from 1.
+    pub order: u32,
+    /// Frequency \[Hz\]; `null` where a record does not show the mode.
+    pub frequency_hz: Vec<Option<f64>>,
+    /// Standard error \[Hz\].
+    pub sd_hz: Vec<Option<f64>>,
+}
+
+impl Frequencies {
+    /// Those of a rod from one time to before another, of at most `points` records.
+    ///
+    /// # Errors
+    /// The store cannot be read, or a row is damaged.
+    pub fn of(
+        reader: &Reader,
+        rod: &RodId,
+        (from, to): (Timestamp, Timestamp),
+        points: usize,
+    ) -> Result<Self, StoreError> {
+        let (records, every) = reader.modes_between(rod, from, to, points)?;
+        let orders: BTreeSet<u32> = records
+            .iter()
+            .flat_map(|record| record.modes.iter().map(|(order, ..)| *order))
+            .collect();
+        let column = |order: u32| {
+            let of_order = records.iter().map(|record| {
+                let mode = record.modes.iter().find(|(one, ..)| *one == order)?;
+                Some((mode.1, mode.2))
+            });
+            let (frequency_hz, sd_hz) = of_order
+                .map(|mode| (mode.map(|m| m.0), mode.map(|m| m.1)))
+                .unzip();
+            ModeColumn {
+                order,
+                frequency_hz,
+                sd_hz,
+            }
+        };
+        Ok(Self {
+            rod: rod.clone(),
+            every,
+            time: records.iter().map(|record| record.start).collect(),
+            modes: orders.into_iter().map(column).collect(),
+        })
     }
 }
 

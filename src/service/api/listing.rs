@@ -1,6 +1,7 @@
 //! Records and alarms, page by page, the latest first.
 
 use super::days::Days;
+use crate::analysis::signal::record::time::DAY_S;
 use crate::analysis::signal::record::{RodId, Timestamp};
 use crate::analysis::track::Alarm;
 use crate::site::store::{Lines, Mark, Reader, StoreError};
@@ -10,17 +11,17 @@ use serde_json::value::RawValue;
 /// A page of a rod's records.
 #[derive(Debug, Serialize)]
 pub struct Records {
-    /// The records' lines, as `history --format json` prints them.
+    /// Records' JSON, as `history --format json` prints it.
     pub records: Vec<Box<RawValue>>,
-    /// What to ask for to get the next page; `None` after the last.
+    /// Cursor of the next page; `None` after the last.
     pub next: Option<String>,
-    /// Whether the list ends here because older records have no line any more (`[store] keep_lines_d`); `history --format csv` has their
-    /// numbers.
+    /// True if the list ends here because the lines of older records were removed (`[store] keep_lines_d`);
+    /// `history --format csv` has their numbers.
     pub older_lines_removed: bool,
 }
 
 impl Records {
-    /// At most `most` records of a rod before what `next` of another page named, rejected ones alone or all.
+    /// At most `most` records of a rod before the cursor `next` of another page, only rejected ones or all.
     ///
     /// # Errors
     /// The store cannot be read, or a row is damaged.
@@ -42,7 +43,7 @@ impl Records {
             });
             let all = days.between(rod, Timestamp::from_nanos(i64::MIN), end);
             for (day, _) in all.rev().filter(|(_, bucket)| bucket.rejected > 0) {
-                let within = (day, day.plus_seconds(86_400.0));
+                let within = (day, day.plus_seconds(DAY_S));
                 let of_day = reader.lines_before(rod, within, before, true, wanted - lines.found.len())?;
                 lines.found.extend(of_day.found);
                 lines.are_older_removed = of_day.are_older_removed;
@@ -78,7 +79,7 @@ impl Records {
     }
 }
 
-/// The mark a page's `next` names.
+/// Parses a page's cursor `next`.
 pub fn mark(next: &str) -> Option<Mark> {
     let (start_ns, id) = next.split_once('.')?;
     Some(Mark {
@@ -90,24 +91,43 @@ pub fn mark(next: &str) -> Option<Mark> {
 /// An alarm, as `history --what alarms --format json` prints it.
 #[derive(Debug, Serialize)]
 pub struct AlarmAnswer {
-    /// The alarm.
+    /// The alarm, in its present state.
     #[serde(flatten)]
     pub alarm: Alarm,
-    /// Whether it is not over.
+    /// True if it is active.
     pub stands: bool,
+    /// Who acknowledged it and what they said: `NAME: TEXT`.
+    pub acknowledged_words: Option<String>,
+}
+
+impl AlarmAnswer {
+    /// An alarm of a store.
+    ///
+    /// # Errors
+    /// The store cannot be read.
+    pub fn of(reader: &Reader, alarm: Alarm) -> Result<Self, StoreError> {
+        Ok(Self {
+            stands: !alarm.is_over(),
+            acknowledged_words: match alarm.acknowledged {
+                Some(_) => reader.acknowledged_words(&alarm.id)?,
+                None => None,
+            },
+            alarm,
+        })
+    }
 }
 
 /// A page of alarms.
 #[derive(Debug, Serialize)]
 pub struct Alarms {
-    /// The alarms, as they are now.
+    /// The alarms, in their present state.
     pub alarms: Vec<AlarmAnswer>,
-    /// What to ask for to get the next page; `None` after the last.
+    /// Cursor of the next page; `None` after the last.
     pub next: Option<String>,
 }
 
 impl Alarms {
-    /// At most `most` alarms before the one called `before`; `None` if there is no such alarm.
+    /// At most `most` alarms before the one with id `before`; `None` if there is no such alarm.
     ///
     /// # Errors
     /// The store cannot be read, or a row is damaged.
@@ -126,12 +146,9 @@ impl Alarms {
         let is_more = alarms.len() > most;
         alarms.truncate(most);
         let next = alarms.last().filter(|_| is_more).map(|alarm| alarm.id.clone());
-        let alarms = alarms.into_iter().map(|alarm| AlarmAnswer {
-            stands: !alarm.is_over(),
-            alarm,
-        });
+        let alarms = alarms.into_iter().map(|alarm| AlarmAnswer::of(reader, alarm));
         Ok(Some(Self {
-            alarms: alarms.collect(),
+            alarms: alarms.collect::<Result<_, _>>()?,
             next,
         }))
     }

@@ -1,10 +1,11 @@
-//! What a store says to the page and to other programs, as JSON: one struct per answer, docs/openapi.json describes them.
+//! Answers of a store to the page and to other programs, as JSON: one struct per answer, described by
+//! docs/openapi.json.
 //!
-//! * [`standing`] how one rod stands
+//! * [`standing`] status of one rod
 //! * [`site`](mod@site)     all rods at a glance
-//! * [`rod`]      one rod: segments, temperature, charts, what records looked like
+//! * [`rod`]      one rod: segments, temperature, charts, views of records
 //! * [`history`]  a rod's numbers over time, in columns
-//! * [`days`]     what years are drawn from
+//! * [`days`]     daily means, for histories of years
 //! * [`listing`]  records and alarms, page by page
 //! * [`monitoring`] whether the site is monitored, and what lasts around the daemon
 
@@ -17,7 +18,7 @@ pub mod site;
 pub mod standing;
 
 pub use days::Days;
-pub use history::History;
+pub use history::{Frequencies, History};
 pub use listing::{Alarms, Records};
 pub use monitoring::{Lasting, Monitoring};
 pub use rod::{Chart, Looks, RodAnswer};

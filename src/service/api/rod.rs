@@ -1,56 +1,61 @@
-//! One rod: its segments, what temperature does, its charts, and what its records looked like.
+//! One rod: segments, effect of temperature, charts, and views of its records.
 
 use super::days::Days;
-use super::standing::{Goals, RodStatus};
+use super::standing::{Goals, RodStatus, latest_config};
 use crate::analysis::record_view::Snapshot;
 use crate::analysis::signal::record::{RodId, Timestamp};
+use crate::analysis::track::DriftWatch;
 use crate::config::Config;
 use crate::site::store::{Reader, StoreError};
 use serde::Serialize;
 use serde_json::value::RawValue;
 
-/// One rod.
+/// Answer about one rod.
 #[derive(Debug, Serialize)]
 pub struct RodAnswer {
-    /// How it stands.
+    /// Status of the rod.
     #[serde(flatten)]
     pub status: RodStatus,
-    /// Its first day and the end of its last.
+    /// Begin of its first day and end of its last.
     pub span: Option<[Timestamp; 2]>,
     /// Stretches of history with one baseline each, ascending.
     pub segments: Vec<SegmentAnswer>,
-    /// What temperature does, as learned.
+    /// Effect of temperature, as learned.
     pub thermal: Option<Thermal>,
+    /// Relative loss of force from which on an alarm is raised \[-\].
+    pub limit_loss: Option<f64>,
+    /// Silence that is told as an alarm \[s\]: data that are older are stale.
+    pub silence_s: Option<f64>,
 }
 
 /// A stretch of history with one baseline.
 #[derive(Debug, Serialize)]
 pub struct SegmentAnswer {
-    /// From 1.
+    /// Number of the segment, from 1.
     pub number: u32,
-    /// Why it was opened: `first`, `requested`, `changed`, `clock`.
+    /// Reason for opening it: `first`, `requested`, `changed`, `clock`.
     pub reason: String,
     /// First and last record of the baseline, once learned.
     pub baseline: Option<[Timestamp; 2]>,
-    /// Records of the baseline.
+    /// Number of records of the baseline.
     pub baseline_records: usize,
     /// Reference temperature \[degC\].
     pub reference_c: Option<f64>,
-    /// Why the last attempt at a baseline failed.
+    /// Error of the last attempt at a baseline.
     pub fault: Option<String>,
 }
 
-/// What temperature does to the relative force.
+/// Effect of temperature on the relative force.
 #[derive(Debug, Serialize)]
 pub struct Thermal {
     /// Slope \[1/K\].
     pub slope_per_k: f64,
-    /// Its standard deviation \[1/K\].
+    /// Standard deviation of the slope \[1/K\].
     pub slope_sd_per_k: f64,
 }
 
 impl RodAnswer {
-    /// What a store knows of a rod; `None` if it does not know the rod.
+    /// Rod as the store knows it; `None` if it is not in the store.
     ///
     /// # Errors
     /// The store cannot be read, or a row is damaged.
@@ -70,12 +75,15 @@ impl RodAnswer {
             }
         });
         let segments = segments.collect();
-        let slope = reader.watch(rod)?.and_then(|watch| watch.slope());
+        let slope = reader.watch(rod)?.get().and_then(DriftWatch::slope);
         let thermal = slope.map(|(slope_per_k, slope_sd_per_k)| Thermal {
             slope_per_k,
             slope_sd_per_k,
         });
+        let alarm = latest_config(reader)?.map(|config| config.alarm);
         Ok(Some(Self {
+            limit_loss: alarm.as_ref().map(|alarm| alarm.limit_loss),
+            silence_s: alarm.as_ref().map(|alarm| alarm.silence_s),
             span: days.span(rod).map(|(first, last)| [first, last]),
             segments,
             thermal,
@@ -84,10 +92,10 @@ impl RodAnswer {
     }
 }
 
-/// What single records of a rod looked like.
+/// Views of single records of a rod.
 #[derive(Debug, Serialize)]
 pub struct Looks {
-    /// The rod.
+    /// Id of the rod.
     pub rod: RodId,
     /// SI unit of the waveform.
     pub unit: Option<&'static str>,
@@ -101,7 +109,7 @@ pub struct Looks {
     pub record: Option<Box<RawValue>>,
 }
 
-/// SI unit of the samples of a rod's record that began at a time, by the configuration it was taken with.
+/// SI unit of the samples of a rod's record that began at `start`, by the configuration it was taken with.
 ///
 /// # Errors
 /// The store cannot be read, or a row is damaged.
@@ -115,7 +123,7 @@ pub fn unit(reader: &Reader, rod: &RodId, start: Timestamp) -> Result<Option<&'s
 }
 
 impl Looks {
-    /// From what a store kept.
+    /// Reads the views from a store.
     ///
     /// # Errors
     /// The store cannot be read, or a row is damaged.
@@ -145,26 +153,27 @@ impl Looks {
 /// The drift watch of a rod's present segment, in columns, ascending in time: one point per closed period.
 #[derive(Debug, Default, Serialize)]
 pub struct Chart {
-    /// The segment.
+    /// Number of the segment.
     pub segment: u32,
-    /// The beginning of each period.
+    /// Begin of each period.
     pub time: Vec<Timestamp>,
-    /// Records in it.
+    /// Number of records in each.
     pub records: Vec<usize>,
     /// Standard normal residual without a change.
     pub residual: Vec<Option<f64>>,
     /// N_t / N_0 - 1 at the reference temperature.
     pub at_reference: Vec<Option<f64>>,
-    /// Evidence of a change over its limit, with temperature and the other rods: an alarm above one.
+    /// Evidence of a change relative to the alarm limit, with temperature and the other rods: alarm above
+    /// one \[-\].
     pub evidence: Vec<Option<f64>>,
-    /// The same by the other rods alone.
+    /// The same with the other rods only \[-\].
     pub evidence_peers: Vec<Option<f64>>,
-    /// The same by nothing but the rod.
+    /// The same with the rod's own data only \[-\].
     pub evidence_blind: Vec<Option<f64>>,
 }
 
 impl Chart {
-    /// The last `most` periods of a rod's present segment.
+    /// The last `most` periods of a rod's current segment.
     ///
     /// # Errors
     /// The store cannot be read, or a row is damaged.

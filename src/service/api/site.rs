@@ -2,13 +2,13 @@
 
 use super::days::{DAY_NS, Days};
 use super::monitoring::Monitoring;
-use super::standing::{Goals, RodStatus};
+use super::standing::{Goals, RodStatus, latest_config};
 use crate::analysis::signal::record::{RodId, Timestamp};
 use crate::site::clock;
 use crate::site::store::{Reader, StoreError};
 use serde::Serialize;
 
-/// Days counted as recent.
+/// Number of days counted as recent.
 const RECENT_DAYS: u32 = 30;
 
 /// Most points of a trend.
@@ -17,10 +17,12 @@ const TREND_POINTS: usize = 90;
 /// A site and its rods.
 #[derive(Debug, Serialize)]
 pub struct SiteAnswer {
-    /// The site's name.
+    /// Name of the site.
     pub site: String,
     /// Version of the program that answers.
     pub version: &'static str,
+    /// Silence that is told as an alarm \[s\]: data that are older are stale.
+    pub silence_s: Option<f64>,
     /// Whether it is monitored; `null` if no daemon ever worked on the store.
     pub monitoring: Option<Monitoring>,
     /// Its rods, in alphabetical order.
@@ -30,37 +32,37 @@ pub struct SiteAnswer {
 /// One rod at a glance.
 #[derive(Debug, Serialize)]
 pub struct RodGlance {
-    /// How it stands.
+    /// Status of the rod.
     #[serde(flatten)]
     pub status: RodStatus,
-    /// Its last days.
+    /// Counts of its last days.
     pub recent: Recent,
-    /// Its last days as a line.
+    /// Daily means of its last days.
     pub trend: Trend,
 }
 
-/// The days before and with a rod's latest record.
+/// Counts of the days up to a rod's latest record.
 #[derive(Debug, Serialize)]
 pub struct Recent {
-    /// How many days.
+    /// Number of days.
     pub days: u32,
-    /// Records in them.
+    /// Number of records in them.
     pub records: u64,
-    /// Those that were rejected.
+    /// Number of rejected records in them.
     pub rejected: u64,
 }
 
 /// Daily means of N_t / N_0, at the reference temperature if it is compensated.
 #[derive(Debug, Serialize)]
 pub struct Trend {
-    /// The beginning of each day.
+    /// Begin of each day.
     pub time: Vec<Timestamp>,
-    /// Its mean.
+    /// Mean of each day.
     pub mean: Vec<Option<f64>>,
 }
 
 impl SiteAnswer {
-    /// What a store knows of its rods.
+    /// Rods of a store.
     ///
     /// # Errors
     /// The store cannot be read, or a row is damaged.
@@ -80,6 +82,7 @@ impl SiteAnswer {
         Ok(Self {
             site: config.map_or_else(|| "Site".to_owned(), |[_, site, _]| site),
             version: env!("CARGO_PKG_VERSION"),
+            silence_s: latest_config(reader)?.map(|config| config.alarm.silence_s),
             monitoring: Monitoring::of(reader, None, clock::now())?,
             rods,
         })

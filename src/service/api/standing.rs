@@ -1,35 +1,38 @@
-//! How one rod stands, as JSON: what `status --format json` prints and the page shows.
+//! Status of one rod, as JSON: for `status --format json` and the page.
 
 use crate::analysis::findings::Doubt;
 use crate::analysis::signal::record::{RodId, Timestamp};
 use crate::analysis::track::{Alarm, Interval, RodState};
 use crate::config::Config;
+use crate::site::record_row::RecordRow;
 use crate::site::store::{Asked, Reader, Standing, StoreError};
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
-/// How one rod stands; every field is always present.
+/// Status of one rod; every field is always present.
 #[derive(Debug, Clone, Serialize)]
 pub struct RodStatus {
-    /// The rod.
+    /// Id of the rod.
     pub rod: RodId,
     /// `learning`, `monitoring`, `alarm` or `not-monitoring`.
     pub state: &'static str,
-    /// Why it is not followed, if it is not.
+    /// Reason why it is not tracked, if so.
     pub state_reason: Option<String>,
-    /// Since when, in event time.
+    /// Time of the last change of state, in event time.
     pub since: Option<Timestamp>,
-    /// The present segment.
+    /// Number of the current segment.
     pub segment: u32,
-    /// Records of the baseline so far, while it learns.
+    /// Number of records of the baseline so far, while it learns.
     pub baseline_records: Option<usize>,
-    /// Periods learned so far, while it learns.
+    /// Number of periods learned so far, while it learns.
     pub learned_periods: Option<usize>,
-    /// Records and periods that learning takes, while it learns.
+    /// Number of records and periods needed, while it learns.
     pub learning_takes: Option<Goals>,
-    /// Whether force and change are at the reference temperature.
+    /// True if force and change are at the reference temperature.
     pub compensated: bool,
     /// Reference temperature \[degC\].
     pub reference_temperature_c: Option<f64>,
+    /// Temperature of the record in `latest_used` \[degC\].
+    pub temperature_c: Option<f64>,
     /// Force given the baseline \[N\].
     pub force_n: Option<Interval>,
     /// N_t / N_0.
@@ -38,86 +41,64 @@ pub struct RodStatus {
     pub axial_force_n: Option<Interval>,
     /// Reasons to doubt that record's force.
     pub doubts: Vec<Doubt>,
-    /// The latest record that was neither rejected nor set aside.
+    /// Start of the latest record that was neither rejected nor set aside.
     pub latest_used: Option<Timestamp>,
-    /// The latest record.
+    /// Start of the latest record.
     pub latest_record: Option<Timestamp>,
-    /// Records there were.
+    /// Number of records.
     pub records: u64,
-    /// Those of them that were rejected.
+    /// Number of rejected records.
     pub rejected: u64,
-    /// Alarms that stand.
+    /// Active alarms.
     pub alarms: Vec<Alarm>,
-    /// What was asked for and waits.
+    /// Requests that wait.
     pub waiting: Vec<String>,
     /// Since when a daemon has waited for the rod's first record; `null` once one has come.
     pub never_seen_since: Option<Timestamp>,
 }
 
-/// Records of a baseline, and periods that teach what temperature does.
+/// Numbers of records and periods that learning takes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub struct Goals {
-    /// Records of the baseline.
+    /// Number of records of the baseline.
     pub records: usize,
-    /// Periods, those of the baseline among them.
+    /// Number of periods to learn the effect of temperature, those of the baseline included.
     pub periods: usize,
 }
 
+/// The latest configuration of a store; `None` if it has none that this program understands.
+pub(super) fn latest_config(reader: &Reader) -> Result<Option<Config>, StoreError> {
+    let config = reader.latest_config()?;
+    Ok(config.and_then(|[_, _, text]| Config::parse(&text, "the store").ok()))
+}
+
 impl Goals {
-    /// By the latest configuration of a store; `None` if it has none that this program understands.
+    /// Goals by the latest configuration of a store; `None` if it has none that this program can parse.
     ///
     /// # Errors
     /// The store cannot be read.
     pub fn of(reader: &Reader) -> Result<Option<Self>, StoreError> {
-        let config = reader.latest_config()?;
-        let config = config.and_then(|[_, _, text]| Config::parse(&text, "the store").ok());
-        Ok(config.map(|config| Self {
+        Ok(latest_config(reader)?.map(|config| Self {
             records: config.track.baseline_records,
             periods: config.track.learning_periods,
         }))
     }
 }
 
-/// What a record's line says that is asked for here.
-#[derive(Default, Deserialize)]
-struct Line {
-    start: Option<Timestamp>,
-    axial_force_n: Option<Interval>,
-    conflict: Option<f64>,
-    prior_tail: Option<f64>,
-    label_probability: Option<f64>,
-    tracked_force_n: Option<Interval>,
-    relative_force: Option<Interval>,
-    reference_temperature_c: Option<f64>,
-    force_at_reference_n: Option<Interval>,
-    relative_force_at_reference: Option<Interval>,
-    segment: Option<u32>,
-}
-
 impl RodStatus {
-    /// From what the store knows; `counts` are the rod's records and those rejected, `goals` what learning takes.
+    /// Status from the store; `counts` are the numbers of the rod's records and of those rejected, `goals`
+    /// those that learning takes.
     ///
     /// # Errors
     /// The latest record's line cannot be understood.
     pub fn of(standing: Standing, counts: (u64, u64), goals: Option<Goals>) -> Result<Self, StoreError> {
-        let line: Line = match &standing.latest {
-            Some(line) => serde_json::from_str(line).map_err(|error| StoreError::Unreadable {
-                what: format!("the latest record of rod {}", standing.rod),
-                detail: error.to_string(),
-            })?,
-            None => Line::default(),
-        };
+        let latest = standing.latest_row()?;
+        let latest_used = latest.as_ref().and_then(|row| row.start);
         // What an older segment's record says is relative to another baseline.
-        let is_present = line.segment == Some(standing.segment);
-        let line = if is_present {
-            line
-        } else {
-            Line {
-                start: line.start,
-                ..Line::default()
-            }
-        };
-        let compensated = line.relative_force_at_reference.is_some();
+        let row = latest
+            .filter(|row| row.segment == Some(standing.segment))
+            .unwrap_or_else(|| RecordRow::new(&standing.rod, ""));
+        let compensated = row.relative_force_at_reference.is_some();
         let (state_reason, baseline_records, learned_periods) = match &standing.state {
             RodState::NotMonitoring { reason } => (Some(reason.clone()), None, None),
             RodState::Learning { records, periods } => (None, Some(*records), Some(*periods)),
@@ -132,12 +113,13 @@ impl RodStatus {
             learned_periods,
             learning_takes: goals.filter(|_| baseline_records.is_some()),
             compensated,
-            reference_temperature_c: line.reference_temperature_c,
-            force_n: line.force_at_reference_n.or(line.tracked_force_n),
-            relative_force: line.relative_force_at_reference.or(line.relative_force),
-            axial_force_n: line.axial_force_n,
-            doubts: Doubt::all(line.conflict, line.prior_tail, line.label_probability),
-            latest_used: line.start,
+            temperature_c: row.temperature_c,
+            reference_temperature_c: row.reference_temperature_c,
+            force_n: row.force_n(),
+            relative_force: row.ratio(),
+            axial_force_n: row.axial_force_n.as_ref().map(Interval::from),
+            doubts: Doubt::all(row.conflict, row.prior_tail, row.label_probability),
+            latest_used,
             latest_record: standing.latest_start,
             records: counts.0,
             rejected: counts.1,
@@ -146,7 +128,7 @@ impl RodStatus {
                 .waiting
                 .iter()
                 .map(|request| match &request.what {
-                    Asked::Acknowledge { alarm } => format!("acknowledge {alarm}"),
+                    Asked::Acknowledge { alarm, .. } => format!("acknowledge {alarm}"),
                     Asked::Rebaseline { .. } => "rebaseline".to_owned(),
                 })
                 .collect(),
@@ -155,7 +137,7 @@ impl RodStatus {
         })
     }
 
-    /// The share of records that were rejected.
+    /// Share of records that were rejected, 0 to 1.
     pub fn rejected_share(&self) -> f64 {
         if self.records > 0 {
             self.rejected as f64 / self.records as f64
@@ -164,7 +146,7 @@ impl RodStatus {
         }
     }
 
-    /// Why the rod stands as it does, if there is more to say than the state's name.
+    /// Explanation of the state, if there is more to say than its name.
     pub fn why(&self) -> Option<String> {
         if let Some(since) = self.never_seen_since.filter(|_| self.state_reason.is_none()) {
             return Some(format!(

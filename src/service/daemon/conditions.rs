@@ -2,7 +2,7 @@
 
 use crate::analysis::signal::record::Timestamp;
 use crate::service::telemetry::Condition;
-use crate::site::store::Notice;
+use crate::site::store::ConditionEvent;
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
@@ -17,7 +17,7 @@ pub struct Conditions {
 /// One condition.
 #[derive(Debug)]
 struct Open {
-    begun: Notice,
+    begun: ConditionEvent,
     is_told: bool,
     /// Since when it is no longer there.
     absent: Option<Instant>,
@@ -25,7 +25,7 @@ struct Open {
 
 impl Conditions {
     /// Goes on from what the store says stands.
-    pub fn new(settle: Duration, standing: Vec<Notice>) -> Self {
+    pub fn new(settle: Duration, standing: Vec<ConditionEvent>) -> Self {
         let open = standing.into_iter().map(|begun| {
             let key = (begun.fault.clone(), begun.about.clone());
             let open = Open {
@@ -47,13 +47,13 @@ impl Conditions {
     }
 
     /// Looks at what lasts now; what is to be told of it. `wall` is the time by the machine's clock.
-    pub fn look(&mut self, lasting: &[Condition], now: Instant, wall: Timestamp) -> Vec<Notice> {
+    pub fn look(&mut self, lasting: &[Condition], now: Instant, wall: Timestamp) -> Vec<ConditionEvent> {
         let mut told = Vec::new();
         for condition in lasting {
             let key = (condition.fault.code().to_owned(), condition.about.clone());
             let lasted = now.saturating_duration_since(condition.since);
             let open = self.open.entry(key).or_insert_with_key(|(fault, about)| Open {
-                begun: Notice::raised(
+                begun: ConditionEvent::raised(
                     fault,
                     about,
                     wall.plus_seconds(-lasted.as_secs_f64()),
@@ -136,7 +136,7 @@ mod tests {
 
     #[test]
     fn what_stood_before_the_start_is_not_told_again_and_ends_if_it_is_gone() {
-        let begun = Notice::raised("sink", "mail", at(0), "refused");
+        let begun = ConditionEvent::raised("sink", "mail", at(0), "refused");
         let mut conditions = Conditions::new(SETTLE, vec![begun.clone()]);
         assert!(told(&mut conditions, &[(0, 300)], 300).is_empty());
         let mut conditions = Conditions::new(SETTLE, vec![begun.clone()]);

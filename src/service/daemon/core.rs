@@ -1,8 +1,7 @@
-//! The one thread that owns trackers and store: takes what comes out of the pipeline, in order, and makes it durable.
+//! The one thread that owns trackers and store: takes the results of the pipeline, in order, and makes them
+//! durable.
 
-use super::Job;
 use super::guard::Guard;
-use super::held::Held;
 use super::opening::{open_site, warn_of_renewed};
 use super::retention::Retention;
 use super::silence::Silence;
@@ -13,10 +12,11 @@ use crate::recording::note;
 use crate::recording::read::Place;
 use crate::recording::read::{SourceError, Summary};
 use crate::service::telemetry::{Fault, Health};
-use crate::site::analyse::{Analysed, Passed};
+use crate::site::analyse::{Analysed, LastSeen};
 use crate::site::clock;
+use crate::site::driver::{Done, Held, Job};
 use crate::site::prepared::Generation;
-use crate::site::store::{FileMark, Notice, Standing, StoreError};
+use crate::site::store::{ConditionEvent, FileMark, Standing, StoreError};
 use crate::site::trackers::{Note, Site, Taken};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -24,71 +24,61 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// Free space with which work is taken up again after the disk was full \[bytes\].
+/// Free space at which work resumes after the disk was full \[bytes\].
 const ROOM: u64 = 8 << 20;
-/// How often a full disk is looked at.
+/// Interval between checks of a full disk.
 const LOOK: Duration = Duration::from_millis(250);
 
-/// What comes out of the pipeline.
-pub enum Done {
-    /// What came of an event.
-    Event(Analysed, Place),
-    /// A job that needs no analysis.
-    Job(Job),
+/// Whether all that is done with an item is to keep something; the rest stands alone.
+fn is_kept(done: &Done) -> bool {
+    !matches!(done, Done::Job(Job::Reload(_) | Job::Tick { .. }))
 }
 
-impl Done {
-    /// Whether all it does is to keep something; the rest stands alone.
-    fn is_kept(&self) -> bool {
-        !matches!(self, Self::Job(Job::Reload(_) | Job::Tick { .. }))
-    }
-}
-
-/// What the core lets others know, on its own thread: whoever listens must be quick.
-pub enum Word<'a> {
+/// Notifications of the core, sent on its own thread: listeners must be quick.
+pub enum Notice<'a> {
     /// A tick passed through the whole pipeline, or a full disk is waited for: the work loop is alive.
     Alive,
-    /// There are news in the outbox.
+    /// There are events in the outbox.
     News,
     /// A condition that the store cannot keep now: it is told past it.
-    Untold(&'a Notice),
-    /// A record that the store has already.
+    Untold(&'a ConditionEvent),
+    /// A record is in the store already.
     Known(&'a RodId),
     /// A record was taken; its commit is durable.
     Taken {
-        /// What came of it.
+        /// Outcome of the record.
         outcome: &'a Outcome,
-        /// What tracking made of it.
+        /// Result of tracking.
         taken: &'a Taken,
-        /// How long the commit took, with the others of its group.
+        /// Duration of the commit, with the others of its group.
         took: Duration,
     },
     /// A file, or a part of the journal, is in the store up to its end.
     File(&'a FileMark),
-    /// Another configuration holds from here on, and so its rods stand, if they can be asked.
+    /// Another configuration is in force from here on, with the status of its rods, if it can be read.
     Reloaded(&'a Arc<Generation>, Option<&'a [Standing]>),
 }
 
-/// Why the core cannot go on.
+/// Reason why the core cannot go on.
 #[derive(Debug, thiserror::Error)]
-pub enum Broken {
-    /// The store refused for a reason that does not pass.
+pub enum CoreError {
+    /// The store returned a permanent error.
     #[error(transparent)]
     Store(#[from] StoreError),
-    /// The daemon stops while the disk is full: what was not kept is read again at the next start.
+    /// The daemon stops while the disk is full: data not yet stored is read again at the next start.
     #[error("the daemon stops while the disk is full")]
     Stopping,
     /// The store was found damaged after the disk was full.
     #[error("the store was damaged while the disk was full; a restart reads everything again")]
     Damaged,
-    /// A fault of the program.
+    /// The program panicked.
     #[error("the program broke, please report it: {0}")]
     Panicked(String),
 }
 
-/// Trackers, store, and what is remembered between records.
+/// Trackers, store, and the state between records.
 pub struct Core {
-    /// `None` only while a full disk is waited for.
+    /// `None` only while waiting for a full disk.
     site: Option<Site>,
     guard: Guard,
     /// Whether the store is not the file that is written: nothing is acknowledged while it is not.
@@ -96,13 +86,13 @@ pub struct Core {
     store: PathBuf,
     generation: Arc<Generation>,
     held: Held,
-    passed: Passed,
+    passed: LastSeen,
     silence: Silence,
     retention: Retention,
     vigil: Vigil,
     health: Arc<Health>,
     stopping: Arc<AtomicBool>,
-    tell: Box<dyn Fn(Word<'_>) + Send>,
+    notify: Box<dyn Fn(Notice<'_>) + Send>,
 }
 
 impl Core {
@@ -115,11 +105,11 @@ impl Core {
         generation: Arc<Generation>,
         health: Arc<Health>,
         (stopping, halted): (Arc<AtomicBool>, Arc<AtomicBool>),
-        tell: Box<dyn Fn(Word<'_>) + Send>,
+        notify: Box<dyn Fn(Notice<'_>) + Send>,
     ) -> Result<Self, StoreError> {
         let settle = Duration::from_secs_f64(generation.config.alert.settle_s);
         let (vigil, silent_from) = Vigil::begin(site.store(), settle, Arc::clone(&health))?;
-        let mut passed = Passed::default();
+        let mut passed = LastSeen::default();
         for (rod, _) in site.latest() {
             // Every record before this start came before what comes now. A rod that cannot be asked for has none.
             if let Ok(Some(identity)) = site.store().last_identity(rod) {
@@ -139,22 +129,22 @@ impl Core {
             vigil,
             health,
             stopping,
-            tell,
+            notify,
         };
         core.listen(silent_from);
         Ok(core)
     }
 
-    /// Takes what came out of the pipeline together. Events are put into the order of their times; of what goes now, records,
-    /// files and marks that follow each other become durable at once, for the price of one flush of the disk; nobody hears of
-    /// any before. What still waits for its turn when the daemon stops is read again at the next start: its file is not
-    /// marked yet.
+    /// Takes a group of results of the pipeline. Events are put in the order of their times; consecutive
+    /// records, files and marks that are due become durable at once, with one flush of the disk, and are
+    /// announced only then. Events still waiting when the daemon stops are read again at the next start:
+    /// their file is not marked yet.
     ///
     /// # Errors
-    /// The daemon cannot go on; what was not told was not kept.
-    pub fn take(&mut self, group: Vec<Done>) -> Result<(), Broken> {
+    /// The daemon cannot go on; results not announced were not kept.
+    pub fn take(&mut self, group: Vec<Done>) -> Result<(), CoreError> {
         let group = self.held.take(group, Instant::now());
-        for run in group.chunk_by(|one, next| one.is_kept() && next.is_kept()) {
+        for run in group.chunk_by(|one, next| is_kept(one) && is_kept(next)) {
             match run {
                 [Done::Job(Job::Reload(generation))] => self.reload(Arc::clone(generation))?,
                 [Done::Job(Job::Tick { is_caught_up })] => self.tick(*is_caught_up)?,
@@ -164,7 +154,7 @@ impl Core {
         Ok(())
     }
 
-    /// An event whose work panicked outside the analysis: nothing is known of it but that.
+    /// Reports a panic outside the analysis.
     pub fn lost(&mut self, panic: &str) {
         self.health.fault(
             Fault::Broken,
@@ -172,11 +162,17 @@ impl Core {
         );
     }
 
-    /// Makes a run of items durable, then tells of them.
-    fn keep(&mut self, run: &[Done]) -> Result<(), Broken> {
+    /// Makes a run of items durable, then announces them.
+    fn keep(&mut self, run: &[Done]) -> Result<(), CoreError> {
         let begun = Instant::now();
         // Asked once, in order: the run may be taken again.
-        let before: Vec<_> = run.iter().map(|done| self.pass(done)).collect();
+        let before: Vec<_> = run
+            .iter()
+            .map(|done| match done {
+                Done::Event(analysed, _) => self.passed.pass(analysed),
+                Done::Job(_) => None,
+            })
+            .collect();
         let taken = self.durable(|site| {
             site.together(|site| {
                 let items = run.iter().zip(&before);
@@ -188,9 +184,9 @@ impl Core {
         let mut has_news = false;
         for (done, taken) in run.iter().zip(&taken) {
             match done {
-                Done::Event(Analysed::Known(rod, _), _) => (self.tell)(Word::Known(rod)),
+                Done::Event(Analysed::Known(rod, _), _) => (self.notify)(Notice::Known(rod)),
                 Done::Event(Analysed::Record(outcome), place) => match taken {
-                    None => (self.tell)(Word::Known(outcome.rod())),
+                    None => (self.notify)(Notice::Known(outcome.rod())),
                     Some(taken) => {
                         self.record(outcome, place, taken, took);
                         has_news |= !taken.verdict.events.is_empty();
@@ -199,36 +195,19 @@ impl Core {
                 Done::Job(Job::File { mark, result, .. }) => {
                     self.report(result);
                     if let Some(mark) = mark {
-                        (self.tell)(Word::File(mark));
+                        (self.notify)(Notice::File(mark));
                     }
                 }
                 Done::Event(Analysed::Readings(..), _) | Done::Job(_) => {}
             }
         }
         if has_news {
-            (self.tell)(Word::News);
+            (self.notify)(Notice::News);
         }
         Ok(())
     }
 
-    /// Notes that an item passes; the record of its rod that passed before.
-    fn pass(&mut self, done: &Done) -> Option<[u8; 32]> {
-        let Done::Event(analysed, _) = done else {
-            return None;
-        };
-        let (rod, identity) = match analysed {
-            Analysed::Known(rod, identity) => (rod, Some(*identity)),
-            Analysed::Record(outcome) => (outcome.rod(), outcome.identity()),
-            Analysed::Readings(rod, _) => (rod, None),
-        };
-        let before = self.passed.last(rod);
-        if let Some(identity) = identity {
-            self.passed.note(rod, identity);
-        }
-        before
-    }
-
-    /// Tells of a record that was taken.
+    /// Announces a record that was taken.
     fn record(&mut self, outcome: &Outcome, place: &Place, taken: &Taken, took: Duration) {
         let rod = outcome.rod();
         self.silence.end(rod, Instant::now());
@@ -245,7 +224,7 @@ impl Core {
             self.health
                 .fault(fault, format_args!("rod {rod}, {file}: {reason}"));
         }
-        (self.tell)(Word::Taken { outcome, taken, took });
+        (self.notify)(Notice::Taken { outcome, taken, took });
     }
 
     fn report(&self, result: &Result<Summary, SourceError>) {
@@ -274,7 +253,7 @@ impl Core {
         }
     }
 
-    fn reload(&mut self, generation: Arc<Generation>) -> Result<(), Broken> {
+    fn reload(&mut self, generation: Arc<Generation>) -> Result<(), CoreError> {
         // If the disk is full on the way, the site is opened with the new configuration when there is room again.
         self.generation = Arc::clone(&generation);
         let mut standings = None;
@@ -297,11 +276,11 @@ impl Core {
         self.listen(clock::now());
         let settle = Duration::from_secs_f64(generation.config.alert.settle_s);
         self.vigil.set_settle(settle);
-        (self.tell)(Word::Reloaded(&generation, standings.as_deref()));
+        (self.notify)(Notice::Reloaded(&generation, standings.as_deref()));
         Ok(())
     }
 
-    /// Begins to count the silence of rods that are new.
+    /// Begins to count the silence of new rods.
     fn listen(&mut self, wall: Timestamp) {
         let now = Instant::now();
         for (rod, since) in self.site.iter().flat_map(Site::silent_since) {
@@ -309,7 +288,7 @@ impl Core {
         }
     }
 
-    fn tick(&mut self, is_caught_up: bool) -> Result<(), Broken> {
+    fn tick(&mut self, is_caught_up: bool) -> Result<(), CoreError> {
         self.look_at_files()?;
         let mut has_news = self.durable(Site::apply_requests)? > 0;
         if is_caught_up {
@@ -338,20 +317,23 @@ impl Core {
             self.retention.came_to(rod, next);
         }
         if has_news {
-            (self.tell)(Word::News);
+            (self.notify)(Notice::News);
         }
-        (self.tell)(Word::Alive);
+        (self.notify)(Notice::Alive);
         Ok(())
     }
 
-    /// Does something to site and store, again from the beginning if the disk was full: the trackers in memory are ahead of
-    /// the store then, so both are read from the disk anew. Records the store has are known by content, so nothing is
-    /// taken twice.
-    fn durable<T>(&mut self, mut act: impl FnMut(&mut Site) -> Result<T, StoreError>) -> Result<T, Broken> {
+    /// Runs `act` on site and store, and again from the beginning if the disk was full: the trackers in
+    /// memory are then ahead of the store, so both are read anew from the disk. Records in the store are
+    /// known by content, so none is taken twice.
+    fn durable<T>(
+        &mut self,
+        mut act: impl FnMut(&mut Site) -> Result<T, StoreError>,
+    ) -> Result<T, CoreError> {
         let mut tries = 0;
         loop {
             let Some(site) = &mut self.site else {
-                return Err(Broken::Stopping);
+                return Err(CoreError::Stopping);
             };
             match act(site) {
                 Ok(value) => {
@@ -367,8 +349,9 @@ impl Core {
         }
     }
 
-    /// Gives up trackers and store, and opens them again when there is room; longer after each try that was in vain.
-    fn wait_for_room(&mut self, error: &StoreError, tries: u32) -> Result<(), Broken> {
+    /// Closes trackers and store, and opens them again when there is room; waits longer after each failed
+    /// try.
+    fn wait_for_room(&mut self, error: &StoreError, tries: u32) -> Result<(), CoreError> {
         let about = self.about();
         let waits = format_args!(
             "{about}: no room on the disk ({error}); nothing is lost, work goes on when there is"
@@ -379,11 +362,11 @@ impl Core {
         let mut looks = 1 << tries.min(6);
         loop {
             if self.stopping.load(Ordering::Relaxed) {
-                return Err(Broken::Stopping);
+                return Err(CoreError::Stopping);
             }
-            (self.tell)(Word::Alive);
+            (self.notify)(Notice::Alive);
             for notice in self.vigil.look() {
-                (self.tell)(Word::Untold(&notice));
+                (self.notify)(Notice::Untold(&notice));
             }
             thread::sleep(LOOK);
             looks -= 1;
@@ -396,7 +379,7 @@ impl Core {
             }
             match open_site(&self.store, &self.generation, &self.health) {
                 // The reader knows nothing of marks that are gone: only a restart reads everything again.
-                Ok(site) if site.store().moved_aside().is_some() => return Err(Broken::Damaged),
+                Ok(site) if site.store().moved_aside().is_some() => return Err(CoreError::Damaged),
                 Ok(site) => {
                     self.guard = Guard::of(&self.store);
                     self.site = Some(site);
@@ -413,7 +396,7 @@ impl Core {
 
     /// Looks whether the store is still the file that is written. If not, nothing is kept or acknowledged, and the sinks are told
     /// past it, until the very file is back or somebody starts the daemon anew.
-    fn look_at_files(&mut self) -> Result<(), Broken> {
+    fn look_at_files(&mut self) -> Result<(), CoreError> {
         let begun = Instant::now();
         let mut is_lost = false;
         while let Err((path, what)) = self.guard.look() {
@@ -428,11 +411,11 @@ impl Core {
             if self.stopping.load(Ordering::Relaxed) {
                 // Closing it would remove, by its name, a write-ahead log that may be another store's.
                 std::mem::forget(self.site.take());
-                return Err(Broken::Stopping);
+                return Err(CoreError::Stopping);
             }
-            (self.tell)(Word::Alive);
+            (self.notify)(Notice::Alive);
             for notice in self.vigil.look() {
-                (self.tell)(Word::Untold(&notice));
+                (self.notify)(Notice::Untold(&notice));
             }
             thread::sleep(LOOK);
         }
@@ -444,19 +427,16 @@ impl Core {
         Ok(())
     }
 
-    /// What a condition of the store is about.
+    /// Subject of a condition of the store.
     fn about(&self) -> String {
         self.store.display().to_string()
     }
 }
 
-/// Puts an item into the site; what was taken, if it is a record that is new.
+/// Puts an item into the site; returns the result if it is a new record.
 fn put(site: &mut Site, done: &Done, before: Option<[u8; 32]>) -> Result<Option<Taken>, StoreError> {
     match done {
-        Done::Event(Analysed::Record(outcome), place) => return site.take(outcome, Some(place.position())),
-        Done::Event(Analysed::Readings(rod, readings), _) => {
-            site.take_readings(rod, readings, before)?;
-        }
+        Done::Event(analysed, place) => return site.take_event(analysed, place.position(), before),
         Done::Job(Job::File { mark, carry, .. }) if mark.is_some() || carry.is_some() => {
             let (mark, carry) = (mark.as_ref(), carry.as_ref());
             site.note(Note::File { mark, carry })?;
@@ -465,13 +445,13 @@ fn put(site: &mut Site, done: &Done, before: Option<[u8; 32]>) -> Result<Option<
             let through = *through;
             site.note(Note::Delivered { sink, through })?;
         }
-        // What is known needs nothing, and the pipeline turned every event into what came of it.
-        Done::Event(Analysed::Known(..), _) | Done::Job(_) => {}
+        // The driver turned every event into what came of it.
+        Done::Job(_) => {}
     }
     Ok(None)
 }
 
-/// Free space where a file is \[bytes\]; all there is if the system does not say.
+/// Free space on the disk of a file \[bytes\]; the maximum if unknown.
 fn room(path: &Path) -> u64 {
     let folder = path.parent().unwrap_or(Path::new("."));
     rustix::fs::statvfs(folder).map_or(u64::MAX, |stat| stat.f_bavail.saturating_mul(stat.f_frsize))

@@ -1,15 +1,16 @@
-//! The watched folder: which recordings in it are to be read, and reading them a step at a time.
+//! The watched folder: finds recordings to read, and reads them one step at a time.
 
-use super::steps::{Blame, Steps, Watch};
-use crate::analysis::signal::record::{Event, RecordSettings, RodChannels};
-use crate::recording::read::Place;
+use super::steps::{Guard, Watch};
+use crate::analysis::signal::record::{RecordSettings, RodChannels};
 use crate::recording::read::folder::first_time;
+use crate::recording::read::recordings::FileResult;
 use crate::recording::read::series::modified_ns;
-use crate::recording::read::{Poll, Recording, SourceError, Summary};
+use crate::recording::read::{Recording, SourceError, Step};
 use crate::service::telemetry::{Fault, Health};
 use crate::site::store::{FileMark, FileState};
 use rustix::fs::{Mode, OFlags};
 use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet, VecDeque};
+use std::convert::Infallible;
 use std::ffi::{OsStr, OsString};
 use std::fs::{self, File, Metadata};
 use std::io::{self, Read, Seek, SeekFrom};
@@ -20,20 +21,18 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant, SystemTime};
 
-/// The shortest time between two scans.
+/// Shortest time between two scans.
 const SCAN_EVERY: Duration = Duration::from_secs(1);
-/// Of the time, at most one part in this many goes into scans.
+/// Scans take at most one part in this many of the time.
 const SCAN_SHARE: u32 = 20;
-/// Growing recordings read at once.
+/// Most growing recordings read at once.
 const MOST_GROWING: usize = 64;
-/// Bytes growing recordings may hold together; beyond, the largest is read when it is finished.
+/// Most bytes that growing recordings may hold together; beyond, the largest is read when it is finished.
 const GROWING_BYTES: usize = 64 << 20;
 /// Pause before a file that cannot be opened is tried again.
 const RETRY: Duration = Duration::from_secs(60);
-/// How an MCAP file ends.
-const MAGIC: &[u8; 8] = b"\x89MCAP0\r\n";
 
-/// A file's length \[bytes\] and when it was written \[ns since 1970\]: how it is seen to change.
+/// Size \[bytes\] and time of change \[ns since 1970\] of a file, to detect changes.
 type Stamp = (u64, i64);
 
 fn stamp(data: &Metadata) -> Stamp {
@@ -47,52 +46,45 @@ pub(super) struct Folder {
     channels: Vec<RodChannels>,
     settings: RecordSettings,
     health: Arc<Health>,
-    /// Files that were read to their end, as they were then.
+    /// Files read to their end, with their stamps then.
     done: HashMap<OsString, Stamp>,
     /// Finished files to be read, in the order of their first message.
     queue: BTreeSet<(u64, OsString)>,
     queued: HashMap<OsString, Stamp>,
-    /// Files that could not be opened, or are quarantined, and when to look again.
+    /// Files that could not be opened, or are quarantined, with the time of the next try.
     failed: HashMap<OsString, Instant>,
-    /// Growing files that are read when they are finished, since all of them held too much.
+    /// Growing files put off until they are finished, since all of them together held too much.
     postponed: HashSet<OsString>,
-    /// Files that are set aside, each a condition.
+    /// Files set aside, each a condition.
     set_aside: BTreeSet<OsString>,
     finished: Option<Lane>,
     growing: VecDeque<Lane>,
     next_scan: Instant,
-    /// Whether the growing files have the next turn.
+    /// True if the growing files have the next turn.
     is_turn_of_growing: bool,
-    /// Whether finished files come first: at the start, until all that were there are read.
+    /// True if finished files come first: at the start, until all present then are read.
     catches_up: bool,
 }
 
-/// A file that is read.
+/// A file that is being read.
 struct Lane {
     name: OsString,
     label: Arc<str>,
     recording: Recording,
-    steps: Steps,
+    guard: Guard,
     file: File,
-    records: u64,
     is_live: bool,
-    /// As it was when reading began, or when it was last seen to grow.
+    /// Stamp when reading began, or when it was last seen to grow.
     stamp: Stamp,
     grew: Instant,
-    /// Whether another file has its name now.
+    /// True if another file has its name now.
     is_replaced: bool,
-    quarantined: Option<String>,
     /// Bytes in memory after its latest step.
     held: usize,
 }
 
-/// What a step brought.
-pub(super) enum FolderStep {
-    Event(Event, Place),
-    File(FileMark, Result<Summary, SourceError>),
-    More,
-    Idle,
-}
+/// One step of the folder; a file's end comes with its mark.
+pub(super) type FolderStep = Step<(FileMark, FileResult)>;
 
 impl Folder {
     pub fn new(
@@ -133,17 +125,17 @@ impl Folder {
         }
     }
 
-    /// Whether files that were there at the start come before everything live.
+    /// True if files that were present at the start come before everything live.
     pub fn catches_up(&self) -> bool {
         self.catches_up
     }
 
-    /// Whether finished files wait to be read, or are read now.
+    /// True if finished files wait to be read, or are being read.
     pub fn has_backlog(&self) -> bool {
         self.catches_up || self.finished.is_some() || !self.queue.is_empty()
     }
 
-    /// Other channels and settings hold: files not read to their end are begun again.
+    /// Changes channels and settings: files not read to their end are begun again.
     pub fn change(&mut self, channels: &[RodChannels], settings: &RecordSettings) {
         channels.clone_into(&mut self.channels);
         self.settings = *settings;
@@ -152,7 +144,7 @@ impl Folder {
         self.next_scan = Instant::now();
     }
 
-    /// One step: a scan if it is time, or at most one record or chunk of one file.
+    /// Takes one step: a scan if due, or at most one record or chunk of one file.
     pub fn step(&mut self, watch: &mut Watch, stop: &AtomicBool) -> FolderStep {
         if Instant::now() >= self.next_scan {
             let began = Instant::now();
@@ -172,51 +164,49 @@ impl Folder {
                 return step;
             }
             let step = lane.step(watch, self.settle, &self.health);
+            if let Some(Step::End) = step {
+                return self.close(lane, watch);
+            }
+            self.finished = Some(lane);
             return match step {
-                LaneStep::End => self.close(lane, watch),
-                LaneStep::Event(event, place) => {
-                    self.finished = Some(lane);
-                    FolderStep::Event(event, place)
-                }
-                LaneStep::More | LaneStep::Wait | LaneStep::Again => {
-                    self.finished = Some(lane);
-                    FolderStep::More
-                }
+                Some(Step::Event(event, place)) => Step::Event(event, place),
+                _ => Step::More,
             };
         }
         if self.queue.is_empty() {
             self.catches_up = false;
         } else {
-            return FolderStep::More;
+            return Step::More;
         }
-        self.step_growing(watch).unwrap_or(FolderStep::Idle)
+        self.step_growing(watch).unwrap_or(Step::Wait)
     }
 
-    /// A step of the next growing file that has something.
+    /// Takes a step of the next growing file with data.
     fn step_growing(&mut self, watch: &mut Watch) -> Option<FolderStep> {
         for _ in 0..self.growing.len() {
             let mut lane = self.growing.pop_front()?;
             let step = lane.step(watch, self.settle, &self.health);
             match step {
-                LaneStep::End => return Some(self.close(lane, watch)),
-                LaneStep::Wait => self.growing.push_back(lane),
-                LaneStep::Again => self.next_scan = Instant::now(),
-                LaneStep::More => {
+                None => self.next_scan = Instant::now(),
+                Some(Step::End) => return Some(self.close(lane, watch)),
+                Some(Step::Wait) => self.growing.push_back(lane),
+                Some(Step::More) => {
                     self.growing.push_back(lane);
                     self.make_room();
-                    return Some(FolderStep::More);
+                    return Some(Step::More);
                 }
-                LaneStep::Event(event, place) => {
+                Some(Step::Event(event, place)) => {
                     // What is read already comes out before the next one has its turn.
                     self.growing.push_front(lane);
-                    return Some(FolderStep::Event(event, place));
+                    return Some(Step::Event(event, place));
                 }
             }
         }
         None
     }
 
-    /// Gives up the largest growing files while all together hold too much: they are begun again when they are finished.
+    /// Puts off the largest growing files while all together hold too much: they are begun again when
+    /// finished.
     fn make_room(&mut self) {
         while self.growing.len() > 1
             && self.growing.iter().map(|lane| lane.held).sum::<usize>() > GROWING_BYTES
@@ -233,10 +223,11 @@ impl Folder {
         }
     }
 
-    fn close(&mut self, lane: Lane, watch: &Watch) -> FolderStep {
+    fn close(&mut self, mut lane: Lane, watch: &Watch) -> FolderStep {
         let (size, modified_ns) = lane.stamp;
         (watch.is_read)(&lane.label);
-        if lane.quarantined.is_some() {
+        let quarantined = lane.guard.end(&lane.label);
+        if quarantined.is_some() {
             self.set_aside.insert(lane.name.clone());
             // One that goes on growing is not worth every scan.
             self.failed.insert(lane.name.clone(), Instant::now() + RETRY);
@@ -246,9 +237,9 @@ impl Folder {
             name: lane.label.to_string(),
             size,
             modified_ns,
-            state: lane.quarantined.map_or(FileState::Done, FileState::Quarantined),
+            state: quarantined.map_or(FileState::Done, FileState::Quarantined),
         };
-        FolderStep::File(mark, Ok(lane.recording.summary().clone()))
+        Step::File((mark, Ok(lane.recording.summary().clone())))
     }
 
     /// Looks for files that are new or changed.
@@ -352,7 +343,7 @@ impl Folder {
         self.failed.insert(name.to_owned(), Instant::now() + RETRY);
     }
 
-    /// Opens a regular file: what it was when it was listed may have changed, and opening a pipe would wait.
+    /// Opens a regular file: it may have changed since it was listed, and opening a pipe would block.
     fn open(&self, name: &OsStr) -> io::Result<File> {
         let flags = OFlags::RDONLY | OFlags::NOFOLLOW | OFlags::NONBLOCK | OFlags::CLOEXEC;
         let file = File::from(rustix::fs::open(self.path.join(name), flags, Mode::empty())?);
@@ -376,112 +367,72 @@ impl Folder {
             name: name.to_owned(),
             label: Arc::from(label),
             recording,
-            steps: Steps::default(),
+            guard: Guard::default(),
             file,
-            records: 0,
             is_live,
             stamp,
             grew: Instant::now(),
             is_replaced: false,
-            quarantined: None,
             held: 0,
         })
     }
 }
 
-#[expect(clippy::large_enum_variant, reason = "one at a time, moved on at once")]
-enum LaneStep {
-    /// It is to be found again.
-    Again,
-    Event(Event, Place),
-    More,
-    Wait,
-    End,
-}
-
 impl Lane {
-    fn step(&mut self, watch: &mut Watch, settle: Duration, health: &Health) -> LaneStep {
-        if self.quarantined.is_none()
-            && let Some(Blame { why, is_whole }) =
-                watch.begin(&self.label, self.recording.offset(), &mut self.steps)
-        {
-            health.hold(Fault::Quarantined, &self.label, &why);
-            if is_whole {
-                self.recording.discard(&why);
-            } else {
-                self.recording.abandon(&why);
-            }
-            self.quarantined = Some(why);
-        }
-        let polled = self.recording.poll();
-        watch.end();
+    /// The next step; `None` if the file is to be found again.
+    fn step(&mut self, watch: &mut Watch, settle: Duration, health: &Health) -> Option<Step<Infallible>> {
+        let step = self.guard.poll(&mut self.recording, watch, health);
         self.held = self.recording.held();
-        if matches!(polled, Poll::More | Poll::Event(_)) {
-            self.steps.brought_something();
-        }
-        match polled {
-            Poll::Event(event) => {
-                self.records += u64::from(!matches!(event, Event::Readings { .. }));
-                let (at, reached) = self.recording.moment();
-                let place = Place {
-                    file: Arc::clone(&self.label),
-                    bytes: self.recording.position().read,
-                    records: self.records,
-                    at,
-                    reached,
-                };
-                LaneStep::Event(event, place)
-            }
-            Poll::More => LaneStep::More,
-            Poll::End => {
-                // A growing file was read as far as it is now; a finished one as it was when it was opened, so that
-                // whatever came later is seen.
-                if self.is_live
-                    && let Ok(data) = self.file.metadata()
-                    && data.len() == self.recording.position().read
+        match step {
+            Step::Wait => return self.wait(settle),
+            // A growing file was read as far as it is now; a finished one as it was when it was opened, so that
+            // whatever came later is seen.
+            Step::End if self.is_live => {
+                if let Ok(data) = self.file.metadata()
+                    && data.len() == self.recording.progress().read
                 {
                     self.stamp = stamp(&data);
                 }
-                LaneStep::End
             }
-            Poll::Wait => self.wait(settle),
+            _ => {}
         }
+        Some(step)
     }
 
-    /// Nothing to read now: has it grown lately?
-    fn wait(&mut self, settle: Duration) -> LaneStep {
+    /// Handles a file without data now: waits if it has grown lately.
+    fn wait(&mut self, settle: Duration) -> Option<Step<Infallible>> {
         let Ok(data) = self.file.metadata() else {
-            return LaneStep::Wait;
+            return Some(Step::Wait);
         };
         let now = stamp(&data);
-        let shrank = now.0 < self.recording.position().read;
+        let shrank = now.0 < self.recording.progress().read;
         if now != self.stamp && !shrank {
             self.stamp = now;
             self.grew = Instant::now();
             if self.recording.is_in_doubt() && has_end(&self.file) {
-                return LaneStep::Again;
+                return None;
             }
         }
         if shrank || self.is_replaced || self.grew.elapsed() >= settle {
             // What looked like a record in the making is damage: read as a finished file, only that is lost.
             if self.recording.is_in_doubt() && !shrank && !self.is_replaced {
-                return LaneStep::Again;
+                return None;
             }
             self.recording.give_up();
-            return LaneStep::More;
+            return Some(Step::More);
         }
-        LaneStep::Wait
+        Some(Step::Wait)
     }
 }
 
-/// Whether a file of this name is a recording: `*.mcap`, and not hidden.
+/// True if a file of this name is a recording: `*.mcap`, and not hidden.
 fn is_recording(name: &OsStr) -> bool {
     let name = name.as_bytes();
     let ends = name.len() > 5 && name[name.len() - 5..].eq_ignore_ascii_case(b".mcap");
     ends && name[0] != b'.'
 }
 
-/// Whether a file has the end of a recording.
+/// True if a file has the end of a recording.
 fn has_end(file: &File) -> bool {
     let mut file = file;
     let mut end = [0u8; 8];
@@ -489,7 +440,7 @@ fn has_end(file: &File) -> bool {
         .seek(SeekFrom::End(-8))
         .and_then(|at| {
             file.read_exact(&mut end)?;
-            Ok(at > 8 && &end == MAGIC)
+            Ok(at > 8 && end == mcap::MAGIC)
         })
         .unwrap_or(false);
     // Whoever reads it next starts at the front.
@@ -508,7 +459,7 @@ fn label(name: &OsStr) -> String {
     label
 }
 
-/// The file name a label stands for; `None` for a part of the journal.
+/// File name of a label; `None` for a part of the journal.
 fn name_of(label: &str) -> Option<OsString> {
     if label.contains('/') {
         return None;

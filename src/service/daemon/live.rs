@@ -1,6 +1,6 @@
-//! The live half of a daemon: what listens, and the journal behind it.
+//! The live half of a daemon: its sockets, and the journal behind them.
 
-use super::Happening;
+use super::LifecycleEvent;
 use super::reader::JournalSource;
 use crate::analysis::signal::record::Timestamp;
 use crate::config::{Config, RodConfig};
@@ -20,17 +20,17 @@ use tokio::runtime::Runtime;
 use tokio::sync::watch;
 use tokio::task::JoinHandle;
 
-/// How long clients may take to go.
+/// Longest time for clients to leave.
 const FAREWELL: Duration = Duration::from_secs(2);
 
-/// The sockets of a daemon, listened at before anything else is begun: an address that is taken is known at once.
+/// The sockets of a daemon, bound before anything else is started: an address in use is reported at once.
 #[derive(Default)]
 pub struct Bound {
     ingest: Vec<Listener>,
 }
 
 impl Bound {
-    /// Listens where the configuration says, and at what systemd handed over.
+    /// Binds the configured addresses and the sockets handed over by systemd.
     ///
     /// # Errors
     /// An address is taken.
@@ -51,8 +51,8 @@ pub struct Live {
 }
 
 impl Live {
-    /// Takes up the journal and lets clients in. Without a socket there is a journal only if one was begun before: what
-    /// it holds is still read.
+    /// Resumes the journal and admits clients. Without a socket there is a journal only if one existed
+    /// before: its content is still read.
     ///
     /// # Errors
     /// The journal or a certificate cannot be used.
@@ -62,7 +62,7 @@ impl Live {
         bound: Bound,
         runtime: &Runtime,
         telemetry: &Telemetry,
-        (tell, halted): (&Sender<Happening>, Arc<AtomicBool>),
+        (sender, halted): (&Sender<LifecycleEvent>, Arc<AtomicBool>),
     ) -> anyhow::Result<Self> {
         let health = &telemetry.health;
         let (topics, wanted) = watch::channel(Arc::new(ingest::topics_of(&config.rods)));
@@ -80,11 +80,11 @@ impl Live {
             return Ok(live);
         }
         let failed = {
-            let (tell, health) = (tell.clone(), Arc::clone(health));
+            let (sender, health) = (sender.clone(), Arc::clone(health));
             move |error: crate::service::journal::JournalError| {
                 health.hold(Fault::Write, "journal", &error);
                 // A daemon that stops does not listen any more.
-                let _ = tell.send(Happening::Failed(error.into()));
+                let _ = sender.send(LifecycleEvent::Failed(error.into()));
             }
         };
         let resume_s = config.ingest.resume_s;
@@ -103,10 +103,10 @@ impl Live {
                 Arc::clone(health),
                 counts,
             )?;
-            let tell = tell.clone();
+            let sender = sender.clone();
             live.serving = Some(runtime.spawn(async move {
                 if let Err(error) = ingest::serve(bound.ingest, server, stopped).await {
-                    let _ = tell.send(Happening::Failed(error.into()));
+                    let _ = sender.send(LifecycleEvent::Failed(error.into()));
                 }
             }));
         }
@@ -114,7 +114,7 @@ impl Live {
         Ok(live)
     }
 
-    /// What the reader reads of it.
+    /// Source for the reader.
     pub fn source(&self) -> Option<JournalSource> {
         self.journal.as_ref().map(|(journal, folder)| JournalSource {
             folder: folder.clone(),
@@ -123,7 +123,7 @@ impl Live {
         })
     }
 
-    /// Rings when there is something new to read.
+    /// Bell that rings when there is new data to read.
     pub fn bell(&self) -> Arc<Bell> {
         self.journal
             .as_ref()
@@ -137,7 +137,7 @@ impl Live {
             .map_or_else(Arc::default, |(journal, _)| journal.results_kept())
     }
 
-    /// What is to be shown of it, every now and then.
+    /// Gauges to be shown from time to time.
     pub fn gauges(&self) -> Gauges {
         Gauges {
             counts: Arc::clone(&self.counts),
@@ -146,17 +146,17 @@ impl Live {
         }
     }
 
-    /// Clients' messages on these rods' topics are kept from now on.
+    /// Changes the rods on whose topics clients' messages are kept from now on.
     pub fn retarget(&self, rods: &[RodConfig]) {
         self.topics.send_replace(Arc::new(ingest::topics_of(rods)));
     }
 
-    /// Lets nobody in any more, and begins to say goodbye to the clients.
+    /// Admits no more clients, and begins to disconnect those present.
     pub fn hang_up(&self) {
         self.stop.send_replace(true);
     }
 
-    /// Waits for the clients to go and makes what they sent durable.
+    /// Waits for the clients to leave and makes their data durable.
     pub fn stop(self, runtime: &Runtime) {
         if let Some(serving) = self.serving {
             // A client that does not go is cut off with the runtime.
@@ -168,7 +168,7 @@ impl Live {
     }
 }
 
-/// The journal's folder: the configured one, or `journal` beside the store.
+/// Folder of the journal: the configured one, or `journal` next to the store.
 fn folder_of(config: &Config, store: &Path) -> PathBuf {
     config
         .journal
@@ -204,12 +204,12 @@ pub fn vouch(store: &Path) -> impl Fn(&[Kept]) -> Vec<f64> + Send + use<> {
 pub struct Gauges {
     counts: Arc<Counts>,
     journal: Option<PathBuf>,
-    /// Messages and bytes shown so far.
+    /// Numbers of messages and bytes shown so far.
     shown: Mutex<(u64, u64)>,
 }
 
 impl Gauges {
-    /// Shows what came since.
+    /// Adds the counts since the last call to the metrics.
     pub fn show(&self, metrics: &Metrics) {
         let of = |count: &std::sync::atomic::AtomicU64| count.load(Ordering::Relaxed);
         let (messages, bytes) = (of(&self.counts.messages), of(&self.counts.bytes));
@@ -226,7 +226,7 @@ impl Gauges {
     }
 }
 
-/// What the parts of a journal take together.
+/// Total size of a journal's parts \[bytes\].
 fn bytes_in(folder: &Path) -> u64 {
     let parts = part::list(folder).unwrap_or_default();
     let size = |part: u32| std::fs::metadata(part::path(folder, part)).map_or(0, |data| data.len());

@@ -1,18 +1,18 @@
 //! The daemon: sources, pipeline, site and sinks, all live at once.
 //!
-//! docs/daemon.md tells the way of a record through it. [`run`] is its life: prepare, open, run, reload, drain.
+//! docs/daemon.md shows the way of a record through it. [`run`] is its life cycle: prepare, open, run,
+//! reload, drain.
 
 mod conditions;
 pub mod core;
 mod folder;
 mod guard;
-mod held;
-pub mod job;
 mod live;
 mod misnamed;
 pub mod notify;
 mod opening;
 mod pipe;
+pub mod quarantine;
 pub mod reader;
 mod restart;
 mod retention;
@@ -20,13 +20,11 @@ mod running;
 mod signals;
 mod silence;
 pub mod steps;
-pub mod suspects;
 mod vigil;
 mod wall_clock;
 mod workers;
 
 use crate::site::prepared::Generation;
-pub use job::Job;
 pub use live::vouch;
 
 use crate::config::{Config, ConfigError, Setting};
@@ -50,24 +48,24 @@ use std::time::Duration;
 use tokio::runtime::Runtime;
 use tokio::sync::watch;
 
-/// How often the threads are looked after.
+/// Interval between checks of the threads.
 const LOOK: Duration = Duration::from_secs(1);
 
-/// What a daemon is started with.
+/// Start options of a daemon.
 #[derive(Debug, Clone)]
 pub struct Options {
-    /// The configuration; it is read again on SIGHUP.
+    /// Path of the configuration; it is read again on SIGHUP.
     pub config: PathBuf,
-    /// What is put over it.
+    /// Settings that override it.
     pub settings: Vec<Setting>,
-    /// Threads that analyse; by default one per core.
+    /// Number of threads that analyse; by default one per core.
     pub threads: Option<usize>,
     /// Rods whose baselines may be dropped by settings that changed.
     pub given_up: Vec<String>,
 }
 
-/// What happens to a daemon.
-enum Happening {
+/// Lifecycle event of a daemon.
+enum LifecycleEvent {
     /// SIGTERM or SIGINT.
     Stop,
     /// SIGHUP.
@@ -76,13 +74,13 @@ enum Happening {
     Opened(anyhow::Result<(Arc<Generation>, Box<Site>)>),
     /// Another configuration is prepared, or cannot be.
     Prepared(anyhow::Result<Arc<Generation>>),
-    /// Something without which the daemon cannot go on.
+    /// A failure without which the daemon cannot go on.
     Failed(anyhow::Error),
-    /// The work loop came to its end.
-    Ended(Result<(), core::Broken>),
+    /// The work loop ended.
+    Ended(Result<(), core::CoreError>),
 }
 
-/// Runs until it is told to stop (exit code 0), or cannot go on.
+/// Runs until stopped (exit code 0), or until it cannot go on.
 ///
 /// # Errors
 /// The configuration is bad, the store is another process's or cannot be opened, or something that must be durable
@@ -92,13 +90,13 @@ pub fn run(options: &Options) -> anyhow::Result<ExitCode> {
     // Before any thread starts.
     let inherited = Listener::inherited()?;
     let telemetry = Telemetry::default();
-    let (tell, happenings) = channel();
+    let (sender, events) = channel();
     let runtime = tokio::runtime::Builder::new_multi_thread()
         .worker_threads(2)
         .thread_name("io")
         .enable_all()
         .build()?;
-    signals::listen(&runtime, tell.clone())?;
+    signals::listen(&runtime, sender.clone())?;
     // What is taken by another process is known before anything is begun.
     let (_stop_http, http_stopped) = watch::channel(false);
     let bind = || -> anyhow::Result<Bound> {
@@ -116,21 +114,21 @@ pub fn run(options: &Options) -> anyhow::Result<ExitCode> {
         config,
         Arc::clone(&telemetry.health),
         options.given_up.clone(),
-        tell.clone(),
+        sender.clone(),
     )?;
     let daemon = Daemon {
         options,
         runtime: &runtime,
         telemetry: &telemetry,
-        tell: &tell,
+        sender: &sender,
     };
-    let result = daemon.live(&happenings, &mut bound);
+    let result = daemon.live(&events, &mut bound);
     // Whatever still waits for the network is not waited for.
     runtime.shutdown_background();
     result
 }
 
-/// The HTTP server, from the first moment: it tells that the daemon is not ready yet, and why.
+/// Starts the HTTP server from the first moment: it reports that the daemon is not ready yet, and why.
 fn show(
     config: &Config,
     runtime: &Runtime,
@@ -168,57 +166,59 @@ fn show(
     Ok(())
 }
 
-/// What the daemon's life goes on in.
+/// State of a daemon's life.
 struct Daemon<'a> {
     options: &'a Options,
     runtime: &'a Runtime,
     telemetry: &'a Telemetry,
-    tell: &'a Sender<Happening>,
+    sender: &'a Sender<LifecycleEvent>,
 }
 
 impl Daemon<'_> {
-    /// From one happening to the next, to the end.
-    fn live(&self, happenings: &Receiver<Happening>, bound: &mut Option<Bound>) -> anyhow::Result<ExitCode> {
+    /// From one event to the next, to the end.
+    fn live(&self, events: &Receiver<LifecycleEvent>, bound: &mut Option<Bound>) -> anyhow::Result<ExitCode> {
         let Self {
             options,
             runtime,
             telemetry,
-            tell,
+            sender,
         } = *self;
         let health = &telemetry.health;
         let mut running: Option<Running> = None;
         // One configuration is prepared at a time; a SIGHUP meanwhile is answered after it.
         let (mut is_preparing, mut is_asked_again) = (true, false);
         loop {
-            let happening = match happenings.recv_timeout(LOOK) {
-                Ok(happening) => happening,
+            let event = match events.recv_timeout(LOOK) {
+                Ok(event) => event,
                 Err(_) => {
                     running.as_ref().map_or(Ok(()), Running::check)?;
                     continue;
                 }
             };
-            match happening {
-                Happening::Stop => {
+            match event {
+                LifecycleEvent::Stop => {
                     tracing::info!("stopping");
                     notify::stopping();
                     telemetry.enter(Phase::Stopping);
-                    let result = running.map_or(Ok(()), |running| running.drain(runtime, happenings));
+                    let result = running.map_or(Ok(()), |running| running.drain(runtime, events));
                     return result.map(|()| ExitCode::SUCCESS).map_err(Into::into);
                 }
-                Happening::Reload if is_preparing => is_asked_again = true,
-                Happening::Reload => is_preparing = begin_reload(options, health, tell),
-                Happening::Opened(opened) => {
+                LifecycleEvent::Reload if is_preparing => is_asked_again = true,
+                LifecycleEvent::Reload => is_preparing = begin_reload(options, health, sender),
+                LifecycleEvent::Opened(opened) => {
                     let (generation, site) = opened?;
                     let bound = bound.take().unwrap_or_default();
                     let status = format!("{}: {} rods", generation.config.site, generation.plans.len());
-                    let begun = Running::start(generation, *site, options, bound, runtime, telemetry, tell)?;
+                    let begun =
+                        Running::start(generation, *site, options, bound, runtime, telemetry, sender)?;
                     running = Some(begun);
                     telemetry.enter(Phase::Serving);
                     notify::ready(&status);
                     tracing::info!("ready");
-                    is_preparing = std::mem::take(&mut is_asked_again) && begin_reload(options, health, tell);
+                    is_preparing =
+                        std::mem::take(&mut is_asked_again) && begin_reload(options, health, sender);
                 }
-                Happening::Prepared(prepared) => {
+                LifecycleEvent::Prepared(prepared) => {
                     match (prepared, &mut running) {
                         (Ok(generation), Some(running)) => {
                             running.reload(generation);
@@ -228,15 +228,16 @@ impl Daemon<'_> {
                         (Ok(_), None) => {}
                         (Err(error), _) => keep_old(options, health, &error),
                     }
-                    is_preparing = std::mem::take(&mut is_asked_again) && begin_reload(options, health, tell);
+                    is_preparing =
+                        std::mem::take(&mut is_asked_again) && begin_reload(options, health, sender);
                 }
-                Happening::Failed(error) => {
+                LifecycleEvent::Failed(error) => {
                     if let Some(running) = running {
                         running.abandon(runtime);
                     }
                     return Err(error);
                 }
-                Happening::Ended(result) => {
+                LifecycleEvent::Ended(result) => {
                     if let Some(running) = running {
                         running.abandon(runtime);
                     }
@@ -248,7 +249,7 @@ impl Daemon<'_> {
     }
 }
 
-/// The configuration of a daemon: one that names a store.
+/// Loads the configuration of a daemon, which must name a store.
 fn load(options: &Options) -> Result<Config, ConfigError> {
     let config = Config::resolve(Some(&options.config), &options.settings)?;
     if config.store.path.is_none() {
@@ -267,33 +268,33 @@ fn open(
     config: Config,
     health: Arc<Health>,
     given_up: Vec<String>,
-    tell: Sender<Happening>,
+    sender: Sender<LifecycleEvent>,
 ) -> io::Result<()> {
     let work = move || {
         let generation = prepared(config)?;
         let site = opening::open_patiently(&generation, &health, &given_up)?;
         Ok((generation, Box::new(site)))
     };
-    beside("open", tell, work, Happening::Opened)
+    beside("open", sender, work, LifecycleEvent::Opened)
 }
 
 /// Prepares another configuration on a thread of its own; one that would drop a baseline is refused.
-fn prepare(config: Config, given_up: Vec<String>, tell: Sender<Happening>) -> io::Result<()> {
+fn prepare(config: Config, given_up: Vec<String>, sender: Sender<LifecycleEvent>) -> io::Result<()> {
     let work = move || {
         if let Some(store) = &config.store.path {
             baselines::guard(&store::Reader::open(store)?, &config, &given_up)?;
         }
         prepared(config)
     };
-    beside("prepare", tell, work, Happening::Prepared)
+    beside("prepare", sender, work, LifecycleEvent::Prepared)
 }
 
-/// Does some work on a thread called `name` and tells what came of it, whatever that is.
+/// Runs work on a thread called `name` and sends its result, even a panic.
 fn beside<T: 'static>(
     name: &str,
-    tell: Sender<Happening>,
+    sender: Sender<LifecycleEvent>,
     work: impl FnOnce() -> anyhow::Result<T> + Send + 'static,
-    happening: fn(anyhow::Result<T>) -> Happening,
+    event: fn(anyhow::Result<T>) -> LifecycleEvent,
 ) -> io::Result<()> {
     let whole = move || {
         let result = catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(|panic| {
@@ -301,7 +302,7 @@ fn beside<T: 'static>(
             Err(anyhow::anyhow!("the program broke, please report it: {detail}"))
         });
         // Nobody listens any more if the daemon stops.
-        let _ = tell.send(happening(result));
+        let _ = sender.send(event(result));
     };
     thread::Builder::new().name(name.to_owned()).spawn(whole)?;
     Ok(())
@@ -315,12 +316,12 @@ fn prepared(config: Config) -> anyhow::Result<Arc<Generation>> {
     .map(Arc::new)
 }
 
-/// Begins a reload; whether one is under way.
-fn begin_reload(options: &Options, health: &Health, tell: &Sender<Happening>) -> bool {
+/// Begins a reload; returns true if one is under way.
+fn begin_reload(options: &Options, health: &Health, sender: &Sender<LifecycleEvent>) -> bool {
     notify::reloading();
     let begun = load(options)
         .map_err(anyhow::Error::from)
-        .and_then(|config| Ok(prepare(config, options.given_up.clone(), tell.clone())?));
+        .and_then(|config| Ok(prepare(config, options.given_up.clone(), sender.clone())?));
     match begun {
         Ok(()) => true,
         Err(error) => {
@@ -330,12 +331,12 @@ fn begin_reload(options: &Options, health: &Health, tell: &Sender<Happening>) ->
     }
 }
 
-/// What a condition of the configuration is about.
+/// Subject of a condition of the configuration.
 fn about(options: &Options) -> String {
     options.config.display().to_string()
 }
 
-/// The reload is over. All faults go to the log; that the file is not what holds lasts until one is taken.
+/// Ends a failed reload. All faults go to the log; the condition lasts until a configuration is taken.
 fn keep_old(options: &Options, health: &Health, error: &anyhow::Error) {
     for line in error.to_string().lines() {
         tracing::error!("{line}");

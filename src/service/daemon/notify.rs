@@ -1,4 +1,4 @@
-//! What systemd is told: ready, reloading, stopping, and that the work loop is alive.
+//! Notifications to systemd: ready, reloading, stopping, and that the work loop is alive.
 //!
 //! The watchdog is fed only while something passes through the whole pipeline (`telemetry::Beat`): a thread that merely lives
 //! proves nothing. A daemon that hangs is ended and begun again by systemd, and loses nothing.
@@ -10,29 +10,29 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
-/// Without systemd, how old a beat may be before the work loop counts as standing still.
+/// Largest age of a beat without systemd, before the work loop counts as stalled.
 const PATIENCE: Duration = Duration::from_secs(30);
 
-/// While it starts, the daemon may take this long for its next step: emulators are fitted, many rows are checked.
+/// Longest step during the start: emulators are fitted, many rows are checked.
 const STEP: Duration = Duration::from_secs(60);
 
-/// But not longer than this for all of them.
+/// Longest start.
 const LONGEST_START: Duration = Duration::from_secs(3600);
 
-/// What the condition of a work loop that stands still is about.
+/// Subject of the condition of a stalled work loop.
 const ABOUT: &str = "work loop";
 
-/// The daemon is ready; `status` is what `systemctl status` shows.
+/// Reports that the daemon is ready; `systemctl status` shows `status`.
 pub fn ready(status: &str) {
     tell(&[NotifyState::Ready, NotifyState::Status(status)]);
 }
 
-/// What `systemctl status` shows.
+/// Sets the status shown by `systemctl status`.
 pub fn status(status: &str) {
     tell(&[NotifyState::Status(status)]);
 }
 
-/// A reload begins; [`ready`] ends it, whether the new configuration holds or not.
+/// Reports the begin of a reload; [`ready`] ends it, with the new configuration or the old one.
 pub fn reloading() {
     match NotifyState::monotonic_usec_now() {
         Ok(now) => tell(&[NotifyState::Reloading, now]),
@@ -40,12 +40,12 @@ pub fn reloading() {
     }
 }
 
-/// The daemon drains and ends.
+/// Reports that the daemon drains and ends.
 pub fn stopping() {
     tell(&[NotifyState::Stopping, NotifyState::Status("stopping")]);
 }
 
-/// Does nothing if nobody listens.
+/// Sends states to systemd; does nothing without it.
 fn tell(states: &[NotifyState<'_>]) {
     if let Err(error) = sd_notify::notify(states) {
         tracing::debug!("systemd cannot be told: {error}");
@@ -61,8 +61,8 @@ pub struct Watchdog {
 
 impl Watchdog {
     /// Watches from now on: asks systemd for time while the daemon starts, holds the fault [`Fault::Stalled`] while the work
-    /// loop stands still, feeds systemd's watchdog (if there is one) while it does not, and lets health log what it held
-    /// back.
+    /// loop is stalled, feeds systemd's watchdog (if there is one) while it is not, and lets health log the
+    /// lines it held back.
     ///
     /// # Errors
     /// The system gives no thread.

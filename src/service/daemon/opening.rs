@@ -1,4 +1,4 @@
-//! Opening the store for a daemon: a damaged one is begun anew, a full disk is waited for.
+//! Opening the store for a daemon: replaces a damaged one, waits for a full disk.
 
 use crate::service::telemetry::{Fault, Health};
 use crate::site::baselines::{self, BaselineError};
@@ -10,12 +10,12 @@ use std::path::Path;
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// How often a store that cannot be opened yet is tried.
+/// Interval between tries of a store that cannot be opened yet.
 const LOOK: Duration = Duration::from_millis(250);
-/// How long another process may have the store when the daemon starts.
+/// Longest wait for another process that has the store when the daemon starts.
 const PATIENCE: Duration = Duration::from_secs(2);
 
-/// Opens the store and goes on where it left off.
+/// Opens the store and resumes from it.
 ///
 /// # Errors
 /// As [`Store::open`] and [`Site::open`].
@@ -59,8 +59,8 @@ fn site_on(store: Store, generation: &Generation) -> Result<Site, StoreError> {
     Ok(site)
 }
 
-/// As [`open_site`] of the configuration's store, but waits while the disk is full, and for a moment for another process:
-/// `tirante ack` has the store for one.
+/// As [`open_site`] of the configuration's store, but waits while the disk is full, and briefly for another
+/// process such as `tirante ack`.
 ///
 /// # Errors
 /// Another process keeps the store, it cannot be opened, or the configuration would drop a baseline of a rod that is not
@@ -96,7 +96,7 @@ pub fn open_patiently(
     }
 }
 
-/// Says in the log which rods begin a new segment.
+/// Logs the rods that begin a new segment.
 pub(super) fn warn_of_renewed(site: &Site) {
     for (rod, segment) in site.renewed() {
         tracing::warn!(

@@ -1,29 +1,29 @@
 //! The pipeline: jobs from a bounded channel, analysed on several threads, taken by the core in their order.
 
-use super::core::{Broken, Core};
-use super::job::Job;
+use super::core::{Core, CoreError};
 use super::workers::Workers;
-use crate::analysis::signal::record::Event;
-use crate::site::ordered_map::{Limits, map_in_order};
+use crate::site::driver::{self, Done, Job, Taker};
+use crate::site::ordered_map::Limits;
 use std::ops::ControlFlow;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError};
 use std::time::Duration;
 
-/// Jobs between the reader and the pipeline. Few: each may be a record of millions of samples.
+/// Capacity of the channel between reader and pipeline \[jobs\]; small, since each may be a record of
+/// millions of samples.
 pub const JOBS: usize = 4;
-/// Samples of records in the pipeline (8 bytes each); a record with more goes alone.
+/// Samples of records in the pipeline (8 bytes each); a larger record is processed alone.
 const SAMPLES_IN_FLIGHT: usize = 2 << 20;
-/// How soon a pipeline without work sees that it is to end.
+/// Interval at which an idle pipeline checks if it is to end.
 const LOOK: Duration = Duration::from_millis(50);
 
-/// How a pipeline is ended from outside.
+/// Flags that end a pipeline from outside.
 #[derive(Debug, Clone, Default)]
 pub struct Ending {
-    /// What is in the channel is still taken, then it ends.
+    /// Ends after the jobs in the channel.
     pub drain: Arc<AtomicBool>,
-    /// It ends with the item it is at.
+    /// Ends after the current item.
     pub give_up: Arc<AtomicBool>,
 }
 
@@ -37,7 +37,7 @@ pub fn run(
     workers: &Workers,
     core: &mut Core,
     ending: &Ending,
-) -> Result<(), Broken> {
+) -> Result<(), CoreError> {
     let drain = Arc::clone(&ending.drain);
     let input = std::iter::from_fn(move || {
         loop {
@@ -52,42 +52,41 @@ pub fn run(
         workers: threads,
         weight: SAMPLES_IN_FLIGHT,
     };
-    let weigh = |job: &Job| match job {
-        Job::Event {
-            event: Event::Record(record),
-            ..
-        } => record.samples.len(),
-        _ => 1,
+    let mut taker = Taking {
+        core,
+        ending,
+        broken: None,
     };
-    let mut broken = None;
-    map_in_order(
-        input,
-        limits,
-        weigh,
-        |job| workers.work(job),
-        |results| {
-            if ending.give_up.load(Ordering::Relaxed) {
-                return ControlFlow::Break(());
-            }
-            let mut group = Vec::with_capacity(results.len());
-            for result in results {
-                match result {
-                    Ok(done) => group.push(done),
-                    Err(panic) => core.lost(&panic),
-                }
-            }
-            if let Err(error) = core.take(group) {
-                broken = Some(error);
-                // Else the input would wait for jobs that nobody takes.
-                ending.drain.store(true, Ordering::Relaxed);
-                return ControlFlow::Break(());
-            }
-            ControlFlow::Continue(())
-        },
-    );
-    match broken {
+    driver::run(input, limits, |job| workers.work(job), &mut taker);
+    match taker.broken {
         // It was told to: what was not kept is read again.
-        None | Some(Broken::Stopping) => Ok(()),
+        None | Some(CoreError::Stopping) => Ok(()),
         Some(error) => Err(error),
+    }
+}
+
+/// The core, until it breaks or is told to end.
+struct Taking<'a> {
+    core: &'a mut Core,
+    ending: &'a Ending,
+    broken: Option<CoreError>,
+}
+
+impl Taker for Taking<'_> {
+    fn take(&mut self, group: Vec<Done>) -> ControlFlow<()> {
+        if self.ending.give_up.load(Ordering::Relaxed) {
+            return ControlFlow::Break(());
+        }
+        if let Err(error) = self.core.take(group) {
+            self.broken = Some(error);
+            // Else the input would wait for jobs that nobody takes.
+            self.ending.drain.store(true, Ordering::Relaxed);
+            return ControlFlow::Break(());
+        }
+        ControlFlow::Continue(())
+    }
+
+    fn lost(&mut self, panic: &str) {
+        self.core.lost(panic);
     }
 }

@@ -1,18 +1,17 @@
 //! The reader's thread: turns the journal and the watched folder into jobs.
 //!
-//! Every source has its turn, and a turn is short: a huge file never keeps live data waiting. Nothing is finished when
-//! it stops: what was not committed is read again at the next start.
+//! Every source has its turn, and a turn is short: a huge file never keeps live data waiting. When it stops,
+//! data not committed yet is left to be read again at the next start.
 
-use super::Job;
-use super::folder::{Folder, FolderStep};
-use super::job::Loads;
-use super::steps::{Blame, Steps, Watch};
+use super::folder::Folder;
+use super::steps::{Guard, Watch};
 use crate::analysis::signal::record::{Event, RodChannels};
 use crate::recording::part;
 use crate::recording::read::Place;
-use crate::recording::read::{PartEnd, Parts, Series, SeriesPoll};
+use crate::recording::read::{PartEnd, Parts, Series, Step};
 use crate::service::journal::{self, Bell};
 use crate::service::telemetry::{Fault, Health};
+use crate::site::driver::{Job, Loads};
 use crate::site::prepared::Generation;
 use crate::site::store::{Carry, FileMark, FileState};
 use std::collections::BTreeMap;
@@ -25,57 +24,58 @@ use std::sync::mpsc::{Receiver, Sender, SyncSender, TrySendError, channel};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
-/// Pause before sources without anything new are looked at again.
+/// Pause before sources without new data are checked again.
 const POLL: Duration = Duration::from_millis(200);
-/// How often it is said that there is nothing more to read, and for how long after the last event.
+/// Interval at which it reports that there is no more to read, and the time after the last event for which it
+/// does.
 const LOOK: Duration = Duration::from_millis(100);
 const LOOK_FOR: Duration = Duration::from_secs(3);
 /// Pause before a full queue is tried again.
 const PUSH_BACK: Duration = Duration::from_millis(2);
 
-/// The name the store keeps the journal's [`Carry`] under.
+/// Name under which the store keeps the journal's [`Carry`].
 pub const JOURNAL: &str = "journal";
 
-/// What is read.
+/// Sources to read.
 pub struct Sources {
-    /// The watched folder.
+    /// Watched folder, if any.
     pub folder: Option<PathBuf>,
-    /// A growing recording that has not grown for this long counts as cut short \[s\].
+    /// Time without growth after which a recording counts as cut short \[s\].
     pub settle_s: f64,
-    /// The journal.
+    /// Journal to read, if any.
     pub journal: Option<JournalSource>,
 }
 
-/// The journal that is read.
+/// The journal to read.
 pub struct JournalSource {
-    /// Its folder.
+    /// Folder of the journal.
     pub folder: PathBuf,
-    /// The way to its writer: a change of the configuration begins a new part.
+    /// Handle of its writer: a change of the configuration begins a new part.
     pub handle: journal::Handle,
-    /// What [`journal::Journal::results_kept`] gave: set at the start to what the store has.
+    /// Shared number of [`journal::Journal::results_kept`]: set at the start to the last part in the store.
     pub results_kept: Arc<AtomicU32>,
 }
 
-/// Whom the reader works with.
+/// Everything that the reader works with.
 pub struct Surroundings {
-    /// Where its jobs go.
+    /// Queue of its jobs.
     pub jobs: SyncSender<Job>,
-    /// Who is told of faults.
+    /// Receiver of faults.
     pub health: Arc<Health>,
-    /// What wakes it: the journal's, or any.
+    /// Bell that wakes it: the journal's, or any.
     pub bell: Arc<Bell>,
-    /// Whether nothing there is waits to be read; false again while finished recordings are.
+    /// True if no present data waits to be read; false again while finished recordings do.
     pub caught_up: Arc<AtomicBool>,
-    /// Who notes what it works on.
+    /// Notes the step it works on.
     pub watch: Watch,
 }
 
-/// What the store remembers of the sources.
+/// State of the sources in the store.
 #[derive(Debug, Clone, Default)]
 pub struct Remembered {
     /// Files read to their end.
     pub files: BTreeMap<String, FileMark>,
-    /// What the journal's read parts left open, kept under [`JOURNAL`].
+    /// State that the journal's read parts left open, kept under [`JOURNAL`].
     pub carry: Option<Carry>,
 }
 
@@ -89,7 +89,7 @@ pub struct Reader {
 }
 
 impl Reader {
-    /// Starts to read.
+    /// Starts the reader.
     ///
     /// # Errors
     /// There is no thread for it.
@@ -114,8 +114,9 @@ impl Reader {
         })
     }
 
-    /// A new configuration holds. Records are cut by it from the next part of the journal on; files that are not read to
-    /// their end are begun again, if it changes how records are cut. A [`Job::Reload`] says from where it holds.
+    /// Takes a new configuration. Records are cut by it from the next part of the journal on; files not read
+    /// to their end are begun again, if it changes how records are cut. A [`Job::Reload`] marks where it
+    /// takes effect.
     pub fn reload(&self, generation: Arc<Generation>) {
         // A reader that stopped needs no configuration.
         let _ = self.reloads.send(generation);
@@ -127,7 +128,7 @@ impl Reader {
         self.halt();
     }
 
-    /// Whether its thread ended, by itself if [`Reader::stop`] was not called.
+    /// True if its thread ended; by itself if [`Reader::stop`] was not called.
     pub fn is_finished(&self) -> bool {
         self.thread.as_ref().is_none_or(JoinHandle::is_finished)
     }
@@ -152,9 +153,9 @@ struct Work {
     folder: Option<Folder>,
     journal: Option<JournalLane>,
     generation: Arc<Generation>,
-    /// A configuration that holds from the next part of the journal on.
+    /// Configuration that takes effect with the next part of the journal.
     waiting: Option<Arc<Generation>>,
-    /// When an event was sent last, and when it was said last that there is nothing more to read.
+    /// Time of the last event sent, and of the last report that there is no more to read.
     last_event: Option<Instant>,
     last_look: Option<Instant>,
     loads: Loads,
@@ -165,15 +166,14 @@ struct Work {
 struct JournalLane {
     series: Series,
     handle: journal::Handle,
-    steps: Steps,
-    quarantined: Option<(u32, String)>,
-    /// The damaged part for which another one was asked.
+    guard: Guard,
+    /// Number of the damaged part after which a new one was requested.
     rotated: Option<u32>,
-    /// Whether its end has been reached once.
+    /// True if its end has been reached once.
     is_read: bool,
 }
 
-/// The daemon stops, or whoever took the jobs is gone.
+/// The daemon stops, or the receiver of the jobs is gone.
 struct Stopped;
 
 fn channels(generation: &Generation) -> Vec<RodChannels> {
@@ -181,7 +181,7 @@ fn channels(generation: &Generation) -> Vec<RodChannels> {
     rods.map(|rod| rod.channels.clone()).collect()
 }
 
-/// The first part that is not read to its end yet, and the last one that is.
+/// Number of the first part not yet read to its end, and of the last one that is.
 fn first_part(folder: &Path, files: &BTreeMap<String, FileMark>) -> (u32, Option<u32>) {
     let parts = part::list(folder).unwrap_or_default();
     let is_done = |number: &u32| {
@@ -250,8 +250,7 @@ impl Work {
             JournalLane {
                 series,
                 handle: source.handle,
-                steps: Steps::default(),
-                quarantined: None,
+                guard: Guard::default(),
                 rotated: None,
                 is_read: false,
             }
@@ -282,8 +281,8 @@ impl Work {
         }
     }
 
-    /// There is nothing to read at this moment: says so for a while after an event, so that none waits for a rod that is
-    /// silent. How long to pause then.
+    /// Reports for a while after an event that there is no more to read, so that no event waits for a silent
+    /// rod; returns the time to pause.
     fn look(&mut self) -> Result<Duration, Stopped> {
         if self.last_event.is_none_or(|event| event.elapsed() > LOOK_FOR) {
             return Ok(POLL);
@@ -296,7 +295,7 @@ impl Work {
         Ok(LOOK)
     }
 
-    /// One step of every source; whether there was anything.
+    /// Takes one step of every source; returns true if there was any data.
     fn turn(&mut self, reloads: &Receiver<Arc<Generation>>) -> Result<bool, Stopped> {
         while let Ok(generation) = reloads.try_recv() {
             self.reload(generation)?;
@@ -312,7 +311,7 @@ impl Work {
         Ok(folder_had_some || journal_had_some)
     }
 
-    /// Hands a job on; waits while the queue is full.
+    /// Sends a job; waits while the queue is full.
     fn send(&self, mut job: Job) -> Result<(), Stopped> {
         loop {
             match self.around.jobs.try_send(job) {
@@ -345,21 +344,21 @@ impl Work {
         self.send(Job::Event {
             event,
             place,
-            generation: Arc::clone(&self.generation),
-            load,
+            plans: Arc::clone(&self.generation.plans),
+            load: Some(load),
         })
     }
 
-    /// One step of the folder; whether there was anything.
+    /// Takes one step of the folder; returns true if there was any data.
     fn folder_turn(&mut self) -> Result<bool, Stopped> {
         let Some(folder) = &mut self.folder else {
             return Ok(false);
         };
         match folder.step(&mut self.around.watch, &self.stop) {
-            FolderStep::Idle => return Ok(false),
-            FolderStep::More => {}
-            FolderStep::Event(event, place) => self.send_event(event, place)?,
-            FolderStep::File(mark, result) => self.send(Job::File {
+            Step::Wait | Step::End => return Ok(false),
+            Step::More => {}
+            Step::Event(event, place) => self.send_event(event, place)?,
+            Step::File((mark, result)) => self.send(Job::File {
                 mark: Some(mark),
                 result,
                 carry: None,
@@ -368,36 +367,20 @@ impl Work {
         Ok(true)
     }
 
-    /// One step of the journal; whether there was anything.
+    /// Takes one step of the journal; returns true if there was any data.
     fn journal_turn(&mut self) -> Result<bool, Stopped> {
         let Some(lane) = &mut self.journal else {
             return Ok(false);
         };
-        if let Some((number, offset)) = lane.series.position() {
-            let is_set_aside = lane.quarantined.as_ref().is_some_and(|(part, _)| *part == number);
-            let name = part::mark_name(number);
-            if !is_set_aside
-                && let Some(Blame { why, is_whole }) = self.around.watch.begin(&name, offset, &mut lane.steps)
-            {
-                self.around.health.hold(Fault::Quarantined, &name, &why);
-                if is_whole {
-                    lane.series.discard(&why);
-                } else {
-                    lane.series.abandon(&why);
-                }
-                lane.quarantined = Some((number, why));
-            }
-        }
-        let polled = lane.series.poll();
-        self.around.watch.end();
-        if matches!(polled, SeriesPoll::More | SeriesPoll::Event(..)) {
-            lane.steps.brought_something();
-        }
-        match polled {
-            SeriesPoll::Event(event, place) => self.send_event(event, place)?,
-            SeriesPoll::More => {}
-            SeriesPoll::Part(end) => self.end_part(*end)?,
-            SeriesPoll::Wait => {
+        let around = &mut self.around;
+        let step = lane
+            .guard
+            .poll(&mut lane.series, &mut around.watch, &around.health);
+        match step {
+            Step::Event(event, place) => self.send_event(event, place)?,
+            Step::More => {}
+            Step::File(end) => self.end_part(*end)?,
+            Step::Wait => {
                 lane.is_read = true;
                 let stuck = lane.series.stuck_in();
                 if stuck > lane.rotated {
@@ -406,7 +389,7 @@ impl Work {
                 }
                 return Ok(false);
             }
-            SeriesPoll::End => return Ok(false),
+            Step::End => return Ok(false),
         }
         Ok(true)
     }
@@ -416,10 +399,8 @@ impl Work {
         let Some(lane) = &mut self.journal else {
             return Ok(());
         };
-        let quarantined = lane
-            .quarantined
-            .take_if(|(part, _)| *part == end.part)
-            .map(|(_, why)| why);
+        let name = part::mark_name(end.part);
+        let quarantined = lane.guard.end(&name);
         let last = waiting.as_ref().map(|generation| {
             lane.series
                 .change(&channels(generation), &generation.config.record, &end)
@@ -433,9 +414,9 @@ impl Work {
             part,
             body,
         });
-        (self.around.watch.is_read)(&part::mark_name(end.part));
+        (self.around.watch.is_read)(&name);
         let mark = FileMark {
-            name: part::mark_name(end.part),
+            name,
             size: end.size,
             modified_ns: end.modified_ns,
             state: quarantined.map_or(FileState::Done, FileState::Quarantined),
@@ -475,7 +456,7 @@ impl Work {
         }
     }
 
-    /// From here on records are cut by another configuration.
+    /// Cuts records by another configuration from here on.
     fn change(&mut self, generation: Arc<Generation>) -> Result<(), Stopped> {
         if let Some(folder) = &mut self.folder {
             folder.change(&channels(&generation), &generation.config.record);

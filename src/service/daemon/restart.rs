@@ -1,8 +1,8 @@
-//! What a reload cannot change.
+//! Settings that a reload cannot change.
 
 use crate::config::Config;
 
-/// The keys that differ and hold only after a restart.
+/// Keys that differ and take effect only after a restart.
 pub fn needed_for(old: &Config, new: &Config) -> Vec<&'static str> {
     let (ingest, other) = (&old.ingest, &new.ingest);
     let changed = [

@@ -1,10 +1,10 @@
-//! Whose old lines are looked at next: one rod a tick, a few records at a time.
+//! Schedule of removing old JSON lines: one rod per tick, a few records at a time.
 
 use crate::analysis::signal::record::{RodId, Timestamp};
 use std::collections::BTreeMap;
 use std::ops::Bound;
 
-/// How far each rod's old lines have been looked at, and whose turn it is.
+/// Position of the removal in each rod's lines, and the rod whose turn it is.
 #[derive(Debug, Default)]
 pub struct Retention {
     come_to: BTreeMap<RodId, Option<Timestamp>>,
@@ -12,7 +12,7 @@ pub struct Retention {
 }
 
 impl Retention {
-    /// The rod whose turn it is, and from where to go on.
+    /// The rod whose turn it is, and the time to continue from.
     pub fn next<T>(&mut self, rods: &BTreeMap<RodId, T>) -> Option<(RodId, Option<Timestamp>)> {
         let behind = match &self.last {
             Some(last) => (Bound::Excluded(last), Bound::Unbounded),
@@ -26,7 +26,7 @@ impl Retention {
         Some((rod.clone(), self.come_to.get(rod).copied().flatten()))
     }
 
-    /// A rod's lines were looked at up to here.
+    /// Notes the time up to which a rod's lines were examined.
     pub fn came_to(&mut self, rod: RodId, time: Option<Timestamp>) {
         self.come_to.insert(rod, time);
     }

@@ -1,17 +1,18 @@
-//! A daemon at work: its threads, and how they are begun, given another configuration, and ended.
+//! A running daemon: starts, reloads and ends its threads.
 
-use super::core::{Broken, Core, Word};
+use super::core::{Core, CoreError, Notice};
 use super::live::{Bound, Live};
 use super::pipe::{self, Ending, JOBS};
+use super::quarantine::Quarantine;
 use super::reader::{self, Reader, Remembered, Sources, Surroundings};
 use super::steps::Watch;
-use super::suspects::Suspects;
 use super::workers::Workers;
-use super::{Happening, Job, Options, restart};
+use super::{LifecycleEvent, Options, restart};
 use crate::recording::part;
 use crate::service::alert::Couriers;
 use crate::service::telemetry::Telemetry;
 use crate::site::clock;
+use crate::site::driver::Job;
 use crate::site::ordered_map::message_of;
 use crate::site::prepared::Generation;
 use crate::site::trackers::Site;
@@ -25,26 +26,26 @@ use std::thread;
 use std::time::{Duration, Instant};
 use tokio::runtime::Runtime;
 
-/// How long what is in the pipeline may take to come to its end.
+/// Longest time for the pipeline to finish its content.
 const DRAIN: Duration = Duration::from_secs(4);
-/// How often the pipeline is ticked.
+/// Interval of ticks through the pipeline.
 const TICK: Duration = Duration::from_secs(1);
 
-/// A daemon at work.
+/// A running daemon.
 pub struct Running {
     generation: Arc<Generation>,
     reader: Reader,
     live: Live,
     couriers: Arc<Mutex<Couriers>>,
-    suspects: Arc<Suspects>,
+    quarantine: Arc<Quarantine>,
     ending: Ending,
 }
 
 impl Running {
-    /// Begins everything.
+    /// Starts all threads.
     ///
     /// # Errors
-    /// What stands beside the store or the journal cannot be read or written, or the system gives no thread.
+    /// The files beside the store or the journal cannot be read or written, or the system gives no thread.
     pub fn start(
         generation: Arc<Generation>,
         site: Site,
@@ -52,13 +53,13 @@ impl Running {
         bound: Bound,
         runtime: &Runtime,
         telemetry: &Telemetry,
-        tell: &Sender<Happening>,
+        sender: &Sender<LifecycleEvent>,
     ) -> anyhow::Result<Self> {
         let config = &generation.config;
         let store = site.store().path().to_owned();
-        let suspects = Suspects::open(&store)
+        let quarantine = Quarantine::open(&store)
             .with_context(|| format!("{}: what stands beside it cannot be read", store.display()))?;
-        let suspects = Arc::new(suspects);
+        let quarantine = Arc::new(quarantine);
         let remembered = Remembered {
             files: site.store().files()?,
             carry: site.store().carry(reader::JOURNAL)?,
@@ -71,7 +72,7 @@ impl Running {
             bound,
             runtime,
             telemetry,
-            (tell, Arc::clone(&halted)),
+            (sender, Arc::clone(&halted)),
         )?;
         telemetry.metrics.watch_disk("store", store.clone());
         telemetry.metrics.standings(&site.standings()?);
@@ -86,7 +87,7 @@ impl Running {
         let couriers = Arc::new(Mutex::new(couriers));
         let workers = Workers::new(
             site.store().all_known().clone(),
-            Arc::clone(&suspects),
+            Arc::clone(&quarantine),
             Arc::clone(&telemetry.metrics),
         );
         let ending = Ending::default();
@@ -100,7 +101,7 @@ impl Running {
         let threads = options
             .threads
             .unwrap_or_else(|| thread::available_parallelism().map_or(1, usize::from));
-        work(core, receiver, workers, threads, ending.clone(), tell.clone())?;
+        work(core, receiver, workers, threads, ending.clone(), sender.clone())?;
 
         let caught_up = Arc::<AtomicBool>::default();
         let sources = Sources {
@@ -117,7 +118,7 @@ impl Running {
                 health: Arc::clone(health),
                 bell: live.bell(),
                 caught_up: Arc::clone(&caught_up),
-                watch: watch(&suspects),
+                watch: watch(&quarantine),
             },
         )?;
         tick(jobs, caught_up)?;
@@ -127,12 +128,12 @@ impl Running {
             reader,
             live,
             couriers,
-            suspects,
+            quarantine,
             ending,
         })
     }
 
-    /// Goes on with another configuration.
+    /// Changes to another configuration.
     pub fn reload(&mut self, generation: Arc<Generation>) {
         for key in restart::needed_for(&self.generation.config, &generation.config) {
             tracing::warn!("{key} changed: it holds after a restart, the old one until then");
@@ -147,33 +148,33 @@ impl Running {
         self.generation = generation;
     }
 
-    /// Whether everything that is to run does.
+    /// Checks that all threads run.
     ///
     /// # Errors
-    /// The reader ended by itself: nothing would be read any more.
-    pub fn check(&self) -> Result<(), Broken> {
+    /// The reader ended by itself, so that nothing would be read.
+    pub fn check(&self) -> Result<(), CoreError> {
         if self.reader.is_finished() && !self.ending.drain.load(Ordering::Relaxed) {
-            return Err(Broken::Panicked("the reader ended by itself".to_owned()));
+            return Err(CoreError::Panicked("the reader ended by itself".to_owned()));
         }
         Ok(())
     }
 
-    /// Stops listening and reading, lets what was read come to its end, and closes the store; what takes too long is read
-    /// again at the next start.
+    /// Stops listening and reading, finishes the data already read, and closes the store; data that takes too
+    /// long is read again at the next start.
     ///
     /// # Errors
     /// The core could not go on.
-    pub fn drain(self, runtime: &Runtime, happenings: &Receiver<Happening>) -> Result<(), Broken> {
+    pub fn drain(self, runtime: &Runtime, events: &Receiver<LifecycleEvent>) -> Result<(), CoreError> {
         let deadline = Instant::now() + DRAIN;
         self.live.hang_up();
         self.ending.drain.store(true, Ordering::Relaxed);
-        self.suspects.stand_down();
+        self.quarantine.stand_down();
         self.reader.stop();
         self.live.stop(runtime);
         let result = loop {
             let left = deadline.saturating_duration_since(Instant::now());
-            match happenings.recv_timeout(left) {
-                Ok(Happening::Ended(result)) => break result,
+            match events.recv_timeout(left) {
+                Ok(LifecycleEvent::Ended(result)) => break result,
                 Ok(_) => {}
                 Err(_) => {
                     tracing::warn!("some records are still analysed: they are read again at the next start");
@@ -186,41 +187,41 @@ impl Running {
         result
     }
 
-    /// The work loop came to its end by itself, or something else that is needed did.
+    /// Ends the rest after the work loop, or another necessary thread, ended by itself.
     pub fn abandon(self, runtime: &Runtime) {
         self.live.hang_up();
         self.ending.drain.store(true, Ordering::Relaxed);
-        self.suspects.stand_down();
+        self.quarantine.stand_down();
         self.reader.stop();
         self.live.stop(runtime);
         stop(self.couriers);
     }
 }
 
-/// The pipeline and the core, on a thread of their own.
+/// Runs the pipeline and the core on a thread of their own.
 fn work(
     mut core: Core,
     jobs: Receiver<Job>,
     workers: Workers,
     threads: usize,
     ending: Ending,
-    tell: Sender<Happening>,
+    sender: Sender<LifecycleEvent>,
 ) -> std::io::Result<()> {
     let work = move || {
         let work = || pipe::run(jobs, threads, &workers, &mut core, &ending);
         let result = catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(|panic| {
             ending.drain.store(true, Ordering::Relaxed);
-            Err(Broken::Panicked(message_of(&*panic)))
+            Err(CoreError::Panicked(message_of(&*panic)))
         });
         // The store is closed before anybody hears of the end.
         drop(core);
-        let _ = tell.send(Happening::Ended(result));
+        let _ = sender.send(LifecycleEvent::Ended(result));
     };
     thread::Builder::new().name("core".to_owned()).spawn(work)?;
     Ok(())
 }
 
-/// Sends a tick through the whole pipeline every second; a full channel makes it late, which is what it is to show.
+/// Sends a tick through the whole pipeline every second; a full channel delays it, as it should.
 fn tick(jobs: SyncSender<Job>, caught_up: Arc<AtomicBool>) -> std::io::Result<()> {
     let work = move || {
         loop {
@@ -235,8 +236,8 @@ fn tick(jobs: SyncSender<Job>, caught_up: Arc<AtomicBool>) -> std::io::Result<()
     Ok(())
 }
 
-/// Draws the tables of all rods, on a thread beside those that analyse: a site of many rods is ready before, and a record that
-/// comes meanwhile draws its rod's itself.
+/// Draws the tables of all rods on a separate thread: a site of many rods is ready before, and a record that
+/// comes meanwhile draws its rod's table itself.
 fn draw_tables(generation: &Arc<Generation>, ending: &Ending) -> std::io::Result<()> {
     let (generation, drain) = (Arc::clone(generation), Arc::clone(&ending.drain));
     let work = move || {
@@ -256,47 +257,47 @@ fn draw_tables(generation: &Arc<Generation>, ending: &Ending) -> std::io::Result
     Ok(())
 }
 
-/// Marks what the reader is at among the suspects.
-fn watch(suspects: &Arc<Suspects>) -> Watch {
-    let mut slot = suspects.slot();
-    let (suspects, reads) = (Arc::clone(suspects), Arc::clone(suspects));
+/// Marks what the reader is at in the quarantine.
+fn watch(quarantine: &Arc<Quarantine>) -> Watch {
+    let mut slot = quarantine.slot();
+    let (quarantine, reads) = (Arc::clone(quarantine), Arc::clone(quarantine));
     Watch {
         working_on: Box::new(move |step| match step {
             Some(step) => slot.working_on(step),
             None => slot.idle(),
         }),
-        deaths: Box::new(move |step| suspects.deaths(step)),
+        deaths: Box::new(move |step| quarantine.deaths(step)),
         is_read: Box::new(move |file| reads.is_read(file)),
     }
 }
 
-/// What is done with what the core says.
+/// Handles notifications of the core.
 fn hear(
     telemetry: Telemetry,
     live: &Live,
     couriers: Arc<Mutex<Couriers>>,
-) -> impl Fn(Word<'_>) + Send + use<> {
+) -> impl Fn(Notice<'_>) + Send + use<> {
     let results_kept = live.results_kept();
     let gauges = live.gauges();
     move |word| {
         let metrics = &telemetry.metrics;
         match word {
-            Word::Alive => {
+            Notice::Alive => {
                 telemetry.beat.pass();
                 gauges.show(metrics);
                 lock(&couriers).look_at_clock(clock::now());
             }
-            Word::News => lock(&couriers).wake(),
-            Word::Untold(notice) => lock(&couriers).tell(notice),
-            Word::Known(rod) => metrics.known(rod),
-            Word::Taken { outcome, taken, took } => metrics.taken(outcome, &taken.verdict, took),
-            Word::File(mark) => {
+            Notice::News => lock(&couriers).wake(),
+            Notice::Untold(notice) => lock(&couriers).tell(notice),
+            Notice::Known(rod) => metrics.known(rod),
+            Notice::Taken { outcome, taken, took } => metrics.taken(outcome, &taken.verdict, took),
+            Notice::File(mark) => {
                 if let Some(part) = part::number_of_mark(&mark.name) {
                     results_kept.fetch_max(part, Ordering::Relaxed);
                 }
                 tracing::info!("{} is read", mark.name);
             }
-            Word::Reloaded(generation, standings) => {
+            Notice::Reloaded(generation, standings) => {
                 if let Some(standings) = standings {
                     metrics.standings(standings);
                 }

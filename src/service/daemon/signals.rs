@@ -1,14 +1,14 @@
-//! SIGTERM, SIGINT and SIGHUP as happenings.
+//! SIGTERM, SIGINT and SIGHUP as events.
 
-use super::Happening;
+use super::LifecycleEvent;
 use std::io;
 use std::sync::mpsc::Sender;
 use tokio::runtime::Runtime;
 use tokio::signal::unix::{SignalKind, signal};
 
-/// Tells of signals from now on. The second one that asks to stop ends the process at once: nothing is lost by it, what
-/// was not committed is read again at the next start.
-pub(super) fn listen(runtime: &Runtime, tell: Sender<Happening>) -> io::Result<()> {
+/// Sends lifecycle events for signals from now on. The second signal to stop ends the process at once:
+/// nothing is lost, since data not committed is read again at the next start.
+pub(super) fn listen(runtime: &Runtime, sender: Sender<LifecycleEvent>) -> io::Result<()> {
     let _inside = runtime.enter();
     let mut terminate = signal(SignalKind::terminate())?;
     let mut interrupt = signal(SignalKind::interrupt())?;
@@ -16,19 +16,19 @@ pub(super) fn listen(runtime: &Runtime, tell: Sender<Happening>) -> io::Result<(
     runtime.spawn(async move {
         let mut is_stopping = false;
         loop {
-            let happening = tokio::select! {
-                Some(()) = terminate.recv() => Happening::Stop,
-                Some(()) = interrupt.recv() => Happening::Stop,
-                Some(()) = hang_up.recv() => Happening::Reload,
+            let event = tokio::select! {
+                Some(()) = terminate.recv() => LifecycleEvent::Stop,
+                Some(()) = interrupt.recv() => LifecycleEvent::Stop,
+                Some(()) = hang_up.recv() => LifecycleEvent::Reload,
                 else => return,
             };
-            let is_stop = matches!(happening, Happening::Stop);
+            let is_stop = matches!(event, LifecycleEvent::Stop);
             if is_stop && is_stopping {
                 tracing::warn!("asked to stop twice: ending at once");
                 std::process::exit(1);
             }
             is_stopping |= is_stop;
-            if tell.send(happening).is_err() {
+            if sender.send(event).is_err() {
                 return;
             }
         }

@@ -1,16 +1,17 @@
-//! How long each rod has been silent, by a clock that nobody sets.
+//! Time without data of each rod, by a monotonic clock.
 
+use crate::analysis::signal::record::time::DAY_S;
 use crate::analysis::signal::record::{RodId, Timestamp};
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
-/// Silence before the start longer than this is that of an old campaign, not of a sensor \[s\].
-const OLD_S: f64 = 90.0 * 86_400.0;
+/// Longest silence before the start that can be a sensor's \[s\]; a longer one is that of an old campaign.
+const OLD_S: f64 = 90.0 * DAY_S;
 
-/// How long each rod has been silent.
+/// Time without data of each rod.
 ///
 /// While the daemon runs, the monotonic clock counts from the rod's last commit, so that a wall clock set forward or
-/// back raises nothing. Only for the time before the start the wall clock is all there is.
+/// back raises nothing. Only for the time before the start the wall clock is used.
 #[derive(Debug, Default)]
 pub struct Silence {
     rods: BTreeMap<RodId, Since>,
@@ -18,13 +19,14 @@ pub struct Silence {
 
 #[derive(Debug, Clone, Copy)]
 struct Since {
-    /// Seconds of silence at `instant`.
+    /// Silence reached at `instant` \[s\].
     before_s: f64,
     instant: Instant,
 }
 
 impl Silence {
-    /// Counts for a rod from now on, unless it does already; `latest` is its last record, `wall` the time of day.
+    /// Begins to count for a rod, unless it does already; `latest` is its last record, `wall` the time of
+    /// day.
     pub fn begin(&mut self, rod: &RodId, latest: Option<Timestamp>, wall: Timestamp, now: Instant) {
         let before_s = latest
             .map(|latest| wall.seconds_since(latest))
@@ -35,7 +37,7 @@ impl Silence {
         });
     }
 
-    /// A record of a rod was taken.
+    /// Ends the silence of a rod of which a record was taken.
     pub fn end(&mut self, rod: &RodId, now: Instant) {
         if let Some(since) = self.rods.get_mut(rod) {
             *since = Since {
@@ -45,14 +47,14 @@ impl Silence {
         }
     }
 
-    /// For this long nothing could be taken: that was no silence.
+    /// Subtracts a time during which no data could be taken.
     pub fn forgive(&mut self, deaf: Duration) {
         for since in self.rods.values_mut() {
             since.instant += deaf;
         }
     }
 
-    /// The rods, and how long each has been silent \[s\].
+    /// Rods with the length of their silence \[s\].
     pub fn lasts(&self, now: Instant) -> impl Iterator<Item = (&RodId, f64)> {
         self.rods.iter().map(move |(rod, since)| {
             let lasts = now.saturating_duration_since(since.instant);
@@ -80,7 +82,7 @@ mod tests {
             first(&silence, now + Duration::from_secs(5))
         };
         assert_eq!(began(Some(3600.0)), 3605.0);
-        assert_eq!(began(Some(100.0 * 86_400.0)), 5.0);
+        assert_eq!(began(Some(100.0 * DAY_S)), 5.0);
         assert_eq!(began(Some(-3600.0)), 5.0);
         assert_eq!(began(None), 5.0);
     }

@@ -1,30 +1,71 @@
-//! What the reader is at, step by step, so that an end of the program can be laid to a step of an input.
+//! Marks of the reader's steps, so that a crash of the process can be attributed to a step of an input.
 
-use super::suspects::{CONDEMNED, FILE_CONDEMNED, file_step, last_step};
+use super::quarantine::{DEATHS, FILE_DEATHS, file_step, last_step};
+use crate::recording::read::{Source, Step};
+use crate::service::telemetry::{Fault, Health};
+use std::sync::Arc;
 
-/// Takes note of what is worked on.
+/// Callback with the present step of work; `None` when it went well.
 pub type TakeNote = Box<dyn FnMut(Option<&str>) + Send>;
 
-/// Whom the reader tells what it works on.
+/// Callbacks for the reader's steps.
 pub struct Watch {
-    /// Notes what is worked on; `None` when it went well.
+    /// Notes the present step; `None` when it went well.
     pub working_on: TakeNote,
-    /// How often that ended the program.
+    /// Number of crashes of the process at a step.
     pub deaths: Box<dyn Fn(&str) -> u32 + Send>,
-    /// Notes that a file was read to its end, which clears it of all that it was suspected of.
+    /// Notes that a file was read to its end, which clears all its steps.
     pub is_read: Box<dyn Fn(&str) + Send>,
 }
 
-/// Why an input is not read any further.
-pub(super) struct Blame {
-    /// In one sentence.
-    pub why: String,
-    /// Whether nothing of it may be used, not even what came before.
-    pub is_whole: bool,
+/// Reason why an input is not read any further.
+struct Blame {
+    /// Reason in one sentence.
+    why: String,
+    /// True if nothing of it may be used, not even its beginning.
+    is_whole: bool,
+}
+
+/// A source's steps under watch: a file whose reading ends the program is set aside.
+#[derive(Debug, Default)]
+pub(super) struct Guard {
+    steps: Steps,
+    /// The file that is set aside, and why.
+    quarantined: Option<(Arc<str>, String)>,
+}
+
+impl Guard {
+    /// The next step of a source.
+    pub fn poll<S: Source>(&mut self, source: &mut S, watch: &mut Watch, health: &Health) -> Step<S::File> {
+        if let Some((name, offset)) = source.position()
+            && self.quarantined.as_ref().is_none_or(|(aside, _)| *aside != name)
+            && let Some(Blame { why, is_whole }) = watch.begin(&name, offset, &mut self.steps)
+        {
+            health.hold(Fault::Quarantined, &name, &why);
+            if is_whole {
+                source.discard(&why);
+            } else {
+                source.abandon(&why);
+            }
+            self.quarantined = Some((name, why));
+        }
+        let step = source.poll();
+        watch.end();
+        if matches!(step, Step::More | Step::Event(..)) {
+            self.steps.brought_something();
+        }
+        step
+    }
+
+    /// Why a file was set aside, if it was; the file is over.
+    pub fn end(&mut self, name: &str) -> Option<String> {
+        let aside = self.quarantined.take_if(|(aside, _)| **aside == *name);
+        aside.map(|(_, why)| why)
+    }
 }
 
 impl Watch {
-    /// Nobody is told.
+    /// Callbacks that do nothing.
     pub fn none() -> Self {
         Self {
             working_on: Box::new(|_| {}),
@@ -33,11 +74,11 @@ impl Watch {
         }
     }
 
-    /// The next step of the input `name` begins; why it must not, if it must not.
-    pub(super) fn begin(&mut self, name: &str, offset: u64, steps: &mut Steps) -> Option<Blame> {
+    /// Begins the next step of the input `name`; returns the reason if it must not.
+    fn begin(&mut self, name: &str, offset: u64, steps: &mut Steps) -> Option<Blame> {
         if steps.is_first() {
             let deaths = (self.deaths)(&file_step(name));
-            if deaths >= FILE_CONDEMNED {
+            if deaths >= FILE_DEATHS {
                 return Some(Blame {
                     why: format!(
                         "{name}: reading it ended the program, and so did what came before that place: the whole file is set \
@@ -49,7 +90,7 @@ impl Watch {
         }
         let step = steps.next(name, offset);
         let deaths = (self.deaths)(&step);
-        if deaths >= CONDEMNED {
+        if deaths >= DEATHS {
             // What came before a place that is set aside may be what the program dies of: that is a step too.
             (self.working_on)(Some(&last_step(name, offset)));
             return Some(Blame {
@@ -63,24 +104,24 @@ impl Watch {
         None
     }
 
-    pub(super) fn end(&mut self) {
+    fn end(&mut self) {
         (self.working_on)(None);
     }
 }
 
-/// Tells the steps of one input apart: a chunk is read in many, all at one offset. Were they of one name, the first that
-/// went well would clear the one after it, which ends the program, and the input would never be set aside. They are the
-/// same whenever the input is read: looks that brought nothing do not count.
+/// Names the steps of one input: a chunk is read in many, all at one offset. With one name for all, a step
+/// that went well would clear a later one that crashes, and the input would never be set aside. The names are
+/// the same whenever the input is read: steps without data do not count.
 #[derive(Debug, Default)]
-pub(super) struct Steps {
+struct Steps {
     offset: u64,
-    /// Those at this offset that brought something.
+    /// Number of steps at this offset with data.
     taken: u64,
     has_begun: bool,
 }
 
 impl Steps {
-    /// Whether none was taken yet.
+    /// True if no step was taken yet.
     fn is_first(&mut self) -> bool {
         !std::mem::replace(&mut self.has_begun, true)
     }
@@ -92,7 +133,7 @@ impl Steps {
         format!("{name}@{offset}+{}", self.taken)
     }
 
-    pub fn brought_something(&mut self) {
+    fn brought_something(&mut self) {
         self.taken += 1;
     }
 }

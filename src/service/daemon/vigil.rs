@@ -7,7 +7,7 @@ use crate::analysis::signal::record::Timestamp;
 use crate::config::Config;
 use crate::service::telemetry::{Fault, Health};
 use crate::site::clock;
-use crate::site::store::{Notice, Reader, StoreError, Stretch};
+use crate::site::store::{ConditionEvent, Reader, StoreError, Stretch};
 use crate::site::trackers::Site;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -27,7 +27,7 @@ pub struct Vigil {
     health: Arc<Health>,
     conditions: Conditions,
     /// What the store does not have yet.
-    unkept: Vec<Notice>,
+    unkept: Vec<ConditionEvent>,
     clock: WallClock,
     /// When the store was told last that a daemon is at work.
     alive: Option<Instant>,
@@ -60,7 +60,7 @@ impl Vigil {
                     last.to
                 );
                 health.fault(Fault::Outage, &detail);
-                let begun = Notice::raised(Fault::Outage.code(), "daemon", last.to, &detail);
+                let begun = ConditionEvent::raised(Fault::Outage.code(), "daemon", last.to, &detail);
                 unkept.extend([begun.clone(), begun.cleared(wall)]);
             }
             (Began::Doubted(away_s), Some(last)) => {
@@ -125,7 +125,7 @@ impl Vigil {
     }
 
     /// Looks at what lasts; what is new to tell of it.
-    pub fn look(&mut self) -> Vec<Notice> {
+    pub fn look(&mut self) -> Vec<ConditionEvent> {
         let told = self
             .conditions
             .look(&self.health.conditions(), Instant::now(), clock::now());
@@ -134,7 +134,7 @@ impl Vigil {
     }
 
     /// What the store is to keep now, if anything.
-    pub fn due(&self) -> Option<(Vec<Notice>, Stretch)> {
+    pub fn due(&self) -> Option<(Vec<ConditionEvent>, Stretch)> {
         let is_due = self.alive.is_none_or(|alive| alive.elapsed() >= ALIVE_EVERY);
         (is_due || !self.unkept.is_empty()).then(|| (self.unkept.clone(), self.clock.stretch()))
     }

@@ -1,60 +1,54 @@
-//! What the pipeline's threads do with a job: analyse events, with a mark of what they are at.
+//! Work of the pipeline's threads on a job: analyse events, with a mark of the present step.
 
-use super::Job;
-use super::core::Done;
-use super::suspects::{Slot, Suspects};
+use super::quarantine::{Quarantine, Slot};
 use crate::analysis::signal::record::{Event, Record, Rejection};
 use crate::recording::read::Place;
 use crate::service::telemetry::Metrics;
 use crate::site::analyse::{self, Analysed, Known};
-use crate::site::prepared::Generation;
+use crate::site::driver::{self, Done, Job};
+use crate::site::hex::hex;
+use crate::site::prepared::Plans;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
 /// The pipeline's threads.
 pub struct Workers {
-    /// Records that were in the store when the daemon started; those that came since are found by the core.
+    /// Records in the store when the daemon started; later ones are found by the core.
     known: Known,
-    suspects: Arc<Suspects>,
+    quarantine: Arc<Quarantine>,
     metrics: Arc<Metrics>,
     idle: Mutex<Vec<Slot>>,
 }
 
 impl Workers {
-    /// Threads that leave out `known` and mark what they are at with `suspects`.
-    pub fn new(known: Known, suspects: Arc<Suspects>, metrics: Arc<Metrics>) -> Self {
+    /// Threads that leave out `known` and mark what they are at in `quarantine`.
+    pub fn new(known: Known, quarantine: Arc<Quarantine>, metrics: Arc<Metrics>) -> Self {
         Self {
             known,
-            suspects,
+            quarantine,
             metrics,
             idle: Mutex::default(),
         }
     }
 
-    /// Does what can be done of a job before it is its turn.
+    /// Does the part of a job that can be done before its turn.
     pub fn work(&self, job: Job) -> Done {
         match job {
             Job::Event {
                 event: Event::Record(record),
                 place,
-                generation,
+                plans,
                 load,
             } => {
-                let done = self.record(record, place, &generation);
+                let done = self.record(record, place, &plans);
                 drop(load);
                 done
             }
-            Job::Event {
-                event,
-                place,
-                generation,
-                ..
-            } => Done::Event(analyse::analyse(event, &generation.plans, &self.known), place),
-            other => Done::Job(other),
+            other => driver::work(other, &self.known),
         }
     }
 
-    fn record(&self, record: Record, place: Place, generation: &Generation) -> Done {
+    fn record(&self, record: Record, place: Place, plans: &Plans) -> Done {
         let identity = record.identity();
         let is_known = |known: &Known| {
             known
@@ -65,15 +59,15 @@ impl Workers {
             return Done::Event(Analysed::Known(record.rod, identity), place);
         }
         let name = step_of(&record, &identity);
-        if self.suspects.is_condemned(&name) {
-            let deaths = self.suspects.deaths(&name);
+        if self.quarantine.is_quarantined(&name) {
+            let deaths = self.quarantine.deaths(&name);
             let refused = analyse::refused(record, identity, Rejection::Quarantined { deaths }.into());
             return Done::Event(Analysed::Record(Box::new(refused)), place);
         }
-        let mut slot = self.idle().pop().unwrap_or_else(|| self.suspects.slot());
+        let mut slot = self.idle().pop().unwrap_or_else(|| self.quarantine.slot());
         slot.working_on(&name);
         let begun = Instant::now();
-        let analysed = analyse::analyse(Event::Record(record), &generation.plans, &self.known);
+        let analysed = analyse::analyse(Event::Record(record), plans, &self.known);
         self.metrics.analysis(begun.elapsed());
         slot.idle();
         self.idle().push(slot);
@@ -85,8 +79,7 @@ impl Workers {
     }
 }
 
-/// The name of a record's analysis among the [`Suspects`].
+/// The name of a record's analysis among the [`Quarantine`].
 fn step_of(record: &Record, identity: &[u8; 32]) -> String {
-    let digits: String = identity.iter().map(|byte| format!("{byte:02x}")).collect();
-    format!("record {digits} of rod {}", record.rod)
+    format!("record {} of rod {}", hex(identity), record.rod)
 }

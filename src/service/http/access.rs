@@ -1,4 +1,4 @@
-//! Who may ask: hosts the server answers to, and the token of those who may change something.
+//! Access control: host names that the server answers to, and the token for requests that change something.
 
 use crate::config::settings::http::HttpSettings;
 use axum::http::HeaderMap;
@@ -8,25 +8,25 @@ use std::net::IpAddr;
 use std::os::unix::fs::PermissionsExt;
 use subtle::ConstantTimeEq;
 
-/// Shorter ones are guessed.
+/// Fewest characters of a token; shorter ones can be guessed.
 const SHORTEST_TOKEN: usize = 16;
 
-/// Who may ask.
+/// Rules of access.
 #[derive(Clone, Default)]
 pub struct Access {
-    /// SHA-256 of the token; `None`: nobody may change anything.
+    /// SHA-256 of the token; `None`: no request may change anything.
     token: Option<[u8; 32]>,
-    /// Names the server answers to besides addresses and `localhost`.
+    /// Host names that the server answers to, besides addresses and `localhost`.
     names: Vec<String>,
     /// Origins of pages that may open the live view, besides our own.
     viewer_origins: Vec<String>,
 }
 
 impl Access {
-    /// Of the settings, with the token as its file has it now.
+    /// Rules from the settings, with the present token of its file.
     ///
     /// # Errors
-    /// The file cannot be read, or what it holds is no token.
+    /// The file cannot be read, or its content is not a token.
     pub fn of(settings: &HttpSettings) -> anyhow::Result<Self> {
         let token = match &settings.token_file {
             Some(file) => {
@@ -51,7 +51,7 @@ impl Access {
         ))
     }
 
-    /// Of their parts; `token` is the secret itself.
+    /// Rules from their parts; `token` is the secret itself.
     pub fn new(token: Option<&str>, names: &[String], viewer_origins: &[String]) -> Self {
         let lower = |texts: &[String]| texts.iter().map(|text| text.to_ascii_lowercase()).collect();
         Self {
@@ -61,8 +61,8 @@ impl Access {
         }
     }
 
-    /// Whether these headers may open the live view; else the origin that may not. Programs say no origin; a browser says its
-    /// page's, and lets any page open a WebSocket.
+    /// Checks if these headers may open the live view; else returns the forbidden origin. Programs send no
+    /// origin; a browser sends its page's, and lets any page open a WebSocket.
     pub fn may_view(&self, headers: &HeaderMap) -> Result<(), String> {
         let Some(origin) = headers.get(ORIGIN) else {
             return Ok(());
@@ -80,12 +80,12 @@ impl Access {
         }
     }
 
-    /// Whether anybody may change something.
+    /// True if there is a token for requests that change something.
     pub fn has_token(&self) -> bool {
         self.token.is_some()
     }
 
-    /// Whether these headers bring the token. Hashes of equal length are compared in a time that does not depend on them.
+    /// True if these headers carry the token. Hashes of equal length are compared in constant time.
     pub fn may_write(&self, headers: &HeaderMap) -> bool {
         let said = headers
             .get(AUTHORIZATION)
@@ -100,8 +100,8 @@ impl Access {
         }
     }
 
-    /// Whether the browser was led here under a name of ours: a foreign page may point its own name at this address to
-    /// read the answers.
+    /// True if the browser was led here under an allowed name: a foreign page may point its own name at this
+    /// address to read the answers.
     pub fn is_host(&self, headers: &HeaderMap) -> bool {
         let Some(host) = headers.get(HOST) else {
             // Only HTTP/1.0 has none, and no browser speaks it.
@@ -117,7 +117,7 @@ impl Access {
     }
 }
 
-/// Refuses a file that every user of this machine can read or write. systemd's credentials are its own.
+/// Refuses a file that every user of this machine can read or write. systemd protects its credentials itself.
 fn refuse_if_open(path: &str) -> anyhow::Result<()> {
     const OTHERS: u32 = 0o006;
     // A file that is not there is told where it is read.

@@ -1,53 +1,54 @@
-//! `/api/v1`: what the store says, as bounded questions; docs/openapi.json describes each.
+//! `/api/v1`: bounded queries of the store; docs/openapi.json describes each.
 
 use super::access::Access;
 use super::live;
+use super::packed;
 use super::problem::{self, Problem};
 use super::shown::Shown;
 use crate::analysis::signal::record::{RodId, Timestamp};
 use crate::service::api::{
-    Alarms, Chart, Days, History, Looks, Monitoring, Records, RodAnswer, SiteAnswer, listing,
+    Alarms, Chart, Days, Frequencies, History, Looks, Monitoring, Records, RodAnswer, SiteAnswer, listing,
 };
 use crate::service::telemetry::Health;
 use crate::site::clock;
 use crate::site::store::{Asked, Reader, StoreError};
-use axum::Router;
 use axum::extract::{Path, Query, State};
 use axum::http::{HeaderMap, header};
 use axum::response::{IntoResponse, Response};
 use axum::routing::{get, post};
+use axum::{Router, middleware};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 use tokio::sync::{Semaphore, watch};
 
-/// Most rows of a page of records or alarms, and what is sent if nothing is said.
+/// Most rows of a page of records or alarms, and the default.
 const ROWS: (usize, usize) = (500, 50);
 
-/// Most points of a history, and what is sent if nothing is said.
+/// Most points of a history, and the default.
 const POINTS: (usize, usize) = (5000, 1500);
 
-/// Most periods of a chart, and what is sent if nothing is said.
+/// Most periods of a chart, and the default.
 const PERIODS: (usize, usize) = (4000, 1500);
 
-/// Everything an answer may need.
+/// Shared state of all answers.
 #[derive(Clone)]
 pub struct Api {
-    /// The store.
+    /// Store behind the page.
     pub(super) shown: Arc<Shown>,
-    /// Who may change something.
+    /// Rules of access.
     pub(super) access: Access,
     /// Puts a request into the store.
     ask_writer: Arc<dyn Fn(RodId, Asked) -> Result<String, String> + Send + Sync>,
     /// What lasts around the daemon that answers, if one does.
     health: Option<Arc<Health>>,
-    /// Becomes true when the server ends.
+    /// Channel that becomes true when the server ends.
     pub(super) stop: watch::Receiver<bool>,
-    /// Places of those that stay and listen.
+    /// Places of clients that listen to events.
     pub(super) listeners: Arc<Semaphore>,
 }
 
 impl Api {
-    /// Of a store.
+    /// State for a store.
     pub fn new(
         shown: Arc<Shown>,
         access: Access,
@@ -70,7 +71,7 @@ impl Api {
         self
     }
 
-    /// Asks the store for what years are drawn from.
+    /// Answers a query that needs the daily sums.
     async fn answer<T: Serialize + Send + 'static>(
         &self,
         question: impl FnOnce(&Reader, &Days) -> Result<Result<T, Problem>, StoreError> + Send + 'static,
@@ -79,7 +80,7 @@ impl Api {
         say(move || shown.ask(question)?).await
     }
 
-    /// Asks the store for what it has an answer to from its first moment.
+    /// Answers a query that is possible from the start.
     async fn answer_at_once<T: Serialize + Send + 'static>(
         &self,
         question: impl FnOnce(&Reader) -> Result<Result<T, Problem>, StoreError> + Send + 'static,
@@ -89,7 +90,7 @@ impl Api {
     }
 }
 
-/// Says what comes of a question, which is asked on a thread that may wait.
+/// Runs a query on a blocking thread and returns its answer as JSON.
 async fn say<T: Serialize>(
     question: impl FnOnce() -> Result<T, Problem> + Send + 'static,
 ) -> Result<Response, Problem> {
@@ -103,18 +104,20 @@ async fn say<T: Serialize>(
     Ok(([(header::CONTENT_TYPE, "application/json")], text).into_response())
 }
 
-/// The paths below `/api/v1`.
+/// Routes below `/api/v1`.
 pub fn routes() -> Router<Api> {
     Router::new()
         .route("/api/v1/openapi.json", get(description))
         .route("/api/v1/site", get(site))
         .route("/api/v1/rods/{rod}", get(rod))
         .route("/api/v1/rods/{rod}/history", get(history))
+        .route("/api/v1/rods/{rod}/frequencies", get(frequencies))
         .route("/api/v1/rods/{rod}/records", get(records))
         .route("/api/v1/rods/{rod}/chart", get(chart))
         .route("/api/v1/rods/{rod}/latest", get(latest))
         .route("/api/v1/alarms", get(alarms))
         .route("/api/v1/alarms/{id}/acknowledge", post(acknowledge))
+        .layer(middleware::from_fn(packed::pack))
         .route("/api/v1/events", get(events))
 }
 
@@ -172,6 +175,26 @@ async fn history(
         };
         let span = (from.unwrap_or(first), to.unwrap_or(end));
         Ok(Ok(History::of(reader, days, &rod, span, points)?))
+    })
+    .await
+}
+
+async fn frequencies(
+    State(api): State<Api>,
+    Path(rod): Path<String>,
+    Query(span): Query<Span>,
+) -> Result<Response, Problem> {
+    let (from, to) = (
+        time("from", span.from.as_deref())?,
+        time("to", span.to.as_deref())?,
+    );
+    let points = within("points", span.points, POINTS)?;
+    api.answer_at_once(move |reader| {
+        let span = (
+            from.unwrap_or(Timestamp::from_nanos(i64::MIN)),
+            to.unwrap_or(Timestamp::MAX),
+        );
+        Ok(Ok(Frequencies::of(reader, &RodId(rod), span, points)?))
     })
     .await
 }
@@ -245,17 +268,25 @@ async fn alarms(State(api): State<Api>, Query(page): Query<AlarmPage>) -> Result
     .await
 }
 
-/// What came of a request.
+/// Result of a request.
 #[derive(Serialize)]
 struct Acknowledged {
     alarm: String,
-    /// When it holds, in words.
+    /// Time of its effect, in words.
     when: String,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Words {
+    by: Option<String>,
+    note: Option<String>,
 }
 
 async fn acknowledge(
     State(api): State<Api>,
     Path(id): Path<String>,
+    Query(words): Query<Words>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
     if !api.access.has_token() {
@@ -275,8 +306,10 @@ async fn acknowledge(
         // Outside the question: it may look at the whole store first, and others ask meanwhile.
         let when = match alarm.acknowledged {
             Some(time) => format!("it was acknowledged at {time}"),
-            None => ask_writer(alarm.rod, Asked::Acknowledge { alarm: id.clone() })
-                .map_err(problem::unavailable)?,
+            None => {
+                let asked = Asked::acknowledge(&id, words.by.as_deref(), words.note.as_deref());
+                ask_writer(alarm.rod, asked).map_err(problem::unavailable)?
+            }
         };
         Ok(Acknowledged { alarm: id, when })
     })
@@ -291,14 +324,14 @@ fn no_rod(rod: &str) -> Problem {
     problem::missing(format!("the store has no rod {rod}"))
 }
 
-/// A day or a time.
+/// Parses a day or a time.
 fn time(name: &str, text: Option<&str>) -> Result<Option<Timestamp>, Problem> {
     text.map(Timestamp::as_written)
         .transpose()
         .map_err(|why| problem::bad(format!("{name}: {why}")))
 }
 
-/// A number between 1 and the most there may be.
+/// Checks a number between 1 and its maximum.
 fn within(name: &str, asked: Option<usize>, (most, usual): (usize, usize)) -> Result<usize, Problem> {
     match asked {
         None => Ok(usual),

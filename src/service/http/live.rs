@@ -1,4 +1,4 @@
-//! `/api/v1/events`: tells a page that something was committed, as server-sent events.
+//! `/api/v1/events`: notifies a page of every commit, as server-sent events.
 
 use super::shown::Shown;
 use axum::response::sse::{Event, KeepAlive, Sse};
@@ -9,10 +9,10 @@ use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::{Semaphore, watch};
 
-/// Most pages that listen at once: the other connections are for those that ask.
+/// Most pages that listen at once: the other connections are for queries.
 pub const LISTENERS: usize = 24;
 
-/// How often a silent stream says that it lives.
+/// Interval of signs of life on a silent stream.
 const ALIVE: Duration = Duration::from_secs(15);
 
 /// The stream of one page: an event with a growing number at once, and after every commit. A page that is slow misses

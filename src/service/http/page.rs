@@ -1,19 +1,17 @@
-//! The page: three documents, their script and style, and the plot library, all from within the program.
+//! The page: three documents, their scripts and style, all from within the program.
 
+use super::packed;
 use axum::Router;
 use axum::extract::Request;
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
 use flate2::Compression;
-use flate2::write::GzEncoder;
-use sha2::{Digest, Sha256};
-use std::io::Write;
 use std::sync::LazyLock;
 
-/// What a browser may do with the page: run, show and ask what this server sends, and nothing else. Plotly writes `style`
-/// attributes, which the style rule has to let pass.
-const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; \
+/// What a browser may do with the page: run, show and ask what this server sends, and nothing else. A picture that is saved is
+/// an image of data first.
+const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; \
                       connect-src 'self'; manifest-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
 
 const HTML: &str = "text/html; charset=utf-8";
@@ -23,59 +21,35 @@ const STYLE: &str = "text/css; charset=utf-8";
 /// A file of the page.
 struct Asset {
     kind: &'static str,
-    plain: Vec<u8>,
+    plain: &'static [u8],
     gzip: Vec<u8>,
-    /// Follows from the content.
+    /// Tag that follows from the content.
     tag: String,
 }
 
 impl Asset {
-    fn of(kind: &'static str, plain: &[u8]) -> Self {
-        let mut encoder = GzEncoder::new(Vec::new(), Compression::default());
-        // Writing to memory cannot fail; without a compressed form the plain one is sent.
-        let gzip = encoder
-            .write_all(plain)
-            .and_then(|()| encoder.finish())
-            .unwrap_or_default();
-        let hash = Sha256::digest(plain);
-        let tag = hash
-            .iter()
-            .take(8)
-            .map(|byte| format!("{byte:02x}"))
-            .collect::<String>();
+    fn of(kind: &'static str, plain: &'static [u8]) -> Self {
         Self {
             kind,
-            plain: plain.to_vec(),
-            gzip,
-            tag: format!("\"{tag}\""),
+            plain,
+            gzip: packed::gzip(plain, Compression::default()),
+            tag: packed::tag(plain),
         }
     }
 
-    /// The file, or that the browser has it already.
+    /// Answers with the file, or that the browser has it already.
     fn answer(&self, asked: &HeaderMap) -> Response {
-        let said = |name| {
-            asked
-                .get(name)
-                .and_then(|value: &HeaderValue| value.to_str().ok())
-        };
-        let is_known =
-            said(header::IF_NONE_MATCH).is_some_and(|tags| tags.split(", ").any(|tag| tag == self.tag));
-        let takes_gzip = said(header::ACCEPT_ENCODING).is_some_and(|list| list.contains("gzip"));
-        let mut response = if is_known {
+        let mut response = if packed::has(asked, &self.tag) {
             StatusCode::NOT_MODIFIED.into_response()
-        } else if takes_gzip && !self.gzip.is_empty() {
+        } else if packed::takes_gzip(asked) && !self.gzip.is_empty() {
             ([(header::CONTENT_ENCODING, "gzip")], self.gzip.clone()).into_response()
         } else {
-            self.plain.clone().into_response()
+            self.plain.into_response()
         };
         let headers = response.headers_mut();
         headers.insert(header::CONTENT_TYPE, HeaderValue::from_static(self.kind));
-        headers.insert(header::CACHE_CONTROL, HeaderValue::from_static("no-cache"));
-        headers.insert(header::VARY, HeaderValue::from_static("accept-encoding"));
         headers.insert(header::CONTENT_SECURITY_POLICY, HeaderValue::from_static(POLICY));
-        if let Ok(tag) = HeaderValue::from_str(&self.tag) {
-            headers.insert(header::ETAG, tag);
-        }
+        packed::mark(headers, &self.tag);
         response
     }
 }
@@ -93,27 +67,16 @@ static COMMON: LazyLock<Asset> = asset!(SCRIPT, "common.js");
 static SITE_SCRIPT: LazyLock<Asset> = asset!(SCRIPT, "site.js");
 static ROD_SCRIPT: LazyLock<Asset> = asset!(SCRIPT, "rod.js");
 static ALARMS_SCRIPT: LazyLock<Asset> = asset!(SCRIPT, "alarms.js");
+static LATEST: LazyLock<Asset> = asset!(SCRIPT, "latest.js");
 static FIGURES: LazyLock<Asset> = asset!(SCRIPT, "figures.js");
+static PLOT: LazyLock<Asset> = asset!(SCRIPT, "plot.js");
 static SHEET: LazyLock<Asset> = asset!(STYLE, "style.css");
 static ICON: LazyLock<Asset> = asset!("image/svg+xml", "icon.svg");
-static PLOTLY: LazyLock<Asset> = LazyLock::new(|| Asset::of(SCRIPT, plotly().as_bytes()));
 
-/// The plot library: the first of the scripts that its package embeds. The other one typesets formulas, which no plot here
-/// has.
-fn plotly() -> String {
-    let scripts = plotly::Plot::offline_js_sources();
-    let script = scripts
-        .split_once('>')
-        .and_then(|(_, rest)| rest.split_once("</script>"));
-    script.map(|(script, _)| script.to_owned()).unwrap_or_default()
-}
-
-/// The page's documents and what they load.
+/// Routes of the page's documents and of the files they load.
 pub fn routes<S: Clone + Send + Sync + 'static>() -> Router<S> {
     let file =
         |asset: &'static LazyLock<Asset>| get(async move |request: Request| asset.answer(request.headers()));
-    // Compressed while the server starts, not while somebody waits.
-    std::thread::spawn(|| LazyLock::force(&PLOTLY).plain.len());
     Router::new()
         .route("/", file(&SITE))
         .route("/rod", file(&ROD))
@@ -122,24 +85,9 @@ pub fn routes<S: Clone + Send + Sync + 'static>() -> Router<S> {
         .route("/assets/site.js", file(&SITE_SCRIPT))
         .route("/assets/rod.js", file(&ROD_SCRIPT))
         .route("/assets/alarms.js", file(&ALARMS_SCRIPT))
+        .route("/assets/latest.js", file(&LATEST))
         .route("/assets/figures.js", file(&FIGURES))
+        .route("/assets/plot.js", file(&PLOT))
         .route("/assets/style.css", file(&SHEET))
         .route("/assets/icon.svg", file(&ICON))
-        .route("/assets/plotly.js", file(&PLOTLY))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_plot_library_is_whole() {
-        let script = plotly();
-        assert!(script.len() > 4_000_000, "{}", script.len());
-        assert!(
-            script.contains("Plotly") && !script.contains("<script"),
-            "a tag was left in"
-        );
-        assert!(LazyLock::force(&PLOTLY).gzip.len() < 2_000_000);
-    }
 }

@@ -1,4 +1,4 @@
-//! What is answered when there is no answer: a status and one sentence, as JSON.
+//! Error answers: a status and one sentence, as JSON.
 
 use super::shown::Unanswered;
 use crate::site::store::StoreError;
@@ -6,12 +6,12 @@ use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde::Serialize;
 
-/// A refusal.
+/// An error answer.
 #[derive(Debug)]
 pub struct Problem {
     status: StatusCode,
     message: String,
-    /// Whether to ask again in a second.
+    /// True if the client should ask again in a second.
     is_soon: bool,
 }
 
@@ -20,7 +20,7 @@ struct Body<'m> {
     error: &'m str,
 }
 
-/// The question was wrong.
+/// 400: the request is malformed.
 pub fn bad(message: impl Into<String>) -> Problem {
     Problem {
         status: StatusCode::BAD_REQUEST,
@@ -29,7 +29,7 @@ pub fn bad(message: impl Into<String>) -> Problem {
     }
 }
 
-/// There is no such thing.
+/// 404: there is no such thing.
 pub fn missing(message: impl Into<String>) -> Problem {
     Problem {
         status: StatusCode::NOT_FOUND,
@@ -38,7 +38,7 @@ pub fn missing(message: impl Into<String>) -> Problem {
     }
 }
 
-/// Not for those who ask.
+/// 403: the client may not ask this.
 pub fn forbidden(message: impl Into<String>) -> Problem {
     Problem {
         status: StatusCode::FORBIDDEN,
@@ -47,7 +47,7 @@ pub fn forbidden(message: impl Into<String>) -> Problem {
     }
 }
 
-/// It needs a token.
+/// 401: the request needs a token.
 pub fn unauthorized(message: impl Into<String>) -> Problem {
     Problem {
         status: StatusCode::UNAUTHORIZED,
@@ -56,7 +56,7 @@ pub fn unauthorized(message: impl Into<String>) -> Problem {
     }
 }
 
-/// Not now.
+/// 503: there is no answer now.
 pub fn unavailable(message: impl Into<String>) -> Problem {
     Problem {
         status: StatusCode::SERVICE_UNAVAILABLE,

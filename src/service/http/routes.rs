@@ -1,4 +1,4 @@
-//! What the HTTP server answers.
+//! Routes of the HTTP server.
 
 use super::api::{self, Api};
 use super::{page, viewer};
@@ -13,16 +13,16 @@ use axum::routing::get;
 use serde::Serialize;
 use std::time::{Duration, Instant};
 
-/// While the latest beat of the work loop is younger than this, the daemon is alive.
+/// Largest age of the latest beat of a work loop that is alive.
 const ALIVE: Duration = Duration::from_secs(30);
 
-/// The longest path with its query \[bytes\].
+/// Longest path with its query \[bytes\].
 const LONGEST_PATH: usize = 1024;
 
 const JSON: &str = "application/json";
 const OPEN_METRICS: &str = "application/openmetrics-text; version=1.0.0; charset=utf-8";
 
-/// Nothing a browser could run, keep, frame or guess.
+/// Headers that let a browser run, keep, frame or guess nothing.
 const STRICT: [(HeaderName, HeaderValue); 4] = [
     (
         header::X_CONTENT_TYPE_OPTIONS,
@@ -42,7 +42,7 @@ struct Shared {
     begun: Instant,
 }
 
-/// Health, readiness and metrics of a daemon, the page and its API of a store.
+/// Routes: health, readiness and metrics of a daemon, the page and API of a store.
 pub fn routes(telemetry: Option<Telemetry>, api: Option<Api>) -> Router {
     let mut router = Router::new();
     if let Some(telemetry) = telemetry {
@@ -88,7 +88,7 @@ fn foreign() -> Response {
     (StatusCode::MISDIRECTED_REQUEST, why).into_response()
 }
 
-/// `/healthz`, as JSON.
+/// Body of `/healthz`, as JSON.
 #[derive(Serialize)]
 struct Body {
     #[serde(flatten)]
@@ -98,7 +98,7 @@ struct Body {
     beat_age_s: f64,
 }
 
-/// 200 while the work loop is alive, or while the daemon starts, which systemd limits.
+/// Answers 200 while the work loop is alive, or while the daemon starts, which systemd limits.
 async fn health(State(shared): State<Shared>) -> Response {
     let telemetry = &shared.telemetry;
     let age = telemetry.beat.age();
@@ -123,7 +123,7 @@ async fn health(State(shared): State<Shared>) -> Response {
     }
 }
 
-/// 200 while data may come, else why not.
+/// Answers 200 while data may come, else the reason why not.
 async fn ready(State(shared): State<Shared>) -> (StatusCode, String) {
     let telemetry = &shared.telemetry;
     let age = telemetry.beat.age();
@@ -145,7 +145,7 @@ async fn metrics(State(shared): State<Shared>) -> impl IntoResponse {
     )
 }
 
-/// Refuses bodies and long paths, which nothing here wants, and puts the strict headers on every answer.
+/// Refuses bodies and long paths, which no route needs, and sets the strict headers on every answer.
 async fn guard(request: Request, next: Next) -> Response {
     let path = request
         .uri()

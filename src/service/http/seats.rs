@@ -1,5 +1,5 @@
-//! Which connections stay when there are many: the one that is silent longest makes room, and when all are busy a few places
-//! are left for health and metrics.
+//! Limits the connections: the one that is idle longest makes room, and when all are busy a few places are
+//! left for health and metrics.
 
 use axum::body::{Body, Bytes};
 use hyper::body::{Body as Streamed, Frame, SizeHint};
@@ -13,14 +13,14 @@ use tokio::sync::Notify;
 
 /// Most connections at once.
 pub(super) const CONNECTIONS: usize = 64;
-/// Most of them of one address.
+/// Most connections of one address.
 const OF_ADDRESS: usize = 48;
-/// Connections beyond these, for who asks after health.
+/// Further connections, for health and metrics.
 const RESERVED: usize = 8;
-/// What is answered on those.
+/// Paths answered on those.
 const VITAL: [&str; 3] = ["/healthz", "/readyz", "/metrics"];
 
-/// The connections there are.
+/// Present connections.
 #[derive(Default)]
 pub(super) struct Seats {
     inner: Mutex<Inner>,
@@ -35,9 +35,9 @@ struct Inner {
 struct Occupied {
     address: IpAddr,
     is_reserved: bool,
-    /// Requests that are answered now.
+    /// Number of requests being answered.
     busy: usize,
-    /// Since when there is none.
+    /// Time since which there is none.
     idle_since: Instant,
     leave: Arc<Notify>,
 }
@@ -51,7 +51,8 @@ pub(super) struct Seat {
 }
 
 impl Seats {
-    /// A seat for a connection from `address`, and whether another one had to leave for it; nothing if all are busy.
+    /// Takes a seat for a connection from `address`; also true if another one had to leave for it. `None` if
+    /// all are busy.
     pub fn take(self: &Arc<Self>, address: IpAddr) -> Option<(Seat, bool)> {
         let mut inner = self.lock();
         let of_address = inner
@@ -105,7 +106,7 @@ impl Inner {
         self.seats.iter().filter(|(_, seat)| !seat.is_reserved)
     }
 
-    /// The connection that is silent longest, of an address or of the one with most.
+    /// The connection that is idle longest, of an address or of the one with most.
     fn idle_longest(&self, of: Option<IpAddr>) -> Option<u64> {
         let mut counts: HashMap<IpAddr, usize> = HashMap::new();
         for (_, seat) in self.ordinary() {
@@ -123,17 +124,17 @@ impl Inner {
 }
 
 impl Seat {
-    /// Comes true when this connection must make room.
+    /// Completes when this connection must make room.
     pub async fn must_leave(&self) {
         self.leave.notified().await;
     }
 
-    /// Whether a request may be answered on this seat.
+    /// True if a request may be answered on this seat.
     pub fn may_ask(&self, path: &str) -> bool {
         !self.is_reserved || VITAL.contains(&path)
     }
 
-    /// A request is answered until what is returned is dropped.
+    /// Marks the seat as busy until the returned value is dropped.
     pub fn busy(self: &Arc<Self>) -> Busy {
         if let Some(seat) = self.seats.lock().seats.get_mut(&self.number) {
             seat.busy += 1;
@@ -148,7 +149,7 @@ impl Drop for Seat {
     }
 }
 
-/// A request that is answered.
+/// A request being answered.
 pub(super) struct Busy(Arc<Seat>);
 
 impl Drop for Busy {

@@ -1,4 +1,4 @@
-//! How the HTTP server listens: few connections, small requests, deadlines.
+//! The HTTP listener: few connections, small requests, deadlines.
 
 use super::seats::{CONNECTIONS, Content, Seat, Seats};
 use crate::config::settings::http::HttpSettings;
@@ -21,25 +21,25 @@ use tokio::sync::watch;
 use tokio::task::JoinSet;
 use tokio::time;
 
-/// A request's line and headers have come within this time, and a kept connection speaks again within it.
+/// Longest time for a request's line and headers, and for the next request of a kept connection.
 const READ: Duration = Duration::from_secs(8);
 
-/// A client that takes nothing of an answer for this long is cut off.
+/// Longest time without progress of an answer before the client is cut off.
 const WRITE: Duration = Duration::from_secs(8);
 
-/// Line and headers of a request together \[bytes\].
+/// Most bytes of a request's line and headers.
 const HEAD_BYTES: usize = 16 << 10;
 
 /// Most headers of a request.
 const HEADERS: usize = 64;
 
-/// What may still be answered after the end was asked for.
+/// Time for answers after the end was requested.
 const DRAIN: Duration = Duration::from_secs(1);
 
-/// After the system refused a connection.
+/// Pause after the system refused a connection.
 const PAUSE: Duration = Duration::from_millis(200);
 
-/// Listens where the settings say; `None` for no server.
+/// Binds the configured address; `None` for no server.
 ///
 /// # Errors
 /// The address is taken, or not this machine's.
@@ -109,7 +109,7 @@ pub async fn serve(
     Ok(())
 }
 
-/// Who is at the other end.
+/// The client of a connection.
 #[derive(Clone)]
 struct Client {
     peer: SocketAddr,
@@ -145,7 +145,7 @@ async fn answer(stream: TcpStream, client: Client, routes: Router, mut stop: wat
     let _ = connection.await;
 }
 
-/// Answers one request, if its connection may ask it; notes who was not allowed to.
+/// Answers one request, if its connection may ask it; reports a refusal to health.
 async fn ask(
     client: Client,
     routes: TowerToHyperService<Router>,

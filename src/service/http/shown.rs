@@ -1,5 +1,5 @@
-//! The store behind the page: one reader beside the writer, asked by one request at a time, and a bell that rings when
-//! something was committed.
+//! The store behind the page: one reader beside the writer, used by one request at a time, and a bell that
+//! rings after each commit.
 
 use crate::service::api::Days;
 use crate::site::store::{FileId, Reader, StoreError};
@@ -10,22 +10,23 @@ use thiserror::Error;
 use tokio::sync::watch;
 use tokio::time;
 
-/// How often the store is looked at.
+/// Interval between checks of the store.
 const LOOK: Duration = Duration::from_millis(250);
 
-/// Between two batches of a store that is being read, so that requests come in between.
+/// Pause between two batches of records, so that requests come in between.
 const BREATH: Duration = Duration::from_millis(1);
 
-/// Batches a question takes up itself before it says that the store is being read: less than a tenth of a second.
+/// Most batches that a query reads itself before it answers that the store is being read: less than a tenth
+/// of a second.
 const BATCHES: usize = 8;
 
-/// Why a question has no answer.
+/// Reason why a query has no answer.
 #[derive(Debug, Error)]
 pub enum Unanswered {
-    /// After a start, the records of years are taken up first: some seconds for a million of them.
+    /// The records of years are being read after a start: some seconds for a million of them.
     #[error("the store is being read: {:.0} % of its records so far", 100.0 * .share)]
     Reading {
-        /// The part of its records that was.
+        /// Share of the records read so far, 0 to 1.
         share: f64,
     },
     /// The store cannot be read, or a row is damaged.
@@ -37,18 +38,18 @@ pub enum Unanswered {
 pub struct Shown {
     path: PathBuf,
     open: Mutex<Option<Open>>,
-    /// Counts what was committed since the server began to look.
+    /// Number of commits since the server began to watch.
     commits: watch::Sender<u64>,
 }
 
-/// The store as it is open now.
+/// The open store.
 struct Open {
     reader: Reader,
     days: Days,
 }
 
 impl Shown {
-    /// The store at this path; it need not be there yet.
+    /// The store at this path, which need not exist yet.
     pub fn new(path: &Path) -> Arc<Self> {
         Arc::new(Self {
             path: path.to_owned(),
@@ -57,7 +58,7 @@ impl Shown {
         })
     }
 
-    /// Asks the store. It blocks: the runtime's blocking threads are the place for it.
+    /// Queries the store. It blocks, so call it on the runtime's blocking threads.
     ///
     /// # Errors
     /// There is no store, it cannot be read, a row is damaged, or too many records are new.
@@ -85,7 +86,7 @@ impl Shown {
         })?
     }
 
-    /// As [`Shown::ask`], for questions that need no days: nothing is taken up before the answer.
+    /// As [`Shown::ask`], for queries that need no daily sums: no records are read before the answer.
     ///
     /// # Errors
     /// There is no store, it cannot be read, or a row is damaged.
@@ -114,12 +115,13 @@ impl Shown {
         }
     }
 
-    /// Rings after each commit from now on.
+    /// Channel that changes after each commit from now on.
     pub fn bell(&self) -> watch::Receiver<u64> {
         self.commits.subscribe()
     }
 
-    /// Looks at the store until `stop` becomes true, rings, and takes up what is new while nobody waits for it.
+    /// Watches the store until `stop` becomes true, rings after commits, and reads new records while no
+    /// request waits.
     pub async fn watch(self: Arc<Self>, mut stop: watch::Receiver<bool>) {
         let mut version = None;
         loop {

@@ -1,5 +1,5 @@
 //! `/viewer`: the live view of robotics viewers (Foxglove, Lichtblick) over a WebSocket. One task per viewer asks the store
-//! itself when the bell rings, so that a slow viewer holds up nobody and fills no queue.
+//! itself when the bell rings, so that a slow viewer delays no other and fills no queue.
 
 use super::api::Api;
 use super::live::LISTENERS;
@@ -19,17 +19,18 @@ use std::sync::Arc;
 use std::time::Duration;
 use tokio::time;
 
-/// Most bytes a viewer says at once: the subscriptions of some thousand topics.
+/// Most bytes of a viewer's message: the subscriptions of some thousand topics.
 const REQUEST_BYTES: usize = 256 << 10;
 
-/// A viewer that takes nothing for this long is cut off.
+/// Longest time without progress before a viewer is cut off.
 const WRITE: Duration = Duration::from_secs(8);
 
-/// How often a silent viewer is asked whether it lives, and how many answers it may owe.
+/// Interval of pings to a silent viewer, and the most answers it may owe.
 const ALIVE: Duration = Duration::from_secs(15);
 const OWED: u32 = 3;
 
-/// The live view, for viewers that speak its protocol and, if they are web pages, come from an origin that may.
+/// Opens the live view, for viewers that speak its protocol and, if they are web pages, come from an allowed
+/// origin.
 pub async fn open(
     State(api): State<Api>,
     headers: HeaderMap,
@@ -81,19 +82,19 @@ struct Viewer {
     socket: WebSocket,
     shown: Arc<Shown>,
     feed: Option<Feed>,
-    /// What was advertised, by its channel's number, and the other way round.
+    /// Advertised topics; the index is the channel's number.
     channels: Vec<Topic>,
     numbers: BTreeMap<Topic, u32>,
-    /// The viewer's own number of its subscription of a topic, at most one a topic.
+    /// The viewer's own number of its subscription, at most one per topic.
     subscriptions: BTreeMap<Topic, u32>,
-    /// Topics subscribed to of which was not told yet what stands.
+    /// Topics subscribed to whose present state was not sent yet.
     awaited: BTreeSet<Topic>,
-    /// Pings without an answer.
+    /// Number of pings without an answer.
     owed: u32,
 }
 
 impl Viewer {
-    /// Says what there is, and then what is new, until the viewer goes.
+    /// Sends the present state and then changes, until the viewer leaves.
     async fn serve(&mut self) -> Result<(), Gone> {
         let mut bell = self.shown.bell();
         let name = concat!("tirante ", env!("CARGO_PKG_VERSION"));
@@ -130,8 +131,9 @@ impl Viewer {
         }
     }
 
-    /// Asks the store what is new: advertises rods that are, tells what was subscribed to, and what stands on topics that are
-    /// subscribed to since, or could not be answered before. One question for all of it, so that nothing is told twice or passed over in between.
+    /// Queries the store for changes: advertises new rods, sends messages of subscribed topics, and the
+    /// present state of topics subscribed since or unanswered before. One query for all, so that nothing is
+    /// sent twice or missed.
     async fn look(&mut self) -> Result<(), Gone> {
         let mut wanted: BTreeSet<Topic> = self.subscriptions.keys().cloned().collect();
         wanted.retain(|topic| !self.awaited.contains(topic));
@@ -170,7 +172,7 @@ impl Viewer {
         Ok(())
     }
 
-    /// Advertises those of these topics that are new.
+    /// Advertises the new ones of these topics.
     async fn advertise(&mut self, topics: Vec<Topic>) -> Result<(), Gone> {
         let known = self.channels.len();
         for topic in topics {
@@ -189,7 +191,7 @@ impl Viewer {
         self.say(text).await
     }
 
-    /// Does what the viewer asks for.
+    /// Handles a request of the viewer.
     async fn take(&mut self, text: &str) -> Result<(), Gone> {
         match serde_json::from_str(text) {
             Ok(Request::Subscribe { subscriptions }) => {
@@ -215,7 +217,7 @@ impl Viewer {
         }
     }
 
-    /// One subscription, if the protocol allows it.
+    /// Adds one subscription, if the protocol allows it.
     async fn subscribe(&mut self, Subscription { id, channel_id }: Subscription) -> Result<(), Gone> {
         let place = usize::try_from(channel_id).unwrap_or(usize::MAX);
         let why = match self.channels.get(place).cloned() {
@@ -235,7 +237,8 @@ impl Viewer {
         self.say(protocol::warning(&why)).await
     }
 
-    /// Asks the store on a thread that may wait; `None` if it has no answer now, of which the viewer is told.
+    /// Queries the store on a blocking thread; `None` if it has no answer now, of which the viewer is
+    /// notified.
     async fn ask<T: Send + 'static>(
         &mut self,
         question: impl FnOnce(&Reader, &mut Feed) -> Result<T, StoreError> + Send + 'static,
@@ -262,7 +265,7 @@ impl Viewer {
         }
     }
 
-    /// A message under a subscription.
+    /// Sends a message under a subscription.
     async fn tell(&mut self, id: u32, message: &Message) -> Result<(), Gone> {
         let frame = protocol::message(id, clock::now(), message);
         self.send(Frame::Binary(frame.into())).await

@@ -1,4 +1,4 @@
-//! One client from its first byte to its last: read, understood, handed to the journal, answered.
+//! One client from its first byte to its last: reads, parses, passes data to the journal, answers.
 
 use super::counts::Counts;
 use super::entrance::Stay;
@@ -9,41 +9,42 @@ use super::server::{GREETING, Server, Socket, Topics, linger};
 use super::writer::{Said, write};
 use crate::service::journal::{Closed, End, Entry};
 use crate::service::telemetry::Fault;
+use crate::site::clock;
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, MutexGuard, PoisonError};
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use std::time::Duration;
 use tokio::io::{AsyncRead, AsyncReadExt};
 use tokio::sync::{OwnedSemaphorePermit, mpsc, watch};
 use tokio::time::{Instant, timeout, timeout_at};
 
-/// Bytes read at once.
+/// Number of bytes read at once.
 const READ_BYTES: usize = 64 << 10;
 
-/// Most bytes all clients together may hold of what is not whole yet.
+/// Most bytes of incomplete data of all clients together.
 const MAX_HELD: usize = 64 << 20;
 
-/// Answers that may wait for the client to read them.
+/// Most answers that wait for the client to read them.
 const ANSWERS: usize = 16;
 
-/// How long a client may take to read its last answers.
+/// Longest time for a client to read its last answers.
 const PATIENCE: Duration = Duration::from_secs(1);
 
-/// Why a conversation is over, other than by the client's own end.
+/// Reason why a conversation is over, other than the client's own end.
 enum Farewell {
-    /// It cannot be understood.
+    /// The client sent malformed data.
     Garbage(Refusal),
-    /// It says nothing whole for too long.
+    /// The client sent nothing complete for too long.
     Idle(Duration),
     /// All clients together hold too much.
     Crowded,
     /// All places are taken.
     Full,
-    /// It said nothing that makes sense, and others came.
+    /// The client sent nothing valid, and others came.
     Pushed,
-    /// Its connection broke.
+    /// The connection broke.
     Gone(String),
-    /// The journal takes nothing more of it.
+    /// The journal takes no more of its data.
     Closed(Closed),
 }
 
@@ -53,7 +54,7 @@ impl From<Closed> for Farewell {
     }
 }
 
-/// Serves one client, let in at that moment, to its end.
+/// Serves one client, admitted at that moment, to its end.
 pub(super) async fn attend<I: Intake>(
     socket: Box<dyn Socket>,
     let_in: Instant,
@@ -99,9 +100,9 @@ struct Client<'a, I: Intake> {
     topics: Topics,
     protocol: Protocol,
     said: mpsc::Sender<Said>,
-    /// The sender's name, of the stream under way.
+    /// Name of the sender of the current stream.
     name: Option<String>,
-    /// Where the stream under way goes.
+    /// Way of the current stream into the journal.
     line: Option<I::Line>,
     /// Closed when a newer connection has this sender's name.
     place: Option<watch::Receiver<()>>,
@@ -109,18 +110,18 @@ struct Client<'a, I: Intake> {
     held: Held<'a>,
 }
 
-/// Whether a client has a place.
+/// Place of a client.
 enum Standing<'a> {
-    /// It has said nothing yet that makes sense.
+    /// It has sent nothing valid yet.
     Entering(Stay),
-    /// It has one, until it goes.
+    /// It has a place, until it leaves.
     In {
         _place: OwnedSemaphorePermit,
         _present: Present<'a>,
     },
 }
 
-/// Comes true when a client in the entrance must make room.
+/// Completes when a client in the entrance must make room.
 async fn pushed(standing: &Standing<'_>) {
     match standing {
         Standing::Entering(stay) => stay.must_leave().await,
@@ -172,7 +173,7 @@ impl<I: Intake> Client<'_, I> {
         }
     }
 
-    /// Hands on everything that is whole.
+    /// Passes on everything that is complete.
     async fn digest(&mut self) -> Result<(), Farewell> {
         if self.topics.has_changed().unwrap_or(false) {
             let topics = self.topics.borrow_and_update().clone();
@@ -184,7 +185,7 @@ impl<I: Intake> Client<'_, I> {
             if turn.is_none() {
                 turn = Some(self.server.turns.acquire().await);
             }
-            let step = self.protocol.next(now_ns());
+            let step = self.protocol.next(clock::now_ns());
             if matches!(self.standing, Standing::Entering(_)) && self.protocol.has_spoken() {
                 let place = Arc::clone(&self.server.clients).try_acquire_owned();
                 self.standing = Standing::In {
@@ -279,12 +280,12 @@ impl<I: Intake> Client<'_, I> {
         self.server.senders.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Says something to the client, unless it has stopped reading.
+    /// Sends an answer to the client, unless it has stopped reading.
     fn say(&self, what: Said) {
         let _ = self.said.try_send(what);
     }
 
-    /// Says why the conversation is over, to everybody concerned.
+    /// Reports the end of the conversation to client, health and log.
     async fn leave(&mut self, peer: &str, outcome: Result<(), Farewell>) {
         let who = match &self.name {
             Some(name) => format!("{name} ({peer})"),
@@ -352,7 +353,7 @@ impl<I: Intake> Client<'_, I> {
     }
 }
 
-/// Comes true when a newer connection has this sender's name.
+/// Completes when a newer connection has this sender's name.
 async fn replaced(place: &mut Option<watch::Receiver<()>>) {
     match place {
         Some(place) => while place.changed().await.is_ok() {},
@@ -360,7 +361,7 @@ async fn replaced(place: &mut Option<watch::Receiver<()>>) {
     }
 }
 
-/// A client's share of the memory of all. It never shrinks: buffers do not either.
+/// A client's share of the memory of all. It never shrinks, as buffers do not either.
 struct Held<'a> {
     all: &'a AtomicUsize,
     mine: usize,
@@ -386,7 +387,7 @@ impl Drop for Held<'_> {
     }
 }
 
-/// A client that is there.
+/// Counts a client until dropped.
 struct Present<'a>(&'a AtomicU64);
 
 impl<'a> Present<'a> {
@@ -400,9 +401,4 @@ impl Drop for Present<'_> {
     fn drop(&mut self) {
         self.0.fetch_sub(1, Ordering::Relaxed);
     }
-}
-
-fn now_ns() -> u64 {
-    let since = SystemTime::now().duration_since(UNIX_EPOCH);
-    since.map_or(0, |time| u64::try_from(time.as_nanos()).unwrap_or(u64::MAX))
 }

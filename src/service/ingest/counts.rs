@@ -1,28 +1,28 @@
-//! What came through the sockets, in numbers; read by whoever shows them.
+//! Counts of the sockets' traffic.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// What came through the sockets. Totals count from the start of the daemon.
+/// Counts of the sockets' traffic. Totals are from the start of the daemon.
 #[derive(Debug, Default)]
 pub struct Counts {
-    /// Clients that have a place now: they have said something that makes sense.
+    /// Present clients that have sent valid data.
     pub clients: AtomicU64,
-    /// Clients that ever connected, those turned away included.
+    /// Number of connections, those turned away included.
     pub connections: AtomicU64,
-    /// Bytes received.
+    /// Number of bytes received.
     pub bytes: AtomicU64,
-    /// Messages received, those of no rod's topic included.
+    /// Number of messages received, those of no rod's topic included.
     pub messages: AtomicU64,
-    /// Messages of no rod's topic; they are not kept.
+    /// Number of messages of no rod's topic, which are not kept.
     pub foreign: AtomicU64,
-    /// Streams that ended as they should.
+    /// Number of streams that ended properly.
     pub completed: AtomicU64,
-    /// Streams cut off.
+    /// Number of streams cut off.
     pub cut: AtomicU64,
 }
 
 impl Counts {
-    /// Counts so many more.
+    /// Adds to one of the counts.
     pub(super) fn add(&self, which: impl Fn(&Self) -> &AtomicU64, more: u64) {
         which(self).fetch_add(more, Ordering::Relaxed);
     }

@@ -1,5 +1,5 @@
-//! Clients between their connection and the first thing that makes sense, TLS included: they take no client's place, and of a
-//! crowd the oldest makes room for the newest.
+//! Clients between their connection and their first valid data, TLS included: they take no client's place,
+//! and of a crowd the oldest makes room for the newest.
 
 use std::collections::{HashMap, VecDeque};
 use std::net::IpAddr;
@@ -11,7 +11,7 @@ use tokio::time::{Instant, sleep_until};
 /// Most clients in the entrance of one listener.
 const MOST: usize = 128;
 
-/// A client in a crowd has this time for its handshake and its first words; whoever comes meanwhile waits outside.
+/// Time of a client in a crowd for its handshake and first data; others wait meanwhile.
 const STAY: Duration = Duration::from_millis(300);
 
 /// The entrance of one listener.
@@ -26,15 +26,15 @@ struct Waiting {
     leave: Arc<Notify>,
 }
 
-/// A client's stay in the entrance; over when it is dropped.
+/// A client's stay in the entrance, until dropped.
 pub(super) struct Stay {
     entrance: Arc<Entrance>,
     leave: Arc<Notify>,
 }
 
 impl Entrance {
-    /// Lets a client of `address` in, and another one out if it is full; waits while all came just now. Whether one had to
-    /// leave.
+    /// Admits a client of `address`, and turns another one out if full; waits while all came just now. Also
+    /// returns true if one had to leave.
     pub async fn enter(self: &Arc<Self>, address: Option<IpAddr>) -> (Stay, bool) {
         let mut has_left = false;
         while let Some(until) = self.make_room(&mut has_left) {
@@ -53,7 +53,7 @@ impl Entrance {
         (stay, has_left)
     }
 
-    /// When to try again; `None` if there is room.
+    /// Time of the next try; `None` if there is room.
     fn make_room(&self, has_left: &mut bool) -> Option<Instant> {
         let mut waiting = self.lock();
         if waiting.len() < MOST {
@@ -85,7 +85,7 @@ impl Entrance {
 }
 
 impl Stay {
-    /// Comes true when this client must make room.
+    /// Completes when this client must make room.
     pub async fn must_leave(&self) {
         self.leave.notified().await;
     }

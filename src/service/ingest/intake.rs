@@ -1,19 +1,19 @@
-//! Where what the clients send goes: the journal, or what stands for it in tests.
+//! Destination of the clients' data: the journal, or its substitute in tests.
 
 use crate::service::journal::{Batch, Closed, End, Handle, Line};
 use std::future::Future;
 use tokio::sync::watch;
 
-/// Takes streams in.
+/// Receives streams.
 pub trait Intake: Clone + Send + Sync + 'static {
-    /// The way in of one stream.
+    /// Input of one stream.
     type Line: IntakeLine;
 
-    /// Begins or takes up a stream, see [`Handle::connect`].
+    /// Begins or resumes a stream, see [`Handle::connect`].
     fn connect(&self, sender: Option<&str>) -> impl Future<Output = Result<Self::Line, Closed>> + Send;
 }
 
-/// The way in of one stream; dropped without [`IntakeLine::end`], it counts as broken.
+/// Input of one stream; dropped without [`IntakeLine::end`], it counts as broken.
 pub trait IntakeLine: Send + 'static {
     /// See [`Line::begins_at`].
     fn begins_at(&self) -> u64;

@@ -4,18 +4,18 @@ use crate::recording::read::stamp;
 use serde::Deserialize;
 use serde_json::Value;
 
-/// A line.
+/// A JSON line of a client.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Line {
-    /// The client has a name and wants to resume.
+    /// Hello: the client gives its name and wants to resume.
     Hello(String),
     /// The stream ends.
     End,
     /// Data of a topic.
     Data {
-        /// The topic.
+        /// Topic of the data.
         topic: String,
-        /// When it was measured \[ns since 1970\]; `None` for now.
+        /// Time of measurement \[ns since 1970\]; `None` for now.
         time: Option<u64>,
     },
 }
@@ -28,10 +28,10 @@ struct Keys {
     end: Option<Value>,
 }
 
-/// Reads a line.
+/// Parses a line.
 ///
 /// # Errors
-/// What is wrong with it, to stand behind "line N".
+/// The fault, as text after "line N".
 pub fn parse(line: &[u8]) -> Result<Line, String> {
     let keys: Keys = serde_json::from_slice(line).map_err(|fault| {
         let what = fault.to_string().replace(" at line 1 column ", " at column ");

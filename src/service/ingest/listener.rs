@@ -1,4 +1,4 @@
-//! Sockets that are listened at: those the configuration names, and those systemd hands over.
+//! Listening sockets: those configured, and those handed over by systemd.
 
 use crate::config::settings::ingest::Listen;
 use listenfd::ListenFd;
@@ -9,35 +9,35 @@ use std::os::unix::fs::{FileTypeExt, PermissionsExt};
 use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::Path;
 
-/// Who may connect to a Unix socket: its owner and its group.
+/// Mode of a Unix socket: its owner and its group may connect.
 const UNIX_MODE: u32 = 0o660;
 
-/// Why a socket cannot be listened at.
+/// Reason why a socket cannot listen.
 #[derive(Debug, thiserror::Error)]
 pub enum ListenError {
-    /// The system said no.
+    /// The system returned an error.
     #[error("cannot listen at {address}")]
     Io {
-        /// The socket.
+        /// Address of the socket.
         address: String,
-        /// What it said.
+        /// Error of the system.
         source: io::Error,
     },
-    /// Somebody else listens there.
+    /// Another process listens there.
     #[error("{0}: another daemon listens there; stop it, or name another path in [ingest] listen")]
     Taken(String),
-    /// There is a file that is no socket.
+    /// The path is a file that is no socket.
     #[error("{0}: there is a file that is no socket; remove it, or name another path in [ingest] listen")]
     NoSocket(String),
-    /// A socket others can reach, without TLS.
+    /// Other machines can reach the socket, but it has no TLS.
     #[error("{0} is not on loopback: [ingest.tls] is needed")]
     Open(String),
-    /// A certificate, key or authority that cannot be used.
+    /// A certificate, key or authority cannot be used.
     #[error("[ingest.tls] {0}")]
     Tls(String),
 }
 
-/// A socket that is listened at.
+/// A listening socket.
 #[derive(Debug)]
 pub enum Listener {
     /// TCP.
@@ -47,10 +47,10 @@ pub enum Listener {
 }
 
 impl Listener {
-    /// Listens at a place. The file of a Unix socket nobody listens at any more is replaced.
+    /// Listens at an address. The file of a Unix socket without a listener is replaced.
     ///
     /// # Errors
-    /// It is taken, or the system says no.
+    /// It is taken, or the system returns an error.
     pub fn bind(listen: &Listen) -> Result<Self, ListenError> {
         let failed = |source| ListenError::Io {
             address: listen.to_string(),
@@ -67,8 +67,8 @@ impl Listener {
         }
     }
 
-    /// The sockets systemd handed over, for socket activation; none if it did not. To be called once, before any thread
-    /// starts: it clears the variables that announce them.
+    /// Sockets handed over by systemd for socket activation; empty without. To be called once, before any
+    /// thread starts: it clears the variables that announce them.
     ///
     /// # Errors
     /// One of them is neither a TCP nor a Unix stream socket.
@@ -97,10 +97,10 @@ impl Listener {
         Ok(found)
     }
 
-    /// Those systemd handed over, and those the configuration names besides.
+    /// All sockets: those handed over by systemd, and the other configured ones.
     ///
     /// # Errors
-    /// One of them is taken, or the system says no.
+    /// One of them is taken, or the system returns an error.
     pub fn all(inherited: Vec<Self>, listen: &[Listen]) -> Result<Vec<Self>, ListenError> {
         let known: Vec<String> = inherited.iter().map(Self::address).collect();
         let mut all = inherited;
@@ -110,7 +110,7 @@ impl Listener {
         Ok(all)
     }
 
-    /// Whether only this machine can reach it.
+    /// True if only this machine can reach it.
     pub(super) fn is_local(&self) -> bool {
         match self {
             Self::Tcp(listener) => listener
@@ -120,7 +120,7 @@ impl Listener {
         }
     }
 
-    /// Its address as the configuration writes it.
+    /// Address as in the configuration.
     pub fn address(&self) -> String {
         match self {
             Self::Tcp(listener) => match listener.local_addr() {
@@ -138,7 +138,7 @@ impl Listener {
     }
 }
 
-/// Removes the socket file of a daemon that is no more.
+/// Removes the socket file of a daemon that has ended.
 fn clear(path: &Path, failed: impl Fn(io::Error) -> ListenError) -> Result<(), ListenError> {
     let shown = || format!("unix://{}", path.display());
     let kind = match fs::symlink_metadata(path) {

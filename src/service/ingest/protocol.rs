@@ -1,4 +1,4 @@
-//! What a client sends, understood: bytes in, batches and ends out. It knows no socket, no clock and no journal.
+//! Parser of a client's data: bytes in, batches and ends out. It has no socket, no clock and no journal.
 
 use super::line::{self, Line};
 use super::queue::Queue;
@@ -7,34 +7,33 @@ use super::server::TopicSet;
 use super::stream::Stream;
 use crate::recording::read::mcap::{Progress, Reader};
 use crate::service::journal::Batch;
+use mcap::MAGIC;
 use std::mem;
 use std::sync::Arc;
 
 /// Longest JSON line accepted \[bytes\].
 const MAX_LINE: usize = 1 << 20;
 
-const MAGIC: &[u8] = b"\x89MCAP0\r\n";
-
-/// Why a client is not listened to any further.
+/// Reason why a client is disconnected.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{0}")]
 pub struct Refusal(pub String);
 
-/// What came of the bytes so far.
+/// Result of the bytes so far.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Step {
-    /// The client gave its name: call [`Protocol::welcome`], nothing else is looked at before.
+    /// The client gave its name: call [`Protocol::welcome`] before anything else is parsed.
     Hello(String),
-    /// Messages.
+    /// A batch of messages.
     Batch(Batch),
-    /// The stream ended as it should; the client may begin another one.
+    /// The stream ended properly; the client may begin another one.
     End {
-        /// Its messages.
+        /// Number of its messages.
         messages: u64,
-        /// What of them was not kept.
+        /// Messages that were not kept.
         left_out: Vec<LeftOut>,
     },
-    /// The client went away in the middle of a stream.
+    /// The client left in the middle of a stream.
     Cut,
 }
 
@@ -45,16 +44,16 @@ pub struct Protocol {
     stream: Stream,
     /// The client closed its side.
     is_closed: bool,
-    /// The client said something that makes sense.
+    /// True if the client sent something valid.
     has_spoken: bool,
     refusal: Option<Refusal>,
-    /// Lines so far, for messages.
+    /// Number of lines so far, for messages.
     lines: u64,
     progress: u64,
 }
 
 enum State {
-    /// Nothing is known yet of the stream to come, or only who sends it.
+    /// Before a stream; at most its sender is known.
     Start(Queue),
     /// A hello waits for its welcome.
     Greeted(Queue),
@@ -62,13 +61,13 @@ enum State {
     Lines(Queue),
     /// An MCAP stream.
     Mcap(Box<Reader<Queue>>),
-    /// The stream has ended, which is still to be said.
+    /// The stream has ended, to be reported.
     Ended(Queue),
-    /// The client closed its side, and everything was said.
+    /// The client closed its side, and everything was reported.
     Over,
 }
 
-/// How a stream begins.
+/// Encoding of a stream, by its first bytes.
 enum Kind {
     Blank,
     Lines,
@@ -76,7 +75,7 @@ enum Kind {
 }
 
 impl Protocol {
-    /// A client that has said nothing yet; messages of other topics than these are counted only.
+    /// A client before its first byte; messages of other topics than these are only counted.
     pub fn new(topics: Arc<TopicSet>) -> Self {
         Self {
             topics,
@@ -90,13 +89,13 @@ impl Protocol {
         }
     }
 
-    /// Other topics count from here on.
+    /// Changes the topics from here on.
     pub fn retarget(&mut self, topics: Arc<TopicSet>) {
         self.stream.retarget(&topics);
         self.topics = topics;
     }
 
-    /// Takes in what the client sent.
+    /// Takes bytes of the client.
     pub fn push(&mut self, bytes: &[u8]) {
         match &mut self.state {
             State::Start(queue) | State::Greeted(queue) | State::Lines(queue) | State::Ended(queue) => {
@@ -107,12 +106,12 @@ impl Protocol {
         }
     }
 
-    /// The client closed its side.
+    /// Notes that the client closed its side.
     pub fn close(&mut self) {
         self.is_closed = true;
     }
 
-    /// The answer to a hello: the client goes on with this message.
+    /// Answers a hello: the client continues with this message.
     pub fn welcome(&mut self, begins_at: u64) {
         if let State::Greeted(queue) = &mut self.state {
             self.state = State::Start(mem::take(queue));
@@ -121,12 +120,12 @@ impl Protocol {
         }
     }
 
-    /// Whether the client said something that makes sense, ever.
+    /// True if the client ever sent something valid.
     pub fn has_spoken(&self) -> bool {
         self.has_spoken
     }
 
-    /// Grows with every line or record that came whole.
+    /// Progress: grows with every complete line or record.
     pub fn progress(&self) -> u64 {
         match &self.state {
             State::Mcap(reader) => self.progress + reader.offset(),
@@ -134,7 +133,7 @@ impl Protocol {
         }
     }
 
-    /// Bytes in memory: what is not whole yet, and definitions.
+    /// Bytes in memory: incomplete data, and definitions.
     pub fn held(&self) -> usize {
         match &self.state {
             State::Start(queue) | State::Greeted(queue) | State::Lines(queue) | State::Ended(queue) => {
@@ -146,7 +145,7 @@ impl Protocol {
         }
     }
 
-    /// Messages of no rod's topic since it was asked last.
+    /// Number of messages of no rod's topic since the last call.
     pub fn take_foreign(&mut self) -> u64 {
         mem::take(&mut self.stream.foreign)
     }
@@ -156,13 +155,13 @@ impl Protocol {
         self.stream.strays.iter().map(String::as_str)
     }
 
-    /// What was left out for the first time since it was asked last.
+    /// Messages left out for the first time since the last call.
     pub fn take_left_out(&mut self) -> Option<LeftOut> {
         self.stream.take_news()
     }
 
-    /// What the bytes so far mean, one step at a time; `None` until more come. `now_ns` is the time of lines that have
-    /// none \[ns since 1970\].
+    /// Next step by the bytes so far; `None` until more come. `now_ns` is the time of lines that have none
+    /// \[ns since 1970\].
     ///
     /// # Errors
     /// The client does not speak as it should; the same answer is given from then on.
@@ -242,7 +241,7 @@ impl Protocol {
         }
     }
 
-    /// One line of a client that speaks JSON.
+    /// Handles one line of a client that speaks JSON.
     fn line(&mut self, line: &[u8], now_ns: u64) -> Result<Option<Step>, Refusal> {
         self.progress += 1;
         self.lines += 1;
@@ -275,7 +274,7 @@ impl Protocol {
         Ok(None)
     }
 
-    /// From lines to another state, with what is left to read.
+    /// Changes from lines to another state, with the remaining bytes.
     fn switch(&mut self, to: fn(Queue) -> State) {
         if let State::Lines(queue) = &mut self.state {
             self.state = to(mem::take(queue));
@@ -292,7 +291,7 @@ impl Protocol {
         }
     }
 
-    /// What it means that the client closed its side here.
+    /// Last step after the client closed its side.
     fn last_step(&mut self) -> Option<Step> {
         let is_named = self.stream.is_named;
         match mem::replace(&mut self.state, State::Over) {
@@ -309,7 +308,7 @@ fn too_long() -> Refusal {
     Refusal(format!("a line of more than {MAX_LINE} bytes"))
 }
 
-/// How a stream begins by its first bytes; `None` while they are too few.
+/// Encoding of a stream by its first bytes; `None` while they are too few.
 fn begin(bytes: &[u8]) -> Result<Option<Kind>, Refusal> {
     let head = bytes.get(..MAGIC.len()).unwrap_or(bytes);
     match bytes {

@@ -1,14 +1,14 @@
-//! Bytes that came and were not understood yet: pushed at the end, taken at the front.
+//! Queue of received bytes: pushed at the end, taken at the front.
 
 use std::io::{self, Read};
 
-/// Bytes in the order they came.
+/// Bytes in the order of arrival.
 #[derive(Debug, Default)]
 pub struct Queue {
     bytes: Vec<u8>,
-    /// Where the bytes not taken yet begin.
+    /// Index of the first byte not taken yet.
     at: usize,
-    /// How many of them hold no line feed for sure.
+    /// Number of those bytes already searched without a line feed.
     looked: usize,
 }
 
@@ -27,7 +27,7 @@ impl Queue {
         self.bytes.get(self.at..).unwrap_or_default()
     }
 
-    /// Takes a line, without its end; `None` while there is no whole one.
+    /// Takes a line, without its end; `None` while there is no complete one.
     pub fn line(&mut self) -> Option<Vec<u8>> {
         let rest = self.rest();
         let Some(found) = rest.iter().skip(self.looked).position(|byte| *byte == b'\n') else {
@@ -40,7 +40,7 @@ impl Queue {
         Some(line)
     }
 
-    /// Takes everything.
+    /// Takes all bytes.
     pub fn everything(&mut self) -> Vec<u8> {
         let all = self.rest().to_vec();
         self.skip(all.len());
@@ -54,7 +54,7 @@ impl Queue {
     }
 }
 
-/// Nothing to read means nothing there now.
+/// An empty read means that there are no bytes now.
 impl Read for Queue {
     fn read(&mut self, to: &mut [u8]) -> io::Result<usize> {
         let count = self.rest().read(to)?;

@@ -1,39 +1,39 @@
-//! What the daemon answers a client: one JSON object a line.
+//! Answers of the daemon to a client: one JSON object per line.
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::fmt;
 use std::str::FromStr;
 
-/// An answer.
+/// Answer of the daemon to a client.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Reply {
-    /// To a hello: the sender goes on with this message, counted from 0.
+    /// To a hello: the sender continues with this message, counted from 0.
     Welcome {
-        /// The sender.
+        /// Name of the sender.
         sender: String,
-        /// Messages that need not be sent again.
+        /// Number of messages that need not be sent again.
         messages: u64,
     },
-    /// So many messages of this sender's stream are durable.
+    /// Number of messages of this sender's stream that are durable.
     Ack {
-        /// Messages.
+        /// Number of messages.
         messages: u64,
     },
-    /// A stream that ended is durable as a whole, but for what was left out.
+    /// A stream that ended is durable as a whole, except for messages left out.
     Done {
-        /// Messages, those left out included.
+        /// Number of messages, those left out included.
         messages: u64,
-        /// What of this connection's messages was not kept.
+        /// Messages of this connection that were not kept.
         left_out: Vec<LeftOut>,
     },
-    /// Messages are not kept, and the stream goes on; told with the first of them.
+    /// Messages are not kept, and the stream goes on; sent with the first of them.
     LeftOut(LeftOut),
     /// The connection is closed.
     Error {
-        /// Why.
+        /// Reason.
         reason: String,
-        /// Whether the same may go well later.
+        /// True if the same may succeed later.
         again: bool,
     },
 }
@@ -41,9 +41,9 @@ pub enum Reply {
 /// Messages that are not kept.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct LeftOut {
-    /// How many.
+    /// Number of messages.
     pub messages: u64,
-    /// Why.
+    /// Reason.
     pub reason: String,
 }
 

@@ -1,4 +1,4 @@
-//! The listeners at work: clients are let in, turned away, and told when the daemon stops.
+//! Runs the listeners: admits clients, turns them away, and notifies them when the daemon stops.
 
 use super::connection;
 use super::counts::Counts;
@@ -23,29 +23,29 @@ use tokio::task::JoinSet;
 use tokio::time::{Instant, sleep, timeout, timeout_at};
 use tokio_rustls::TlsAcceptor;
 
-/// From the moment it is let in, a client has this time for its TLS handshake and for something that makes sense. With the
-/// seconds it is then given to read why, it is gone within ten.
+/// Time of an admitted client for its TLS handshake and its first valid data. With the time to read the
+/// error, it is gone within ten seconds.
 pub(super) const GREETING: Duration = Duration::from_secs(7);
 
-/// How long clients are given to go when the daemon stops.
+/// Time for clients to leave when the daemon stops.
 const FAREWELL: Duration = Duration::from_millis(1500);
 
-/// How long a closed client may take to read why.
+/// Longest time for a disconnected client to read the reason.
 const LINGER: Duration = Duration::from_secs(1);
 
-/// Most clients that are told at once why they are turned away.
+/// Most clients turned away at once with a reason.
 const TOLD_AT_ONCE: usize = 16;
 
-/// Batches under way between clients and journal: they take turns.
+/// Most batches on their way from clients to the journal: they take turns.
 const TURNS: usize = 2;
 
-/// The topics somebody wants.
+/// Topics that rods read.
 pub type TopicSet = BTreeSet<String>;
 
-/// The topics somebody wants, as they are now: a reload sends new ones.
+/// Topics that rods read, at present: a reload sends new ones.
 pub type Topics = watch::Receiver<Arc<TopicSet>>;
 
-/// The topics the rods of a configuration read.
+/// Topics that the rods of a configuration read.
 pub fn topics_of(rods: &[RodConfig]) -> TopicSet {
     let channels = rods.iter().map(|rod| &rod.channels);
     channels
@@ -55,7 +55,7 @@ pub fn topics_of(rods: &[RodConfig]) -> TopicSet {
         .collect()
 }
 
-/// What all connections share.
+/// State shared by all connections.
 pub struct Server<I> {
     pub(super) settings: IngestSettings,
     pub(super) topics: Topics,
@@ -64,7 +64,7 @@ pub struct Server<I> {
     pub(super) counts: Arc<Counts>,
     tls: Option<TlsAcceptor>,
     pub(super) turns: Semaphore,
-    /// Places of clients that have said something that makes sense.
+    /// Places of clients that have sent valid data.
     pub(super) clients: Arc<Semaphore>,
     /// Bytes all clients together hold.
     pub(super) held: AtomicUsize,
@@ -99,13 +99,13 @@ impl<I: Intake> Server<I> {
         })
     }
 
-    /// Why nobody else can be served.
+    /// Error for a client beyond the limit.
     pub(super) fn full(&self) -> String {
         format!("{} clients are connected already", self.settings.clients)
     }
 }
 
-/// Serves until `stop` is true or its sender is gone, then says goodbye to everybody; that takes two seconds at most.
+/// Serves until `stop` is true or its sender is gone, then disconnects all clients, within two seconds.
 ///
 /// # Errors
 /// A listener that others than this machine can reach, without TLS; or one the system refuses.
@@ -157,7 +157,7 @@ impl Door {
         }
     }
 
-    /// The next client, and its address if it has one.
+    /// Accepts the next client, with its address if it has one.
     async fn accept(&self) -> io::Result<(Box<dyn Socket>, Option<SocketAddr>)> {
         match self {
             Self::Tcp(listener) => {
@@ -170,7 +170,7 @@ impl Door {
     }
 }
 
-/// Lets clients in at one listener.
+/// Admits clients at one listener.
 async fn attend<I: Intake>(
     door: Door,
     address: String,
@@ -278,7 +278,7 @@ async fn greet<I: Intake>(
     }
 }
 
-/// A connection that broke the program took nobody with it.
+/// Reports a connection that panicked; the others go on.
 fn report(health: &Health, ended: Result<(), tokio::task::JoinError>) {
     if ended.is_err_and(|fault| fault.is_panic()) {
         health.fault(Fault::Client, "a connection broke the program (please report)");
@@ -296,7 +296,8 @@ async fn turn_away(mut socket: Box<dyn Socket>, reason: String) {
     }
 }
 
-/// Reads what a client still sends, for a moment: a socket closed on unread bytes would lose our last words.
+/// Reads the client's remaining data for a moment: closing a socket with unread bytes would lose our last
+/// answers.
 pub(super) async fn linger(input: &mut (impl AsyncRead + Unpin)) {
     let until = Instant::now() + LINGER;
     let mut buffer = [0u8; 4096];

@@ -1,4 +1,4 @@
-//! The stream a client is sending: its channels, its messages, and the batch they are gathered in.
+//! The stream of a client: its channels, its messages, and the batch they are gathered in.
 
 use super::protocol::Refusal;
 use super::queue::Queue;
@@ -11,13 +11,14 @@ use std::collections::{BTreeSet, HashMap, VecDeque};
 use std::mem;
 use std::sync::Arc;
 
-/// A batch is full with this many bytes; the journal keeps a batch whole.
+/// Size of a full batch \[bytes\]; the journal keeps a batch whole.
 const BATCH_BYTES: usize = 256 << 10;
 
-/// Bytes an entry counts beyond its data.
+/// Bytes that an entry counts beyond its data.
 const ENTRY_BYTES: usize = 64;
 
-/// Largest schema that is kept \[bytes\]; a longer one cannot be read anyway, and is cut so that it is refused as too long.
+/// Largest schema kept \[bytes\]; a longer one cannot be read anyway, and is cut so that it is refused as too
+/// long.
 const MAX_SCHEMA: usize = (1 << 20) + 1;
 
 /// Most channels of one stream on topics that rods read.
@@ -26,37 +27,37 @@ const MAX_CHANNELS: usize = 1024;
 /// Most topics of no rod that are named of one connection.
 const MOST_STRAYS: usize = 16;
 
-/// What is known of a stream.
+/// State of a stream.
 #[derive(Default)]
 pub(super) struct Stream {
-    /// Whether its sender said its name.
+    /// True if its sender gave its name.
     pub is_named: bool,
-    /// Messages so far, those before this connection and those of no rod's topic included.
+    /// Number of messages so far, those before this connection and those of no rod's topic included.
     pub messages: u64,
     channels: HashMap<u16, Channel>,
     /// Schemas by their ids.
     schemas: HashMap<u16, Definition>,
-    /// Channels the journal knows.
+    /// Number of channels in the journal.
     told: usize,
     /// Ids given to the topics of JSON lines.
     ids: HashMap<String, u16>,
-    /// Batches that are full.
+    /// Full batches.
     full: VecDeque<Batch>,
     entries: Vec<Entry>,
     /// Bytes of the entries.
     weight: usize,
-    /// Messages that no batch accounts for yet.
+    /// Number of messages not yet in a batch.
     due: u64,
-    /// Messages of no rod's topic since it was asked last.
+    /// Number of messages of no rod's topic since the last call.
     pub foreign: u64,
     /// The first topics of no rod on which messages came.
     pub strays: BTreeSet<String>,
-    /// Messages of this connection that were kept, and those that were too large.
+    /// Number of messages of this connection that were kept, and of those too large.
     kept: u64,
     too_large: u64,
-    /// What was left out for the first time, until it is asked for.
+    /// Messages left out for the first time, until reported.
     news: Option<LeftOut>,
-    /// Why the stream is not taken any further.
+    /// Reason why no more of the stream is taken.
     refusal: Option<Refusal>,
 }
 
@@ -66,19 +67,19 @@ struct Channel {
     encoding: String,
     schema: Option<Definition>,
     is_wanted: bool,
-    /// Whether the journal knows it.
+    /// True if it is in the journal.
     is_told: bool,
 }
 
 impl Stream {
-    /// Other topics count from here on.
+    /// Changes the topics from here on.
     pub fn retarget(&mut self, topics: &TopicSet) {
         for channel in self.channels.values_mut() {
             channel.is_wanted = is_wanted(&channel.topic, topics);
         }
     }
 
-    /// Takes what a reader's next record holds.
+    /// Takes the items of a reader's next record.
     pub fn record(&mut self, reader: &mut Reader<Queue>, topics: &TopicSet) -> Result<Progress, Refusal> {
         let outcome = reader.step(&mut |item| match item {
             Item::Channel(id, channel, schema) => {
@@ -200,13 +201,13 @@ impl Stream {
         self.due += 1;
     }
 
-    /// What was left out for the first time since it was asked last.
+    /// Messages left out for the first time since the last call.
     pub fn take_news(&mut self) -> Option<LeftOut> {
         self.news.take()
     }
 
-    /// What of this connection's messages was not kept. Messages of other topics are, unless there is nothing else: then the
-    /// topic is mistyped here or there.
+    /// Messages of this connection that were not kept. Those of other topics are listed only if there are no others:
+    /// then the topic is mistyped on one side.
     pub fn left_out(&self) -> Vec<LeftOut> {
         let mut left_out = Vec::new();
         if self.too_large > 0 {
@@ -226,12 +227,12 @@ impl Stream {
         self.full.pop_front()
     }
 
-    /// What was gathered, if anything was.
+    /// Batch of the entries gathered so far, if any.
     pub fn batch(&mut self) -> Option<Batch> {
         self.full_batch().or_else(|| self.close_batch())
     }
 
-    /// A named stream accounts for messages of no rod's topic too.
+    /// Closes the batch; a named stream counts messages of no rod's topic too.
     fn close_batch(&mut self) -> Option<Batch> {
         let is_due = self.due > 0 && (self.is_named || !self.entries.is_empty());
         if !is_due {
@@ -246,7 +247,7 @@ impl Stream {
     }
 }
 
-/// Whether messages of a topic are kept; the journal's own notes come from nobody else.
+/// True if messages of a topic are kept; the journal's own notes come from no client.
 fn is_wanted(topic: &str, topics: &TopicSet) -> bool {
     topics.contains(topic) && topic != note::TOPIC
 }

@@ -1,4 +1,5 @@
-//! TLS for the TCP sockets: only clients with a certificate of the configured authority come in. Both sides of it.
+//! TLS for the TCP sockets: only clients with a certificate of the configured authority are admitted. Both
+//! sides of it.
 
 use super::listener::ListenError;
 use crate::config::settings::ingest::TlsSettings;
@@ -35,7 +36,7 @@ pub(super) fn acceptor(settings: &TlsSettings) -> Result<TlsAcceptor, ListenErro
     Ok(TlsAcceptor::from(Arc::new(config)))
 }
 
-/// The client's side: the authority the daemon's certificate must come from, the client's own certificate and its key.
+/// The client's side: authority of the daemon's certificate, the client's own certificate and its key.
 ///
 /// # Errors
 /// One of the files cannot be used.
@@ -53,7 +54,7 @@ pub(crate) fn connector(authority: &Path, certificate: &Path, key: &Path) -> Res
     Ok(TlsConnector::from(Arc::new(config)))
 }
 
-/// The certificates in a PEM file, at least one.
+/// Reads the certificates in a PEM file, at least one.
 fn certificates(path: &Path) -> Result<Vec<CertificateDer<'static>>, String> {
     let list: Vec<_> = CertificateDer::pem_file_iter(path)
         .and_then(Iterator::collect)
@@ -64,7 +65,7 @@ fn certificates(path: &Path) -> Result<Vec<CertificateDer<'static>>, String> {
     Ok(list)
 }
 
-/// The authorities in a PEM file.
+/// Reads the authorities in a PEM file.
 fn roots(path: &Path) -> Result<RootCertStore, String> {
     let mut roots = RootCertStore::empty();
     for certificate in certificates(path)? {

@@ -6,19 +6,19 @@ use tokio::io::{AsyncWrite, AsyncWriteExt};
 use tokio::sync::{mpsc, watch};
 use tokio::time::{Instant, sleep_until, timeout};
 
-/// The shortest time between two acks.
+/// Shortest time between two acks.
 const ACK_EVERY: Duration = Duration::from_millis(200);
 
-/// A client that does not read for this long gets no more answers.
+/// Longest time without reading before a client gets no more answers.
 const PATIENCE: Duration = Duration::from_secs(10);
 
-/// What is to be said.
+/// Instruction to the writer.
 pub(super) enum Said {
-    /// This.
+    /// Send this answer.
     Reply(Reply),
-    /// From here on what is durable, beyond this number of messages.
+    /// Send acks from here on, for durable messages beyond this number.
     Follow(u64, watch::Receiver<u64>),
-    /// That no longer.
+    /// Send no more acks.
     Unfollow,
 }
 
@@ -28,7 +28,7 @@ struct Acks {
     not_before: Instant,
 }
 
-/// Says everything, and closes our side in the end.
+/// Sends all answers, and closes our side at the end.
 pub(super) async fn write(mut output: impl AsyncWrite + Unpin, mut said: mpsc::Receiver<Said>) {
     let mut acks = None;
     loop {
@@ -60,7 +60,7 @@ pub(super) async fn write(mut output: impl AsyncWrite + Unpin, mut said: mpsc::R
     let _ = timeout(PATIENCE, output.shutdown()).await;
 }
 
-/// The next number of durable messages worth telling.
+/// Next number of durable messages to acknowledge.
 async fn next_ack(acks: &mut Option<Acks>) -> u64 {
     let Some(Acks {
         durable,

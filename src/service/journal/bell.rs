@@ -1,4 +1,4 @@
-//! Wakes the reader when there is something new.
+//! Wakes the reader when there is new data.
 
 use std::sync::{Condvar, Mutex, PoisonError};
 use std::time::Duration;
@@ -11,7 +11,7 @@ pub struct Bell {
 }
 
 impl Bell {
-    /// Wakes the one that waits, or that waits next.
+    /// Wakes the waiting thread, or the next one to wait.
     pub fn ring(&self) {
         *self.has_rung.lock().unwrap_or_else(PoisonError::into_inner) = true;
         self.changed.notify_one();

@@ -1,11 +1,11 @@
-//! A connection's way into the journal.
+//! A connection's input of the journal.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::Sender;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore, oneshot, watch};
 
-/// Bytes of batches that wait for the journal's thread, at most \[KiB\].
+/// Most data of batches that wait for the journal's thread \[KiB\].
 pub(super) const QUEUE_KIB: u32 = 32 << 10;
 
 /// The journal stopped, or another connection took over this sender's name.
@@ -19,41 +19,42 @@ pub enum Closed {
     TakenOver,
 }
 
-/// Largest message that is kept \[bytes\]: with a batch before it, it fits the records and chunks that are read.
+/// Largest message kept \[bytes\]: with a batch before it, it fits the records and chunks that readers
+/// accept.
 pub const MAX_MESSAGE: usize = 8 << 20;
 
 /// Name, encoding and content of a schema; the channels of one connection share it.
 pub type Definition = Arc<(String, String, Vec<u8>)>;
 
-/// What goes into the journal.
+/// Entry of a batch.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Entry {
     /// A channel, before its first message; ids are the connection's own.
     Channel {
-        /// Its id.
+        /// Id of the channel.
         id: u16,
-        /// Its topic.
+        /// Topic of the channel.
         topic: String,
-        /// How its messages are encoded.
+        /// Encoding of its messages.
         encoding: String,
-        /// Its schema.
+        /// Schema of its messages.
         schema: Option<Definition>,
     },
     /// A message, of [`MAX_MESSAGE`] bytes at most.
     Message {
-        /// Its channel.
+        /// Id of its channel.
         channel: u16,
-        /// When it was recorded \[ns since 1970\].
+        /// Time of recording \[ns since 1970\].
         log_time: u64,
-        /// When it was sent \[ns since 1970\].
+        /// Time of sending \[ns since 1970\].
         publish_time: u64,
-        /// Its content.
+        /// Content of the message.
         data: Vec<u8>,
     },
 }
 
 impl Entry {
-    /// About what it takes in memory \[bytes\].
+    /// Approximate size in memory \[bytes\].
     pub(super) fn bytes(&self) -> usize {
         64 + match self {
             Self::Channel { topic, schema, .. } => {
@@ -64,25 +65,28 @@ impl Entry {
     }
 }
 
-/// Some messages, and how far their sender's stream has come with them. A batch is kept whole: best below 1 MiB.
+/// Some messages, with the position of their sender's stream after them. A batch is kept whole: best below 1
+/// MiB.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Batch {
-    /// In the order they came.
+    /// Entries in the order of arrival.
     pub entries: Vec<Entry>,
-    /// Messages of this sender up to and including these, those of no rod's topic included.
+    /// Number of messages of this sender up to and including these, those of no rod's topic included.
     pub through: u64,
 }
 
-/// How a stream ended.
+/// End of a stream.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum End {
-    /// Its sender said so: what is open becomes a record. The next stream of a named sender counts from 0 again.
+    /// Ended by its sender: the open samples become a record. The next stream of a named sender counts from 0
+    /// again.
     Complete,
-    /// The connection broke: a named sender may come back, of others what is open becomes a record that is cut short.
+    /// The connection broke: a named sender may resume; of others the open samples become a record that is
+    /// cut short.
     Broken,
 }
 
-/// What the journal's thread is asked.
+/// Command to the journal's thread.
 #[derive(Debug)]
 pub(super) enum Command {
     Connect {
@@ -95,7 +99,7 @@ pub(super) enum Command {
     Batch {
         line: u64,
         batch: Batch,
-        /// Given back when the batch is on disk.
+        /// Room in the queue, released when the batch is on disk.
         room: OwnedSemaphorePermit,
     },
     End {
@@ -107,7 +111,7 @@ pub(super) enum Command {
     Stop,
 }
 
-/// The way to the journal's thread.
+/// Handle of the journal's thread.
 #[derive(Debug, Clone)]
 pub struct Handle {
     commands: Sender<Command>,
@@ -115,7 +119,7 @@ pub struct Handle {
     lines: Arc<AtomicU64>,
 }
 
-/// One connection's way into the journal. Dropped without [`Line::end`], its stream counts as broken.
+/// One connection's input of the journal. Dropped without [`Line::end`], its stream counts as broken.
 #[derive(Debug)]
 pub struct Line {
     number: u64,
@@ -136,7 +140,8 @@ impl Handle {
         }
     }
 
-    /// Begins or takes up a stream. A sender with a name resumes; an older connection of the same name is closed.
+    /// Begins or resumes a stream. A sender with a name resumes; an older connection of the same name is
+    /// closed.
     ///
     /// # Errors
     /// The daemon stops.
@@ -167,7 +172,7 @@ impl Handle {
         Ok(line)
     }
 
-    /// Closes the present part and begins another one.
+    /// Closes the current part and begins another one.
     pub fn rotate(&self) {
         // A journal that stopped needs no new part.
         let _ = self.commands.send(Command::Rotate);
@@ -179,12 +184,12 @@ impl Handle {
 }
 
 impl Line {
-    /// Messages of this sender that are durable already: it goes on with the one after them.
+    /// Number of messages of this sender that are durable already: it continues with the one after them.
     pub fn begins_at(&self) -> u64 {
         self.begins_at
     }
 
-    /// Puts a batch in; waits while the journal's queue is full.
+    /// Appends a batch; waits while the journal's queue is full.
     ///
     /// # Errors
     /// The daemon stops, or another connection took over.
@@ -204,7 +209,7 @@ impl Line {
         self.commands.send(command).map_err(|_| Closed::Stopping)
     }
 
-    /// Messages of this sender that are durable: what may be acknowledged.
+    /// Number of messages of this sender that are durable and may be acknowledged.
     pub fn durable(&self) -> watch::Receiver<u64> {
         self.durable.clone()
     }
@@ -228,7 +233,7 @@ impl Line {
     }
 }
 
-/// Waits until the line is closed, and says why.
+/// Waits until the line is closed; returns the reason.
 async fn reason(closed: &mut watch::Receiver<Option<Closed>>) -> Closed {
     match closed.wait_for(Option::is_some).await {
         Ok(reason) => reason.unwrap_or(Closed::Stopping),

@@ -1,4 +1,4 @@
-//! The journal: what came through the sockets, on disk before anything is made of it.
+//! The journal: data of the sockets, on disk before it is processed.
 //!
 //! All live data go into one series of MCAP files, `journal.000001.mcap` and so on, in the order they arrived. Data are
 //! acknowledged to their sender when they are durable here, and the daemon reads them from here like any recording. So
@@ -18,6 +18,7 @@ pub use bell::Bell;
 pub use handle::{Batch, Closed, Definition, End, Entry, Handle, Line, MAX_MESSAGE};
 
 use crate::service::telemetry::{Fault, Health};
+use crate::site::clock;
 use output::Output;
 use std::fs::{self, File, TryLockError};
 use std::io;
@@ -30,21 +31,22 @@ use streams::Streams;
 use tokio::sync::Semaphore;
 use writer::{Work, Writer, is_full};
 
-/// Why there is no journal, or no more.
+/// Reason why there is no journal, or no more.
 #[derive(Debug, thiserror::Error)]
 pub enum JournalError {
-    /// The file system refuses. What was not durable before is not acknowledged, and nothing is tried again.
+    /// The file system returned an error. Data not durable before is not acknowledged, and nothing is tried
+    /// again.
     #[error("{}: the journal cannot be written: {source}; see to the disk, then start again", path.display())]
     Io {
-        /// The folder.
+        /// Path of the folder.
         path: PathBuf,
-        /// What it said.
+        /// Error of the file system.
         source: io::Error,
     },
     /// Another process writes to it.
     #[error("{}: another process writes this journal; give each daemon its own folder", path.display())]
     Held {
-        /// The folder.
+        /// Path of the folder.
         path: PathBuf,
     },
 }
@@ -62,7 +64,7 @@ pub struct Around {
     pub vouch: Vouch,
 }
 
-/// A journal that is written, by a thread of its own.
+/// A journal and the thread that writes it.
 #[derive(Debug)]
 pub struct Journal {
     handle: Handle,
@@ -74,9 +76,9 @@ pub struct Journal {
 }
 
 impl Journal {
-    /// Takes up the journal in `folder`, or begins one. A named sender's stream that nobody takes up for `resume_s` is
-    /// broken. `failed` is called, on the journal's thread, when the disk refused: nothing more is kept or
-    /// acknowledged then, and the daemon must stop.
+    /// Resumes the journal in `folder`, or begins one. A named sender's stream that is not resumed within
+    /// `resume_s` is broken. `failed` is called, on the journal's thread, after an error of the disk: nothing
+    /// more is kept or acknowledged then, and the daemon must stop.
     ///
     /// # Errors
     /// The folder cannot be read or written, or another process has it.
@@ -153,22 +155,22 @@ impl Journal {
         })
     }
 
-    /// The way in.
+    /// Handle for connections.
     pub fn handle(&self) -> Handle {
         self.handle.clone()
     }
 
-    /// Rings when something new can be read.
+    /// Bell that rings when new data can be read.
     pub fn bell(&self) -> Arc<Bell> {
         Arc::clone(&self.bell)
     }
 
-    /// The number of the last part whose results are all in the store: parts up to it may be removed when they are old.
+    /// Number of the last part whose results are all in the store: parts up to it may be removed when old.
     pub fn results_kept(&self) -> Arc<AtomicU32> {
         Arc::clone(&self.results_kept)
     }
 
-    /// Writes what was appended, closes the part and ends the thread.
+    /// Writes the appended data, closes the part and ends the thread.
     pub fn stop(mut self) {
         self.halt();
     }
@@ -189,7 +191,7 @@ impl Drop for Journal {
     }
 }
 
-/// A name no other journal has.
+/// A unique name of a journal.
 fn new_name() -> String {
-    format!("{:x}-{:x}", output::now_ns(), std::process::id())
+    format!("{:x}-{:x}", clock::now_ns(), std::process::id())
 }

@@ -1,22 +1,23 @@
-//! The part that is written: an MCAP file whose bytes are made in memory and put on disk chunk by chunk.
+//! The part being written: an MCAP file made in memory and written to disk chunk by chunk.
 
 use super::Definition;
 use crate::recording::note::{Note, TOPIC};
 use crate::recording::part;
 use crate::service::telemetry::owned::Owned;
+use crate::site::clock;
 use mcap::records::MessageHeader;
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
-use std::time::{Instant, SystemTime, UNIX_EPOCH};
+use std::time::Instant;
 
-/// Channels of one part; ids have 16 bits.
+/// Most channels of one part; ids have 16 bits.
 const MAX_CHANNELS: usize = 60_000;
-/// Chunks of one part; each costs memory until its part is closed.
+/// Most chunks of one part; each costs memory until its part is closed.
 const MAX_CHUNKS: usize = 50_000;
-/// Bytes of schemas and channels in one part, as readers count them.
+/// Most bytes of schemas and channels in one part, as readers count them.
 const MAX_HELD: usize = 8 << 20;
 
 /// A channel to be written.
@@ -51,14 +52,14 @@ impl Write for Made {
     }
 }
 
-/// The part that is written.
+/// The part being written.
 pub(super) struct Output {
     pub number: u32,
     path: PathBuf,
     file: File,
     mcap: mcap::Writer<mcap::write::NoSeek<Made>>,
     made: Made,
-    /// Made, but not on disk yet. It stays after a full disk, and goes on where it stopped.
+    /// Bytes made, but not on disk yet. They stay after a full disk, and writing continues where it stopped.
     unwritten: Vec<u8>,
     bytes: u64,
     channels: usize,
@@ -78,14 +79,8 @@ fn other(fault: mcap::McapError) -> io::Error {
     }
 }
 
-/// Now, by this machine's clock \[ns since 1970\].
-pub(super) fn now_ns() -> u64 {
-    let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
-    u64::try_from(since.as_nanos()).unwrap_or(u64::MAX)
-}
-
 impl Output {
-    /// Creates the file of a part that does not exist yet; it says `note` first.
+    /// Creates the file of a new part, which begins with `note`.
     pub fn create(folder: &Path, number: u32, note: &Note) -> io::Result<Self> {
         let path = part::path(folder, number);
         let file = File::options().write(true).create_new(true).open(&path)?;
@@ -136,12 +131,12 @@ impl Output {
         Some(Owned::with(&self.path, &data))
     }
 
-    /// Whether these many channels more have room in this part.
+    /// True if this part has room for this many more channels.
     pub fn has_room(&self, channels: usize) -> bool {
         !self.has_data || (self.channels + channels <= MAX_CHANNELS && self.held <= MAX_HELD)
     }
 
-    /// Registers a stream's channel; its id in this part.
+    /// Registers a stream's channel; returns its id in this part.
     pub fn channel(&mut self, stream: &str, channel: &Channel) -> io::Result<u16> {
         let schema = match channel.schema.as_deref() {
             None => 0,
@@ -158,7 +153,7 @@ impl Output {
             .map_err(other)
     }
 
-    /// Puts a message into the open chunk.
+    /// Adds a message to the open chunk.
     pub fn message(&mut self, channel: u16, log_time: u64, publish_time: u64, data: &[u8]) -> io::Result<()> {
         self.sequence = self.sequence.wrapping_add(1);
         self.has_data = true;
@@ -173,7 +168,7 @@ impl Output {
 
     /// Closes the open chunk with a note as its last message; [`Output::write`] puts it on disk.
     pub fn close_chunk(&mut self, note: &Note) -> io::Result<()> {
-        let now = now_ns();
+        let now = clock::now_ns();
         let header = MessageHeader {
             channel_id: self.notes,
             sequence: self.sequence,
@@ -189,7 +184,8 @@ impl Output {
         Ok(())
     }
 
-    /// Writes what is made but not on disk. After an error it may be called again: it goes on where it stopped.
+    /// Writes the bytes not yet on disk. After an error it may be called again: it continues where it
+    /// stopped.
     pub fn write(&mut self) -> io::Result<()> {
         let mut written = 0;
         let mut outcome = Ok(());
@@ -215,7 +211,7 @@ impl Output {
         outcome
     }
 
-    /// Makes what is on disk durable. A failure is final: what was written before may be lost.
+    /// Makes the written data durable. A failure is final: data written before may be lost.
     pub fn sync(&mut self) -> io::Result<()> {
         if !self.is_synced {
             self.file.sync_data()?;
@@ -224,14 +220,14 @@ impl Output {
         Ok(())
     }
 
-    /// Makes the end of the file; nothing can be put in afterwards.
+    /// Makes the end of the file; nothing can be added afterwards.
     pub fn finish(&mut self) -> io::Result<()> {
         self.mcap.finish().map_err(other)?;
         self.unwritten.append(&mut self.made.take());
         Ok(())
     }
 
-    /// Whether the part is full or old enough to be closed.
+    /// True if the part is full or old enough to be closed.
     pub fn is_due(&self, part_bytes: u64, part_s: f64) -> bool {
         let is_large = self.bytes >= part_bytes || self.chunks >= MAX_CHUNKS;
         self.has_data && (is_large || self.began.elapsed().as_secs_f64() >= part_s)

@@ -1,4 +1,4 @@
-//! Which parts of a journal may go.
+//! Selects the parts of a journal to remove.
 
 use super::Vouch;
 use crate::config::settings::journal::JournalSettings;
@@ -11,9 +11,9 @@ use std::time::SystemTime;
 /// A part on disk.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Kept {
-    /// Its number.
+    /// Number of the part.
     pub part: u32,
-    /// Its length \[bytes\].
+    /// Size \[bytes\].
     pub bytes: u64,
     /// When it was last written, by the machine's clock \[ns since 1970\].
     pub modified_ns: i64,
@@ -79,6 +79,7 @@ pub(super) fn apply(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::analysis::signal::record::time::DAY_S;
 
     /// Parts of these ages, and which of them may go if the results of so many are kept.
     fn gone(ages_d: &[f64], done: usize, settings: &JournalSettings) -> Vec<u32> {
@@ -88,13 +89,13 @@ mod tests {
             modified_ns: 0,
         };
         let parts: Vec<Kept> = (1..).take(ages_d.len()).map(kept).collect();
-        let ages_s: Vec<f64> = ages_d.iter().take(done).map(|age_d| age_d * 86_400.0).collect();
+        let ages_s: Vec<f64> = ages_d.iter().take(done).map(|age_d| age_d * DAY_S).collect();
         removable(&parts, &ages_s, settings)
     }
 
     fn settings(keep_d: Option<f64>, keep_bytes: Option<u64>) -> JournalSettings {
         JournalSettings {
-            keep_s: keep_d.map(|days| days * 86_400.0),
+            keep_s: keep_d.map(|days| days * DAY_S),
             keep_bytes,
             ..JournalSettings::default()
         }

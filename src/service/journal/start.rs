@@ -1,4 +1,4 @@
-//! Takes up a journal: what its last part says.
+//! Resumes a journal from its last part.
 
 use crate::recording::note::{Note, Standing, State, TOPIC};
 use crate::recording::part;
@@ -10,20 +10,20 @@ use std::fs::File;
 use std::io;
 use std::path::Path;
 
-/// How a journal stands.
+/// State of a journal.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(super) struct Standings {
-    /// The journal's name; `None` if there is none yet.
+    /// Name of the journal; `None` if there is none yet.
     pub journal: Option<String>,
-    /// The number for the next part.
+    /// Number of the next part.
     pub next: u32,
-    /// Its streams.
+    /// Streams of the journal.
     pub streams: BTreeMap<String, Standing>,
-    /// What was wrong with the last part.
+    /// Damage of the last part, if any.
     pub damage: Option<String>,
 }
 
-/// Reads the last part that says anything. What stands in it is made durable first: a crash may have left it in memory.
+/// Reads the last part with a note. Its content is made durable first: a crash may have left it in memory.
 pub(super) fn look(folder: &Path) -> io::Result<Standings> {
     let parts = part::list(folder)?;
     let mut found = Standings {

@@ -1,23 +1,23 @@
-//! The streams a journal knows: how far each has come, who feeds it now, what is to be told.
+//! The streams of a journal: position, present connection, and changes to be noted.
 
-use super::output::now_ns;
 use crate::recording::note::{Note, Standing, State};
+use crate::site::clock::now_ns;
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 use tokio::sync::watch;
 
-/// Most senders that are remembered; beyond, the one that was silent longest is forgotten.
+/// Most senders remembered; beyond, the one that was silent longest is forgotten.
 const MAX_SENDERS: usize = 4096;
 
-/// One stream.
+/// State of one stream.
 struct Stream {
     standing: Standing,
-    /// The connection that feeds it.
+    /// Id of the connection that feeds it.
     line: Option<u64>,
     durable: Option<watch::Sender<u64>>,
-    /// Since when no connection feeds it.
+    /// Time since which no connection feeds it.
     alone: Option<Instant>,
-    /// Time it had been alone before this program began \[s\].
+    /// Time it had been without a connection before this program started \[s\].
     alone_before_s: f64,
 }
 
@@ -25,19 +25,19 @@ struct Stream {
 #[derive(Default)]
 pub(super) struct Streams {
     all: BTreeMap<String, Stream>,
-    /// What the next note tells.
+    /// Changes for the next note.
     changed: BTreeMap<String, Standing>,
-    /// What is written, and may be published once it is durable.
+    /// Positions written, to be published once durable.
     written: Vec<(watch::Sender<u64>, u64)>,
 }
 
-/// Whether a stream has a sender with a name, who may come back.
+/// True if a stream has a sender with a name, who may come back.
 pub(super) fn is_named(stream: &str) -> bool {
     !stream.starts_with('#')
 }
 
 impl Streams {
-    /// Takes up what the parts before say. Streams nobody can come back to are broken.
+    /// Restores the streams of earlier parts. Streams that cannot be resumed are broken.
     pub fn restored(standings: BTreeMap<String, Standing>) -> Self {
         let mut streams = Self::default();
         for (name, mut standing) in standings {
@@ -62,12 +62,12 @@ impl Streams {
         streams
     }
 
-    /// Messages of a stream that are in the journal.
+    /// Number of messages of a stream in the journal.
     pub fn messages(&self, name: &str) -> u64 {
         self.all.get(name).map_or(0, |stream| stream.standing.messages)
     }
 
-    /// A connection takes up or begins a stream; the one that had it before.
+    /// Gives a stream to a connection; returns the one that had it before.
     pub fn connect(&mut self, name: &str, line: u64, durable: watch::Sender<u64>) -> Option<u64> {
         let stream = self.all.entry(name.to_owned()).or_insert_with(|| Stream {
             standing: Standing {
@@ -85,7 +85,7 @@ impl Streams {
         stream.line.replace(line)
     }
 
-    /// Data of a stream were put in.
+    /// Notes the new position of a stream.
     pub fn advance(&mut self, name: &str, through: u64) {
         let Some(stream) = self.all.get_mut(name) else {
             return;
@@ -101,7 +101,7 @@ impl Streams {
         }
     }
 
-    /// The connection of a stream is gone, but somebody may take it up.
+    /// Notes that the connection of a stream is gone; the stream may be resumed.
     pub fn leave(&mut self, name: &str) {
         if let Some(stream) = self.all.get_mut(name) {
             stream.line = None;
@@ -111,7 +111,8 @@ impl Streams {
         }
     }
 
-    /// A stream ends; whether there is anything to tell. A named sender's broken stream keeps its position.
+    /// Ends a stream; returns true if there is a change to note. A named sender's broken stream keeps its
+    /// position.
     pub fn end(&mut self, name: &str, state: State) -> bool {
         let keeps = state == State::Broken && is_named(name);
         let standing = if keeps {
@@ -133,7 +134,7 @@ impl Streams {
         true
     }
 
-    /// Named streams nobody took up for `resume_s`, and those too many.
+    /// Named streams not resumed within `resume_s`, and those beyond the limit.
     pub fn expired(&self, resume_s: f64) -> Vec<String> {
         let is_over = |stream: &Stream| {
             let alone = stream.alone.map(|since| since.elapsed());
@@ -158,7 +159,7 @@ impl Streams {
         }
     }
 
-    /// What changed since the last note.
+    /// Changes since the last note, taken out.
     pub fn take_note(&mut self) -> Note {
         Note {
             begins: None,
@@ -166,7 +167,8 @@ impl Streams {
         }
     }
 
-    /// Every stream that has come anywhere, and what changed since the last note; told once it was [taken](Self::take_note).
+    /// Every stream with data, and the changes since the last note; they count as noted once
+    /// [taken](Self::take_note).
     pub fn full_note(&self) -> Note {
         let mut note = Note {
             begins: None,
@@ -180,14 +182,14 @@ impl Streams {
         note
     }
 
-    /// Everything written is durable now: tells the senders.
+    /// Publishes the positions written, which are now durable.
     pub fn publish(&mut self) {
         for (durable, messages) in self.written.drain(..) {
             durable.send_replace(messages);
         }
     }
 
-    /// How long until the next stream may expire; a coarse bound.
+    /// Time until the next stream may expire; a coarse bound.
     pub fn patience(&self, resume_s: f64) -> Duration {
         Duration::from_secs_f64(resume_s.clamp(0.01, 1.0))
     }

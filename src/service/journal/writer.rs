@@ -1,4 +1,4 @@
-//! The journal's thread: takes batches in, closes chunks, makes them durable, tells the senders.
+//! The journal's thread: takes batches, closes chunks, makes them durable, notifies the senders.
 
 use super::handle::{Batch, Closed, Command, End, Entry};
 use super::output::{Channel, Output};
@@ -17,30 +17,30 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError};
 use std::time::{Duration, Instant};
 use tokio::sync::{OwnedSemaphorePermit, oneshot, watch};
 
-/// A chunk is closed this long after its first data.
+/// Time after its first data at which a chunk is closed.
 const CHUNK_AFTER: Duration = Duration::from_millis(200);
-/// A chunk is closed when it has this many bytes.
+/// Size at which a chunk is closed \[bytes\].
 const CHUNK_BYTES: usize = 1 << 20;
-/// What is written is made durable this long after.
+/// Time after which written data is made durable.
 const SYNC_AFTER: Duration = Duration::from_millis(800);
 /// Pause before a full disk is tried again.
 const RETRY: Duration = Duration::from_secs(1);
 /// Pause between two looks at the file that is written.
 const LOOK_EVERY: Duration = Duration::from_secs(1);
-/// Pause between two looks at what is too old.
+/// Pause between two removals of old parts.
 const CLEAN_EVERY: Duration = Duration::from_secs(60);
 
 /// What the conditions of the journal are about.
 const ABOUT: &str = "journal";
 
-/// What the thread works with.
+/// Everything that the thread works with.
 pub(super) struct Writer {
     pub folder: PathBuf,
     pub journal: String,
     pub settings: JournalSettings,
     pub resume_s: f64,
     pub streams: Streams,
-    /// The part that is written; `None` while there was no room to begin one.
+    /// The part being written; `None` while there was no room to begin one.
     pub output: Option<Output>,
     pub next: u32,
     pub around: Around,
@@ -50,41 +50,41 @@ pub(super) struct Writer {
     pub state: Work,
 }
 
-/// What is under way.
+/// Work in progress.
 #[derive(Default)]
 pub(super) struct Work {
     lines: HashMap<u64, LineState>,
     anonymous: u64,
-    /// Bytes in the open chunk, and since when.
+    /// Bytes in the open chunk, and the time of the first.
     open_bytes: usize,
     open_since: Option<Instant>,
     rooms: Vec<OwnedSemaphorePermit>,
-    /// Since when something that is written is not durable.
+    /// Time since which written data is not durable.
     unsynced_since: Option<Instant>,
     ends: Vec<oneshot::Sender<()>>,
     /// The file of the part that is written, and when it was last looked at.
     owned: Option<Owned>,
     looked: Option<Instant>,
-    /// When old parts were last looked for, and how far results were kept then.
+    /// Time of the last removal of old parts, and the last part with results in the store then.
     cleaned: Option<Instant>,
     cleaned_through: u32,
 }
 
 struct LineState {
     stream: String,
-    /// By their ids: the connection's own, and the one in a part of the journal.
+    /// Channels by their ids: the connection's own, and the one in a part of the journal.
     channels: HashMap<u16, (Channel, Option<(u32, u16)>)>,
     closed: watch::Sender<Option<Closed>>,
 }
 
-/// Why the thread ends.
+/// Reason why the thread ends.
 enum Stop {
     Asked,
     Failed(JournalError),
 }
 
 impl Writer {
-    /// Works until it is told to stop; an error is final.
+    /// Works until stopped; an error is final.
     pub fn run(&mut self, commands: &Receiver<Command>) -> Result<(), JournalError> {
         match self.work(commands) {
             Ok(()) | Err(Stop::Asked) => Ok(()),
@@ -113,7 +113,7 @@ impl Writer {
         }
     }
 
-    /// How long nothing has to be done.
+    /// Time for which nothing has to be done.
     fn patience(&self) -> Duration {
         let until = |since: Option<Instant>, limit: Duration| {
             since.map_or(Duration::MAX, |since| limit.saturating_sub(since.elapsed()))
@@ -314,7 +314,7 @@ impl Writer {
         self.state.open_since.get_or_insert_with(Instant::now);
     }
 
-    /// Closes the open chunk and puts it on disk.
+    /// Closes the open chunk and writes it to disk.
     fn flush(&mut self) -> Result<(), Stop> {
         if self.state.open_bytes == 0 {
             return Ok(());
@@ -332,7 +332,7 @@ impl Writer {
         Ok(())
     }
 
-    /// Puts on disk what is made; waits while the disk is full.
+    /// Writes the bytes made to disk; waits while the disk is full.
     fn write_out(&mut self) -> Result<(), Stop> {
         loop {
             let Some(output) = &mut self.output else {
@@ -351,7 +351,7 @@ impl Writer {
         }
     }
 
-    /// Makes what is on disk durable and tells everyone.
+    /// Makes the written data durable and notifies reader and senders.
     fn sync(&mut self) -> Result<(), Stop> {
         self.flush()?;
         if let Some(output) = &mut self.output {
@@ -443,7 +443,7 @@ impl Writer {
         Ok(())
     }
 
-    /// A part was begun, with the first note in it.
+    /// Notes that a part was begun, with the first note in it.
     pub fn opened(&mut self, output: Output) {
         self.state.owned = output.owned();
         self.streams.take_note();
@@ -451,7 +451,7 @@ impl Writer {
         self.output = Some(output);
     }
 
-    /// What the next part says first.
+    /// First note of the next part.
     pub fn first_note(&self) -> crate::recording::note::Note {
         let mut note = self.streams.full_note();
         note.begins = Some(Begins {
@@ -461,7 +461,8 @@ impl Writer {
         note
     }
 
-    /// The disk is full: nothing is acknowledged, nothing lost. Removes what may go and waits a little.
+    /// Handles a full disk: nothing is acknowledged, nothing lost. Removes old parts and waits a
+    /// little.
     fn wait_for_room(&mut self) -> Result<(), Stop> {
         let folder = self.folder.display();
         let detail = format!("{folder}: no room for live data; senders wait until there is");
@@ -507,7 +508,7 @@ fn failed(folder: &std::path::Path, source: io::Error) -> Stop {
     })
 }
 
-/// Whether there was no room: the one fault of a disk that passes.
+/// True if there was no room: the only error of a disk that passes.
 pub(super) fn is_full(fault: &io::Error) -> bool {
     matches!(
         fault.kind(),

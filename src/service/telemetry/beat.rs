@@ -3,7 +3,7 @@
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
-/// When something last went through the whole pipeline, from the reader to the core.
+/// Time at which a tick last went through the whole pipeline, from the reader to the core.
 #[derive(Debug)]
 pub struct Beat {
     begun: Instant,
@@ -20,13 +20,14 @@ impl Default for Beat {
 }
 
 impl Beat {
-    /// The work loop is alive: the core calls it for every `Job::Tick` that reaches it, and nobody else.
+    /// Notes that the work loop is alive; called only by the core, for every `Job::Tick` that reaches
+    /// it.
     pub fn pass(&self) {
         let ms = u64::try_from(self.begun.elapsed().as_millis()).unwrap_or(u64::MAX);
         self.latest_ms.fetch_max(ms, Ordering::Relaxed);
     }
 
-    /// How long ago that was; since the start of the program if never.
+    /// Time since the last beat; since the start of the program if there was none.
     pub fn age(&self) -> Duration {
         self.age_at(Instant::now())
     }

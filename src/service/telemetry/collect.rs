@@ -1,4 +1,4 @@
-//! Metrics whose values are looked up when somebody asks: the state of health, free space.
+//! Metrics evaluated at each scrape: the state of health, free space.
 
 use super::{Beat, Fault, Health, State};
 use prometheus_client::collector::Collector;
@@ -10,12 +10,12 @@ use std::fmt;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// Conditions shown one by one: what they are about may come from outside.
+/// Most conditions shown one by one: their subjects may come from outside.
 const MOST_CONDITIONS: usize = 64;
 
 type NoLabels = Vec<(&'static str, String)>;
 
-/// Writes a family of gauges or counters whose values are known only when somebody asks.
+/// Writes a family of gauges or counters evaluated at the scrape.
 pub(super) fn family(
     encoder: &mut DescriptorEncoder<'_>,
     (name, unit, help): (&str, Option<Unit>, &str),
@@ -44,7 +44,7 @@ fn one(encoder: &mut MetricEncoder<'_>, kind: MetricType, value: f64) -> fmt::Re
     }
 }
 
-/// The state of health, at the moment somebody asks.
+/// State of health at the time of the scrape.
 #[derive(Debug)]
 pub(super) struct HealthNow {
     pub(super) health: Arc<Health>,
@@ -126,7 +126,7 @@ impl Collector for HealthNow {
     }
 }
 
-/// Free space of the disks that are written to.
+/// Free space of the disks in use.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Disks(Arc<Mutex<BTreeMap<&'static str, PathBuf>>>);
 

@@ -1,31 +1,31 @@
-//! What can go wrong around a daemon that goes on: one name for log, health and metrics.
+//! Faults around a daemon that goes on: one name for log, health and metrics.
 
-/// A kind of fault. Every one that happens is counted, shown and logged, none is silent.
+/// A kind of fault. Every occurrence is counted, shown and logged.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Fault {
     /// A record gave no force, for a stated reason (kept in the store).
     Rejected,
     /// A recording is damaged, cut short, or cannot be read.
     Recording,
-    /// A client sent what cannot be understood, or broke the limits.
+    /// A client sent malformed data, or broke the limits.
     Client,
     /// A client was turned away: too many, or not allowed.
     Refused,
     /// A client was silent for too long.
     Idle,
-    /// Something that again and again ended the program was set aside.
+    /// An input or record that crashed the process repeatedly was set aside.
     Quarantined,
-    /// The analysis of a record broke.
+    /// The analysis of a record panicked.
     Broken,
     /// The disk has no room for results or the journal.
     DiskFull,
-    /// The store was damaged when it was opened, and begun anew.
+    /// The store was damaged when opened, and replaced by a new one.
     StoreDamaged,
     /// The store or the journal cannot be written.
     Write,
     /// A sink cannot be reached, or refuses.
     Sink,
-    /// A new configuration is bad: the old one holds.
+    /// A new configuration has faults: the old one stays in force.
     Reload,
     /// A watched folder cannot be read.
     Folder,
@@ -39,12 +39,12 @@ pub enum Fault {
     Behind,
     /// No daemon was at work for a while.
     Outage,
-    /// The work loop stands still.
+    /// The work loop is stalled.
     Stalled,
 }
 
 impl Fault {
-    /// Every kind.
+    /// Every kind of fault.
     pub const ALL: [Self; 19] = [
         Self::Rejected,
         Self::Recording,
@@ -67,7 +67,7 @@ impl Fault {
         Self::Stalled,
     ];
 
-    /// The name in logs, health and metrics.
+    /// Name in logs, health and metrics.
     pub fn code(self) -> &'static str {
         match self {
             Self::Rejected => "rejected",
@@ -92,7 +92,7 @@ impl Fault {
         }
     }
 
-    /// What happened, in one sentence; docs/operations.md says what to do.
+    /// Meaning of the fault, in one sentence; docs/operations.md gives the remedy.
     pub fn meaning(self) -> &'static str {
         match self {
             Self::Rejected => "a record gave no force, for a reason that is kept in the store",
@@ -117,7 +117,7 @@ impl Fault {
         }
     }
 
-    /// Whether results are not kept, or not made, while it lasts.
+    /// True if results are not kept, or not made, while it lasts.
     pub fn is_grave(self) -> bool {
         matches!(self, Self::DiskFull | Self::Write | Self::Files | Self::Stalled)
     }

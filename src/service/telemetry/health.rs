@@ -1,4 +1,4 @@
-//! Faults counted, conditions remembered, and at most one log line a minute of each kind.
+//! Counts faults, holds conditions, and logs at most one line a minute of each kind.
 
 use super::ledger::Ledger;
 use super::{Condition, Fault, Phase, Report, State, Strays};
@@ -14,13 +14,13 @@ pub struct Health {
 }
 
 impl Health {
-    /// Something went wrong: counts it, and logs it unless one of its kind was logged less than a minute ago.
+    /// Counts a fault, and logs it unless one of its kind was logged less than a minute ago.
     pub fn fault(&self, fault: Fault, detail: impl Display) {
         let line = self.ledger().fault(fault, &detail.to_string(), Instant::now());
         log(fault, line);
     }
 
-    /// A fault begins to last, or goes on; counted and logged as [`Health::fault`] when it is new.
+    /// Begins or continues a lasting fault; counted and logged as [`Health::fault`] when new.
     pub fn hold(&self, fault: Fault, about: &str, detail: impl Display) {
         let line = self
             .ledger()
@@ -36,7 +36,7 @@ impl Health {
             .any(|lasting| lasting.fault == fault && lasting.about == about)
     }
 
-    /// A lasting fault is over, if it was there.
+    /// Ends a lasting fault, if present.
     pub fn over(&self, fault: Fault, about: &str) {
         let line = self.ledger().over(fault, about, Instant::now());
         if let Some(line) = line {
@@ -44,7 +44,7 @@ impl Health {
         }
     }
 
-    /// Logs what was held back and whose minute is over; called every few seconds.
+    /// Logs the lines held back whose minute is over; called every few seconds.
     pub fn tick(&self) {
         let lines = self.ledger().due(Instant::now());
         for (fault, line) in lines {
@@ -52,27 +52,27 @@ impl Health {
         }
     }
 
-    /// The daemon has come this far ([`Telemetry::enter`](super::Telemetry::enter)).
+    /// Sets the phase of the daemon ([`Telemetry::enter`](super::Telemetry::enter)).
     pub(super) fn enter(&self, phase: Phase) {
         self.ledger().enter(phase);
     }
 
-    /// How far the daemon has come.
+    /// Phase of the daemon.
     pub fn phase(&self) -> Phase {
         self.ledger().phase().clone()
     }
 
-    /// Everything in one word.
+    /// State in one word.
     pub fn state(&self) -> State {
         self.ledger().state(Instant::now())
     }
 
-    /// Everything, as it is now.
+    /// Report of the present state.
     pub fn report(&self) -> Report {
         self.ledger().report(Instant::now())
     }
 
-    /// The faults that last.
+    /// Lasting faults.
     pub fn conditions(&self) -> Vec<Condition> {
         self.ledger().conditions()
     }
@@ -82,7 +82,7 @@ impl Health {
         &self.strays
     }
 
-    /// How often a fault happened.
+    /// Number of times a fault happened.
     pub fn count(&self, fault: Fault) -> u64 {
         self.ledger().count(fault)
     }
@@ -92,7 +92,7 @@ impl Health {
     }
 }
 
-/// The line of a fault, if one is due.
+/// Logs the line of a fault, if one is due.
 fn log(fault: Fault, line: Option<String>) {
     match line {
         None => {}

@@ -1,32 +1,32 @@
-//! The book of faults: counts, conditions, and what is due to be logged; a pure fold over calls and their times.
+//! Ledger of faults: counts, conditions, and lines due to be logged; a pure fold over calls and their times.
 
 use super::Fault;
 use super::report::{ConditionLine, FaultLine, Phase, Report, State};
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
-/// The shortest time between two log lines of one kind of fault.
+/// Shortest time between two log lines of one kind of fault.
 const LOG_EVERY: Duration = Duration::from_secs(60);
 
-/// For this long a fault that is past makes the state `degraded`.
+/// Time for which a past fault makes the state `degraded`.
 const REMEMBERED: Duration = Duration::from_secs(15 * 60);
 
-/// Most conditions held at once: what they are about may come from outside.
+/// Most conditions held at once: their subjects may come from outside.
 const MOST_CONDITIONS: usize = 256;
 
-/// The longest detail kept, in characters.
+/// Longest detail kept, in characters.
 const LONGEST_DETAIL: usize = 500;
 
-/// A fault that lasts.
+/// A lasting fault.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Condition {
-    /// Its kind.
+    /// Kind of the fault.
     pub fault: Fault,
-    /// What it is about: a sink, a folder, a file.
+    /// Subject: a sink, a folder, a file.
     pub about: String,
-    /// One sentence.
+    /// Description in one sentence.
     pub detail: String,
-    /// Since when.
+    /// Begin of the condition.
     pub since: Instant,
     is_logged: bool,
 }
@@ -48,7 +48,7 @@ struct Kind {
 }
 
 impl Ledger {
-    /// Counts a fault; gives the line to log, unless one of its kind was logged less than a minute ago.
+    /// Counts a fault; returns the line to log, unless one of its kind was logged less than a minute ago.
     pub(super) fn fault(&mut self, fault: Fault, detail: &str, now: Instant) -> Option<String> {
         let detail = clean(detail);
         let kind = self.kinds.entry(fault).or_default();
@@ -87,7 +87,7 @@ impl Ledger {
         line
     }
 
-    /// Ends a condition; gives the line to log, if its begin was logged or it lasted for a while.
+    /// Ends a condition; returns the line to log, if its begin was logged or it lasted for a while.
     pub(super) fn over(&mut self, fault: Fault, about: &str, now: Instant) -> Option<String> {
         let condition = self.conditions.remove(&(fault, clean(about)))?;
         // What was true until now has only just become the past.
@@ -98,7 +98,7 @@ impl Ledger {
             .then(|| format!("{}: over after {} s", condition.about, lasted.as_secs()))
     }
 
-    /// Lines for what was not logged when it happened and whose minute is over.
+    /// Lines for faults not logged when they happened whose minute is over.
     pub(super) fn due(&mut self, now: Instant) -> Vec<(Fault, String)> {
         let mut lines = Vec::new();
         for (fault, kind) in &mut self.kinds {
@@ -177,7 +177,7 @@ impl Kind {
     }
 }
 
-/// A detail fit for one line of a log: no control characters, of bounded length.
+/// Makes a detail fit for one line of a log: no control characters, bounded length.
 fn clean(detail: &str) -> String {
     let mut clean: String = detail
         .chars()

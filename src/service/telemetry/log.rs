@@ -1,4 +1,4 @@
-//! Where the log goes: plain lines on stderr, JSON lines, or the systemd journal with its fields.
+//! Output of the log: plain lines on stderr, JSON lines, or the systemd journal with its fields.
 
 use clap::ValueEnum;
 use std::env;
@@ -7,19 +7,19 @@ use tracing_subscriber::layer::SubscriberExt;
 use tracing_subscriber::util::SubscriberInitExt;
 use tracing_subscriber::{EnvFilter, Layer, Registry, fmt};
 
-/// The form of the log.
+/// Form of the log.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Format {
-    /// Lines for people on stderr.
+    /// Plain lines on stderr.
     Plain,
-    /// To the systemd journal, each field by its own name (`journalctl TIRANTE_FAULT=sink`).
+    /// The systemd journal, each field by its own name (`journalctl TIRANTE_FAULT=sink`).
     Journal,
-    /// One JSON object a line on stderr.
+    /// One JSON object per line on stderr.
     Json,
 }
 
 /// Starts the log. Without a format it is `journal` if stderr leads there, else `plain`; `is_daemon` puts times on plain
-/// lines that nobody else stamps.
+/// lines, which nothing else stamps.
 pub fn start(format: Option<Format>, filter: EnvFilter, is_daemon: bool) {
     let format = format.unwrap_or(if is_daemon && stderr_is_the_journal() {
         Format::Journal
@@ -63,7 +63,8 @@ fn layer(format: Format, is_daemon: bool) -> (Boxed, Option<io::Error>) {
     }
 }
 
-/// Whether stderr is the stream systemd opened to its journal: `JOURNAL_STREAM` names its device and inode.
+/// True if stderr is the stream that systemd opened to its journal: `JOURNAL_STREAM` names its device and
+/// inode.
 fn stderr_is_the_journal() -> bool {
     let Ok(stream) = env::var("JOURNAL_STREAM") else {
         return false;

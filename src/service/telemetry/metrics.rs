@@ -26,10 +26,10 @@ use std::time::{Duration, SystemTime};
 /// A gauge of a quantity.
 pub(super) type Quantity = Gauge<f64, AtomicU64>;
 
-/// What came of one attempt to deliver news.
+/// Result of one attempt to deliver an event.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Delivery {
-    /// The sink has it.
+    /// Delivered to the sink.
     Delivered,
     /// It is tried again later.
     Failed,
@@ -78,7 +78,7 @@ pub struct Metrics {
 }
 
 impl Metrics {
-    /// All at zero.
+    /// All metrics, at zero.
     pub fn new(health: Arc<Health>, beat: Arc<Beat>) -> Self {
         let mut registry = Registry::default();
         registry.register_collector(Box::new(Process));
@@ -115,7 +115,7 @@ impl Metrics {
         }
     }
 
-    /// A record was taken, and is durable; its commit took this long.
+    /// Counts a record taken and durable, with the time of its commit.
     pub fn taken(&self, outcome: &Outcome, verdict: &Verdict, took: Duration) {
         let rod = outcome.rod();
         self.commit_s.observe(took.as_secs_f64());
@@ -140,7 +140,7 @@ impl Metrics {
         self.rods.taken(outcome, verdict);
     }
 
-    /// A record came that the store has already.
+    /// Counts a record that is in the store already.
     pub fn known(&self, rod: &RodId) {
         self.record(rod, "known");
     }
@@ -153,33 +153,33 @@ impl Metrics {
         self.records.get_or_create(&of).inc();
     }
 
-    /// How all rods of the store stand: at the start, and when another configuration holds.
+    /// Sets the status of all rods of the store: at the start, and for another configuration.
     pub fn standings(&self, standings: &[Standing]) {
         self.rods.all(standings);
     }
 
-    /// One record's analysis took this long.
+    /// Adds the time of one record's analysis.
     pub fn analysis(&self, took: Duration) {
         self.analysis_s.observe(took.as_secs_f64());
     }
 
-    /// This many clients are connected.
+    /// Sets the number of clients connected.
     pub fn clients(&self, connected: usize) {
         self.clients.set(count(connected));
     }
 
-    /// Messages came through a socket, of so many bytes together.
+    /// Counts messages from a socket, and their bytes.
     pub fn received(&self, messages: u64, bytes: u64) {
         self.received_messages.inc_by(messages);
         self.received_bytes.inc_by(bytes);
     }
 
-    /// The journal's parts on disk have this many bytes together.
+    /// Sets the total size of the journal's parts on disk \[bytes\].
     pub fn journal(&self, bytes: u64) {
         self.journal_bytes.set(i64::try_from(bytes).unwrap_or(i64::MAX));
     }
 
-    /// This many news wait for a sink.
+    /// Sets the number of events that wait for a sink.
     pub fn outbox(&self, sink: &str, waiting: usize) {
         let sink = OfSink {
             sink: sink.to_owned(),
@@ -187,7 +187,7 @@ impl Metrics {
         self.outbox_waiting.get_or_create(&sink).set(count(waiting));
     }
 
-    /// News were delivered to a sink, or not.
+    /// Counts a delivery to a sink, or a failure.
     pub fn delivery(&self, sink: &str, outcome: Delivery) {
         self.deliveries
             .get_or_create(&OfSinkOutcome {
@@ -197,7 +197,7 @@ impl Metrics {
             .inc();
     }
 
-    /// A sink is no longer configured.
+    /// Removes a sink that is no longer configured.
     pub fn forget_sink(&self, sink: &str) {
         let sink = OfSink {
             sink: sink.to_owned(),
@@ -210,7 +210,7 @@ impl Metrics {
         self.disks.paths().insert(use_, path);
     }
 
-    /// Everything as OpenMetrics text.
+    /// All metrics as OpenMetrics text.
     pub fn text(&self) -> String {
         let mut text = String::new();
         match encode(&mut text, &self.registry) {
@@ -221,7 +221,7 @@ impl Metrics {
     }
 }
 
-/// A record whose end is longer ago was not live when it came \[s\].
+/// Largest age of a live record's end when it comes \[s\].
 const LIVE_S: f64 = 3600.0;
 
 const ANALYSIS_S: [f64; 10] = [0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0];
@@ -232,7 +232,7 @@ pub(super) fn count(items: usize) -> i64 {
     i64::try_from(items).unwrap_or(i64::MAX)
 }
 
-/// A registry that hands back what it was given.
+/// A registry that returns the metric registered.
 pub(super) struct Register<'r>(&'r mut Registry);
 
 impl Register<'_> {

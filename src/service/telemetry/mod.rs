@@ -1,4 +1,4 @@
-//! What a daemon says of itself while it runs: faults that happened, conditions that last, counts, logs.
+//! Telemetry of a running daemon: faults, lasting conditions, counts, logs.
 
 pub mod beat;
 mod collect;
@@ -23,12 +23,12 @@ pub use strays::Strays;
 
 use std::sync::Arc;
 
-/// What all parts of a daemon tell of themselves, and the servers that show it.
+/// Telemetry of all parts of a daemon, and of the servers that show it.
 #[derive(Debug, Clone)]
 pub struct Telemetry {
     /// Faults and conditions.
     pub health: Arc<Health>,
-    /// Whether the work loop is alive.
+    /// Beat of the work loop.
     pub beat: Arc<Beat>,
     /// Counts and gauges.
     pub metrics: Arc<Metrics>,
@@ -47,7 +47,7 @@ impl Default for Telemetry {
 }
 
 impl Telemetry {
-    /// The daemon has come this far. From serving on, the work loop must beat.
+    /// Enters a phase. From serving on, the work loop must beat.
     pub fn enter(&self, phase: Phase) {
         self.beat.pass();
         self.health.enter(phase);

@@ -8,7 +8,7 @@ use prometheus_client::registry::Unit;
 use std::fmt;
 use std::fs;
 
-/// The process, at the moment somebody asks.
+/// The process at the time of the scrape.
 #[derive(Debug)]
 pub(super) struct Process;
 
@@ -70,13 +70,14 @@ impl Collector for Process {
     }
 }
 
-/// The number behind `field` at the begin of a line.
+/// Number after `field` at the begin of a line.
 fn number_behind(text: &str, field: &str) -> Option<f64> {
     let rest = text.lines().find_map(|line| line.strip_prefix(field))?;
     rest.split_whitespace().next()?.parse().ok()
 }
 
-/// User and system time \[s\] from `/proc/self/stat`, the 14th and 15th field; the name before them may hold blanks.
+/// User and system time \[s\] from `/proc/self/stat`, the 14th and 15th field; the name before them may
+/// contain blanks.
 fn processor_s(stat: &str) -> Option<f64> {
     let (_, behind_name) = stat.rsplit_once(')')?;
     let mut fields = behind_name.split_whitespace().skip(11);

@@ -2,14 +2,14 @@
 
 use serde::{Serialize, Serializer};
 
-/// How far the daemon has come.
+/// Phase of the daemon.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Phase {
-    /// It is not ready yet; the text says what it does.
+    /// Not ready yet; the text names the present step.
     Starting(&'static str),
     /// The store is open and the sources are live.
     Serving,
-    /// It drains and ends.
+    /// Drains and ends.
     Stopping,
 }
 
@@ -20,12 +20,12 @@ impl Default for Phase {
 }
 
 impl Phase {
-    /// Whether it is not ready yet.
+    /// True if it is not ready yet.
     pub fn is_starting(&self) -> bool {
         matches!(self, Self::Starting(_))
     }
 
-    /// Why requests and data should not come yet, or any more; `None` while serving.
+    /// Reason why requests and data should not come yet, or no more; `None` while serving.
     pub fn not_ready(&self) -> Option<&'static str> {
         match self {
             Self::Starting(doing) => Some(doing),
@@ -45,13 +45,13 @@ impl Serialize for Phase {
     }
 }
 
-/// Everything in one word.
+/// State of health in one word.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum State {
     /// Not ready yet.
     Starting,
-    /// Nothing is wrong, and nothing was for a quarter of an hour.
+    /// No fault, and none for a quarter of an hour.
     Ok,
     /// A fault lasts, or one happened lately; results are made and kept.
     Degraded,
@@ -63,7 +63,7 @@ impl State {
     /// Every state.
     pub const ALL: [Self; 4] = [Self::Starting, Self::Ok, Self::Degraded, Self::Failing];
 
-    /// The name in JSON and metrics.
+    /// Name in JSON and metrics.
     pub fn code(self) -> &'static str {
         match self {
             Self::Starting => "starting",
@@ -77,40 +77,40 @@ impl State {
 /// The state of health at one moment.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Report {
-    /// In one word.
+    /// State in one word.
     pub state: State,
-    /// How far the daemon has come.
+    /// Phase of the daemon.
     pub phase: Phase,
-    /// Faults that last.
+    /// Lasting faults.
     pub conditions: Vec<ConditionLine>,
     /// Every kind of fault that happened since the start.
     pub faults: Vec<FaultLine>,
 }
 
-/// A fault that lasts.
+/// A lasting fault.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ConditionLine {
-    /// Its kind.
+    /// Kind of the fault.
     pub fault: &'static str,
-    /// What it is about.
+    /// Subject: a sink, a folder, a file.
     pub about: String,
-    /// One sentence.
+    /// Description in one sentence.
     pub detail: String,
-    /// How long it has lasted \[s\].
+    /// Time since its begin \[s\].
     pub for_s: u64,
 }
 
 /// A kind of fault that happened.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct FaultLine {
-    /// Its kind.
+    /// Kind of the fault.
     pub fault: &'static str,
-    /// What that means.
+    /// Meaning of the fault.
     pub meaning: &'static str,
-    /// How often.
+    /// Number of occurrences.
     pub count: u64,
-    /// How long ago the latest was \[s\].
+    /// Time since the latest \[s\].
     pub last_s_ago: Option<u64>,
-    /// The latest, in one sentence.
+    /// Description of the latest, in one sentence.
     pub last: String,
 }

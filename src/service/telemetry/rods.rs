@@ -1,4 +1,4 @@
-//! Gauges of the rods: how each stands after its latest record.
+//! Gauges of the rods: the status of each after its latest record.
 
 use super::metrics::{Quantity, Register, count};
 use crate::analysis::identify::Identification;
@@ -12,9 +12,8 @@ use prometheus_client::encoding::EncodeLabelSet;
 use prometheus_client::metrics::family::Family;
 use prometheus_client::metrics::gauge::Gauge;
 use prometheus_client::registry::Unit;
-use serde::Deserialize;
 
-/// The states of [`RodState`].
+/// States of [`RodState`].
 const STATES: [&str; 4] = ["learning", "monitoring", "alarm", "not-monitoring"];
 
 #[derive(Debug, Clone, PartialEq, Eq, Hash, EncodeLabelSet)]
@@ -42,17 +41,6 @@ pub(super) struct Rods {
     relative: Family<OfRod, Quantity>,
     last_record_s: Family<OfRod, Quantity>,
     awaited_s: Family<OfRod, Quantity>,
-}
-
-/// What the store's line of a record says of its force.
-#[derive(Default, Deserialize)]
-struct Line {
-    start: Option<Timestamp>,
-    segment: Option<u32>,
-    tracked_force_n: Option<Interval>,
-    relative_force: Option<Interval>,
-    force_at_reference_n: Option<Interval>,
-    relative_force_at_reference: Option<Interval>,
 }
 
 impl Rods {
@@ -91,7 +79,7 @@ impl Rods {
         }
     }
 
-    /// A record was taken.
+    /// Updates the gauges after a record.
     pub(super) fn taken(&self, outcome: &Outcome, verdict: &Verdict) {
         let rod = outcome.rod();
         self.stands(rod, &verdict.state, &verdict.alarms);
@@ -108,7 +96,7 @@ impl Rods {
         }
     }
 
-    /// How all rods stand, and no other.
+    /// Sets the status of all rods, and removes any other.
     pub(super) fn all(&self, standings: &[Standing]) {
         self.alarms.clear();
         self.state.clear();
@@ -121,19 +109,17 @@ impl Rods {
             let rod = &standing.rod;
             self.stands(rod, &standing.state, &standing.alarms);
             put(&self.awaited_s, rod, standing.awaited.map(seconds));
-            let line = standing.latest.as_deref().map(serde_json::from_str::<Line>);
             // One record of the year 2100 must not hide that nothing has come since.
-            let used = line.as_ref().and_then(|line| line.as_ref().ok()?.start);
+            let row = standing.latest_row();
+            let used = row.as_ref().ok().and_then(|row| row.as_ref()?.start);
             let latest = [standing.latest_start, used];
             let latest = latest.into_iter().flatten().find(|start| is_past(*start, now));
             put(&self.last_record_s, rod, latest.map(seconds));
             // What an older segment's record says is relative to another baseline.
-            if let Some(Ok(line)) = line
-                && line.segment == Some(standing.segment)
+            if let Ok(Some(row)) = row
+                && row.segment == Some(standing.segment)
             {
-                let force_n = line.force_at_reference_n.or(line.tracked_force_n);
-                let ratio = line.relative_force_at_reference.or(line.relative_force);
-                self.force(rod, force_n, ratio);
+                self.force(rod, row.force_n(), row.ratio());
             }
         }
     }
@@ -162,7 +148,7 @@ impl Rods {
     }
 }
 
-/// Shows a value, or that there is none.
+/// Sets a value, or removes it if there is none.
 fn put(gauges: &Family<OfRod, Quantity>, rod: &RodId, value: Option<f64>) {
     let of = OfRod { rod: rod.0.clone() };
     match value {
@@ -182,7 +168,7 @@ fn is_past(start: Timestamp, now: Timestamp) -> bool {
     start.seconds_since(now) <= AHEAD_S
 }
 
-/// The end of a record that gave a force \[s since 1970\].
+/// End of a record that gave a force \[s since 1970\].
 pub(super) fn end_s(outcome: &Outcome) -> Option<f64> {
     match outcome {
         Outcome::Identified(identification) => {

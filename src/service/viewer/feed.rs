@@ -1,4 +1,4 @@
-//! What is new in a store, as messages: each viewer has a feed of its own and asks it when the store's bell rings.
+//! Changes in a store, as messages: each viewer has its own feed and queries it when the store's bell rings.
 
 use super::{Message, Topic};
 use crate::analysis::record_view::Snapshot;
@@ -7,37 +7,38 @@ use crate::service::api;
 use crate::site::store::{FileId, Reader, StoreError};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Most records told at once, and most news of alarms: of more the oldest are left out, which is told.
+/// Most records sent at once, and most alarm events: beyond, the oldest are left out and counted.
 const MOST: usize = 500;
 
-/// Most alarms told of those that stand, the latest.
+/// Most active alarms sent, the latest.
 const STANDING: usize = 100;
 
-/// Follows a store from a moment on. Every question is to be asked within one view of the store ([`Reader::together`]).
+/// Follows a store from a moment on. Call every method within one snapshot of the store
+/// ([`Reader::together`]).
 #[derive(Debug)]
 pub struct Feed {
     file: FileId,
-    /// The number of the last record told.
+    /// Number of the last record sent.
     record: i64,
-    /// The number of the last news of an alarm told.
+    /// Number of the last alarm event sent.
     news: i64,
-    /// When the last picture of each rod began, as of the last question, of a refused record and of others.
+    /// Start of each rod's last view at the last call, of a refused record and of others.
     pictured: BTreeMap<(RodId, bool), Timestamp>,
 }
 
-/// What was committed since the last question.
+/// Changes committed since the last call.
 #[derive(Debug, Default)]
 pub struct News {
-    /// Messages of the topics that are wanted: of records in the order of commits, of pictures, of alarms.
+    /// Messages of the wanted topics: of records in the order of commits, of views, of alarms.
     pub messages: Vec<Message>,
-    /// Records and news of alarms that were too many.
+    /// Number of records and alarm events left out.
     pub left_out: usize,
-    /// Whether another store took the place of the one that was followed.
+    /// True if another store took the place of the one followed.
     pub is_other_store: bool,
 }
 
 impl Feed {
-    /// From now on: what the store has already is not new.
+    /// A feed from now on: the present content of the store is not new.
     ///
     /// # Errors
     /// The store cannot be read.
@@ -50,7 +51,7 @@ impl Feed {
         })
     }
 
-    /// Everything a store can be asked for.
+    /// All topics of a store.
     ///
     /// # Errors
     /// The store cannot be read.
@@ -62,7 +63,7 @@ impl Feed {
             .collect())
     }
 
-    /// This stands and was told: the same picture is not told again as news.
+    /// Notes present messages that were sent: the same view is not sent again as new.
     pub fn told(&mut self, standing: &[Message]) {
         for message in standing {
             if let Topic::Waveform(rod) | Topic::Spectrum(rod) = &message.topic {
@@ -71,10 +72,10 @@ impl Feed {
         }
     }
 
-    /// What was committed since the last question, of the topics that are wanted.
+    /// Changes since the last call, of the wanted topics.
     ///
     /// # Errors
-    /// The store cannot be read, or a row is damaged; the next question then says what this one did not.
+    /// The store cannot be read, or a row is damaged; the next call then returns the missed changes.
     pub fn news(&mut self, reader: &Reader, wanted: &BTreeSet<Topic>) -> Result<News, StoreError> {
         let is_other_store = reader.file() != self.file;
         if is_other_store {
@@ -93,8 +94,8 @@ impl Feed {
         let left_out = (after_record - self.record) + (after_news - self.news);
 
         let mut messages = Vec::new();
-        for line in reader.lines_after(after_record, MOST)? {
-            messages.extend(of_record(&line)?);
+        for row in reader.rows_after(after_record, MOST)? {
+            messages.extend(Message::of_record(&row));
         }
         let mut pictured = self.pictured.clone();
         let rods: BTreeSet<RodId> = messages
@@ -136,7 +137,7 @@ impl Feed {
     }
 }
 
-/// What stands on a topic already: the rod's last record or picture, or the alarms that stand, the oldest first.
+/// Present state of a topic: the rod's last record or view, or the active alarms, the oldest first.
 ///
 /// # Errors
 /// The store cannot be read, or a row is damaged.
@@ -147,8 +148,12 @@ pub fn standing(reader: &Reader, topic: &Topic) -> Result<Vec<Message>, StoreErr
             alarms.iter().rev().map(Message::of_alarm).collect()
         }
         Topic::Force(rod) | Topic::Modes(rod) => {
-            let line = reader.standing(rod)?.and_then(|standing| standing.latest);
-            line.as_deref().map(of_record).transpose()?.unwrap_or_default()
+            let standing = reader.standing(rod)?;
+            let row = standing
+                .map(|standing| standing.latest_row())
+                .transpose()?
+                .flatten();
+            row.as_ref().map(Message::of_record).unwrap_or_default()
         }
         Topic::Waveform(rod) | Topic::Spectrum(rod) => picture(reader, rod)?,
     };
@@ -156,14 +161,7 @@ pub fn standing(reader: &Reader, topic: &Topic) -> Result<Vec<Message>, StoreErr
     Ok(messages)
 }
 
-fn of_record(line: &str) -> Result<Vec<Message>, StoreError> {
-    Message::of_record(line).map_err(|error| StoreError::Unreadable {
-        what: "a record's line".to_owned(),
-        detail: error.to_string(),
-    })
-}
-
-/// The rod's last picture: of its last record that counts, or of a refused one if there is no other.
+/// View of the rod's last record that counts, or of a refused one if there is no other.
 fn picture(reader: &Reader, rod: &RodId) -> Result<Vec<Message>, StoreError> {
     let kept = reader.snapshots(rod)?;
     match kept.latest.or(kept.refused) {

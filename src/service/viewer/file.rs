@@ -6,7 +6,7 @@ use mcap::records::MessageHeader;
 use std::collections::BTreeMap;
 use std::io::{BufWriter, Write};
 
-/// Writes messages to anything that can be written; the same bytes for the same messages.
+/// Writes messages to any output; the same bytes for the same messages.
 pub struct ResultsWriter<W: Write> {
     mcap: mcap::Writer<mcap::write::NoSeek<BufWriter<W>>>,
     /// Channel ids by topic, with the next sequence number.
@@ -30,7 +30,7 @@ impl<W: Write> ResultsWriter<W> {
         })
     }
 
-    /// One message.
+    /// Writes one message.
     ///
     /// # Errors
     /// Its time lies before 1970, or the file cannot be written.
@@ -62,7 +62,7 @@ impl<W: Write> ResultsWriter<W> {
         Ok(())
     }
 
-    /// Ends the file and gives back what it was written to.
+    /// Ends the file and returns the output.
     ///
     /// # Errors
     /// It cannot be written.

@@ -1,33 +1,18 @@
 //! Records, their pictures and alarms as messages: `/tirante/ROD/force`, `modes`, `waveform`, `spectrum`, and `/tirante/alarms` as
-//! `foxglove.Log`, the schema viewers know. Every message has the `timestamp` of the record's first sample, or of the alarm.
+//! `foxglove.Log`, a schema that viewers support. Every message has the `timestamp` of the record's first
+//! sample, or of the alarm.
 
 use crate::analysis::record_view::Snapshot;
 use crate::analysis::signal::record::{RodId, Timestamp};
 use crate::analysis::track::{Alarm, AlarmEvent};
-use serde::Deserialize;
-use serde_json::{Map, Value as Json, json};
+use crate::site::record_row::RecordRow;
+use serde_json::{Value as Json, json};
 use std::fmt;
 
-/// Level of a `foxglove.Log` for something to be looked at.
+/// Level of a `foxglove.Log` that needs attention.
 const WARNING: u8 = 3;
-/// Level for something that is over or known.
+/// Level of one that is over or acknowledged.
 const INFO: u8 = 2;
-
-/// What a force message takes over from a record's line, as it stands there.
-const FORCES: [&str; 12] = [
-    "axial_force_n",
-    "tracked_force_n",
-    "force_at_reference_n",
-    "relative_force",
-    "relative_force_at_reference",
-    "temperature_c",
-    "state",
-    "set_aside",
-    "rejection",
-    "excitation",
-    "label_probability",
-    "candidates",
-];
 
 /// A stream of messages of one schema.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
@@ -44,35 +29,24 @@ pub enum Topic {
     Alarms,
 }
 
-/// The part of a record's line that is shown.
-#[derive(Deserialize)]
-struct Line {
-    rod: RodId,
-    start: Option<Timestamp>,
-    #[serde(default)]
-    modes: Vec<Json>,
-    #[serde(flatten)]
-    rest: Map<String, Json>,
-}
-
 /// One message.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Message {
-    /// Where it belongs.
+    /// Topic of the message.
     pub topic: Topic,
-    /// The record's first sample, when the alarm was raised, or when there was news of it.
+    /// Time of the record's first sample, of the raising of the alarm, or of its event.
     pub time: Timestamp,
-    /// What it says.
+    /// Content of the message.
     pub body: Json,
 }
 
 impl Topic {
-    /// The topics a rod has of its own.
+    /// Topics of a rod.
     pub fn of_rod(rod: &RodId) -> [Self; 4] {
         [Self::Force, Self::Modes, Self::Waveform, Self::Spectrum].map(|topic| topic(rod.clone()))
     }
 
-    /// The rod, if it is about one.
+    /// The rod, if the topic is about one.
     pub fn rod(&self) -> Option<&RodId> {
         match self {
             Self::Force(rod) | Self::Modes(rod) | Self::Waveform(rod) | Self::Spectrum(rod) => Some(rod),
@@ -80,7 +54,7 @@ impl Topic {
         }
     }
 
-    /// The name of its messages' schema.
+    /// Name of its messages' schema.
     pub fn schema_name(&self) -> &'static str {
         match self {
             Self::Force(_) => "tirante.Force",
@@ -91,7 +65,7 @@ impl Topic {
         }
     }
 
-    /// Its messages' JSON schema.
+    /// JSON schema of its messages.
     pub fn schema(&self) -> String {
         let time = json!({"type": "object", "title": "time", "properties": {"sec": {"type": "integer"}, "nsec": {"type": "integer"}}});
         let number = json!({"type": ["number", "null"]});
@@ -128,7 +102,7 @@ impl Topic {
     }
 }
 
-/// As viewers list it.
+/// Name of the topic, as viewers list it.
 impl fmt::Display for Topic {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
@@ -142,39 +116,32 @@ impl fmt::Display for Topic {
 }
 
 impl Message {
-    /// Of a record by its JSON line, as `history --format json` prints it: its force, and its modes if it has any. Nothing of a
-    /// record without a time.
-    ///
-    /// # Errors
-    /// It is no such line.
-    pub fn of_record(line: &str) -> Result<Vec<Self>, serde_json::Error> {
-        let line: Line = serde_json::from_str(line)?;
-        let Some(time) = line.start else {
-            return Ok(Vec::new());
+    /// Of a record: its force, and its modes if it has any. Nothing of a record without a time.
+    pub fn of_record(row: &RecordRow) -> Vec<Self> {
+        let Some(time) = row.start else {
+            return Vec::new();
         };
-        let mut force = Map::new();
-        force.insert("timestamp".to_owned(), stamp(time));
-        for name in FORCES {
-            let value = line.rest.get(name).cloned().unwrap_or(Json::Null);
-            force.insert(name.to_owned(), value);
-        }
         let mut messages = vec![Self {
-            topic: Topic::Force(line.rod.clone()),
+            topic: Topic::Force(row.rod.clone()),
             time,
-            body: Json::Object(force),
+            body: json!({"timestamp": stamp(time), "axial_force_n": row.axial_force_n, "tracked_force_n": row.tracked_force_n,
+                "force_at_reference_n": row.force_at_reference_n, "relative_force": row.relative_force,
+                "relative_force_at_reference": row.relative_force_at_reference, "temperature_c": row.temperature_c,
+                "state": row.state, "set_aside": row.set_aside, "rejection": row.rejection, "excitation": row.excitation,
+                "label_probability": row.label_probability, "candidates": row.candidates}),
         }];
-        if !line.modes.is_empty() {
+        if !row.modes.is_empty() {
             messages.push(Self {
-                topic: Topic::Modes(line.rod),
+                topic: Topic::Modes(row.rod.clone()),
                 time,
-                body: json!({"timestamp": stamp(time), "modes": line.modes}),
+                body: json!({"timestamp": stamp(time), "modes": row.modes}),
             });
         }
-        Ok(messages)
+        messages
     }
 
-    /// Of a record's picture: its spectrum if it has one, and its waveform if that was kept, with the reason if it was refused. `unit`
-    /// is the SI unit of the samples, if it is known.
+    /// Messages of a record's view: its spectrum if it has one, and its waveform if that was kept, with the
+    /// reason if it was refused. `unit` is the SI unit of the samples, if it is known.
     pub fn of_picture(rod: &RodId, picture: &Snapshot, unit: Option<&str>) -> Vec<Self> {
         let time = picture.start;
         let rejection = picture.rejection.as_ref().map(|reason| &reason.message);
@@ -201,7 +168,7 @@ impl Message {
         waveform.into_iter().chain(spectrum).collect()
     }
 
-    /// Of news of an alarm, at the time it happened.
+    /// Message of an alarm event, at its time.
     pub fn of_event(event: &AlarmEvent) -> Self {
         Self {
             time: event.time,
@@ -209,7 +176,7 @@ impl Message {
         }
     }
 
-    /// Of an alarm as it is.
+    /// Message of an alarm in its present state.
     pub fn of_alarm(alarm: &Alarm) -> Self {
         let is_open = alarm.acknowledged.is_none() && !alarm.is_over();
         Self {
@@ -227,7 +194,7 @@ impl Message {
     }
 }
 
-/// As viewers take it: whole seconds and the rest.
+/// Stamp in the form of viewers: whole seconds and nanoseconds.
 fn stamp(time: Timestamp) -> Json {
     let nanos = time.as_nanos();
     json!({"sec": nanos.div_euclid(1_000_000_000), "nsec": nanos.rem_euclid(1_000_000_000)})

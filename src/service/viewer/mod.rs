@@ -1,8 +1,9 @@
-//! What robotics viewers (Foxglove, Lichtblick) are shown: topics of JSON messages with a schema each, the same in a file and live.
+//! Topics for robotics viewers (Foxglove, Lichtblick): JSON messages with a schema each, the same in a file
+//! and live.
 //!
-//! * `message`   the topics: what a record, its picture and an alarm look like as messages
-//! * `file`      an MCAP file of them, to be opened beside the recordings
-//! * `feed`      what is new in a store
+//! * `message`   the topics: records, their views and alarms as messages
+//! * `file`      an MCAP file of them, to open next to the recordings
+//! * `feed`      changes in a store
 //! * `protocol`  the WebSocket protocol `foxglove.sdk.v1` that carries them live; `src/service/http/viewer.rs` speaks it
 
 mod feed;

@@ -7,31 +7,32 @@ use crate::analysis::signal::record::Timestamp;
 use serde::Deserialize;
 use serde_json::{Value as Json, json};
 
-/// What a viewer offers one of as `Sec-WebSocket-Protocol`; for what is used here, both mean the same.
+/// Subprotocols of which a viewer must offer one as `Sec-WebSocket-Protocol`; for the messages used here,
+/// both mean the same.
 pub const SUBPROTOCOLS: [&str; 2] = ["foxglove.sdk.v1", "foxglove.websocket.v1"];
 
 /// First byte of a message's frame.
 const MESSAGE_DATA: u8 = 1;
 
-/// Level of a status: something was ignored.
+/// Level of a status message: a request was ignored.
 const WARNING: u8 = 1;
 
-/// What a viewer asks for; anything else it may say is about things that are not offered.
+/// Request of a viewer; other operations of the protocol are not offered.
 #[derive(Debug, PartialEq, Eq, Deserialize)]
 #[serde(tag = "op", rename_all = "camelCase")]
 pub enum Request {
     /// Messages of these channels from now on.
     Subscribe {
-        /// Subscriptions, with numbers the viewer chose.
+        /// Subscriptions, with numbers chosen by the viewer.
         subscriptions: Vec<Subscription>,
     },
-    /// No more of these.
+    /// Ends these subscriptions.
     #[serde(rename_all = "camelCase")]
     Unsubscribe {
-        /// Their numbers.
+        /// Numbers of the subscriptions.
         subscription_ids: Vec<u32>,
     },
-    /// Something that is not offered.
+    /// An operation that is not offered.
     #[serde(other)]
     Other,
 }
@@ -40,19 +41,19 @@ pub enum Request {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "camelCase")]
 pub struct Subscription {
-    /// The number its messages shall carry.
+    /// Number that its messages carry.
     pub id: u32,
-    /// The channel.
+    /// Number of the channel.
     pub channel_id: u32,
 }
 
-/// The first thing a server says.
+/// First message of the server.
 pub fn server_info(name: &str) -> String {
     json!({"op": "serverInfo", "name": name, "capabilities": [], "supportedEncodings": [], "metadata": {}})
         .to_string()
 }
 
-/// Channels that can be subscribed to, with their numbers.
+/// Message that advertises channels, with their numbers.
 pub fn advertise<'t>(channels: impl IntoIterator<Item = (u32, &'t Topic)>) -> String {
     let channels: Vec<Json> = channels
         .into_iter()
@@ -64,13 +65,13 @@ pub fn advertise<'t>(channels: impl IntoIterator<Item = (u32, &'t Topic)>) -> St
     json!({"op": "advertise", "channels": channels}).to_string()
 }
 
-/// A line for people, shown beside the connection.
+/// Status message for people, shown beside the connection.
 pub fn warning(message: &str) -> String {
     json!({"op": "status", "level": WARNING, "message": message}).to_string()
 }
 
-/// A message under a subscription: its kind, the subscription \[u32\], the time it is told \[u64, ns\], both little-endian, and the
-/// message as JSON.
+/// Frame of a message under a subscription: its kind, the subscription \[u32\], the time of sending
+/// \[u64, ns\], both little-endian, and the message as JSON.
 pub fn message(subscription: u32, told: Timestamp, message: &Message) -> Vec<u8> {
     let body = message.body.to_string();
     let mut frame = Vec::with_capacity(13 + body.len());

@@ -1,18 +1,19 @@
 //! A copy of a store, taken while another process may be writing.
 
 use super::lock::beside;
-use super::state::Trouble;
+use super::state::Failure;
 use super::{Reader, StoreError, open};
 use std::fs::{self, File};
 use std::io::{self, ErrorKind};
 use std::path::Path;
 
 impl Reader {
-    /// Writes what the store holds at this moment to `target`, as one file that is whole and was checked row by row before
-    /// it gets its name; an older copy of that name is replaced. The writer goes on meanwhile.
+    /// Writes the present content of the store to `target`, as one file, checked row by row before it gets
+    /// its name; an older copy of that name is replaced. The writer continues meanwhile.
     ///
     /// # Errors
-    /// `target` is a store somebody writes, or cannot be written; the store cannot be read; the copy is not what was read.
+    /// `target` is a store in use by a writer, or cannot be written; the store cannot be read; the copy
+    /// differs from it.
     pub fn copy_to(&self, target: &Path) -> Result<(), StoreError> {
         let io = |source| StoreError::Io {
             path: target.to_owned(),
@@ -56,7 +57,7 @@ impl Reader {
         })?;
         self.connection
             .execute("VACUUM INTO ?", [name])
-            .map_err(|error| self.fault(Trouble::Sql(error)))?;
+            .map_err(|error| self.fault(Failure::Sql(error)))?;
         open::check_copy(part)?;
         File::open(part).and_then(|file| file.sync_all()).map_err(io)
     }

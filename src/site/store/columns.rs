@@ -1,142 +1,151 @@
-//! The columns of a record that repeat what its JSON line says, so that SQL and spreadsheets can ask for them.
+//! The columns of a record that repeat fields of its row, so that SQL and spreadsheets can ask for them.
 
+use crate::analysis::track::SetAside;
+use crate::site::record_row::RecordRow;
 use rusqlite::types::Value;
-use serde_json::Value as Json;
+use serde::Serialize;
 
-/// One column: its name, its SQL type, and where the JSON line has it.
+/// One column: its name, its SQL type, and its value for a record.
 pub(super) struct Column {
     pub(super) name: &'static str,
-    kind: Kind,
-    pointer: &'static str,
+    sql: &'static str,
+    pub(super) of: fn(&RecordRow) -> Value,
 }
 
-#[derive(Clone, Copy)]
-enum Kind {
-    Text,
-    Required,
-    Integer,
-    Real,
-    /// A number of 64 bits without sign, as decimal text: SQLite's integers have a sign.
-    Seed,
-    /// A JSON object or list.
-    Json,
-}
+const TEXT: &str = "TEXT";
+const REQUIRED: &str = "TEXT NOT NULL";
+const INTEGER: &str = "INTEGER";
+const REAL: &str = "REAL";
 
-const fn column(name: &'static str, kind: Kind, pointer: &'static str) -> Column {
-    Column { name, kind, pointer }
+const fn column(name: &'static str, sql: &'static str, of: fn(&RecordRow) -> Value) -> Column {
+    Column { name, sql, of }
 }
 
 /// The columns in the table's order.
 pub(super) const COLUMNS: [Column; 47] = [
-    column("start", Kind::Text, "/start"),
-    column("duration_s", Kind::Real, "/duration_s"),
-    column("fs_hz", Kind::Real, "/fs_hz"),
-    column("state", Kind::Required, "/state"),
-    column("state_reason", Kind::Text, "/state_reason"),
-    column("segment", Kind::Integer, "/segment"),
-    column("set_aside", Kind::Text, "/set_aside"),
-    column("rejection", Kind::Text, "/rejection/code"),
-    column("rejection_message", Kind::Text, "/rejection/message"),
-    column("relative_force", Kind::Real, "/relative_force/mean"),
-    column("relative_force_sd", Kind::Real, "/relative_force/sd"),
-    column("relative_force_q025", Kind::Real, "/relative_force/q025"),
-    column("relative_force_q975", Kind::Real, "/relative_force/q975"),
-    column(
-        "relative_force_at_reference",
-        Kind::Real,
-        "/relative_force_at_reference/mean",
-    ),
-    column(
-        "relative_force_at_reference_sd",
-        Kind::Real,
-        "/relative_force_at_reference/sd",
-    ),
-    column(
-        "relative_force_at_reference_q025",
-        Kind::Real,
-        "/relative_force_at_reference/q025",
-    ),
-    column(
-        "relative_force_at_reference_q975",
-        Kind::Real,
-        "/relative_force_at_reference/q975",
-    ),
-    column("tracked_force_n", Kind::Real, "/tracked_force_n/mean"),
-    column("tracked_force_sd_n", Kind::Real, "/tracked_force_n/sd"),
-    column("tracked_force_q025_n", Kind::Real, "/tracked_force_n/q025"),
-    column("tracked_force_q975_n", Kind::Real, "/tracked_force_n/q975"),
-    column("force_at_reference_n", Kind::Real, "/force_at_reference_n/mean"),
-    column("force_at_reference_sd_n", Kind::Real, "/force_at_reference_n/sd"),
-    column(
-        "force_at_reference_q025_n",
-        Kind::Real,
-        "/force_at_reference_n/q025",
-    ),
-    column(
-        "force_at_reference_q975_n",
-        Kind::Real,
-        "/force_at_reference_n/q975",
-    ),
-    column("reference_temperature_c", Kind::Real, "/reference_temperature_c"),
-    column("temperature_c", Kind::Real, "/temperature_c"),
-    column("not_axial_p", Kind::Real, "/not_axial_p"),
-    column("axial_force_n", Kind::Real, "/axial_force_n/mean"),
-    column("axial_force_sd_n", Kind::Real, "/axial_force_n/sd"),
-    column("axial_force_cv", Kind::Real, "/axial_force_n/cv"),
-    column("axial_force_q025_n", Kind::Real, "/axial_force_n/q025"),
-    column("axial_force_q50_n", Kind::Real, "/axial_force_n/q50"),
-    column("axial_force_q975_n", Kind::Real, "/axial_force_n/q975"),
-    column("parameters", Kind::Json, "/parameters"),
-    column("epsilon", Kind::Real, "/epsilon"),
-    column("draws", Kind::Integer, "/draws"),
-    column("accepted", Kind::Integer, "/accepted"),
-    column("ess", Kind::Real, "/ess"),
-    column("conflict", Kind::Real, "/conflict"),
-    column("prior_tail", Kind::Real, "/prior_tail"),
-    column("flags", Kind::Json, "/flags"),
-    column("seed", Kind::Seed, "/seed"),
-    column("config", Kind::Required, "/config"),
-    column("analysis_version", Kind::Integer, "/analysis_version"),
-    column("alarms", Kind::Json, "/alarms"),
-    column("events", Kind::Json, "/events"),
+    column("start", TEXT, |row| row.start.map(|time| time.to_string()).into()),
+    column("duration_s", REAL, |row| real(row.duration_s)),
+    column("fs_hz", REAL, |row| real(row.fs_hz)),
+    column("state", REQUIRED, |row| text(Some(&row.state))),
+    column("state_reason", TEXT, |row| text(row.state_reason.as_ref())),
+    column("segment", INTEGER, |row| integer(row.segment)),
+    column("set_aside", TEXT, |row| text(row.set_aside.map(SetAside::code))),
+    column("rejection", TEXT, |row| {
+        text(row.rejection.as_ref().map(|reason| &reason.code))
+    }),
+    column("rejection_message", TEXT, |row| {
+        text(row.rejection.as_ref().map(|reason| &reason.message))
+    }),
+    column("relative_force", REAL, |row| {
+        real(row.relative_force.map(|of| of.mean))
+    }),
+    column("relative_force_sd", REAL, |row| {
+        real(row.relative_force.map(|of| of.sd))
+    }),
+    column("relative_force_q025", REAL, |row| {
+        real(row.relative_force.map(|of| of.q025))
+    }),
+    column("relative_force_q975", REAL, |row| {
+        real(row.relative_force.map(|of| of.q975))
+    }),
+    column("relative_force_at_reference", REAL, |row| {
+        real(row.relative_force_at_reference.map(|of| of.mean))
+    }),
+    column("relative_force_at_reference_sd", REAL, |row| {
+        real(row.relative_force_at_reference.map(|of| of.sd))
+    }),
+    column("relative_force_at_reference_q025", REAL, |row| {
+        real(row.relative_force_at_reference.map(|of| of.q025))
+    }),
+    column("relative_force_at_reference_q975", REAL, |row| {
+        real(row.relative_force_at_reference.map(|of| of.q975))
+    }),
+    column("tracked_force_n", REAL, |row| {
+        real(row.tracked_force_n.map(|of| of.mean))
+    }),
+    column("tracked_force_sd_n", REAL, |row| {
+        real(row.tracked_force_n.map(|of| of.sd))
+    }),
+    column("tracked_force_q025_n", REAL, |row| {
+        real(row.tracked_force_n.map(|of| of.q025))
+    }),
+    column("tracked_force_q975_n", REAL, |row| {
+        real(row.tracked_force_n.map(|of| of.q975))
+    }),
+    column("force_at_reference_n", REAL, |row| {
+        real(row.force_at_reference_n.map(|of| of.mean))
+    }),
+    column("force_at_reference_sd_n", REAL, |row| {
+        real(row.force_at_reference_n.map(|of| of.sd))
+    }),
+    column("force_at_reference_q025_n", REAL, |row| {
+        real(row.force_at_reference_n.map(|of| of.q025))
+    }),
+    column("force_at_reference_q975_n", REAL, |row| {
+        real(row.force_at_reference_n.map(|of| of.q975))
+    }),
+    column("reference_temperature_c", REAL, |row| {
+        real(row.reference_temperature_c)
+    }),
+    column("temperature_c", REAL, |row| real(row.temperature_c)),
+    column("not_axial_p", REAL, |row| real(row.not_axial_p)),
+    column("axial_force_n", REAL, |row| {
+        real(row.axial_force_n.map(|of| of.mean))
+    }),
+    column("axial_force_sd_n", REAL, |row| {
+        real(row.axial_force_n.map(|of| of.sd))
+    }),
+    column("axial_force_cv", REAL, |row| {
+        real(row.axial_force_n.map(|of| of.cv))
+    }),
+    column("axial_force_q025_n", REAL, |row| {
+        real(row.axial_force_n.map(|of| of.q025))
+    }),
+    column("axial_force_q50_n", REAL, |row| {
+        real(row.axial_force_n.map(|of| of.q50))
+    }),
+    column("axial_force_q975_n", REAL, |row| {
+        real(row.axial_force_n.map(|of| of.q975))
+    }),
+    column("parameters", TEXT, |row| json(&row.parameters)),
+    column("epsilon", REAL, |row| real(row.epsilon)),
+    column("draws", INTEGER, |row| integer(row.draws)),
+    column("accepted", INTEGER, |row| integer(row.accepted)),
+    column("ess", REAL, |row| real(row.ess)),
+    column("conflict", REAL, |row| real(row.conflict)),
+    column("prior_tail", REAL, |row| real(row.prior_tail)),
+    column("flags", TEXT, |row| json(&row.flags)),
+    column("seed", TEXT, |row| row.seed.map(|seed| seed.to_string()).into()),
+    column("config", REQUIRED, |row| text(Some(&row.config))),
+    column("analysis_version", INTEGER, |row| integer(row.analysis_version)),
+    column("alarms", TEXT, |row| json(&row.alarms)),
+    column("events", TEXT, |row| json(&row.events)),
 ];
 
-/// The columns as a table's definition lists them.
+fn text(value: Option<impl AsRef<str>>) -> Value {
+    value.map(|text| text.as_ref().to_owned()).into()
+}
+
+/// NULL for what is not finite, as in JSON.
+fn real(value: Option<f64>) -> Value {
+    value.filter(|number| number.is_finite()).into()
+}
+
+fn integer<T: TryInto<i64>>(value: Option<T>) -> Value {
+    value.and_then(|number| number.try_into().ok()).into()
+}
+
+/// A JSON object or list, keys in alphabetical order.
+fn json(value: &impl Serialize) -> Value {
+    let value = serde_json::to_value(value).ok();
+    value.map(|value| value.to_string()).into()
+}
+
+/// Column definitions of the table.
 pub(super) fn definitions() -> String {
     let columns: Vec<String> = COLUMNS
         .iter()
-        .map(|column| {
-            let kind = match column.kind {
-                Kind::Text | Kind::Seed | Kind::Json => "TEXT",
-                Kind::Required => "TEXT NOT NULL",
-                Kind::Integer => "INTEGER",
-                Kind::Real => "REAL",
-            };
-            format!("{} {kind}", column.name)
-        })
+        .map(|column| format!("{} {}", column.name, column.sql))
         .collect();
     columns.join(",\n            ")
-}
-
-impl Column {
-    /// The column's value in a line; NULL for what is absent or of another type.
-    pub(super) fn of(&self, line: &Json) -> Value {
-        let Some(value) = line.pointer(self.pointer).filter(|value| !value.is_null()) else {
-            return Value::Null;
-        };
-        match self.kind {
-            Kind::Text | Kind::Required => value.as_str().map(|text| Value::Text(text.to_owned())),
-            Kind::Integer => value.as_i64().map(Value::Integer),
-            Kind::Real => value.as_f64().map(Value::Real),
-            Kind::Seed => value.as_u64().map(|seed| Value::Text(seed.to_string())),
-            Kind::Json => Some(Value::Text(value.to_string())),
-        }
-        .unwrap_or(Value::Null)
-    }
-}
-
-/// Where the columns look in a line.
-#[cfg(test)]
-pub(crate) fn pointers() -> impl Iterator<Item = &'static str> {
-    COLUMNS.iter().map(|column| column.pointer)
 }

@@ -1,82 +1,83 @@
-//! What one transaction puts in: a record, what it changed for its rod, and how far its source was read.
+//! Content of one transaction: a record, the changes to its rod, and the position in its source.
 
 use super::StoreError;
 use super::columns::COLUMNS;
 use super::operation::{Carry, FileMark, write_carry, write_delivery, write_file};
 use super::row::Row;
 use super::snapshot::SnapshotRow;
-use super::state::{self, Kept, Trouble, kept, plain};
-use crate::analysis::outcome::Outcome;
+use super::state::{self, Failure, Kept, kept, plain};
 use crate::analysis::signal::record::{RodId, Timestamp};
 use crate::analysis::track::{AlarmEvent, Period, RodState, State};
+use crate::site::record_row::RecordRow;
 use rusqlite::{Connection, OptionalExtension};
-use serde_json::Value as Json;
 
-/// Everything that becomes durable at once.
+/// Changes that become durable at once.
 #[derive(Clone, Copy, Default)]
 pub struct Commit<'a> {
-    /// The record; `None` for news without one: a clock that was looked at, a request that was applied, a
-    /// configuration that opened a segment.
-    pub record: Option<RecordRow<'a>>,
-    /// What changed for the rod; `None` for a record that is not tracked.
+    /// The record; `None` for changes without one: a clock tick, a request, a configuration that opened a
+    /// segment.
+    pub record: Option<NewRecord<'a>>,
+    /// Changes to the rod; `None` for a record that is not tracked.
     pub rod: Option<RodRow<'a>>,
-    /// What the record looked like, for the report.
+    /// View of the record, for the report.
     pub snapshot: Option<SnapshotRow<'a>>,
-    /// The request that was applied, by its number.
+    /// Number of the request that was applied.
     pub applied: Option<i64>,
-    /// How far its source has been read.
+    /// Position reached in its source.
     pub source: Option<Position<'a>>,
-    /// A file that was read to its end.
+    /// Mark of a file read to its end.
     pub file: Option<&'a FileMark>,
-    /// What a journal leaves for its next part.
+    /// State of a journal for its next part.
     pub carry: Option<&'a Carry>,
-    /// A sink, and the number of the latest news it has.
+    /// A sink, and the number of the latest event delivered to it.
     pub delivered: Option<(&'a str, i64)>,
 }
 
 /// A record, identified or rejected.
 #[derive(Clone, Copy)]
-pub struct RecordRow<'a> {
-    /// What came of it.
-    pub outcome: &'a Outcome,
-    /// The JSON line as `replay --json` prints it, without its line end. The columns repeat what it says.
-    pub line: &'a str,
-    /// The forward model that answered.
+pub struct NewRecord<'a> {
+    /// Its result.
+    pub row: &'a RecordRow,
+    /// Its identity by content.
+    pub identity: [u8; 32],
+    /// Root mean square of its samples.
+    pub rms: Option<f64>,
+    /// Forward model used.
     pub emulator: &'a str,
 }
 
-/// What changed for a rod.
+/// Changes to a rod.
 #[derive(Clone, Copy)]
 pub struct RodRow<'a> {
-    /// What its fold remembers now.
+    /// State of its fold.
     pub state: &'a State,
-    /// How it stands now.
+    /// Status of the rod.
     pub stands: &'a RodState,
-    /// Periods of the present segment that closed.
+    /// Periods of the current segment that closed.
     pub closed: &'a [Period],
-    /// What happened to alarms, in order.
+    /// Changes of alarms, in order.
     pub events: &'a [AlarmEvent],
 }
 
-/// How far a source has been read.
+/// Position reached in a source.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Position<'a> {
-    /// The source: a file's name.
+    /// Name of the source: its file.
     pub name: &'a str,
-    /// Bytes read.
+    /// Number of bytes read.
     pub bytes: u64,
-    /// Records found.
+    /// Number of records found.
     pub records: u64,
 }
 
 impl Commit<'_> {
-    /// Puts everything into the tables of an open transaction.
-    pub(super) fn write(&self, connection: &Connection, kept: &mut Kept) -> Result<(), Trouble> {
+    /// Writes everything into the tables of an open transaction.
+    pub(super) fn write(&self, connection: &Connection, kept: &mut Kept) -> Result<(), Failure> {
         if let Some(record) = &self.record {
             record.write(connection)?;
         }
         if let Some(rod) = &self.rod {
-            let start = self.record.as_ref().and_then(|record| record.outcome.start());
+            let start = self.record.as_ref().and_then(|record| record.row.start);
             rod.write(connection, kept, start)?;
         }
         if let Some(snapshot) = &self.snapshot {
@@ -106,46 +107,31 @@ impl Commit<'_> {
     }
 }
 
-impl RecordRow<'_> {
-    fn write(&self, connection: &Connection) -> Result<(), Trouble> {
-        let unkeepable = |detail: String| StoreError::Unkeepable {
-            what: format!("a record of rod {}", self.outcome.rod()),
-            detail,
-        };
-        let identity = self
-            .outcome
-            .identity()
-            .ok_or_else(|| unkeepable("frequencies measured elsewhere are no record".to_owned()))?;
-        let line: Json = serde_json::from_str(self.line).map_err(|error| unkeepable(error.to_string()))?;
+impl NewRecord<'_> {
+    fn write(&self, connection: &Connection) -> Result<(), Failure> {
+        let json = self.row.to_json().map_err(|error| StoreError::NotStorable {
+            what: format!("a record of rod {}", self.row.rod),
+            detail: error.to_string(),
+        })?;
         let id: i64 = connection
             .prepare_cached("SELECT coalesce(max(id), 0) + 1 FROM record")?
             .query_row((), |row| row.get(0))?;
-        let rms = match self.outcome {
-            Outcome::Identified(identification) => identification.measurement.as_ref().map(|m| m.rms),
-            Outcome::Tabulated(row) => row.rms,
-            Outcome::Rejected(_) => None,
-        };
         let mut row = Row::of("record")
             .with("id", id)
-            .with("rod", self.outcome.rod().0.clone())
-            .with("identity", identity.to_vec())
-            .with("start_ns", self.outcome.start().map(Timestamp::as_nanos));
+            .with("rod", self.row.rod.0.clone())
+            .with("identity", self.identity.to_vec())
+            .with("start_ns", self.row.start.map(Timestamp::as_nanos));
         for column in &COLUMNS {
-            row.put(column.name, column.of(&line));
+            row.put(column.name, (column.of)(self.row));
         }
-        row.with("rms", rms)
+        row.with("rms", self.rms)
             .with("emulator", self.emulator.to_owned())
             .insert(connection)?;
         Row::of("line")
             .with("record", id)
-            .with("json", self.line.to_owned())
+            .with("json", json)
             .insert(connection)?;
-        let modes = match self.outcome {
-            Outcome::Identified(identification) => &identification.modes[..],
-            Outcome::Tabulated(row) => &row.modes,
-            Outcome::Rejected(_) => &[],
-        };
-        for mode in modes {
+        for mode in &self.row.modes {
             Row::of("mode")
                 .with("record", id)
                 .with("mode_order", mode.order as i64)
@@ -164,7 +150,7 @@ impl RodRow<'_> {
         connection: &Connection,
         kept_states: &mut Kept,
         start: Option<Timestamp>,
-    ) -> Result<(), Trouble> {
+    ) -> Result<(), Failure> {
         let rod = &self.state.rod;
         kept_states.write(connection, self.state)?;
         for period in self.closed {
@@ -179,14 +165,14 @@ impl RodRow<'_> {
     }
 }
 
-/// Keeps how a rod stands; since when changes only if the state does.
+/// Writes the status of a rod; its `since` changes only with the state.
 fn write_standing(
     connection: &Connection,
     rod: &RodId,
     stands: &RodState,
     segment: u32,
     time: Option<Timestamp>,
-) -> Result<(), Trouble> {
+) -> Result<(), Failure> {
     let before: Option<(String, String, Option<String>, u32)> = connection
         .prepare_cached("SELECT state, detail, since, segment FROM rod WHERE rod = ?")?
         .query_row([&rod.0], |row| {
@@ -219,8 +205,8 @@ fn write_standing(
     Ok(())
 }
 
-/// Brings an alarm's row up to date and puts the news into the outbox.
-fn write_event(connection: &Connection, rod: &RodId, event: &AlarmEvent) -> Result<(), Trouble> {
+/// Updates the row of an alarm and adds the event to the outbox.
+fn write_event(connection: &Connection, rod: &RodId, event: &AlarmEvent) -> Result<(), Failure> {
     let alarm = &event.alarm;
     Row::of("alarm")
         .with("id", alarm.id.clone())

@@ -1,19 +1,20 @@
 //! A store as text, to compare two of them.
 
 use super::schema::RESULTS;
-use super::state::Trouble;
+use super::state::Failure;
 use super::{Reader, StoreError};
+use crate::site::hex::hex;
 use rusqlite::types::ValueRef;
 use std::fmt::Write;
 
 impl Reader {
-    /// Every row of every table of results, one a line, in the order of the keys. Tables that describe how a store
-    /// came to be (sources, requests) are left out: two stores with equal results have equal dumps.
+    /// Every row of every table of results, one per line, in the order of the keys. Tables that describe how
+    /// a store came to be (sources, requests) are left out: two stores with equal results have equal dumps.
     ///
     /// # Errors
     /// The store cannot be read.
     pub fn dump(&self) -> Result<String, StoreError> {
-        self.try_dump().map_err(|error| self.fault(Trouble::Sql(error)))
+        self.try_dump().map_err(|error| self.fault(Failure::Sql(error)))
     }
 
     fn try_dump(&self) -> rusqlite::Result<String> {
@@ -40,10 +41,7 @@ impl Reader {
                         ValueRef::Integer(number) => write!(out, "{separator}{number}"),
                         ValueRef::Real(number) => write!(out, "{separator}{number:?}"),
                         ValueRef::Text(text) => write!(out, "{separator}{:?}", String::from_utf8_lossy(text)),
-                        ValueRef::Blob(bytes) => {
-                            let _ = write!(out, "{separator}x");
-                            bytes.iter().try_for_each(|byte| write!(out, "{byte:02x}"))
-                        }
+                        ValueRef::Blob(bytes) => write!(out, "{separator}x{}", hex(bytes)),
                     };
                 }
                 out.push('\n');

@@ -1,35 +1,35 @@
-//! What can go wrong with a store, in words that say what to do next.
+//! Errors of a store, in words that give the next step.
 
 use std::io;
 use std::path::PathBuf;
 use thiserror::Error;
 
-/// Why a store cannot be opened, read or written.
+/// Reason why a store cannot be opened, read or written.
 #[derive(Debug, Error)]
 pub enum StoreError {
-    /// There is no such file.
+    /// The file does not exist.
     #[error("{path}: there is no store; `tirante replay … --store {path}` begins one", path = path.display())]
     Missing {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
     },
-    /// There is no folder to put it into.
+    /// The folder for it does not exist.
     #[error("{path}: there is no folder {folder} for the store: make it, or name another", path = path.display(), folder = folder.display())]
     NoFolder {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// The folder.
+        /// Path of the folder.
         folder: PathBuf,
     },
-    /// Another program's file.
+    /// The file is another program's.
     #[error("{path} is no store of tirante ({what}): name another file", path = path.display())]
     Foreign {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// What it is instead.
+        /// Kind of file it is instead.
         what: String,
     },
-    /// Written by a newer program.
+    /// The file was written by a newer program.
     #[error(
         "{path} has store format {found}, and tirante {version} knows formats up to {known}: use the newer tirante that \
          wrote it, or name another file",
@@ -37,11 +37,11 @@ pub enum StoreError {
         version = env!("CARGO_PKG_VERSION")
     )]
     Newer {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// Its format.
+        /// Format of the file.
         found: i64,
-        /// The newest format known here.
+        /// Newest format supported here.
         known: i64,
     },
     /// Another process writes to it.
@@ -51,9 +51,9 @@ pub enum StoreError {
         holder = .pid.map_or_else(|| "of unknown id".to_owned(), |pid| format!("process {pid}"))
     )]
     Held {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// The process that writes.
+        /// Process id of the writer, if known.
         pid: Option<u32>,
     },
     /// Its content contradicts itself.
@@ -62,41 +62,41 @@ pub enum StoreError {
         path = path.display()
     )]
     Damaged {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// What was found.
+        /// Contradiction found.
         detail: String,
     },
-    /// Something to be kept would read back as something else.
+    /// A value to be kept would not read back equal.
     #[error("{what} cannot be kept: {detail}")]
-    Unkeepable {
-        /// Which part.
+    NotStorable {
+        /// Name of the value.
         what: String,
-        /// Why.
+        /// Reason.
         detail: String,
     },
-    /// What was kept cannot be understood.
+    /// A value in the store cannot be parsed.
     #[error("{what} cannot be read back: {detail}")]
     Unreadable {
-        /// Which part.
+        /// Name of the value.
         what: String,
-        /// Why.
+        /// Reason.
         detail: String,
     },
-    /// The file system refused.
+    /// The file system returned an error.
     #[error("{path} cannot be read or written", path = path.display())]
     Io {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// Its answer.
+        /// Error of the file system.
         source: io::Error,
     },
-    /// The database refused.
+    /// The database returned an error.
     #[error("{path}: the database refused", path = path.display())]
     Database {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// Its answer.
+        /// Error of the database.
         source: rusqlite::Error,
     },
 }
@@ -105,7 +105,7 @@ pub enum StoreError {
 const NO_ROOM_FOR_INDEX: i32 = 4874;
 
 impl StoreError {
-    /// Whether the disk has no room: what was refused can be done when it has again.
+    /// True if the disk is full: the operation can be repeated once there is room.
     pub fn is_disk_full(&self) -> bool {
         match self {
             Self::Database { source, .. } => {

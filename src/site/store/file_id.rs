@@ -1,10 +1,10 @@
-//! Which file a store is: another one may have taken its name.
+//! Identity of a store's file: another file may have taken its name.
 
 use std::fs::{self, Metadata};
 use std::os::unix::fs::MetadataExt;
 use std::path::Path;
 
-/// A file, whatever its name; the default for none.
+/// Identity of a file, whatever its name; the default is no file.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct FileId {
     device: u64,
@@ -12,7 +12,7 @@ pub struct FileId {
 }
 
 impl FileId {
-    /// Of what has this name now.
+    /// Identity of the file that has this name now.
     pub fn of(path: &Path) -> Self {
         fs::metadata(path).map_or(Self::default(), |file| Self::from(&file))
     }

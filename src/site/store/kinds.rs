@@ -1,10 +1,10 @@
-//! What kind of values the columns of a listing hold, for formats that must know it before the first row.
+//! Kinds of the columns of a listing, for formats that need them before the first row.
 
-use super::state::Trouble;
+use super::state::Failure;
 use super::{Listing, Reader, StoreError};
 use std::collections::BTreeMap;
 
-/// What a column holds.
+/// Kind of a column's values.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ColumnKind {
     /// Text.
@@ -21,7 +21,7 @@ pub enum ColumnKind {
 const TIMES: [&str; 4] = ["start", "raised", "acknowledged", "cleared"];
 
 impl Reader {
-    /// The names of a listing's columns with what they hold.
+    /// Names of a listing's columns with their kinds.
     ///
     /// # Errors
     /// The store cannot be read.
@@ -38,7 +38,7 @@ impl Reader {
             let rows = statement.query_map([table], |row| Ok((row.get(0)?, row.get(1)?)))?;
             rows.collect()
         };
-        let declared = declared().map_err(|error| self.fault(Trouble::Sql(error)))?;
+        let declared = declared().map_err(|error| self.fault(Failure::Sql(error)))?;
         let kind = |name: &str| match declared.get(name).map(String::as_str) {
             Some("TEXT") if TIMES.contains(&name) => ColumnKind::Time,
             Some("TEXT") => ColumnKind::Text,

@@ -1,12 +1,12 @@
-//! One writer per store: an advisory lock on a file beside it that names the holder.
+//! One writer per store: an advisory lock on a file next to it, which names the holder.
 
 use super::StoreError;
 use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
-/// The right to write a store. The operating system takes it back when the process ends, however it ends; the
-/// file stays, since removing it could take a lock away from somebody else.
+/// Lock for writing a store. The operating system releases it when the process ends, however it ends; the
+/// file stays, since removing it could break another process's lock.
 #[derive(Debug)]
 pub(super) struct Lock {
     _file: File,
@@ -48,7 +48,7 @@ impl Lock {
     }
 }
 
-/// The path with `suffix` behind its name.
+/// The path with `suffix` appended to its name.
 pub(super) fn beside(path: &Path, suffix: &str) -> PathBuf {
     let mut name = path.as_os_str().to_owned();
     name.push(suffix);

@@ -1,12 +1,13 @@
-//! What is remembered: SQLite in WAL mode, one transaction per record, or per group of records that came together.
+//! Results kept on disk: SQLite in WAL mode, one transaction per record, or per group of records that came
+//! together.
 //!
 //! A [`Store`] writes, one process at a time; a [`Reader`] reads beside it. Every row carries a checksum, and a
-//! store whose content contradicts itself is moved aside, never written to and never believed. Nothing in the
-//! tables of [results](Reader::dump) depends on the clock or on how often a run was interrupted.
-//! docs/store.md describes tables and columns.
+//! store whose content contradicts itself is moved aside, and neither written nor used. Nothing in the tables
+//! of [results](Reader::dump) depends on the clock or on how often a run was interrupted. docs/store.md
+//! describes tables and columns.
 
 mod backup;
-pub(crate) mod columns;
+mod columns;
 mod commit;
 mod dump;
 mod error;
@@ -26,29 +27,29 @@ mod snapshot;
 mod state;
 mod vigil;
 
-pub use commit::{Commit, Position, RecordRow, RodRow};
+pub use commit::{Commit, NewRecord, Position, RodRow};
 pub use error::StoreError;
 pub use file_id::FileId;
 pub use kinds::ColumnKind;
 pub use open::Durability;
 pub use operation::{Carry, FileMark, FileState, News};
-pub use page::{Lines, Mark, Point};
+pub use page::{Lines, Mark, Modes, Point};
 pub use read::{Filter, Listing, Reader, Standing};
 pub use request::{Asked, Request};
 pub use snapshot::{SnapshotRow, Snapshots};
-pub use vigil::{Notice, Stretch};
+pub use vigil::{ConditionEvent, Stretch};
 
 use crate::analysis::signal::record::{RodId, Timestamp};
 use crate::analysis::track::State;
 use crate::analysis::track::alarm::Board;
 use lock::Lock;
 use rusqlite::TransactionBehavior;
-use state::{Kept, Trouble};
+use state::{Failure, Kept};
 use std::collections::{BTreeMap, HashMap, HashSet};
 use std::ops::Deref;
 use std::path::{Path, PathBuf};
 
-/// A store that is written.
+/// A store open for writing.
 pub struct Store {
     reader: Reader,
     known: HashMap<RodId, HashSet<[u8; 32]>>,
@@ -58,7 +59,7 @@ pub struct Store {
     _lock: Option<Lock>,
 }
 
-/// A writer reads, too.
+/// A writer can read, too.
 impl Deref for Store {
     type Target = Reader;
 
@@ -68,8 +69,8 @@ impl Deref for Store {
 }
 
 impl Store {
-    /// Opens or begins the store at `path` for writing, and checks every row of it. A damaged one is moved aside
-    /// ([`Store::moved_aside`]) and a fresh one begun.
+    /// Opens or creates the store at `path` for writing, and checks every row of it. A damaged one is moved
+    /// aside ([`Store::moved_aside`]) and a new one created.
     ///
     /// # Errors
     /// Another process writes to it, it is another program's file or a newer format, or the file system refuses.
@@ -87,7 +88,7 @@ impl Store {
         })
     }
 
-    /// A store that is gone with the process.
+    /// A store in memory.
     ///
     /// # Errors
     /// There is no memory for it.
@@ -107,23 +108,23 @@ impl Store {
         })
     }
 
-    /// Where a damaged store was moved to when this one was opened.
+    /// Path to which a damaged store was moved when this one was opened.
     pub fn moved_aside(&self) -> Option<&Path> {
         self.moved_aside.as_deref()
     }
 
-    /// Whether the store has this record already, under whatever file name it came.
+    /// True if the store has this record already, under whatever file name it came.
     pub fn known(&self, rod: &RodId, identity: &[u8; 32]) -> bool {
         self.known.get(rod).is_some_and(|known| known.contains(identity))
     }
 
-    /// Every record the store has, to ask on other threads what is [known](Store::known).
+    /// Identities of every record in the store, for checking on other threads what is [known](Store::known).
     pub fn all_known(&self) -> &HashMap<RodId, HashSet<[u8; 32]>> {
         &self.known
     }
 
-    /// Keeps a configuration: `hash` as records name it, `effective` with every default filled in. It must be kept
-    /// before the first record that names it.
+    /// Stores a configuration: `hash` as records refer to it, `effective` with every default filled in. It
+    /// must be kept before the first record that names it.
     ///
     /// # Errors
     /// It cannot be written.
@@ -143,10 +144,10 @@ impl Store {
                 .with("effective", effective.to_owned())
                 .insert(connection)
         };
-        write().map_err(|error| self.reader.fault(Trouble::Sql(error)))
+        write().map_err(|error| self.reader.fault(Failure::Sql(error)))
     }
 
-    /// What every rod's fold remembers, to go on with.
+    /// State of every rod's fold, to resume from.
     ///
     /// # Errors
     /// It cannot be read, or not be understood.
@@ -158,31 +159,27 @@ impl Store {
         Ok(states)
     }
 
-    /// Makes everything in `commit` durable, or nothing of it; within a [group](Store::begin_group) when that ends.
+    /// Makes all of `commit` durable, or nothing; within a [group](Store::begin_group) when that ends.
     ///
     /// # Errors
-    /// A record that is [known](Store::known) already, something that would not read back as it is, or a file
-    /// system that refuses.
+    /// A record that is [known](Store::known) already, a value that would not read back equal, or an error of
+    /// the file system.
     pub fn commit(&mut self, commit: &Commit<'_>) -> Result<(), StoreError> {
         let result = self.try_commit(commit);
-        if let Err(trouble) = result {
+        if let Err(failure) = result {
             if let Some(rod) = &commit.rod {
                 self.kept.distrust(&rod.state.rod);
             }
-            return Err(self.reader.fault(trouble));
+            return Err(self.reader.fault(failure));
         }
-        if let Some(outcome) = commit.record.as_ref().map(|record| record.outcome)
-            && let Some(identity) = outcome.identity()
-        {
-            self.known
-                .entry(outcome.rod().clone())
-                .or_default()
-                .insert(identity);
+        if let Some(record) = &commit.record {
+            let known = self.known.entry(record.row.rod.clone()).or_default();
+            known.insert(record.identity);
         }
         Ok(())
     }
 
-    fn try_commit(&mut self, commit: &Commit<'_>) -> Result<(), Trouble> {
+    fn try_commit(&mut self, commit: &Commit<'_>) -> Result<(), Failure> {
         if self.is_grouping {
             // A group that lost a part must not be ended: what is left of it goes with the connection.
             return commit.write(&self.reader.connection, &mut self.kept);
@@ -196,9 +193,9 @@ impl Store {
         Ok(())
     }
 
-    /// Begins a group: what is [committed](Store::commit) from here on becomes durable, and visible to others, all at once
-    /// with [`Store::end_group`], for the price of one. After an error within it the store must be given up: nothing of
-    /// the group is kept then.
+    /// Begins a group: all [commits](Store::commit) from here on become durable, and visible to others, at
+    /// once with [`Store::end_group`], at the cost of one. After an error within it the store must be closed:
+    /// nothing of the group is kept then.
     ///
     /// # Errors
     /// Another process writes, or the file system refuses.
@@ -208,7 +205,7 @@ impl Store {
         Ok(())
     }
 
-    /// Makes everything of the group durable.
+    /// Makes the whole group durable.
     ///
     /// # Errors
     /// The file system refuses; the store must be given up.
@@ -219,11 +216,11 @@ impl Store {
 
     fn batch(&self, words: &str) -> Result<(), StoreError> {
         let done = self.reader.connection.execute_batch(words);
-        done.map_err(|error| self.reader.fault(Trouble::Sql(error)))
+        done.map_err(|error| self.reader.fault(Failure::Sql(error)))
     }
 
-    /// Applies at once the acknowledgements that wait and that no other request of their rod stands before; the number
-    /// of requests that still wait. `states` are those of [`Store::states`].
+    /// Applies at once the waiting acknowledgements that come before any other request of their rod; returns
+    /// the number of requests that still wait. `states` are those of [`Store::states`].
     ///
     /// # Errors
     /// They cannot be read or written.
@@ -233,7 +230,7 @@ impl Store {
             let mut requests = self.reader.waiting(rod)?.into_iter().peekable();
             while let Some(Request {
                 number,
-                what: Asked::Acknowledge { alarm },
+                what: Asked::Acknowledge { alarm, .. },
                 asked,
                 ..
             }) = requests.next_if(|request| matches!(request.what, Asked::Acknowledge { .. }))
@@ -258,13 +255,13 @@ impl Store {
         Ok(still)
     }
 
-    /// Puts a request behind those already there; its number.
+    /// Appends a request to the queue; returns its number.
     ///
     /// # Errors
     /// It cannot be written.
     pub fn request(&mut self, rod: &RodId, what: &Asked, asked: Timestamp) -> Result<i64, StoreError> {
         request::put(&self.reader.connection, rod, what, asked)
-            .map_err(|error| self.reader.fault(Trouble::Sql(error)))
+            .map_err(|error| self.reader.fault(Failure::Sql(error)))
     }
 }
 
@@ -278,7 +275,7 @@ pub fn is_held(path: &Path) -> Option<bool> {
     }
 }
 
-/// Why the store at `path` cannot be written now, if another process writes it.
+/// Error if another process writes the store at `path`, so that it cannot be written now.
 pub fn held(path: &Path) -> Option<StoreError> {
     let path = std::fs::canonicalize(path).ok()?;
     Lock::take(&path)
@@ -286,7 +283,7 @@ pub fn held(path: &Path) -> Option<StoreError> {
         .filter(|error| matches!(error, StoreError::Held { .. }))
 }
 
-/// Puts requests into a store that another process writes; their numbers.
+/// Appends requests to a store that another process writes; returns their numbers.
 ///
 /// # Errors
 /// There is no such store, or it cannot be written.

@@ -1,4 +1,4 @@
-//! Opening a store: whose it is, which format, whether it is whole; a damaged one is moved aside.
+//! Opens a store: checks owner, format and integrity; a damaged one is moved aside.
 
 use super::lock::{Lock, beside};
 use super::{FileId, StoreError, row, schema};
@@ -12,25 +12,25 @@ use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
-/// How long one process waits for another's transaction.
+/// Longest wait of one process for another's transaction.
 const PATIENCE: Duration = Duration::from_secs(20);
 
-/// Prepared statements kept: all that a commit uses.
+/// Number of prepared statements kept: all that a commit uses.
 const STATEMENTS: usize = 64;
 
 /// Length of the header of an SQLite file \[bytes\].
 const HEAD: usize = 100;
 
-/// What every SQLite file begins with.
+/// First bytes of every SQLite file.
 const MAGIC: &[u8; 16] = b"SQLite format 3\0";
 
-/// What a commit survives.
+/// Durability of a commit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Durability {
-    /// A power failure: every commit is flushed to the disk. For data that comes once.
+    /// Survives a power failure: every commit is flushed to the disk. For data that comes once.
     Full,
-    /// The end of the process, however it comes; a power failure may undo the last commits, never tear one. For data
-    /// that can be read again.
+    /// Survives the end of the process, however it comes; a power failure may undo the last commits, but
+    /// never a part of one. For data that can be read again.
     Replay,
 }
 
@@ -45,7 +45,7 @@ pub(super) struct Opened {
 
 type Known = HashMap<RodId, HashSet<[u8; 32]>>;
 
-/// Why a file is not opened as it is.
+/// Reason why a file is not opened as it is.
 enum Finding {
     Damaged(String),
     Refused(StoreError),
@@ -109,12 +109,12 @@ pub(super) fn for_writing(path: &Path, durability: Durability) -> Result<Opened,
     })
 }
 
-/// Opens for requests while another process may be writing.
+/// Opens a store for requests while another process may be writing.
 pub(super) fn beside_writer(path: &Path) -> Result<(Connection, PathBuf), StoreError> {
     open_of_others(path, OpenFlags::SQLITE_OPEN_READ_WRITE)
 }
 
-/// Opens for reading while another process may be writing.
+/// Opens a store for reading while another process may be writing.
 pub(super) fn for_reading(path: &Path) -> Result<(Connection, PathBuf), StoreError> {
     open_of_others(path, OpenFlags::SQLITE_OPEN_READ_ONLY)
 }
@@ -137,7 +137,7 @@ fn open_of_others(path: &Path, flags: OpenFlags) -> Result<(Connection, PathBuf)
     }
 }
 
-/// Looks at every page, index and row of a copy.
+/// Checks every page, index and row of a copy.
 pub(super) fn check_copy(path: &Path) -> Result<(), StoreError> {
     let (connection, path) = for_reading(path)?;
     match check_content(&connection).map_err(|error| is_damage(&path, error))? {
@@ -147,7 +147,7 @@ pub(super) fn check_copy(path: &Path) -> Result<(), StoreError> {
     }
 }
 
-/// The path with every link followed, so that one store has one lock.
+/// Resolves all links of a path, so that one store has one lock.
 fn resolved(path: &Path) -> Result<PathBuf, StoreError> {
     let io = |source| StoreError::Io {
         path: path.to_owned(),
@@ -189,7 +189,7 @@ fn exists(path: &Path) -> Result<bool, StoreError> {
     }
 }
 
-/// Writes an empty store beside its place and moves it there, so that it is whole or absent.
+/// Writes an empty store next to its place and moves it there, so that it is complete or absent.
 fn begin(path: &Path) -> Result<(), StoreError> {
     let new = beside(path, ".new");
     let io = |source| StoreError::Io {
@@ -271,7 +271,7 @@ fn settle(connection: &Connection) -> rusqlite::Result<()> {
     connection.pragma_update(None, "cell_size_check", true)
 }
 
-/// Opens a file that is there, and believes it only after every page and every row was looked at.
+/// Opens an existing file after checking every page and every row.
 fn open_whole(path: &Path, durability: Durability, was_store: bool) -> Result<(Connection, Known), Finding> {
     begins_like_one(path, was_store)?;
     let judged = |error| judge(path, error);
@@ -341,7 +341,7 @@ fn head_of(path: &Path) -> io::Result<Vec<u8>> {
     Ok(head)
 }
 
-/// Whether the file's first bytes are a store's, or those of one that was damaged.
+/// Checks that the file's first bytes are a store's, or those of one that was damaged.
 fn begins_like_one(path: &Path, was_store: bool) -> Result<(), Finding> {
     let head = head_of(path).map_err(|source| {
         Finding::Refused(StoreError::Io {
@@ -369,7 +369,7 @@ fn begins_like_one(path: &Path, was_store: bool) -> Result<(), Finding> {
     }))
 }
 
-/// Whose database it is and in which format.
+/// Checks the owner of the database; returns its format.
 fn check_format(connection: &Connection, path: &Path) -> Result<i64, Finding> {
     let number = |pragma: &str| -> Result<i64, Finding> {
         connection
@@ -404,7 +404,7 @@ fn check_format(connection: &Connection, path: &Path) -> Result<i64, Finding> {
     Ok(found)
 }
 
-/// Looks at every page, every index and every row; the identities of the records.
+/// Checks every page, every index and every row; returns the identities of the records.
 fn check_content(connection: &Connection) -> rusqlite::Result<Result<Known, Finding>> {
     let verdict: String = connection.query_row("PRAGMA integrity_check(1)", (), |row| row.get(0))?;
     if verdict != "ok" {
@@ -433,7 +433,7 @@ fn check_content(connection: &Connection) -> rusqlite::Result<Result<Known, Find
     Ok(Ok(known))
 }
 
-/// Whether an answer of the database means that the file is damaged, or that something around it is wrong.
+/// Decides if an error of the database means a damaged file or a fault around it.
 fn judge(path: &Path, error: rusqlite::Error) -> Finding {
     let around = matches!(
         error.sqlite_error_code(),
@@ -460,7 +460,7 @@ fn judge(path: &Path, error: rusqlite::Error) -> Finding {
     }
 }
 
-/// Whether an answer of the database to a later question means damage.
+/// Converts an error of a later query; damage if the file is damaged.
 pub(super) fn is_damage(path: &Path, error: rusqlite::Error) -> StoreError {
     match error.sqlite_error_code() {
         Some(ErrorCode::DatabaseCorrupt | ErrorCode::NotADatabase) => StoreError::Damaged {

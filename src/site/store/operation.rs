@@ -1,55 +1,56 @@
-//! What a daemon remembers of its sources and sinks: files read to their end, what a journal carries into its next
-//! part, news each sink has.
+//! State of a daemon's sources and sinks: files read to their end, samples that a journal carries into its
+//! next part, events delivered to each sink.
 
 use super::row::Row;
-use super::state::Trouble;
+use super::state::Failure;
 use super::{Reader, StoreError, state};
 use crate::analysis::signal::record::RodId;
 use crate::analysis::track::AlarmEvent;
 use rusqlite::{Connection, OptionalExtension};
 use std::collections::BTreeMap;
 
-/// What became of a file that was read.
+/// Result of reading a file.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum FileState {
-    /// Everything it holds is in the store.
+    /// All of its content is in the store.
     Done,
-    /// It is not read any more, for this reason.
+    /// It is no longer read, for this reason.
     Quarantined(String),
 }
 
-/// A file as it was when it was read to its end. A name is no identity: it only saves reading the same bytes again.
+/// A file as it was when read to its end. The name is no identity: it only saves reading the same bytes
+/// again.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct FileMark {
-    /// Its name below its folder.
+    /// Name below its folder.
     pub name: String,
-    /// Its length \[bytes\].
+    /// Size \[bytes\].
     pub size: u64,
-    /// When it was last written, in nanoseconds since 1970.
+    /// Time of its last change \[ns since 1970\].
     pub modified_ns: i64,
-    /// What became of it.
+    /// Result of reading it.
     pub state: FileState,
 }
 
-/// What the parts of a journal that were read to their end leave for the next: samples of records still open.
+/// State that the parts of a journal read to their end leave for the next: samples of records still open.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Carry {
-    /// The journal.
+    /// Identity of the journal.
     pub journal: String,
-    /// The part it is for.
+    /// Number of the part that resumes from it.
     pub part: u32,
-    /// As `journal::carry` encodes it.
+    /// State as encoded by the journal's reader.
     pub body: Vec<u8>,
 }
 
-/// News about an alarm on its way to the sinks.
+/// An alarm event on its way to the sinks.
 #[derive(Debug, Clone, PartialEq)]
 pub struct News {
-    /// Its place in the order of all news.
+    /// Number in the order of all events.
     pub number: i64,
-    /// The rod.
+    /// Rod of the alarm.
     pub rod: RodId,
-    /// What happened.
+    /// The alarm event.
     pub event: AlarmEvent,
 }
 
@@ -83,7 +84,7 @@ pub(super) fn write_delivery(connection: &Connection, sink: &str, through: i64) 
 }
 
 impl Reader {
-    /// The files that were read to their end, by name.
+    /// Files read to their end, by name.
     ///
     /// # Errors
     /// They cannot be read.
@@ -108,10 +109,10 @@ impl Reader {
             })?;
             files.collect()
         };
-        files().map_err(|error| self.fault(Trouble::Sql(error)))
+        files().map_err(|error| self.fault(Failure::Sql(error)))
     }
 
-    /// What a journal's read parts leave for the next.
+    /// State that a journal's parts read so far leave for the next.
     ///
     /// # Errors
     /// It cannot be read.
@@ -128,10 +129,10 @@ impl Reader {
                 })
                 .optional()
         };
-        carry().map_err(|error| self.fault(Trouble::Sql(error)))
+        carry().map_err(|error| self.fault(Failure::Sql(error)))
     }
 
-    /// The number of the latest news a sink has; `None` for a sink that is not known yet.
+    /// Number of the latest event delivered to a sink; `None` for an unknown sink.
     ///
     /// # Errors
     /// It cannot be read.
@@ -142,10 +143,10 @@ impl Reader {
                 .query_row([sink], |row| row.get(0))
                 .optional()
         };
-        through().map_err(|error| self.fault(Trouble::Sql(error)))
+        through().map_err(|error| self.fault(Failure::Sql(error)))
     }
 
-    /// The number of the latest news there are, 0 without any.
+    /// Number of the latest event, 0 without any.
     ///
     /// # Errors
     /// It cannot be read.
@@ -155,10 +156,10 @@ impl Reader {
                 .prepare_cached("SELECT coalesce(max(number), 0) FROM outbox")?
                 .query_row((), |row| row.get(0))
         };
-        latest().map_err(|error| self.fault(Trouble::Sql(error)))
+        latest().map_err(|error| self.fault(Failure::Sql(error)))
     }
 
-    /// The news behind `number`, in order, at most `limit` of them.
+    /// Events after `number`, in order, at most `limit` of them.
     ///
     /// # Errors
     /// They cannot be read.
@@ -172,7 +173,7 @@ impl Reader {
                 statement.query_map([number, limit], |row| Ok((row.get(0)?, row.get(1)?, row.get(2)?)))?;
             rows.collect()
         };
-        let rows = rows().map_err(|error| self.fault(Trouble::Sql(error)))?;
+        let rows = rows().map_err(|error| self.fault(Failure::Sql(error)))?;
         rows.into_iter()
             .map(|(number, rod, json)| {
                 Ok(News {

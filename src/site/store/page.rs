@@ -1,26 +1,28 @@
-//! Bounded questions, for pages: each is answered from an index, and every row it reads is compared with its checksum.
+//! Bounded queries, for pages: each uses an index, and every row it reads is compared with its checksum.
 
-use super::state::{self, Trouble};
+use super::read::parse;
+use super::state::{self, Failure};
 use super::{Reader, StoreError, row};
 use crate::analysis::signal::record::{RodId, Timestamp};
 use crate::analysis::track::fold::packed::Packed;
 use crate::analysis::track::{Alarm, DriftWatch, Interval, Period};
+use crate::site::record_row::RecordRow;
 use rusqlite::Params;
 use rusqlite::types::Value;
 use serde::de::DeserializeOwned;
 
-/// A record's numbers that are drawn over time.
+/// Values of a record that are plotted over time.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Point {
-    /// Its number in the store: later commits have larger ones.
+    /// Number in the store, ascending with commits.
     pub id: i64,
-    /// The rod.
+    /// Id of the rod.
     pub rod: RodId,
     /// Time of its first sample, if it had one.
     pub start: Option<Timestamp>,
-    /// Why it was rejected, if it was.
+    /// Code of the rejection, if it was rejected.
     pub rejection: Option<String>,
-    /// Why it does not count on the charts, if it does not.
+    /// Reason why it does not count on the charts, if it does not.
     pub set_aside: Option<String>,
     /// N_t / N_0 at the measured temperature.
     pub relative_force: Option<Interval>,
@@ -36,44 +38,53 @@ pub struct Point {
     pub temperature_c: Option<f64>,
 }
 
-/// Where a page of records ends: time and number of its last.
+/// The modes of one record.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Modes {
+    /// Time of the record's first sample.
+    pub start: Timestamp,
+    /// Order, frequency \[Hz\] and its standard error \[Hz\], ascending; empty for a rejected record.
+    pub modes: Vec<(u32, f64, f64)>,
+}
+
+/// End of a page of records: time and number of the last one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Mark {
     /// Time of its first sample \[ns\].
     pub start_ns: i64,
-    /// Its number in the store.
+    /// Number in the store.
     pub id: i64,
 }
 
 /// JSON lines of records, the latest first.
 #[derive(Debug, Default)]
 pub struct Lines {
-    /// Each with its record's mark.
+    /// JSON lines, each with its record's mark.
     pub found: Vec<(Mark, String)>,
-    /// Whether they end because retention removed the lines of older records.
+    /// True if they end because retention removed the lines of older records.
     pub are_older_removed: bool,
 }
 
 impl Reader {
-    /// A number that changes whenever somebody commits to the store.
+    /// A number that changes with every commit to the store.
     ///
     /// # Errors
     /// The store cannot be read.
     pub fn data_version(&self) -> Result<i64, StoreError> {
         self.connection
             .pragma_query_value(None, "data_version", |row| row.get(0))
-            .map_err(|error| self.fault(Trouble::Sql(error)))
+            .map_err(|error| self.fault(Failure::Sql(error)))
     }
 
-    /// Asks several things of the store as it is at one moment, whatever is committed meanwhile.
+    /// Runs several queries on one snapshot of the store, whatever is committed meanwhile.
     ///
     /// # Errors
-    /// The store cannot be read, or what is asked fails.
+    /// The store cannot be read, or a query fails.
     pub fn together<T>(&self, ask: impl FnOnce(&Self) -> Result<T, StoreError>) -> Result<T, StoreError> {
         let view = self
             .connection
             .unchecked_transaction()
-            .map_err(|error| self.fault(Trouble::Sql(error)))?;
+            .map_err(|error| self.fault(Failure::Sql(error)))?;
         let answer = ask(self);
         drop(view);
         answer
@@ -115,6 +126,48 @@ impl Reader {
             Ok(())
         })?;
         Ok(points)
+    }
+
+    /// The modes of a rod's records from a time on and before another, in the order of time: of every record, or of each n-th so
+    /// that they are at most `most`. The second value is n.
+    ///
+    /// # Errors
+    /// As [`Reader::points_after`].
+    pub fn modes_between(
+        &self,
+        rod: &RodId,
+        from: Timestamp,
+        to: Timestamp,
+        most: usize,
+    ) -> Result<(Vec<Modes>, usize), StoreError> {
+        let records = || -> rusqlite::Result<Vec<(i64, i64)>> {
+            let mut statement = self.connection.prepare_cached(
+                "SELECT id, start_ns FROM record WHERE rod = ? AND start_ns >= ? AND start_ns < ? ORDER BY start_ns, id",
+            )?;
+            let rows = statement.query_map((&rod.0, from.as_nanos(), to.as_nanos()), |row| {
+                Ok((row.get(0)?, row.get(1)?))
+            })?;
+            rows.collect()
+        };
+        let records = records().map_err(|error| self.fault(Failure::Sql(error)))?;
+        let every = records.len().div_ceil(most.max(1)).max(1);
+        let mut found = Vec::new();
+        for (id, start_ns) in records.into_iter().step_by(every) {
+            let mut modes = Vec::new();
+            self.verified("mode", "record = ? ORDER BY mode_order", [id], |row| {
+                modes.push((
+                    row.get("mode_order")?,
+                    row.get("frequency_hz")?,
+                    row.get("sd_hz")?,
+                ));
+                Ok(())
+            })?;
+            found.push(Modes {
+                start: Timestamp::from_nanos(start_ns),
+                modes,
+            });
+        }
+        Ok((found, every))
     }
 
     /// The JSON lines of a rod's records before a mark, the latest first, at most `most`, each with its own mark; of one day
@@ -162,7 +215,7 @@ impl Reader {
             })?;
             rows.collect()
         };
-        let marks = marks().map_err(|error| self.fault(Trouble::Sql(error)))?;
+        let marks = marks().map_err(|error| self.fault(Failure::Sql(error)))?;
         let mut lines = Lines::default();
         for mark in marks {
             let known = lines.found.len();
@@ -179,7 +232,7 @@ impl Reader {
         Ok(lines)
     }
 
-    /// The number of the record that was committed last; 0 before the first.
+    /// Number of the record committed last; 0 before the first.
     ///
     /// # Errors
     /// The store cannot be read.
@@ -187,15 +240,15 @@ impl Reader {
         self.connection
             .prepare_cached("SELECT coalesce(max(id), 0) FROM record")
             .and_then(|mut statement| statement.query_row((), |row| row.get(0)))
-            .map_err(|error| self.fault(Trouble::Sql(error)))
+            .map_err(|error| self.fault(Failure::Sql(error)))
     }
 
-    /// The JSON lines of records with numbers above `after`, ascending, at most `most`.
+    /// The rows of records with numbers above `after`, ascending, at most `most`.
     ///
     /// # Errors
-    /// As [`Reader::points_after`].
-    pub fn lines_after(&self, after: i64, most: usize) -> Result<Vec<String>, StoreError> {
-        let mut lines = Vec::new();
+    /// As [`Reader::points_after`], or a line cannot be understood.
+    pub fn rows_after(&self, after: i64, most: usize) -> Result<Vec<RecordRow>, StoreError> {
+        let mut lines: Vec<String> = Vec::new();
         self.verified(
             "line",
             "record > ? ORDER BY record LIMIT ?",
@@ -205,10 +258,11 @@ impl Reader {
                 Ok(())
             },
         )?;
-        Ok(lines)
+        lines.iter().map(|line| parse(line)).collect()
     }
 
-    /// Alarms, the latest first, at most `most`: those raised before an alarm, of one rod or all, those that stand or all.
+    /// Alarms, the latest first, at most `most`: those raised before an alarm, of one rod or all, only active
+    /// ones or all.
     ///
     /// # Errors
     /// As [`Reader::points_after`].
@@ -240,17 +294,15 @@ impl Reader {
         found.iter().map(|(rod, json)| state::read(rod, json)).collect()
     }
 
-    /// A rod's drift watch; `None` before its baseline.
+    /// Reads a rod's drift watch: there is none before its baseline.
     ///
     /// # Errors
     /// As [`Reader::points_after`].
-    pub fn watch(&self, rod: &RodId) -> Result<Option<DriftWatch>, StoreError> {
-        Ok(self
-            .part::<Packed<DriftWatch>>(rod, "watch")?
-            .and_then(|watch| watch.0))
+    pub fn watch(&self, rod: &RodId) -> Result<Packed<DriftWatch>, StoreError> {
+        Ok(self.part(rod, state::WATCH)?.unwrap_or_default())
     }
 
-    /// One part of what a rod's fold remembers.
+    /// One part of the state of a rod's fold.
     fn part<T: DeserializeOwned>(&self, rod: &RodId, part: &str) -> Result<Option<T>, StoreError> {
         let mut json = None;
         self.verified("state", "rod = ? AND part = ?", (&rod.0, part), |row| {
@@ -281,7 +333,7 @@ impl Reader {
         found.iter().rev().map(|json| state::read(&rod.0, json)).collect()
     }
 
-    /// The configuration of the record that was committed last: hash, site, and the text with every default filled in.
+    /// Configuration of the record committed last: hash, site, and the text with every default filled in.
     ///
     /// # Errors
     /// As [`Reader::points_after`].
@@ -289,7 +341,7 @@ impl Reader {
         self.config_where("hash = (SELECT config FROM record ORDER BY id DESC LIMIT 1)", ())
     }
 
-    /// The configuration of a rod's record that began at a time.
+    /// Configuration of a rod's record that began at `start`.
     ///
     /// # Errors
     /// As [`Reader::points_after`].
@@ -313,7 +365,7 @@ impl Reader {
         Ok(found)
     }
 
-    /// Hands the rows of a table that a condition picks to `on_row`, each compared with its checksum.
+    /// Calls `on_row` with each row of a table that meets a condition, after comparing it with its checksum.
     fn verified(
         &self,
         table: &str,
@@ -327,7 +379,7 @@ impl Reader {
                 path: self.path.clone(),
                 detail: format!("a row of table {table} is not what was written"),
             }),
-            Err(error) => Err(self.fault(Trouble::Sql(error))),
+            Err(error) => Err(self.fault(Failure::Sql(error))),
         }
     }
 }
@@ -336,7 +388,7 @@ fn limit(most: usize) -> i64 {
     i64::try_from(most).unwrap_or(i64::MAX)
 }
 
-/// The columns of a point: what every record has, then four of each interval.
+/// Columns of a point: those of every record, then four of each interval.
 const COLUMNS: [&str; 26] = [
     "id",
     "rod",
@@ -366,7 +418,7 @@ const COLUMNS: [&str; 26] = [
     "axial_force_q975_n",
 ];
 
-/// Where the columns of a point stand in a row.
+/// Indices of the columns of a point in a row.
 struct Places([usize; 26]);
 
 impl Places {

@@ -1,26 +1,27 @@
-//! Questions to a store, answered beside a writer.
+//! Queries of a store, possible while another process writes it.
 
 use super::request::{self, Request};
-use super::state::{self, Trouble};
+use super::state::{self, Failure};
 use super::{FileId, StoreError, open, row, schema};
 use crate::analysis::signal::record::{RodId, Timestamp};
 use crate::analysis::track::{Alarm, AlarmEvent, Period, RodState, Segment, State};
+use crate::site::record_row::RecordRow;
 use rusqlite::types::Value;
 use rusqlite::{Connection, OptionalExtension};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// A store that is read.
+/// A store open for reading.
 pub struct Reader {
     pub(super) connection: Connection,
     pub(super) path: PathBuf,
     file: FileId,
 }
 
-/// Which rows are wanted.
+/// Selection of rows.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Filter {
-    /// Of this rod only.
+    /// Only this rod; `None`: all.
     pub rod: Option<RodId>,
     /// From this time on.
     pub from: Option<Timestamp>,
@@ -28,35 +29,35 @@ pub struct Filter {
     pub to: Option<Timestamp>,
 }
 
-/// What can be listed.
+/// Tables that can be listed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Listing {
     /// Every record, rejected ones too.
     Records,
-    /// Records that were rejected.
+    /// Rejected records.
     Rejections,
-    /// Periods that closed.
+    /// Closed periods.
     Periods,
-    /// Alarms, over or not.
+    /// Alarms, active or over.
     Alarms,
 }
 
-/// How one rod stands.
+/// Status of one rod.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Standing {
-    /// The rod.
+    /// Id of the rod.
     pub rod: RodId,
-    /// How it stands.
+    /// State of the rod.
     pub state: RodState,
-    /// Since when, in event time.
+    /// Time of the last change of state, in event time.
     pub since: Option<Timestamp>,
-    /// The present segment.
+    /// Number of the current segment.
     pub segment: u32,
     /// The JSON line of the rod's latest record that was not rejected.
     pub latest: Option<String>,
     /// The start of the rod's latest record, rejected or not.
     pub latest_start: Option<Timestamp>,
-    /// Alarms that stand, in the order they were raised.
+    /// Active alarms, in the order they were raised.
     pub alarms: Vec<Alarm>,
     /// Requests that wait for the rod's next record.
     pub waiting: Vec<Request>,
@@ -64,9 +65,27 @@ pub struct Standing {
     pub awaited: Option<Timestamp>,
 }
 
+impl Standing {
+    /// The row of the latest record that was not rejected.
+    ///
+    /// # Errors
+    /// Its line cannot be understood.
+    pub fn latest_row(&self) -> Result<Option<RecordRow>, StoreError> {
+        self.latest.as_deref().map(parse).transpose()
+    }
+}
+
+/// The row of a JSON line of the store.
+pub(super) fn parse(line: &str) -> Result<RecordRow, StoreError> {
+    RecordRow::parse(line).map_err(|error| StoreError::Unreadable {
+        what: "a record's line".to_owned(),
+        detail: error.to_string(),
+    })
+}
+
 impl Reader {
-    /// Opens a store for reading. What rods, periods and alarms say is compared with its checksums now, records when
-    /// they are asked for.
+    /// Opens a store for reading. Rods, periods and alarms are compared with their checksums now, records
+    /// when queried.
     ///
     /// # Errors
     /// There is none, it is another program's, a newer format, or damaged.
@@ -83,7 +102,7 @@ impl Reader {
     fn check(&self, tables: &[&str]) -> Result<(), StoreError> {
         for table in tables {
             let bad = row::verify(&self.connection, table, |_| Ok(()));
-            if let Some(number) = bad.map_err(|error| self.fault(Trouble::Sql(error)))? {
+            if let Some(number) = bad.map_err(|error| self.fault(Failure::Sql(error)))? {
                 return Err(StoreError::Damaged {
                     path: self.path.clone(),
                     detail: format!("row {number} of table {table} is not what was written"),
@@ -101,37 +120,37 @@ impl Reader {
         }
     }
 
-    /// The file that was opened; another one may have its name by now.
+    /// Identity of the file opened; another one may have its name by now.
     pub fn file(&self) -> FileId {
         self.file
     }
 
-    /// Where it is, links followed.
+    /// Path of the store, links followed.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    pub(super) fn fault(&self, trouble: Trouble) -> StoreError {
-        match trouble {
-            Trouble::Other(error) => error,
-            Trouble::Sql(error) => open::is_damage(&self.path, error),
+    pub(super) fn fault(&self, failure: Failure) -> StoreError {
+        match failure {
+            Failure::Other(error) => error,
+            Failure::Sql(error) => open::is_damage(&self.path, error),
         }
     }
 
-    /// What every rod's fold remembers.
+    /// State of every rod's fold.
     ///
     /// # Errors
     /// It cannot be read, or not be understood.
     pub fn states(&self) -> Result<BTreeMap<RodId, State>, StoreError> {
-        state::load(&self.connection).map_err(|trouble| self.fault(trouble))
+        state::load(&self.connection).map_err(|failure| self.fault(failure))
     }
 
-    /// The segments of a rod, ascending.
+    /// Segments of a rod, ascending.
     ///
     /// # Errors
     /// They cannot be read.
     pub fn segments(&self, rod: &RodId) -> Result<Vec<Segment>, StoreError> {
-        state::segments(&self.connection, rod).map_err(|trouble| self.fault(trouble))
+        state::segments(&self.connection, rod).map_err(|failure| self.fault(failure))
     }
 
     /// The closed periods of one segment, ascending.
@@ -139,10 +158,10 @@ impl Reader {
     /// # Errors
     /// They cannot be read.
     pub fn periods(&self, rod: &RodId, segment: u32) -> Result<Vec<Period>, StoreError> {
-        state::periods(&self.connection, rod, segment).map_err(|trouble| self.fault(trouble))
+        state::periods(&self.connection, rod, segment).map_err(|failure| self.fault(failure))
     }
 
-    /// The identity of the record of a rod that was committed last.
+    /// Identity of a rod's record committed last.
     ///
     /// # Errors
     /// It cannot be read.
@@ -153,18 +172,18 @@ impl Reader {
                 .query_row([&rod.0], |row| row.get(0))
                 .optional()
         };
-        ask().map_err(|error| self.fault(Trouble::Sql(error)))
+        ask().map_err(|error| self.fault(Failure::Sql(error)))
     }
 
-    /// The requests about a rod that wait, in the order they were made.
+    /// Waiting requests about a rod, in the order they were made.
     ///
     /// # Errors
     /// They cannot be read.
     pub fn waiting(&self, rod: &RodId) -> Result<Vec<Request>, StoreError> {
-        request::waiting(&self.connection, rod).map_err(|trouble| self.fault(trouble))
+        request::waiting(&self.connection, rod).map_err(|failure| self.fault(failure))
     }
 
-    /// The rods requests wait for.
+    /// Rods with waiting requests.
     ///
     /// # Errors
     /// They cannot be read.
@@ -176,10 +195,10 @@ impl Reader {
             let rods = statement.query_map((), |row| Ok(RodId(row.get(0)?)))?;
             rods.collect()
         };
-        rods().map_err(|error| self.fault(Trouble::Sql(error)))
+        rods().map_err(|error| self.fault(Failure::Sql(error)))
     }
 
-    /// The alarm with this id, as it stands now.
+    /// The alarm with this id, in its present state.
     ///
     /// # Errors
     /// It cannot be read.
@@ -189,7 +208,15 @@ impl Reader {
         Ok(found.pop())
     }
 
-    /// Alarms, as they stand now, in the order they were raised.
+    /// The words with which an alarm was acknowledged: `NAME: TEXT`.
+    ///
+    /// # Errors
+    /// They cannot be read.
+    pub fn acknowledged_words(&self, alarm: &str) -> Result<Option<String>, StoreError> {
+        request::said_of(&self.connection, alarm).map_err(|trouble| self.fault(trouble))
+    }
+
+    /// Alarms in their present state, in the order they were raised.
     ///
     /// # Errors
     /// They cannot be read.
@@ -199,7 +226,7 @@ impl Reader {
         self.parsed(&sql, values)
     }
 
-    /// What happened to alarms, in order.
+    /// Events of a rod's alarms, in order.
     ///
     /// # Errors
     /// It cannot be read.
@@ -220,12 +247,12 @@ impl Reader {
             })?;
             rows.collect()
         };
-        let rows = rows().map_err(|error| self.fault(Trouble::Sql(error)))?;
+        let rows = rows().map_err(|error| self.fault(Failure::Sql(error)))?;
         rows.iter().map(|(rod, json)| state::read(rod, json)).collect()
     }
 
-    /// Hands the JSON line of every record that is wanted to `on_line`, in the order of time, as `replay --json` printed
-    /// it.
+    /// Calls `on_line` with the JSON line of every record selected, in the order of time, as `replay --json`
+    /// printed it.
     ///
     /// # Errors
     /// The store cannot be read, or `on_line` failed.
@@ -245,7 +272,7 @@ impl Reader {
             "SELECT line.json FROM record JOIN line ON line.record = record.id
              WHERE {wanted} {rejected} ORDER BY rod, start_ns, id"
         );
-        let fault = |error| E::from(self.fault(Trouble::Sql(error)));
+        let fault = |error| E::from(self.fault(Failure::Sql(error)));
         let mut statement = self.connection.prepare(&sql).map_err(fault)?;
         let mut rows = statement
             .query(rusqlite::params_from_iter(values))
@@ -257,7 +284,19 @@ impl Reader {
         Ok(())
     }
 
-    /// The names of a listing's columns.
+    /// Hands the row of every record that is wanted to `on_row`, in the order of time.
+    ///
+    /// # Errors
+    /// The store cannot be read, a line not be understood, or `on_row` failed.
+    pub fn rows<E: From<StoreError>>(
+        &self,
+        filter: &Filter,
+        mut on_row: impl FnMut(RecordRow) -> Result<(), E>,
+    ) -> Result<(), E> {
+        self.lines(Listing::Records, filter, |line| on_row(parse(line)?))
+    }
+
+    /// Names of a listing's columns.
     ///
     /// # Errors
     /// The store cannot be read.
@@ -267,10 +306,10 @@ impl Reader {
             let statement = self.connection.prepare(&sql)?;
             Ok(statement.column_names().map(str::to_owned).collect())
         };
-        names().map_err(|error| self.fault(Trouble::Sql(error)))
+        names().map_err(|error| self.fault(Failure::Sql(error)))
     }
 
-    /// Hands every row of a listing to `on_row` with the names of its columns, in the order of time.
+    /// Calls `on_row` with every row of a listing and the names of its columns, in the order of time.
     ///
     /// # Errors
     /// The store cannot be read, or `on_row` failed.
@@ -280,7 +319,7 @@ impl Reader {
         filter: &Filter,
         mut on_row: impl FnMut(&[String], &[Value]) -> Result<(), E>,
     ) -> Result<(), E> {
-        let fault = |error| E::from(self.fault(Trouble::Sql(error)));
+        let fault = |error| E::from(self.fault(Failure::Sql(error)));
         if matches!(listing, Listing::Records | Listing::Rejections) {
             self.check(&["record", "mode"])?;
         }
@@ -300,7 +339,7 @@ impl Reader {
         Ok(())
     }
 
-    /// The highest mode order of any record.
+    /// Highest mode order of any record.
     fn orders(&self) -> rusqlite::Result<i64> {
         self.connection
             .query_row("SELECT coalesce(max(mode_order), 0) FROM mode", (), |row| {
@@ -308,7 +347,7 @@ impl Reader {
             })
     }
 
-    /// The rods the store knows, in alphabetical order.
+    /// Rods in the store, in alphabetical order.
     ///
     /// # Errors
     /// The store cannot be read.
@@ -318,10 +357,10 @@ impl Reader {
             let rods = statement.query_map((), |row| Ok(RodId(row.get(0)?)))?;
             rods.collect()
         };
-        rods().map_err(|error| self.fault(Trouble::Sql(error)))
+        rods().map_err(|error| self.fault(Failure::Sql(error)))
     }
 
-    /// How every rod stands.
+    /// Status of every rod.
     ///
     /// # Errors
     /// The store cannot be read.
@@ -329,7 +368,7 @@ impl Reader {
         self.standings_of(None)
     }
 
-    /// How one rod stands; `None` if the store does not know it.
+    /// Status of one rod; `None` if it is not in the store.
     ///
     /// # Errors
     /// The store cannot be read.
@@ -338,14 +377,14 @@ impl Reader {
     }
 
     fn standings_of(&self, rod: Option<&RodId>) -> Result<Vec<Standing>, StoreError> {
-        let mut standings = self.try_standings(rod).map_err(|trouble| self.fault(trouble))?;
+        let mut standings = self.try_standings(rod).map_err(|failure| self.fault(failure))?;
         for standing in &mut standings {
             standing.waiting = self.waiting(&standing.rod)?;
         }
         Ok(standings)
     }
 
-    fn try_standings(&self, rod: Option<&RodId>) -> Result<Vec<Standing>, Trouble> {
+    fn try_standings(&self, rod: Option<&RodId>) -> Result<Vec<Standing>, Failure> {
         let mut statement = self.connection.prepare_cached(
             "SELECT rod, detail, since, segment,
                 (SELECT json FROM line WHERE line.record =
@@ -378,7 +417,7 @@ impl Reader {
         Ok(standings)
     }
 
-    /// A rod's records in the store, and how many of them were rejected. Looks at every one of them.
+    /// Number of a rod's records in the store, and of those rejected. Reads every one of them.
     ///
     /// # Errors
     /// The store cannot be read.
@@ -387,11 +426,11 @@ impl Reader {
             .connection
             .prepare_cached("SELECT count(*), count(rejection) FROM record WHERE rod = ?")
             .and_then(|mut statement| statement.query_row([&rod.0], |row| Ok((row.get(0)?, row.get(1)?))))
-            .map_err(|error| self.fault(Trouble::Sql(error)))?;
+            .map_err(|error| self.fault(Failure::Sql(error)))?;
         Ok((counted.0.unsigned_abs(), counted.1.unsigned_abs()))
     }
 
-    fn standing_alarms(&self, rod: &str) -> Result<Vec<Alarm>, Trouble> {
+    fn standing_alarms(&self, rod: &str) -> Result<Vec<Alarm>, Failure> {
         let mut statement = self
             .connection
             .prepare_cached("SELECT json FROM alarm WHERE rod = ? AND stands = 1 ORDER BY raised_ns, id")?;
@@ -406,7 +445,7 @@ impl Reader {
 }
 
 impl Filter {
-    /// As a condition, and the values in it; `time` is the column of the times in nanoseconds.
+    /// The selection as an SQL condition with its values; `time` is the column of times in nanoseconds.
     fn sql(&self, time: &str) -> (String, Vec<Value>) {
         let mut wanted = vec!["1".to_owned()];
         let mut values = Vec::new();

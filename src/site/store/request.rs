@@ -1,40 +1,52 @@
-//! What people ask of a store while it may be in use: rows that the fold applies before the rod's next record.
+//! Requests of people to a store that may be in use: rows that the fold applies before the rod's next record.
 
 use super::StoreError;
 use super::row::Row;
-use super::state::{Trouble, time};
+use super::state::{Failure, time};
 use crate::analysis::signal::record::{RodId, Timestamp};
 use rusqlite::Connection;
 
-/// Something somebody asked for.
+/// A person's request to a store.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Request {
-    /// Its place in the order of requests, from 1.
+    /// Number in the order of requests, from 1.
     pub number: i64,
-    /// The rod it is about.
+    /// Rod of the request.
     pub rod: RodId,
-    /// What is asked.
+    /// Action asked for.
     pub what: Asked,
-    /// When it was asked, by the clock of the person's machine.
+    /// Time of the request, by the clock of the person's machine.
     pub asked: Timestamp,
 }
 
-/// What can be asked.
+/// Action that can be asked for.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Asked {
-    /// Somebody knows of this alarm.
+    /// Acknowledge an alarm.
     Acknowledge {
-        /// The alarm.
+        /// Id of the alarm.
         alarm: String,
+        /// Who knows, and what they have to say of it.
+        said: Option<String>,
     },
-    /// A new baseline.
+    /// Learn a new baseline.
     Rebaseline {
-        /// Why, in the person's words.
+        /// Reason in the person's words.
         reason: Option<String>,
     },
 }
 
 impl Asked {
+    /// Somebody knows of an alarm: who, and what they have to say, kept as `NAME: TEXT`.
+    pub fn acknowledge(alarm: &str, by: Option<&str>, note: Option<&str>) -> Self {
+        let words = [by, note].into_iter().flatten().map(str::trim);
+        let words: Vec<&str> = words.filter(|words| !words.is_empty()).collect();
+        Self::Acknowledge {
+            alarm: alarm.to_owned(),
+            said: (!words.is_empty()).then(|| words.join(": ")),
+        }
+    }
+
     fn code(&self) -> &'static str {
         match self {
             Self::Acknowledge { .. } => "acknowledge",
@@ -43,7 +55,7 @@ impl Asked {
     }
 }
 
-/// Puts a request behind those already there; its number.
+/// Appends a request to the queue; returns its number.
 pub(super) fn put(
     connection: &Connection,
     rod: &RodId,
@@ -64,7 +76,7 @@ pub(super) fn put(
 
 fn row(number: i64, rod: &RodId, what: &Asked, asked: Timestamp, applied: bool) -> Row {
     let (alarm, reason) = match what {
-        Asked::Acknowledge { alarm } => (Some(alarm.clone()), None),
+        Asked::Acknowledge { alarm, said } => (Some(alarm.clone()), said.clone()),
         Asked::Rebaseline { reason } => (None, reason.clone()),
     };
     Row::of("request")
@@ -77,8 +89,8 @@ fn row(number: i64, rod: &RodId, what: &Asked, asked: Timestamp, applied: bool) 
         .with("applied", i64::from(applied))
 }
 
-/// The requests about a rod that wait, in order.
-pub(super) fn waiting(connection: &Connection, rod: &RodId) -> Result<Vec<Request>, Trouble> {
+/// Waiting requests about a rod, in order.
+pub(super) fn waiting(connection: &Connection, rod: &RodId) -> Result<Vec<Request>, Failure> {
     select(
         connection,
         "SELECT number, rod, what, alarm, reason, asked FROM request WHERE applied = 0 AND rod = ? ORDER BY number",
@@ -86,14 +98,27 @@ pub(super) fn waiting(connection: &Connection, rod: &RodId) -> Result<Vec<Reques
     )
 }
 
-pub(super) fn mark_applied(connection: &Connection, number: i64) -> Result<(), Trouble> {
+/// The first words somebody said when acknowledging an alarm.
+pub(super) fn said_of(connection: &Connection, alarm: &str) -> Result<Option<String>, Failure> {
+    let found = select(
+        connection,
+        "SELECT number, rod, what, alarm, reason, asked FROM request WHERE what = 'acknowledge' AND alarm = ? ORDER BY number",
+        &alarm,
+    )?;
+    Ok(found.into_iter().find_map(|request| match request.what {
+        Asked::Acknowledge { said, .. } => said,
+        Asked::Rebaseline { .. } => None,
+    }))
+}
+
+pub(super) fn mark_applied(connection: &Connection, number: i64) -> Result<(), Failure> {
     let found = select(
         connection,
         "SELECT number, rod, what, alarm, reason, asked FROM request WHERE number = ?",
         &number,
     )?;
     let Some(request) = found.first() else {
-        return Err(Trouble::Other(StoreError::Unreadable {
+        return Err(Failure::Other(StoreError::Unreadable {
             what: format!("request {number}"),
             detail: "there is none".to_owned(),
         }));
@@ -106,7 +131,7 @@ fn select(
     connection: &Connection,
     sql: &str,
     parameter: &dyn rusqlite::ToSql,
-) -> Result<Vec<Request>, Trouble> {
+) -> Result<Vec<Request>, Failure> {
     let mut statement = connection.prepare_cached(sql)?;
     let mut rows = statement.query([parameter])?;
     let mut requests = Vec::new();
@@ -115,10 +140,13 @@ fn select(
         let alarm: Option<String> = row.get(3)?;
         let asked: String = row.get(5)?;
         let what = match (what.as_str(), alarm) {
-            ("acknowledge", Some(alarm)) => Asked::Acknowledge { alarm },
+            ("acknowledge", Some(alarm)) => Asked::Acknowledge {
+                alarm,
+                said: row.get(4)?,
+            },
             ("rebaseline", None) => Asked::Rebaseline { reason: row.get(4)? },
             _ => {
-                return Err(Trouble::Other(StoreError::Unreadable {
+                return Err(Failure::Other(StoreError::Unreadable {
                     what: format!("request {number}"),
                     detail: format!("{what} is not known here"),
                 }));

@@ -1,16 +1,17 @@
-//! What may go: JSON lines of long ago. Identities, numbers and history stay as they are.
+//! Removal of old JSON lines. Identities, numbers and history stay as they are.
 
-use super::state::Trouble;
+use super::state::Failure;
 use super::{Store, StoreError};
 use crate::analysis::signal::record::{RodId, Timestamp};
 use rusqlite::TransactionBehavior;
 
-/// Records looked at in one go: a few milliseconds.
+/// Number of records examined at once: a few milliseconds.
 const AT_ONCE: i64 = 200;
 
 impl Store {
-    /// Removes the JSON lines of a rod's records that began before `before`, looking at a bounded number of records from
-    /// `from` on; where to go on the next time. The line of the latest record that was used stays: `status` shows it.
+    /// Removes the JSON lines of a rod's records that began before `before`, examining a bounded number of
+    /// records from `from` on; returns where to continue. The line of the latest record that was used stays:
+    /// `status` shows it.
     ///
     /// # Errors
     /// They cannot be removed.
@@ -21,7 +22,7 @@ impl Store {
         before: Timestamp,
     ) -> Result<Option<Timestamp>, StoreError> {
         self.try_forget_lines(rod, from, before)
-            .map_err(|error| self.fault(Trouble::Sql(error)))
+            .map_err(|error| self.fault(Failure::Sql(error)))
     }
 
     fn try_forget_lines(

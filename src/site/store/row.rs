@@ -1,19 +1,19 @@
-//! Rows with a checksum each: what was written is what is read, or it is known that it is not.
+//! Rows with a checksum each, so that a changed row is detected on reading.
 
 use rusqlite::types::{Value, ValueRef};
 use rusqlite::{Connection, Params, Statement};
 
-/// The column that holds the checksum, the last of every table.
+/// Column of the checksum, the last of every table.
 const CHECKSUM: &str = "checksum";
 
-/// A row on its way into a table: its columns in the table's order.
+/// A row to be written: its columns in the table's order.
 pub(super) struct Row {
     table: &'static str,
     columns: Vec<(&'static str, Value)>,
 }
 
 impl Row {
-    /// A row of a table.
+    /// An empty row of a table.
     pub(super) fn of(table: &'static str) -> Self {
         Self {
             table,
@@ -21,13 +21,13 @@ impl Row {
         }
     }
 
-    /// The next column.
+    /// Adds the next column.
     pub(super) fn with(mut self, column: &'static str, value: impl Into<Value>) -> Self {
         self.put(column, value);
         self
     }
 
-    /// The next column.
+    /// Adds the next column.
     pub(super) fn put(&mut self, column: &'static str, value: impl Into<Value>) {
         let value = match value.into() {
             // Neither survives in a table: not-a-number reads back as NULL, negative zero as zero.
@@ -38,12 +38,12 @@ impl Row {
         self.columns.push((column, value));
     }
 
-    /// Puts it in; a row that is there already is an error.
+    /// Inserts the row; an existing row is an error.
     pub(super) fn insert(self, connection: &Connection) -> rusqlite::Result<()> {
         self.write(connection, &[])
     }
 
-    /// Puts it in, in the place of the one with the same key.
+    /// Inserts the row, or replaces the one with the same key.
     pub(super) fn upsert(self, connection: &Connection, key: &[&str]) -> rusqlite::Result<()> {
         self.write(connection, key)
     }
@@ -81,8 +81,8 @@ impl Row {
     }
 }
 
-/// Compares every row of a table with its checksum, and hands the good ones to `on_row`; the number of the first bad
-/// one, if there is one.
+/// Compares every row of a table with its checksum and calls `on_row` with the good ones; returns the number
+/// of the first bad one, if any.
 pub(super) fn verify(
     connection: &Connection,
     table: &str,
@@ -91,7 +91,7 @@ pub(super) fn verify(
     verify_where(connection, table, "1", (), on_row)
 }
 
-/// As [`verify`], of the rows a condition picks; it may end in an order and a limit.
+/// As [`verify`], for the rows that meet a condition, which may end in an order and a limit.
 pub(super) fn verify_where(
     connection: &Connection,
     table: &str,

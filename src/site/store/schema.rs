@@ -5,17 +5,17 @@ use super::row::Row;
 use rusqlite::types::Value;
 use rusqlite::{Connection, Transaction};
 
-/// In the header of every store: `Tira`.
+/// Application id in the header of every store: `Tira`.
 pub(super) const APPLICATION_ID: i64 = 0x5469_7261;
 
 /// One step from a format to the next.
 type Step = fn(&Transaction<'_>) -> rusqlite::Result<()>;
 
-/// The steps in order: a store of format `n` has seen the first `n`. Steps are only ever added; a golden store of each
-/// format that was ever released belongs in the tests.
+/// The steps in order: a store of format `n` has undergone the first `n`. Steps are only ever added; the
+/// tests hold a golden store of each released format.
 const STEPS: [Step; 4] = [first, second, third, fourth];
 
-/// The format written here.
+/// Format written by this program.
 pub(super) const FORMAT: i64 = STEPS.len() as i64;
 
 /// Brings a store of format `from` to [`FORMAT`].
@@ -30,7 +30,7 @@ pub(super) fn migrate(connection: &mut Connection, from: i64) -> rusqlite::Resul
     transaction.commit()
 }
 
-/// The definition of every table and index, as the store holds it.
+/// Definition of every table and index in the store.
 pub(super) fn definitions(connection: &Connection) -> rusqlite::Result<Vec<(String, String)>> {
     let mut statement =
         connection.prepare("SELECT name, sql FROM sqlite_schema WHERE sql IS NOT NULL ORDER BY name")?;
@@ -38,13 +38,13 @@ pub(super) fn definitions(connection: &Connection) -> rusqlite::Result<Vec<(Stri
     rows.collect()
 }
 
-/// The tables whose rows carry a checksum, in an order in which rows can be put in.
+/// Tables whose rows have a checksum, in an order in which rows can be inserted.
 pub(super) const TABLES: [&str; 20] = [
     "config", "rod", "segment", "state", "record", "line", "mode", "period", "snapshot", "alarm", "outbox",
     "request", "source", "file", "carry", "delivery", "expected", "notice", "alive", "shelf",
 ];
 
-/// Whether a table is there: an older format has fewer.
+/// True if a table exists: an older format has fewer.
 pub(super) fn has(connection: &Connection, table: &str) -> rusqlite::Result<bool> {
     connection
         .prepare_cached("SELECT count(*) FROM sqlite_schema WHERE type = 'table' AND name = ?")?
@@ -57,7 +57,7 @@ pub(super) const SMALL: [&str; 9] = [
     "config", "rod", "segment", "state", "period", "snapshot", "alarm", "outbox", "request",
 ];
 
-/// Results: equal for the same records, however often a run was killed and started again.
+/// Tables of results: equal for the same records, however often a run was killed and restarted.
 pub(super) const RESULTS: [&str; 11] = [
     "config", "rod", "segment", "state", "record", "line", "mode", "period", "snapshot", "alarm", "outbox",
 ];
@@ -82,7 +82,7 @@ fn first(transaction: &Transaction<'_>) -> rusqlite::Result<()> {
     ))
 }
 
-/// What a daemon remembers of its sources and sinks.
+/// Second format: tables for a daemon's sources and sinks.
 fn second(transaction: &Transaction<'_>) -> rusqlite::Result<()> {
     transaction.execute_batch(
         "CREATE TABLE file (
@@ -109,7 +109,7 @@ fn second(transaction: &Transaction<'_>) -> rusqlite::Result<()> {
     )
 }
 
-/// The drift watch's evidence in the place of two charts' sums.
+/// Third format: the drift watch's evidence in place of the sums of two charts.
 fn third(transaction: &Transaction<'_>) -> rusqlite::Result<()> {
     const KEPT: [&str; 16] = [
         "rod",
@@ -355,7 +355,7 @@ CREATE TABLE source (
 mod tests {
     use super::*;
 
-    /// Stores of format 1 are out there: their tables are what they are, and whatever is to change is a new step.
+    /// Stores of format 1 exist in the field: their tables must not change, and any change is a new step.
     #[test]
     fn the_first_format_is_what_it_was() {
         let mut connection = Connection::open_in_memory().unwrap();

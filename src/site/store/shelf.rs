@@ -1,7 +1,7 @@
 //! States of rods whose settings gave way to others: if the settings come back, so does the state.
 
 use super::row::Row;
-use super::state::{self, Trouble, kept};
+use super::state::{self, Failure, kept};
 use super::{Reader, Store, StoreError, schema};
 use crate::analysis::signal::record::RodId;
 use crate::analysis::track::State;
@@ -35,7 +35,7 @@ impl Store {
                 .upsert(&transaction, &["rod", "segment"])?;
             transaction.commit()
         };
-        write(&mut self.reader.connection).map_err(|error| self.reader.fault(Trouble::Sql(error)))
+        write(&mut self.reader.connection).map_err(|error| self.reader.fault(Failure::Sql(error)))
     }
 }
 
@@ -55,7 +55,7 @@ impl Reader {
             let rows = statement.query_map([&rod.0], |row| Ok((row.get(0)?, row.get(1)?)))?;
             rows.collect()
         };
-        read().map_err(|error| self.fault(Trouble::Sql(error)))
+        read().map_err(|error| self.fault(Failure::Sql(error)))
     }
 
     /// The state of a rod under settings of before, with the periods of its segment.
@@ -63,7 +63,7 @@ impl Reader {
     /// # Errors
     /// It cannot be read, or not be understood.
     pub fn off_the_shelf(&self, rod: &RodId, key: &str) -> Result<Option<State>, StoreError> {
-        let read = || -> Result<Option<State>, Trouble> {
+        let read = || -> Result<Option<State>, Failure> {
             let json: Option<String> = self
                 .connection
                 .prepare_cached("SELECT json FROM shelf WHERE rod = ? AND key = ?")?

@@ -1,45 +1,45 @@
-//! What single records looked like, kept for the report: the first of each segment, the latest of each rod, and the latest
-//! refused one.
+//! Views of single records, kept for the report: the first of each segment, the latest of each rod, and the
+//! latest refused one.
 
 use super::row::Row;
-use super::state::{self, Trouble};
+use super::state::{self, Failure};
 use super::{Reader, StoreError};
 use crate::analysis::record_view::Snapshot;
 use crate::analysis::signal::record::{RodId, Timestamp};
 use rusqlite::{Connection, OptionalExtension};
 
-/// The latest record's row stands under this number; segments count from 1.
+/// Number of the latest record's row; segments count from 1.
 const LATEST: i64 = 0;
-/// The latest refused record's row stands under this one.
+/// Number of the latest refused record's row.
 const REFUSED: i64 = -1;
 
-/// What a record looked like.
+/// View of a record with its place.
 #[derive(Clone, Copy)]
 pub struct SnapshotRow<'a> {
-    /// The rod.
+    /// Id of the rod.
     pub rod: &'a RodId,
-    /// The segment the record belongs to.
+    /// Segment of the record.
     pub segment: u32,
-    /// What it looked like.
+    /// View of the record.
     pub snapshot: &'a Snapshot,
 }
 
-/// The snapshots of one rod.
+/// Views of one rod's records.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Snapshots {
-    /// The first record of the present segment.
+    /// First record of the current segment.
     pub first: Option<Snapshot>,
     /// The latest record.
     pub latest: Option<Snapshot>,
-    /// The latest refused record that has samples left.
+    /// The latest refused record with samples.
     pub refused: Option<Snapshot>,
 }
 
 impl SnapshotRow<'_> {
-    /// Keeps it as the first of its segment if there is none, and as the latest; that of a refused record as the latest
-    /// refused one alone.
-    pub(super) fn write(&self, connection: &Connection) -> Result<(), Trouble> {
-        let json = serde_json::to_string(self.snapshot).map_err(|error| StoreError::Unkeepable {
+    /// Writes the view as the first of its segment if there is none, and as the latest; that of a refused
+    /// record only as the latest refused one.
+    pub(super) fn write(&self, connection: &Connection) -> Result<(), Failure> {
+        let json = serde_json::to_string(self.snapshot).map_err(|error| StoreError::NotStorable {
             what: format!("the snapshot of a record of rod {}", self.rod),
             detail: error.to_string(),
         })?;
@@ -65,13 +65,14 @@ impl SnapshotRow<'_> {
 }
 
 impl Reader {
-    /// What the first record of the present segment, the latest record and the latest refused one of a rod looked like.
+    /// Views of the first record of the current segment, the latest record and the latest refused one of a
+    /// rod.
     ///
     /// # Errors
     /// It cannot be read.
     pub fn snapshots(&self, rod: &RodId) -> Result<Snapshots, StoreError> {
-        let read = || -> Result<Snapshots, Trouble> {
-            let one = |sql: &str| -> Result<Option<Snapshot>, Trouble> {
+        let read = || -> Result<Snapshots, Failure> {
+            let one = |sql: &str| -> Result<Option<Snapshot>, Failure> {
                 let json: Option<String> = self
                     .connection
                     .prepare_cached(sql)?
@@ -87,10 +88,10 @@ impl Reader {
                 refused: one("SELECT json FROM snapshot WHERE rod = ? AND number = -1")?,
             })
         };
-        read().map_err(|trouble| self.fault(trouble))
+        read().map_err(|failure| self.fault(failure))
     }
 
-    /// When the latest refused record of a rod began of which a picture is kept.
+    /// Start of a rod's latest refused record with a view.
     ///
     /// # Errors
     /// It cannot be read.
@@ -101,11 +102,11 @@ impl Reader {
                 .query_row((&rod.0, REFUSED), |row| row.get(0))
                 .optional()
         };
-        let start_ns = ask().map_err(|error| self.fault(Trouble::Sql(error)))?;
+        let start_ns = ask().map_err(|error| self.fault(Failure::Sql(error)))?;
         Ok(start_ns.map(Timestamp::from_nanos))
     }
 
-    /// Every configuration records were made under: hash, site, and the text with every default filled in.
+    /// Every configuration of any record: hash, site, and the text with every default filled in.
     ///
     /// # Errors
     /// They cannot be read.
@@ -117,7 +118,7 @@ impl Reader {
             let rows = statement.query_map((), |row| Ok([row.get(0)?, row.get(1)?, row.get(2)?]))?;
             rows.collect()
         };
-        read().map_err(|error| self.fault(Trouble::Sql(error)))
+        read().map_err(|error| self.fault(Failure::Sql(error)))
     }
 }
 

@@ -1,8 +1,10 @@
-//! What a rod's fold remembers, kept in parts so that a commit writes only what changed.
+//! State of a rod's fold, kept in parts so that a commit writes only what changed.
 
 use super::StoreError;
 use super::row::Row;
 use crate::analysis::signal::record::{RodId, Timestamp};
+use crate::analysis::track::drift::watch::DriftWatch;
+use crate::analysis::track::fold::packed::{Packed, Receipt};
 use crate::analysis::track::{Alarm, Kind, Period, RodState, Segment, State};
 use rusqlite::{Connection, OptionalExtension};
 use serde::Serialize;
@@ -10,53 +12,78 @@ use serde::de::DeserializeOwned;
 use serde_json::Value as Json;
 use std::collections::BTreeMap;
 
-/// The part that names the present segment; the segment itself is a row of its own.
+/// Part that names the current segment; the segment itself is a row of its own.
 const SEGMENT: &str = "segment";
 
-/// JSON of something to be kept, proved to read back as the same: a number that is not finite would not.
+/// The part that holds the drift watch.
+pub(super) const WATCH: &str = "watch";
+
+/// JSON of a value, checked to read back equal: a number that is not finite would not.
 pub(super) fn kept<T: Serialize + DeserializeOwned + PartialEq>(
     what: &str,
     value: &T,
 ) -> Result<String, StoreError> {
-    let unkeepable = |detail: String| StoreError::Unkeepable {
+    let not_storable = |detail: String| StoreError::NotStorable {
         what: what.to_owned(),
         detail,
     };
-    let json = serde_json::to_string(value).map_err(|error| unkeepable(error.to_string()))?;
-    let back: T = serde_json::from_str(&json).map_err(|error| unkeepable(error.to_string()))?;
+    let json = serde_json::to_string(value).map_err(|error| not_storable(error.to_string()))?;
+    let back: T = serde_json::from_str(&json).map_err(|error| not_storable(error.to_string()))?;
     if back == *value {
         Ok(json)
     } else {
-        Err(unkeepable("it reads back as something else".to_owned()))
+        Err(not_storable("it reads back as something else".to_owned()))
     }
 }
 
-/// The states as they stand in the store, without their periods.
+/// The states as they stand in the store, without their periods and without their drift watch, which is large: a receipt tells
+/// whether it changed.
 #[derive(Default)]
-pub(super) struct Kept(BTreeMap<RodId, State>);
+pub(super) struct Kept(BTreeMap<RodId, Before>);
+
+struct Before {
+    state: State,
+    watch: Receipt<DriftWatch>,
+}
+
+impl Before {
+    fn of(state: &State) -> Self {
+        let mut before = Self {
+            watch: state.watch.receipt(),
+            state: state.clone(),
+        };
+        (before.state.periods, before.state.watch) = (Vec::new(), Packed::default());
+        before
+    }
+}
 
 impl Kept {
-    /// Forgets what stands in the store: the next write of this rod writes everything.
+    /// Forgets the state in the store: the next write of this rod writes everything.
     pub(super) fn distrust(&mut self, rod: &RodId) {
         self.0.remove(rod);
     }
 
     pub(super) fn trust(&mut self, state: &State) {
-        let mut state = state.clone();
-        state.periods = Vec::new();
-        self.0.insert(state.rod.clone(), state);
+        self.0.insert(state.rod.clone(), Before::of(state));
     }
 
-    /// Writes the parts of a state that are not in the store already.
-    pub(super) fn write(&mut self, connection: &Connection, state: &State) -> Result<(), Trouble> {
+    /// Writes the parts of a state that differ from those in the store.
+    pub(super) fn write(&mut self, connection: &Connection, state: &State) -> Result<(), Failure> {
         let mut fresh = false;
-        let before = self.0.entry(state.rod.clone()).or_insert_with(|| {
+        let known = self.0.entry(state.rod.clone()).or_insert_with(|| {
             fresh = true;
-            let mut before = state.clone();
-            before.periods = Vec::new();
-            before
+            Before::of(state)
         });
         let rod = &state.rod.0;
+        if fresh || !state.watch.is_as_of(&known.watch) {
+            let json = state.watch.json().map_err(|error| StoreError::NotStorable {
+                what: WATCH.to_owned(),
+                detail: error.to_string(),
+            })?;
+            write_part(connection, rod, WATCH, json)?;
+            known.watch = state.watch.receipt();
+        }
+        let before = &mut known.state;
         if fresh || before.segment != state.segment {
             write_segment(connection, rod, &state.segment)?;
             write_part(connection, rod, SEGMENT, state.segment.number.to_string())?;
@@ -65,7 +92,7 @@ impl Kept {
         // Named one by one, so that a new field of the state cannot be forgotten here: it does not compile.
         macro_rules! parts {
             ($($part:ident),*) => {
-                let State { rod: _, segment: _, periods: _, $($part),* } = state;
+                let State { rod: _, segment: _, periods: _, watch: _, $($part),* } = state;
                 $(if fresh || before.$part != *$part {
                     let name = stringify!($part);
                     write_part(connection, rod, name, kept(name, $part)?)?;
@@ -78,7 +105,6 @@ impl Kept {
             open,
             readings,
             filters,
-            watch,
             early,
             closed,
             alarms,
@@ -92,19 +118,19 @@ impl Kept {
     }
 }
 
-/// A refusal on the way into or out of the tables.
-pub(super) enum Trouble {
+/// An error on the way into or out of the tables.
+pub(super) enum Failure {
     Sql(rusqlite::Error),
     Other(StoreError),
 }
 
-impl From<rusqlite::Error> for Trouble {
+impl From<rusqlite::Error> for Failure {
     fn from(error: rusqlite::Error) -> Self {
         Self::Sql(error)
     }
 }
 
-impl From<StoreError> for Trouble {
+impl From<StoreError> for Failure {
     fn from(error: StoreError) -> Self {
         Self::Other(error)
     }
@@ -118,7 +144,7 @@ fn write_part(connection: &Connection, rod: &str, part: &'static str, json: Stri
         .upsert(connection, &["rod", "part"])
 }
 
-fn write_segment(connection: &Connection, rod: &str, segment: &Segment) -> Result<(), Trouble> {
+fn write_segment(connection: &Connection, rod: &str, segment: &Segment) -> Result<(), Failure> {
     let baseline = segment.baseline.as_ref();
     Row::of("segment")
         .with("rod", rod.to_owned())
@@ -135,7 +161,7 @@ fn write_segment(connection: &Connection, rod: &str, segment: &Segment) -> Resul
     Ok(())
 }
 
-/// An enumerated name as JSON has it, without the quotes.
+/// Name of an enum variant as in JSON, without the quotes.
 pub(super) fn plain<T: Serialize>(name: &T) -> String {
     serde_json::to_value(name)
         .ok()
@@ -143,13 +169,13 @@ pub(super) fn plain<T: Serialize>(name: &T) -> String {
         .unwrap_or_default()
 }
 
-/// Puts a closed period into its table.
+/// Writes a closed period into its table.
 pub(super) fn write_period(
     connection: &Connection,
     rod: &RodId,
     segment: u32,
     period: &Period,
-) -> Result<(), Trouble> {
+) -> Result<(), Failure> {
     let charted = period.charted.as_ref();
     let evidence = charted.map(|charted| charted.evidence).unwrap_or_default();
     Row::of("period")
@@ -178,7 +204,7 @@ pub(super) fn write_period(
 }
 
 /// Every rod's state, its periods included.
-pub(super) fn load(connection: &Connection) -> Result<BTreeMap<RodId, State>, Trouble> {
+pub(super) fn load(connection: &Connection) -> Result<BTreeMap<RodId, State>, Failure> {
     let mut parts: BTreeMap<String, serde_json::Map<String, Json>> = BTreeMap::new();
     let mut statement = connection.prepare("SELECT rod, part, json FROM state")?;
     let mut rows = statement.query(())?;
@@ -204,7 +230,7 @@ pub(super) fn load(connection: &Connection) -> Result<BTreeMap<RodId, State>, Tr
 }
 
 /// The closed periods of one segment, ascending.
-pub(super) fn periods(connection: &Connection, rod: &RodId, segment: u32) -> Result<Vec<Period>, Trouble> {
+pub(super) fn periods(connection: &Connection, rod: &RodId, segment: u32) -> Result<Vec<Period>, Failure> {
     let mut statement =
         connection.prepare_cached("SELECT json FROM period WHERE rod = ? AND segment = ? ORDER BY period")?;
     let mut rows = statement.query((&rod.0, segment))?;
@@ -218,8 +244,8 @@ pub(super) fn periods(connection: &Connection, rod: &RodId, segment: u32) -> Res
     Ok(periods)
 }
 
-/// The segments of a rod, ascending.
-pub(super) fn segments(connection: &Connection, rod: &RodId) -> Result<Vec<Segment>, Trouble> {
+/// Segments of a rod, ascending.
+pub(super) fn segments(connection: &Connection, rod: &RodId) -> Result<Vec<Segment>, Failure> {
     let mut statement = connection.prepare("SELECT json FROM segment WHERE rod = ? ORDER BY number")?;
     let mut rows = statement.query([&rod.0])?;
     let mut segments = Vec::new();
@@ -232,7 +258,7 @@ pub(super) fn segments(connection: &Connection, rod: &RodId) -> Result<Vec<Segme
     Ok(segments)
 }
 
-fn segment_json(connection: &Connection, rod: &str, number: i64) -> Result<String, Trouble> {
+fn segment_json(connection: &Connection, rod: &str, number: i64) -> Result<String, Failure> {
     let json = connection
         .query_row(
             "SELECT json FROM segment WHERE rod = ? AND number = ?",
@@ -254,7 +280,7 @@ fn unreadable(rod: &str, detail: &impl ToString) -> StoreError {
     }
 }
 
-/// The point in time a text of the store names.
+/// Parses a point in time from a text of the store.
 pub(super) fn time(text: &str) -> Result<Timestamp, StoreError> {
     serde_json::from_value(Json::String(text.to_owned())).map_err(|error| StoreError::Unreadable {
         what: format!("the time {text}"),
@@ -262,8 +288,8 @@ pub(super) fn time(text: &str) -> Result<Timestamp, StoreError> {
     })
 }
 
-/// How a rod stands as far as its state alone says, for news that come while no fold runs: the fold says it
-/// anew with the rod's next record.
+/// Status of a rod by its state alone, for changes while no fold runs: the fold updates it with the rod's
+/// next record.
 pub(super) fn standing_without_plan(state: &State) -> RodState {
     let of_measurement = |alarm: &&Alarm| matches!(alarm.kind, Kind::Sensor | Kind::NoData);
     if state.alarms.iter().any(|alarm| !of_measurement(&alarm)) {
@@ -274,7 +300,7 @@ pub(super) fn standing_without_plan(state: &State) -> RodState {
             reason: alarm.message.clone(),
         };
     }
-    let periods = state.watch.as_ref().map_or(0, |watch| watch.periods());
+    let periods = state.watch.get().map_or(0, |watch| watch.periods());
     if periods > 0
         && state
             .periods

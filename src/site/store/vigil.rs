@@ -1,7 +1,7 @@
 //! What a daemon remembers of its own watch: rods it waits for, conditions told to the sinks, and when it was at work.
 
 use super::row::Row;
-use super::state::{Trouble, time};
+use super::state::{Failure, time};
 use super::{Reader, Store, StoreError};
 use crate::analysis::numerics::random;
 use crate::analysis::signal::record::{RodId, Timestamp};
@@ -15,7 +15,7 @@ const MOST_STRETCHES: i64 = 1000;
 
 /// A condition of the daemon that began or ended: what the sinks are told beside the rods' alarms.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Notice {
+pub struct ConditionEvent {
     /// Its place in the order of all notices, from 1; 0 while it is not kept.
     pub number: i64,
     /// The condition's id: the same for its begin and its end.
@@ -34,7 +34,7 @@ pub struct Notice {
     pub detail: String,
 }
 
-impl Notice {
+impl ConditionEvent {
     /// The begin of a condition; fault, subject and time make its id.
     pub fn raised(fault: &str, about: &str, raised: Timestamp, detail: &str) -> Self {
         let seed = random::seed(&[
@@ -97,7 +97,7 @@ impl Stretch {
     }
 }
 
-fn write_notice(connection: &Connection, notice: &Notice) -> rusqlite::Result<()> {
+fn write_notice(connection: &Connection, notice: &ConditionEvent) -> rusqlite::Result<()> {
     let number: i64 = connection.query_row("SELECT coalesce(max(number), 0) + 1 FROM notice", (), |row| {
         row.get(0)
     })?;
@@ -173,7 +173,7 @@ impl Store {
             transaction.commit()?;
             Ok(expected)
         };
-        write(&mut self.reader.connection).map_err(|error| self.reader.fault(Trouble::Sql(error)))
+        write(&mut self.reader.connection).map_err(|error| self.reader.fault(Failure::Sql(error)))
     }
 
     /// Takes out the row of a rod of which there is no record.
@@ -189,7 +189,7 @@ impl Store {
             transaction.commit()
         };
         self.kept.distrust(rod);
-        write(&mut self.reader.connection).map_err(|error| self.reader.fault(Trouble::Sql(error)))
+        write(&mut self.reader.connection).map_err(|error| self.reader.fault(Failure::Sql(error)))
     }
 
     /// Keeps at once notices, behind those already there, and that a daemon was at work in a stretch: it goes on from the latest
@@ -197,7 +197,7 @@ impl Store {
     ///
     /// # Errors
     /// They cannot be written.
-    pub fn watch(&mut self, notices: &[Notice], stretch: Option<Stretch>) -> Result<(), StoreError> {
+    pub fn watch(&mut self, notices: &[ConditionEvent], stretch: Option<Stretch>) -> Result<(), StoreError> {
         let latest = self.reader.stretches()?.last().copied();
         let write = |connection: &mut Connection| -> rusqlite::Result<()> {
             let transaction = connection.transaction_with_behavior(TransactionBehavior::Immediate)?;
@@ -209,7 +209,7 @@ impl Store {
             }
             transaction.commit()
         };
-        write(&mut self.reader.connection).map_err(|error| self.reader.fault(Trouble::Sql(error)))
+        write(&mut self.reader.connection).map_err(|error| self.reader.fault(Failure::Sql(error)))
     }
 }
 
@@ -219,7 +219,7 @@ impl Reader {
     /// # Errors
     /// They cannot be read.
     pub fn expected(&self) -> Result<BTreeMap<RodId, Timestamp>, StoreError> {
-        let read = || -> Result<BTreeMap<RodId, Timestamp>, Trouble> {
+        let read = || -> Result<BTreeMap<RodId, Timestamp>, Failure> {
             let mut statement = self
                 .connection
                 .prepare_cached("SELECT rod, since FROM expected")?;
@@ -238,7 +238,7 @@ impl Reader {
     ///
     /// # Errors
     /// They cannot be read.
-    pub fn notices_after(&self, number: i64, limit: usize) -> Result<Vec<Notice>, StoreError> {
+    pub fn notices_after(&self, number: i64, limit: usize) -> Result<Vec<ConditionEvent>, StoreError> {
         let limit = i64::try_from(limit).unwrap_or(i64::MAX);
         self.notices("number > ? ORDER BY number LIMIT ?", &[&number, &limit])
     }
@@ -247,14 +247,18 @@ impl Reader {
     ///
     /// # Errors
     /// They cannot be read.
-    pub fn standing_notices(&self) -> Result<Vec<Notice>, StoreError> {
+    pub fn standing_notices(&self) -> Result<Vec<ConditionEvent>, StoreError> {
         let lasts = "what = 'raised' AND NOT EXISTS (SELECT 1 FROM notice AS later
             WHERE later.condition = notice.condition AND later.what = 'cleared') ORDER BY number";
         self.notices(lasts, &[])
     }
 
-    fn notices(&self, wanted: &str, values: &[&dyn rusqlite::ToSql]) -> Result<Vec<Notice>, StoreError> {
-        let read = || -> Result<Vec<Notice>, Trouble> {
+    fn notices(
+        &self,
+        wanted: &str,
+        values: &[&dyn rusqlite::ToSql],
+    ) -> Result<Vec<ConditionEvent>, StoreError> {
+        let read = || -> Result<Vec<ConditionEvent>, Failure> {
             let sql = format!(
                 "SELECT number, condition, fault, about, what, raised, time, detail FROM notice WHERE {wanted}"
             );
@@ -263,7 +267,7 @@ impl Reader {
             let mut notices = Vec::new();
             while let Some(row) = rows.next()? {
                 let (what, raised, at): (String, String, String) = (row.get(4)?, row.get(5)?, row.get(6)?);
-                notices.push(Notice {
+                notices.push(ConditionEvent {
                     number: row.get(0)?,
                     condition: row.get(1)?,
                     fault: row.get(2)?,
@@ -289,7 +293,7 @@ impl Reader {
                 .prepare_cached("SELECT coalesce(max(number), 0) FROM notice")?
                 .query_row((), |row| row.get(0))
         };
-        latest().map_err(|error| self.fault(Trouble::Sql(error)))
+        latest().map_err(|error| self.fault(Failure::Sql(error)))
     }
 
     /// The stretches in which a daemon was at work, in the order they were lived.
@@ -309,7 +313,7 @@ impl Reader {
             })?;
             rows.collect()
         };
-        read().map_err(|error| self.fault(Trouble::Sql(error)))
+        read().map_err(|error| self.fault(Failure::Sql(error)))
     }
 }
 
@@ -361,15 +365,15 @@ mod tests {
     #[test]
     fn a_condition_stands_from_its_begin_to_its_end_and_has_one_id() {
         let mut store = Store::in_memory().unwrap();
-        let begun = Notice::raised("disk-full", "site.db", day(1.0), "no room");
-        let other = Notice::raised("sink", "mail", day(1.0), "refused");
+        let begun = ConditionEvent::raised("disk-full", "site.db", day(1.0), "no room");
+        let other = ConditionEvent::raised("sink", "mail", day(1.0), "refused");
         store.watch(&[begun.clone(), other.clone()], None).unwrap();
         let standing = store.standing_notices().unwrap();
         assert_eq!(standing.len(), 2);
         assert_ne!(begun.condition, other.condition);
         store.watch(&[begun.cleared(day(2.0))], None).unwrap();
         let standing = store.standing_notices().unwrap();
-        assert_eq!(standing, [Notice { number: 2, ..other }]);
+        assert_eq!(standing, [ConditionEvent { number: 2, ..other }]);
         let later = store.notices_after(2, 10).unwrap();
         assert_eq!(later.len(), 1);
         assert_eq!(

@@ -55,7 +55,7 @@ impl Network {
         layers.map(|layer| layer.weights.len() + layer.bias.len()).sum()
     }
 
-    /// Room for the values of every layer at `L` points.
+    /// Buffers for the values of every layer at `L` points.
     pub(super) fn scratch<const L: usize>(&self) -> Vec<Vec<[f64; L]>> {
         let layers = self.layers.iter();
         layers.map(|layer| vec![[0.0; L]; layer.bias.len()]).collect()
@@ -195,7 +195,7 @@ impl Kernel for Backward<'_> {
 pub(super) struct Adam {
     mean: Vec<f64>,
     square: Vec<f64>,
-    /// Powers of the memories.
+    /// Powers of the memories reached so far.
     left: (f64, f64),
 }
 

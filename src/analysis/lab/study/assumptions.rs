@@ -1,5 +1,5 @@
-//! The real record under other assumptions: the error of an ordinary record, room for a model that is wrong, and
-//! the errors that the paper's chains might have been run with.
+//! The real record under other assumptions: the error of an ordinary record, room for model error, and the
+//! errors that the paper's chains might have been run with.
 
 use super::estimate::{Comparison, DISAGREE, Estimate};
 use super::paper::{self, INFERRED, Table2Column};
@@ -14,12 +14,12 @@ use rayon::prelude::*;
 use serde::Serialize;
 use std::sync::Arc;
 
-/// What is assumed: prior mean of the density \[kg/m^3\], standard error of every frequency \[Hz\] and relative
+/// Assumed prior mean of the density \[kg/m^3\], standard error of every frequency \[Hz\] and relative
 /// discrepancy of every mode.
 type Assumption = (f64, f64, f64);
 
-/// Other errors and discrepancies under Table 1's prior; then every error that might have been behind the paper's
-/// columns of MCMC, under both of its priors.
+/// Other errors and discrepancies under Table 1's prior; then every error that the paper's columns of MCMC
+/// might have used, under both of its priors.
 const ASSUMPTIONS: [Assumption; 15] = [
     (7500.0, 0.01, 0.0),
     (7500.0, 0.01, 0.01),
@@ -37,7 +37,7 @@ const ASSUMPTIONS: [Assumption; 15] = [
     (7000.0, 1.0, 0.0),
     (7000.0, 1.5, 0.0),
 ];
-/// How many that are.
+/// Number of assumptions.
 pub const COUNT: usize = ASSUMPTIONS.len();
 
 /// The posterior under one assumption.
@@ -49,7 +49,7 @@ pub struct Assumed {
     pub error_sd_hz: f64,
     /// Relative discrepancy of every mode.
     pub discrepancy: f64,
-    /// How far the record lies from every beam, in standard deviations.
+    /// Distance of the record from every beam, in standard deviations.
     pub conflict: f64,
     /// Posterior means by MCMC, N, E, density, side, SI.
     pub mean: Vec<Estimate>,
@@ -57,7 +57,7 @@ pub struct Assumed {
     pub cv: Vec<Estimate>,
     /// Posterior mean of N by this program's ABC (regression-adjusted within reach) \[N\].
     pub abc_force_n: Estimate,
-    /// Its coefficient of variation.
+    /// Coefficient of variation of that posterior.
     pub abc_force_cv: Estimate,
 }
 
@@ -72,8 +72,8 @@ impl Assumed {
         )
     }
 
-    /// Largest relative difference between its posterior by MCMC and a column of Table 2, and how many figures of
-    /// that lie within three standard errors.
+    /// Largest relative difference between its posterior by MCMC and a column of Table 2, and the number of
+    /// figures of that column within three standard errors.
     pub fn against(&self, column: &Table2Column) -> (f64, usize) {
         let printed = column.mean.iter().chain(&column.cv);
         let pairs = || self.mean.iter().chain(&self.cv).zip(printed.clone());
@@ -82,7 +82,7 @@ impl Assumed {
         (off.fold(0.0, f64::max), agree.count())
     }
 
-    /// Its figures.
+    /// Figures beside the paper's.
     pub fn comparisons(&self) -> Vec<Comparison> {
         let name = self.name();
         let one = |quantity: &str, statistic, ours| {
@@ -99,7 +99,7 @@ impl Assumed {
     }
 }
 
-/// Runs all.
+/// Runs all assumptions.
 ///
 /// # Errors
 /// A run that cannot be made.

@@ -1,4 +1,4 @@
-//! Figure 6: how far two columns of Table 2 are apart, and how far two runs of the *same* column are.
+//! Figure 6: distances between two columns of Table 2, and between two runs of the *same* column.
 
 use super::density::Grid;
 use super::estimate::{Comparison, Estimate};
@@ -11,9 +11,9 @@ use serde::Serialize;
 /// A comparison of two columns.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Case {
-    /// The paper's letter.
+    /// Letter of the case in the paper.
     pub name: &'static str,
-    /// What is compared with what.
+    /// The two columns compared, in words.
     pub about: String,
     /// Per inferred quantity.
     pub quantities: Vec<Apart>,
@@ -24,7 +24,7 @@ pub struct Case {
 pub struct Apart {
     /// Kullback-Leibler divergence of the first from the second.
     pub divergence: Estimate,
-    /// The same between two runs of the second column: what chance alone gives.
+    /// The same between two runs of the second column, by chance alone.
     pub chance: Estimate,
     /// Posterior mean of the first over that of the second.
     pub mean_ratio: Estimate,
@@ -37,13 +37,13 @@ pub struct Apart {
 }
 
 impl Case {
-    /// Largest divergence over the quantities, its estimate's value.
+    /// Largest divergence over the quantities.
     pub fn largest_divergence(&self) -> f64 {
         let values = self.quantities.iter().map(|apart| apart.divergence.value);
         values.fold(0.0, f64::max)
     }
 
-    /// Its figures, the ratios beside the paper's.
+    /// Figures of the case, the ratios beside the paper's.
     pub fn comparisons(&self, setting: Setting) -> Vec<Comparison> {
         let part = format!("Figure 6, {}", setting.key());
         let mut all = Vec::new();
@@ -60,7 +60,7 @@ impl Case {
     }
 }
 
-/// Cases A to D as the text of section 5.1 has them.
+/// Cases A to D by the text of section 5.1.
 const CASES: [(&str, [(Sampler, &str); 2]); 4] = [
     ("A", [(Sampler::Mcmc, "finite-elements"), (Sampler::Mcmc, "pce")]),
     ("B", [(Sampler::Abc, "finite-elements"), (Sampler::Abc, "pce")]),
@@ -113,14 +113,14 @@ fn case(prior: &RodPrior, name: &'static str, first: &Column, second: &Column) -
     }
 }
 
-/// A ratio of printed numbers; its "digit" has the rounding of both.
+/// Ratio of printed numbers; its "digit" covers the rounding of both.
 fn ratio(a: Printed, b: Printed) -> Printed {
     let value = a.value / b.value;
     let digit = value * (a.digit / a.value).hypot(b.digit / b.value);
     Printed { value, digit }
 }
 
-/// The largest divergence that the paper allows in a case.
+/// Largest divergence that the paper allows in a case, if it gives one.
 pub fn bound(name: &str) -> Option<f64> {
     let at = CASES.iter().position(|(case, _)| *case == name)?;
     Some(paper::DIVERGENCE_BOUNDS[at])

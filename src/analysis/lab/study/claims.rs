@@ -1,5 +1,5 @@
-//! What the paper says, and what independent checks of it had found before: which of it holds, judged from the
-//! study's own figures by the rules of [`super::verdict`].
+//! Statements of the paper, and earlier findings of independent checks, judged from the study's own figures
+//! by the rules of [`super::verdict`].
 
 mod beam_and_emulators;
 mod columns;
@@ -14,14 +14,14 @@ use super::verdict::Verdict;
 use super::{Part, Study};
 use serde::Serialize;
 
-/// A statement and what came of it.
+/// A statement and its verdict.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Claim {
-    /// Who says so.
+    /// Source of the statement.
     pub source: &'static str,
-    /// What is said.
+    /// The statement in words.
     pub statement: String,
-    /// Whether it holds.
+    /// Verdict on the statement.
     pub verdict: Verdict,
     /// The figures behind the verdict.
     pub evidence: String,
@@ -67,7 +67,7 @@ fn column(part: &Part, sampler: Sampler) -> Option<&Column> {
     part.columns.iter().find(|column| column.which == which)
 }
 
-/// How many printed figures agree, of how many, and the one furthest off.
+/// Number of printed figures that agree, number of all, and the one furthest off.
 fn agreement(comparisons: &[Comparison]) -> (usize, usize, String) {
     let printed: Vec<&Comparison> = comparisons.iter().filter(|c| c.deviation.is_some()).collect();
     let agree = printed.iter().filter(|c| c.disagrees() == Some(false)).count();
@@ -85,7 +85,7 @@ fn agreement(comparisons: &[Comparison]) -> (usize, usize, String) {
     (agree, printed.len(), worst)
 }
 
-/// A figure that an earlier check gave, and the unit of its last digit.
+/// A figure of an earlier check, with the unit of its last digit.
 fn printed_as(value: f64, digit: f64) -> Printed {
     Printed { value, digit }
 }

@@ -4,9 +4,9 @@ use crate::analysis::rod::prior::Prior;
 
 /// Points of a grid.
 pub const POINTS: usize = 512;
-/// Prior standard deviations on either side of the prior mean.
+/// Span of a grid in prior standard deviations on either side of the prior mean.
 const SPAN_SD: f64 = 4.0;
-/// Density that stands for none, as a share of the uniform's: a divergence stays finite.
+/// Least density, as a share of the uniform's, so that a divergence stays finite.
 const FLOOR: f64 = 1e-9;
 
 /// An even grid over the prior of one quantity.
@@ -19,7 +19,7 @@ pub struct Grid {
 }
 
 impl Grid {
-    /// The grid of a prior.
+    /// Grid over a prior.
     pub fn of(prior: &Prior) -> Self {
         let (mean, sd) = prior.mean_and_sd();
         if let Prior::LogUniform { low, high } = *prior {
@@ -44,7 +44,7 @@ impl Grid {
     }
 
     /// The density behind a sample, of integral one over the grid: a Gaussian kernel of Silverman's width
-    /// 0.9 sd n^(-1/5), n the number of independent values the sample is worth, on linearly binned values.
+    /// 0.9 sd n^(-1/5), n the effective sample size `worth`, on linearly binned values.
     pub fn density(&self, values: &[f64], worth: f64) -> Vec<f64> {
         let count = values.len() as f64;
         let mut mass = vec![0.0; POINTS];

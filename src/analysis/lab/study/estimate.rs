@@ -1,15 +1,15 @@
-//! A figure with its Monte Carlo error, and how far a printed one lies from it.
+//! A figure with its Monte Carlo error, and the distance of a printed one from it.
 
 use super::paper::Printed;
 use serde::Serialize;
 
-/// From this many standard errors on, two figures are said to disagree.
+/// Number of standard errors from which two figures disagree.
 pub const DISAGREE: f64 = 3.0;
-/// Up to this relative difference one figure is said to be about another.
+/// Largest relative difference at which one figure counts as about another.
 pub const CLOSE: f64 = 0.05;
 
 impl Printed {
-    /// Whether a figure is about the printed one: it rounds to it, or differs by [`CLOSE`] at most.
+    /// True if a figure is about the printed one: it rounds to it, or differs by [`CLOSE`] at most.
     pub fn is_about(self, value: f64) -> bool {
         (value - self.value).abs() <= (0.5 * self.digit).max(CLOSE * self.value.abs())
     }
@@ -22,12 +22,12 @@ pub struct Estimate {
     pub value: f64,
     /// Standard deviation between runs: the Monte Carlo error of one run.
     pub error: f64,
-    /// How many runs.
+    /// Number of runs.
     pub runs: usize,
 }
 
 impl Estimate {
-    /// From one figure per run; the error of a single run is not known (NaN).
+    /// Estimate from one figure per run; the error of a single run is NaN.
     pub fn of(figures: impl Iterator<Item = f64>) -> Self {
         let figures: Vec<f64> = figures.collect();
         let runs = figures.len();
@@ -54,8 +54,8 @@ impl Estimate {
         self.error / (self.runs as f64).sqrt()
     }
 
-    /// How many standard errors another study's figure lies above: that study is one run with the error of one
-    /// of ours, and its figure is rounded.
+    /// Number of standard errors by which another study's figure lies above ours: that study is one run with
+    /// the error of one of ours, and its figure is rounded.
     pub fn deviation(&self, printed: Printed) -> f64 {
         let rounding = printed.digit * printed.digit / 12.0;
         let variance = self.error * self.error * (1.0 + 1.0 / self.runs as f64) + rounding;
@@ -63,27 +63,27 @@ impl Estimate {
     }
 }
 
-/// One figure: the paper's, ours, and what lies between them.
+/// One figure: the paper's, ours, and the difference.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Comparison {
-    /// Which table or figure.
+    /// Table or figure.
     pub part: String,
-    /// Which column or row of it.
+    /// Column or row of it.
     pub column: String,
-    /// Of which quantity.
+    /// Quantity compared.
     pub quantity: String,
-    /// Which statistic.
+    /// Statistic compared.
     pub statistic: &'static str,
-    /// What the paper prints, if it does.
+    /// The paper's figure, if it prints one.
     pub paper: Option<Printed>,
-    /// What we get.
+    /// Our figure.
     pub ours: Estimate,
     /// Paper less ours in standard errors.
     pub deviation: Option<f64>,
 }
 
 impl Comparison {
-    /// Compares.
+    /// Compares a figure with the paper's.
     pub fn new(
         part: &str,
         column: &str,
@@ -103,7 +103,7 @@ impl Comparison {
         }
     }
 
-    /// Whether the two disagree; `None` if the paper prints nothing.
+    /// True if the two disagree; `None` if the paper prints nothing.
     pub fn disagrees(&self) -> Option<bool> {
         self.deviation
             .map(|deviation| deviation.is_nan() || deviation.abs() > DISAGREE)

@@ -1,5 +1,5 @@
-//! The ladder of samplers on a record the model can produce: each against the exact posterior, which comes from
-//! importance sampling of the prior.
+//! Samplers compared on a record that the model can produce: each against the exact posterior, which comes
+//! from importance sampling of the prior.
 
 use super::estimate::Estimate;
 use super::{Effort, StudyError, paper, table2};
@@ -17,13 +17,13 @@ use rayon::prelude::*;
 use serde::Serialize;
 use std::sync::Arc;
 
-/// Draws of the importance sample, times those of ABC with many.
+/// Draws of the importance sample, as a multiple of the many draws of ABC.
 const IMPORTANCE: usize = 20;
 
-/// One rung.
+/// One sampler of the comparison.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Rung {
-    /// The sampler.
+    /// Name of the sampler.
     pub sampler: &'static str,
     /// Posterior mean of N \[N\].
     pub mean_n: Estimate,
@@ -50,7 +50,7 @@ fn record(prior: &RodPrior, seed: u64) -> Result<Observation, StudyError> {
 /// Mean and standard deviation of N.
 type Moments = (f64, f64);
 
-/// All rungs, the exact posterior last.
+/// Runs all samplers, the exact posterior last.
 ///
 /// # Errors
 /// A run that cannot be made.

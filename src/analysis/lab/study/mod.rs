@@ -1,15 +1,15 @@
-//! The paper's own study, run from the same code as the product, figure by figure beside what the paper prints.
+//! The paper's own study, run from the same code as the product, figure by figure beside the paper's.
 //!
-//! * [`paper`]       what the paper prints
-//! * [`setting`]     as printed, and as its numbers come out
+//! * [`paper`]       the paper's printed figures
+//! * [`setting`]     as printed, and as its numbers require
 //! * [`table2`]      Table 2: posteriors of the real record by every sampler on every model
 //! * [`cases`]       figure 6: divergences and ratios
 //! * [`table3`]      Table 3, figures 7 and 8: one to five frequencies of a known rod
 //! * [`sensitivity`] Sobol's indices, figure 4
 //! * [`predictive`]  posterior predictive checks
-//! * [`assumptions`], [`worth`], [`ladder`] beyond the paper: other assumptions, what to measure next, samplers
-//! * [`claims`]      which statements hold, by the rules of [`verdict`]; [`reasons`] why figures disagree
-//! * [`times`]       what emulators and samplers cost
+//! * [`assumptions`], [`worth`], [`ladder`] beyond the paper: other assumptions, worth of measurements, samplers
+//! * [`claims`]      verdicts on statements, by the rules of [`verdict`]; [`reasons`] of disagreements
+//! * [`times`]       times of emulators and samplers
 //! * [`estimate`]    a figure with its Monte Carlo error
 //! * [`density`]     densities and the Kullback-Leibler divergence
 //!
@@ -57,22 +57,22 @@ use times::Time;
 /// The paper's order of the chaos.
 const ORDER: usize = 5;
 
-/// How much is done.
+/// Numbers of runs, draws and steps of the study.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub struct Effort {
-    /// Repetitions of every ABC.
+    /// Number of repetitions of every ABC.
     pub abc_runs: usize,
-    /// Repetitions of every MCMC.
+    /// Number of repetitions of every MCMC.
     pub mcmc_runs: usize,
-    /// Draws of the paper's ABC.
+    /// Number of draws of the paper's ABC.
     pub abc_draws: usize,
-    /// Draws where many are wanted.
+    /// Number of draws where many are wanted.
     pub many_draws: usize,
-    /// Steps of one MCMC, all chains together.
+    /// Number of steps of one MCMC, all chains together.
     pub mcmc_steps: usize,
-    /// Rods over which the worth of measurements is averaged.
+    /// Number of rods over which the worth of measurements is averaged.
     pub rods: usize,
-    /// Passes of the perceptron's training over its design.
+    /// Number of passes of the perceptron's training over its design.
     pub epochs: usize,
 }
 
@@ -92,7 +92,7 @@ impl Default for Effort {
 }
 
 impl Effort {
-    /// Repetitions of a sampler.
+    /// Number of repetitions of a sampler.
     pub fn runs(&self, sampler: Sampler) -> usize {
         match sampler {
             Sampler::Mcmc => self.mcmc_runs,
@@ -101,7 +101,7 @@ impl Effort {
         }
     }
 
-    /// Reports of progress to expect, with so many models.
+    /// Number of progress reports to expect with `models` models.
     fn reports(&self, models: usize) -> usize {
         let samplers = [Sampler::Mcmc, Sampler::Abc, Sampler::AbcOfMany];
         let columns: usize = samplers.iter().map(|&sampler| models * self.runs(sampler)).sum();
@@ -111,88 +111,88 @@ impl Effort {
     }
 }
 
-/// Why the study could not be run.
+/// Reason why the study could not be run.
 #[derive(Debug, Error)]
 pub enum StudyError {
-    /// No chaos.
+    /// The chaos cannot be fitted.
     #[error(transparent)]
     Fit(#[from] FitError),
-    /// No ABC.
+    /// The ABC cannot be planned.
     #[error(transparent)]
     Plan(#[from] PlanError),
-    /// An ABC without a posterior.
+    /// The ABC gives no posterior.
     #[error("ABC found no posterior: {0}")]
     Rejection(#[from] Rejection),
-    /// No chains.
+    /// There are no chains.
     #[error(transparent)]
     Mcmc(#[from] McmcError),
-    /// No thread of its own to take times on.
+    /// No thread pool for the timings can be made.
     #[error("times cannot be taken: {0}")]
     Threads(#[from] rayon::ThreadPoolBuildError),
-    /// No frequencies.
+    /// The frequencies are no valid observation.
     #[error(transparent)]
     Observation(#[from] InvalidObservation),
-    /// A rod without frequencies.
+    /// The model has no frequencies for a rod.
     #[error(transparent)]
     Model(#[from] OutsideRange),
-    /// A prior that does not describe a rod.
+    /// A prior does not describe a rod.
     #[error("a prior does not describe a rod")]
     NoRod,
 }
 
-/// One setting's part.
+/// Results of one setting.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Part {
-    /// The setting.
+    /// Setting of the part.
     pub setting: Setting,
-    /// Table 2.
+    /// Columns of Table 2.
     pub columns: Vec<Column>,
-    /// Figure 6.
+    /// Cases of figure 6.
     pub cases: Vec<Case>,
-    /// Table 3.
+    /// Rows of Table 3.
     pub rows: Vec<Row>,
     /// Posterior predictive checks.
     pub checks: Vec<predictive::Check>,
 }
 
-/// Everything.
+/// Results of the whole study.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Study {
-    /// How much was done.
+    /// Numbers of runs, draws and steps.
     pub effort: Effort,
     /// Seed of all random numbers.
     pub seed: u64,
-    /// Per setting.
+    /// Results per setting.
     pub parts: Vec<Part>,
     /// Error reports of the emulators under Table 1's prior, the paper's chaos first.
     pub emulators: Vec<ErrorReport>,
-    /// Sobol's indices, Table 1's prior.
+    /// Sobol's indices under Table 1's prior.
     pub sensitivity: Vec<sensitivity::Sensitivity>,
-    /// Figure 4.
+    /// Curves of figure 4.
     pub springs: sensitivity::Springs,
     /// The real record under other assumptions.
     pub assumptions: Vec<assumptions::Assumed>,
-    /// What to measure next.
+    /// Worth of further measurements.
     pub worth: Vec<worth::Worth>,
-    /// The ladder of samplers.
+    /// Comparison of samplers.
     pub ladder: Vec<ladder::Rung>,
-    /// Which statements hold.
+    /// Verdicts on the paper's statements.
     pub claims: Vec<Claim>,
-    /// What emulators and samplers cost; empty unless [`times::measure`] was asked.
+    /// Times of emulators and samplers; empty unless [`times::measure`] was called.
     pub times: Vec<Time>,
 }
 
-/// How many printed figures of a column or row agree with ours.
+/// Number of printed figures of a column or row that agree with ours.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Score {
-    /// The table or figure, and which column or row of it.
+    /// Table or figure, with its column or row.
     pub name: String,
-    /// Per setting: how many agree, and of how many.
+    /// Per setting: number of figures that agree, and number of all.
     pub agree: Vec<(usize, usize)>,
 }
 
 impl Study {
-    /// Every number of the study, those the paper prints beside them.
+    /// Every number of the study, with the paper's where it prints one.
     pub fn comparisons(&self) -> Vec<Comparison> {
         let mut all = Vec::new();
         for part in &self.parts {
@@ -241,7 +241,7 @@ impl Study {
         all
     }
 
-    /// How many of the printed figures agree, column by column and row by row.
+    /// Number of printed figures that agree, per column and per row.
     pub fn score(&self) -> Vec<Score> {
         let mut all: Vec<Score> = Vec::new();
         for part in &self.parts {
@@ -275,7 +275,7 @@ impl Study {
     }
 }
 
-/// The figures of an emulator's error report.
+/// Figures of an emulator's error report.
 fn errors(report: &ErrorReport) -> Vec<Comparison> {
     let one = |order: usize, statistic, value| {
         let column = format!("{}, mode {order}", report.emulator);
@@ -302,7 +302,7 @@ fn errors(report: &ErrorReport) -> Vec<Comparison> {
     all
 }
 
-/// Runs the study. `progress` is told what was done, how much of it, and of how much.
+/// Runs the study. `progress` is called with the step, its count so far, and the total.
 ///
 /// # Errors
 /// A part that cannot be run: with the paper's rod, none.
@@ -341,7 +341,7 @@ pub fn run(
     Ok(study)
 }
 
-/// How many forward models there are.
+/// Number of forward models.
 const MODELS: usize = 5;
 
 /// The forward models in the order of the columns.
@@ -377,7 +377,7 @@ impl Emulators {
         Ok(Self { pce, ann })
     }
 
-    /// Their errors, and those of the reduced emulator, over the prior.
+    /// Error reports over the prior: the two, and the reduced emulator.
     fn reports(&self, prior: &RodPrior) -> Vec<ErrorReport> {
         let rod = *prior.parameterisation();
         let (reduced, exact) = (ReducedModel::new(rod), Exact::new(rod));

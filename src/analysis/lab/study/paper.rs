@@ -1,4 +1,4 @@
-//! What the paper prints: its case study, Tables 1 to 3 and the figures its text gives.
+//! The paper's printed figures: its case study, Tables 1 to 3 and the figures in its text.
 
 use crate::analysis::rod::beam::Quantity;
 use crate::analysis::rod::prior::{Prior, RodPrior};
@@ -23,8 +23,8 @@ pub fn error_sd_hz() -> f64 {
     1e-3f64.sqrt()
 }
 
-/// Table 1, with another prior mean of the density \[kg/m^3\] (7500 there, 7000 in Table 3), its coefficient of
-/// variation kept.
+/// Table 1, with another prior mean of the density \[kg/m^3\] (7500 in Table 1, 7000 in Table 3) and the same
+/// coefficient of variation.
 pub fn prior(density_mean_kg_m3: f64) -> RodPrior {
     let todi = RodPrior::todi();
     let mut priors = todi.priors().to_vec();
@@ -83,8 +83,8 @@ pub const MCMC_PCE: Table2Column = table_2(573e3, 1.53e11, 7299.0, 0.074, [0.206
 /// Table 2, ABC on the chaos.
 pub const ABC_PCE: Table2Column = table_2(564e3, 1.53e11, 7540.0, 0.075, [0.194, 0.347, 0.084, 0.081]);
 
-/// Table 3, the parameters the five frequencies were made with: N, E, density, side. Its head says N/mm^2 for
-/// E, its values are pascals.
+/// Table 3, the parameters behind the five frequencies: N, E, density, side. The table's head gives N/mm^2
+/// for E; the values are pascals.
 pub const TRUTH: [f64; 4] = [700e3, 1.8e11, 7500.0, 0.07];
 /// Table 3, prior mean of the density \[kg/m^3\]; Table 1 says 7500.
 pub const TABLE_3_DENSITY: f64 = 7000.0;
@@ -99,11 +99,11 @@ pub const TABLE_3: [[f64; 4]; 5] = [
 /// Units of the last digits of [`TABLE_3`].
 pub const TABLE_3_DIGITS: [f64; 4] = [10.0, 1e9, 1.0, 1e-4];
 
-/// Largest Kullback-Leibler divergence that the text of section 5.1 allows in cases A, B and D; of case C it
-/// says that N alone exceeds this.
+/// Largest Kullback-Leibler divergence that the text of section 5.1 allows in cases A, B and D; in case C, by
+/// the text, N alone exceeds this.
 pub const DIVERGENCE_BOUNDS: [f64; 4] = [0.15, 0.016, 0.2, 0.12];
 
 /// The chaos's error on its 46 656 design points: largest mean \[Hz\] and variance (section 4.4).
 pub const GRID_ERROR: (f64, f64) = (1.8127e-5, 1.364e-5);
-/// Its largest errors in the tails, modes 1 to 3 \[Hz\].
+/// Largest errors of the chaos in the tails, modes 1 to 3 \[Hz\].
 pub const TAIL_ERRORS_HZ: [f64; 3] = [5e-3, 5e-2, 4e-2];

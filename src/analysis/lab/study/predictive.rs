@@ -12,15 +12,15 @@ use rand_distr::{Distribution, StandardNormal};
 use serde::Serialize;
 use statrs::distribution::{ChiSquared, ContinuousCDF};
 
-/// Where the histogram of f3 / f1 begins and ends, and its bins.
+/// Range of the histogram of f3 / f1.
 pub const RATIO: (f64, f64) = (2.7, 3.7);
-/// Bins of the histogram.
+/// Number of bins of the histogram.
 pub const BINS: usize = 100;
 
-/// What a posterior predicts, held against what was observed.
+/// Predictions of a posterior against the observation.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Check {
-    /// Whose posterior.
+    /// Name of the column.
     pub column: String,
     /// Standard deviation of the measurement error \[Hz\].
     pub error_sd_hz: f64,
@@ -40,7 +40,7 @@ pub struct Check {
 }
 
 impl Check {
-    /// Its figures.
+    /// Figures of the check.
     pub fn comparisons(&self, part: &str) -> Vec<Comparison> {
         let figures = [
             ("smallest f3/f1 of the model", Estimate::sure(self.smallest_ratio)),
@@ -59,7 +59,7 @@ impl Check {
     }
 }
 
-/// What one run predicts.
+/// Predictions of one run.
 struct Predicted {
     smallest_ratio: f64,
     ratios: Vec<f64>,

@@ -1,10 +1,10 @@
-//! Why printed figures disagree with ours: a sentence each, and how far it was checked.
+//! Reasons why printed figures disagree with ours: one sentence each, with the extent of the check.
 
 use super::paper::INFERRED;
 use super::setting::Setting;
 use super::table2::{Column, Sampler};
 
-/// Why Table 3 may disagree with one frequency, and with more.
+/// Reason why Table 3 may disagree, with one frequency and with more.
 pub fn of_table_3(frequencies: usize) -> &'static str {
     if frequencies == 1 {
         "Likeliest reason: that row was run on other data, perhaps the real record: its means give a first frequency near that record's, 13 % below the true rod's."
@@ -13,7 +13,7 @@ pub fn of_table_3(frequencies: usize) -> &'static str {
     }
 }
 
-/// Why a column of Table 2 may disagree.
+/// Reason why a column of Table 2 may disagree.
 pub fn of_table_2(setting: Setting, column: &Column) -> String {
     match (setting, column.which.sampler) {
         (Setting::AsPrinted, Sampler::Mcmc) => {
@@ -30,7 +30,8 @@ pub fn of_table_2(setting: Setting, column: &Column) -> String {
     }
 }
 
-/// Of how many independent draws from our posterior the printed means would be typical, each quantity taken by itself.
+/// Number of independent draws from our posterior of which the printed means would be typical, each quantity
+/// by itself.
 fn independent_draws(column: &Column) -> Option<f64> {
     let printed = column.which.printed()?;
     let square = |i: usize| {

@@ -1,4 +1,4 @@
-//! Which quantities the frequencies depend on: Sobol's indices, and figure 4's curves over the springs.
+//! Sensitivity of the frequencies: Sobol's indices, and figure 4's curves over the springs.
 
 use super::StudyError;
 use super::estimate::{Comparison, Estimate};
@@ -9,21 +9,21 @@ use crate::analysis::rod::emulator::sobol::{self, Indices, Problem};
 use crate::analysis::rod::prior::RodPrior;
 use serde::Serialize;
 
-/// Modes looked at.
+/// Number of modes.
 const MODES: usize = 3;
-/// Replications of the Monte Carlo estimate, and pairs of draws of each.
+/// Replications of the Monte Carlo estimate, and pairs of draws in each.
 const REPLICATIONS: u64 = 16;
 const PAIRS: usize = 4096;
-/// Points of the curves, and where they begin and end \[N m/rad\].
+/// Number of points of the curves, and their range \[N m/rad\].
 const POINTS: usize = 81;
 const STIFFNESS: (f64, f64) = (1e3, 1e9);
 
-/// One index, both ways.
+/// Sobol's indices of one quantity and mode, from the chaos and by Monte Carlo.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Sensitivity {
     /// Mode order, from 1.
     pub order: usize,
-    /// The quantity.
+    /// Quantity of the indices.
     pub quantity: Quantity,
     /// First-order index from the chaos.
     pub first: f64,
@@ -36,7 +36,7 @@ pub struct Sensitivity {
 }
 
 impl Sensitivity {
-    /// Its figures.
+    /// Figures of the indices.
     pub fn comparisons(&self) -> Vec<Comparison> {
         let column = format!("mode {}", self.order);
         [
@@ -96,13 +96,13 @@ pub struct Springs {
     pub stiffness_n_m: Vec<f64>,
     /// Frequencies of the first three modes \[Hz\].
     pub frequency_hz: Vec<[f64; MODES]>,
-    /// On hinges \[Hz\].
+    /// Frequencies on hinges \[Hz\].
     pub hinged_hz: [f64; MODES],
-    /// On clamps \[Hz\].
+    /// Frequencies on clamps \[Hz\].
     pub clamped_hz: [f64; MODES],
 }
 
-/// Figure 4.
+/// Computes figure 4.
 ///
 /// # Errors
 /// The prior means are no rod.

@@ -1,24 +1,24 @@
-//! The two settings the study runs in: what the paper prints, and what its numbers come out with.
+//! The two settings of the study: as the paper prints them, and as its numbers require.
 
 use super::paper;
 use crate::analysis::rod::prior::RodPrior;
 use serde::Serialize;
 
-/// What the paper leaves open or prints in two ways.
+/// Choice where the paper is open or contradicts itself.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Setting {
-    /// As its text and Table 1 say.
+    /// As in its text and Table 1.
     AsPrinted,
-    /// What its tables come out with.
+    /// As its tables require.
     AsInferred,
 }
 
 impl Setting {
-    /// Both.
+    /// Both settings.
     pub const ALL: [Self; 2] = [Self::AsPrinted, Self::AsInferred];
 
-    /// The name in files.
+    /// Name in files.
     pub fn key(self) -> &'static str {
         match self {
             Self::AsPrinted => "as-printed",
@@ -26,7 +26,7 @@ impl Setting {
         }
     }
 
-    /// What it stands for, in a sentence.
+    /// Meaning of the setting, in a sentence.
     pub fn about(self) -> &'static str {
         match self {
             Self::AsPrinted => {
@@ -54,8 +54,8 @@ impl Setting {
         }
     }
 
-    /// Standard deviation of the measurement error in the likelihood of MCMC \[Hz\]. ABC has the printed one in
-    /// both settings: beside its tolerance it hardly matters.
+    /// Standard deviation of the measurement error in the likelihood of MCMC \[Hz\]. ABC uses the printed one
+    /// in both settings: it hardly matters beside the tolerance.
     pub fn likelihood_sd_hz(self) -> f64 {
         match self {
             Self::AsPrinted => paper::error_sd_hz(),

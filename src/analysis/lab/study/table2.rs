@@ -1,5 +1,5 @@
-//! Table 2: posteriors of the real record by MCMC and ABC, on finite elements, exact solver and emulators, run
-//! again and again with other random numbers.
+//! Table 2: posteriors of the real record by MCMC and ABC, on finite elements, exact solver and emulators,
+//! repeated with other random numbers.
 
 use super::density::Grid;
 use super::estimate::{Comparison, Estimate};
@@ -17,18 +17,18 @@ use rayon::prelude::*;
 use serde::Serialize;
 use std::sync::Arc;
 
-/// Draws of a run that are kept for posterior predictive checks.
+/// Number of draws of a run kept for posterior predictive checks.
 const SAMPLE: usize = 4000;
-/// One of so many steps of a chain is kept.
+/// Steps of a chain per draw kept.
 pub const THIN: usize = 5;
-/// Chains of one MCMC.
+/// Number of chains of one MCMC.
 pub const CHAINS: usize = 16;
 /// Chains, points and lags of the figures of traces and autocorrelations.
 const TRACES: usize = 4;
 const TRACE_POINTS: usize = 400;
 const LAGS: usize = 60;
 
-/// How a posterior is sampled.
+/// Sampler of a posterior.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Sampler {
@@ -40,7 +40,7 @@ pub enum Sampler {
     AbcOfMany,
 }
 
-/// Which column of the table.
+/// Sampler and model of a column of the table.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub struct Which {
     /// The sampler.
@@ -50,7 +50,7 @@ pub struct Which {
 }
 
 impl Which {
-    /// The name in tables and files.
+    /// Name in tables and files.
     pub fn name(&self) -> String {
         let sampler = match self.sampler {
             Sampler::Mcmc => "MCMC",
@@ -60,7 +60,7 @@ impl Which {
         format!("{sampler}, {}", self.model)
     }
 
-    /// What the paper prints in this column.
+    /// Printed column of the paper, if it has this one.
     pub fn printed(&self) -> Option<Table2Column> {
         match (self.sampler, self.model) {
             (Sampler::Mcmc, "finite-elements") => Some(paper::MCMC),
@@ -72,7 +72,7 @@ impl Which {
     }
 }
 
-/// One run.
+/// Result of one run.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Run {
     /// Posterior means of the inferred quantities, SI.
@@ -81,7 +81,7 @@ pub struct Run {
     pub cv: [f64; 4],
     /// Their densities on the grids of their priors.
     pub density: [Vec<f64>; 4],
-    /// What the sampler says of itself.
+    /// Convergence figures of the sampler.
     pub quality: Quality,
     /// Up to 4000 parameter vectors, row-major.
     pub sample: Vec<f64>,
@@ -89,7 +89,7 @@ pub struct Run {
     pub traces: Option<Traces>,
 }
 
-/// What a sampler says of its run.
+/// Convergence figures of a run.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Quality {
     /// Largest distance accepted \[Hz\].
@@ -119,7 +119,7 @@ impl Quality {
     }
 }
 
-/// What a chain looks like.
+/// Traces and autocorrelations of chains.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Traces {
     /// Steps between two points of a trace.
@@ -130,12 +130,12 @@ pub struct Traces {
     pub autocorrelation: Vec<Vec<f64>>,
 }
 
-/// A column: all its runs.
+/// A column of the table: all its runs.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Column {
-    /// Which.
+    /// Sampler and model.
     pub which: Which,
-    /// The runs.
+    /// Runs of the column.
     pub runs: Vec<Run>,
 }
 
@@ -156,7 +156,7 @@ impl Column {
         sum
     }
 
-    /// Its figures beside the paper's.
+    /// Figures of the column beside the paper's.
     pub fn comparisons(&self, setting: Setting) -> Vec<Comparison> {
         let printed = self.which.printed();
         let part = format!("Table 2, {}", setting.key());
@@ -183,21 +183,21 @@ impl Column {
     }
 }
 
-/// What every run of a setting needs.
+/// Input of every run of a setting.
 pub struct Plan<'a> {
-    /// The setting.
+    /// Setting of the runs.
     pub setting: Setting,
-    /// The rod's prior.
+    /// Prior of the rod.
     pub prior: &'a RodPrior,
     /// The forward models.
     pub models: &'a [Arc<dyn ForwardModel>],
-    /// How much is done.
+    /// Numbers of runs, draws and steps.
     pub effort: &'a Effort,
-    /// Seed of everything.
+    /// Seed of all runs.
     pub seed: u64,
 }
 
-/// Runs all columns; `done` is told of every run.
+/// Runs all columns; `done` is called after every run.
 ///
 /// # Errors
 /// A run that cannot be made.
@@ -301,7 +301,7 @@ fn chain(plan: &Plan, model: &dyn ForwardModel, seed: u64, first: bool) -> Resul
     })
 }
 
-/// The paper's rejection ABC.
+/// Settings of the paper's rejection ABC.
 pub fn settings(draws: usize, share: f64) -> AbcSettings {
     AbcSettings {
         draws,
@@ -351,7 +351,7 @@ fn summary(prior: &RodPrior, rows: &[f64], worth: &[f64; 4]) -> ([f64; 4], [f64;
     (mean, cv, density)
 }
 
-/// At most [`SAMPLE`] rows, evenly from all.
+/// At most [`SAMPLE`] rows, evenly spaced.
 fn thinned(rows: &[f64], prior: &RodPrior) -> Vec<f64> {
     let width = prior.priors().len();
     let every = (rows.len() / width).div_ceil(SAMPLE).max(1);

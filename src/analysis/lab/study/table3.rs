@@ -13,18 +13,18 @@ use rayon::prelude::*;
 use serde::Serialize;
 use std::sync::Arc;
 
-/// One number of frequencies.
+/// Result for one number of frequencies.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Row {
-    /// How many frequencies.
+    /// Number of frequencies.
     pub frequencies: usize,
-    /// Per inferred quantity.
+    /// Results per inferred quantity.
     pub quantities: Vec<Cell>,
-    /// Their mean BMAPE.
+    /// Mean BMAPE of the quantities.
     pub bmape: Estimate,
 }
 
-/// One quantity.
+/// Result for one quantity.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Cell {
     /// Posterior mean, SI.
@@ -46,10 +46,11 @@ struct Run {
     density: [Vec<f64>; 4],
 }
 
-/// The five frequencies of the rod of Table 3 \[Hz\]; of the springs, which it does not print, the prior means.
+/// The five frequencies of the rod of Table 3 \[Hz\]; with springs, which it does not print, at the prior
+/// means.
 ///
 /// # Errors
-/// The model does not know the rod.
+/// The rod is outside the model's range.
 pub fn frequencies(prior: &RodPrior, model: &dyn ForwardModel) -> Result<[f64; MAX_MODES], StudyError> {
     let mut theta = prior.centre();
     theta[..4].copy_from_slice(&paper::TRUTH);
@@ -141,7 +142,7 @@ fn one(inference: &Inference, observed: &[f64], seed: u64) -> Result<Run, StudyE
     Ok(run)
 }
 
-/// A row's figures beside the paper's.
+/// Figures of a row beside the paper's.
 pub fn comparisons(row: &Row, setting: Setting) -> Vec<Comparison> {
     let part = format!("Table 3, {}", setting.key());
     let column = format!("nf = {}", row.frequencies);

@@ -1,5 +1,5 @@
-//! What emulators and samplers cost on this machine, on one thread: the one part of the study that is not the same
-//! twice, measured only when asked for.
+//! Times of emulators and samplers on this machine, on one thread: the one part of the study that is not
+//! reproducible, measured only on request.
 
 use super::setting::Setting;
 use super::table2::{self, Plan, Sampler, Which};
@@ -14,21 +14,21 @@ use crate::analysis::rod::prior::RodPrior;
 use serde::Serialize;
 use std::sync::Arc;
 
-/// An evaluation is repeated for so long \[s\].
+/// Time for which an evaluation is repeated \[s\].
 const LONG_ENOUGH_S: f64 = 0.3;
 
-/// One thing that takes time.
+/// Time of one task.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Time {
-    /// What is done.
+    /// The task.
     pub what: &'static str,
-    /// Which model does it.
+    /// Name of the model.
     pub model: &'static str,
-    /// How long it takes \[s\].
+    /// Time taken \[s\].
     pub seconds: f64,
 }
 
-/// Trains, asks and samples once more, on one thread, and takes the time by a clock that goes on in seconds.
+/// Trains, evaluates and samples once more, on one thread, timed by `clock` \[s\].
 ///
 /// # Errors
 /// As the study.

@@ -1,4 +1,4 @@
-//! When a statement holds: three rules, the same for every statement.
+//! Verdicts on statements: three rules, the same for every statement.
 //!
 //! * A printed figure *comes out* if it lies within three standard errors of one run of ours ([`DISAGREE`]); a
 //!   bound holds if one run of ours may lie within it.
@@ -9,20 +9,20 @@
 use super::estimate::{DISAGREE, Estimate};
 use serde::Serialize;
 
-/// Whether a statement holds.
+/// Verdict on a statement.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Verdict {
-    /// It does.
+    /// The statement holds.
     Holds,
-    /// It does not.
+    /// The statement does not hold.
     Fails,
-    /// Our figures cannot tell.
+    /// Our figures cannot decide.
     Open,
 }
 
 impl Verdict {
-    /// In words.
+    /// Verdict in words.
     pub fn words(self) -> &'static str {
         match self {
             Self::Holds => "holds",
@@ -31,7 +31,7 @@ impl Verdict {
         }
     }
 
-    /// Of a statement that says two things.
+    /// Verdict on a statement of two parts.
     pub fn and(self, other: Self) -> Self {
         match (self, other) {
             (Self::Fails, _) | (_, Self::Fails) => Self::Fails,
@@ -47,7 +47,7 @@ impl From<bool> for Verdict {
     }
 }
 
-/// Whether `difference`, of standard error `error`, is above zero.
+/// Verdict on `difference`, of standard error `error`, being above zero.
 pub fn positive(difference: f64, error: f64) -> Verdict {
     if difference > DISAGREE * error {
         Verdict::Holds
@@ -58,7 +58,7 @@ pub fn positive(difference: f64, error: f64) -> Verdict {
     }
 }
 
-/// Whether the first is larger.
+/// Verdict on the first being larger.
 pub fn larger(a: &Estimate, b: &Estimate) -> Verdict {
     positive(a.value - b.value, a.error_of_mean().hypot(b.error_of_mean()))
 }

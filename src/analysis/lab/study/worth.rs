@@ -1,4 +1,4 @@
-//! What to measure next: how much certainty in the axial force each further measurement buys.
+//! Worth of further measurements: the certainty of the axial force that each one buys.
 
 use super::estimate::Estimate;
 use super::{Effort, StudyError, table2};
@@ -21,7 +21,7 @@ struct Scenario {
     name: &'static str,
     modes: usize,
     error_sd_hz: f64,
-    /// Quantities measured beside the frequencies, with the relative error of that.
+    /// Quantities measured beside the frequencies, with the relative error of each.
     known: &'static [(Quantity, f64)],
 }
 
@@ -78,10 +78,10 @@ const SCENARIOS: [Scenario; 14] = {
     ]
 };
 
-/// What one campaign leaves unknown.
+/// Uncertainty that one campaign leaves.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Worth {
-    /// What is measured.
+    /// Quantities measured, in words.
     pub measured: &'static str,
     /// Posterior coefficient of variation of N; the error is the spread between rods.
     pub cv: Estimate,
@@ -89,7 +89,7 @@ pub struct Worth {
     pub of_first: Estimate,
 }
 
-/// Expected uncertainty of the force after each campaign, over rods drawn from the prior; every campaign meets
+/// Expected uncertainty of the force after each campaign, over rods drawn from the prior; every campaign has
 /// the same rods and the same errors.
 ///
 /// # Errors

@@ -1,19 +1,20 @@
-//! Air temperature through the seasons, and the rod that follows it late.
+//! Air temperature through the seasons, and the rod temperature that lags behind it.
 
 use super::oscillator::normal;
 use super::settings::Climate;
 use crate::analysis::numerics::random;
 use crate::analysis::signal::record::Timestamp;
+use crate::analysis::signal::record::time::DAY_S;
 use std::f64::consts::PI;
 
 const HOUR: f64 = 3600.0;
-const DAY: f64 = 86_400.0;
 /// The tropical year \[s\].
-const YEAR: f64 = 365.242_19 * DAY;
-/// Grid of the weather \[s\].
+const YEAR: f64 = 365.242_19 * DAY_S;
+/// Step of the weather's grid \[s\].
 const STEP: f64 = 600.0;
-/// How long before the first sample the weather begins, so that the slowest rod has forgotten its start.
-const WARM_UP: f64 = 30.0 * DAY;
+/// Time before the first sample at which the weather begins \[s\], so that the slowest rod has forgotten
+/// its start.
+const WARM_UP: f64 = 30.0 * DAY_S;
 
 /// A temperature history of one site.
 #[derive(Debug, Clone)]
@@ -35,7 +36,7 @@ impl Weather {
     /// The history of `duration_s` from `start`; the same seed gives the same weather.
     pub fn new(climate: &Climate, start: Timestamp, duration_s: f64, seed: u64) -> Self {
         let points = ((WARM_UP + duration_s.max(0.0)) / STEP).ceil() as usize + 2;
-        let memory = libm::exp(-STEP / (climate.weather_d * DAY));
+        let memory = libm::exp(-STEP / (climate.weather_d * DAY_S));
         let innovation = climate.weather_k * (1.0 - memory * memory).sqrt();
         let mut generator = random::stream(seed, 0);
         let mut value = climate.weather_k * normal(&mut generator);
@@ -53,8 +54,8 @@ impl Weather {
         }
     }
 
-    /// How a rod of time constant `lag_h` \[h\] follows the random part: T' = (T_air - T) / lag, exact
-    /// for an air temperature constant over each ten minutes.
+    /// Response of a rod of time constant `lag_h` \[h\] to the random part: T' = (T_air - T) / lag,
+    /// exact for an air temperature constant over each ten minutes.
     pub fn lagged(&self, lag_h: f64) -> Lagged {
         let lag_s = lag_h * HOUR;
         let gain = if lag_s > 0.0 {
@@ -97,8 +98,8 @@ impl Weather {
         let climate = &self.climate;
         // Day 1 of a year is the first of January, 1970 as good as any.
         climate.mean_c
-            + cosine(climate.season_k, YEAR, (climate.warmest_day - 1.0) * DAY)
-            + cosine(climate.day_k, DAY, climate.warmest_hour * HOUR)
+            + cosine(climate.season_k, YEAR, (climate.warmest_day - 1.0) * DAY_S)
+            + cosine(climate.day_k, DAY_S, climate.warmest_hour * HOUR)
     }
 
     fn interpolated(&self, grid: &[f64], time: Timestamp) -> f64 {
@@ -133,13 +134,13 @@ mod tests {
     #[test]
     fn the_warmest_hour_is_a_summer_afternoon() {
         let start = at("2025-01-01T00:00:00Z");
-        let weather = Weather::new(&CLIMATE, start, 400.0 * DAY, 1);
+        let weather = Weather::new(&CLIMATE, start, 400.0 * DAY_S, 1);
         let warmest = (0..400 * 24)
             .map(|hour| start.plus_seconds(f64::from(hour) * HOUR))
             .max_by(|a, b| weather.air_c(*a).total_cmp(&weather.air_c(*b)))
             .unwrap();
         // The year's phase drifts by up to a day within four years; so may the day.
-        let day = warmest.seconds_since(start) / DAY;
+        let day = warmest.seconds_since(start) / DAY_S;
         assert!((day - 204.6).abs() < 1.6, "{warmest}");
         assert!(warmest.to_string().contains("T14:00"), "{warmest}");
         assert!((weather.air_c(warmest) - 25.0).abs() < 0.01);
@@ -153,12 +154,12 @@ mod tests {
             ..CLIMATE
         };
         let start = at("2025-03-01T00:00:00Z");
-        let weather = Weather::new(&climate, start, 20.0 * DAY, 5);
+        let weather = Weather::new(&climate, start, 20.0 * DAY_S, 5);
         let lag_h = 5.0;
         let lagged = weather.lagged(lag_h);
         let step = 20.0;
         let mut rod = weather.rod_c(&lagged, start);
-        for i in 0..(10.0 * DAY / step) as usize {
+        for i in 0..(10.0 * DAY_S / step) as usize {
             let now = start.plus_seconds(i as f64 * step);
             let exact = weather.rod_c(&lagged, now);
             // The weather is a staircase of 10 min there, a polygon here: a few hundredths of a kelvin.
@@ -178,9 +179,9 @@ mod tests {
         };
         let start = at("2025-01-01T00:00:00Z");
         let days = 4000.0;
-        let weather = Weather::new(&climate, start, days * DAY, 3);
+        let weather = Weather::new(&climate, start, days * DAY_S, 3);
         let series: Vec<f64> = (0..8000)
-            .map(|i| weather.air_c(start.plus_seconds(i as f64 * 0.5 * DAY)) - climate.mean_c)
+            .map(|i| weather.air_c(start.plus_seconds(i as f64 * 0.5 * DAY_S)) - climate.mean_c)
             .collect();
         let n = series.len() as f64;
         let variance = series.iter().map(|x| x * x).sum::<f64>() / n;

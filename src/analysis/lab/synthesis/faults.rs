@@ -1,4 +1,4 @@
-//! What goes wrong between a rod and a recording: the sensor, the clock, the transport.
+//! Faults between a rod and a recording: the sensor, the clock, the transport.
 
 use super::oscillator::normal;
 use super::settings::FaultKind;
@@ -14,7 +14,7 @@ pub struct Message {
     pub samples: Vec<f64>,
 }
 
-/// Spoils what the sensor gives. `resolution_m` does not matter here: rails and spikes are electric.
+/// Applies the sensor's faults. `resolution_m` does not matter here: rails and spikes are electric.
 pub(super) fn spoil_samples<R: Rng>(
     faults: &[FaultKind],
     fs_hz: f64,
@@ -68,7 +68,7 @@ pub(super) fn spoil_samples<R: Rng>(
     }
 }
 
-/// Spoils stamps and transport of the messages of one record that starts at `start`.
+/// Applies the faults of stamps and transport to the messages of one record that starts at `start`.
 pub(super) fn spoil_messages<R: Rng>(
     faults: &[FaultKind],
     fs_hz: f64,
@@ -137,7 +137,7 @@ pub(super) fn spoil_messages<R: Rng>(
     }
 }
 
-/// The samples from `at_s` for `length_s`, as far as there are any.
+/// Index range of the samples from `at_s` for `length_s`, cut to the record.
 fn within(at_s: f64, length_s: f64, fs_hz: f64, count: usize) -> std::ops::Range<usize> {
     let sample = |seconds: f64| ((seconds * fs_hz).ceil().max(0.0) as usize).min(count);
     sample(at_s)..sample(at_s + length_s)

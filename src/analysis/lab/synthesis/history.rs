@@ -1,5 +1,4 @@
-//! Months of a simulated rod at the level of frequencies: what tracking would take from records whose waveforms were
-//! never made. Thousands of years in minutes.
+//! Months of a simulated rod at the level of frequencies, without waveforms: thousands of years in minutes.
 
 use super::climate::Weather;
 use super::oscillator::normal;
@@ -9,16 +8,16 @@ use crate::analysis::numerics::random;
 use crate::analysis::signal::record::{Reading, Timestamp};
 use crate::analysis::track::{LogMode, Observation};
 
-/// How frequencies are measured.
+/// Errors of the measured frequencies.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FrequencyErrors {
     /// Relative standard error of each frequency; the modes are those of the rod's damping list.
     pub log_sd: f64,
-    /// Static model discrepancy: what is added to ln f_n of every record.
+    /// Static model discrepancy, added to ln f_n of every record.
     pub offsets: Vec<f64>,
     /// Standard deviation of the force's own fluctuation, relative to the force.
     pub fluctuation: f64,
-    /// Its correlation from one record to the next.
+    /// Correlation of that fluctuation from one record to the next.
     pub autocorrelation: f64,
     /// Orders that are not measured.
     pub missing: Vec<usize>,
@@ -27,7 +26,7 @@ pub struct FrequencyErrors {
 /// One record of a history with the truth behind it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Measured {
-    /// What tracking takes.
+    /// Observation that tracking takes.
     pub observation: Observation,
     /// True axial force \[N\].
     pub axial_force_n: f64,
@@ -38,7 +37,7 @@ pub struct Measured {
 }
 
 /// The records of one rod; the same seed gives the same history. Temperature is read every
-/// `climate.between_s` (an hour if not given) and at the end of each record.
+/// `climate.between_s` (an hour by default) and at the end of each record.
 ///
 /// # Errors
 /// The rod would go slack.

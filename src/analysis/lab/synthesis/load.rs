@@ -1,4 +1,4 @@
-//! What sets a rod in motion besides a steady load: gusts, and knocks at random times.
+//! Excitation of a rod besides a steady load: gusts, and knocks at random times.
 
 use super::oscillator::normal;
 use super::settings::{Gusts, Knocks};
@@ -16,7 +16,7 @@ pub(super) struct Amplitude {
 }
 
 impl Amplitude {
-    /// From a stationary start.
+    /// An amplitude from a stationary start.
     pub(super) fn new<R: Rng>(gusts: &Gusts, fs_hz: f64, generator: &mut R) -> Self {
         let memory = libm::exp(-1.0 / (gusts.correlation_s * fs_hz));
         Self {

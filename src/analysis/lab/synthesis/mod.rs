@@ -43,7 +43,7 @@ use rod::Rod;
 /// Smallest step of the simulated thermometer \[K\].
 const THERMOMETER_STEP_K: f64 = 0.01;
 
-/// A simulation ready to give records.
+/// A prepared simulation.
 pub struct Synthesis<'s> {
     simulation: &'s Simulation,
     seed: u64,
@@ -53,17 +53,17 @@ pub struct Synthesis<'s> {
 /// One record of one rod, with the truth behind it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SimulatedRecord {
-    /// The rod.
+    /// Id of the rod.
     pub rod: RodId,
     /// Number of the record, from 1.
     pub number: usize,
-    /// Time of the first sample, by a right clock.
+    /// True time of the first sample.
     pub start: Timestamp,
-    /// What holds in the middle of the record.
+    /// True state in the middle of the record.
     pub truth: State,
-    /// Its displacement in the order of sending, SI.
+    /// Displacement in the order of sending, SI.
     pub displacement: Vec<Message>,
-    /// Its temperature \[degC\], one sample a message; empty if there is no climate.
+    /// Temperature \[degC\], one sample per message; empty if there is no climate.
     pub temperature: Vec<Message>,
 }
 
@@ -141,8 +141,8 @@ impl<'s> Synthesis<'s> {
         })
     }
 
-    /// What the thermometer says during record `index` and until the next: the air, with its own noise;
-    /// one for all rods.
+    /// Readings of the thermometer during record `index` and until the next: the air, with its own
+    /// noise; one for all rods.
     fn temperature(&self, index: usize, start: Timestamp) -> Vec<Message> {
         let (Some(weather), Some(climate)) = (&self.weather, &self.simulation.climate) else {
             return Vec::new();
@@ -171,7 +171,7 @@ impl<'s> Synthesis<'s> {
 }
 
 impl Simulation {
-    /// Samples in a record.
+    /// Number of samples in a record.
     pub fn samples(&self) -> usize {
         (self.record_s * self.fs_hz).round() as usize
     }

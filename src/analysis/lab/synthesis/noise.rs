@@ -1,4 +1,4 @@
-//! What a sensor adds by itself: white noise, 1/f noise, a finite resolution.
+//! Noise of a sensor: white noise, 1/f noise, a finite resolution.
 
 use super::oscillator::normal;
 use super::settings::Sensor;

@@ -21,8 +21,8 @@ impl Oscillator {
         }
     }
 
-    /// Displacement and velocity `t` seconds after it was let go at `(q, v)`, `t >= 0`:
-    /// exp(-zeta omega t) times a rotation with omega_d = omega sqrt(1 - zeta^2).
+    /// Displacement and velocity `t` seconds after a release at `(q, v)`, `t >= 0`: exp(-zeta omega t)
+    /// times a rotation with omega_d = omega sqrt(1 - zeta^2).
     pub fn free(&self, (q, v): (f64, f64), t: f64) -> (f64, f64) {
         let (omega, zeta) = (self.omega, self.zeta);
         let damped = omega * (1.0 - zeta * zeta).sqrt();

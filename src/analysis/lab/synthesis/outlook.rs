@@ -1,4 +1,4 @@
-//! Delays of one rod's drift detector, by simulation at the level of force ratios: no frequencies are made.
+//! Delays of one rod's drift detector, by simulation at the level of force ratios: without frequencies.
 
 use super::Change;
 use super::oscillator::normal;
@@ -6,55 +6,54 @@ use super::site_years::{Fate, Moment, SiteYears};
 use super::world::World;
 use crate::analysis::numerics::random;
 use crate::analysis::signal::record::Timestamp;
+use crate::analysis::signal::record::time::{DAY_S, YEAR_D};
 use crate::analysis::track::drift::{
     BankPrior, Companions, Detector, Filters, Regressors, Seen, Shape, ThermalPrior,
 };
 
-const DAY_S: f64 = 86_400.0;
-const YEAR_D: f64 = 365.25;
-/// Days after their beginning for which steps and ramps are followed.
+/// Days for which steps and ramps are followed after they begin.
 pub const HORIZON_D: [usize; 2] = [60, 730];
-/// Periods that the reference of ratios is the mean of.
+/// Number of periods that the reference of ratios is the mean of.
 const REFERENCE: usize = 30;
-/// Fewest rods with which a detector knows the others.
+/// Fewest rods with which a detector compares a rod with the others.
 const FEWEST: usize = 3;
 
-/// A change that is tried.
+/// A change to try.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Tried {
-    /// Whether it grows with time.
+    /// True if it grows with time.
     pub is_ramp: bool,
-    /// Share of the force: at once, or in a year.
+    /// Size as a share of the force: at once, or in a year.
     pub relative: f64,
 }
 
 /// A rod and its site, as far as the detector's delays depend on them.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Outlook {
-    /// The world, with the rod's own slopes.
+    /// World, with the rod's own slopes.
     pub world: World,
-    /// Rods of the site.
+    /// Number of rods of the site.
     pub rods: usize,
     /// Standard error of a period's ratio.
     pub noise_sd: f64,
-    /// Knowledge of the rod's slope.
+    /// Prior of the rod's thermal slope.
     pub thermal: ThermalPrior,
-    /// R of the alarm.
+    /// Limit R of the alarm.
     pub limit: f64,
 }
 
-/// What one simulated site shows.
+/// Result of one simulated site.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Told {
-    /// Days from each change to the record that told it, `None` beyond the horizon.
+    /// Days from each change to the record that raised the alarm; `None` beyond the horizon.
     pub delays_d: Vec<Option<f64>>,
-    /// Smallest step told within each of the times asked for, as the posterior stood before the change.
+    /// Smallest step detected within each of the times asked for, by the posterior before the change.
     pub steps: Vec<Option<f64>>,
-    /// Smallest ramp, per year.
+    /// Smallest ramp detected, per year.
     pub ramps: Vec<Option<f64>>,
 }
 
-/// A period made ready.
+/// A prepared period.
 struct Ready {
     day: f64,
     ratio: f64,
@@ -62,8 +61,8 @@ struct Ready {
 }
 
 impl Outlook {
-    /// Follows the first rod of site number `index` for `learned` days, then once more with each change. `within`: the
-    /// times for which the smallest change is asked \[d\].
+    /// Follows the first rod of site number `index` for `learned` days, then once more with each change.
+    /// `within`: times for which the smallest change is wanted \[d\].
     pub fn follow(&self, learned: usize, changes: &[Tried], within: &[usize], index: u64, seed: u64) -> Told {
         let longest = HORIZON_D[usize::from(changes.iter().any(|change| change.is_ramp))];
         let days = learned + longest.max(within.iter().copied().max().unwrap_or(0)) + 1;
@@ -166,7 +165,7 @@ impl Outlook {
                 .iter()
                 .zip(&ratios[1..])
                 .map(|(name, own)| (name.as_str(), own[index]));
-            let median = companions.take(others);
+            let median = companions.take(others).ratio;
             let (Some(ratio), Some(filtered)) = (ratios[0][index], filters.at(day)) else {
                 continue;
             };

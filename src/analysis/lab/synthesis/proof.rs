@@ -1,4 +1,4 @@
-//! Simulated sites through the real fold: what the trackers would have told about rods whose truth is known.
+//! Simulated sites through the real fold: the trackers' alarms about rods whose truth is known.
 
 use super::oscillator::normal;
 use super::site_years::{Fate, Moment, SiteYears};
@@ -8,6 +8,7 @@ use crate::analysis::numerics::random;
 use crate::analysis::rod::beam::Exact;
 use crate::analysis::rod::beam::forward::ForwardModel;
 use crate::analysis::rod::prior::RodPrior;
+use crate::analysis::signal::record::time::DAY_S;
 use crate::analysis::signal::record::{Reading, Timestamp};
 use crate::analysis::track::{
     Input, Kind, LogMode, Observation, Others, RodState, TrackPlan, Tracker, What, Witness,
@@ -15,35 +16,36 @@ use crate::analysis::track::{
 use serde::Serialize;
 use std::sync::Arc;
 
-const DAY_S: f64 = 86_400.0;
 const RECORD_S: f64 = 120.0;
-/// Share of its force a rod keeps at the warmest: others are drawn anew, as rods near to slack are not followed.
+/// Least share of its force that a rod keeps at the warmest; others are drawn again, as rods near to slack
+/// are not followed.
 const TAUT: f64 = 0.4;
-/// Draws before a rod is given up.
+/// Most draws before a rod is given up.
 const TRIES: u64 = 200;
-/// Mode that a line disturbs.
+/// Mode disturbed by a line.
 const DISTURBED: usize = 2;
-/// Root mean square of every record.
+/// Root mean square of every record \[m\].
 const RMS_M: f64 = 1e-5;
 
-/// What is simulated.
+/// Settings of a trial.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Trial {
-    /// Rods are drawn from it.
+    /// Prior from which the rods are drawn.
     pub prior: RodPrior,
     /// Standard deviation of the static discrepancy of ln f_n, one per mode measured.
     pub discrepancy: Vec<f64>,
     /// Relative standard error of each frequency.
     pub frequency_sd: f64,
-    /// Restraint of the ends, 0 free to expand and 1 rigid; if given, a slope of one per kelvin in the world stands for it.
+    /// Restraint of the ends, 0 free to expand and 1 rigid; if given, it replaces a slope of one per kelvin
+    /// in the world.
     pub restraint: Option<f64>,
     /// Thermal expansion \[1/K\].
     pub expansion_per_k: f64,
-    /// A change of the first rod, its time in days from the first record.
+    /// Change of the first rod, its time in days from the first record.
     pub change: Option<Change>,
-    /// Records of the baseline.
+    /// Number of records of the baseline.
     pub baseline: usize,
-    /// Days simulated.
+    /// Number of days simulated.
     pub days: usize,
     /// Midnight before the first record.
     pub midnight: Timestamp,
@@ -52,26 +54,27 @@ pub struct Trial {
 /// An alarm that was raised.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Raised {
-    /// What it is about.
+    /// Kind of the alarm.
     pub kind: Kind,
-    /// Who says so, for a drift.
+    /// Witness of a drift: the statistic that raised it.
     pub witness: Option<Witness>,
-    /// Days from the first midnight to the record with which it was told.
+    /// Days from the first midnight to the record that raised it.
     pub day: f64,
-    /// Whether the intervals of size and onset hold the truth, for a drift of a rod that changed.
+    /// Coverage of the intervals of size and onset, for a drift of a rod that changed: true where the
+    /// interval holds the truth.
     pub held: Option<[bool; 2]>,
 }
 
-/// What came of one rod.
+/// Result of one rod.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Outcome {
     /// Alarms, in the order they were raised.
     pub raised: Vec<Raised>,
-    /// Whether it was followed at all.
+    /// True if the rod was followed at all.
     pub monitored: bool,
-    /// Records whose change since the baseline was told, and those whose 95 % interval held the truth.
+    /// Number of records with a change since the baseline, and of those whose 95 % interval held the truth.
     pub told: [usize; 2],
-    /// Draws that would have come near to slack.
+    /// Number of draws that would have come near to slack.
     pub redrawn: u64,
 }
 
@@ -173,7 +176,7 @@ impl Trial {
         Ok(outcomes)
     }
 
-    /// A rod of the prior that stays taut in these moments.
+    /// Draws a rod of the prior that stays taut in these moments.
     fn draw(
         &self,
         moments: Vec<Moment>,
@@ -216,7 +219,7 @@ impl Trial {
         })
     }
 
-    /// Moments of a rod of this restraint, if one is given: kappa E A alpha / N per kelvin.
+    /// Moments scaled to this restraint, if one is given: kappa E A alpha / N per kelvin.
     fn moments_of(&self, theta: &[f64], moments: &[Moment]) -> Vec<Moment> {
         let Some(restraint) = self.restraint else {
             return moments.to_vec();
@@ -230,7 +233,7 @@ impl Trial {
         moments.iter().map(scaled).collect()
     }
 
-    /// The record as tracking takes it.
+    /// Record as tracking takes it.
     fn input<R: rand::Rng>(
         &self,
         model: &Exact,

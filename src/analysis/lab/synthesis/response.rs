@@ -1,4 +1,5 @@
-//! The displacement of a rod at the sensor: ambient response, free decays, what else moves, interference, noise.
+//! The displacement of a rod at the sensor: ambient response, free decays, neighbours and other resonances,
+//! interference, noise.
 
 use super::load::{Amplitude, knocks};
 use super::noise::{Noise, quantised};
@@ -11,7 +12,7 @@ use rand::RngExt;
 use rand::rngs::ChaCha8Rng;
 use std::f64::consts::PI;
 
-/// The rod's state is taken anew this often within a record \[s\].
+/// Interval at which the rod's state is updated within a record \[s\].
 const REFRESH_S: f64 = 60.0;
 
 /// Random streams of one record.
@@ -30,7 +31,7 @@ pub(super) fn stream_of(seed: u64, index: usize, purpose: u64) -> ChaCha8Rng {
     random::stream(seed, index as u64 * PER_RECORD + purpose)
 }
 
-/// The stream of mode `n` (from 0) of record `index`: those beyond the first eight have a seed of their own.
+/// Stream of mode `n` (from 0) of record `index`; modes beyond the first eight have a seed of their own.
 fn stream_of_mode(seed: u64, index: usize, n: usize) -> ChaCha8Rng {
     let purpose = MODES + n as u64;
     if purpose < SENSOR {
@@ -135,9 +136,9 @@ struct Ambient<'a, 's> {
     nominal: &'a State,
     states: &'a [State],
     fs_hz: f64,
-    /// Samples for which one state holds.
+    /// Number of samples for which one state holds.
     block: usize,
-    /// Amplitude of the load at each sample; none is one throughout.
+    /// Amplitude of the load at each sample; `None`: one throughout.
     gusts: Option<Vec<f64>>,
 }
 
@@ -186,7 +187,7 @@ impl Ambient<'_, '_> {
         }
     }
 
-    /// Adds the resonances of other things.
+    /// Adds resonances that are no modes of the rod.
     fn add_resonances(&self, generator: &mut ChaCha8Rng, output: &mut [f64]) {
         for resonance in &self.rod.settings.resonances {
             let oscillator = Oscillator::new(resonance.frequency_hz, resonance.damping);

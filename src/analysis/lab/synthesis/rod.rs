@@ -1,13 +1,14 @@
-//! What a simulated rod is at a point in time: axial force, natural frequencies, mode shapes.
+//! State of a simulated rod at a point in time: axial force, natural frequencies, mode shapes.
 
 use super::climate::{Lagged, Weather};
 use super::settings::{SimulatedRod, Simulation, Truth};
 use super::shape::Shape;
 use crate::analysis::rod::beam::{OutsideRange, Parameterisation, Quantity, exact};
+use crate::analysis::signal::record::time::DAY_S;
 use crate::analysis::signal::record::{RodId, Timestamp};
 use thiserror::Error;
 
-/// Why a simulation is impossible.
+/// Reason why a simulation is impossible.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum SynthesisError {
     /// The rod goes slack.
@@ -16,27 +17,27 @@ pub enum SynthesisError {
          but a tie-rod stays in tension; lower the restraint, the temperature range or the loss"
     )]
     Slack {
-        /// The rod.
+        /// Id of the rod.
         rod: RodId,
-        /// When.
+        /// Time of going slack.
         time: Timestamp,
-        /// The force \[N\].
+        /// Axial force \[N\].
         axial_force_n: f64,
     },
-    /// The beam has no natural frequencies there.
+    /// The beam has no natural frequencies.
     #[error("rod {rod}: {reason}")]
     Beam {
-        /// The rod.
+        /// Id of the rod.
         rod: RodId,
-        /// Why.
+        /// Reason given by the beam model.
         reason: OutsideRange,
     },
-    /// Nothing the sensor can see.
+    /// No mode lies in the sensor's band.
     #[error(
         "rod {rod}: its first natural frequency, {frequency_hz:.3} Hz, is not below half the sample rate of {fs_hz} Hz"
     )]
     Undersampled {
-        /// The rod.
+        /// Id of the rod.
         rod: RodId,
         /// Its first natural frequency \[Hz\].
         frequency_hz: f64,
@@ -45,12 +46,12 @@ pub enum SynthesisError {
     },
 }
 
-/// What holds at a point in time.
+/// State of a rod at a point in time.
 #[derive(Debug, Clone, PartialEq)]
 pub struct State {
-    /// Axial force \[N\]; none for a rod given by its frequencies.
+    /// Axial force \[N\]; `None` for a rod given by its frequencies.
     pub axial_force_n: Option<f64>,
-    /// Axial force over the truth's, without the effect of temperature: 1 until something changes \[-\].
+    /// Axial force over the truth's, without the effect of temperature: 1 until a change \[-\].
     pub relative_force: f64,
     /// Temperature of the air \[degC\], if there is a climate.
     pub air_c: Option<f64>,
@@ -58,7 +59,7 @@ pub struct State {
     pub rod_c: Option<f64>,
     /// Natural frequencies of the simulated modes \[Hz\].
     pub frequency_hz: Vec<f64>,
-    /// Their shapes.
+    /// Shapes of the modes.
     pub(super) shapes: Vec<Shape>,
 }
 
@@ -92,13 +93,13 @@ impl<'s> Rod<'s> {
         }
     }
 
-    /// What holds at `time`, with a passing relative `fluctuation` of the force.
+    /// State at `time`, with a passing relative `fluctuation` of the force.
     ///
     /// N = N_0 (1 + sum of changes + fluctuation) - kappa E A alpha (T_rod - T_ref). An added mass M at x lowers each
     /// frequency by Rayleigh's quotient with the bare rod's shape,
     /// f' = f / sqrt(1 + M w(x)^2 / (m l mean(w^2))): right to first order in M over the modal mass.
     pub(super) fn at(&self, time: Timestamp, fluctuation: f64) -> Result<State, SynthesisError> {
-        let days = time.seconds_since(self.start) / 86_400.0;
+        let days = time.seconds_since(self.start) / DAY_S;
         let relative_force = 1.0
             + self
                 .settings
@@ -167,7 +168,8 @@ impl<'s> Rod<'s> {
         })
     }
 
-    /// E A \[N\]: as given, or from the truth's modulus and section; 0 if the section has none.
+    /// Axial rigidity E A \[N\]: as given, or from the truth's modulus and section; 0 if the section has
+    /// none.
     fn axial_rigidity(&self) -> f64 {
         self.settings
             .thermal

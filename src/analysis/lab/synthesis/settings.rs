@@ -1,4 +1,4 @@
-//! What is simulated: the campaign, the rods and their truth, the weather, the sensors, the faults.
+//! Settings of a simulation: the campaign, the rods and their truth, the weather, the sensors, the faults.
 
 use crate::analysis::rod::beam::Section;
 use crate::analysis::signal::record::{Channel, RodId, Timestamp};
@@ -16,7 +16,7 @@ pub struct Simulation {
     pub records: usize,
     /// From the start of a record to the start of the next \[s\].
     pub interval_s: f64,
-    /// Samples in one message; 1 writes scalars.
+    /// Number of samples in one message; 1 writes scalars.
     pub samples_per_message: usize,
     /// The weather, if temperature plays a part.
     pub climate: Option<Climate>,
@@ -46,20 +46,20 @@ pub struct Climate {
     pub noise_k: f64,
     /// From one temperature message to the next within a record \[s\].
     pub every_s: f64,
-    /// From one temperature message to the next between records \[s\]; none logs in records only.
+    /// From one temperature message to the next between records \[s\]; `None`: within records only.
     pub between_s: Option<f64>,
 }
 
 /// One simulated rod.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SimulatedRod {
-    /// The rod.
+    /// Id of the rod.
     pub rod: RodId,
-    /// Where its displacement is written.
+    /// Channel of its displacement.
     pub displacement: Channel,
-    /// Where its temperature is written, if at all.
+    /// Channel of its temperature, if measured.
     pub temperature: Option<Channel>,
-    /// What it is in truth.
+    /// True state of the rod.
     pub truth: Truth,
     /// Damping ratio of each mode simulated, from the first \[-\].
     pub damping: Vec<f64>,
@@ -72,52 +72,52 @@ pub struct SimulatedRod {
     pub pull: Option<Pull>,
     /// Knocks at random times, if any.
     pub knocks: Option<Knocks>,
-    /// A like rod beside it, if any.
+    /// A similar rod beside it, if any.
     pub neighbour: Option<Neighbour>,
-    /// Resonances of other things that the sensor sees.
+    /// Resonances of other structures in the sensor's signal.
     pub resonances: Vec<Resonance>,
     /// The sensor.
     pub sensor: Sensor,
     /// Sinusoids that are no modes: mains hum, a motor.
     pub interference: Vec<Line>,
-    /// How temperature acts on the axial force.
+    /// Effect of temperature on the axial force.
     pub thermal: Thermal,
     /// Changes of the axial force besides temperature.
     pub changes: Vec<Change>,
-    /// A mass that is hung onto the rod, if any.
+    /// Mass hung onto the rod, if any.
     pub added_mass: Option<AddedMass>,
-    /// What goes wrong.
+    /// Faults of sensor, clock and transport.
     pub faults: Vec<Fault>,
 }
 
-/// What a simulated rod is in truth.
+/// True state of a simulated rod.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Truth {
     /// A beam: one value per quantity of the section, in its order, SI.
     Beam {
         /// The section.
         section: Section,
-        /// The values.
+        /// Values of the quantities, SI.
         theta: Vec<f64>,
     },
     /// Natural frequencies without a beam behind them \[Hz\], ascending; mode shapes are sines.
     Frequencies(Vec<f64>),
 }
 
-/// How a rod is set into free vibration on a schedule, beside the ambient load.
+/// Scheduled excitation of free vibration, beside the ambient load.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Pull {
     /// A slow pull and sudden release, or a blow.
     pub kind: PullKind,
-    /// Where, as a share of the length, 0 to 1.
+    /// Place as a share of the length, 0 to 1.
     pub at: f64,
-    /// Deflection there at release \[m\]; for a blow the first mode's amplitude at its antinode.
+    /// Deflection at that place on release \[m\]; for a blow, the first mode's amplitude at its antinode.
     pub deflection_m: f64,
     /// Time of the first release from the start of each record; before 0 the record begins inside the decay \[s\].
     pub first_s: f64,
     /// From one release to the next \[s\].
     pub every_s: f64,
-    /// How long the pull takes, for a release \[s\].
+    /// Duration of the pull before a release \[s\].
     pub ramp_s: f64,
 }
 
@@ -135,7 +135,7 @@ pub struct Gusts {
 pub struct Knocks {
     /// Mean time from one to the next; the gaps are exponential \[s\].
     pub every_s: f64,
-    /// Where, as a share of the length, 0 to 1.
+    /// Place as a share of the length, 0 to 1.
     pub at: f64,
     /// Median of the first mode's amplitude at its antinode \[m\].
     pub deflection_m: f64,
@@ -143,12 +143,12 @@ pub struct Knocks {
     pub log_sd: f64,
 }
 
-/// A rod of the same make beside it, whose vibration reaches the sensor through the wall.
+/// A rod of the same make beside this one, whose vibration reaches the sensor through the wall.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Neighbour {
     /// Its frequencies over the rod's, less one \[-\].
     pub detuning: f64,
-    /// The share of its vibration that the sensor sees \[-\].
+    /// Share of its vibration in the sensor's signal \[-\].
     pub share: f64,
 }
 
@@ -159,11 +159,11 @@ pub struct Resonance {
     pub frequency_hz: f64,
     /// Its damping ratio \[-\].
     pub damping: f64,
-    /// Standard deviation of what the sensor sees of it \[m\].
+    /// Standard deviation of its part of the sensor's signal \[m\].
     pub ambient_m: f64,
 }
 
-/// How a rod is set into free vibration.
+/// Kind of excitation of free vibration.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum PullKind {
     /// A point force that grows slowly and then vanishes: starts from the static shape at rest.
@@ -175,7 +175,7 @@ pub enum PullKind {
 /// The sensor of one rod.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sensor {
-    /// Where it looks, as a share of the length, 0 to 1; one half sees no even mode of a symmetric rod.
+    /// Place as a share of the length, 0 to 1; at one half no even mode of a symmetric rod is visible.
     pub at: f64,
     /// Standard deviation of its white noise, per sample \[m\].
     pub noise_m: f64,
@@ -194,16 +194,16 @@ pub struct Line {
     pub amplitude_m: f64,
 }
 
-/// How temperature acts on the axial force: N = N_0 - kappa E A alpha (T_rod - T_ref).
+/// Effect of temperature on the axial force: N = N_0 - kappa E A alpha (T_rod - T_ref).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Thermal {
     /// Restraint kappa of the ends, 0 free to 1 rigid \[-\].
     pub restraint: f64,
     /// Expansion coefficient alpha \[1/K\].
     pub expansion_per_k: f64,
-    /// Axial rigidity E A \[N\]; none takes E and A of the truth.
+    /// Axial rigidity E A \[N\]; `None`: E and A of the truth.
     pub axial_rigidity_n: Option<f64>,
-    /// Temperature at which the truth's axial force holds \[degC\]; none is the climate's mean.
+    /// Temperature at which the truth's axial force holds \[degC\]; `None`: the climate's mean.
     pub reference_c: Option<f64>,
     /// Time constant with which the rod follows the air \[h\].
     pub lag_h: f64,
@@ -221,7 +221,7 @@ pub struct Change {
 }
 
 impl Change {
-    /// The change that has happened after so many days, as a share of the truth's axial force.
+    /// Change reached after `days` days, as a share of the truth's axial force.
     pub(super) fn after(&self, days: f64) -> f64 {
         let since = days - self.start_d;
         let done = if since < 0.0 {
@@ -238,26 +238,26 @@ impl Change {
 /// A mass hung onto the rod.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AddedMass {
-    /// How much \[kg\].
+    /// Mass \[kg\].
     pub mass_kg: f64,
-    /// Where, as a share of the length, 0 to 1.
+    /// Place as a share of the length, 0 to 1.
     pub at: f64,
-    /// From when, from the start of the simulation \[d\].
+    /// Start, from the start of the simulation \[d\].
     pub start_d: f64,
 }
 
-/// Something that goes wrong in some records.
+/// A fault of some records.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Fault {
-    /// What.
+    /// Kind of the fault.
     pub kind: FaultKind,
-    /// First record it touches, from 1.
+    /// First record affected, from 1.
     pub first_record: usize,
-    /// Last record it touches.
+    /// Last record affected, from 1.
     pub last_record: usize,
 }
 
-/// What goes wrong. Times are from the start of the record.
+/// Kind of a fault. Times are from the start of the record.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum FaultKind {
     /// Samples are not a number from `at_s` for `length_s`.
@@ -295,7 +295,7 @@ pub enum FaultKind {
     },
     /// The output jumps and stays.
     Step {
-        /// When \[s\].
+        /// Time \[s\].
         at_s: f64,
         /// Height \[m\].
         height_m: f64,
@@ -307,16 +307,16 @@ pub enum FaultKind {
     },
     /// The clock jumps by `step_s` at `at_s` and stays wrong until the record's end.
     ClockStep {
-        /// When \[s\].
+        /// Time \[s\].
         at_s: f64,
-        /// By how much, negative is backwards \[s\].
+        /// Size of the jump, negative is backwards \[s\].
         step_s: f64,
     },
-    /// The message that holds the sample at `at_s` is stamped late, every other one right.
+    /// The message that holds the sample at `at_s` is stamped late, all others correctly.
     Late {
-        /// When \[s\].
+        /// Time \[s\].
         at_s: f64,
-        /// By how much \[s\].
+        /// Delay \[s\].
         late_s: f64,
     },
     /// The stamps scatter.
@@ -329,7 +329,7 @@ pub enum FaultKind {
         /// Share of the messages.
         share: f64,
     },
-    /// Messages change places with the next.
+    /// Messages are swapped with the next.
     OutOfOrder {
         /// Share of the messages.
         share: f64,
@@ -342,7 +342,7 @@ pub enum FaultKind {
 }
 
 impl FaultKind {
-    /// The name in configuration.
+    /// Name in configuration.
     pub fn key(&self) -> &'static str {
         match self {
             Self::Nan { .. } => "nan",

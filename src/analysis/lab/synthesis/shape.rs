@@ -23,7 +23,7 @@ pub struct Shape {
 }
 
 impl Shape {
-    /// The sine of mode `order` of a rod that has no beam behind it.
+    /// Sine of mode `order`, for a rod given by its frequencies.
     pub fn sine(order: usize) -> Self {
         let beta = order as f64 * PI;
         Self {

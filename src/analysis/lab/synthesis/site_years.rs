@@ -1,4 +1,5 @@
-//! Years of a site at the level of forces: what the thermometer reads, and what the force of every rod is at each record.
+//! Years of a site at the level of forces: the thermometer's readings, and the force of every rod at each
+//! record.
 //!
 //! ```text
 //! N / N_c = 1 + b (L - T_c) + m (M - T_c) + cycle + fluctuation + outlier + change
@@ -11,23 +12,22 @@ use super::Change;
 use super::oscillator::normal;
 use super::world::{FAULT_D, Thermometer, World};
 use crate::analysis::numerics::random;
+use crate::analysis::signal::record::time::{DAY_S, YEAR_D};
 use crate::analysis::signal::record::{Reading, Timestamp};
 use rand::{Rng, RngExt};
 use std::f64::consts::TAU;
 
-const DAY_S: f64 = 86_400.0;
-const YEAR_D: f64 = 365.25;
-/// Mean of the air \[degC\]; forces are relative to theirs at it.
+/// Mean of the air \[degC\], at which forces are one.
 const MEAN_C: f64 = 13.0;
 /// Coldest day of the year, warmest hour of the day.
 const COLDEST_DAY: f64 = 20.0;
 const WARMEST_HOUR: f64 = 15.0;
-/// Days before the first record that rods and masonry have followed the air.
+/// Days before the first record from which rods and masonry follow the air.
 const BEFORE_D: f64 = 150.0;
-/// Hour of the records and how far they may lie from it \[h\].
+/// Hour of the records, and their largest distance from it \[h\].
 const RECORD_HOUR: f64 = 11.0;
 const RECORD_JITTER_H: f64 = 1.0;
-/// Hour of the one reading a day.
+/// Hour of the reading where there is one a day.
 const READING_HOUR: f64 = 10.0;
 /// Noise of the thermometer \[K\], its drift \[K/d\] and its step \[K\].
 const READING_SD_K: f64 = 0.1;
@@ -44,11 +44,11 @@ const NOVEMBER: f64 = 320.0;
 /// Fate of a record.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Fate {
-    /// It gives frequencies.
+    /// The record gives frequencies.
     Measured,
-    /// It gives none.
+    /// The record gives no frequencies.
     Rejected,
-    /// It is not there.
+    /// There is no record.
     Missing,
 }
 
@@ -59,18 +59,18 @@ pub struct Moment {
     pub start: Timestamp,
     /// Effect of the rod's own temperature on the force, as a share of that at the mean temperature.
     pub thermal: f64,
-    /// All other effects, the change among them.
+    /// Sum of all other effects, the change among them.
     pub other: f64,
     /// The change.
     pub change: f64,
     /// Shift of ln f of the second mode.
     pub line: f64,
-    /// What becomes of it.
+    /// Fate of the record.
     pub fate: Fate,
 }
 
 impl Moment {
-    /// Force over that at the mean temperature.
+    /// Force over that at the mean temperature \[-\].
     pub fn force(&self) -> f64 {
         1.0 + self.thermal + self.other
     }
@@ -112,7 +112,7 @@ impl Air {
         }
     }
 
-    /// What follows the air with a lag, exactly for a straight line from hour to hour.
+    /// Temperature that follows the air with a lag, exactly for a straight line from hour to hour.
     fn followed(&self, lag_h: f64) -> Self {
         let decay = libm::exp(-1.0 / lag_h);
         let mut value = self.celsius[0];
@@ -127,7 +127,7 @@ impl Air {
         }
     }
 
-    /// At a time in days from the first record's midnight.
+    /// Temperature at a time in days from the first record's midnight.
     fn at(&self, day: f64) -> f64 {
         let place = ((day + BEFORE_D) * 24.0).clamp(0.0, (self.celsius.len() - 2) as f64);
         let (hour, share) = (place as usize, place.fract());
@@ -141,7 +141,7 @@ struct Memory {
 }
 
 impl Memory {
-    /// Memory in steps.
+    /// A process with a memory of `steps` steps.
     fn new(steps: f64) -> Self {
         Self {
             keeps: libm::exp(-1.0 / steps),
@@ -154,8 +154,8 @@ impl Memory {
 }
 
 impl SiteYears {
-    /// Draws a site: `rods` of them, one record a day for `days` from `midnight` on; `change` happens to the first rod, its
-    /// time in days from the first midnight. The same seed gives the same site.
+    /// Draws a site: `rods` of them, one record a day for `days` from `midnight` on; `change` applies to the
+    /// first rod, its time in days from the first midnight. The same seed gives the same site.
     pub fn new(
         world: &World,
         rods: usize,
@@ -236,7 +236,7 @@ impl SiteYears {
     }
 }
 
-/// What the thermometer says.
+/// Readings of the thermometer.
 fn readings<R: Rng>(
     world: &World,
     air: &Air,

@@ -1,4 +1,5 @@
-//! Worlds a site may live in: temperature, thermometer, masonry, memory, missing records, interference.
+//! Simulated surroundings of a site: temperature, thermometer, masonry, memory, missing records,
+//! interference.
 //!
 //! Slopes and fluctuations are shares of the force at the mean temperature.
 
@@ -9,35 +10,35 @@ use serde::Serialize;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Thermometer {
-    /// It reads the air.
+    /// Reads the air.
     Right,
-    /// It stays at one value from day [`FAULT_D`] on.
+    /// Stays at one value from day [`FAULT_D`] on.
     Stuck,
-    /// It reads 0.03 K more every day from that day on.
+    /// Drifts by 0.03 K more every day from that day on.
     Drifting,
-    /// It reads 2 K more from that day on.
+    /// Reads 2 K too much from that day on.
     Offset,
-    /// It gives nothing from that day on.
+    /// Gives nothing from that day on.
     Dead,
-    /// There is none.
+    /// No thermometer.
     Missing,
 }
 
 /// Day on which a thermometer fails, from the first record.
 pub const FAULT_D: f64 = 100.0;
 
-/// What a site's rods and instruments are drawn from.
+/// Distributions from which a site's rods and instruments are drawn.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct World {
     /// Temperature from winter to summer \[K\].
     pub season_k: f64,
-    /// Readings of the thermometer a day.
+    /// Number of readings of the thermometer a day.
     pub readings_per_day: u32,
-    /// A reading comes earlier or later by up to this \[h\].
+    /// Largest time by which a reading comes earlier or later \[h\].
     pub reading_jitter_h: f64,
     /// The thermometer.
     pub thermometer: Thermometer,
-    /// Share of records that are not there.
+    /// Share of records that are missing.
     pub missing: f64,
     /// Share of records that give no frequencies.
     pub rejected: f64,
@@ -55,15 +56,15 @@ pub struct World {
     pub memory_d: f64,
     /// Amplitude of a yearly cycle that temperature does not explain.
     pub cycle: f64,
-    /// Share of records with a wild force, of a standard deviation of 3 %.
+    /// Share of records with an outlying force, of a standard deviation of 3 %.
     pub outliers: f64,
-    /// Share of records whose second mode is drawn towards a line.
+    /// Share of records whose second mode is pulled towards a line.
     pub interference: f64,
-    /// Whether records begin in the middle of November; else on any day of the year.
+    /// True if records begin in the middle of November; else on any day of the year.
     pub is_winter: bool,
 }
 
-/// The world in which nothing is difficult.
+/// World without difficulties.
 const BENIGN: World = World {
     season_k: 15.0,
     readings_per_day: 24,
@@ -105,7 +106,7 @@ impl World {
         "mixed",
     ];
 
-    /// The world of a name, `mixed` being drawn.
+    /// World of a name; `mixed` is drawn.
     pub fn named<R: Rng>(name: &str, generator: &mut R) -> Option<Self> {
         let remembers = |memory_d| World {
             fluctuation: 0.002,

@@ -9,7 +9,7 @@ use super::Beam;
 use super::element::{BENDING, GEOMETRIC, MASS, energies};
 use std::f64::consts::PI;
 
-/// Sub-diagonals of the pencil's matrices.
+/// Number of sub-diagonals of the pencil's matrices.
 pub const BANDWIDTH: usize = 3;
 
 /// A symmetric banded matrix: `column[j][d]` is the entry in row `j + d` and column `j`; as many zero
@@ -87,7 +87,7 @@ impl Assembly {
         assembly
     }
 
-    /// Where an element's four degrees of freedom stand in the pencil (`None`: held by the support), and
+    /// Indices of an element's four degrees of freedom in the pencil (`None`: fixed by the support), and
     /// their scales.
     #[inline]
     fn places(&self, element: usize) -> ([Option<usize>; 4], [f64; 4]) {
@@ -134,12 +134,13 @@ impl Assembly {
         (tension, self.bending * bending + springs + tension)
     }
 
-    /// The square of the circular frequency \[1/s^2\] that the pencil's eigenvalue `mu` stands for.
+    /// Square of the circular frequency \[1/s^2\] that belongs to the eigenvalue `mu`.
     pub fn circular_frequency_squared(&self, mu: f64) -> f64 {
         self.unit * mu
     }
 
-    /// A guess for the eigenvalue after `mu`: half a wave more, by the dispersion of the continuous beam.
+    /// First guess for the eigenvalue after `mu`: half a wave more, by the dispersion of the continuous
+    /// beam.
     pub fn following(&self, mu: f64) -> f64 {
         let (b, t) = (self.bending, self.tension);
         let square = 2.0 * mu / (t + (t * t + 4.0 * b * mu).sqrt());

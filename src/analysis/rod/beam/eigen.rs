@@ -14,10 +14,10 @@ const ABOVE: f64 = 1e-8;
 /// A shift is close enough when it lies within this share of the new Rayleigh quotient. The vector was
 /// then good to better than its root, and the solve has improved it once more by this factor.
 const CLOSE: f64 = 1e-6;
-/// Rayleigh steps before the counts alone decide.
+/// Most Rayleigh steps before bisection by counts alone.
 const PATIENCE: usize = 24;
 
-/// An eigenvalue with what its vector says about tension.
+/// An eigenvalue and its sensitivity to tension.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Eigenvalue {
     /// The eigenvalue mu.
@@ -92,8 +92,8 @@ pub fn lowest(assembly: &Assembly, out: &mut [Eigenvalue]) {
     }
 }
 
-/// `K - shift M = L D L'`; returns how many entries of D are negative. Column j of `factor` becomes `1 / d`
-/// and the entries of L below it.
+/// `K - shift M = L D L'`; returns the number of negative entries of D. Column j of `factor` becomes
+/// `1 / d` and the entries of L below it.
 fn factorise(assembly: &Assembly, shift: f64, factor: &mut Band) -> usize {
     for ((f, k), m) in factor.iter_mut().zip(&assembly.stiffness).zip(&assembly.mass) {
         for d in 0..=BANDWIDTH {

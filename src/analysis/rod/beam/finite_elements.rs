@@ -7,9 +7,9 @@ use super::forward::{ForwardModel, MAX_MODES};
 use super::{Beam, Parameterisation};
 use std::f64::consts::PI;
 
-/// How many elements the paper uses.
+/// Number of elements in the paper.
 pub const ELEMENTS: usize = 50;
-/// The fewest elements allowed: twice as many degrees of freedom as modes, and then some.
+/// Fewest elements allowed: a little over twice as many degrees of freedom as modes.
 pub const FEWEST_ELEMENTS: usize = 8;
 
 /// The first `out.len()` natural frequencies \[Hz\] of `beam` divided into `elements` equal elements; at
@@ -55,7 +55,7 @@ impl FiniteElements {
         }
     }
 
-    /// How many elements.
+    /// Number of elements.
     pub fn elements(&self) -> usize {
         self.elements
     }

@@ -1,34 +1,34 @@
-//! The map from a rod's parameters to its natural frequencies, by whichever model stands behind it.
+//! The map from a rod's parameters to its natural frequencies, by any forward model.
 
 use super::{OutsideRange, Parameterisation};
 
-/// Mode orders an emulator serves and a force is inferred from, at most.
+/// Most mode orders that an emulator serves and that a force is inferred from.
 pub const MAX_MODES: usize = 5;
 
-/// Mode orders known to labels and to simulated records.
+/// Most mode orders of labels and of simulated records.
 pub const MAX_ORDERS: usize = 12;
 
-/// Points fewer than this are not worth a block.
+/// Fewest points worth evaluating as a block.
 pub const FEW: usize = 5;
 
 /// A model of the natural frequencies of a rod (finite elements, exact, chaos expansions ...).
 ///
 /// `theta` holds one value per quantity of [`ForwardModel::parameterisation`], in its order, SI.
 pub trait ForwardModel: Send + Sync {
-    /// The model's name as users type it: `exact`, `finite-elements`, `reduced`, `pce`.
+    /// Name of the model as users type it: `exact`, `finite-elements`, `reduced`, `pce`.
     fn name(&self) -> &'static str;
 
-    /// What the entries of `theta` mean.
+    /// Meaning of the entries of `theta`.
     fn parameterisation(&self) -> &Parameterisation;
 
-    /// How many mode orders it can give, from the first.
+    /// Number of mode orders it can give, from the first.
     fn modes(&self) -> usize;
 
     /// The first `out.len()` natural frequencies \[Hz\], ascending; `out.len() <= self.modes()`.
     fn frequencies(&self, theta: &[f64], out: &mut [f64]) -> Result<(), OutsideRange>;
 
-    /// The slopes `d ln f_n / d ln N` of the first `out.len()` modes: what a small relative change of
-    /// axial force does to each frequency. Unless a model knows better, by central differences.
+    /// The slopes `d ln f_n / d ln N` of the first `out.len()` modes: the relative change of each frequency
+    /// per relative change of axial force. Central differences by default.
     fn log_slopes(&self, theta: &[f64], out: &mut [f64]) -> Result<(), OutsideRange> {
         // Truncation and the rounding of a frequency good to 1e-14 balance near this step, at 1e-9.
         let step = 1e-4f64;
@@ -52,7 +52,7 @@ pub trait ForwardModel: Send + Sync {
         self.one_by_one(thetas, modes, out);
     }
 
-    /// What [`ForwardModel::frequencies_of_many`] promises, one call per point: for models without anything
+    /// Default of [`ForwardModel::frequencies_of_many`], one call per point: for models without anything
     /// better, and for the few points that do not fill a block.
     fn one_by_one(&self, thetas: &[f64], modes: usize, out: &mut [f64]) {
         let width = self.parameterisation().len();

@@ -14,19 +14,19 @@ pub use section::{Parameterisation, Quantity, Section};
 
 use thiserror::Error;
 
-/// Parameters for which a model has no trustworthy answer.
+/// Parameters outside the range in which a model can be trusted.
 #[derive(Debug, Clone, PartialEq, Error)]
 #[error("{what} = {value:.4e} lies outside the {model}'s range {low:.4e} to {high:.4e}")]
 pub struct OutsideRange {
-    /// The model that refuses, as users know it.
+    /// Name of the model that refuses, as users type it.
     pub model: &'static str,
-    /// The quantity that lies outside.
+    /// Name of the quantity that lies outside.
     pub what: &'static str,
-    /// Its value.
+    /// Value of that quantity, SI.
     pub value: f64,
-    /// The range's lower end.
+    /// Lower end of the range.
     pub low: f64,
-    /// The range's upper end.
+    /// Upper end of the range.
     pub high: f64,
 }
 
@@ -46,8 +46,9 @@ pub struct Beam {
 }
 
 impl Beam {
-    /// Refuses what is no tensioned beam: every quantity positive, but the axial force may be zero, and an end
-    /// stiffness zero or infinite. Magnitudes outside 1e-30 to 1e30 are refused so that nothing can overflow.
+    /// Returns an error unless this is a tensioned beam: every quantity positive, but the axial force may be
+    /// zero, and an end stiffness zero or infinite. Magnitudes outside 1e-30 to 1e30 are refused so that
+    /// nothing can overflow.
     pub fn check(&self, model: &'static str) -> Result<(), OutsideRange> {
         const LEAST: f64 = 1e-30;
         const MOST: f64 = 1e30;
@@ -89,7 +90,7 @@ pub(crate) fn hinged_frequency(beam: &Beam, order: usize) -> f64 {
     wavenumber * (stiffness / beam.mass_per_length_kg_m).sqrt() / (2.0 * std::f64::consts::PI)
 }
 
-/// Property tests of this crate's numerics: so many cases, always the same ones.
+/// Configuration of this crate's property tests: a fixed number of cases from a fixed seed.
 #[cfg(test)]
 pub(crate) fn seeded(cases: u32) -> proptest::test_runner::Config {
     proptest::test_runner::Config {

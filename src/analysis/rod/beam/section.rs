@@ -35,7 +35,7 @@ pub enum Quantity {
 }
 
 impl Quantity {
-    /// The name in configuration, JSON and tables, with its unit.
+    /// Name in configuration, JSON and tables, with its unit.
     pub fn key(self) -> &'static str {
         match self {
             Self::AxialForce => "axial_force_n",
@@ -54,7 +54,7 @@ impl Quantity {
     }
 }
 
-/// The shape of a cross-section, or none when rigidity and mass are given directly.
+/// Shape of a cross-section, or [`Section::Direct`] where rigidity and mass are given directly.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Section {
@@ -72,7 +72,7 @@ impl Section {
     /// Every section, in the order of the documentation.
     pub const ALL: [Self; 4] = [Self::Square, Self::Round, Self::Rectangle, Self::Direct];
 
-    /// The name in configuration and JSON.
+    /// Name in configuration and JSON.
     pub fn key(self) -> &'static str {
         match self {
             Self::Square => "square",
@@ -127,7 +127,7 @@ impl Section {
     }
 }
 
-/// What the entries of a parameter vector `theta` mean, and how they become a [`Beam`].
+/// Meaning of the entries of a parameter vector `theta`, and the map to a [`Beam`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Parameterisation {
     section: Section,
@@ -139,7 +139,7 @@ impl Parameterisation {
         Self { section }
     }
 
-    /// The section it describes.
+    /// Section of the rod.
     pub fn section(&self) -> Section {
         self.section
     }
@@ -149,13 +149,13 @@ impl Parameterisation {
         self.section.quantities()
     }
 
-    /// How many entries `theta` has.
+    /// Number of entries of `theta`.
     #[expect(clippy::len_without_is_empty, reason = "every section has quantities")]
     pub fn len(&self) -> usize {
         self.quantities().len()
     }
 
-    /// Where a quantity stands in `theta`, or `None` if this section does not have it.
+    /// Index of a quantity in `theta`, or `None` if this section does not have it.
     pub fn index(&self, quantity: Quantity) -> Option<usize> {
         self.quantities().iter().position(|&q| q == quantity)
     }

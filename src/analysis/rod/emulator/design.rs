@@ -9,21 +9,21 @@ use super::germ::Germ;
 use crate::analysis::numerics::orthogonal::Recurrence;
 use crate::analysis::rod::prior::RodPrior;
 
-/// The points of one germ.
+/// Design points of one germ.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Axis {
-    /// The germ.
+    /// Germ of this axis.
     pub germ: Germ,
-    /// Its points, ascending.
+    /// Points, ascending.
     pub nodes: Vec<f64>,
-    /// Their quadrature weights, of sum one.
+    /// Quadrature weights of the points, of sum one.
     pub weights: Vec<f64>,
-    /// Whether they are those of the truncated normal.
+    /// True if the points are those of the truncated normal.
     pub truncated: bool,
 }
 
 impl Axis {
-    /// Whether a germ lies between the outermost points. Rounding on the way to the value and back must not
+    /// True if a germ lies between the outermost points. Rounding on the way to the value and back must not
     /// exclude the points themselves.
     #[inline]
     pub fn holds(&self, z: f64) -> bool {
@@ -64,14 +64,14 @@ impl Design {
         }
     }
 
-    /// How many points; saturates.
+    /// Number of points; saturates.
     pub fn len(&self) -> usize {
         self.axes
             .iter()
             .fold(1, |product: usize, axis| product.saturating_mul(axis.nodes.len()))
     }
 
-    /// Whether there is no point (there always is one).
+    /// True if there is no point; never, since a design has at least one.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }

@@ -10,9 +10,9 @@ use crate::analysis::rod::prior::RodPrior;
 /// The trained range of an emulator.
 #[derive(Debug, Clone)]
 pub struct Domain {
-    /// The uncertain quantities with the design's points.
+    /// Uncertain quantities with their design points.
     pub axes: Vec<Axis>,
-    /// The name in refusals.
+    /// Name of the model in errors.
     model: &'static str,
     quantities: &'static [Quantity],
     fixed: Vec<(usize, f64)>,
@@ -34,7 +34,8 @@ impl Domain {
         }
     }
 
-    /// Refuses what lies outside the design's box, or differs in a quantity the prior holds fixed.
+    /// Returns an error if `theta` lies outside the design's box, or differs in a quantity the prior holds
+    /// fixed.
     pub fn check(&self, theta: &[f64]) -> Result<(), OutsideRange> {
         for axis in &self.axes {
             let value = theta[axis.germ.index];
@@ -61,7 +62,7 @@ impl Domain {
         })
     }
 
-    /// Whether every quantity that the prior holds fixed has its value.
+    /// True if every quantity that the prior holds fixed has its value.
     #[inline]
     pub fn has_fixed(&self, theta: &[f64]) -> bool {
         self.fixed.iter().all(|&(index, value)| theta[index] == value)

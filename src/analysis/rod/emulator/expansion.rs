@@ -19,7 +19,7 @@ pub const LANES: usize = 16;
 /// One output's coefficients, by outer function.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Expansion {
-    /// Per outer function, how many inner functions go with it.
+    /// Per outer function, the number of inner functions that go with it.
     runs: Vec<usize>,
     /// The coefficients, run after run.
     coefficients: Vec<f64>,
@@ -36,7 +36,7 @@ impl Expansion {
         expansion
     }
 
-    /// How many coefficients.
+    /// Number of coefficients.
     pub fn terms(&self) -> usize {
         self.coefficients.len()
     }
@@ -50,7 +50,7 @@ impl Expansion {
             .map(|((outer, inner), &c)| (outer, inner, c))
     }
 
-    /// Whether the expansion fits these numbers of outer and inner functions, every coefficient finite.
+    /// True if the expansion fits these numbers of outer and inner functions, every coefficient finite.
     pub fn fits(&self, outer: usize, inner: usize) -> bool {
         self.runs.len() == outer
             && self.runs.iter().all(|&run| run <= inner)

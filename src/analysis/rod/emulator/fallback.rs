@@ -15,7 +15,7 @@ pub struct OrExact<M> {
 }
 
 impl<M: ForwardModel> OrExact<M> {
-    /// `emulator`, with the exact model behind it.
+    /// `emulator` inside its range, the exact model outside.
     pub fn new(emulator: M) -> Self {
         let exact = Exact::new(*emulator.parameterisation());
         Self { emulator, exact }

@@ -14,10 +14,10 @@
 use super::design::{Axis, Design};
 use crate::analysis::numerics::orthogonal::Recurrence;
 
-/// How the points of the design count.
+/// Weights of the design points in the fit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Weighting {
-    /// All alike: ordinary least squares, the paper's.
+    /// Equal weights: ordinary least squares, the paper's.
     Equal,
     /// By quadrature weight: the projection in the mean-square sense of the prior.
     Quadrature,

@@ -10,9 +10,9 @@ use statrs::distribution::{Continuous, ContinuousCDF, Normal};
 /// reaches zero. Log-normal: `z = ln(v / median) / log_sd`. All that end on both sides: `z = Phi^-1(F(v))`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Germ {
-    /// Where the quantity stands in `theta`.
+    /// Index of the quantity in `theta`.
     pub index: usize,
-    /// Which quantity it is.
+    /// The quantity.
     pub quantity: Quantity,
     prior: Prior,
 }

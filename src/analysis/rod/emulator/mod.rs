@@ -21,7 +21,7 @@ pub use validate::ErrorReport;
 
 use serde::Serialize;
 
-/// Which forward model answers for the natural frequencies.
+/// Forward model used for the natural frequencies.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
 #[serde(rename_all = "kebab-case", tag = "model")]
 pub enum ModelSettings {
@@ -29,7 +29,7 @@ pub enum ModelSettings {
     Exact,
     /// Two-node beam elements.
     FiniteElements {
-        /// How many; the paper: 50.
+        /// Number of elements; the paper uses 50.
         elements: usize,
     },
     /// Chaos in the dimensionless groups, one for every rod and prior (the default).
@@ -37,7 +37,7 @@ pub enum ModelSettings {
     Reduced,
     /// The paper's Hermite chaos in the germs of the uncertain parameters.
     Pce {
-        /// Total order; the paper: 5.
+        /// Total order; the paper uses 5.
         order: usize,
     },
 }

@@ -1,7 +1,8 @@
 //! The paper's emulator (section 4.4): Hermite chaos of the natural frequencies in the germs of one rod.
 //!
 //! Its trained range is the box spanned by the design's points (for order 5, 3.32 standard deviations
-//! either side of the mean): beyond it a polynomial of order 5 is anybody's guess, and a query is refused.
+//! either side of the mean): beyond it a polynomial of order 5 cannot be trusted, and a query there is an
+//! error.
 
 use super::design::{Axis, Design};
 use super::domain::Domain;
@@ -19,16 +20,16 @@ use serde::{Deserialize, Serialize};
 
 pub use super::training::{FitError, MAX_ORDER, MAX_POINTS, Training};
 
-/// Raised whenever the same settings would give other coefficients.
+/// Version of the fit, raised whenever the same settings would give other coefficients.
 pub const VERSION: u32 = 1;
-/// The name in refusals.
+/// Name of the model in errors.
 const MODEL: &str = "Hermite chaos";
-/// The fitted coefficients with their error report: what the cache keeps.
+/// Fitted coefficients with their error report, as kept in the cache.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Fitted {
     /// One expansion per mode.
     pub expansions: Vec<Expansion>,
-    /// Their error report.
+    /// Error report of the fit.
     pub report: ErrorReport,
 }
 
@@ -45,7 +46,7 @@ pub struct Pce {
 }
 
 impl Pce {
-    /// Solves, fits and judges.
+    /// Solves the model on the design, fits the expansions and measures their errors.
     pub fn fit(
         prior: &RodPrior,
         order: usize,
@@ -56,7 +57,7 @@ impl Pce {
         Ok(Self::from_training(prior, &training, Weighting::Equal))
     }
 
-    /// Fits and judges.
+    /// Fits the expansions and measures their errors.
     pub fn from_training(prior: &RodPrior, training: &Training, weighting: Weighting) -> Self {
         let fitted = Fitted {
             expansions: training.fit(MAX_MODES, weighting),
@@ -70,7 +71,7 @@ impl Pce {
         pce
     }
 
-    /// From coefficients fitted earlier with the same prior and order; `None` if they do not fit.
+    /// Restores coefficients fitted earlier with the same prior and order; `None` if they do not fit.
     pub fn restore(prior: &RodPrior, order: usize, fitted: Fitted) -> Option<Self> {
         if order == 0 || order > MAX_ORDER {
             return None;
@@ -106,7 +107,7 @@ impl Pce {
         &self.fitted
     }
 
-    /// Its total order.
+    /// Total order of the chaos.
     pub fn order(&self) -> usize {
         self.order
     }
@@ -134,7 +135,7 @@ impl Pce {
         self.domain.axes.iter().map(|axis| axis.germ.quantity).collect()
     }
 
-    /// Judges it against `reference` on another sample (draws and seed) from its prior, see
+    /// Measures its errors against `reference` on another sample (draws and seed) from its prior, see
     /// [`validate::on_prior`].
     pub fn validate(
         &self,
@@ -189,7 +190,7 @@ impl Pce {
         out.iter_mut().zip(rows).for_each(|(out, [f])| *out = f);
     }
 
-    /// The germ of the axial force, or a refusal if the force is fixed: the chaos knows no slope then.
+    /// The germ of the axial force, or a refusal if the force is fixed: the chaos then has no slope.
     fn force(&self) -> Result<&Axis, OutsideRange> {
         let value = self.prior.priors()[0].centre();
         let refusal = OutsideRange {

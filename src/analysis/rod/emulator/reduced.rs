@@ -16,7 +16,7 @@
 //! The wavenumber is smoother than the frequency and costs a square root at the end instead of an
 //! exponential. It is symmetric in the two ends, which halves the terms. Coefficients are discrete
 //! projections on a tensor Gauss-Legendre grid of exact solutions; terms that contribute less than 1e-7
-//! are left out. Measured errors stand in docs/emulators.md.
+//! are left out. Measured errors are in docs/emulators.md.
 
 use super::expansion::{Expansion, LANES};
 use super::reduced_fit::{DEGREES_S, INNER};
@@ -27,10 +27,10 @@ use crate::analysis::rod::beam::{Beam, OutsideRange, Parameterisation};
 use std::f64::consts::PI;
 use std::sync::{Arc, LazyLock};
 
-/// Where u is one half.
+/// Value of lambda at which u is one half.
 pub(super) const LAMBDA: f64 = 0.2;
-/// s is one half at `k = sqrt(BENDING) EI / l` without tension: of the order of the stiffness that the lowest
-/// modes' end rotations meet.
+/// Square of the stiffness at which s is one half: `k = sqrt(BENDING) EI / l` without tension: of the order
+/// of the stiffness that the lowest modes' end rotations meet.
 pub(super) const BENDING: f64 = 49.0;
 
 /// The expansions of all modes' wavenumbers.
@@ -52,14 +52,14 @@ impl Reduced {
         Arc::clone(&SHARED)
     }
 
-    /// How many coefficients mode `order` has.
+    /// Number of coefficients of mode `order`.
     pub fn terms(&self, order: usize) -> usize {
         self.expansions
             .get(order.wrapping_sub(1))
             .map_or(0, Expansion::terms)
     }
 
-    /// Frequencies \[Hz\] of `L` beams, mode by mode; what is no beam gives anything.
+    /// Frequencies \[Hz\] of `L` beams, mode by mode; no meaning where the parameters are no beam.
     #[inline(always)]
     fn block<const L: usize>(&self, beams: &[Beam; L], out: &mut [[f64; L]]) {
         let (mut t, mut unit) = ([0.0; L], [0.0; L]);

@@ -46,15 +46,15 @@ pub fn of_terms<'a>(variables: usize, terms: impl Iterator<Item = (&'a [usize], 
     indices
 }
 
-/// What a Monte Carlo estimate needs to know of a function.
+/// Function of a Monte Carlo estimate, with its variables and outputs.
 pub struct Problem<'a> {
-    /// How many variables.
+    /// Number of variables.
     pub variables: usize,
-    /// How many outputs.
+    /// Number of outputs.
     pub outputs: usize,
     /// Draws all variables.
     pub sample: &'a (dyn Fn(&mut ChaCha8Rng, &mut [f64]) + Sync),
-    /// The function.
+    /// Evaluates the function: variables in, outputs out.
     pub evaluate: &'a (dyn Fn(&[f64], &mut [f64]) + Sync),
 }
 
@@ -94,7 +94,7 @@ pub fn saltelli(problem: &Problem, points: usize, seed: u64) -> Vec<Indices> {
 struct Sums {
     sum: Vec<f64>,
     squares: Vec<f64>,
-    /// Outputs x variables.
+    /// One entry per output and variable, outputs x variables.
     first: Vec<f64>,
     total: Vec<f64>,
 }

@@ -10,14 +10,14 @@ use crate::analysis::rod::prior::RodPrior;
 use rayon::prelude::*;
 use thiserror::Error;
 
-/// The most design points that are solved.
+/// Most design points solved.
 pub const MAX_POINTS: usize = 4_000_000;
-/// The highest total order.
+/// Highest total order.
 pub const MAX_ORDER: usize = 12;
 /// Design points solved between two reports of progress.
 const BLOCK: usize = 256;
 
-/// Why no chaos can be fitted.
+/// Reason why no chaos can be fitted.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum FitError {
     /// Every quantity is fixed.
@@ -25,10 +25,10 @@ pub enum FitError {
         "the chaos expands uncertain quantities, but every one is fixed; use the exact or the reduced model"
     )]
     NothingUncertain,
-    /// The order is not one that can be fitted.
+    /// The order is outside the range that can be fitted.
     #[error("chaos order {order}; it must lie between 1 and {MAX_ORDER}")]
     Order {
-        /// The order asked for.
+        /// Order asked for.
         order: usize,
     },
     /// The tensor grid is too large.
@@ -36,11 +36,11 @@ pub enum FitError {
         "order {order} with {germs} uncertain quantities needs {points} model solves, at most {MAX_POINTS} are made; lower the order or fix a quantity"
     )]
     TooLarge {
-        /// The order asked for.
+        /// Order asked for.
         order: usize,
-        /// Uncertain quantities.
+        /// Number of uncertain quantities.
         germs: usize,
-        /// Points of the grid.
+        /// Number of points of the grid.
         points: usize,
     },
     /// The forward model has no answer at a design point.
@@ -51,17 +51,17 @@ pub enum FitError {
 /// Frequencies on the design points, to be fitted.
 #[derive(Debug, Clone)]
 pub struct Training {
-    /// The points.
+    /// Design the frequencies belong to.
     pub design: Design,
-    /// Total order of the chaos they are for.
+    /// Total order of the chaos to be fitted.
     pub order: usize,
     /// Per mode, one frequency \[Hz\] per design point.
     pub values: Vec<Vec<f64>>,
 }
 
 impl Training {
-    /// Solves the finite-element model on the whole design, in parallel; `solved` is told how many points
-    /// more are done, and how many there are.
+    /// Solves the finite-element model on the whole design, in parallel; `solved` is called with the
+    /// number of points newly done and the total.
     pub fn solve(
         prior: &RodPrior,
         order: usize,
@@ -102,7 +102,7 @@ impl Training {
         })
     }
 
-    /// The expansions of the first `modes` modes, fitted by least squares.
+    /// Fits the expansions of the first `modes` modes by least squares.
     pub fn fit(&self, modes: usize, weighting: Weighting) -> Vec<Expansion> {
         let (outer, inner) = split(self.design.axes.len(), self.order);
         let count = self.order + 1;

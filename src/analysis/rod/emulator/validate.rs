@@ -1,4 +1,4 @@
-//! How wrong an emulator is: errors of value and slope on an independent sample from the prior.
+//! Errors of an emulator, in value and slope, on an independent sample from the prior.
 
 use crate::analysis::numerics::random;
 use crate::analysis::rod::beam::OutsideRange;
@@ -7,19 +7,19 @@ use crate::analysis::rod::prior::RodPrior;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-/// How large the absolute values of an error are.
+/// Size of the absolute values of an error.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Spread {
     /// Root of the mean square.
     pub rms: f64,
-    /// The value that 99.9 % do not exceed.
+    /// The 99.9 % quantile.
     pub q999: f64,
-    /// The largest.
+    /// The largest value.
     pub max: f64,
 }
 
 impl Spread {
-    /// Of these errors; zeros without any.
+    /// Spread of `errors`; zeros if there are none.
     pub fn of(errors: &[f64]) -> Self {
         let mut sizes: Vec<f64> = errors.iter().map(|e| e.abs()).collect();
         sizes.sort_by(f64::total_cmp);
@@ -43,7 +43,8 @@ pub struct ModeErrors {
     pub value_hz: Spread,
     /// Relative error of the frequency \[-\].
     pub relative: Spread,
-    /// Error of the slope `d ln f / d ln N` \[-\]; `None` if the emulator knows none, the force being fixed.
+    /// Error of the slope `d ln f / d ln N` \[-\]; `None` if the force is fixed, since the emulator then has
+    /// no slope.
     pub slope: Option<Spread>,
 }
 
@@ -61,15 +62,15 @@ pub struct GridErrors {
 /// An emulator's error report.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct ErrorReport {
-    /// Which emulator.
+    /// Name of the emulator.
     pub emulator: String,
-    /// Which model is taken as the truth on the sample.
+    /// Name of the model taken as the truth on the sample.
     pub reference: String,
-    /// Draws from the prior.
+    /// Number of draws from the prior.
     pub sample: usize,
     /// Seed of the draws.
     pub seed: u64,
-    /// How many draws lie outside the emulator's range (they are answered by the exact model).
+    /// Number of draws outside the emulator's range, which the exact model answers.
     pub outside: usize,
     /// Errors of the draws inside the range.
     pub modes: Vec<ModeErrors>,
@@ -79,15 +80,15 @@ pub struct ErrorReport {
     pub grid: Option<Vec<GridErrors>>,
 }
 
-/// Draws of the default report.
+/// Number of draws of the default report.
 pub const SAMPLE: usize = 20_000;
 /// Seed of the default report.
 pub const SEED: u64 = 20_260_101;
 
-/// What a validation asks of a model: frequencies and slopes of one parameter vector.
+/// Frequencies and slopes of one parameter vector, as a validation needs them of a model.
 pub type Both<'a> = &'a (dyn Fn(&[f64], &mut [f64], &mut [f64]) -> Result<(), OutsideRange> + Sync);
 
-/// Frequencies and slopes of a forward model; slopes it does not know are NaN.
+/// Frequencies and slopes of a forward model; slopes it does not have are NaN.
 pub fn both(model: &dyn ForwardModel) -> impl Fn(&[f64], &mut [f64], &mut [f64]) -> Result<(), OutsideRange> {
     move |theta, values, slopes| {
         model.frequencies(theta, values)?;
@@ -101,7 +102,7 @@ pub fn both(model: &dyn ForwardModel) -> impl Fn(&[f64], &mut [f64], &mut [f64])
 /// Compares `emulator` with `reference` on `sample` draws from `prior`, in parallel blocks with a stream each.
 ///
 /// `extrapolate` answers outside the emulator's range, for the report only. Draws the reference refuses are
-/// left out. `judged` is told how many draws more are done.
+/// left out. `judged` is called with the number of draws newly done.
 pub fn on_prior(
     emulator: &dyn ForwardModel,
     extrapolate: Option<Both>,
@@ -140,7 +141,7 @@ pub fn on_prior(
     }
 }
 
-/// What a block of draws showed.
+/// Errors of one block of draws.
 struct Block {
     inside: Errors,
     anywhere: Errors,

@@ -1,20 +1,20 @@
-//! Fits of one mode taken apart where they are two.
+//! Splits a fit of one mode in two where the record shows two modes.
 
 use super::Resonance;
 use super::fit::{Fit, HALF_WIDTHS, Stretch};
 use super::likelihood::Start;
 use super::pair::{Member, Pair, pair};
-use realfft::num_complex::Complex;
+use rustfft::num_complex::Complex;
 use std::f64::consts::TAU;
 
 /// Distance of two fits that are judged together, over the sum of their half-power half-widths.
 const TOUCHING: f64 = 5.0;
-/// Where one mode or two remains open, the farther of the two lies so many added standard errors off.
+/// Distance of the farther mode in units of the standard error added, where one mode or two remains open.
 const OPEN_SHARE: f64 = 1.5;
 
 impl Stretch<'_> {
-    /// The resonances, with those taken apart that are two, and wider errors where that remains open. `fits` ascend
-    /// in frequency.
+    /// Resonances of all fits: a fit of two close modes becomes two resonances, and wider errors where that
+    /// remains open. `fits` ascend in frequency.
     pub fn apart(&self, fits: &[Fit]) -> Vec<Resonance> {
         let mut found: Vec<Resonance> = Vec::new();
         let mut n = 0;
@@ -42,7 +42,7 @@ impl Stretch<'_> {
         found
     }
 
-    /// Whether a fit, alone or with the next one, is two modes.
+    /// Decides if a fit, alone or with the next one, is two modes.
     fn pair(&self, fit: &Fit, next: Option<&Fit>, others: &[Fit]) -> Pair {
         if fit.start == Start::Free || fit.resonance.line {
             return Pair::One;
@@ -65,7 +65,7 @@ impl Stretch<'_> {
     }
 }
 
-/// Whether two fits are so close that each is part of the other's band.
+/// True if two fits are so close that each lies in the other's band.
 fn touch(a: &Fit, b: &Fit) -> bool {
     let width = |fit: &Fit| fit.resonance.damping * fit.resonance.frequency_hz;
     let steady = |fit: &Fit| fit.start == Start::Stationary && !fit.resonance.line;
@@ -73,7 +73,7 @@ fn touch(a: &Fit, b: &Fit) -> bool {
     steady(a) && steady(b) && apart < TOUCHING * (width(a) + width(b))
 }
 
-/// The resonance of one of two modes that `fit` was made to.
+/// Resonance of one of two modes that were fitted as one in `fit`.
 fn member_of(fit: &Fit, member: Member) -> Resonance {
     Resonance {
         frequency_hz: member.pole.frequency_hz,

@@ -4,13 +4,13 @@ use super::Mask;
 use crate::analysis::signal::spectrum::welch::transform;
 use crate::analysis::signal::spectrum::window::line;
 use crate::analysis::signal::spectrum::{Transforms, fast_length};
-use realfft::num_complex::Complex;
+use rustfft::num_complex::Complex;
 
 /// The Fourier coefficients `J_k = dt / sqrt(T) sum_t x_t e^(-2 pi i k t / n)` of a record less its
 /// straight line, without taper: `|J_k|^2` is the two-sided raw periodogram \[unit^2/Hz\].
 #[derive(Debug, Clone)]
 pub struct Coefficients {
-    /// Length of the stretch transformed, T \[s\]; line `k` stands at `k / T`.
+    /// Length of the stretch transformed, T \[s\]; line `k` lies at `k / T`.
     pub duration_s: f64,
     /// The coefficients from 0 Hz to the Nyquist frequency.
     pub lines: Vec<Complex<f64>>,
@@ -91,23 +91,23 @@ impl Coefficients {
 /// One or several neighbouring Fourier coefficients.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Cell {
-    /// How many.
+    /// Number of coefficients.
     pub lines: f64,
     /// Their mean frequency \[Hz\].
     pub frequency_hz: f64,
-    /// The same as -1 to 1 across the band.
+    /// Frequency scaled to -1 to 1 across the band.
     pub x: f64,
     /// Sum of the real parts.
     pub re: f64,
     /// Sum of the imaginary parts.
     pub im: f64,
-    /// Sum of the squared magnitudes.
+    /// Sum of the squared magnitudes of the coefficients.
     pub power: f64,
     /// Shape of the noise floor: 1, or more where the skirts of other modes lie.
     pub floor: f64,
 }
 
-/// Cells side by side: what the likelihood adds up at once. Lanes beyond the last cell hold no lines.
+/// Number of cells that the likelihood adds up at once. Lanes beyond the last cell hold no lines.
 pub const LANES: usize = 8;
 
 /// [`LANES`] neighbouring cells, quantity by quantity.
@@ -117,7 +117,7 @@ pub struct Block {
     pub lines: [f64; LANES],
     /// Mean frequencies \[Hz\].
     pub frequency_hz: [f64; LANES],
-    /// The same as -1 to 1 across the band.
+    /// Frequencies scaled to -1 to 1 across the band.
     pub x: [f64; LANES],
     /// Sums of the real parts.
     pub re: [f64; LANES],
@@ -175,11 +175,11 @@ pub struct Band {
     pub middle_hz: f64,
     /// Half its width \[Hz\].
     pub half_width_hz: f64,
-    /// How many coefficients.
+    /// Number of coefficients.
     pub lines: f64,
-    /// Largest raw periodogram ordinate.
+    /// Largest ordinate of the raw periodogram.
     pub largest: f64,
-    /// How many cells.
+    /// Number of cells.
     cells: usize,
     blocks: Vec<Block>,
 }
@@ -217,8 +217,8 @@ impl Band {
         }
     }
 
-    /// The noise floor as the quietest fifth of the cells suggests it: the lower quintile of an
-    /// exponential distribution is 0.223 of its mean (a cell of several lines scatters less).
+    /// Noise floor estimated from the quietest fifth of the cells: the lower quintile of an exponential
+    /// distribution is 0.223 of its mean (a cell of several lines scatters less).
     pub fn quiet_level(&self) -> f64 {
         let mut powers: Vec<f64> = self.cells().map(|c| c.power / c.lines).collect();
         let fifth = powers.len() / 5;

@@ -1,19 +1,19 @@
 //! The true scatter of a frequency where the level of the force moves: Godambe's correction from innovations.
 //!
-//! A likelihood that takes the force for even promises too small an error when most of what it knows came
-//! in a few gusts. Its score is a sum of martingale differences, one per sample of the mode's
-//! [`Subband`], whatever the level does; so the sum of their squares is the variance that the score really
-//! has, and its ratio to the information is the factor by which the variance was underrated (the
-//! "sandwich"; Godambe 1960, Jesus and Chandler 2016).
+//! A likelihood that assumes an even force gives too small an error when most of the information came in a
+//! few gusts. Its score is a sum of martingale differences, one per sample of the mode's [`Subband`],
+//! whatever the level does; so the sum of their squares is the variance that the score really has, and its
+//! ratio to the information is the factor by which the variance was underrated (the "sandwich"; Godambe 1960,
+//! Jesus and Chandler 2016).
 
 use super::subband::{LEAST_SAMPLES, Pole, Subband, kurtosis};
-use realfft::num_complex::Complex;
+use rustfft::num_complex::Complex;
 use std::f64::consts::TAU;
 
-/// Variance of the unknown first state, in units of the innovations'.
+/// Variance of the unknown first state, in units of the variance of the innovations.
 const WIDE: f64 = 1e12;
 
-/// What the innovations say about a fit.
+/// Dispersion of a fit's innovations.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Dispersion {
     /// Factor on the frequency's standard error, at least 1.
@@ -24,15 +24,15 @@ pub struct Dispersion {
 }
 
 impl Dispersion {
-    /// No series to judge by: nothing is added.
+    /// Result where no series is long enough to judge by: nothing is added.
     pub const UNKNOWN: Self = Self {
         factor: 1.0,
         misfit: 0.0,
     };
 }
 
-/// Runs Kalman's filter of the fitted mode over its series. `noise` is the noise floor (mean ordinate) and
-/// `ratio` that of the peak to it.
+/// Runs the Kalman filter of the fitted mode over its series. `noise` is the noise floor (mean ordinate),
+/// `ratio` the height of the peak over it.
 pub fn dispersion(subband: &Subband, pole: Pole, noise: f64, ratio: f64) -> Option<Dispersion> {
     let y = &subband.samples;
     if y.len() < LEAST_SAMPLES {

@@ -12,21 +12,22 @@ use super::tone::{Tone, tone};
 use super::{Mask, Resonance};
 use crate::analysis::numerics::optimum::golden;
 use crate::analysis::signal::spectrum::Transforms;
-use realfft::num_complex::Complex;
+use rustfft::num_complex::Complex;
 
 /// Half width of a band in half-power half-widths of its peak: beyond 8 the band holds less than a
-/// tenth more of what there is to know about the frequency (bandwidth factor 0.84, Au 2014).
+/// tenth more of the information on the frequency (bandwidth factor 0.84, Au 2014).
 pub(super) const HALF_WIDTHS: f64 = 8.0;
 /// Fewest lines to either side of the peak: the noise floor must be known from lines that the mode does
 /// not reach, or excitation that goes on during a decay is taken for noise.
 pub(super) const LEAST_LINES: f64 = 40.0;
 /// A band never reaches further than this share of the peak's frequency.
 const WIDEST: f64 = 0.35;
-/// Twice the log-likelihood gain over noise that a peak needs beyond that of the search over lines.
+/// Least evidence of a peak: twice its log-likelihood gain over noise, beyond the gain of the search over
+/// lines.
 const LEAST_EVIDENCE: f64 = 16.0;
-/// Where a resonance is, before its errors.
+/// Location of a resonance, before its errors.
 pub struct Place {
-    /// The fit with the errors its curvature promises.
+    /// Fit with the errors that its curvature gives.
     pub fit: Fit,
     found: Found,
 }
@@ -34,17 +35,17 @@ pub struct Place {
 /// One fitted peak.
 #[derive(Debug, Clone, Copy)]
 pub struct Fit {
-    /// What it says.
+    /// Resonance found.
     pub resonance: Resonance,
-    /// Where the likelihood is highest.
+    /// Parameters of highest likelihood.
     pub parameters: Parameters,
-    /// The state it began with.
+    /// Start that the fit assumed.
     pub start: Start,
     pub(super) value: Value,
     half_width_hz: f64,
-    /// What gusts make a log-likelihood gain larger by.
+    /// Factor by which gusts inflate a log-likelihood gain.
     pub(super) spread: f64,
-    /// What a decay tells of its softening, and its transient with it.
+    /// Softening of a decay with its transient; `None` for other motion.
     pub(super) softening: Option<Softening>,
     softened: Option<Softened>,
     /// Part of the frequency's error that all decays of the mode share \[Hz\].
@@ -62,7 +63,7 @@ impl Fit {
         }
     }
 
-    /// What a softened decay's transient has beyond a linear one's of the same beginning, at `f`.
+    /// Transient of a softened decay at `f` less that of a linear decay of the same beginning.
     fn beyond_linear(&self, f: f64) -> Complex<f64> {
         self.softened.map_or(Complex::default(), |softened| {
             let phase = self.parameters.softening / self.resonance.damping;
@@ -72,24 +73,24 @@ impl Fit {
     }
 }
 
-/// Where a resonance is looked for.
+/// Starting point of a fit.
 #[derive(Debug, Clone, Copy)]
 pub struct Aim {
-    /// The peak \[Hz\].
+    /// Frequency of the peak \[Hz\].
     pub peak_hz: f64,
-    /// What a fit to another stretch of the record found.
+    /// Parameters found in another stretch of the record.
     pub before: Option<Parameters>,
 }
 
-/// One stretch of a record, its Fourier coefficients, and what is known before any fit.
+/// One stretch of a record: its Fourier coefficients, and what is known before any fit.
 pub struct Stretch<'a> {
-    /// Transforms planned before.
+    /// Transform plans, shared.
     pub transforms: &'a Transforms,
-    /// The stretch itself.
+    /// Fourier coefficients of the stretch.
     pub coefficients: Coefficients,
-    /// Its beginning.
+    /// Motion at the beginning of the stretch.
     pub beginning: Beginning,
-    /// Bands not looked at.
+    /// Bands that are left out.
     pub masks: &'a [Mask],
     /// Line distance of the spectrum the peaks were picked from \[Hz\].
     pub line_hz: f64,
@@ -98,9 +99,9 @@ pub struct Stretch<'a> {
 }
 
 impl Stretch<'_> {
-    /// Where the resonances are, by curvature alone: one entry per aim, `None` where a peak is noise or part
-    /// of a resonance already fitted. Aims come in descending height: what a lower one shows must stand
-    /// above the skirts of those before.
+    /// Locations of the resonances, by curvature alone: one entry per aim, `None` where a peak is noise or
+    /// part of a resonance already fitted. Aims come in descending height: a lower one must rise above the
+    /// skirts of those before.
     pub fn places(&self, aims: &[Aim]) -> Vec<Option<Place>> {
         let mut fits: Vec<Fit> = Vec::new();
         let mut places = Vec::with_capacity(aims.len());
@@ -124,7 +125,7 @@ impl Stretch<'_> {
         places
     }
 
-    /// The resonances found, each beside all others, with their errors.
+    /// Fits of the resonances found, each with all others taken into account, with their errors.
     pub fn with_errors(&self, places: &[Option<Place>]) -> Vec<Option<Fit>> {
         let fits: Vec<(usize, Fit)> = places
             .iter()
@@ -155,8 +156,8 @@ impl Stretch<'_> {
             .collect()
     }
 
-    /// The series of a resonance, less the transients of the others and what is smooth across its band; `half_hz` to either side as far as its
-    /// neighbours and masks allow.
+    /// Time series of a resonance, less the transients of the others and all that is smooth across its band;
+    /// `half_hz` to either side as far as its neighbours and masks allow.
     pub fn subband(&self, fit: &Fit, half_hz: f64, others: &[Fit]) -> Option<Subband> {
         let (middle, half) = fit.band_hz;
         let [level, slope] = fit.value.smooth;
@@ -165,7 +166,7 @@ impl Stretch<'_> {
         })
     }
 
-    /// The series of a band about a resonance, less the transients of `others` and `smooth`.
+    /// Time series of a band about a resonance, less the transients of `others` and `smooth`.
     pub(super) fn band_series(
         &self,
         fit: &Fit,
@@ -189,14 +190,14 @@ impl Stretch<'_> {
         )
     }
 
-    /// Whether a peak at `frequency_hz` is part of a resonance already fitted.
+    /// True if a peak at `frequency_hz` is part of a resonance already fitted.
     pub fn same(&self, fit: &Fit, frequency_hz: f64) -> bool {
         let r = &fit.resonance;
         let near = (1.5 * r.damping * r.frequency_hz).max(1.5 * self.line_hz);
         (frequency_hz - r.frequency_hz).abs() < near
     }
 
-    /// How far the band of a peak may reach: half way to the nearest resonances already fitted.
+    /// Limits of the band of a peak \[Hz\]: half way to the nearest resonances already fitted.
     pub(super) fn limits(&self, peak_hz: f64, others: &[Fit]) -> (f64, f64) {
         let (mut low, mut high) = ((1.0 - WIDEST) * peak_hz, (1.0 + WIDEST) * peak_hz);
         for other in others {
@@ -210,13 +211,13 @@ impl Stretch<'_> {
         (low, high.min(0.98 * self.nyquist_hz))
     }
 
-    /// The fit at a maximum with the errors that its curvature promises.
+    /// Fit at a maximum with the errors that its curvature gives.
     pub(super) fn provisional(&self, found: &Found) -> Option<Fit> {
         let sd = |i: usize| found.covariance()[(i, i)].sqrt();
         self.credible(found, found.parameters(), sd(0), sd(1))
     }
 
-    /// The fit at a maximum with its standard errors, and what it was taken for.
+    /// Fit at a maximum with its standard errors, classified as resonance or tone.
     fn judged(&self, found: &Found, others: &[Fit]) -> Option<Fit> {
         let (p, sd, log_sd, softening) = self.errors(found);
         let mut fit = self.credible(found, p, sd, log_sd)?;
@@ -245,7 +246,7 @@ impl Stretch<'_> {
         Some(fit)
     }
 
-    /// The fit at parameters `p` unless noise explains the peak as well.
+    /// Fit at parameters `p`, or `None` if noise explains the peak as well.
     fn credible(&self, found: &Found, p: Parameters, sd: f64, log_sd: f64) -> Option<Fit> {
         let band = &found.band;
         let value = likelihood::resonance(band, found.start, &p)?;
@@ -283,7 +284,7 @@ impl Stretch<'_> {
         })
     }
 
-    /// Twice the log-likelihood gain of a fit over a pure sine at its best.
+    /// Twice the log-likelihood gain of a fit over the best pure sine.
     fn over_sine(&self, band: &Band, fit: &Fit) -> Option<f64> {
         let p = &fit.parameters;
         let reach = 0.75 / band.duration_s;
@@ -296,7 +297,7 @@ impl Stretch<'_> {
         Some(2.0 * (fit.value.log_profile - sine_at(sine_hz)?))
     }
 
-    /// Whether other modes lift the band of `fit` by more than a fifth of its noise floor.
+    /// True if other modes lift the band of `fit` by more than a fifth of its noise floor.
     fn disturbed(&self, fit: &Fit, others: &[Fit]) -> bool {
         let f = fit.resonance.frequency_hz;
         [f - fit.half_width_hz, f, f + fit.half_width_hz]
@@ -309,7 +310,7 @@ impl Stretch<'_> {
     }
 }
 
-/// The random part of another mode's spectrum at `f`.
+/// Random part of another mode's spectrum at `f`.
 pub(super) fn skirt(other: &Fit, f: f64) -> f64 {
     let h = likelihood::shape(other.resonance.frequency_hz, other.resonance.damping, f);
     other.value.noise * other.parameters.log_ratio.exp() * h.norm_sqr()

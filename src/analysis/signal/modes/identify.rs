@@ -1,4 +1,4 @@
-//! One record to labelled natural frequencies: spectrum, peaks, refinement, labels.
+//! From one record to labelled natural frequencies: spectrum, peaks, refinement, labels.
 
 use super::label::{LabelPlan, Labelling, Unlabelled};
 use super::parts::Parts;
@@ -14,11 +14,11 @@ use crate::analysis::signal::spectrum::{
 const LEAST_PERIODS: f64 = 15.0;
 /// Highest frequency searched, as a share of the sample rate.
 const HIGHEST: f64 = 0.48;
-/// Stretches from the onset in which the peaks of a free decay are looked for \[s\]: a quickly
-/// damped mode drowns in the noise of a long one.
+/// Stretches from the onset searched for the peaks of a free decay \[s\]: a quickly damped mode drowns in the
+/// noise of a long one.
 const DECAY_STRETCHES_S: [f64; 4] = [4.0, 12.0, 36.0, 108.0];
 
-/// Spectrum and resonances of a record: what its labels rest on.
+/// Spectrum and resonances of a record: the evidence for its labels.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Evidence {
     /// Welch's spectrum, for plots.
@@ -29,27 +29,27 @@ pub struct Evidence {
     pub motion: Motion,
 }
 
-/// What a record says about a rod's natural frequencies.
+/// Natural frequencies of a rod from one record.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ModalEstimate {
     /// The labelled modes that the force uses, ascending in order.
     pub modes: Vec<Mode>,
     /// Probability of each mode's peak over all assignments, in the same order.
     pub label_probability: Vec<f64>,
-    /// Joint certainty of the labels.
+    /// Joint probability of the labels, and the alternatives.
     pub labels: Labels,
-    /// What they rest on.
+    /// Spectrum and resonances behind the labels.
     pub evidence: Evidence,
 }
 
-/// A record that gives no labelled frequencies, with as much as was found in it.
+/// A record without labelled frequencies, with the evidence found in it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Unidentified {
-    /// The reason.
+    /// Reason of the rejection.
     pub rejection: Rejection,
-    /// Spectrum and resonances, if the record has any.
+    /// Spectrum and resonances, if it has any.
     pub evidence: Option<Box<Evidence>>,
-    /// What the peaks may be, if there are peaks.
+    /// Candidate labels of the peaks, if there are peaks.
     pub labels: Option<Labels>,
 }
 
@@ -63,14 +63,14 @@ impl From<Rejection> for Unidentified {
     }
 }
 
-/// How the records of one rod are searched for its modes; made once per rod.
+/// Search and labelling of one rod's records; made once per rod.
 #[derive(Debug)]
 pub struct ModalPlan {
     search: PeakSearch,
     labels: LabelPlan,
 }
 
-/// Search of records for resonances, of whatever rod.
+/// Search of records for resonances, independent of the rod.
 #[derive(Debug)]
 pub struct PeakSearch {
     welch: WelchSettings,
@@ -80,7 +80,7 @@ pub struct PeakSearch {
 }
 
 impl ModalPlan {
-    /// From the settings and what the rod's labels are inferred from.
+    /// A plan from the spectrum and peak settings and the rod's label plan.
     pub fn new(welch: WelchSettings, peaks: PeakSettings, labels: LabelPlan) -> Self {
         let masks = labels.settings().masks.clone();
         Self {
@@ -99,7 +99,7 @@ impl ModalPlan {
         &self.labels
     }
 
-    /// The labelled natural frequencies of a record, or why there are none. A pure function of the
+    /// Labelled natural frequencies of a record, or the reason why there are none. A pure function of the
     /// plan and the record.
     pub fn identify(&self, record: &Record) -> Result<ModalEstimate, Unidentified> {
         let (low_hz, high_hz) = self.labels.band_hz();
@@ -156,7 +156,7 @@ impl ModalPlan {
 }
 
 impl PeakSearch {
-    /// From the settings and the bands in which no peak is believed.
+    /// A search with the given settings, which leaves out the masked bands.
     pub fn new(welch: WelchSettings, peaks: PeakSettings, masks: Vec<Mask>) -> Self {
         Self {
             welch,
@@ -228,7 +228,7 @@ impl PeakSearch {
         Welch::plan_with(&self.transforms, fs_hz, nperseg, noverlap, self.welch.window)
     }
 
-    /// Peaks of the first `stretch_s` seconds of a decay, untapered, unless a peak stands there already.
+    /// Adds peaks of the first `stretch_s` seconds of a decay, untapered, unless a peak is there already.
     fn add_decay_peaks(
         &self,
         peaks: &mut Vec<Peak>,
@@ -263,12 +263,12 @@ impl PeakSearch {
     }
 }
 
-/// The frequencies of which a record holds enough periods, and enough samples a period \[Hz\].
+/// Range of frequencies with enough periods in the record and enough samples per period \[Hz\].
 pub fn searchable_hz(record: &Record) -> (f64, f64) {
     (LEAST_PERIODS / record.duration_s(), HIGHEST * record.fs_hz)
 }
 
-/// What no spectrum can be made of.
+/// Rejects a record that no spectrum can be made of.
 fn check(record: &Record, needed_s: f64) -> Result<(), Rejection> {
     let samples = &record.samples;
     let duration_s = record.duration_s();

@@ -19,32 +19,32 @@
 //! so that the covariance of the band is a diagonal plus a matrix of rank two: the exact likelihood
 //! costs one pass over the lines. After a pull or a blow, or from within a decay, `c` is unknown with a very wide
 //! prior ([`Start::Free`]), and `W_k` stands for ambient excitation that goes on meanwhile.
-//! Whatever else varies smoothly across the band (leakage of drift and of other modes, the mode's
-//! own negative-frequency image) is `d_0 + d_1 x_k` with flat priors, integrated out.
+//! All else that varies smoothly across the band (leakage of drift and of other modes, the mode's own
+//! negative-frequency image) is `d_0 + d_1 x_k` with flat priors, integrated out.
 
 use super::band::{Band, Block, LANES};
 use super::logarithm::ln;
 use super::softened::Softened;
 use crate::analysis::numerics::simd::{Kernel, vectorised};
-use realfft::num_complex::Complex;
+use rustfft::num_complex::Complex;
 use std::f64::consts::TAU;
 
 /// Number of smooth nuisance terms (constant, slope).
 const SMOOTH: usize = 2;
 
-/// Fewest lines a likelihood is made of.
+/// Fewest lines for a likelihood.
 const LEAST_LINES: f64 = 8.0;
 
-/// The mode's state as the record begins.
+/// State of the mode at the beginning of the record.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Start {
-    /// Like any other moment's: what the ambient force keeps up.
+    /// The stationary response to the ambient force, as at any other moment.
     Stationary,
-    /// Anything: the record begins with or within a decay. What goes on beside it is ambient response.
+    /// Unknown: the record begins with or within a decay, on top of the ambient response.
     Free,
 }
 
-/// The parameters of one resonance: what is optimised, in this order.
+/// Parameters of one resonance, in the order of optimisation.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Parameters {
     /// Undamped natural frequency \[Hz\].
@@ -55,18 +55,18 @@ pub struct Parameters {
     pub log_ratio: f64,
     /// Relative slope of the noise floor per half width of the band, between -1 and 1.
     pub slope: f64,
-    /// Share by which a decay's frequency is lower at its beginning than where it ends \[-\]; of a free start only,
-    /// and found by itself ([`super::softened`]).
+    /// Share by which a decay's frequency is lower at its beginning than at its end \[-\]; for a free start
+    /// only, and estimated separately ([`super::softened`]).
     pub softening: f64,
 }
 
 impl Parameters {
-    /// What is optimised, as a vector.
+    /// Optimised parameters as a vector.
     pub fn to_array(self) -> [f64; 4] {
         [self.frequency_hz, self.log_damping, self.log_ratio, self.slope]
     }
 
-    /// From a vector and the softening.
+    /// Parameters from a vector and the softening.
     pub fn from_array([frequency_hz, log_damping, log_ratio, slope]: [f64; 4], softening: f64) -> Self {
         Self {
             frequency_hz,
@@ -78,21 +78,21 @@ impl Parameters {
     }
 }
 
-/// The likelihood at one set of parameters, the noise level already at its best.
+/// The likelihood at one set of parameters, maximised over the noise level.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Value {
     /// Marginal log likelihood plus the log prior, up to a constant of the band.
     pub log_posterior: f64,
-    /// Log likelihood with the transient at its best instead of integrated out: for comparison with
-    /// a sine or with noise alone.
+    /// Log likelihood maximised over the transient instead of integrated: for comparison with a sine or with
+    /// noise alone.
     pub log_profile: f64,
     /// Noise floor in the band's middle, two-sided \[unit^2/Hz\].
     pub noise: f64,
-    /// Sum of squares that the noise level is told from.
+    /// Sum of squares that gives the noise level.
     pub quad: f64,
-    /// The transient's amplitude in front of [`shape`].
+    /// Amplitude of the transient, a factor on [`shape`].
     pub transient: Complex<f64>,
-    /// What varies smoothly across the band at its best, the transient at its: constant, and slope per half
+    /// Smooth terms across the band at their best, with the best transient: constant, and slope per half
     /// width.
     pub smooth: [Complex<f64>; SMOOTH],
 }
@@ -114,7 +114,7 @@ const DAMPING_LOG_SD: f64 = 1.7;
 const RATIO_LOG_MEDIAN: f64 = 6.0;
 const RATIO_LOG_SD: f64 = 6.0;
 /// Ambient response during a free decay, relative to the noise floor at the peak: its amplitude has a
-/// half-Cauchy prior, so that a level too low to be seen is allowed for, not excluded.
+/// half-Cauchy prior, so that a level too low to be seen is not excluded.
 const DECAY_RATIO: f64 = 30.0;
 const SLOPE_SD: f64 = 0.5;
 
@@ -129,7 +129,7 @@ fn log_prior(p: &Parameters, start: Start) -> f64 {
     ratio - 0.5 * (a * a + c * c)
 }
 
-/// Weighted sums over the lines that the smooth terms are taken out of: rows are the smooth terms.
+/// Weighted sums over the lines, from which the smooth terms are removed: rows are the smooth terms.
 #[derive(Default, Clone, Copy)]
 struct Moments {
     hh: f64,
@@ -241,14 +241,14 @@ pub fn noise_only(band: &Band, slope: f64) -> Option<f64> {
     (reduced.jj > 0.0).then(|| -moments.log_det - band.lines * reduced.jj.ln())
 }
 
-/// What is looked for in the band.
+/// Response of a source in the band.
 trait Response {
     fn at(&self, f: &[f64; LANES]) -> Shape;
 }
 
 /// A response at some frequencies.
 struct Shape {
-    /// Real and imaginary part of what the transient is a multiple of.
+    /// Real and imaginary part of the transient's shape.
     re: [f64; LANES],
     im: [f64; LANES],
     /// The real weight of the rank-two term.
@@ -257,7 +257,7 @@ struct Shape {
     power: [f64; LANES],
 }
 
-/// [`shape`], and its real weight.
+/// Response of a resonance: [`shape`], and its real weight.
 struct Resonant {
     damped: f64,
     gamma: f64,
@@ -285,7 +285,7 @@ impl Response for Resonant {
     }
 }
 
-/// A softened decay, and the linear response to what goes on beside it.
+/// A softened decay, and the linear response to ambient excitation.
 struct Decay {
     transient: Softened,
     linear: Resonant,
@@ -384,7 +384,7 @@ fn gather(band: &Band, slope: f64, ratio: f64, response: impl Response) -> Optio
 /// Sums of one pass.
 const SUMS: usize = 23;
 
-/// The pass itself: [`LANES`] cells at once, each lane its own sums.
+/// The pass itself: [`LANES`] cells at once, with one set of sums per lane.
 struct Gather<'a, R> {
     blocks: &'a [Block],
     slope: f64,
@@ -449,7 +449,7 @@ impl<R: Response> Kernel for Gather<'_, R> {
     }
 }
 
-/// The sums with the smooth terms projected out, and the log determinant that costs.
+/// The sums with the smooth terms projected out, and the log determinant of that projection.
 struct Reduced {
     hh: f64,
     hp: Complex<f64>,
@@ -465,7 +465,7 @@ struct Reduced {
 }
 
 impl Reduced {
-    /// The smooth terms at their best beside a transient.
+    /// Best smooth terms for a given transient.
     fn smooth(&self, transient: Complex<f64>) -> [Complex<f64>; SMOOTH] {
         let [l00, l10, l11] = self.factor;
         let left: [Complex<f64>; SMOOTH] = std::array::from_fn(|i| self.j[i] - self.h[i] * transient);

@@ -1,9 +1,9 @@
-//! The natural logarithm without a branch, so that a compiler can take several at once.
+//! The natural logarithm without a branch, so that a compiler can vectorise it.
 
 use std::f64::consts::{LN_2, SQRT_2};
 
-/// ln x of a positive, normal, finite `x`, to 3e-16 of the larger of 1 and the result; anything else
-/// gives a number without meaning.
+/// ln x of a positive, normal, finite `x`, to 3e-16 of the larger of 1 and the result; the result
+/// for anything else is meaningless.
 ///
 /// `x = 2^k m` with `m` from sqrt(1/2) to sqrt(2), and `ln m = 2 artanh s`, `s = (m - 1) / (m + 1)`,
 /// by its series: `s^2 < 0.0295`, so that the first term left out, `2 s^23 / 23`, is below 3e-19.

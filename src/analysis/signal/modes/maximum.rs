@@ -1,4 +1,4 @@
-//! The likelihood's maximum at a peak, with the band and the start that it calls for.
+//! The likelihood's maximum at a peak, with the band and the start that fit it.
 
 use super::band::Band;
 use super::fit::{Aim, Fit, HALF_WIDTHS, LEAST_LINES, Stretch, pull, skirt};
@@ -13,31 +13,32 @@ use nalgebra::Matrix4;
 /// the mean of a Lorentzian over such a cell is its value at the middle to 0.3 %.
 const CELL: f64 = 0.1;
 /// Power at the beginning of a stretch over a stationary response's, beyond which a free start is tried: a
-/// stationary one reaches it once in 50 times, a decay worth a free start has ten times as much.
+/// stationary response reaches it once in 50 times, and a decay worth a free start has ten times as much.
 const START_EXCESS: f64 = 4.0;
 /// Log-posterior gain a free start must bring.
 const FREE_GAIN: f64 = 10.0;
 
-/// Relative error of a frequency below which softening can matter: what is believed of it moves the frequency by some 1e-4.
+/// Relative error of a frequency below which softening can matter: the prior's softening moves the frequency
+/// by some 1e-4.
 const SOFTENING_MATTERS: f64 = 5e-4;
-/// Twice the log-posterior gain by softening from which on a decay is taken to soften where only its shape counts: two
-/// standard deviations.
+/// Twice the log-posterior gain by softening above which a decay counts as softening where only its shape
+/// matters: two standard deviations.
 const MOVES: f64 = 4.0;
 /// Effective points of the first round that are enough for the moments of a decay: its standard error to 10 %.
 const ENOUGH: f64 = 45.0;
 
 /// A maximum of the likelihood, with the band it was found in.
 pub struct Found {
-    /// The band.
+    /// Band in which it was found.
     pub band: Band,
-    /// The maximum.
+    /// Maximum with its curvature.
     pub top: Optimum,
-    /// The start it was found with.
+    /// Start assumed.
     pub start: Start,
-    /// Half the width wanted of the band \[Hz\].
+    /// Half width of the band asked for \[Hz\].
     pub half_width_hz: f64,
-    /// The maximum of a decay over frequency, ln damping, ln ratio and softening (in [`FIT_SD`]), the slope as in `top`:
-    /// where its frequency was seen to move.
+    /// The maximum of a decay over frequency, ln damping, ln ratio and softening (in [`FIT_SD`]), the slope
+    /// as in `top`; `None` where its frequency does not visibly move.
     pub softened: Option<Optimum>,
 }
 
@@ -55,7 +56,7 @@ impl Found {
 }
 
 impl Stretch<'_> {
-    /// The maximum with the start that the stretch itself calls for.
+    /// Maximum with the start that fits the stretch.
     pub(super) fn best(&self, aim: Aim, others: &[Fit]) -> Option<Found> {
         match self.beginning {
             Beginning::Known(start) => self.maximum(aim, start, others, None),
@@ -68,7 +69,7 @@ impl Stretch<'_> {
         }
     }
 
-    /// The fit with a free start if it is worth more than the stationary one.
+    /// Fit with a free start, if it gains enough over the stationary one.
     fn free(&self, stationary: &Found, others: &[Fit]) -> Option<Found> {
         let fit = self.provisional(stationary)?;
         let series = self.subband(
@@ -120,8 +121,8 @@ impl Stretch<'_> {
         band
     }
 
-    /// The likelihood's maximum at a peak; `before` and `level` are its place and the noise floor if an
-    /// earlier fit found them.
+    /// Maximum of the likelihood at a peak; `before` and `level` are the parameters and the noise floor of an
+    /// earlier fit, if any.
     pub(super) fn maximum(
         &self,
         Aim { peak_hz, before }: Aim,
@@ -172,7 +173,7 @@ impl Stretch<'_> {
         None
     }
 
-    /// The best of a coarse grid of parameters around a picked peak.
+    /// Best point of a coarse grid of parameters around a picked peak.
     fn start(&self, band: &Band, peak_hz: f64, start: Start) -> Option<Parameters> {
         let near = 1.5 * self.line_hz;
         let highest = band
@@ -219,7 +220,7 @@ impl Stretch<'_> {
         Some(p)
     }
 
-    /// The posterior's maximum near `from`.
+    /// Maximum of the posterior near `from`.
     fn climb(&self, band: &Band, from: Parameters, start: Start) -> Option<Optimum> {
         let gamma = from.log_damping.exp() * from.frequency_hz;
         let reach = [gamma.max(0.5 / band.duration_s), 1.0, 2.0, 1.0];
@@ -232,8 +233,8 @@ impl Stretch<'_> {
 
     /// The parameters and the standard errors of frequency and log damping: the optimum with its
     /// curvature where the record determines damping and excitation well, else the posterior's mean
-    /// and standard deviation (few independent fluctuations: the curvature alone would promise too
-    /// much). Of a decay that may soften the error is that at its softening, which comes beside it.
+    /// and standard deviation (few independent fluctuations: the curvature alone gives too small an error).
+    /// For a decay that may soften, the error is conditional on the softening, which is returned too.
     pub(super) fn errors(&self, found: &Found) -> (Parameters, f64, f64, Option<Softening>) {
         let top = found
             .softened
@@ -285,8 +286,8 @@ impl Stretch<'_> {
     }
 }
 
-/// Takes another mode out of a band: its transient (free decays) from the coefficients, its random
-/// skirt into the shape of the noise floor, of which `level` is the height without it.
+/// Removes another mode from a band: its transient (free decays) from the coefficients, its random skirt into
+/// the shape of the noise floor, of which `level` is the height without it.
 fn subtract(band: &mut Band, other: &Fit, level: f64) {
     band.for_each(|cell| {
         if other.start == Start::Free {
@@ -319,14 +320,14 @@ fn softened_at(x: &[f64; 4], p: Parameters) -> Parameters {
 struct FirstStep {
     /// Frequency, ln damping, ln ratio and softening (in [`FIT_SD`]) after it.
     at: [f64; 4],
-    /// About half of each one's standard deviation, the others held.
+    /// About half the standard deviation of each, the others fixed.
     step: [f64; 4],
-    /// Twice what it gains.
+    /// Twice the log-posterior gain of the step.
     score: f64,
 }
 
-/// The step from the maximum at the softening `before`; damping and ratio, on which it hardly depends, are held. `None` where the
-/// frequency is not known well enough for softening to matter.
+/// Newton step from the maximum at the softening `before`; damping and ratio, on which it hardly depends, are
+/// fixed. `None` where the frequency is not known well enough for softening to matter.
 fn first_step(found: &Found, before: f64) -> Option<FirstStep> {
     let p = Parameters::from_array(found.top.at, before);
     let sd = |i: usize| found.top.covariance[(i, i)].sqrt();
@@ -367,7 +368,7 @@ fn first_step(found: &Found, before: f64) -> Option<FirstStep> {
     })
 }
 
-/// The maximum of a decay over its softening, too.
+/// Maximum of a decay over the softening as well.
 fn softened(found: &Found, from: &FirstStep) -> Option<Optimum> {
     let p = Parameters::from_array(found.top.at, 0.0);
     let gamma = p.log_damping.exp() * p.frequency_hz;

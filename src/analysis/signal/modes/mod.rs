@@ -41,20 +41,21 @@ pub struct Resonance {
     pub peak_to_noise: f64,
     /// Twice the gain in log likelihood over noise alone.
     pub evidence: f64,
-    /// Whether it is a pure tone: no damping to speak of, and a steady amplitude. Its odds of being foreign say so too.
+    /// True if it is a pure tone: no measurable damping, and a steady amplitude. Its odds of being foreign
+    /// include this.
     pub line: bool,
-    /// Goodness of fit, as a standard normal deviate \[-\]: the response fits no stationary mode where it is
-    /// large. 0 where it was not tested.
+    /// Goodness of fit, as a standard normal deviate \[-\]: large if the response fits no stationary mode, 0
+    /// if not tested.
     pub misfit: f64,
     /// Natural logarithm of the odds, from the fit itself, that this is no mode of any rod \[-\]; 0 is neutral.
     pub foreign_log_odds: f64,
 }
 
-/// How a rod was found to move.
+/// Kind of motion recognised in a record.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum MotionKind {
-    /// A response to forces that go on: wind, traffic.
+    /// A response to continuing forces: wind, traffic.
     Ambient,
     /// One free decay, from the first sample on or from an onset.
     FreeDecay,
@@ -64,21 +65,21 @@ pub enum MotionKind {
     Blow,
 }
 
-/// How a rod was found to move, and since when.
+/// Motion recognised in a record, with its onsets.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Motion {
-    /// The kind.
+    /// Kind of motion.
     pub kind: MotionKind,
     /// Onsets of decays and blows, from the record's first sample \[s\].
     pub onsets_s: Vec<f64>,
 }
 
-/// Certainty of the mode orders, and other assignments of the peaks.
+/// Probability of the mode orders, and other assignments of the peaks.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Labels {
-    /// Probability that all the orders told are right \[-\]; 0 if none are told.
+    /// Probability that all reported orders are right \[-\]; 0 if none are reported.
     pub probability: f64,
-    /// The orders told with their peaks' frequencies \[Hz\], ascending: also those above the orders that the
+    /// Reported orders with their peaks' frequencies \[Hz\], ascending: also those above the orders that the
     /// force uses. Certain ones may remain where they were not enough for a force.
     pub told: Vec<(usize, f64)>,
     /// The likeliest assignments of peaks to orders, likeliest first.
@@ -92,7 +93,7 @@ pub struct Candidate {
     pub modes: Vec<(usize, f64)>,
     /// Its probability \[-\].
     pub probability: f64,
-    /// The force it implies \[N\]: 2.5 %, 50 % and 97.5 % points.
+    /// Axial force it implies \[N\]: 2.5 %, 50 % and 97.5 % points.
     pub axial_force_n: Option<[f64; 3]>,
 }
 
@@ -109,7 +110,7 @@ pub struct Mode {
     pub damping: Option<f64>,
 }
 
-/// A band of frequencies in which no peak is believed: mains hum, a bell motor, a pump.
+/// A band of frequencies in which peaks are ignored: mains hum, a bell motor, a pump.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Mask {
     /// Lower end \[Hz\].
@@ -118,8 +119,8 @@ pub struct Mask {
     pub high_hz: f64,
 }
 
-/// A range of frequencies in which a person declared one mode: its clearest peak there is that mode, whatever
-/// else fits.
+/// A range of frequencies in which a person declared one mode: its clearest peak there is that mode, even if
+/// others fit better.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct ModeWindow {
     /// Mode order, from 1.
@@ -130,19 +131,19 @@ pub struct ModeWindow {
     pub high_hz: f64,
 }
 
-/// Which natural frequencies are looked for, and where.
+/// Natural frequencies searched for, and where.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ModeSettings {
     /// Mode orders used, 1 to this number; at most [`crate::analysis::rod::beam::forward::MAX_MODES`]. With 1 the first mode is
-    /// said to be among the peaks, so that one peak is enough.
+    /// declared to be among the peaks, so that one peak is enough.
     pub count: usize,
-    /// Bands in which no peak is believed.
+    /// Bands in which peaks are ignored.
     pub masks: Vec<Mask>,
-    /// Least joint probability of the orders told; below it there is no force.
+    /// Least joint probability of the reported orders; below it there is no force.
     pub least_probability: f64,
-    /// Lowest and highest frequency of any mode \[Hz\]; by default as the prior says.
+    /// Lowest and highest frequency of any mode \[Hz\]; `None`: from the prior.
     pub band_hz: Option<[f64; 2]>,
-    /// Modes assigned by hand, one window an order, ascending.
+    /// Modes assigned by hand, one window per order, ascending.
     pub windows: Vec<ModeWindow>,
 }
 

@@ -1,32 +1,33 @@
 //! Onsets of free decays and blows within a record.
 //!
-//! A release or a blow that stands out of everything is seen in the samples themselves ([`releases`]): the level
-//! of the smoothed slope, which a slow pull before a release hardly moves, just after an instant over that
-//! before it. A weaker one is seen in the innovations of the fitted modes ([`blows`]), where the
-//! motion that goes on anyway is taken out.
+//! A strong release or blow is seen in the samples themselves ([`releases`]): the level of the smoothed
+//! slope, which a slow pull before a release hardly moves, just after an instant over that before it. A
+//! weaker one is seen in the innovations of the fitted modes ([`blows`]), where the motion that goes on
+//! anyway is taken out.
 
 use super::subband::{Pole, Subband};
 use crate::analysis::signal::record::slope::Slope;
 
 /// Half width of the smoothed slope, in periods of the strongest peak.
 const HALF: f64 = 0.12;
-/// Stretches compared: after, before at most, before at least; in periods.
+/// Stretches compared \[periods\]: after the instant, most before it, least before it.
 const AFTER: f64 = 2.0;
 const BEFORE: f64 = 10.0;
 const BEFORE_LEAST: f64 = 0.5;
 /// Ratio of the mean squared slopes that makes an onset.
 const RATIO: f64 = 25.0;
-/// Share of it at which motion must go on after the stretch, or it was a spike.
+/// Share of that ratio above which motion must continue after the stretch; otherwise it was a spike.
 const PERSISTS: f64 = 0.1;
-/// Share of the mean squared slope that a steady one may have, or it was the beginning of a pull.
+/// Largest share of the mean squared slope that a steady one may have; above it, it was the beginning of a
+/// pull.
 const STEADY: f64 = 0.3;
 
 /// A motion that begins within a record.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Release {
-    /// A sample surely before it.
+    /// A sample surely before the onset.
     pub before: usize,
-    /// A sample surely after it.
+    /// A sample surely after the onset.
     pub after: usize,
 }
 
@@ -82,7 +83,7 @@ pub fn releases(samples: &[f64], fs_hz: f64, scale_hz: f64) -> Vec<Release> {
     found.into_iter().map(place).collect()
 }
 
-/// The sample at which the rod begins to be pulled before a release, or `before` if it is not held.
+/// Sample at which the rod begins to be pulled before a release, or `before` if it is not held.
 ///
 /// The mean over a period is the static part. It is compared with the one about which the rod swings after the
 /// release, and followed back until it is a two-hundredth of what is let go.
@@ -108,12 +109,13 @@ fn pull_began(samples: &[f64], before: usize, after: usize, period: usize) -> us
     at
 }
 
-/// Innovation power over its neighbours' that makes a blow: exponential deviates reach it once in 1e8.
+/// Ratio of an innovation's power to its neighbours' that makes a blow: exponential deviates reach it once in
+/// 1e8.
 const BLOW: f64 = 40.0;
-/// Neighbours compared with, nearest and farthest; a blow off the grid leaks into the nearest.
+/// Distance of the nearest and the farthest neighbour compared; a blow off the grid leaks into the nearest.
 const NEAREST: usize = 3;
 const FARTHEST: usize = 8;
-/// Innovations not looked at, at either end: the record's ends meet there.
+/// Innovations ignored at either end, where the record's ends meet.
 const ENDS: usize = 3;
 /// Median of an exponential deviate of mean 1.
 const MEDIAN: f64 = 0.693;
@@ -121,15 +123,15 @@ const MEDIAN: f64 = 0.693;
 /// A blow in the innovations.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Blow {
-    /// Time that is surely before it \[s\].
+    /// Time surely before the blow \[s\].
     pub before_s: f64,
-    /// Time that is surely after it \[s\].
+    /// Time surely after the blow \[s\].
     pub after_s: f64,
-    /// Its ratio of powers.
+    /// Ratio of its power to that of its neighbours \[-\].
     pub ratio: f64,
 }
 
-/// Blows in the innovations of all modes, at least `apart_s` from each other.
+/// Blows in the innovations of all modes, at least `apart_s` seconds apart.
 pub fn blows(series: &[(Subband, Pole)], apart_s: f64) -> Vec<Blow> {
     let ratios: Vec<(f64, Vec<f64>)> = series
         .iter()
@@ -178,8 +180,8 @@ pub fn blows(series: &[(Subband, Pole)], apart_s: f64) -> Vec<Blow> {
     kept
 }
 
-/// Each innovation's power over the median of its neighbours'; 0 at both ends, which hold what is smooth across
-/// the band.
+/// Power of each innovation over the median of its neighbours; 0 at both ends, which hold what is smooth
+/// across the band.
 fn innovation_ratios(series: &Subband, pole: Pole) -> Vec<f64> {
     let factor = series.factor(pole);
     let mut powers = vec![0.0; series.samples.len()];

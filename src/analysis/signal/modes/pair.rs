@@ -2,31 +2,31 @@
 //!
 //! The sum of two modes under white forces is followed by Kalman's filter with two states; its innovations give
 //! the likelihood exactly, whatever the record's length. One mode is the same with the second force at zero, so
-//! that the gain over it tells whether there are two.
+//! that the gain over it decides if there are two.
 
 use super::subband::{LEAST_SAMPLES, Pole, Subband};
 use nalgebra::{DMatrix, DVector};
-use realfft::num_complex::Complex;
+use rustfft::num_complex::Complex;
 
 /// Parameters: frequency and ln damping of each, ln of the second force's power and of the noise over the first's.
 const PARAMETERS: usize = 6;
-/// Twice the log-likelihood gain of the best of some guesses at which two modes are tried in earnest.
+/// Twice the log-likelihood gain of the best of some guesses above which two modes are fitted.
 const WORTH_TRYING: f64 = 7.0;
 /// Twice the gain that makes two modes certain. Chi-square with three degrees of freedom exceeds it once in
 /// six thousand.
 const CERTAIN: f64 = 20.0;
-/// Twice the gain that leaves it open.
+/// Twice the gain above which two modes remain possible.
 const OPEN: f64 = 9.0;
-/// The weaker one's peak is at least this much of the stronger one's, in power.
+/// Least power of the weaker peak, as a share of the stronger one's.
 const LEAST_SHARE: f64 = 0.01;
-/// Squared change of the filter's gains at which they are at rest: 1e-6 of them.
+/// Squared relative change of the filter's gains below which they count as settled.
 const SETTLED: f64 = 1e-12;
 const ITERATIONS: usize = 25;
 
 /// One of two modes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Member {
-    /// Its pole.
+    /// Pole of the mode.
     pub pole: Pole,
     /// Standard error of its frequency \[Hz\].
     pub frequency_sd_hz: f64,
@@ -34,12 +34,12 @@ pub struct Member {
     pub damping_log_sd: f64,
 }
 
-/// The verdict on a band that one mode was fitted to.
+/// Verdict on a band to which one mode was fitted.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Pair {
     /// One mode is enough.
     One,
-    /// Perhaps there are two; then one is as far from the other, or from the single fit, as this \[Hz\].
+    /// Perhaps there are two; the distance \[Hz\] of one from the other, or from the single fit, if so.
     Open(f64),
     /// Two modes.
     Two([Member; 2]),
@@ -136,8 +136,8 @@ pub fn pair(series: &Subband, single: Pole, noise: f64, guess: Option<[Pole; 2]>
     }
 }
 
-/// Log posterior of two modes: the filter's log likelihood with the level of all forces at its best, and the prior
-/// of single modes for the dampings.
+/// Log posterior of two modes: the filter's log likelihood, maximised over the level of all forces, and the
+/// prior of single modes for the dampings.
 fn log_posterior(series: &Subband, x: &[f64; PARAMETERS]) -> Option<f64> {
     let pole = |f: f64, z: f64| Pole {
         frequency_hz: f,
@@ -206,7 +206,7 @@ fn filter(series: &Subband, poles: [Pole; 2], forces: [f64; 2], noise: f64) -> O
     value.is_finite().then_some(value)
 }
 
-/// The best value for one mode near `pole`.
+/// Best value for one mode near `pole`.
 fn best_single(series: &Subband, pole: Pole, noise: f64) -> f64 {
     let value = |x: &[f64; 3]| {
         let pole = Pole {

@@ -1,4 +1,4 @@
-//! The parts of a record between its onsets, each with what is known of its beginning.
+//! The parts of a record between its onsets, each with the state at its beginning.
 
 use super::likelihood::Start;
 use super::onsets::{Release, releases};
@@ -6,15 +6,15 @@ use crate::analysis::signal::record::{Excitation, Record};
 
 /// Shortest part that is fitted, in periods of the strongest peak: its band then holds two dozen lines.
 const LEAST_PERIODS: f64 = 36.0;
-/// How much more the first quarter of a decay moves than the last, in mean square.
+/// Least ratio of the mean square motion in the first quarter of a decay to that in the last.
 const FALLS: f64 = 4.0;
 
-/// How a part of a record is taken to begin.
+/// Assumption on how a part of a record begins.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Beginning {
-    /// As known.
+    /// Start known beforehand.
     Known(Start),
-    /// As the part itself says, mode by mode.
+    /// Start tested on the part itself, mode by mode.
     Tested,
 }
 
@@ -25,16 +25,16 @@ pub struct Part {
     pub from: usize,
     /// The first sample after it.
     pub to: usize,
-    /// How it begins.
+    /// Assumption on its beginning.
     pub beginning: Beginning,
 }
 
-/// How a record falls into parts.
+/// Division of a record into parts.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Parts {
-    /// Motions that begin within it, in time order.
+    /// Motions that begin within the record, in time order.
     pub releases: Vec<Release>,
-    /// The part that moves most: where the peaks are fitted first.
+    /// Part that moves most, where the peaks are fitted first.
     pub main: Part,
     /// Length of the record, and the shortest part worth a fit, in samples.
     total: usize,
@@ -42,8 +42,8 @@ pub struct Parts {
 }
 
 impl Parts {
-    /// A declared record is one part: all of it, or from its largest deflection on. Else it falls apart at its
-    /// releases. `scale_hz` is the frequency of its strongest peak.
+    /// Divides a record. One with declared excitation is one part: all of it, or from its largest deflection
+    /// on. Any other is divided at its releases. `scale_hz` is the frequency of its strongest peak.
     pub fn of(record: &Record, scale_hz: Option<f64>) -> Self {
         let samples = &record.samples;
         let total = samples.len();
@@ -82,7 +82,8 @@ impl Parts {
         parts
     }
 
-    /// The parts that are long enough between cuts, each a last sample before and a first sample after an onset.
+    /// Parts between cuts that are long enough; a cut is the last sample before and the first sample after an
+    /// onset.
     pub fn between(&self, cuts: &[(usize, usize)]) -> Vec<Part> {
         let mut cuts = cuts.to_vec();
         cuts.sort_unstable();
@@ -106,7 +107,8 @@ impl Parts {
         self.least
     }
 
-    /// The samples of the main part if it decays, so that quickly damped modes are looked for near its beginning.
+    /// Samples of the main part if it decays, so that quickly damped modes are searched for near its
+    /// beginning.
     pub fn decay<'a>(&self, samples: &'a [f64]) -> Option<&'a [f64]> {
         let part = &samples[self.main.from..self.main.to];
         let quarter = part.len() / 4;
@@ -125,7 +127,7 @@ fn motion(samples: &[f64]) -> f64 {
     samples.windows(2).map(|pair| (pair[1] - pair[0]).powi(2)).sum()
 }
 
-/// Where the first half of the samples deviates most from the mean of all.
+/// Sample in the first half that deviates most from the mean of all.
 fn largest_deflection(samples: &[f64]) -> usize {
     let mean = samples.iter().sum::<f64>() / samples.len().max(1) as f64;
     let (mut at, mut largest) = (0, 0.0);

@@ -10,7 +10,7 @@ use std::sync::LazyLock;
 const WIDTHS: [f64; 3] = [0.8, 1.3, 2.2];
 /// Groups of four points in each of two rounds; the second starts from what the first found.
 const GROUPS: [usize; 2] = [36, 60];
-/// Fewest effective points for a result to be used.
+/// Fewest effective points of a usable result.
 const LEAST_EFFECTIVE: f64 = 20.0;
 
 /// The moments of a posterior known up to a constant.

@@ -2,7 +2,7 @@
 //!
 //! A record without onsets is one stretch. At each release or blow it is cut: every stretch is fitted by itself,
 //! from an onset on with a free start, and the frequencies are averaged by their precision. So a blow
-//! counts for what it is worth instead of being averaged with the quiet before it.
+//! gets its proper weight instead of being averaged with the quiet before it.
 
 use super::band::Coefficients;
 use super::fit::{Aim, Fit, Stretch};
@@ -14,22 +14,22 @@ use super::{Mask, Motion, MotionKind, Resonance};
 use crate::analysis::signal::record::{Excitation, Record};
 use crate::analysis::signal::spectrum::{Peak, Transforms};
 
-/// Relative error of the model itself (sums for integrals, the negative-frequency pole): what is left of the
+/// Relative error of the model itself (sums for integrals, the negative-frequency pole): the floor of the
 /// errors of a decay 140 dB above its noise.
 const MODEL_SD: f64 = 3e-7;
-/// Largest error of ln damping, and least damping, of a stretch's fit that counts.
+/// Largest error of ln damping, and least damping, of a usable fit.
 const MOST_LOG_SD: f64 = 2.0;
-/// Bandwidth in which blows are looked for, as a share of the frequency.
+/// Bandwidth searched for blows, as a share of the frequency.
 const BLOW_BAND: f64 = 0.11;
-/// Samples of the coarsest series to either end of a stretch in which no blow is believed.
+/// Samples of the coarsest series to either end of a stretch where blows are ignored.
 const BLOW_MARGIN: f64 = 8.0;
-/// Half-power half-widths of the band in which blows are looked for, at least.
+/// Least width of the band searched for blows, in half-power half-widths.
 const BLOW_WIDTHS: f64 = 8.0;
 
-/// What is known of a record before its peaks are refined.
+/// Input to the refinement of a record's peaks.
 #[derive(Debug, Clone, Copy)]
 pub struct Search<'a> {
-    /// Bands not looked at.
+    /// Bands that are left out.
     pub masks: &'a [Mask],
     /// Line distance of the spectrum the peaks were picked from \[Hz\].
     pub line_hz: f64,
@@ -37,10 +37,10 @@ pub struct Search<'a> {
     pub parts: &'a Parts,
 }
 
-/// What the refinement of a record's peaks gives.
+/// Result of the refinement of a record's peaks.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Refinement {
-    /// The resonances, ascending in frequency; lines are among them, marked.
+    /// The resonances, ascending in frequency; pure tones are included and marked.
     pub resonances: Vec<Resonance>,
     /// Motion that was recognised.
     pub motion: Motion,
@@ -49,8 +49,8 @@ pub struct Refinement {
 /// Fits a resonance to the raw Fourier coefficients around each peak; peaks that turn out to be
 /// noise, or part of a resonance already fitted, are left out.
 ///
-/// The highest peaks come first; what a lower one shows must stand above the skirts of those already
-/// fitted. A record declared as a free decay is used from its first release on.
+/// The highest peaks come first; a lower one must rise above the skirts of those already fitted. A record
+/// declared as a free decay is used from its first release on.
 pub fn refine(transforms: &Transforms, record: &Record, peaks: &[Peak], search: &Search<'_>) -> Refinement {
     let mut by_height: Vec<&Peak> = peaks.iter().collect();
     by_height.sort_by(|a, b| b.height_db.total_cmp(&a.height_db));
@@ -206,7 +206,7 @@ impl<'a> Work<'a> {
             .collect()
     }
 
-    /// The modes already known, in another part of the record.
+    /// Fits of the modes already known to another part of the record.
     fn again(&self, part: Part, aims: &[Aim]) -> Vec<Option<Fit>> {
         let stretch = self.stretch(part);
         let places = stretch.places(aims);
@@ -256,7 +256,7 @@ impl<'a> Work<'a> {
     }
 }
 
-/// One mode from its fits to all parts; `whole` is that to the main part.
+/// Resonance of one mode averaged over its fits to all parts; `whole` is the fit to the main part.
 fn combined(whole: &Fit, parts: &[Fit]) -> Resonance {
     let main = whole.resonance;
     let counted: Vec<&Fit> = parts

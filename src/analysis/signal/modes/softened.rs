@@ -17,7 +17,7 @@
 //! Each has its coefficients `(1 - e^((s - n gamma) T)) / (2 pi i f_k - s + n gamma)` at the Fourier frequencies, exact for any
 //! record length.
 
-use realfft::num_complex::Complex;
+use rustfft::num_complex::Complex;
 use std::f64::consts::TAU;
 
 /// Most terms of the series; with [`MOST_PHASE`] the first one left out is below 1e-7 of the largest.
@@ -27,7 +27,7 @@ const MOST_PHASE: f64 = 4.0;
 /// Terms below this share of the first are left out: a decay 120 dB above its noise does not show them.
 const LEAST_TERM: f64 = 1e-6;
 
-/// The transient of a mode in front of its amplitude, 1 at the peak of the linear one.
+/// Transient of a mode at unit amplitude, 1 at the peak of the linear one.
 #[derive(Debug, Clone, Copy)]
 pub struct Softened {
     damped_hz: f64,

@@ -1,50 +1,53 @@
 //! Softening shared by the modes of a record: how far their frequencies move with amplitude.
 //!
-//! How much one decay tells of its own softening `b` depends on its level and its damping; that rods soften at all, and
-//! about how much, all decays of a record tell together. As often as not a rod at small swings does not soften at all;
-//! else the `b` are normal about zero with a standard deviation `tau` that is itself unknown, even in its logarithm. A
-//! record whose clearest modes keep their frequency to 1e-6 so vouches for its weak ones, and one whose clearest mode
-//! falls by 0.1 % widens the errors of all. Without the first possibility the errors of clean decays are those of a rod
-//! that may always soften by a little less than can be seen: twice their scatter.
+//! The information of one decay on its own softening `b` depends on its level and damping; all decays of a
+//! record together show if the rod softens at all, and about how much. With probability 1/2 a rod at small
+//! swings does not soften at all; else the `b` are normal about zero with a standard deviation `tau` that is
+//! itself unknown, even in its logarithm. A record whose clearest modes keep their frequency to 1e-6 so
+//! vouches for its weak ones, and one whose clearest mode falls by 0.1 % widens the errors of all. Without
+//! the first possibility the errors of clean decays are those of a rod that may always soften by a little
+//! less than can be seen: twice their scatter.
 
 use super::fit::Fit;
 
-/// Standard deviation of the softening while a decay is fitted: wider than anything believed.
+/// Standard deviation of the softening while a decay is fitted: wider than any plausible value.
 pub(super) const FIT_SD: f64 = 1e-3;
-/// Smallest and largest `tau`: less than the cleanest decay shows, and what a rod in service hardly exceeds.
+/// Smallest and largest `tau`: below the resolution of the cleanest decay, and about the most of a rod in
+/// service.
 const TAUS: (f64, f64) = (1e-6, 1e-3);
-/// Values of `tau`, a factor of 1.5 apart.
+/// Number of values of `tau`, a factor of 1.5 apart.
 const STEPS: usize = 18;
-/// Probability beforehand that nothing softens: `tau` is zero.
+/// Prior probability that nothing softens: `tau` is zero.
 const LINEAR: f64 = 0.5;
 
-/// What a decay alone tells of its softening.
+/// Softening estimated from one decay alone.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Softening {
-    /// Share by which the frequency is lower at the decay's beginning, with `FIT_SD` beforehand.
+    /// Share by which the frequency is lower at the decay's beginning, with `FIT_SD` as its prior standard
+    /// deviation.
     pub share: f64,
-    /// Its variance.
+    /// Variance of `share`.
     pub variance: f64,
-    /// Change of the frequency with it \[Hz\].
+    /// Change of the frequency with `share` \[Hz\].
     pub slope_hz: f64,
 }
 
 impl Softening {
-    /// Value and precision without what was believed beforehand.
+    /// Value and precision without the prior.
     fn seen(&self) -> (f64, f64) {
         let precision = (1.0 / self.variance - FIT_SD.powi(-2)).max(1e-3 * FIT_SD.powi(-2));
         (self.share / (self.variance * precision), precision)
     }
 }
 
-/// Probabilities of `tau`.
+/// Posterior probabilities of `tau`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Scale {
     taus: Vec<(f64, f64)>,
 }
 
 impl Scale {
-    /// From all decays of a record.
+    /// Infers the scale from all decays of a record.
     pub fn of<'a>(all: impl Iterator<Item = &'a Softening> + Clone) -> Self {
         let ratio = (TAUS.1 / TAUS.0).powf(1.0 / (STEPS - 1) as f64);
         let any = (0..STEPS).map(|i| (TAUS.0 * ratio.powi(i as i32), (1.0 - LINEAR) / STEPS as f64));
@@ -70,8 +73,8 @@ impl Scale {
         Self { taus }
     }
 
-    /// Mean and variance of one decay's softening, and how much of the variance it shares with the other decays of
-    /// its mode: what the prior, not the decay, decides.
+    /// Mean and variance of one decay's softening, and the part of the variance shared with the other decays
+    /// of its mode, which the prior, not the decay, decides.
     fn posterior(&self, one: &Softening) -> (f64, f64, f64) {
         let (value, precision) = one.seen();
         let (mut mean, mut square, mut shared) = (0.0, 0.0, 0.0);
@@ -86,7 +89,7 @@ impl Scale {
         (mean, (square - mean * mean).max(0.0), shared)
     }
 
-    /// The fit with its frequency at zero amplitude, whatever its softening is.
+    /// Moves the frequency of a fit to zero amplitude, averaged over its softening.
     pub fn settle(&self, fit: &mut Fit) {
         let Some(softening) = fit.softening else { return };
         let (mean, variance, shared) = self.posterior(&softening);
@@ -104,7 +107,7 @@ impl Scale {
 mod tests {
     use super::*;
 
-    /// A decay that shows the softening `share` to `sd`, before anything is believed.
+    /// A decay that measures the softening `share` with standard deviation `sd`, before the prior.
     fn seen(share: f64, sd: f64) -> Softening {
         let precision = sd.powi(-2);
         let variance = 1.0 / (precision + FIT_SD.powi(-2));

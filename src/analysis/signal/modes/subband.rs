@@ -14,10 +14,10 @@
 
 use super::band::Coefficients;
 use crate::analysis::signal::spectrum::{Transforms, fast_length};
-use realfft::num_complex::Complex;
+use rustfft::num_complex::Complex;
 use std::f64::consts::TAU;
 
-/// Fewest samples of a series that anything is told from.
+/// Fewest samples of a usable series.
 pub const LEAST_SAMPLES: usize = 12;
 
 /// A pole: undamped frequency and damping ratio.
@@ -42,15 +42,15 @@ impl Pole {
 pub struct Subband {
     /// Samples per second, `B` \[Hz\].
     pub rate_hz: f64,
-    /// Frequency of the first line \[Hz\], which stands still in the series.
+    /// Frequency of the first line \[Hz\], which is at rest in the series.
     pub first_hz: f64,
     /// The series; the mean of `|y|^2` is the mean periodogram ordinate.
     pub samples: Vec<Complex<f64>>,
 }
 
 impl Subband {
-    /// The lines between two frequencies, seen with the weights of `pole`; `rest` is what does not belong to
-    /// the resonance at a frequency and is subtracted. `None` if too few lines remain.
+    /// Series of the lines between two frequencies, weighted for `pole`; `rest` is subtracted: the part at a
+    /// frequency that does not belong to the resonance. `None` if too few lines remain.
     pub fn of(
         transforms: &Transforms,
         coefficients: &Coefficients,
@@ -92,12 +92,12 @@ impl Subband {
         })
     }
 
-    /// `rho`: what one sample makes of the one before.
+    /// Factor `rho` of the recursion from one sample to the next.
     pub fn factor(&self, pole: Pole) -> Complex<f64> {
         ((pole.complex() - Complex::new(0.0, TAU * self.first_hz)) / self.rate_hz).exp()
     }
 
-    /// The pole whose recursion leaves the least behind, whatever the series began with.
+    /// Pole of the recursion by least squares, independent of the first sample.
     pub fn least_squares(&self) -> Option<Pole> {
         let (mut cross, mut power) = (Complex::new(0.0, 0.0), 0.0);
         for pair in self.samples.windows(2).skip(1) {
@@ -118,7 +118,7 @@ impl Subband {
         })
     }
 
-    /// Power at the beginning over what innovations of the same power throughout would keep up: exponential
+    /// Power at the beginning over that which innovations of the same mean power would sustain: exponential
     /// with mean 1 for a stationary response, large for a decay that begins with the record.
     pub fn start_excess(&self) -> Option<f64> {
         let pole = self.least_squares()?;
@@ -135,7 +135,8 @@ impl Subband {
     }
 
     /// `<|y|^4> / <|y|^2>^2` of the resonance without the noise beside it: 1 for a steady tone, 2 for many
-    /// independent fluctuations. The innovations' power is the noise's twice over where little is new in the resonance.
+    /// independent fluctuations. Where the resonance has little new energy, the innovations' power is twice
+    /// the noise's.
     pub fn unevenness(&self, pole: Pole) -> f64 {
         let factor = self.factor(pole);
         let inner = &self.samples[1..self.samples.len() - 1];

@@ -1,28 +1,29 @@
-//! Pure tones of machines told from resonances.
+//! Distinguishes pure tones of machines from resonances.
 
 /// Twice the log-likelihood gain over a pure sine that a resonance needs: two parameters more, and
 /// chi-square(2) exceeds 9.2 in 1 % of sines.
 const LEAST_OVER_SINE: f64 = 9.2;
-/// Damping below which nothing in a building vibrates: such a peak is a line.
+/// Least damping of anything in a building; a peak with less is a pure tone.
 const LEAST_DAMPING: f64 = 2e-4;
-/// Log odds that a peak of too little damping to tell is foreign.
+/// Log odds of being foreign for a peak whose damping is too small to decide.
 const UNDECIDED_LOG_ODDS: f64 = 0.7;
 /// Unevenness of the amplitude below which a peak may be a tone: noise 20 dB below one makes 1.02.
 const TONE_UNEVENNESS: f64 = 1.25;
 
-/// Whether a peak is a pure tone of some machine.
+/// Verdict on a peak being the pure tone of a machine.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Tone {
     /// A resonance.
     No,
-    /// Too short or too noisy a record to tell.
+    /// Undecided: the record is too short or too noisy.
     Undecided,
-    /// A tone.
+    /// A pure tone.
     Sure,
 }
 
 impl Tone {
-    /// Log odds of its being foreign: ten to one for a tone, for a record may be too short for a mode's damping.
+    /// Log odds of being foreign: ten to one for a tone, since a record may be too short to show a mode's
+    /// damping.
     pub fn log_odds(self) -> f64 {
         match self {
             Self::No => 0.0,

@@ -1,8 +1,8 @@
 //! Samples in, records out: one rod's stream cut into evenly sampled, checked records.
 //!
 //! Samples may come twice, late, with holes, or stamped by a clock that steps. What fits the running
-//! stretch joins it; a few messages that do not are put aside, and when they go on not fitting they
-//! start a new stretch. A finished stretch is put on an even axis, cut as configured and checked.
+//! stretch joins it; a few messages that do not are set aside, and if they persist they start a new stretch.
+//! A finished stretch is put on an even axis, cut as configured and checked.
 
 mod messages;
 mod records;
@@ -15,29 +15,29 @@ use messages::Place;
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 
-/// What becomes of a stretch of samples.
+/// Result of a stretch of samples.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Event {
     /// A record.
     Record(Record),
-    /// A stretch that is none.
+    /// A stretch that gives no record.
     Rejected {
-        /// The rod.
+        /// Id of the rod.
         rod: RodId,
-        /// Time of its first sample, if it has a time.
+        /// Time of its first sample, if stamped.
         start: Option<Timestamp>,
-        /// Its length \[s\].
+        /// Length of the stretch \[s\].
         duration_s: f64,
-        /// Its sample rate \[Hz\], if that could be told.
+        /// Sample rate \[Hz\], if it could be measured.
         fs_hz: Option<f64>,
-        /// Its samples as the columns of a drawing, if it has any at even times.
+        /// Envelope of its samples for drawing, if it has any at even times.
         waveform: Option<Envelope>,
-        /// Why it is no record.
+        /// Reason why it is no record.
         rejection: Rejection,
     },
-    /// Temperatures no record left with, at the end of the stream.
+    /// Temperatures at the end of the stream that belong to no record.
     Readings {
-        /// The rod.
+        /// Id of the rod.
         rod: RodId,
         /// Ascending in time.
         readings: Vec<Reading>,
@@ -47,32 +47,32 @@ pub enum Event {
 /// Most samples in one record, whatever its length; bounds memory.
 pub const MAX_SAMPLES: usize = 1 << 22;
 
-/// Most bytes of a stretch: as many samples, or fewer with a stamp each. Where onsets are searched for, a quarter: the search
-/// takes several times the stretch.
+/// Most bytes of a stretch: that many samples, or fewer with one stamp each. Where onsets are searched for, a
+/// quarter: the search takes several times the stretch.
 const MAX_BYTES: usize = 8 * MAX_SAMPLES;
 const MAX_SEARCHED: usize = MAX_BYTES / 4;
-/// Bytes of messages that wait to be understood, beyond which fewer of them must do.
+/// Most bytes of messages that wait for a decision; beyond, fewer of them must suffice.
 const MAX_ASIDE: usize = 4 << 20;
 
-/// How far back a late message may belong, in messages.
+/// Furthest a late message may belong back \[messages\].
 const LATE: usize = 64;
-/// Messages a window waits for late ones, and how long at most \[s\], but for one message at least.
+/// Wait of a window for late messages: this many messages, at most this long \[s\], but at least one message.
 const LAG: usize = 32;
 const LAG_S: f64 = 0.2;
 type Message = (i64, Vec<f64>);
 
 /// Cuts one rod's samples into records.
 ///
-/// What it holds between two messages survives a restart ([`Assembler::save`]).
+/// Its state between two messages survives a restart ([`Assembler::save`]).
 #[derive(Debug, Serialize, Deserialize)]
 pub struct Assembler {
     rod: RodId,
-    /// Not saved: whoever resumes gives them again.
+    /// Not saved: [`Assembler::resume`] takes them again.
     #[serde(skip)]
     settings: RecordSettings,
     declared_hz: Option<f64>,
     temperature: Option<Temperature>,
-    /// The first messages of a stretch, while the sample interval is not known.
+    /// First messages of a stretch, until the sample interval is known.
     warm: Vec<Message>,
     /// The running stretch and its sample interval \[ns\].
     open: Stretch,
@@ -80,12 +80,12 @@ pub struct Assembler {
     /// Scatter of a stamp, from the latest messages of the stretch \[ns\].
     wobble: f64,
     astray: Vec<Message>,
-    /// The last message of the stretch, where it has overtaken others or was stamped late.
+    /// Last message of the stretch, if it has overtaken others or was stamped late.
     ahead: Option<Ahead>,
     dropped: usize,
-    /// Messages of the stretch whose stamps were set right already.
+    /// Messages of the stretch whose stamps were already corrected.
     stray: Stray,
-    /// Onsets before this time were seen already \[ns\].
+    /// Time up to which onsets were already reported \[ns\].
     seen_until: i64,
     onsets: usize,
     searched_s: f64,
@@ -95,26 +95,26 @@ pub struct Assembler {
     unverified_until: i64,
     #[serde(with = "super::saved::records")]
     waiting: VecDeque<Record>,
-    /// When each of those that wait was complete.
+    /// Completion time of each waiting record \[ns\].
     waiting_at: VecDeque<i64>,
-    /// The latest stamp of the stretch that was cut last: when what came of it was complete \[ns\].
+    /// Latest stamp of the stretch that was cut last: the completion time of its events \[ns\].
     at: i64,
     /// True if the stream ended and nothing has come since.
     is_over: bool,
-    /// A run of stretches too short for a record, told as one.
+    /// A run of stretches too short for a record, reported as one.
     short: Option<Short>,
     samples: u64,
-    /// Not saved: whoever saves has taken them before.
+    /// Not saved: the caller takes them before [`Assembler::save`].
     #[serde(skip)]
     events: Vec<(Timestamp, Event)>,
 }
 
-/// A message that others were put before, because of their stamps.
+/// A message before which others were inserted, because of their stamps.
 #[derive(Debug, Clone, Copy, Serialize, Deserialize)]
 struct Ahead {
-    /// Its stamp \[ns\].
+    /// Stamp of the message \[ns\].
     time: i64,
-    /// The stamp of the message it came behind \[ns\].
+    /// Stamp of the message before it \[ns\].
     behind: i64,
 }
 
@@ -127,7 +127,7 @@ struct Short {
 
 impl Assembler {
     /// An assembler for one rod. `declared_hz` is the sample rate the configuration names, if any;
-    /// `temperature` says whether readings will come.
+    /// `temperature` is true if readings will come.
     pub fn new(rod: RodId, settings: RecordSettings, declared_hz: Option<f64>, temperature: bool) -> Self {
         Self {
             rod,
@@ -158,7 +158,7 @@ impl Assembler {
         }
     }
 
-    /// What it holds, NaN samples bit for bit, for [`Assembler::resume`]. Take the [events](Self::events) before.
+    /// Its state, NaN samples bit for bit, for [`Assembler::resume`]. Take the [events](Self::events) before.
     ///
     /// # Errors
     /// It cannot be encoded, which no input brings about.
@@ -166,7 +166,7 @@ impl Assembler {
         postcard::to_stdvec(self)
     }
 
-    /// Goes on from what was [saved](Self::save), with the settings it was saved with.
+    /// Resumes from a [saved](Self::save) state, with the settings it was saved with.
     ///
     /// # Errors
     /// The bytes are no saved assembler.
@@ -178,8 +178,8 @@ impl Assembler {
         })
     }
 
-    /// Begins anew after [`Assembler::finish`], as for another file. With `keep_temperature` the readings go on: they come
-    /// from elsewhere.
+    /// Starts again after [`Assembler::finish`], as for another file. With `keep_temperature` the readings
+    /// are kept, since they come from elsewhere.
     pub fn renew(&mut self, keep_temperature: bool) {
         let temperature = self.temperature.take();
         let fresh = Self::new(
@@ -200,14 +200,14 @@ impl Assembler {
         self.samples
     }
 
-    /// Says whether samples come from data that could not be checked from now on.
+    /// Sets if samples from now on come from data that could not be checked.
     #[inline]
     pub fn set_unverified(&mut self, unverified: bool) {
         self.unverified = unverified;
     }
 
-    /// Takes one message: the time of its first sample and its samples in SI; one that is not finite
-    /// is missing.
+    /// Takes one message: the time of its first sample and its samples in SI; a value that is not finite
+    /// counts as missing.
     #[inline]
     pub fn push(&mut self, time: Timestamp, values: &[f64]) {
         if values.is_empty() {
@@ -230,13 +230,13 @@ impl Assembler {
         }
     }
 
-    /// Bytes of samples that are no record yet, and of records that wait.
+    /// Bytes of samples not yet in a record, and of records that wait.
     pub fn held(&self) -> usize {
         let waiting = self.waiting.iter().map(|record| 8 * record.samples.len());
         self.open.bytes() + bytes_of(&self.warm) + bytes_of(&self.astray) + waiting.sum::<usize>()
     }
 
-    /// Ends the stretch here to make room: what is there becomes a record, and the next one begins.
+    /// Ends the stretch here to make room: the samples so far become a record.
     pub fn cut_off(&mut self) {
         if self.interval.is_none() {
             self.settle(false);
@@ -250,7 +250,7 @@ impl Assembler {
         self.release(true);
     }
 
-    /// Tells of samples that were lost before they came here, from `start` on if that is known.
+    /// Reports samples that were lost upstream, from `start` on if that is known.
     pub fn tell_lost(&mut self, start: Option<Timestamp>, duration_s: f64, rejection: Rejection) {
         let newest = self.open.times.last().copied();
         self.at = newest.map_or(self.at, |newest| newest.max(self.at));
@@ -265,25 +265,25 @@ impl Assembler {
         self.release(false);
     }
 
-    /// Temperature readings up to `until` that no record left with: between the last record and the end of the
-    /// stream, or beside rejected stretches. None is handed out twice.
+    /// Temperature readings up to `until` that belong to no record: between the last record and the end of
+    /// the stream, or beside rejected stretches. None is returned twice.
     pub fn leftover(&mut self, until: Timestamp) -> Vec<Reading> {
         self.temperature
             .as_mut()
             .map_or_else(Vec::new, |readings| readings.take(until))
     }
 
-    /// What became of the samples so far.
+    /// Events so far, taken out.
     pub fn events(&mut self) -> impl Iterator<Item = Event> {
         self.timed_events().map(|(_, event)| event)
     }
 
-    /// The same, each with the time at which it was complete: the latest stamp of the stretch it was cut from.
+    /// The same, each with its completion time: the latest stamp of the stretch it was cut from.
     pub fn timed_events(&mut self) -> std::vec::Drain<'_, (Timestamp, Event)> {
         self.events.drain(..)
     }
 
-    /// Makes an event of the readings that no record left with, at the end of the stream.
+    /// Makes an event of the readings at the end of the stream that belong to no record.
     pub fn tell_leftover(&mut self) {
         let readings = self.leftover(Timestamp::MAX);
         if let Some(last) = readings.last() {
@@ -293,7 +293,7 @@ impl Assembler {
         }
     }
 
-    /// A rejection that stands for no samples.
+    /// Reports a rejection without samples.
     pub fn tell_nothing(&mut self, rejection: Rejection) {
         self.tell(Event::Rejected {
             rod: self.rod.clone(),
@@ -305,7 +305,7 @@ impl Assembler {
         });
     }
 
-    /// Forgets the samples that are no record yet: `rejection` stands for them. Readings go on.
+    /// Drops the samples not yet in a record and reports `rejection` for them. Readings are kept.
     pub fn refuse(&mut self, rejection: Rejection) {
         let times = self
             .open
@@ -326,8 +326,8 @@ impl Assembler {
         !self.events.is_empty()
     }
 
-    /// A time before which no event will be complete that is still to come; `None` before the first sample and after the
-    /// end of the stream. It goes back only with the clock of the samples.
+    /// Lower bound of the completion times of all events still to come; `None` before the first sample and
+    /// after the end of the stream. Decreases only if the samples' clock does.
     pub fn complete_until(&self) -> Option<Timestamp> {
         if self.samples == 0 || self.is_over {
             return None;
@@ -340,7 +340,7 @@ impl Assembler {
         ))
     }
 
-    /// Ends the stream. With `cut_short`, the last record is one that may have gone on.
+    /// Ends the stream. With `cut_short`, the last record may be incomplete.
     pub fn finish(&mut self, cut_short: bool) {
         self.settle(cut_short);
         let astray = std::mem::take(&mut self.astray);
@@ -359,7 +359,7 @@ impl Assembler {
         self.is_over = true;
     }
 
-    /// Closes what is open.
+    /// Closes the open stretch.
     fn settle(&mut self, cut_short: bool) {
         if self.interval.is_none() && !self.warm.is_empty() {
             let mut queue = VecDeque::new();
@@ -402,7 +402,7 @@ impl Assembler {
         }
     }
 
-    /// Adds the next message and cuts if it is time.
+    /// Adds the next message and cuts where a record is due.
     #[inline]
     fn append(&mut self, time: i64, values: &[f64]) {
         self.open.push(time, values);
@@ -466,7 +466,7 @@ fn nanos(seconds: f64) -> i64 {
     (seconds * 1e9).round() as i64
 }
 
-/// Memory that messages take \[bytes\].
+/// Size of messages in memory \[bytes\].
 fn bytes_of(messages: &[Message]) -> usize {
     messages
         .iter()

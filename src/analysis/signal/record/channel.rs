@@ -1,9 +1,9 @@
-//! Where a rod's samples stand in a recording: topic, field, unit and time.
+//! Location of a rod's samples in a recording: topic, field, unit and time.
 
 use super::{RodId, Unit};
 use serde::Serialize;
 
-/// Which stamp of a message is the time of its (first) sample.
+/// Source of the time of a message's (first) sample.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub enum TimeSource {
     /// The MCAP log time.
@@ -15,17 +15,17 @@ pub enum TimeSource {
     Field(String),
 }
 
-/// Where one quantity stands in a recording.
+/// Location of one quantity in a recording.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Channel {
-    /// The topic.
+    /// MCAP topic.
     pub topic: String,
     /// The path inside the message, dots between names, indices in brackets: `point.z`, `data[3]`,
-    /// `sensors[0].value`. A path that ends at an array of numbers means one sample an entry.
+    /// `sensors[0].value`. A path that ends at an array of numbers gives one sample per entry.
     pub field: String,
-    /// The unit of the raw values.
+    /// Unit of the raw values.
     pub unit: Unit,
-    /// Which stamp is the time of the (first) sample.
+    /// Source of the time of the (first) sample.
     pub time: TimeSource,
     /// Declared sample rate \[Hz\]; required for arrays, checked against the stamps otherwise.
     pub fs_hz: Option<f64>,
@@ -34,7 +34,7 @@ pub struct Channel {
 /// The channels of one rod.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct RodChannels {
-    /// The rod.
+    /// Id of the rod.
     pub rod: RodId,
     /// Its displacement, velocity or acceleration.
     pub displacement: Channel,

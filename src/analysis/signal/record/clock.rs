@@ -4,36 +4,36 @@
 //! the two halves (Theil's incomplete method), so that a stamp a second late moves the rate no more than one a
 //! little late. The standard error is that of the fit, larger where the scatter hangs together in time.
 
-/// Stamps further from the line than this many standard deviations of the others make the fit robust.
+/// Distance from the line, in standard deviations of the other stamps, that makes the fit robust.
 const OUTLIER: f64 = 4.0;
 /// Huber's constant: 95 % efficient where the scatter is Gaussian.
 const HUBER: f64 = 1.345;
 /// The standard deviation over the median of the absolute values, for a Gaussian.
 pub(super) const GAUSSIAN: f64 = 1.4826;
-/// Stretches of time whose sums of scores tell scatter that hangs together, and the ratio of variances that is none of chance
-/// (one in 200 with the dozen degrees of freedom that the lever arms leave).
+/// Number of stretches of time whose sums of scores reveal correlated scatter, and the ratio of variances
+/// that chance exceeds once in 200 (with the dozen degrees of freedom that the lever arms leave).
 const STRETCHES: usize = 24;
 const TOGETHER: f64 = 2.5;
 /// Relative standard deviation of a declared rate: the tolerance of a common quartz.
 const QUARTZ: f64 = 5e-5;
-/// A measured rate surer than this is left as it is.
+/// Relative standard error below which a measured rate is used alone.
 const SURE: f64 = 1e-7;
 
 /// A straight line through stamps over sample numbers.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Line {
-    /// Nanoseconds a sample.
+    /// Nanoseconds per sample.
     pub slope: f64,
-    /// The line at sample 0, from the first stamp \[ns\].
+    /// Value at sample 0, from the first stamp \[ns\].
     pub start: f64,
-    /// Standard deviation of the stamps about the line \[ns\], those that stray left out.
+    /// Standard deviation of the stamps about the line \[ns\], strays left out.
     pub scatter: f64,
-    /// Relative standard error of the slope, widened for few stamps so that twice of it holds in 95 of 100.
+    /// Relative standard error of the slope, widened for few stamps so that twice it is exceeded in 5 of 100.
     pub slope_sd: f64,
 }
 
 impl Line {
-    /// How far a stamp lies behind the line \[ns\].
+    /// Lateness of a stamp against the line \[ns\].
     pub fn late(&self, (number, time): (f64, f64)) -> f64 {
         time - self.start - self.slope * number
     }
@@ -138,7 +138,7 @@ fn robust_variance<I: Iterator<Item = (f64, f64)>>(
     squares / (count - 2.0).max(1.0) / (share * share) / kk
 }
 
-/// How many times the variance of the slope is that of scatter without memory; 1 where chance explains it.
+/// Factor on the variance of the slope over that of uncorrelated scatter; 1 where chance explains it.
 fn together<I: Iterator<Item = (f64, f64)>>(
     line: &Line,
     points: &impl Fn() -> I,
@@ -177,8 +177,8 @@ fn student(freedom: f64) -> f64 {
 
 /// A measured rate and a declared one \[Hz\], each by its precision: the rate and its relative standard error.
 ///
-/// A measured rate that is sure stands, and so does one that contradicts the declared rate. `stamps` is how many it was
-/// measured with: two tell no scatter, so the difference itself is the error.
+/// A precise measured rate is used alone, and so is one that contradicts the declared rate. `stamps` is the
+/// number of stamps behind it: two have no scatter, so the difference itself is the error.
 pub(super) fn weigh(measured_hz: f64, sd: f64, declared_hz: f64, stamps: usize) -> (f64, f64) {
     let difference = declared_hz / measured_hz - 1.0;
     if difference.abs() < 1e-9 {
@@ -198,7 +198,7 @@ fn combined(sd: f64) -> f64 {
     sd * QUARTZ / sd.hypot(QUARTZ)
 }
 
-/// The middle of some numbers.
+/// Median of some numbers.
 pub(super) fn median(numbers: &mut [f64]) -> f64 {
     if numbers.is_empty() {
         return f64::NAN;
@@ -211,7 +211,7 @@ pub(super) fn median(numbers: &mut [f64]) -> f64 {
 mod tests {
     use super::*;
 
-    /// A generator of its own: xorshift, and the sum of twelve uniforms for a Gaussian.
+    /// A random generator: xorshift, with the sum of twelve uniforms for a Gaussian.
     struct Noise(u64);
 
     impl Noise {

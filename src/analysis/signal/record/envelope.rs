@@ -12,13 +12,13 @@ pub struct Envelope {
     pub step_s: f64,
     /// The lowest sample of each stretch less the record's mean, SI of the samples' unit, to four digits of the largest.
     pub low: Vec<f64>,
-    /// The highest.
+    /// The highest sample of each stretch, in the same way.
     pub high: Vec<f64>,
 }
 
 impl Envelope {
-    /// Of evenly spaced samples; no stretch holds less than one. Samples that are not finite are left out, and a stretch
-    /// of nothing else lies at the mean.
+    /// Envelope of evenly spaced samples, at least one per stretch. Samples that are not finite are left out,
+    /// and a stretch of nothing else lies at the mean.
     pub fn of(samples: &[f64], fs_hz: f64) -> Self {
         let finite = || samples.iter().copied().filter(|x| x.is_finite());
         let mean = finite().sum::<f64>() / finite().count().max(1) as f64;

@@ -1,25 +1,25 @@
-//! Samples that were lost on the way, told by stamps that stay late.
+//! Finds samples lost on the way, by stamps that stay late.
 //!
 //! A stamp that is late alone, or a run of them that comes back (a stall of the line and what catches up behind it), is no hole:
 //! samples are counted as lost only where the stamps behind confirm it.
 
 use super::clock::{GAUSSIAN, median};
 
-/// Samples lost before which message: (message, how many), ascending.
+/// Lost samples by the message they precede: (index of the message, number of samples), ascending.
 pub(super) type Holes = Vec<(usize, u64)>;
 
-/// Scatter below which single stamps tell a lost sample, in samples (or messages).
+/// Scatter below which single stamps reveal a lost sample \[samples, or messages\].
 const CLEAR: f64 = 0.1;
-/// Scatter up to which means over neighbours tell single samples; beyond, only whole messages \[samples\].
+/// Scatter up to which means over neighbours reveal single samples; beyond, only whole messages \[samples\].
 const COUNTABLE: f64 = 1.1;
-/// Messages behind a hole that confirm it, and how many there must be for it where single stamps scatter.
+/// Messages behind a hole that confirm it, and the fewest that must where single stamps scatter.
 const CONFIRM: usize = 10;
 const LEAST: usize = 5;
-/// Messages on either side that are averaged over where single stamps do not tell.
+/// Messages averaged on either side where single stamps do not suffice.
 const NEIGHBOURS: usize = 32;
-/// Most messages looked at behind a late one.
+/// Most messages examined behind a late one.
 const FAR: usize = 512;
-/// A hole is this many standard errors high, and this share of a sample.
+/// Least height of a hole, in standard errors and in samples.
 const SURE: f64 = 6.0;
 const SHARE: f64 = 0.75;
 
@@ -33,7 +33,7 @@ pub(super) struct Offsets {
 }
 
 impl Offsets {
-    /// With `slope` nanoseconds a sample.
+    /// Offsets of stamps with `slope` nanoseconds per sample.
     pub fn of(times: &[i64], sizes: &[u32], slope: f64, size: f64) -> Self {
         let mut number = 0.0;
         let late: Vec<f64> = times
@@ -50,7 +50,7 @@ impl Offsets {
         Self { late, scatter, size }
     }
 
-    /// The holes.
+    /// Finds the holes.
     pub fn holes(&self) -> Holes {
         let quantum = if self.scatter < COUNTABLE { 1.0 } else { self.size };
         if self.scatter < CLEAR * quantum {
@@ -85,8 +85,8 @@ impl Offsets {
         holes
     }
 
-    /// The offset that message `i` and those behind it keep to: the least of them if it is late, the most if it is early; behind a
-    /// message that is the last its own offset proves nothing.
+    /// Offset that message `i` and those behind it keep: their least if it is late, their most if it is
+    /// early. The offset of the last message alone proves nothing.
     fn stays(&self, i: usize, error: f64) -> f64 {
         let behind = self.behind(i, error.abs());
         let last = self.late[i - 1];
@@ -97,7 +97,8 @@ impl Offsets {
         }
     }
 
-    /// The end of the messages that tell a hole of `lost` samples before message `i` from a stall: what waited has arrived by then.
+    /// End of the messages that distinguish a hole of `lost` samples before message `i` from a stall: by then
+    /// all delayed messages have arrived.
     fn behind(&self, i: usize, lost: f64) -> usize {
         let stalled = (2.0 * lost / self.size).ceil() as usize;
         i.saturating_add(stalled.clamp(CONFIRM, FAR)).min(self.late.len())
@@ -140,7 +141,7 @@ impl Offsets {
         holes
     }
 
-    /// The height of a step at message `at` that is sure and stays, or 0.
+    /// Height of a step at message `at` that is significant and stays, or 0.
     fn step(&self, begin: usize, at: usize) -> f64 {
         let middle = |from: usize, to: usize| median(&mut self.late[from..to].to_vec());
         let (from, to) = (
@@ -168,7 +169,7 @@ impl Offsets {
 mod tests {
     use super::*;
 
-    /// Messages of `size` samples at 100 Hz, the stamps off by what `off` says \[s\], samples lost before some.
+    /// Messages of `size` samples at 100 Hz, the stamps off by `off` \[s\], samples lost before some.
     fn offsets(count: usize, size: u32, lost: &[(usize, u64)], off: impl Fn(usize) -> f64) -> Holes {
         let mut number = 0u64;
         let times: Vec<i64> = (0..count)

@@ -1,4 +1,4 @@
-//! What a record is: an evenly sampled stretch of one rod's displacement, with what is known about it.
+//! A record: an evenly sampled stretch of one rod's displacement, with what is known about it.
 
 pub mod assembler;
 pub mod channel;
@@ -41,13 +41,13 @@ impl fmt::Display for RodId {
     }
 }
 
-/// How the rod was set in motion.
+/// Excitation of a rod.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Excitation {
     /// Wind, traffic, bells: a stationary random response.
     Ambient,
-    /// A pull and release, or a blow: the record starts with the onset and decays.
+    /// A pull and release, or a blow: the record begins at the onset and decays.
     FreeDecay,
 }
 
@@ -64,13 +64,13 @@ pub struct Record {
     pub samples: Vec<f64>,
     /// Mean temperature during the record \[degC\], if there is a channel for it.
     pub temperature_c: Option<f64>,
-    /// Temperature readings since the rod's record before this one, those within it included, ascending in time.
+    /// Temperature readings since the rod's previous record, its own included, ascending in time.
     pub readings: Vec<Reading>,
-    /// How the rod was set in motion, as declared by the cut; `None`: to be recognised.
+    /// Excitation, as declared by the cut; `None`: to be recognised.
     pub excitation: Option<Excitation>,
     /// Relative standard error of the sample rate \[-\]; 0 where it is exact or not known.
     pub clock_sd: f64,
-    /// What the quality checks noticed without rejecting it.
+    /// Faults that the quality checks noticed without rejecting the record.
     pub flags: Vec<Flag>,
 }
 
@@ -87,8 +87,8 @@ impl Record {
         (self.samples.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / count).sqrt()
     }
 
-    /// Identity by content: SHA-256 of rod, start, sample rate and samples, so that a copied or
-    /// renamed file is still the same record.
+    /// Content hash: SHA-256 of rod, start, sample rate and samples, so that a copied or renamed file is
+    /// still the same record.
     pub fn identity(&self) -> [u8; 32] {
         let mut hash = Sha256::new();
         hash.update((self.rod.0.len() as u64).to_le_bytes());

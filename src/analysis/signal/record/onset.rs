@@ -10,10 +10,10 @@ use super::slope::Slope;
 const HALF_S: f64 = 0.01;
 /// Short window \[s\].
 const SHORT_S: f64 = 0.2;
-/// Long window \[s\], and the least of it at the start.
+/// Long window \[s\], and its least length at the start.
 const LONG_S: f64 = 4.0;
 const LONG_LEAST_S: f64 = 0.4;
-/// Motion must go on this long after an onset \[s\].
+/// Time that motion must last after an onset \[s\].
 const PERSIST_S: f64 = 0.5;
 
 /// Samples needed before the first onset that can be seen.
@@ -66,15 +66,15 @@ pub(super) fn onsets(samples: &[f64], fs_hz: f64, ratio: f64) -> Vec<usize> {
 /// Motion at the first sample.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum UnderWay {
-    /// A free decay: far above what is left of it later.
+    /// A free decay: far above the later level.
     Decays,
-    /// It falls all the way, as a slow decay does, and an ambient response now and then.
+    /// Falls all the way, as a slow decay does and an ambient response sometimes.
     Perhaps,
-    /// It does not fall.
+    /// Does not fall.
     No,
 }
 
-/// Tells a decay that began before the first sample: a recorder that is triggered by the blow, or starts late.
+/// Detects a decay that began before the first sample: a recorder that is triggered by the blow, or starts late.
 ///
 /// A decay is sure where the first half second exceeds the quietest `LONG_S` (or third) that follows by `ratio` and no later part is
 /// louder. One too slow for that falls from each quarter to the next, by a fifth in all at least.

@@ -1,4 +1,4 @@
-//! Quality checks on an evenly sampled stretch: what disqualifies it, what is only noted.
+//! Quality checks on an evenly sampled stretch: faults that reject it, and faults that are only flagged.
 //!
 //! Order matters: samples that are no measurements (missing, frozen, spikes) are found before the signal
 //! is judged. Every threshold is relative to the signal itself or to its smallest step, so that coarse
@@ -14,27 +14,28 @@ use std::ops::Range;
 pub struct Checked {
     /// The samples, small faults repaired.
     pub samples: Vec<f64>,
-    /// What was noticed.
+    /// Faults noticed.
     pub flags: Vec<Flag>,
 }
 
-/// A repeated value counts as held if the signal then jumps by more than this many smallest steps.
+/// Jump after a repeated value, in smallest steps, above which the value counts as held.
 const HELD_STEPS: f64 = 3.0;
 /// Share of samples that repeat by chance in a noisy coarse signal (at most 0.04 in our trials).
 const NATURAL: f64 = 0.05;
-/// Spikes stand out by this many robust standard deviations of the local roughness.
+/// Height of a spike, in robust standard deviations of the local roughness.
 const SPIKE: f64 = 12.0;
-/// A value counts as held only if the signal came to it by more than this many smallest steps: at rest it comes by one.
+/// Jump to a repeated value, in smallest steps, above which it counts as held: at rest the jump is one.
 const CAME_STEPS: f64 = 1.5;
-/// Visits that make a rail; one or two are a sensor overloaded once.
+/// Fewest visits that make a rail; one or two are a sensor overloaded once.
 const VISITS: usize = 3;
-/// A stay at an extreme longer than this is no vibration's \[s\].
+/// Longest stay of a vibration at an extreme \[s\].
 const STAY_S: f64 = 0.25;
-/// Fewer spikes than this are repaired, however large.
+/// Number of spikes below which all are repaired, however large.
 const FEW_SPIKES: usize = 3;
-/// A blow leaves the rod moving this many times as much as before.
+/// Ratio of the motion after a blow to that before it, at least.
 const BLOW: f64 = 5.0;
-/// Samples that tell how much a rod moves beside a spike: a tenth of a second at rates to 40 kHz, of them evenly beyond.
+/// Most samples that measure the motion beside a spike: a tenth of a second at rates to 40 kHz, thinned
+/// evenly beyond.
 const BESIDE: usize = 4096;
 
 /// Runs without a hole of more than `hole` samples, ends trimmed to finite samples.
@@ -62,7 +63,7 @@ pub(super) fn spans(samples: &[f64], hole: usize) -> Vec<Range<usize>> {
     spans
 }
 
-/// Replaces samples that are not finite by straight lines between their neighbours; how many.
+/// Replaces samples that are not finite by straight lines between their neighbours; returns their number.
 pub(super) fn fill(samples: &mut [f64]) -> usize {
     let mut filled = 0;
     let mut i = 0;
@@ -93,7 +94,7 @@ pub(super) fn fill(samples: &mut [f64]) -> usize {
     filled
 }
 
-/// Checks a stretch; `samples` may hold NaN where one is missing.
+/// Checks a stretch; missing samples are NaN.
 pub fn check(mut samples: Vec<f64>, fs_hz: f64, settings: &RecordSettings) -> Result<Checked, Rejection> {
     let mut flags = Vec::new();
     let total = samples.len().max(1) as f64;
@@ -194,7 +195,7 @@ impl Extent {
     }
 }
 
-/// The least of the changes between neighbours but for one in a hundred.
+/// Smallest change between neighbours, less the lowest hundredth.
 fn common_step(samples: &[f64]) -> f64 {
     let mut changes: Vec<f64> = samples
         .windows(2)
@@ -209,7 +210,7 @@ fn common_step(samples: &[f64]) -> f64 {
 }
 
 /// Samples that repeat the one before although the signal comes and moves on by more than its resolution; those at
-/// the extremes are the rails' matter, and what repeats from the start on may be at rest.
+/// the extremes belong to the rails, and what repeats from the start on may be at rest.
 fn held(samples: &[f64], range: &Extent, step: f64) -> usize {
     let mut held = 0;
     let mut run = 0;
@@ -234,15 +235,15 @@ fn held(samples: &[f64], range: &Extent, step: f64) -> usize {
 /// Samples at the rails.
 struct Rails {
     samples: usize,
-    /// Whether the signal came to them often enough to refuse it.
+    /// True if the signal reached them often enough to refuse it.
     is_sure: bool,
 }
 
 /// Samples at a rail: at an extreme that holds far more than the band just inside it.
 ///
 /// Just inside its peak a sine spends no more than half the time it spends in the next eight steps, and
-/// a random signal less; a rail piles up what would have gone beyond it. Signals of fewer than some ten
-/// steps cannot be told apart. A rod that is held still by a rope stays there for long.
+/// a random signal less; a rail piles up what would have gone beyond it. Signals of fewer than about ten
+/// steps cannot be judged. A rod held still by a rope stays at an extreme for long.
 fn clipped(samples: &[f64], range: &Extent, fs_hz: f64) -> Rails {
     let reach = 0.5 * (range.high - range.low);
     let band = (0.05 * reach).max(8.0 * range.step);
@@ -355,7 +356,7 @@ fn despike(samples: &mut [f64], fs_hz: f64, step: f64) -> Spikes {
     spikes
 }
 
-/// Whether the rod goes on moving behind an outlier, much more than before it: a hammer's blow, not an electric spike.
+/// True if the rod moves much more behind an outlier than before it: a hammer's blow, not an electric spike.
 fn is_blow(samples: &[f64], fs_hz: f64, run: &Range<usize>) -> bool {
     let window = ((0.1 * fs_hz).round() as usize).max(64);
     // Medians, so that other spikes do not count.
@@ -374,7 +375,7 @@ fn is_blow(samples: &[f64], fs_hz: f64, run: &Range<usize>) -> bool {
     before.len() >= 16 && after.len() >= 16 && level(after) > BLOW * level(before)
 }
 
-/// Whether a sample is far from the middle of its nine neighbours, and most of those are not.
+/// True if a sample is far from the middle of its nine neighbours, and most of those are not.
 fn outlier(samples: &[f64], at: usize, scale: f64) -> bool {
     let from = at.saturating_sub(4);
     let to = (at + 5).min(samples.len());

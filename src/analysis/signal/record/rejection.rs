@@ -1,13 +1,14 @@
-//! Why a record was refused, or what was noticed about one that was not: data, not errors.
+//! Reasons why a record was refused, and faults noticed about one that was not: data, not errors.
 
+use crate::analysis::numerics::json_number::nan_if_null;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-/// The highest mode that a sample rate serves, as a share of it.
+/// Highest frequency usable at a sample rate, as a share of the rate.
 pub const UNDERSAMPLED: f64 = 0.45;
 
-/// Why a record gives no frequencies or no force. Stored, counted and shown; never an error.
-#[derive(Debug, Clone, PartialEq, Error, Serialize)]
+/// Reason why a record gives no frequencies or no force. Stored, counted and shown; never an error.
+#[derive(Debug, Clone, PartialEq, Error, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", tag = "reason")]
 pub enum Rejection {
     /// Too short to resolve the modes.
@@ -33,7 +34,8 @@ pub enum Rejection {
         "constant signal: every sample is {value:e}; check that the sensor measures, and that `field` names what moves"
     )]
     Constant {
-        /// The value, SI.
+        /// Constant value of the samples, SI.
+        #[serde(deserialize_with = "nan_if_null")]
         value: f64,
     },
     /// The sensor repeated its last value too often.
@@ -57,7 +59,7 @@ pub enum Rejection {
         "{count} spikes that no motion follows carry most of the signal's energy: check the sensor's cable and target"
     )]
     Spikes {
-        /// How many.
+        /// Number of spikes.
         count: usize,
     },
     /// A step in the signal, larger than the vibration.
@@ -66,16 +68,18 @@ pub enum Rejection {
     )]
     Step {
         /// Height, SI.
+        #[serde(deserialize_with = "nan_if_null")]
         height: f64,
-        /// Where, from the record's start \[s\].
+        /// Time, from the record's start \[s\].
         time_s: f64,
     },
     /// The stamps are not evenly spaced, or do not advance.
     #[error("{}", irregular(*jitter, *allowed))]
     Irregular {
         /// Scatter over the interval of messages; infinite if the stamps do not advance.
+        #[serde(deserialize_with = "nan_if_null")]
         jitter: f64,
-        /// Largest allowed.
+        /// Largest jitter allowed.
         allowed: f64,
     },
     /// The declared rate is not the measured one.
@@ -86,6 +90,7 @@ pub enum Rejection {
         /// Declared sample rate \[Hz\].
         declared_hz: f64,
         /// Measured sample rate \[Hz\].
+        #[serde(deserialize_with = "nan_if_null")]
         measured_hz: f64,
     },
     /// The sample rate is too low for the band of the modes.
@@ -114,8 +119,9 @@ pub enum Rejection {
     )]
     Level {
         /// Larger over smaller level.
+        #[serde(deserialize_with = "nan_if_null")]
         ratio: f64,
-        /// Where, from the record's start \[s\].
+        /// Time, from the record's start \[s\].
         time_s: f64,
     },
     /// Part of the record was damaged in the file.
@@ -123,7 +129,7 @@ pub enum Rejection {
         "damaged in the file, not read from there on: {detail}; copy it again from where it was recorded"
     )]
     Damaged {
-        /// What the reader said.
+        /// Error text of the reader.
         detail: String,
     },
     /// No peak stands above the noise.
@@ -137,18 +143,18 @@ pub enum Rejection {
         /// Upper end \[Hz\].
         high_hz: f64,
     },
-    /// Peaks there are, but no assignment to mode orders is credible.
+    /// There are peaks, but no assignment to mode orders is credible.
     #[error("cannot number the modes of {peaks} peak{}: {detail}", if *peaks == 1 { "" } else { "s" })]
     NoLabel {
-        /// How many peaks.
+        /// Number of peaks.
         peaks: usize,
-        /// What spoke against it.
+        /// Reason, for people.
         detail: String,
     },
-    /// The parameters wanted lie outside what the emulator was trained on.
+    /// The parameters lie outside the emulator's trained range.
     #[error("outside the emulator: {detail}")]
     OutsideEmulator {
-        /// What lies outside.
+        /// Quantity outside the range, for people.
         detail: String,
     },
     /// No rod that the prior allows has such frequencies.
@@ -157,7 +163,8 @@ pub enum Rejection {
          of thousands of its rods; check the free length, the unit and orders of the frequencies, section and material, or widen axial_force_n"
     )]
     OutsidePrior {
-        /// Distance over that of the farthest draw.
+        /// Distance over that of the farthest draw \[-\].
+        #[serde(deserialize_with = "nan_if_null")]
         distance: f64,
     },
     /// Approximate Bayesian computation accepted too few draws.
@@ -166,35 +173,36 @@ pub enum Rejection {
          larger share or distance with abc.accept"
     )]
     NothingAccepted {
-        /// Accepted draws.
+        /// Number of accepted draws.
         accepted: usize,
-        /// All draws.
+        /// Number of draws.
         draws: usize,
-        /// The tolerance.
+        /// Tolerance used.
+        #[serde(deserialize_with = "nan_if_null")]
         epsilon: f64,
         /// Fewest accepted for a posterior.
         needed: usize,
     },
-    /// Several channels share the rod's topic: nobody knows which of them is the rod's.
+    /// Several channels share the rod's topic, so that the rod's channel is ambiguous.
     #[error(
         "topic {topic} has several channels at once ({channels}): nothing says which is the rod's; give each sensor a topic of its own"
     )]
     SharedTopic {
-        /// The topic.
+        /// MCAP topic.
         topic: String,
-        /// The channels, for people.
+        /// Names of the channels, for people.
         channels: String,
     },
-    /// The analysis itself broke: a fault of the program, not of the record.
+    /// The analysis panicked: a fault of the program, not of the record.
     #[error("the analysis broke, please report it: {detail}")]
     Broken {
-        /// What the program said.
+        /// Panic message.
         detail: String,
     },
-    /// Its analysis ended the program again and again, so it was not tried once more.
+    /// Its analysis crashed the process repeatedly, so it is not tried again.
     #[error("not analysed: its analysis ended the program {deaths} times")]
     Quarantined {
-        /// How often.
+        /// Number of crashes.
         deaths: u32,
     },
 }
@@ -223,7 +231,7 @@ fn irregular(jitter: f64, allowed: f64) -> String {
 }
 
 impl Rejection {
-    /// The short name, as in JSON.
+    /// Short name, as in JSON.
     pub fn code(&self) -> &'static str {
         match self {
             Self::TooShort { .. } => "too-short",
@@ -251,30 +259,31 @@ impl Rejection {
     }
 }
 
-/// What the checks noticed about a record without refusing it.
+/// Fault of a record noticed by the checks without refusing it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", tag = "flag")]
 pub enum Flag {
     /// The file has no checksums: its content could not be verified.
     Unverified,
-    /// The record may have gone on: the file is cut short, still being written, or damaged from there on.
+    /// The record may be incomplete: the file is cut short, still being written, or damaged from there
+    /// on.
     Truncated,
     /// Missing samples were filled by interpolation.
     Filled {
-        /// How many.
+        /// Number of samples.
         samples: usize,
     },
     /// Duplicate or late samples were dropped.
     Dropped {
-        /// How many.
+        /// Number of samples.
         samples: usize,
     },
     /// Spikes were replaced by their neighbours' mean.
     Despiked {
-        /// How many.
+        /// Number of samples.
         samples: usize,
     },
-    /// Some samples at the rails, fewer than refused.
+    /// Some samples are at the rails, fewer than refused.
     Clipped {
         /// Share of the samples.
         share: f64,
@@ -289,11 +298,11 @@ pub enum Flag {
         /// Scatter over interval.
         jitter: f64,
     },
-    /// Messages were stamped off their time; their samples stand where they came in.
+    /// Messages had wrong stamps; their samples keep their order of arrival.
     LateStamps {
-        /// How many.
+        /// Number of messages.
         messages: usize,
-        /// By how much the worst was late \[s\], negative if early.
+        /// Largest delay \[s\], negative if early.
         worst_s: f64,
     },
 }

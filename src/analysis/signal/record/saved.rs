@@ -1,4 +1,4 @@
-//! How records that wait inside an assembler are saved.
+//! Serialisation of the records that wait inside an assembler.
 
 /// For `#[serde(with)]`: records as plain fields, flags as JSON because they carry their name inside.
 pub(super) mod records {

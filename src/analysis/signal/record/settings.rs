@@ -1,33 +1,33 @@
-//! How samples are cut into records and when a record is refused.
+//! Settings of cutting samples into records and of refusing records.
 
 use serde::Serialize;
 
-/// Where a record begins and ends.
+/// Rule for where a record begins and ends.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case", tag = "cut")]
 pub enum Cut {
-    /// One record per file and rod; a gap still splits it. How the rod was set in motion is recognised.
+    /// One record per file and rod; a gap still splits it. The excitation is recognised.
     Auto,
     /// One ambient record per file and rod; a gap still splits it.
     File,
-    /// Fixed windows, aligned to the first sample. How the rod moves in each is recognised.
+    /// Fixed windows, aligned to the first sample. The motion in each is recognised.
     Window {
         /// Length of a window \[s\].
         length_s: f64,
     },
     /// A record starts at each onset of a free decay (a pull and release, a blow).
     FreeDecay {
-        /// Onset: the short-term over the long-term level exceeds this ratio \[-\].
+        /// Ratio of the short-term to the long-term level that makes an onset \[-\].
         ratio: f64,
         /// Longest record \[s\]; a new onset ends the one before.
         length_s: f64,
     },
 }
 
-/// How samples are cut into records and when a record is refused.
+/// Settings of cutting samples into records and of refusing records.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct RecordSettings {
-    /// Where a record begins and ends.
+    /// Rule for where a record begins and ends.
     pub cut: Cut,
     /// Shortest record that is analysed \[s\].
     pub min_duration_s: f64,
@@ -48,12 +48,12 @@ pub struct RecordSettings {
     pub max_rate_error: f64,
 }
 
-/// Longest record of a stream that never ends, with [`Cut::Auto`] \[s\].
+/// Longest record of a live stream, with [`Cut::Auto`] \[s\].
 pub const STREAM_S: f64 = 600.0;
 
 impl RecordSettings {
-    /// As they hold for a stream that never ends, live or from its journal: with [`Cut::Auto`] a record is [`STREAM_S`] long at
-    /// most, so that a result is never an hour old.
+    /// Settings for a stream without end, live or from its journal: with [`Cut::Auto`] a record is
+    /// [`STREAM_S`] long at most, so that a result is never an hour old.
     pub fn of_stream(self) -> Self {
         match self.cut {
             Cut::Auto => Self {

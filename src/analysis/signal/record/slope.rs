@@ -11,7 +11,8 @@ pub struct Slope {
 }
 
 impl Slope {
-    /// Mean of the next `half` samples less the mean of the last, at each sample; zero at the ends.
+    /// Slope at each sample: mean of the next `half` samples less the mean of the last `half`; zero at
+    /// the ends.
     pub fn of(samples: &[f64], half: usize) -> Self {
         let mean = samples.iter().sum::<f64>() / samples.len().max(1) as f64;
         let mut sums = Vec::with_capacity(samples.len() + 1);
@@ -40,24 +41,24 @@ impl Slope {
         &self.values
     }
 
-    /// Mean square from one sample to before another.
+    /// Mean square over a range of samples, end excluded.
     pub fn mean_square(&self, from: usize, to: usize) -> f64 {
         (self.energy[to] - self.energy[from]) / (to - from) as f64
     }
 
-    /// Mean square of what rounding makes of a signal that stands still.
+    /// Mean square that rounding gives a signal at rest.
     pub fn floor(&self) -> f64 {
         1e-12 * self.energy[self.values.len()] / self.values.len().max(1) as f64
     }
 
-    /// The largest magnitude among some samples.
+    /// Largest magnitude in a window.
     pub fn peak(&self, window: Range<usize>) -> f64 {
         self.values[window]
             .iter()
             .fold(0.0f64, |peak, v| peak.max(v.abs()))
     }
 
-    /// The first of some samples at which the magnitude exceeds `threshold`.
+    /// First sample of a window at which the magnitude exceeds `threshold`.
     pub fn first_above(&self, mut window: Range<usize>, threshold: f64) -> Option<usize> {
         window.find(|&i| self.values[i].abs() > threshold)
     }

@@ -1,24 +1,25 @@
 //! Steps of a signal's mean and of its level that no vibration makes.
 //!
-//! A rod that is pulled and let go makes steps too. They are told from a sensor that moved by what follows: the rod answers a release
-//! by swinging through, as far again on the other side, and a pull ends in a release. A level changes with every gust, blow or hand
-//! on the rod; only a changed unit, range or sensor changes the noise between the resonances along with it, and at once.
+//! A rod that is pulled and let go makes steps too. They differ from those of a moved sensor by what follows:
+//! after a release the rod swings through, as far again on the other side, and a pull ends in a release. A
+//! level changes with every gust, blow or hand on the rod; only a changed unit, range or sensor changes the
+//! noise between the resonances along with it, and at once.
 
 use realfft::RealFftPlanner;
 use std::ops::Range;
 
-/// A step is this many times the vibration around it.
+/// Least height of a step over the vibration around it.
 const STEP: f64 = 6.0;
-/// A change of level worth a look.
+/// Ratio of levels worth a closer look.
 const LEVEL: f64 = 30.0;
-/// The noise changes along with the level within this factor.
+/// Factor within which the noise must change along with the level.
 const ALONG: f64 = 3.0;
-/// A release swings through by this share of its height, and by this many times what moved before it.
+/// Least swing after a release, as a share of its height, and over the motion before it.
 const THROUGH: f64 = 0.2;
 const ANSWER: f64 = 3.0;
-/// After a release the swing comes within this time \[s\].
+/// Time within which the swing comes after a release \[s\].
 const SWING_S: f64 = 1.0;
-/// The same level again, within this share of a step.
+/// Tolerance of the same level, as a share of a step.
 const SAME: f64 = 0.3;
 
 /// Sums of a signal and its square, in blocks.
@@ -65,8 +66,8 @@ fn mean(samples: &[f64]) -> f64 {
     samples.iter().sum::<f64>() / samples.len().max(1) as f64
 }
 
-/// Blocks to a window of a second. A step inside a block adds less than 0.03 of its square to the scatter, so that
-/// none larger than asked for falls below the coarse limit; what passes that is looked at closely.
+/// Blocks per window of a second. A step inside a block adds less than 0.03 of its square to the scatter, so
+/// that none larger than asked for falls below the coarse limit; candidates above it are examined closely.
 const WINDOW: usize = 16;
 const COARSE: f64 = 15.0;
 
@@ -129,7 +130,7 @@ pub(super) fn step(samples: &[f64], fs_hz: f64, resolution: f64) -> Option<(f64,
         .map(|(_, height, at)| (height, at))
 }
 
-/// Whether the signal swings through the level it steps to, as a rod does that is let go.
+/// True if the signal swings through the level it steps to, as a released rod does.
 fn is_release(samples: &[f64], fs_hz: f64, height: f64, at: usize) -> bool {
     let count = |seconds: f64| ((seconds * fs_hz).round() as usize).max(4);
     // The place is known to a sixteenth of a second or so.
@@ -148,7 +149,7 @@ fn is_release(samples: &[f64], fs_hz: f64, height: f64, at: usize) -> bool {
     through > THROUGH * height.abs() && through > ANSWER * swing(before)
 }
 
-/// Half of what a signal sways about a straight line, but for its largest tenth.
+/// Half the sway of a signal about a straight line, without its largest tenth.
 fn swing(samples: &[f64]) -> f64 {
     let half = samples.len() / 2;
     let (first, second) = (mean(&samples[..half]), mean(&samples[half..]));
@@ -167,7 +168,7 @@ fn swing(samples: &[f64]) -> f64 {
         .1
 }
 
-/// Whether the signal leaves the level it steps to by a release, back to where it came from.
+/// True if the signal leaves the level it steps to by a release, back to its former level.
 fn is_pull(samples: &[f64], fs_hz: f64, height: f64, at: usize) -> bool {
     let size = ((fs_hz / WINDOW as f64).round() as usize).max(1);
     let before = &samples[at.saturating_sub(WINDOW * size)..at.saturating_sub(size)];
@@ -193,7 +194,7 @@ fn is_pull(samples: &[f64], fs_hz: f64, height: f64, at: usize) -> bool {
 /// A jump of the vibration level, and of the noise with it, that stays: ratio and place.
 ///
 /// A free decay rises at once and falls slowly; a level that falls at once, or rises at once and then does
-/// not fall, is looked at closely.
+/// not fall, is examined closely.
 pub(super) fn level_change(samples: &[f64], fs_hz: f64, resolution: f64) -> Option<(f64, usize)> {
     let window = (fs_hz.round() as usize).max(16);
     let sums = Blocks::of(samples, window, mean(samples));
@@ -243,7 +244,8 @@ fn spread(samples: &[f64]) -> f64 {
     (samples.iter().map(|x| (x - middle).powi(2)).sum::<f64>() / samples.len().max(1) as f64).sqrt()
 }
 
-/// Root mean square of what lies between the resonances: the spectrum's lowest tenth, as white noise of that density.
+/// Root mean square of the noise between the resonances: white noise at the density of the spectrum's lowest
+/// tenth.
 fn noise(samples: &[f64]) -> f64 {
     const LONGEST: usize = 1 << 12;
     const MOST: usize = 16;
@@ -282,7 +284,7 @@ fn noise(samples: &[f64]) -> f64 {
     (density / (f64::max(taken, 1.0) * 0.258 * size as f64)).sqrt()
 }
 
-/// Whether half of a change (of its logarithm) near `at` comes within a quarter of a second.
+/// True if half of a change (of its logarithm) near `at` comes within a quarter of a second.
 fn is_at_once(samples: &[f64], fs_hz: f64, at: usize, ratio: f64) -> bool {
     let size = ((fs_hz / WINDOW as f64).round() as usize).max(4);
     let quarter = WINDOW / 4;

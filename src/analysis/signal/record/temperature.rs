@@ -5,21 +5,21 @@ use super::Timestamp;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
-/// How old the last reading may be when none falls into a record \[s\].
+/// Greatest age of the last reading when none falls into a record \[s\].
 const STALE_S: i64 = 900;
-/// Seconds of readings kept.
+/// Most seconds of readings kept.
 const KEPT: usize = 20_000;
-/// Readings handed out are means over this long, counted from 1970 \[s\].
+/// Length of the means that are handed out, aligned to 1970 \[s\].
 const BIN_S: i64 = 300;
-/// Sums that wait to be handed out; beyond, the oldest are merged.
+/// Most sums that wait to be handed out; beyond, the oldest are merged.
 const FRESH: usize = 4096;
 
 /// One temperature reading.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Reading {
-    /// When.
+    /// Time of the reading.
     pub time: Timestamp,
-    /// How warm \[degC\].
+    /// Temperature \[degC\].
     pub celsius: f64,
 }
 
@@ -27,22 +27,22 @@ pub struct Reading {
 #[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
 struct Sum {
     celsius: f64,
-    /// Seconds since the key under which it is kept, summed.
+    /// Sum of seconds since the key under which it is kept.
     after_s: f64,
     count: f64,
 }
 
-/// Readings of one channel, as sum and count a second.
+/// Readings of one channel, as sum and count per second.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub(super) struct Temperature {
     seconds: BTreeMap<i64, (f64, u32)>,
     last: Option<i64>,
-    /// What was not handed out yet, by its first second.
+    /// Sums not handed out yet, by their first second.
     fresh: BTreeMap<i64, Sum>,
 }
 
 impl Temperature {
-    /// Takes a reading \[degC\]; one that is not finite counts for nothing.
+    /// Takes a reading \[degC\]; one that is not finite is ignored.
     pub fn push(&mut self, time: Timestamp, celsius: f64) {
         if !celsius.is_finite() {
             return;
@@ -102,7 +102,7 @@ impl Temperature {
         }
     }
 
-    /// Whether readings have come beyond this time.
+    /// True if readings have come beyond this time.
     pub fn reaches(&self, time: Timestamp) -> bool {
         self.last
             .is_some_and(|last| last > time.as_nanos().div_euclid(1_000_000_000))

@@ -3,12 +3,18 @@
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
 use std::fmt;
 
+/// A day \[s\].
+pub const DAY_S: f64 = 86_400.0;
+
+/// A Julian year \[d\].
+pub const YEAR_D: f64 = 365.25;
+
 /// Nanoseconds since 1970-01-01T00:00:00 UTC, leap seconds ignored (Unix time).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Timestamp(i64);
 
 impl Timestamp {
-    /// The latest point in time there is.
+    /// Latest point in time.
     pub const MAX: Self = Self(i64::MAX);
 
     /// From nanoseconds since the Unix epoch.
@@ -32,7 +38,7 @@ impl Timestamp {
         self.0 as f64 / 86_400e9
     }
 
-    /// The point in time so many days after 1970; saturates at the ends of the range.
+    /// Point in time `days` after 1970; saturates at the ends of the range.
     pub fn from_days(days: f64) -> Self {
         Self((days * 86_400e9).round() as i64)
     }
@@ -42,10 +48,11 @@ impl Timestamp {
         Self(self.0.saturating_add((seconds * 1e9).round() as i64))
     }
 
-    /// What a person writes: a day (`2026-03-01`, from its midnight in UTC) or a time (`2026-03-01T06:00:00Z`; UTC if no zone is said).
+    /// Parses a person's input: a day (`2026-03-01`, from its midnight in UTC) or a time
+    /// (`2026-03-01T06:00:00Z`; UTC if no zone is given).
     ///
     /// # Errors
-    /// It is neither; the text says what is expected.
+    /// It is neither; the text names the expected forms.
     pub fn as_written(text: &str) -> Result<Self, String> {
         let whole = if text.contains('T') || text.contains(' ') {
             text.to_owned()

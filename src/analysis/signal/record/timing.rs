@@ -1,4 +1,5 @@
-//! Stamps to an even time axis: sample rate by a line through them, missing samples by their holes.
+//! Puts stamped messages on an even time axis: sample rate by a line through the stamps, missing samples by
+//! holes.
 
 use super::clock::{self, Line, median};
 use super::holes::{Holes, Offsets};
@@ -22,24 +23,24 @@ pub(super) struct Even {
     pub start: Timestamp,
     pub fs_hz: f64,
     pub samples: Vec<f64>,
-    /// Relative standard error of the rate; 0 where stamps do not tell it.
+    /// Relative standard error of the rate; 0 where the stamps do not give it.
     pub clock_sd: f64,
-    /// Standard deviation of the stamps about a straight line over the message interval, those that stray left out.
+    /// Standard deviation of the stamps about a straight line over the message interval, strays left out.
     pub jitter: f64,
     /// Messages whose stamps stray from the line.
     pub stray: Stray,
 }
 
-/// Messages that are stamped off their time; their samples stand where their number says.
+/// Messages with wrong stamps; their samples are placed by number.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Stray {
     pub messages: usize,
-    /// By how much the worst is late \[s\], negative if it is early.
+    /// Largest delay \[s\], negative if early.
     pub worst_s: f64,
 }
 
 impl Stray {
-    /// Counts one that is so much late \[ns\].
+    /// Counts a message that is `late` \[ns\].
     pub fn count(&mut self, late: f64) {
         self.messages += 1;
         if (late * 1e-9).abs() > self.worst_s.abs() {
@@ -56,10 +57,11 @@ impl Stray {
     }
 }
 
-/// A stamp strays if it is off by this many standard deviations of the others, and this share of a sample.
+/// Least error of a stray stamp, in standard deviations of the others and in samples.
 const STRAY: f64 = 6.0;
 const STRAY_SHARE: f64 = 0.1;
-/// A declared rate this near the measured one counts the samples between two stamps.
+/// Relative difference of declared and measured rate below which the declared one counts the samples between
+/// stamps.
 const NEAR: f64 = 0.01;
 
 impl Stretch {
@@ -98,7 +100,7 @@ impl Stretch {
         clock::GAUSSIAN * median(&mut off) / std::f64::consts::SQRT_2
     }
 
-    /// Takes the last message out: its samples.
+    /// Removes the last message and returns its samples.
     pub fn pop(&mut self) -> Vec<f64> {
         self.times.pop();
         let size = self.sizes.pop().unwrap_or(0) as usize;
@@ -143,7 +145,7 @@ impl Stretch {
     }
 }
 
-/// The sample interval the stamps suggest \[ns\]: the median over messages.
+/// Sample interval that the stamps suggest \[ns\]: the median over messages.
 pub(super) fn interval(times: &[i64], sizes: &[u32]) -> Option<f64> {
     let mut intervals: Vec<f64> = times
         .windows(2)
@@ -250,8 +252,8 @@ pub(super) fn even(
     })
 }
 
-/// Nanoseconds a sample, before holes are known: the declared rate where the stamps agree, else the mean of the intervals
-/// without a hole, else (stamps that jump about) the median over many messages.
+/// Nanoseconds per sample, before holes are known: the declared rate where the stamps agree, else the mean of
+/// the intervals without a hole, else (widely scattered stamps) the median over many messages.
 fn rough_slope(times: &[i64], sizes: &[u32], dt: f64, declared_hz: Option<f64>) -> f64 {
     let gap = |i: usize| times[i + 1].saturating_sub(times[i]) as f64;
     let (mut time, mut samples) = (0.0, 0.0);
@@ -331,7 +333,7 @@ fn regress(times: &[i64], sizes: &[u32], holes: &Holes) -> Line {
     clock::fit(|| points(times, sizes, holes))
 }
 
-/// Samples with NaN where one is lost.
+/// Samples with NaN for each lost one.
 fn fill(values: Vec<f64>, sizes: &[u32], lost: &Holes) -> Vec<f64> {
     if lost.is_empty() {
         return values;

@@ -1,4 +1,4 @@
-//! Units of samples: as configured, as other programs write them, and what they are in SI.
+//! Units of samples: names in configuration and in other programs, and conversion to SI.
 
 use serde::Serialize;
 
@@ -88,7 +88,7 @@ impl Unit {
         }
     }
 
-    /// A raw value in SI (m, m/s, m/s^2), or in degrees Celsius for temperatures.
+    /// Converts a raw value to SI (m, m/s, m/s^2), or a temperature to degrees Celsius.
     pub fn convert(self, raw: f64) -> f64 {
         match self {
             Self::Metre | Self::MetrePerSecond | Self::MetrePerSecondSquared | Self::Celsius => raw,
@@ -101,7 +101,7 @@ impl Unit {
         }
     }
 
-    /// The unit that a file or a person means; none if it is none of ours.
+    /// Parses a unit as written by a file or a person; `None` if it is not supported.
     pub fn as_written(text: &str) -> Option<Self> {
         // Two characters look like a micro sign.
         let text: String = text

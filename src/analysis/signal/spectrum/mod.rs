@@ -23,7 +23,7 @@ pub enum Window {
     Rectangular,
 }
 
-/// How a spectrum is estimated (Welch 1967).
+/// Settings of the spectral estimate (Welch 1967).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct WelchSettings {
     /// The taper.
@@ -49,10 +49,9 @@ impl WelchSettings {
     /// Samples per segment for a record of `samples` samples.
     ///
     /// A stated length is taken as it is (at most the record). Otherwise a sixth of the record, at
-    /// least 10 s (main lobe of the Hann window 0.4 Hz: modes 1 Hz apart are told apart) and at most
-    /// 40 s (lightly damped modes stand higher the longer the segment; beyond that the variance and
-    /// the refinement, which uses the whole record, gain nothing), rounded to a length the transform
-    /// is fast at.
+    /// least 10 s (main lobe of the Hann window 0.4 Hz: modes 1 Hz apart are resolved) and at most 40 s
+    /// (lightly damped modes rise higher the longer the segment; beyond that the variance and the refinement,
+    /// which uses the whole record, gain nothing), rounded to a length the transform is fast at.
     pub fn nperseg(&self, fs_hz: f64, samples: usize) -> usize {
         let wanted = match self.segment_s {
             Some(segment_s) => return ((segment_s * fs_hz).round() as usize).clamp(2, samples.max(2)),
@@ -67,12 +66,12 @@ impl WelchSettings {
     }
 }
 
-/// Which maxima of a spectrum count as peaks.
+/// Criteria for a maximum of a spectrum to be a peak.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct PeakSettings {
     /// Least height above the local noise floor \[dB\]; the maximum's prominence must reach half of it.
     pub prominence_db: f64,
-    /// The most peaks kept, the most prominent first.
+    /// Most peaks kept: the highest above the local noise floor.
     pub max_peaks: usize,
 }
 

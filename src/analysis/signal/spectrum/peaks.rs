@@ -2,14 +2,15 @@
 
 use super::{PeakSettings, Spectrum};
 
-/// Half width of the stretch that the local noise floor is taken from, as a share of the frequency, and at least \[Hz\].
+/// Half width of the stretch that gives the local noise floor, as a share of the frequency, and its least
+/// \[Hz\].
 const REACH: f64 = 0.2;
 const LEAST_REACH_HZ: f64 = 2.0;
 
 /// A local maximum of a spectrum.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Peak {
-    /// The line it stands at.
+    /// Index of the line of the maximum.
     pub line: usize,
     /// Frequency of the parabola through the maximum and its neighbours, in decibels \[Hz\].
     pub frequency_hz: f64,
@@ -100,9 +101,9 @@ pub fn noise_floor(spectrum: &Spectrum, first: usize, level_db: &[f64]) -> Vec<f
     floor
 }
 
-/// The peaks of a spectrum between `low_hz` and `high_hz` that stand `settings.prominence_db` above
-/// the local noise floor with a prominence of at least half of that; the highest above the floor
-/// are kept, in ascending order of frequency.
+/// The peaks of a spectrum between `low_hz` and `high_hz` that rise `settings.prominence_db` above the local
+/// noise floor with a prominence of at least half of that; the highest above the floor are kept, in ascending
+/// order of frequency.
 pub fn pick_peaks(spectrum: &Spectrum, settings: &PeakSettings, low_hz: f64, high_hz: f64) -> Vec<Peak> {
     let tiny = f64::MIN_POSITIVE;
     // Levels are needed only around the band; its neighbourhood feeds the floor and the prominences.

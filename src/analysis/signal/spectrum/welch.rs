@@ -1,20 +1,20 @@
 //! Welch's one-sided power spectral density (Welch 1967), planned once and run many times.
 
 use super::{Window, window};
-use realfft::num_complex::Complex;
 use realfft::{RealFftPlanner, RealToComplex};
 use rustfft::FftPlanner;
+use rustfft::num_complex::Complex;
 use std::fmt;
 use std::sync::{Arc, Mutex, PoisonError};
 use thiserror::Error;
 
-/// Why a spectrum cannot be planned or estimated.
+/// Reason why a spectrum cannot be planned or estimated.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum WelchError {
     /// The sample rate is not a positive number.
     #[error("sample rate {fs_hz} Hz is not a positive number")]
     SampleRate {
-        /// The rate \[Hz\].
+        /// Sample rate \[Hz\].
         fs_hz: f64,
     },
     /// Fewer than two samples a segment, or segments that overlap completely.
@@ -22,7 +22,7 @@ pub enum WelchError {
     Segment {
         /// Samples per segment.
         nperseg: usize,
-        /// Samples shared.
+        /// Samples shared by neighbouring segments.
         noverlap: usize,
     },
     /// Fewer samples than one segment.
@@ -35,7 +35,7 @@ pub enum WelchError {
     },
 }
 
-/// Transform plans already made, by length; sharing one between records saves the planning.
+/// Transform plans by length; sharing them between records saves the planning.
 ///
 /// The scalar and SSE code paths of the transform use no fused multiply-add, so that a spectrum has
 /// the same bits on every x86-64 machine; the faster AVX path would not.
@@ -45,7 +45,7 @@ pub struct Transforms {
     complex: Mutex<Complexes>,
 }
 
-/// Planner of complex transforms; apart, since the crate's own type has no default.
+/// Planner of complex transforms; wrapped, since the crate's own type has no default.
 struct Complexes(FftPlanner<f64>);
 
 impl Default for Complexes {
@@ -84,11 +84,11 @@ impl fmt::Debug for Transforms {
 /// A one-sided power spectral density.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Spectrum {
-    /// Distance of neighbouring lines \[Hz\]; line `k` stands at `k df_hz`.
+    /// Distance of neighbouring lines \[Hz\]; line `k` lies at `k df_hz`.
     pub df_hz: f64,
     /// Density at each line, from 0 Hz to the Nyquist frequency \[unit^2/Hz\].
     pub psd: Vec<f64>,
-    /// How many segments were averaged.
+    /// Number of segments averaged.
     pub segments: usize,
 }
 
@@ -147,7 +147,7 @@ impl Welch {
         self.weights.len()
     }
 
-    /// The spectrum of `samples`; what is left after the last whole segment is not used.
+    /// The spectrum of `samples`; the rest after the last whole segment is not used.
     pub fn run(&self, samples: &[f64]) -> Result<Spectrum, WelchError> {
         let nperseg = self.nperseg();
         if samples.len() < nperseg {

@@ -35,7 +35,8 @@ pub struct MeanShift {
 
 impl Alternatives {
     /// The mean over records since an onset, each mode weighted by its stated errors. `expected_sd`: standard error of the mean
-    /// of `expected`, the force's own autocorrelated fluctuation included; it moves all modes as a change of force does. The
+    /// of `expected`, the force's own autocorrelated fluctuation included; it moves all modes as a change of force does. What the
+    /// temperature explains is known as well as the model's answer to it: by its particles, and by its own error. The
     /// stated errors grow by the scatter of the records about their means and about a common change of force, shared by all
     /// modes. A mode that the baseline or more than half of the records do not have is left out. `None` if that leaves none.
     pub fn mean_shift(
@@ -105,9 +106,12 @@ impl Alternatives {
         let common = DMatrix::from_fn(count, count, |a, b| {
             slopes[orders[a] - 1] * slopes[orders[b] - 1] * expected_sd * expected_sd
         });
+        let expected = records.iter().map(|record| record.expected).sum::<f64>() / records.len() as f64;
+        let answer = self.error_of_force(expected);
+        let answer = DMatrix::from_fn(count, count, |a, b| answer[(orders[a] - 1, orders[b] - 1)]);
         Some(MeanShift {
             falling: diagonal(&|n| dispersion / weights[n]),
-            fixed: diagonal(&|n| errors[n] * errors[n]) + common,
+            fixed: diagonal(&|n| errors[n] * errors[n]) + common + answer,
             shift: DVector::from_vec(means),
             orders,
             records: records.len(),

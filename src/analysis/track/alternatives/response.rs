@@ -3,6 +3,7 @@
 use super::kind::{Kind, probability_below};
 use crate::analysis::rod::beam::Quantity;
 use crate::analysis::rod::beam::forward::{ForwardModel, MAX_MODES};
+use nalgebra::{DMatrix, DVector};
 
 /// Particles that are kept, at most, evenly from those of the baseline.
 const PARTICLES: usize = 192;
@@ -135,18 +136,45 @@ impl Alternatives {
         let Some(curve) = self.curves.first() else {
             return [0.0; MAX_MODES];
         };
-        let last = curve.nodes.len() - 2;
-        let k = curve
-            .nodes
-            .partition_point(|x| *x <= u)
-            .saturating_sub(1)
-            .min(last);
-        let share = (u - curve.nodes[k]) / (curve.nodes[k + 1] - curve.nodes[k]);
+        let (k, share) = curve.place(u);
         std::array::from_fn(|n| curve.means[k][n] + share * (curve.means[k + 1][n] - curve.means[k][n]))
+    }
+
+    /// Covariance of that shift, by the particles' spread and the model's own error, per order from 1.
+    pub(super) fn error_of_force(&self, u: f64) -> DMatrix<f64> {
+        let mean = self.of_force(u);
+        let mut error = DMatrix::from_fn(MAX_MODES, MAX_MODES, |a, b| {
+            if a == b {
+                (self.error[a] * mean[a]).powi(2)
+            } else {
+                0.0
+            }
+        });
+        let Some(curve) = self.curves.first() else {
+            return error;
+        };
+        let (k, share) = curve.place(u);
+        let answers = |k: usize| curve.answers[k * curve.count..][..curve.count].iter();
+        for (low, high) in answers(k).zip(answers(k + 1)) {
+            let off = DVector::from_fn(MAX_MODES, |n, _| low[n] + share * (high[n] - low[n]) - mean[n]);
+            error.ger((curve.count as f64).recip(), &off, &off, 1.0);
+        }
+        error
     }
 }
 
 impl Curve {
+    /// Node below a size, and the share of the way to the next.
+    fn place(&self, x: f64) -> (usize, f64) {
+        let last = self.nodes.len() - 2;
+        let k = self
+            .nodes
+            .partition_point(|node| *node <= x)
+            .saturating_sub(1)
+            .min(last);
+        (k, (x - self.nodes[k]) / (self.nodes[k + 1] - self.nodes[k]))
+    }
+
     fn new((kind, nodes, answers): (Kind, Vec<f64>, Vec<Modes>), modes: usize) -> Self {
         let (low, high, scale) = kind.sizes();
         let below = |x: f64| probability_below(x, scale);

@@ -20,6 +20,7 @@
 //! The largest decides: the first is learned as it is, the second not at all, the third after P_uu grew by 24 r (1 - f^2).
 
 use super::prior::{BankPrior, Fluctuation};
+use crate::analysis::numerics::simd::{Kernel, vectorised};
 use rand::{Rng, RngExt};
 use rand_distr::{ChiSquared, Distribution, StandardNormal};
 use serde::{Deserialize, Serialize};
@@ -38,8 +39,8 @@ const WILD_SHAPE: f64 = 1.5;
 const KICK: f64 = 24.0;
 /// Least ln weight in a bank that must stay open to every member: one may come back.
 const LEAST_LN_WEIGHT: f64 = -60.0;
-/// Least ln weight a copy keeps.
-pub(super) const NEGLIGIBLE_LN_WEIGHT: f64 = -13.8;
+/// Least ln weight a copy keeps: one in ten thousand. What a prune adds to the density of the rest is less, once a member.
+pub(super) const NEGLIGIBLE_LN_WEIGHT: f64 = -9.2;
 /// Columns beyond are faults.
 const GREATEST: f64 = 1e6;
 /// Ratios are taken as within these.
@@ -249,6 +250,7 @@ impl Member {
     }
 
     /// Prediction of a row; `along` becomes P H'.
+    #[inline(always)]
     fn ahead(&self, row: &Row, along: &mut [f64]) -> Ahead {
         times(&self.cov, &row.x, along);
         Ahead {
@@ -258,6 +260,7 @@ impl Member {
     }
 
     /// Kalman and inverse gamma step.
+    #[inline(always)]
     fn learn(&mut self, ahead: Ahead, along: &[f64]) {
         let gain = ahead.error / ahead.total;
         for (mean, along) in self.mean.iter_mut().zip(along) {
@@ -269,6 +272,7 @@ impl Member {
     }
 
     /// Covariance after a row with P H' = `along` and S = `total`.
+    #[inline(always)]
     fn narrow(&mut self, total: f64, along: &[f64]) {
         let width = along.len();
         let mut at = 0;
@@ -351,36 +355,12 @@ impl Bank {
 
     /// Learns a row after the passage to it; returns ln p(y).
     pub fn learn(&mut self, prior: &BankPrior, row: &Row, passage: &Passage) -> f64 {
-        let mut along = vec![0.0; row.x.len()];
-        let mut gammas = Gammas::default();
-        let usual = libm::log(1.0 - WILD - prior.kick);
-        let (wild, kick) = (libm::log(WILD), libm::log(prior.kick));
-        for member in &mut self.members {
-            let ahead = member.ahead(row, &mut along);
-            let (scale2, kicked) = (member.scale2(), KICK * passage.of(member).added);
-            let constant = gammas.of(member.shape);
-            let density = |total: f64| constant + student(ahead.error, total * scale2, member.shape);
-            let usual = usual + density(ahead.total);
-            let spread2 = WILD_SD * WILD_SD + WILD_WIDER * ahead.total * scale2;
-            let wild = wild + ln_gammas(WILD_SHAPE) + student(ahead.error, spread2, WILD_SHAPE);
-            let kick = kick + density(ahead.total + kicked);
-            let terms = [(Term::Usual, usual), (Term::Wild, wild), (Term::Kick, kick)];
-            let chosen = terms
-                .iter()
-                .fold(terms[0], |best, term| if term.1 > best.1 { *term } else { best });
-            member.ln_weight += ln_sum(terms.iter().map(|term| term.1));
-            match chosen.0 {
-                Term::Wild => {}
-                Term::Kick => {
-                    if let Some(variance) = member.cov.last_mut() {
-                        *variance += kicked;
-                    }
-                    let ahead = member.ahead(row, &mut along);
-                    member.learn(ahead, &along);
-                }
-                Term::Usual => member.learn(ahead, &along),
-            }
-        }
+        vectorised(Learn {
+            members: &mut self.members,
+            kick: prior.kick,
+            row,
+            passage,
+        });
         let ln_density = ln_sum(self.members.iter().map(|member| member.ln_weight));
         for member in &mut self.members {
             member.ln_weight = (member.ln_weight - ln_density).max(LEAST_LN_WEIGHT);
@@ -471,12 +451,57 @@ impl Bank {
     }
 }
 
+/// A row on its way into every member of a bank.
+struct Learn<'a> {
+    members: &'a mut [Member],
+    kick: f64,
+    row: &'a Row,
+    passage: &'a Passage,
+}
+
+impl Kernel for Learn<'_> {
+    #[inline(always)]
+    fn run(self) {
+        let mut along = vec![0.0; self.row.x.len()];
+        let mut gammas = Gammas::default();
+        let usual = libm::log(1.0 - WILD - self.kick);
+        let (wild, kick) = (libm::log(WILD), libm::log(self.kick));
+        for member in self.members {
+            let ahead = member.ahead(self.row, &mut along);
+            let (scale2, kicked) = (member.scale2(), KICK * self.passage.of(member).added);
+            let constant = gammas.of(member.shape);
+            let density = |total: f64| constant + student(ahead.error, total * scale2, member.shape);
+            let usual = usual + density(ahead.total);
+            let spread2 = WILD_SD * WILD_SD + WILD_WIDER * ahead.total * scale2;
+            let wild = wild + ln_gammas(WILD_SHAPE) + student(ahead.error, spread2, WILD_SHAPE);
+            let kick = kick + density(ahead.total + kicked);
+            let terms = [(Term::Usual, usual), (Term::Wild, wild), (Term::Kick, kick)];
+            let chosen = terms
+                .iter()
+                .fold(terms[0], |best, term| if term.1 > best.1 { *term } else { best });
+            member.ln_weight += ln_sum(terms.iter().map(|term| term.1));
+            match chosen.0 {
+                Term::Wild => {}
+                Term::Kick => {
+                    if let Some(variance) = member.cov.last_mut() {
+                        *variance += kicked;
+                    }
+                    let ahead = member.ahead(self.row, &mut along);
+                    member.learn(ahead, &along);
+                }
+                Term::Usual => member.learn(ahead, &along),
+            }
+        }
+    }
+}
+
 /// Place of an entry of the upper triangle.
 const fn place(width: usize, row: usize, column: usize) -> usize {
     row * width - row * (row + 1) / 2 + column
 }
 
 /// Product of a symmetric matrix and a vector.
+#[inline(always)]
 fn times(cov: &[f64], x: &[f64], product: &mut [f64]) {
     product.fill(0.0);
     let mut left = cov;
@@ -492,6 +517,7 @@ fn times(cov: &[f64], x: &[f64], product: &mut [f64]) {
 }
 
 /// Scalar product, in four sums that do not wait for one another.
+#[inline(always)]
 fn dot(a: &[f64], b: &[f64]) -> f64 {
     let mut sums = [0.0; 4];
     let (a, b) = (a.chunks_exact(4), b.chunks_exact(4));

@@ -31,10 +31,19 @@ struct Last {
     missing: u32,
 }
 
+/// Companions in one period.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Median {
+    /// Median of their ratios, if at least two companions are known and one of them was measured.
+    pub ratio: Option<f64>,
+    /// True if a rod that counted until now is found to drift: what was learned beside the median is void.
+    pub has_lost_one: bool,
+}
+
 impl Companions {
     /// Takes a period: every companion by name, with its ratio if it was measured; one that is not listed, as it drifts or
-    /// is gone, is forgotten. The median, if at least two companions are known and one of them was measured.
-    pub fn take<'a>(&mut self, rods: impl IntoIterator<Item = (&'a str, Option<f64>)>) -> Option<f64> {
+    /// is gone, is forgotten.
+    pub fn take<'a>(&mut self, rods: impl IntoIterator<Item = (&'a str, Option<f64>)>) -> Median {
         let listed: BTreeMap<&str, Option<f64>> = rods
             .into_iter()
             .map(|(rod, ratio)| (rod, ratio.filter(|ratio| ratio.is_finite())))
@@ -43,6 +52,7 @@ impl Companions {
             .iter()
             .filter_map(|(rod, ratio)| Some((*ratio)? - self.rods.get(*rod)?.ratio));
         let step = median(steps);
+        let has_lost_one = self.rods.keys().any(|rod| !listed.contains_key(rod.as_str()));
         self.rods.retain(|rod, last| {
             last.missing += 1;
             listed.contains_key(rod.as_str()) && last.missing <= PATIENCE
@@ -56,7 +66,11 @@ impl Companions {
             }
         }
         let is_fresh = listed.values().any(Option::is_some);
-        median(self.rods.values().map(|last| last.ratio)).filter(|_| is_fresh && self.rods.len() >= FEWEST)
+        let ratio = median(self.rods.values().map(|last| last.ratio));
+        Median {
+            ratio: ratio.filter(|_| is_fresh && self.rods.len() >= FEWEST),
+            has_lost_one,
+        }
     }
 }
 
@@ -67,8 +81,9 @@ mod tests {
     #[test]
     fn a_missing_rod_goes_on_with_the_others() {
         let mut companions = Companions::default();
-        let near = |found: Option<f64>, expected: f64| {
-            assert!((found.unwrap() - expected).abs() < 1e-15, "{found:?}")
+        let near = |found: Median, expected: f64| {
+            assert!((found.ratio.unwrap() - expected).abs() < 1e-15, "{found:?}");
+            assert!(!found.has_lost_one);
         };
         near(
             companions.take([("a", Some(0.01)), ("b", Some(0.05)), ("c", Some(0.09))]),
@@ -87,7 +102,10 @@ mod tests {
             companions.take([("a", Some(0.05)), ("b", Some(0.02)), ("c", Some(0.12))]),
             0.05,
         );
-        assert_eq!(companions.take([("a", None), ("b", None), ("c", None)]), None);
+        assert_eq!(
+            companions.take([("a", None), ("b", None), ("c", None)]).ratio,
+            None
+        );
     }
 
     #[test]
@@ -95,13 +113,19 @@ mod tests {
         let mut companions = Companions::default();
         companions.take([("a", Some(0.01)), ("b", Some(0.05)), ("c", Some(0.09))]);
         // c drifts: it is not listed any more.
-        assert!((companions.take([("a", Some(0.01)), ("b", Some(0.05))]).unwrap() - 0.03).abs() < 1e-15);
+        let of_two = companions.take([("a", Some(0.01)), ("b", Some(0.05))]);
+        assert!((of_two.ratio.unwrap() - 0.03).abs() < 1e-15 && of_two.has_lost_one);
         for _ in 0..PATIENCE {
-            assert!(companions.take([("a", Some(0.01)), ("b", None)]).is_some());
+            let found = companions.take([("a", Some(0.01)), ("b", None)]);
+            assert!(found.ratio.is_some() && !found.has_lost_one);
         }
         // One rod alone is no witness.
-        assert_eq!(companions.take([("a", Some(0.01)), ("b", None)]), None);
-        assert_eq!(companions.take([("a", Some(0.01)), ("b", Some(f64::NAN))]), None);
-        assert_eq!(Companions::default().take([("a", Some(0.01))]), None);
+        let of_one = companions.take([("a", Some(0.01)), ("b", None)]);
+        assert!(of_one.ratio.is_none() && !of_one.has_lost_one);
+        assert_eq!(
+            companions.take([("a", Some(0.01)), ("b", Some(f64::NAN))]).ratio,
+            None
+        );
+        assert_eq!(Companions::default().take([("a", Some(0.01))]).ratio, None);
     }
 }

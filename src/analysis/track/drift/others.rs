@@ -4,7 +4,7 @@ use std::fmt::Debug;
 
 /// R above which another rod is moving, too. With 50 none of 50 rods beside a thermometer that drifts by 0.03 K a day was told to
 /// drift, nor one of 50 beside one that jumps by 2 K; with 100 one of each, with 300 six and three. Losses of 1 % were told as soon.
-const MOVING: f64 = 50.0;
+pub(super) const MOVING: f64 = 50.0;
 
 /// Another rod of the site as it is at one moment of event time.
 pub trait Neighbour: Debug + Sync {
@@ -14,13 +14,16 @@ pub trait Neighbour: Debug + Sync {
     /// N_t / N_0 - 1 in a period, closed or still open; `None` if the rod was not measured in it.
     fn ratio_in(&self, index: i64, period_s: f64) -> Option<f64>;
 
-    /// Evidence of a change of its own; `None` before its detectors have begun.
+    /// Evidence of a change of its own, beside all that is known; `None` before its detectors have begun.
     fn evidence(&self) -> Option<f64>;
 
-    /// True if its drift alarm stands.
+    /// Evidence of a change as the rod shows it without the others; `None` before its detectors have begun.
+    fn evidence_alone(&self) -> Option<f64>;
+
+    /// True if an alarm stands that its evidence raised: a drift, or a change that is not axial.
     fn drifts(&self) -> bool;
 
-    /// True if the other rods confirm its drift: it moves by itself.
+    /// True if the other rods confirm that it moves by itself.
     fn is_confirmed(&self) -> bool;
 
     /// True if it was told to have moved together with others.
@@ -50,13 +53,21 @@ impl<'a> Others<'a> {
 
     /// Number of them that show evidence of a change themselves, or were told to have moved together.
     pub(crate) fn moving(&self) -> usize {
-        let shows = |rod: &dyn Neighbour| {
-            !rod.is_confirmed() && rod.evidence().is_some_and(|evidence| evidence > MOVING)
-        };
+        let is_moving = |evidence: Option<f64>| evidence.is_some_and(|evidence| evidence > MOVING);
+        let shows = |rod: &dyn Neighbour| is_moving(rod.evidence()) && is_moving(rod.evidence_alone());
         self.0
             .iter()
-            .filter(|rod| shows(**rod) || rod.has_moved_with_others())
+            .filter(|rod| (!rod.is_confirmed() && shows(**rod)) || rod.has_moved_with_others())
             .count()
+    }
+
+    /// True if one of those that count in the median shows more evidence of a change than the rod itself: it may be the one that
+    /// moves.
+    pub(crate) fn is_one_of_them(&self, evidence: f64) -> bool {
+        let in_median = self.0.iter().filter(|rod| !rod.drifts());
+        in_median
+            .filter_map(|rod| rod.evidence())
+            .any(|other| other > evidence)
     }
 
     /// True if one of them has told already that rods move together.

@@ -8,10 +8,12 @@
 //! ```
 //!
 //! A thermometer that drifts moves every rod's compensated detector, but not what rods show beside each other: a drift that
-//! `peers` sees, too, is confirmed; rods whose compensated detectors move together are one notice of the site.
+//! `peers` sees, too, is confirmed; rods whose compensated detectors move together are one notice of the site. Another rod that
+//! drifts moves the median: a rod that shows a change only beside the median waits while one of those in it shows more. Once
+//! that one is told, it leaves the median, and what was learned with it is void.
 
 use super::companions;
-use super::others::Others;
+use super::others::{MOVING, Others};
 use super::period::{Charted, Evidence, Period};
 use super::regressors::FILTERS_D;
 use super::{BankPrior, Change, Companions, Detector, Law, Regressors, Seen, ThermalPrior};
@@ -171,10 +173,21 @@ impl DriftWatch {
         self.compensated.is_some()
     }
 
-    /// R of the detector that knows the temperature; zero without one.
+    /// R of the detector that knows most.
     pub fn evidence(&self) -> f64 {
-        self.watching()
-            .map_or(0.0, |watching| watching.detector.statistic())
+        let detector = self.watching().map(|one| &one.detector);
+        let informed = detector.or(self.peers.as_ref());
+        informed.unwrap_or(&self.blind).statistic()
+    }
+
+    /// R of the detector that knows most without the other rods: what another rod does cannot raise it.
+    pub fn evidence_alone(&self) -> f64 {
+        let by_temperature = self.by_temperature.as_ref();
+        let knows_no_others = || self.compensated.as_ref().filter(|one| !one.knows_others);
+        by_temperature
+            .or_else(knows_no_others)
+            .map_or(&self.blind, |one| &one.detector)
+            .statistic()
     }
 
     /// Slope of N_t / N_0 with a temperature that stays, and its standard deviation \[1/K\]; `None` without a temperature.
@@ -196,6 +209,10 @@ impl DriftWatch {
         self.limit = terms.limit;
         let day = period.start.days();
         let median = self.companions.take(others.ratios(period.index, period_s));
+        if median.has_lost_one && self.evidence_alone() <= MOVING {
+            self.forget_others();
+        }
+        let median = median.ratio;
         self.without_others = if median.is_some() {
             0
         } else {
@@ -319,6 +336,15 @@ impl DriftWatch {
         self.compensated = Some(begun(prior, knows_others && terms.thermal.is_some()));
     }
 
+    /// Begins the detectors that know the other rods again: one of those moved the median.
+    fn forget_others(&mut self) {
+        let beside_others = self.compensated.as_mut().filter(|one| one.knows_others);
+        let detectors = beside_others.map(|one| &mut one.detector).into_iter();
+        for detector in detectors.chain(&mut self.peers) {
+            detector.restart();
+        }
+    }
+
     /// The detector that watches beside the temperature: that which knows the other rods, unless they are away.
     fn watching(&self) -> Option<&Compensated> {
         let stands_in = self.without_others > companions::PATIENCE;
@@ -350,6 +376,9 @@ impl DriftWatch {
 
     /// What the detectors say after the last period.
     pub(crate) fn finding(&self, others: &Others) -> Finding {
+        if self.evidence_alone() <= MOVING && others.is_one_of_them(self.evidence()) {
+            return Finding::Quiet;
+        }
         let has_witnesses = self.peers.is_some() && self.without_others <= companions::PATIENCE;
         let is_calm = others.count() < companions::FEWEST
             || others.moving() as f64 <= MOVING_SHARE * others.count() as f64;

@@ -44,7 +44,7 @@ impl EarlyWatch {
             filters: Filters::default(),
             reference_c: None,
             open: Vec::new(),
-            watch: Packed(None),
+            watch: Packed::default(),
             taken: None,
         }
     }

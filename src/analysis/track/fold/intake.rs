@@ -72,6 +72,8 @@ impl Tracker {
             self.take_relative(observation, verdict);
         }
         verdict.closed = self.close_periods(others);
+        let time = self.known_at(observation.start);
+        monitor::tell_ahead(self, others, time);
     }
 
     fn set_aside(&mut self, aside: SetAside, reason: &str, observation: &Observation, verdict: &mut Verdict) {
@@ -110,7 +112,7 @@ impl Tracker {
         let time = self.known_at(observation.start);
         self.look(Cause::Unusable, Some(false), time, String::new);
         self.look(Cause::OutsideRange, Some(false), time, String::new);
-        let is_compensated = self.state.watch.as_ref().is_some_and(DriftWatch::is_compensated);
+        let is_compensated = self.state.watch.get().is_some_and(DriftWatch::is_compensated);
         if is_compensated && self.plan.compensates() {
             let end = observation.start.plus_seconds(observation.duration_s);
             let is_known = reference::filters_until(&self.state, end)
@@ -208,7 +210,7 @@ impl Tracker {
         let limit = self.plan.alarm.limit_loss;
         let Some(loss) = loss else { return };
         // What lasts without a temperature is learned as usual; the evidence of it stays.
-        let by_evidence = self.state.watch.as_ref().filter(|_| is_blind);
+        let by_evidence = self.state.watch.get().filter(|_| is_blind);
         let lasts = by_evidence.is_some_and(DriftWatch::is_blind_above);
         let holds = Some(loss.exceeds(limit)).filter(|holds| *holds || !lasts);
         self.look(Cause::Loss, holds, time, || {
@@ -312,35 +314,46 @@ impl Tracker {
     /// Closes every period no record can come into any more.
     fn close_periods(&mut self, others: &Others) -> Vec<Period> {
         let mut closed = Vec::new();
-        let period_s = self.plan.track.period_s;
         let Some(latest) = self.state.latest else {
             return closed;
         };
-        while let Some(first) = self.state.open.first() {
-            let index = period::index_of(first.start, period_s);
-            let end = period::start_of(index.saturating_add(1), period_s);
+        while let Some(end) = self.end_of_open() {
             if latest.seconds_since(end) < self.plan.track.reorder_window_s {
                 break;
             }
-            let state = &mut self.state;
-            let count = state.open.partition_point(|pending| pending.start < end).max(1);
-            let records: Vec<Pending> = state.open.drain(..count).collect();
-            let shift = self.shift.as_ref();
-            let period = period::combine(
-                index,
-                period_s,
-                &records,
-                &mut state.filters,
-                &mut state.readings,
-                state.thermometer.trusted_until(),
-                |delta, misfit| shift.map_or(1.0, |shift| shift.not_axial_p(delta, misfit)),
-            );
-            state.closed = Some(index);
+            let Some(period) = self.take_period() else { break };
+            self.state.closed = Some(period.index);
             let period = monitor::close(self, period, others, latest);
             self.state.periods.push(period.clone());
             closed.push(period);
         }
         closed
+    }
+
+    /// End of the first open period.
+    fn end_of_open(&self) -> Option<Timestamp> {
+        let period_s = self.plan.track.period_s;
+        let index = period::index_of(self.state.open.first()?.start, period_s);
+        Some(period::start_of(index.saturating_add(1), period_s))
+    }
+
+    /// Takes the first open period out.
+    pub(super) fn take_period(&mut self) -> Option<Period> {
+        let end = self.end_of_open()?;
+        let state = &mut self.state;
+        let count = state.open.partition_point(|pending| pending.start < end).max(1);
+        let records: Vec<Pending> = state.open.drain(..count).collect();
+        let shift = self.shift.as_ref();
+        let period_s = self.plan.track.period_s;
+        Some(period::combine(
+            period::index_of(records.first()?.start, period_s),
+            period_s,
+            &records,
+            &mut state.filters,
+            &mut state.readings,
+            state.thermometer.trusted_until(),
+            |delta, misfit| shift.map_or(1.0, |shift| shift.not_axial_p(delta, misfit)),
+        ))
     }
 }
 

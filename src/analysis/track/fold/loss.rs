@@ -46,12 +46,11 @@ impl Loss {
             });
         }
         let ratio = relative.ratio.mean - 1.0;
-        let law =
-            tracker
-                .state
-                .watch
-                .as_ref()?
-                .blind_law(observation.start.days(), ratio, relative.ratio.sd)?;
+        let law = tracker
+            .state
+            .watch
+            .get()?
+            .blind_law(observation.start.days(), ratio, relative.ratio.sd)?;
         Some(Self {
             mean: law.mean - ratio,
             sd: law.sd,

@@ -7,7 +7,7 @@ use crate::analysis::signal::record::Timestamp;
 use crate::analysis::track::alarm::change::Change;
 use crate::analysis::track::alarm::{Alarm, Cause, Finding, Kind, Known};
 use crate::analysis::track::alternatives::Explained;
-use crate::analysis::track::drift::others::Others;
+use crate::analysis::track::drift::others::{Neighbour as _, Others};
 use crate::analysis::track::drift::period::{Period, combined_misfit};
 use crate::analysis::track::drift::watch::{self, DriftWatch, Witness};
 use crate::analysis::track::relative::Shift;
@@ -46,6 +46,36 @@ pub(crate) fn close(tracker: &mut Tracker, mut period: Period, others: &Others, 
     look_at_leverage(tracker, &period, time);
     look_at_end(tracker, &period, time);
     period
+}
+
+/// Periods in a row above the limit before rods are told to move together.
+const COMMON_PERIODS: usize = 3;
+
+/// Residual of a period, in standard deviations, and evidence over its limit from which on a change may be about to be told.
+const SUSPECT_SD: f64 = 3.0;
+const SUSPECT_EVIDENCE: f64 = 0.05;
+
+/// Tells a change with the record that shows it, as the end of the open period would: the next record may be a day away. Nothing
+/// else moves on.
+pub(crate) fn tell_ahead(tracker: &mut Tracker, others: &Others, time: Timestamp) {
+    let last = tracker.state.periods.last().and_then(|period| period.charted);
+    let is_suspect = last.is_some_and(|charted| {
+        charted.residual.abs() > SUSPECT_SD || charted.evidence.best_informed() > SUSPECT_EVIDENCE
+    });
+    if !is_suspect || tracker.state.drifts() {
+        return;
+    }
+    let mut ahead = tracker.clone();
+    let Some(mut period) = ahead.take_period() else {
+        return;
+    };
+    watch(&mut ahead, &mut period, others);
+    look_at_finding(&mut ahead, &period, others, time);
+    if ahead.state.drifts() {
+        tracker.state.alarms = ahead.state.alarms;
+        tracker.state.watches = ahead.state.watches;
+        tracker.news = ahead.news;
+    }
 }
 
 /// `Some(true)` above one level, `Some(false)` below another, `None` between.
@@ -94,7 +124,7 @@ fn typical_sd(state: &State, period: &Period) -> f64 {
 
 /// A state without a watch goes on from its periods: those of a version before, whose temperatures are one a day.
 pub(crate) fn rewatch(tracker: &mut Tracker) {
-    if tracker.state.watch.is_some() || tracker.state.periods.is_empty() {
+    if tracker.state.watch.get().is_some() || tracker.state.periods.is_empty() {
         return;
     }
     let mut periods = std::mem::take(&mut tracker.state.periods);
@@ -131,7 +161,7 @@ fn look_at_misfit(tracker: &mut Tracker, period: &Period, time: Timestamp) {
 
 /// What the drift watch found raises `drift`, `not-axial` or `common`, unless one of them holds.
 fn look_at_finding(tracker: &mut Tracker, period: &Period, others: &Others, time: Timestamp) {
-    let Some(watch) = &mut *tracker.state.watch else {
+    let Some(watch) = tracker.state.watch.get_mut() else {
         return;
     };
     let finding = watch.finding(others);
@@ -143,10 +173,7 @@ fn look_at_finding(tracker: &mut Tracker, period: &Period, others: &Others, time
     let state = &tracker.state;
     match finding {
         watch::Finding::Quiet => {}
-        watch::Finding::Drift(_) if state.holds(Kind::Drift) => {
-            confirm(tracker, finding, &change, period, time)
-        }
-        watch::Finding::Drift(_) if state.watches.stands(Cause::Pattern) => {}
+        watch::Finding::Drift(_) if state.drifts() => confirm(tracker, finding, &change, period, time),
         watch::Finding::Drift(witness) => {
             let alternatives = explain(tracker, &change, Some(period));
             let p = axial_p(tracker, period, change.onset);
@@ -164,7 +191,7 @@ fn look_at_finding(tracker: &mut Tracker, period: &Period, others: &Others, time
             };
             let known = Known {
                 change: Some(change),
-                witness: (kind == Kind::Drift).then_some(witness),
+                witness: Some(witness),
                 alternatives,
             };
             tracker.on_board(|board| board.raise(kind, time, message, known));
@@ -175,7 +202,12 @@ fn look_at_finding(tracker: &mut Tracker, period: &Period, others: &Others, time
             };
             tracker.state.watches.begin(cause);
         }
-        watch::Finding::Common if state.holds(Kind::Common) || others.has_told_common() => {}
+        // A rod that was told by itself stays so; one that moves alone is confirmed before others seem to move with it.
+        watch::Finding::Common
+            if state.drifts()
+                || state.holds(Kind::Common)
+                || others.has_told_common()
+                || !has_lasted(state) => {}
         watch::Finding::Common => {
             let message = common_message(&change, others);
             let known = Known {
@@ -188,7 +220,17 @@ fn look_at_finding(tracker: &mut Tracker, period: &Period, others: &Others, time
     }
 }
 
-/// The other rods confirm a drift that was told before they did: it is told again.
+/// True if the periods before the present one were above the limit, too.
+fn has_lasted(state: &State) -> bool {
+    let before = state.periods.iter().rev().take(COMMON_PERIODS - 1);
+    let is_above = |period: &&Period| {
+        let evidence = period.charted.map(|charted| charted.evidence);
+        evidence.is_some_and(|evidence| evidence.best_informed() > 1.0)
+    };
+    before.filter(is_above).count() == COMMON_PERIODS - 1
+}
+
+/// The other rods confirm a change that was told before they did: it is told again.
 fn confirm(
     tracker: &mut Tracker,
     finding: watch::Finding,
@@ -196,16 +238,23 @@ fn confirm(
     period: &Period,
     time: Timestamp,
 ) {
-    let is_unconfirmed = |alarm: &Alarm| {
-        alarm.kind == Kind::Drift && alarm.cleared.is_none() && alarm.witness == Some(Witness::Unconfirmed)
-    };
-    if finding != watch::Finding::Drift(Witness::Confirmed)
-        || !tracker.state.alarms.iter().any(is_unconfirmed)
-    {
+    let is_unconfirmed =
+        |alarm: &Alarm| alarm.cleared.is_none() && alarm.witness == Some(Witness::Unconfirmed);
+    let Some(alarm) = tracker
+        .state
+        .alarms
+        .iter()
+        .find(|alarm| is_unconfirmed(alarm))
+        .filter(|_| finding == watch::Finding::Drift(Witness::Confirmed))
+    else {
         return;
-    }
+    };
     let alternatives = explain(tracker, change, Some(period));
-    let message = drift_message(change, Witness::Confirmed, alternatives.as_ref());
+    let message = if alarm.kind == Kind::Drift {
+        drift_message(change, Witness::Confirmed, alternatives.as_ref())
+    } else {
+        alarm.message.clone()
+    };
     let known = Known {
         change: Some(change.clone()),
         witness: Some(Witness::Confirmed),
@@ -281,7 +330,7 @@ fn look_at_end(tracker: &mut Tracker, period: &Period, time: Timestamp) {
     let (Some(size), Some(charted)) = (sizes.map(size_of).reduce(f64::max), period.charted) else {
         return;
     };
-    let is_settled = tracker.state.watch.as_ref().is_some_and(DriftWatch::is_settled);
+    let is_settled = tracker.state.watch.get().is_some_and(DriftWatch::is_settled);
     let evidence = charted.evidence.best_informed();
     let holds = if is_settled && evidence < FAINT_EVIDENCE {
         Some(false)
@@ -306,14 +355,14 @@ fn look_at_end(tracker: &mut Tracker, period: &Period, time: Timestamp) {
             board.clear(Kind::NotAxial, time);
         }
     });
-    if let Some(watch) = &mut *tracker.state.watch {
+    if let Some(watch) = tracker.state.watch.get_mut() {
         watch.restart();
     }
 }
 
 /// The change of force as the drift watch knows it now.
 pub(crate) fn change_now(tracker: &Tracker) -> Option<Change> {
-    change_told(tracker.state.watch.as_ref()?, tracker.shift.as_ref())
+    change_told(tracker.state.watch.get()?, tracker.shift.as_ref())
 }
 
 /// The change of force a watch knows of, as it is told.

@@ -24,7 +24,7 @@ pub(crate) fn of_record(
     relative: &Relative,
 ) -> Option<AtReference> {
     let state = &tracker.state;
-    let watch = state.watch.as_ref()?;
+    let watch = state.watch.get()?;
     let reference_c = state.segment.reference_c?;
     let end = observation.start.plus_seconds(observation.duration_s);
     let filtered = filters_until(state, end).at(end.days())?;

@@ -3,7 +3,7 @@
 use super::early::EarlyWatch;
 use super::packed::Packed;
 use crate::analysis::signal::record::{Reading, RodId, Timestamp};
-use crate::analysis::track::alarm::{Alarm, Kind, Watches};
+use crate::analysis::track::alarm::{Alarm, Cause, Kind, Watches};
 use crate::analysis::track::baseline::Baseline;
 use crate::analysis::track::drift::Filters;
 use crate::analysis::track::drift::others::Neighbour;
@@ -117,7 +117,7 @@ impl State {
             open: Vec::new(),
             readings: Vec::new(),
             filters: Filters::default(),
-            watch: Packed(None),
+            watch: Packed::default(),
             early: None,
             closed: None,
             periods: Vec::new(),
@@ -139,7 +139,7 @@ impl State {
 
     /// True while the rods of the site are told to move together, this one among them.
     pub(super) fn moves_with_others(&self) -> bool {
-        let has_joined = self.watch.as_ref().is_some_and(DriftWatch::has_joined);
+        let has_joined = self.watch.get().is_some_and(DriftWatch::has_joined);
         has_joined || self.holds(Kind::Common)
     }
 
@@ -149,7 +149,7 @@ impl State {
         if !self.moves_with_others() {
             return 0.0;
         }
-        let change = self.watch.as_ref().and_then(DriftWatch::change);
+        let change = self.watch.get().and_then(DriftWatch::change);
         change.map_or(0.0, |change| change.size.abs())
     }
 
@@ -197,9 +197,7 @@ impl State {
 
     /// Whether the drift watch has seen this many periods: limits count from then on.
     pub(crate) fn has_learned(&self, periods: usize) -> bool {
-        self.watch
-            .as_ref()
-            .is_some_and(|watch| watch.periods() >= periods)
+        self.watch.get().is_some_and(|watch| watch.periods() >= periods)
     }
 
     /// Whether a record of this very time waits already.
@@ -245,16 +243,21 @@ impl Neighbour for State {
     }
 
     fn evidence(&self) -> Option<f64> {
-        self.watch.as_ref().map(DriftWatch::evidence)
+        self.watch.get().map(DriftWatch::evidence)
+    }
+
+    fn evidence_alone(&self) -> Option<f64> {
+        self.watch.get().map(DriftWatch::evidence_alone)
     }
 
     fn drifts(&self) -> bool {
-        self.holds(Kind::Drift)
+        self.holds(Kind::Drift) || self.watches.stands(Cause::Pattern)
     }
 
     fn is_confirmed(&self) -> bool {
-        let mut drifts = self.alarms.iter().filter(|alarm| alarm.kind == Kind::Drift);
-        drifts.any(|alarm| alarm.cleared.is_none() && alarm.witness == Some(Witness::Confirmed))
+        let by_others = [Some(Witness::Confirmed), Some(Witness::Peers)];
+        let mut standing = self.alarms.iter().filter(|alarm| alarm.cleared.is_none());
+        standing.any(|alarm| by_others.contains(&alarm.witness))
     }
 
     fn has_moved_with_others(&self) -> bool {

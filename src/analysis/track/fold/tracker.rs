@@ -20,6 +20,7 @@ const LOSS_RECORDS: usize = 2;
 const SILENCE_INTERVALS: f64 = 3.5;
 
 /// One rod's fold: what it remembers and what follows from it.
+#[derive(Clone)]
 pub struct Tracker {
     pub(crate) plan: Arc<TrackPlan>,
     pub(crate) state: State,
@@ -28,7 +29,7 @@ pub struct Tracker {
     /// The provisional baseline, made ready for records.
     pub(crate) early_shift: Option<Shift>,
     /// News that nobody took yet.
-    news: Vec<AlarmEvent>,
+    pub(super) news: Vec<AlarmEvent>,
 }
 
 impl Tracker {
@@ -225,7 +226,7 @@ impl Tracker {
             };
         }
         let track = &self.plan.track;
-        match &*state.watch {
+        match state.watch.get() {
             None => learning(track.baseline_records, 0),
             Some(watch) if watch.periods() < track.learning_periods => {
                 learning(track.baseline_records, watch.periods())

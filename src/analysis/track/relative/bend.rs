@@ -22,6 +22,10 @@ impl Shift {
     /// principal component over the particles, and the bend is that component with its standard deviation, as a square and a
     /// cube of x.
     pub fn bend(&self) -> Bend {
+        *self.bend.get_or_init(|| self.find_bend())
+    }
+
+    fn find_bend(&self) -> Bend {
         let means: Vec<(f64, Vec<(f64, f64)>)> = BEND_AT
             .iter()
             .map(|u| {

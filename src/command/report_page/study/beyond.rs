@@ -1,4 +1,5 @@
-//! The study's page beyond the paper's tables: sensitivity, emulators, other assumptions, what to measure next.
+//! The study's page beyond the paper's tables: sensitivity, emulators, other assumptions, worth of further
+//! measurements.
 
 use super::figures::{COLOURS, figure};
 use super::with_error;

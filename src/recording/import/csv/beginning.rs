@@ -1,14 +1,14 @@
-//! The first lines of a table: what stands between columns, which decimal sign, where data begin.
+//! The first lines of a table: delimiter, decimal sign, and the first row of data.
 
 use super::Table;
 use super::cells::{Splitter, guess, named, number};
 use super::layout::Layout;
 use crate::recording::import::ImportError;
 
-/// The most columns.
+/// Most columns.
 const COLUMNS: usize = 1024;
 
-/// What the first lines of a table show.
+/// Properties of a table found in its first lines.
 pub(super) struct Beginning {
     pub(super) delimiter: u8,
     pub(super) decimal_comma: bool,
@@ -17,7 +17,8 @@ pub(super) struct Beginning {
 }
 
 impl Beginning {
-    /// As somebody says; else with decimal points, or with decimal commas if more columns are numbers then.
+    /// Properties as given; else with decimal points, or with decimal commas if more columns are numbers
+    /// then.
     pub(super) fn find(head: &[String], table: &Table) -> Result<Self, ImportError> {
         let values = |found: &Option<Self>| found.as_ref().map_or(0, |found| found.layout.values());
         let mut found = Self::with(head, table, table.decimal_comma)?;
@@ -92,7 +93,8 @@ impl Beginning {
         }))
     }
 
-    /// Whether commas are no separators of thousands: some number begins with `0,` or has other than three digits behind.
+    /// True if commas cannot be separators of thousands: some number begins with `0,` or has other than three
+    /// digits after one.
     fn is_surely_decimal(&self) -> bool {
         let cells = self.rows.iter().skip(self.layout.first).flatten();
         let numbers = cells.filter(|cell| number(cell, true).is_some());

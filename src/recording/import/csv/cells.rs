@@ -1,9 +1,9 @@
-//! Lines of a text table to cells: the delimiter, quotes, and what a cell may be.
+//! Splits lines of a text table into cells: delimiter, quotes, and kinds of cells.
 
 use crate::recording::import::{ImportError, lines};
 use csv_core::{ReadRecordResult, Reader, ReaderBuilder};
 
-/// What stands between the columns of most lines.
+/// Delimiter between the columns of most lines.
 pub(super) fn guess(head: &[String], decimal_comma: bool) -> u8 {
     let lines = || {
         head.iter()
@@ -22,7 +22,7 @@ pub(super) fn guess(head: &[String], decimal_comma: bool) -> u8 {
     }
 }
 
-/// Refuses to pass over a line that looks like data before the first row of data.
+/// Returns an error if a line before the first row of data looks like data.
 pub(super) fn check_head(head: &[String], delimiter: u8) -> Result<(), ImportError> {
     let is_like_data = |line: &str| {
         line.contains(|c: char| c.is_ascii_digit())
@@ -65,7 +65,7 @@ pub(super) fn named(delimiter: u8) -> String {
     }
 }
 
-/// Lines to cells, quotes undone.
+/// Splits lines into cells and removes quotes.
 pub(in crate::recording::import) struct Splitter {
     delimiter: u8,
     reader: Reader,
@@ -118,7 +118,7 @@ impl Splitter {
     }
 }
 
-/// Whether a cell could be a number or a date.
+/// True if a cell could be a number or a date.
 pub(super) fn is_value(cell: &str, decimal_comma: bool) -> bool {
     // `1,25` is none.
     let has_parts = cell.contains(':') || cell.chars().filter(|c| "-/.".contains(*c)).count() > 1;

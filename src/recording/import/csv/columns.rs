@@ -1,4 +1,4 @@
-//! Rows of cells to signals: which columns, their numbers, their stamps.
+//! Turns rows of cells into signals: columns, numbers, stamps.
 
 use super::cells::{is_missing, number};
 use super::layout::{Layout, is_blank};
@@ -8,34 +8,34 @@ use crate::recording::import::stamp::{self, DateOrder, SINCE_2001, TimeUnit, Wri
 use crate::recording::import::{ImportError, MOST_VALUES, Signal, Stamps, Timing, is_time_name};
 use std::sync::Arc;
 
-/// What becomes of a column.
+/// State of a column while the table is read.
 struct Column {
     place: usize,
     name: String,
     unit: Option<String>,
     values: Vec<f64>,
-    /// Whether every cell so far was empty.
+    /// True if every cell so far was empty.
     is_blank: bool,
-    /// Whether it was asked for by name.
+    /// True if it was asked for by name.
     is_named: bool,
-    /// Whether it turned out to hold text.
+    /// True if it was found to hold text.
     is_text: bool,
 }
 
-/// The columns in the making.
+/// Columns while the table is read.
 pub(super) struct Columns {
     width: usize,
-    /// Cells a row needs.
+    /// Number of cells that a row needs.
     needed: usize,
     first_row: usize,
     decimal_comma: bool,
     columns: Vec<Column>,
     witnesses: Vec<Column>,
     skipped: Vec<String>,
-    /// Lines of delimiters alone since the last one with more.
+    /// Number of lines of delimiters alone since the last one with more.
     blank_at_end: usize,
     time: Vec<usize>,
-    /// What numbers count, or what the head says instead.
+    /// Unit of numbers in the time column, or the head's text that is no unit.
     time_unit: Result<TimeUnit, String>,
     dates: Option<DateOrder>,
     utc_offset_s: i32,
@@ -43,7 +43,7 @@ pub(super) struct Columns {
     lines: Vec<u32>,
     resolution_ns: i64,
     is_date: Option<bool>,
-    /// Whether any cell had a decimal point.
+    /// True if any cell had a decimal point.
     pub(super) saw_point: bool,
     held: usize,
 }
@@ -157,7 +157,7 @@ impl Columns {
         })
     }
 
-    /// The first row of data.
+    /// First row of data.
     pub(super) fn first_row(&self) -> usize {
         self.first_row
     }
@@ -321,7 +321,7 @@ impl Columns {
     }
 }
 
-/// The column called the time; with one of days beside it, both.
+/// Column called the time; with a column of days beside it, both.
 fn found_time(names: &[String], first: &[String]) -> Vec<usize> {
     let called = |words: &[&str]| {
         let is_called = |name: &String| words.contains(&name.trim().to_lowercase().as_str());

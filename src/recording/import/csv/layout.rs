@@ -1,33 +1,34 @@
-//! Where the data of a text table begin, which columns are text, and what the lines above call them.
+//! Finds where the data of a text table begin, which columns are text, and the names in the lines above.
 
 use super::cells::{is_missing, is_value};
 use crate::analysis::signal::record::Unit;
 use crate::recording::import::heads::{some, split_head};
 use crate::recording::import::{TimeUnit, is_time_name};
 
-/// Rows that show what rows are like.
+/// Number of rows that define the layout.
 const SHOWN: usize = 10;
 
-/// What rows of data are like.
+/// Layout of the rows of data.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Layout {
-    /// The first of them.
+    /// Index of the first row of data.
     pub(super) first: usize,
-    /// Cells of a row.
+    /// Number of cells of a row.
     pub(super) width: usize,
-    /// Whether a column holds numbers or times.
+    /// True if a column holds numbers or times.
     is_value: Vec<bool>,
-    /// Whether a column holds text.
+    /// True if a column holds text.
     pub(super) is_text: Vec<bool>,
 }
 
-/// Whether a row has no cell with anything in it.
+/// True if all cells of a row are empty.
 pub(super) fn is_blank(row: &[String]) -> bool {
     row.iter().all(String::is_empty)
 }
 
 impl Layout {
-    /// From the first rows of a file; none if no row holds a number. `first` if somebody says it.
+    /// Layout from the first rows of a file; `None` if no row holds a number. `first` is the first row of
+    /// data, if given.
     pub(super) fn find(rows: &[Vec<String>], first: Option<usize>, decimal_comma: bool) -> Option<Self> {
         let filled: Vec<&Vec<String>> = rows
             .iter()
@@ -45,7 +46,7 @@ impl Layout {
         Some(layout)
     }
 
-    /// What most of some rows are like.
+    /// Layout of most of some rows.
     fn of(rows: &[&Vec<String>], decimal_comma: bool) -> Option<Self> {
         let width = rows.iter().map(|row| row.len()).max_by_key(|width| {
             let alike = rows.iter().filter(|row| row.len() == *width).count();
@@ -72,12 +73,12 @@ impl Layout {
         layout.is_value.contains(&true).then_some(layout)
     }
 
-    /// Columns of numbers or times.
+    /// Number of columns of numbers or times.
     pub(super) fn values(&self) -> usize {
         self.is_value.iter().filter(|is_value| **is_value).count()
     }
 
-    /// Cells up to the last that holds numbers: a row needs as many.
+    /// Number of cells that a row needs: up to the last that holds numbers.
     pub(super) fn needed(&self) -> usize {
         self.is_value
             .iter()
@@ -85,7 +86,7 @@ impl Layout {
             .map_or(0, |last| last + 1)
     }
 
-    /// Columns of numbers in which a row has text, and whether it has a number at all.
+    /// Number of columns of numbers in which a row has text, and true if it has a number at all.
     fn misfits(&self, row: &[String], decimal_comma: bool) -> (usize, bool) {
         let cells = row.iter().zip(&self.is_value).filter(|(_, is_value)| **is_value);
         cells.fold((0, false), |(misfits, has_any), (cell, _)| {
@@ -122,9 +123,9 @@ impl Layout {
     }
 }
 
-/// Names and units from the lines just before the data that have cells enough. A line of units gives units, and the line
-/// above it names, or one further up that calls a column the time; without one, the line whose heads have units or call a
-/// column the time, else the last.
+/// Names and units from the lines just before the data that have enough cells. A line of units gives the
+/// units, and the line above it the names, or one further up that names a column the time; without such a
+/// line, the line whose heads have units or name a column the time, else the last.
 pub(super) fn heads(
     before: &[Vec<String>],
     layout: &Layout,
@@ -180,7 +181,7 @@ fn is_unit(text: &str) -> bool {
     Unit::as_written(text).is_some() || TimeUnit::of(text).is_some()
 }
 
-/// Whether a row holds units: one of ours, and nothing that is too long for one.
+/// True if a row holds units: at least one supported unit, and nothing too long for a unit.
 fn is_of_units(row: &[String]) -> bool {
     const LONGEST: usize = 12;
     row.iter()
@@ -190,7 +191,7 @@ fn is_of_units(row: &[String]) -> bool {
             .all(|cell| cell.chars().count() <= LONGEST && !is_time_name(cell))
 }
 
-/// A head without the sign of a comment, and with units that stand apart put to their names.
+/// Head without comment sign, with detached units joined to their names.
 fn unmarked(row: &[String], delimiter: u8) -> Vec<String> {
     let mut cells: Vec<String> = row.to_vec();
     if let Some(first) = cells.first_mut() {

@@ -1,4 +1,4 @@
-//! One segment of a LabVIEW measurement: what its header says of each channel, and its rows.
+//! One segment of a LabVIEW measurement: its header, by channel, and its rows.
 
 use super::Header;
 use crate::analysis::signal::record::Timestamp;
@@ -9,12 +9,12 @@ use crate::recording::import::{ImportError, Stamps};
 /// Seconds from 1904, where LabVIEW's clock begins, to 1970.
 const SINCE_1904_S: i64 = 2_082_844_800;
 const NANOS: i64 = 1_000_000_000;
-/// The most channels.
+/// Most channels.
 const CHANNELS: usize = 1024;
 
 /// The samples of one channel in one segment.
 pub(super) struct Piece {
-    /// The line where its segment's rows begin.
+    /// Line where the rows of its segment begin.
     pub(super) line: u32,
     pub(super) name: String,
     pub(super) unit: Option<String>,
@@ -22,15 +22,15 @@ pub(super) struct Piece {
     pub(super) values: Vec<f64>,
 }
 
-/// When samples of a segment were taken.
+/// Timing of the samples of a segment.
 #[derive(Clone)]
 pub(super) enum When {
-    /// Nobody says.
+    /// The file does not give it.
     Unknown,
     /// At even steps.
     Even {
         step_s: f64,
-        /// Half a digit of the step as it is written, as a share of it.
+        /// Half the last digit of the step as written, as a share of it.
         rounding: f64,
         start: Option<Timestamp>,
     },
@@ -38,7 +38,7 @@ pub(super) enum When {
     Stamped(Stamps),
 }
 
-/// A segment that is being read.
+/// A segment while it is read.
 pub(super) struct Segment {
     head: Vec<Vec<String>>,
     line: u32,
@@ -49,17 +49,17 @@ pub(super) struct Segment {
 struct Channel {
     name: String,
     column: usize,
-    /// The column of its x values.
+    /// Index of the column of x values.
     x: usize,
     values: Vec<f64>,
-    /// Samples up to the last that is there.
+    /// Number of samples up to the last one present.
     length: usize,
     stamps: Vec<i64>,
     resolution_ns: i64,
 }
 
 impl Segment {
-    /// From the lines of a header and the names of the columns.
+    /// A segment from the lines of a header and the names of the columns.
     pub(super) fn new(
         head: Vec<Vec<String>>,
         names: Vec<String>,
@@ -111,12 +111,12 @@ impl Segment {
         Ok(segment)
     }
 
-    /// Whether rows have x values.
+    /// True if rows have x values.
     pub(super) fn has_stamps(&self) -> bool {
         self.channels.iter().any(|channel| !channel.stamps.is_empty())
     }
 
-    /// Takes a row; the values it held.
+    /// Takes a row; returns the number of values it held.
     pub(super) fn push(
         &mut self,
         cells: &[String],
@@ -167,7 +167,7 @@ impl Segment {
         Ok(held)
     }
 
-    /// Puts the pieces of its channels to those of the segments before.
+    /// Appends the pieces of its channels to those of the segments before.
     pub(super) fn finish(
         mut self,
         header: &Header,
@@ -262,7 +262,7 @@ impl Segment {
         }))
     }
 
-    /// The time of x = 0: the channel's own, else the file's.
+    /// Time of x = 0: the channel's own, else the file's.
     fn start(&self, column: usize, header: &Header) -> Option<Timestamp> {
         let date = self.fact("Date", column).unwrap_or(&header.date);
         let time = self.fact("Time", column).unwrap_or(&header.time);
@@ -273,7 +273,7 @@ impl Segment {
         Some(Timestamp::from_nanos(written.ok()?.nanos))
     }
 
-    /// What the header says of a column.
+    /// Fact of the header for a column.
     fn fact(&self, key: &str, column: usize) -> Option<&str> {
         let line = self
             .head
@@ -286,7 +286,7 @@ impl Segment {
     }
 }
 
-/// A number with a point.
+/// Number with a decimal point.
 fn plain(text: &str, header: &Header) -> String {
     match header.decimal_comma {
         true => text.replace(',', "."),

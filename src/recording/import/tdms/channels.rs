@@ -1,4 +1,4 @@
-//! What was read of TDMS objects, as signals: names, units, times.
+//! Turns TDMS objects into signals: names, units, times.
 
 use super::Groups;
 use super::metadata::{Object, Objects, Property};
@@ -8,10 +8,11 @@ use crate::recording::import::{ImportError, Signal, Stamps, Timing, is_time_name
 use std::collections::HashMap;
 use std::sync::Arc;
 
-/// A step that comes as a double is as good as this, as a share of it.
+/// Relative error of a step that is stored as a double.
 const ROUNDING: f64 = 1e-9;
 
-/// The channels with numbers. Stamps are those of the same group: of the channel called `time`, or one whose name says so.
+/// The channels with numbers. Stamps are those of the same group: of the channel called `time`, or of one
+/// named as a time.
 pub(super) fn signals(
     objects: Objects,
     mut skipped: Vec<String>,
@@ -107,7 +108,7 @@ pub(super) fn signals(
     Ok(found)
 }
 
-/// Whether its numbers are not yet what they stand for.
+/// True if its numbers still need scaling.
 fn is_unscaled(object: &Object) -> bool {
     object.text("NI_Scaling_Status") == Some("unscaled")
         && object

@@ -5,20 +5,20 @@ use super::metadata::{Index, Objects, Type};
 use crate::recording::import::MOST_VALUES;
 use std::io::Read;
 
-/// Bytes taken at once.
+/// Number of bytes read at once.
 const BLOCK: usize = 1 << 16;
 /// Seconds from 1904, where LabVIEW's clock begins, to 1970.
 const SINCE_1904_S: i64 = 2_082_844_800;
 
-/// Raw data that are left of a segment.
+/// Amount of raw data left of a segment.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Left {
     Bytes(u64),
-    /// The recorder did not finish the segment: all there are.
+    /// Up to the end of the file: the recorder did not finish the segment.
     ToTheEnd,
 }
 
-/// The raw data of a segment.
+/// Raw data of a segment.
 pub(super) struct Raw<'a, R> {
     pub(super) from: &'a mut R,
     pub(super) left: Left,
@@ -26,7 +26,8 @@ pub(super) struct Raw<'a, R> {
 }
 
 impl<R: Read> Raw<'_, R> {
-    /// Hands the data to their objects; the bytes that could not be, where the recorder did not finish.
+    /// Appends the data to their objects; returns the number of bytes left over where the recorder did not
+    /// finish.
     pub(super) fn read(&mut self, objects: &mut Objects, is_interleaved: bool) -> Result<u64, String> {
         let with_data: Vec<(usize, Index)> = objects
             .list
@@ -63,7 +64,7 @@ impl<R: Read> Raw<'_, R> {
         }
     }
 
-    /// Passes what is left; whether another segment may follow.
+    /// Skips the rest; returns true if another segment may follow.
     pub(super) fn pass(self) -> Result<bool, String> {
         let Left::Bytes(left) = self.left else {
             return Ok(false);
@@ -75,7 +76,7 @@ impl<R: Read> Raw<'_, R> {
         }
     }
 
-    /// So many bytes, fewer where the file ends.
+    /// Reads `bytes` bytes, fewer where the file ends.
     fn block(&mut self, bytes: usize, into: &mut Vec<u8>) -> Result<(), String> {
         into.clear();
         self.from
@@ -89,7 +90,8 @@ impl<R: Read> Raw<'_, R> {
         Ok(())
     }
 
-    /// A chunk of one object after another; the bytes of the last value that is not whole where the file ends.
+    /// Reads a chunk of one object after another; returns the number of bytes of an incomplete last value
+    /// where the file ends.
     fn one_after_another(
         &mut self,
         objects: &mut Objects,
@@ -120,7 +122,8 @@ impl<R: Read> Raw<'_, R> {
         Ok(None)
     }
 
-    /// A chunk of rows, a value of each object in every row; the bytes of the last row that is not whole where the file ends.
+    /// Reads a chunk of rows with a value of each object; returns the number of bytes of an incomplete last
+    /// row where the file ends.
     fn rows(&mut self, objects: &mut Objects, with_data: &[(usize, Index)]) -> Result<Option<u64>, String> {
         let mut sizes = Vec::with_capacity(with_data.len());
         for (_, index) in with_data {
@@ -161,7 +164,7 @@ impl<R: Read> Raw<'_, R> {
 }
 
 impl Objects {
-    /// Takes whole values of an object.
+    /// Appends whole values to an object.
     fn push(&mut self, at: usize, kind: Type, bytes: &[u8], is_big: bool) -> Result<(), String> {
         let Some(object) = self.all.get_mut(at) else {
             return Ok(());
@@ -199,8 +202,8 @@ impl Objects {
     }
 }
 
-/// A stamp of 16 bytes in nanoseconds since 1970: a fraction of 2^-64 s and the seconds since 1904, the other way round in big
-/// endian; none if it is beyond 292 years.
+/// Converts a stamp of 16 bytes to nanoseconds since 1970: a fraction of 2^-64 s and the seconds since 1904,
+/// in reverse order in big endian; `None` if beyond 292 years.
 pub(super) fn stamp(bytes: &[u8], is_big: bool) -> Option<i64> {
     let mut bytes: [u8; 16] = bytes.try_into().ok()?;
     if is_big {

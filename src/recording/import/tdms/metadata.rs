@@ -4,10 +4,10 @@ use super::DAQMX;
 use crate::recording::import::numbers::Kind;
 use std::collections::HashMap;
 
-/// The most objects of a file.
+/// Most objects of a file.
 const OBJECTS: usize = 4096;
 
-/// Bytes of metadata, from here on.
+/// Reader over bytes of metadata.
 pub(super) struct Bytes<'a> {
     pub(super) bytes: &'a [u8],
     pub(super) is_big: bool,
@@ -44,19 +44,19 @@ impl<'a> Bytes<'a> {
     }
 }
 
-/// What raw data of an object consist of.
+/// Type of an object's raw data.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Type {
     Number(Kind),
     /// Seconds since 1904 and a fraction.
     Stamp,
-    /// Passed over: so many bytes each.
+    /// Skipped: this many bytes per value.
     Other(usize),
-    /// Passed over: texts, so many bytes in all.
+    /// Skipped: texts of this many bytes in all.
     Text(u64),
 }
 
-/// The raw data of an object in a chunk.
+/// Raw data of an object in a chunk.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Index {
     pub(super) kind: Type,
@@ -64,7 +64,7 @@ pub(super) struct Index {
 }
 
 impl Index {
-    /// Bytes of one value; nothing if they differ.
+    /// Size of one value \[bytes\]; `None` if the sizes differ.
     pub(super) fn size(&self) -> Option<usize> {
         match self.kind {
             Type::Number(kind) => Some(kind.size()),
@@ -74,7 +74,7 @@ impl Index {
         }
     }
 
-    /// Bytes of all its values in a chunk.
+    /// Size of all its values in a chunk \[bytes\].
     pub(super) fn bytes(&self) -> Option<u64> {
         match self.kind {
             Type::Text(bytes) => Some(bytes),
@@ -83,7 +83,7 @@ impl Index {
     }
 }
 
-/// The values of a property that are used.
+/// Value of a property that is used.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Property {
     Number(f64),
@@ -92,7 +92,7 @@ pub(super) enum Property {
     Stamp(i64),
 }
 
-/// The properties that are used.
+/// Names of the properties that are used.
 const USED: [&str; 7] = [
     "wf_increment",
     "wf_start_time",
@@ -109,10 +109,10 @@ pub(super) struct Object {
     /// Names from the outside in: none for the file, one for a group, two for a channel.
     pub(super) path: Vec<String>,
     pub(super) index: Option<Index>,
-    /// Its place in the list of the segment, if it stands there.
+    /// Index in the list of the segment, if it is there.
     place: usize,
     pub(super) properties: HashMap<String, Property>,
-    /// Its numbers.
+    /// Numeric values read so far.
     pub(super) values: Vec<f64>,
     /// Its stamps \[ns since 1970\].
     pub(super) stamps: Vec<i64>,
@@ -125,9 +125,9 @@ pub(super) struct Object {
 pub(super) struct Objects {
     pub(super) all: Vec<Object>,
     by_path: HashMap<String, usize>,
-    /// Objects in the order of their raw data, and whether they have some.
+    /// Objects in the order of their raw data, with true if they have some.
     pub(super) list: Vec<(usize, bool)>,
-    /// Values held by all of them.
+    /// Number of values held by all of them.
     pub(super) held: usize,
 }
 
@@ -194,7 +194,7 @@ impl Objects {
 }
 
 impl Object {
-    /// Its name in sentences.
+    /// Name in messages.
     pub(super) fn named(&self) -> String {
         match self.path.is_empty() {
             true => "the file".to_owned(),
@@ -250,7 +250,7 @@ fn names(path: &str) -> Result<Vec<String>, String> {
     Ok(names)
 }
 
-/// The type with this number.
+/// Type of a number in the format.
 fn of_number(number: u32) -> Option<Type> {
     Some(match number {
         1 => Type::Number(Kind::I8),
@@ -290,7 +290,7 @@ fn index(bytes: &mut Bytes<'_>) -> Result<Index, String> {
     Ok(Index { kind, count })
 }
 
-/// The value of a property; none if it is of no use here.
+/// Value of a property; `None` if it is not used.
 fn property(bytes: &mut Bytes<'_>) -> Result<Option<Property>, String> {
     let number = bytes.u32()?;
     match of_number(number) {

@@ -6,7 +6,7 @@ use super::{Op, Primitive, Use};
 use re_ros_msg::MessageSchema;
 use re_ros_msg::message_spec::{ArraySize, BuiltInType, ComplexType, MessageSpecification, Type};
 
-/// Limits that no honest schema comes near.
+/// Limits far above any real schema.
 const MAX_DEPTH: usize = 32;
 const MAX_OPS: usize = 10_000;
 
@@ -20,7 +20,7 @@ struct Compiler<'a> {
     time_found: bool,
 }
 
-/// The operations that walk a message of this schema and pick up the field and its time.
+/// Operations that walk a message of this schema and pick up the field and its time.
 pub(super) fn compile(
     schema: SchemaRef<'_>,
     value: &FieldPath,
@@ -56,7 +56,7 @@ impl<'a> Compiler<'a> {
         DecodeError::Schema(format!("schema `{}`: {what}", self.name))
     }
 
-    /// The operations for a message; `value` and `time` are what is left of the paths that lead here.
+    /// Operations for a message; `value` and `time` are the remainders of the paths that lead here.
     fn message(
         &mut self,
         spec: &MessageSpecification,
@@ -261,7 +261,7 @@ impl<'a> Compiler<'a> {
         Ok(Op::Repeat { count, each, special })
     }
 
-    /// The definition a name means, seen from within another: relative names stay in its package.
+    /// Definition of a name as used within another: relative names stay in its package.
     fn resolve(
         &self,
         name: &ComplexType,
@@ -296,7 +296,7 @@ impl<'a> Compiler<'a> {
     }
 }
 
-/// The fewest bytes these operations walk over.
+/// Fewest bytes that these operations walk over.
 fn least_size(ops: &[Op]) -> usize {
     let one = |op: &Op| match op {
         Op::Skip(primitive) | Op::Take(primitive, _) => primitive.size(),

@@ -5,7 +5,7 @@ use super::super::stamp;
 use super::{Op, Primitive, Use};
 use re_cdr::{ByteOrder, CdrReader};
 
-/// What was picked up on the way.
+/// Values picked up on the way.
 pub(super) struct Taken<'a> {
     pub out: &'a mut Vec<f64>,
     pub array: Option<bool>,
@@ -112,7 +112,7 @@ fn length<B: ByteOrder>(fixed: Option<usize>, reader: &mut CdrReader<'_, B>) -> 
     }
 }
 
-/// The bytes of `count` numbers.
+/// Bytes of `count` numbers.
 #[inline]
 fn array<'a, B: ByteOrder>(
     primitive: Primitive,

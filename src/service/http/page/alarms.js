@@ -18,22 +18,24 @@ function pick(only) {
   draw();
 }
 
-// The token stays with this tab and is asked for once.
-function token() {
-  const kept = sessionStorage.getItem("token");
-  if (kept) return Promise.resolve(kept);
+// Who acknowledges, with what words and the token; null if nobody does. Name and token stay with this tab.
+function signature(alarm) {
   return new Promise((resolve) => {
-    const field = el("input", { type: "password", id: "token", autocomplete: "off", required: true });
-    const dialog = el("dialog", { "aria-labelledby": "token-title" },
-      el("h2", { id: "token-title" }, "Token"),
-      el("p", {}, "Acknowledging needs the token of this site: the line in the file that http.token_file names."),
-      el("form", { method: "dialog" }, el("label", { for: "token" }, "Token "), field,
-        el("div", { class: "tools" }, el("button", { value: "ok" }, "Go on"), el("button", { value: "", formnovalidate: true }, "Cancel"))));
+    const kept = (key) => sessionStorage.getItem(key) ?? "";
+    const by = el("input", { id: "by", autocomplete: "name", maxlength: 80, value: kept("by") });
+    const note = el("input", { id: "note", autocomplete: "off", maxlength: 160 });
+    const token = el("input", { type: "password", id: "token", autocomplete: "off", required: true, value: kept("token") });
+    const field = (input, words) => el("div", {}, el("label", { for: input.id }, words), input);
+    const dialog = el("dialog", { "aria-labelledby": "ask-title" },
+      el("h2", { id: "ask-title" }, `Acknowledge ${alarm.kind} of ${alarm.rod}`),
+      el("form", { method: "dialog" }, field(by, "Your name"), field(note, "What there is to say (optional)"),
+        field(token, "Token of this site: the line in the file that http.token_file names"),
+        el("div", { class: "tools" }, el("button", { value: "ok" }, "Acknowledge"), el("button", { value: "", formnovalidate: true }, "Cancel"))));
     dialog.addEventListener("close", () => {
-      const value = dialog.returnValue === "ok" ? field.value : null;
-      if (value) sessionStorage.setItem("token", value);
+      const isMeant = dialog.returnValue === "ok";
+      if (isMeant) for (const input of [by, token]) sessionStorage.setItem(input.id, input.value);
       dialog.remove();
-      resolve(value);
+      resolve(isMeant ? { by: by.value, note: note.value, token: token.value } : null);
     });
     document.body.append(dialog);
     dialog.showModal();
@@ -41,11 +43,12 @@ function token() {
 }
 
 async function acknowledge(alarm) {
-  const secret = await token();
-  if (!secret) return;
+  const signed = await signature(alarm);
+  if (!signed) return;
   try {
-    const path = `/api/v1/alarms/${encodeURIComponent(alarm.id)}/acknowledge`;
-    const answer = await ask(path, { method: "POST", headers: { authorization: `Bearer ${secret}` } });
+    const words = new URLSearchParams(["by", "note"].filter((key) => signed[key].trim()).map((key) => [key, signed[key].trim()]));
+    const path = `/api/v1/alarms/${encodeURIComponent(alarm.id)}/acknowledge?${words}`;
+    const answer = await ask(path, { method: "POST", headers: { authorization: `Bearer ${signed.token}` } });
     said.textContent = `Alarm ${alarm.id} of ${alarm.rod}: acknowledged (${answer.when}).`;
   } catch (error) {
     if (error.status === 401) sessionStorage.removeItem("token");
@@ -61,8 +64,9 @@ function row(alarm) {
     el("td", { "data-name": "rod" }, el("a", { href: rodLink(alarm.rod) }, alarm.rod)),
     cell("kind", alarm.kind),
     cell("says", alarm.message),
-    cell("is", stands, el("small", {}, alarm.acknowledged ? `acknowledged ${time(alarm.acknowledged)}` : "",
-      alarm.cleared ? ` ended ${time(alarm.cleared)}` : "")),
+    cell("is", stands, alarm.acknowledged ? el("small", {}, `acknowledged ${time(alarm.acknowledged)}`) : null,
+      alarm.acknowledged_words ? el("small", {}, alarm.acknowledged_words) : null,
+      alarm.cleared ? el("small", {}, `condition ended ${time(alarm.cleared)}`) : null),
     el("td", {}, alarm.acknowledged || !alarm.stands ? "" : el("button", {
       type: "button", "aria-label": `acknowledge ${alarm.kind} of ${alarm.rod}, raised ${time(alarm.raised)}`,
       onclick: () => acknowledge(alarm),
@@ -82,7 +86,6 @@ async function draw() {
   list.replaceChildren(alarms.length
     ? table("Times are UTC, those of the data that raised it.", [["raised"], ["rod"], ["kind"], ["what it says"], ["is"], [""]], alarms.map(row))
     : el("p", {}, onlyStanding ? "No alarm stands." : "There was no alarm."));
-  content.querySelector(".failed")?.remove();
 }
 
 show(content, el("div", { class: "tools", role: "group", "aria-label": "Which alarms" }, standing, all), said, list, more);

@@ -40,16 +40,52 @@ export const percent = (ratio, digits = 2) => {
   return (value > 0 ? "+" : "") + fixed(value, digits);
 };
 
+// The day that a time is nearest to the minute: onsets are days, and a rounding must not put them into the day before.
+export const day = (text) => new Date(Date.parse(text) + 30_000).toISOString().slice(0, 10);
 export const time = (text) => text ? text.slice(0, 16).replace("T", " ") : "-";
 
-export function ago(text) {
-  if (!text) return "";
-  const s = (Date.now() - Date.parse(text)) / 1e3;
-  if (s < 0) return "ahead of this clock";
+export const degrees = (celsius) => `${fixed(celsius, 1)} \u00b0C`;
+
+// A probability in percent, never rounded to certainty.
+export function share(probability) {
+  const percent = 100 * probability;
+  if (percent > 99.9 && probability < 1) return "over 99.9 %";
+  if (percent < 0.1 && probability > 0) return "under 0.1 %";
+  return `${fixed(percent, percent >= 1 && percent <= 99 ? 0 : 1)} %`;
+}
+
+function ago(s) {
+  if (s < -60) return "ahead of this clock";
   for (const [length, name] of [[86400, "d"], [3600, "h"], [60, "min"]]) {
     if (s >= 2 * length) return `${Math.floor(s / length)} ${name} ago`;
   }
-  return `${Math.floor(s)} s ago`;
+  return `${Math.max(Math.floor(s), 0)} s ago`;
+}
+
+// Data are stale from this age on [s]: the silence that is told as an alarm, or 3.5 times the usual distance of records; at once if the
+// alarm stands. null: nobody said.
+export function staleAfter(status, silence_s, usual_s) {
+  if (status.alarms.some((alarm) => alarm.kind === "no-data" && !alarm.cleared)) return 0;
+  return silence_s === null ? null : Math.max(silence_s, 3.5 * usual_s);
+}
+
+// The age of data, which goes on.
+export function age(text, stale_s) {
+  const element = el("span", { class: "age" });
+  const tell = () => {
+    const s = (Date.now() - Date.parse(text)) / 1e3;
+    element.textContent = text ? ago(s) : "never";
+    element.className = `age ${text && (stale_s === null || s <= stale_s) ? "fresh" : "stale"}`;
+  };
+  element.addEventListener("tick", tell);
+  tell();
+  return element;
+}
+setInterval(() => document.querySelectorAll(".age").forEach((element) => element.dispatchEvent(new Event("tick"))), 5_000);
+
+// In the head of the page, apart from the connection: how old the latest of what it shows is.
+export function newest(text, stale_s) {
+  document.getElementById("newest").replaceChildren("latest record ", age(text, stale_s));
 }
 
 // 602 (590 to 615)
@@ -83,6 +119,18 @@ export function why(status) {
   return status.state_reason;
 }
 
+// The next thing that a rod waits for, while it is not yet followed.
+export function next(status) {
+  if (status.records === 0) return "no record has come yet; next, look whether its channel sends under the topic of the configuration; its first record shows the force.";
+  const goals = status.learning_takes;
+  if (!goals) return null;
+  const counted = (count, noun) => `${count} more ${noun}${count === 1 ? "" : "s"}`;
+  const records = Math.max(goals.records - status.baseline_records, 0), periods = Math.max(goals.periods - status.learned_periods, 0);
+  return records > 0
+    ? `next, ${counted(records, "record")} for the baseline. Until then each record gives a force of its own; changes of force are followed from the baseline on.`
+    : `next, ${counted(periods, "period")} that teach what temperature does. From then on a drift raises an alarm.`;
+}
+
 export function alarmNote(alarm, link = true) {
   const known = alarm.acknowledged ? `, acknowledged ${time(alarm.acknowledged)}` : "";
   const over = alarm.cleared ? `, its condition ended ${time(alarm.cleared)}` : "";
@@ -92,43 +140,56 @@ export function alarmNote(alarm, link = true) {
       link ? el("a", { href: "/alarms" }, "alarms") : null));
 }
 
-// Fills the content, keeps the old one if the server cannot answer, and says so.
+// Fills the content. It stays unseen until it was drawn once, so that nothing moves under the eyes.
 export function show(content, ...children) {
   content.replaceChildren(...children.flat());
-  content.setAttribute("aria-busy", "false");
 }
 
-export function failed(content, error) {
-  content.querySelector(".failed")?.remove();
-  content.prepend(el("p", { class: "note failed", role: "alert" }, error.retryAfterS ? error.message : `The server did not answer: ${error.message}`));
-  content.setAttribute("aria-busy", "false");
+// Says why there is no answer, above what was drawn before; what was never drawn stays away.
+function failed(content, error) {
+  const words = error.status ? error.message.charAt(0).toUpperCase() + error.message.slice(1) : `The server did not answer: ${error.message}`;
+  document.querySelector(".failed")?.remove();
+  content.before(el("p", { class: "note failed", role: "alert" }, words));
+  content.hidden = content.getAttribute("aria-busy") === "true";
 }
 
-// Calls `draw` now and after every commit, one call at a time; a burst of commits ends in one call.
+// Calls `draw` when the server's stream of commits opens and after each of them, one call at a time; a burst ends in one call.
 export function live(draw) {
-  const light = document.getElementById("live");
-  let isDrawing = false, isAsked = false;
+  const light = document.getElementById("live"), content = document.getElementById("content");
+  let isDrawing = false, isAsked = false, isBegun = false;
   const redraw = async () => {
+    isBegun = true;
     if (isDrawing) { isAsked = true; return; }
     isDrawing = true;
     do {
       isAsked = false;
-      try { await draw(); } catch (error) {
-        failed(document.getElementById("content"), error);
+      try {
+        content.hidden = false;
+        await draw();
+        document.querySelector(".failed")?.remove();
+        content.setAttribute("aria-busy", "false");
+      } catch (error) {
+        failed(content, error);
         if (error.retryAfterS) setTimeout(redraw, 1000 * error.retryAfterS);
       }
     } while (isAsked);
     isDrawing = false;
   };
-  const stream = new EventSource("/api/v1/events");
-  stream.addEventListener("commit", () => {
-    light.className = "on";
-    light.textContent = "live";
-    redraw();
-  });
-  stream.onerror = () => {
-    light.className = "off";
-    light.textContent = "not connected, trying again";
+  const connect = () => {
+    const stream = new EventSource("/api/v1/events");
+    stream.addEventListener("commit", () => {
+      light.className = "on";
+      light.textContent = "connected";
+      redraw();
+    });
+    stream.onerror = () => {
+      light.className = "off";
+      light.textContent = "not connected, trying again";
+      if (!isBegun) redraw();
+      // A server that refuses the stream ends it; the browser alone does not ask again.
+      if (stream.readyState === EventSource.CLOSED) setTimeout(connect, 10_000);
+    };
   };
-  redraw();
+  connect();
+  setTimeout(() => { if (!isBegun) redraw(); }, 700);
 }

@@ -1,6 +1,6 @@
 // The overview: one row per rod.
 
-import { ago, alarmNote, ask, el, fixed, force, interval, isAlone, kilonewtons, live, percent, rodLink, show, state, table, time, why } from "./common.js";
+import { age, alarmNote, ask, degrees, el, fixed, force, interval, isAlone, kilonewtons, live, newest, next, percent, rodLink, show, staleAfter, state, table, time, why } from "./common.js";
 
 const content = document.getElementById("content");
 
@@ -29,40 +29,69 @@ function row(rod) {
   const mark = rod.compensated || !rod.relative_force ? "" : "~";
   const share = rod.recent.records ? 100 * rod.recent.rejected / rod.recent.records : 0;
   const cell = (name, kind, ...children) => el("td", { "data-name": name, class: kind }, ...children);
+  const small = (words) => el("small", {}, words);
+  const celsius = rod.compensated ? rod.reference_temperature_c : rod.temperature_c;
+  const hasForce = rod.force_n || rod.axial_force_n;
   return el("tr", { "data-rod": rod.rod },
     el("th", { scope: "row" }, el("a", { href: rodLink(rod.rod) }, rod.rod)),
-    cell("state", "", state(rod), el("small", {}, why(rod) ?? (rod.since ? `since ${time(rod.since)}` : ""))),
-    cell("force [kN]", "n", ...force(rod, kilonewtons), isAlone(rod) ? el("small", {}, "of one record alone") : null),
+    cell("state", "", state(rod), small(why(rod) ?? (rod.since ? `since ${time(rod.since)}` : ""))),
+    cell("force [kN]", "n", ...force(rod, kilonewtons), hasForce ? small(celsius === null ? "temperature not measured" : `at ${degrees(celsius)}`) : null,
+      isAlone(rod) ? small("of one record alone") : null),
     cell("change [%]", "n", mark, ...interval(rod.relative_force, (r) => percent(r))),
     cell("last year", "", spark(rod.trend)),
-    cell("last record", "nowrap", time(rod.latest_record), el("small", {}, ago(rod.latest_record))),
-    cell(`last ${rod.recent.days} d`, "n", `${fixed(rod.recent.records, 0)} records`, el("small", {}, `${fixed(share, 1)} % rejected`)));
+    cell("last record", "nowrap", time(rod.latest_record), small(age(rod.latest_record, stale_s(rod)))),
+    cell(`last ${rod.recent.days} d of data`, "n", counted(rod.recent.records, "record"), small(`${fixed(share, 1)} % rejected`), small(`${fixed(rod.records, 0)} in all`)));
+}
+
+const counted = (count, noun) => `${fixed(count, 0)} ${noun}${count === 1 ? "" : "s"}`;
+let site = null;
+
+const stale_s = (rod) => staleAfter(rod, site.silence_s, rod.recent.records > 2 ? (86400 * rod.recent.days) / rod.recent.records : 0);
+
+// A daemon that does not measure or keep, and what lasts around it.
+function stopped(monitoring) {
+  if (!monitoring) return [];
+  const note = (strong, words, since) => el("div", { class: "note" }, el("strong", {}, strong), words, el("div", { class: "about" }, `since ${time(since)} UTC`));
+  return [
+    ...(monitoring.stopped_since ? [note("Not monitored: ", monitoring.why ?? "", monitoring.stopped_since)] : []),
+    ...monitoring.conditions.map((one) => note(`${one.kind}: `, [one.about, one.detail].filter(Boolean).join(", "), one.since)),
+  ];
+}
+
+// The next things that rods wait for, each with the rods that do.
+function coming() {
+  const waiting = Map.groupBy(site.rods, next);
+  return [...waiting].filter(([words]) => words).map(([words, rods]) => el("p", { class: "about" }, `${rods.map((rod) => rod.rod).join(", ")}: ${words}`));
 }
 
 async function draw() {
-  const site = await ask("/api/v1/site");
+  site = await ask("/api/v1/site");
   document.getElementById("title").textContent = site.site;
   document.title = `${site.site} - Tirante`;
   document.getElementById("brand").title = `version ${site.version}`;
   const alarms = site.rods.flatMap((rod) => rod.alarms.map((alarm) => ({ rod: rod.rod, alarm })));
   const open = alarms.filter(({ alarm }) => !alarm.acknowledged).length;
-  const counted = (count, noun) => `${count} ${noun}${count === 1 ? "" : "s"}`;
   const uncompensated = site.rods.some((rod) => rod.relative_force && !rod.compensated);
   show(content,
     site.monitoring?.stopped_since ? el("div", { class: "note", id: "stopped" }, el("strong", {}, `monitoring stopped since ${time(site.monitoring.stopped_since)} UTC: `), site.monitoring.why) : "",
     el("p", { class: "about", id: "summary" },
       `${counted(site.rods.length, "rod")}, ` +
       (alarms.length ? `${counted(alarms.length, "alarm")} standing, ${open} not acknowledged` : "no alarm stands")),
+    stopped(site.monitoring),
     alarms.map(({ rod, alarm }) => {
       const note = alarmNote(alarm);
       note.prepend(el("a", { href: rodLink(rod) }, rod), " ");
       return note;
     }),
     site.rods.length
-      ? table("Force with its 95 % interval, and its change since the rod's baseline. Times are UTC.",
-        [["rod"], ["state"], ["force [kN]", "n"], ["change [%]", "n"], ["last year"], ["last record"], ["data", "n"]], site.rods.map(row))
-      : el("p", {}, "There are no records yet."),
+      ? table("Force with its 95 % interval at the temperature beneath it, and its change since the rod's baseline. Times are UTC.",
+        [["rod"], ["state"], ["force [kN]", "n"], ["change [%]", "n"], ["last year"], ["last record"], [`last ${site.rods[0].recent.days} d of data`, "n"]], site.rods.map(row))
+      : el("p", { class: "note calm", id: "next" }, "No record has come yet. Next: ", el("code", {}, "tirante replay --config site.toml --store site.db FILES"),
+        ", or data to a running ", el("code", {}, "tirante run"), ". Rods appear here by themselves."),
+    coming(),
     uncompensated ? el("p", { class: "about" }, "~ not compensated: at the temperature of the latest record.") : "");
+  const latest = site.rods.map((rod) => rod.latest_record).filter(Boolean).sort().at(-1);
+  newest(latest, Math.max(...site.rods.map(stale_s), 0));
 }
 
 live(draw);

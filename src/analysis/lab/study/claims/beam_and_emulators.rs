@@ -1,4 +1,4 @@
-//! The models: the chaos's errors, what no beam can do, and the springs.
+//! The models: the chaos's errors, frequencies that no beam has, and the springs.
 
 use super::{Claim, EARLIER, PAPER, claim, printed_as};
 use crate::analysis::lab::study::estimate::{CLOSE, DISAGREE};

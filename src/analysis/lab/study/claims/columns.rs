@@ -1,4 +1,4 @@
-//! Table 2: which of its columns come out, and what gives those of MCMC.
+//! Table 2: its columns that we reproduce, and the settings that reproduce those of MCMC.
 
 use super::{Claim, EARLIER, OURS, agreement, claim, column, printed_as};
 use crate::analysis::lab::study::estimate::{Comparison, DISAGREE};
@@ -63,7 +63,7 @@ pub(super) fn table_2(printed: &Part, inferred: &Part) -> Vec<Claim> {
     claims
 }
 
-/// How near MCMC comes with a unit error variance.
+/// Distance of our MCMC from the printed column with a unit error variance.
 fn unit_variance(part: &Part) -> Option<Claim> {
     let chains = part
         .columns
@@ -90,7 +90,7 @@ fn unit_variance(part: &Part) -> Option<Claim> {
     (all > 0).then(|| claim(EARLIER, statement, close == all, evidence))
 }
 
-/// Whether any error variance gives a column of MCMC.
+/// Verdict: no error variance reproduces a column of MCMC.
 pub(super) fn no_variance(study: &Study) -> Option<Claim> {
     let columns: [(&str, &Table2Column); 2] = [("elements", &paper::MCMC), ("chaos", &paper::MCMC_PCE)];
     let figures = 2 * INFERRED.len();

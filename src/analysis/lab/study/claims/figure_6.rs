@@ -1,4 +1,4 @@
-//! Figure 6 and what section 5.1 says of it: how far the columns of Table 2 are apart.
+//! Figure 6 and the statements of section 5.1 about it: distances between the columns of Table 2.
 
 use super::{Claim, PAPER, claim};
 use crate::analysis::lab::study::Part;
@@ -82,7 +82,8 @@ pub(super) fn figure_6(part: &Part) -> Vec<Claim> {
     ]
 }
 
-/// Whether the ratios of CVs spread more in case B than in case A, as the text says: by the paper's own Table 2.
+/// Verdict, by the paper's own Table 2: the ratios of CVs spread more in case B than in case A, as the text
+/// says.
 fn ratios_of_b(a: &Case, b: &Case) -> Claim {
     let range = |case: &Case| {
         let ratios = case.quantities.iter().filter_map(|apart| apart.paper_cv_ratio);

@@ -1,4 +1,4 @@
-//! Table 3, figures 7 and 8: what more frequencies teach of a rod whose truth is known.
+//! Table 3, figures 7 and 8: gain by more frequencies for a rod whose truth is known.
 
 use super::{Claim, EARLIER, PAPER, agreement, claim, printed_as};
 use crate::analysis::lab::study::estimate::{CLOSE, Comparison, Estimate};
@@ -28,8 +28,8 @@ pub(super) fn table_3(study: &Study) -> Vec<Claim> {
     )]
 }
 
-/// Whether the row of one frequency can belong to the rod of the others: one frequency is all it knows, and a
-/// posterior's means must give it back.
+/// Verdict: the row of one frequency belongs to the rod of the other rows. One frequency is all the data
+/// there is, so the posterior's means must give it back.
 pub(super) fn one_frequency() -> Option<Claim> {
     let prior = paper::prior(paper::TABLE_3_DENSITY);
     let exact = Exact::new(*prior.parameterisation());
@@ -51,7 +51,7 @@ pub(super) fn one_frequency() -> Option<Claim> {
     ))
 }
 
-/// Whether Table 3's means come nearer to the truth with every frequency: by its own figures.
+/// Verdict, by Table 3's own figures: its means come nearer to the truth with every frequency.
 pub(super) fn towards_the_truth() -> Claim {
     let off = |row: &[f64; 4]| {
         let off = row

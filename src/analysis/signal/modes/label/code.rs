@@ -3,18 +3,19 @@
 use super::visibility::Orders;
 use crate::analysis::rod::beam::forward::MAX_ORDERS;
 
-/// Four bits an order from the first: the number of its peak counted from 1, or 0 for an order not seen.
+/// Assignment packed into four bits an order, from the first: the number of its peak counted from 1, or
+/// 0 for an order not seen.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default)]
 pub(super) struct Code(pub(super) u64);
 
 impl Code {
-    /// The peak of an order, if it is seen.
+    /// Peak of an order, if it is seen.
     #[inline]
     pub(super) fn peak_of(self, order: usize) -> Option<usize> {
         ((self.0 >> (4 * (order - 1)) & 15) as usize).checked_sub(1)
     }
 
-    /// With `peak` as `order`, or the order not seen.
+    /// This assignment with `peak` as `order`, or with the order not seen.
     #[inline]
     pub(super) fn with(self, order: usize, peak: Option<usize>) -> Self {
         let at = 4 * (order - 1);
@@ -22,22 +23,22 @@ impl Code {
         Self(self.0 & !(15 << at) | peak << at)
     }
 
-    /// Orders and peaks, ascending.
+    /// Pairs of order and peak, ascending.
     pub(super) fn pairs(self) -> impl Iterator<Item = (usize, usize)> {
         (1..=MAX_ORDERS).filter_map(move |order| Some((order, self.peak_of(order)?)))
     }
 
-    /// The order of a peak, if it is a mode.
+    /// Order of a peak, if it is a mode.
     pub(super) fn order_of(self, peak: usize) -> Option<usize> {
         self.pairs().find(|&(_, p)| p == peak).map(|(order, _)| order)
     }
 
-    /// The orders seen.
+    /// Set of the orders seen.
     pub(super) fn orders(self) -> Orders {
         self.pairs().fold(0, |set, (order, _)| set | 1 << (order - 1))
     }
 
-    /// Whether peaks rise with the orders.
+    /// True if peaks rise with the orders.
     pub(super) fn is_ascending(self) -> bool {
         let mut last = None;
         self.pairs().all(|(_, peak)| {
@@ -47,14 +48,14 @@ impl Code {
         })
     }
 
-    /// Whether every pair of `other` is one of this assignment.
+    /// True if every pair of `other` is in this assignment too.
     pub(super) fn contains(self, other: Self) -> bool {
         other
             .pairs()
             .all(|(order, peak)| self.peak_of(order) == Some(peak))
     }
 
-    /// Whether some peak of `other` has another order here.
+    /// True if some peak of `other` has another order here.
     pub(super) fn contradicts(self, other: Self) -> bool {
         other
             .pairs()

@@ -18,8 +18,8 @@ use crate::analysis::rod::beam::forward::MAX_ORDERS;
 use nalgebra::{Cholesky, SMatrix, SVector};
 use std::f64::consts::TAU;
 
-/// Least relative model discrepancy: a rod met for the first time. True 1 % with 0.3 % assumed gave 7 to 9
-/// wrong orders in 1000.
+/// Least relative model discrepancy: for a rod without earlier records. True 1 % with 0.3 % assumed gave 7 to
+/// 9 wrong orders in 1000.
 const LEAST_DISCREPANCY: f64 = 0.01;
 /// The wide discrepancy in units of the stated one, and its share: the paper's own rod has f3/f1 = 2.950
 /// where every rod on springs has 3 or more.
@@ -28,12 +28,12 @@ const WIDE_SHARE: f64 = 0.1;
 /// Foreign peaks expected beside a rod, and where there is none: their number is geometric with this mean.
 const FOREIGN_MEAN: f64 = 1.2;
 const ALL_FOREIGN_MEAN: f64 = 2.0;
-/// Probability beforehand that the rod is seen at all.
+/// Prior probability that the rod is seen at all.
 const ROD: f64 = 0.9;
-/// Foreign peaks beside a struck rod are rare, but where there is one there are often several: no more than this is taken
-/// off for all of them.
+/// Lower bound of the log odds that all foreign peaks beside a struck rod share: they are rare, but where
+/// there is one there are often several.
 const MOST_STRUCK: f64 = -5.0;
-/// A peak may be an order within so many predictive standard deviations and this much more.
+/// A peak may be an order if it lies within this many predictive standard deviations, plus this much in ln f.
 const NEAR_SD: f64 = 4.0;
 const NEAR: f64 = 0.002;
 /// Most evaluations of a fit from afar, and from nearby.
@@ -43,23 +43,24 @@ const FROM_NEARBY: usize = 5;
 type Hessian = SMatrix<f64, COORDINATES, COORDINATES>;
 type Vector = SVector<f64, COORDINATES>;
 
-/// What the evidence of one record rests on.
+/// Input of the evidence of one record.
 pub(super) struct Scene<'a> {
     pub(super) rod: &'a Rod,
     pub(super) peaks: &'a [Peak],
     /// Relative model discrepancy per order, as configured.
     pub(super) discrepancy: &'a [f64],
-    /// Lowest and highest ln f at which a peak would have been seen.
+    /// Lowest and highest ln f searched for peaks.
     pub(super) band: (f64, f64),
-    /// Ranges of ln f in which none would have been.
+    /// Masked ranges of ln f.
     pub(super) masks: &'a [(f64, f64)],
     /// Pairs that a person declared.
     pub(super) declared: Code,
     /// Orders with a window in which there is no peak: they are nowhere else.
     pub(super) absent: Orders,
-    /// Log odds of there being no rod, beside those of any record, since something was struck or let go.
+    /// Log odds of there being no rod, in addition to those of any record, where something was struck or
+    /// released.
     pub(super) log_struck: f64,
-    /// Whether the first mode is said to be among the peaks.
+    /// True if the first mode is declared to be among the peaks.
     pub(super) is_first_seen: bool,
 }
 
@@ -75,14 +76,14 @@ pub(super) struct Fit {
     pub(super) covariance: Hessian,
     /// Discrepancy it was fitted with, in units of the stated one.
     scale: f64,
-    /// Phases of its frequencies, as first guesses.
+    /// Phases of its frequencies, as first guesses of similar rods.
     pub(super) guesses: Guesses,
-    /// Orders the band holds, from the first, and those of them that cannot be seen.
+    /// Number of orders that the band holds, and those of them that cannot be seen.
     within: usize,
     hidden: Orders,
 }
 
-/// Where the sum of squares is least.
+/// Minimum of the sum of squares.
 struct Optimum {
     q: Point,
     /// `(|q|^2 + |r|^2) / 2`.
@@ -98,13 +99,13 @@ impl Optimum {
     }
 }
 
-/// The standard deviation of a sum of two independent parts.
+/// Standard deviation of a sum of two independent parts.
 fn both(a: f64, b: f64) -> f64 {
     (a * a + b * b).sqrt()
 }
 
 impl Scene<'_> {
-    /// The log odds by which a foreign peak differs from a mode beside its density: its share of the rate.
+    /// Log odds of a foreign peak against a mode, without its density: its share of the rate.
     pub(super) fn log_foreign_rate() -> f64 {
         libm::log(FOREIGN_MEAN / (1.0 + FOREIGN_MEAN))
     }
@@ -115,7 +116,7 @@ impl Scene<'_> {
         stated.copied().unwrap_or(0.0).max(LEAST_DISCREPANCY)
     }
 
-    /// The largest discrepancy of an order.
+    /// Largest discrepancy of any order.
     pub(super) fn spread(&self) -> f64 {
         (1..=MAX_ORDERS)
             .map(|order| self.discrepancy(order))
@@ -129,7 +130,8 @@ impl Scene<'_> {
         libm::log(1.0 - ROD) + likeness.of_no_rod() + self.log_struck + self.log_foreign(Code::default())
     }
 
-    /// Number and places of the foreign peaks, and how alike the modes are.
+    /// Log probability of the number and places of the foreign peaks, and of how alike the modes' dampings
+    /// are.
     fn log_foreign(&self, code: Code) -> f64 {
         let mut count = 0;
         let mut modes = 0u16;
@@ -210,7 +212,7 @@ impl Scene<'_> {
         both(self.peaks[peak].relative_sd, scale * self.discrepancy(order))
     }
 
-    /// Levenberg's method in the whitened coordinates; `held` is a coordinate that stays where it is.
+    /// Levenberg's method in the whitened coordinates; `held` is a coordinate kept fixed.
     fn climb(
         &self,
         code: Code,
@@ -283,7 +285,7 @@ impl Scene<'_> {
         (half_square, gradient, hessian)
     }
 
-    /// How many orders the band holds, and which of them cannot be seen.
+    /// Number of orders that the band holds, and the set of those that cannot be seen.
     fn in_sight(&self, code: Code, q: &Point, guesses: &mut Guesses) -> (usize, Orders) {
         let place = self.rod.at(q);
         let seen = code.orders();
@@ -314,8 +316,8 @@ impl Scene<'_> {
         (log, variance.sqrt())
     }
 
-    /// The assignments one step away from a fit that may count: with an order dropped, added or another peak
-    /// in its place. Each with its log evidence as a linear rod would have it, from the fit's own covariance.
+    /// Assignments one step away from a fit that may count: an order dropped, added or given another peak.
+    /// Each with its log evidence in the linear approximation, from the fit's own covariance.
     pub(super) fn neighbours(&self, fit: &Fit) -> Vec<(Code, f64)> {
         let mut found = Vec::new();
         let place = self.rod.at(&fit.q);
@@ -357,12 +359,12 @@ impl Scene<'_> {
         found
     }
 
-    /// Prior probability of an assignment where the rod is that of a fit.
+    /// Log prior probability of an assignment, with the rod of a fit.
     fn log_prior(&self, fit: &Fit, code: Code) -> f64 {
         visibility::log_probability(code.orders(), fit.within, fit.hidden) + self.log_foreign(code)
     }
 
-    /// The integrals over everything but one coordinate that is held at `value`, up to a constant.
+    /// Log integral over all coordinates but one, which is fixed at `value`, up to a constant.
     pub(super) fn log_slice(
         &self,
         fit: &Fit,

@@ -3,10 +3,10 @@
 use super::evidence::{Fit, Scene};
 use super::rod::FORCE;
 
-/// Slices of fixed force, and how far they reach in standard deviations of Laplace's approximation.
+/// Number of slices of fixed force, and their reach in standard deviations of Laplace's approximation.
 const SLICES: i32 = 6;
 const REACH: f64 = 3.5;
-/// Points told.
+/// Quantiles returned.
 const SHARES: [f64; 3] = [0.025, 0.5, 0.975];
 
 /// The 2.5 %, 50 % and 97.5 % points of the force \[N\] given the assignment: slices of fixed force, Laplace's

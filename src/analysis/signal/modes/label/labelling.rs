@@ -1,4 +1,4 @@
-//! The orders told, or why none are.
+//! Chooses the orders to report, or the reason why none are.
 
 use super::super::{Candidate, Labels, Mode, ModeSettings, MotionKind, Resonance};
 use super::code::Code;
@@ -11,31 +11,33 @@ use super::search::Grid;
 use crate::analysis::rod::prior::RodPrior;
 use crate::analysis::signal::record::Rejection;
 
-/// Most probability that a peak told has another order: worse than a foreign peak beside right ones, since
-/// the force is then another one altogether.
+/// Largest probability allowed that a reported peak has another order: worse than a foreign peak beside right
+/// ones, since the force is then entirely wrong.
 const MOST_WRONG_ORDER: f64 = 0.04;
-/// Orders that the force does not use are left out until the rest is this sure.
+/// Probability that the rest must reach; until then orders that the force does not use are left out.
 const SURE: f64 = 0.995;
-/// Most probability that no rod is seen: where the force is hardly known beforehand, and where it is.
+/// Largest probability allowed that no rod is seen: where the force is hardly known beforehand, and where it
+/// is known.
 const MOST_NO_ROD: f64 = 0.006;
 const MOST_NO_ROD_KNOWN: f64 = 0.0006;
-/// A rod whose first mode is known beforehand to this standard deviation of ln f counts as known: by a force stated to 30 %
-/// where section and material are known.
+/// A rod whose first mode is known beforehand to this standard deviation of ln f counts as known, for
+/// instance by a force stated to 30 % where section and material are known.
 const KNOWN_LOG_SD: f64 = 0.21;
-/// The same where a person says that the first mode is among the peaks.
+/// The same where a person declares that the first mode is among the peaks.
 const MOST_NO_ROD_DECLARED: f64 = 0.5;
-/// Log odds of there being no rod in a struck record, beside those of any record: whoever strikes strikes the rod. Not per peak, since a decay is
-/// recognised in 1.3 % of records where nothing is struck. That allows no more than the second, which holds where the promise
-/// is one wrong record in a thousand.
+/// Log odds of there being no rod in a struck record, in addition to those of any record: a person who
+/// strikes, strikes the rod. Not per peak, since a decay is recognised in 1.3 % of records where nothing is
+/// struck. That allows no more than the second, which holds where the promise is one wrong record in a
+/// thousand.
 const STRUCK: f64 = -8.0;
 const STRUCK_KNOWN: f64 = -4.5;
-/// Candidates told, and the least probability of one after the first.
+/// Most candidates reported, and the least probability of one after the first.
 const CANDIDATES: usize = 5;
 const LEAST_CANDIDATE: f64 = 0.01;
-/// Peaks beyond the range of the prior by this factor are still looked for.
+/// Factor beyond the range of the prior within which peaks are still considered.
 const WIDER: f64 = 1.15;
 
-/// What the labels of one rod's records are inferred from; made once per rod.
+/// Prior and settings from which the labels of one rod's records are inferred; made once per rod.
 #[derive(Debug, Clone)]
 pub struct LabelPlan {
     rod: Rod,
@@ -48,9 +50,9 @@ pub struct LabelPlan {
 /// The labelled modes of a record.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Labelling {
-    /// Every mode told, ascending in order; also those above the orders that the force uses.
+    /// Every mode reported, ascending in order; also those above the orders that the force uses.
     pub modes: Vec<Mode>,
-    /// Probability of each, in the same order.
+    /// Probability of each mode, in the same order.
     pub probability: Vec<f64>,
     /// Their joint probability, and the candidates.
     pub labels: Labels,
@@ -59,15 +61,15 @@ pub struct Labelling {
 /// Peaks without credible orders.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Unlabelled {
-    /// The reason, with what would decide.
+    /// Reason, with advice on what would decide between the candidates.
     pub rejection: Rejection,
-    /// The candidates.
+    /// Candidate assignments of the peaks.
     pub labels: Labels,
 }
 
 impl LabelPlan {
-    /// From what is known of the rod beforehand, the model's relative discrepancy per order (beyond its
-    /// end the last entry; never below 1 %) and the settings. `None` if the prior holds no tensioned rod.
+    /// A plan from the rod's prior, the model's relative discrepancy per order (beyond its end the last
+    /// entry; never below 1 %) and the settings. `None` if the prior holds no tensioned rod.
     pub fn new(prior: &RodPrior, discrepancy: &[f64], settings: ModeSettings) -> Option<Self> {
         let rod = Rod::new(prior)?;
         let grid = Grid::new(&rod);
@@ -83,13 +85,13 @@ impl LabelPlan {
         })
     }
 
-    /// Which modes are looked for, and where.
+    /// Modes searched for, and where.
     pub fn settings(&self) -> &ModeSettings {
         &self.settings
     }
 
-    /// The band in which the rod's peaks are looked for \[Hz\]: as configured, else all orders of all rods
-    /// that the prior holds.
+    /// Band searched for the rod's peaks \[Hz\]: as configured, else all orders of all rods that the prior
+    /// holds.
     pub fn band_hz(&self) -> (f64, f64) {
         let ((low, high), _) = self.grid.range();
         self.settings.band_hz.map_or(
@@ -98,13 +100,13 @@ impl LabelPlan {
         )
     }
 
-    /// The highest frequency the first mode is expected to have \[Hz\].
+    /// Highest frequency expected of the first mode \[Hz\].
     pub fn first_mode_below_hz(&self) -> f64 {
         libm::exp(self.grid.range().1)
     }
 
-    /// The orders of resonances (ascending in frequency) of a record in which peaks can be seen between the
-    /// frequencies `seen_hz`, and the rod moved as `kind` says.
+    /// Labels the resonances (ascending in frequency) of a record that was searched between the frequencies
+    /// `seen_hz`, with a motion of `kind`.
     ///
     /// # Errors
     /// No assignment is probable enough.
@@ -160,7 +162,7 @@ impl LabelPlan {
         told.choose()
     }
 
-    /// The peak of most evidence in each window.
+    /// Assignment of the clearest peak in each declared window.
     fn declared(&self, peaks: &[Peak], resonances: &[Resonance]) -> Code {
         let mut declared = Code::default();
         for window in &self.settings.windows {
@@ -176,7 +178,7 @@ impl LabelPlan {
     }
 }
 
-/// The inference of one record on its way to an answer.
+/// Working data of one record's labelling.
 struct Told<'a> {
     plan: &'a LabelPlan,
     scene: &'a Scene<'a>,
@@ -260,8 +262,8 @@ impl Told<'_> {
         })
     }
 
-    /// The part of an assignment that is probable enough: without its least certain pairs until the rest reaches the
-    /// level wanted, then without pairs that the force does not use until the rest is sure.
+    /// Part of an assignment that is probable enough. Drops the least certain pairs until the rest reaches
+    /// the required level, then pairs that the force does not use until the rest is sure.
     fn told(&self, best: Code) -> Code {
         let settings = &self.plan.settings;
         let declared = self.scene.declared;
@@ -338,7 +340,7 @@ impl Told<'_> {
         }
     }
 
-    /// The likeliest two assignments in words.
+    /// The two likeliest assignments in words.
     fn rivals(&self) -> String {
         let fits = self.posterior.fits.iter().zip(&self.posterior.probabilities);
         let one = |(fit, probability): (&super::evidence::Fit, &f64)| {
@@ -356,7 +358,7 @@ impl Told<'_> {
         format!("the likeliest are {}", told.join(" or "))
     }
 
-    /// What a person can do to decide between the candidates.
+    /// Advice for a person on how to decide between the candidates.
     fn deciding(&self, best: Code) -> String {
         let posterior = &self.posterior;
         let shifted = posterior.probability(|code| code.contradicts(best));

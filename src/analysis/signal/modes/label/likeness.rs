@@ -6,19 +6,21 @@
 //! x_i ~ N(m, t^2 + v_i),   m ~ N(m0, s0^2),      foreign:  x_i ~ N(m0, s0^2 + t^2 + v_i),
 //! ```
 //!
-//! so that one peak alone says nothing, whatever its damping, and several say how alike they are. A support may damp one mode
-//! far more than the others: some rods have no such pattern, which bounds what unlike dampings can take away.
+//! so that one peak alone carries no evidence, whatever its damping, and several carry that of their
+//! likeness. A support may damp one mode far more than the others: some rods have no such pattern, which
+//! bounds what unlike dampings can take away.
 
 use super::super::Resonance;
 
-/// Usual damping ratio \[-\], and how far resonances of any kind scatter about it (standard deviation of ln zeta).
+/// Usual damping ratio \[-\], and the scatter of resonances of any kind about it (standard deviation of ln
+/// zeta).
 const USUAL: f64 = 0.005;
 const SPREAD: f64 = 1.0;
 /// Scatter of ln zeta among the modes of one rod.
 const WITHIN: f64 = 0.35;
 /// Share of rods whose modes are no more alike than foreign peaks.
 const UNLIKE: f64 = 0.1;
-/// The same of whatever rings where there is no rod: often it is one other structure, whose modes are alike, too.
+/// The same where there is no rod: often it is one other structure, whose modes are alike, too.
 const UNLIKE_ELSEWHERE: f64 = 0.5;
 
 /// Sums over peaks taken for modes.
@@ -33,7 +35,7 @@ pub(super) struct Likeness {
 }
 
 impl Likeness {
-    /// Damping of one peak; a tone has none.
+    /// Likeness of one peak by its damping; zero for a tone.
     pub(super) fn of(resonance: &Resonance) -> Self {
         let off = libm::log(resonance.damping / USUAL);
         let variance = resonance.damping_log_sd * resonance.damping_log_sd;
@@ -49,7 +51,7 @@ impl Likeness {
         }
     }
 
-    /// Both together.
+    /// Sum of both.
     pub(super) fn with(self, other: Self) -> Self {
         Self {
             weight: self.weight + other.weight,
@@ -58,12 +60,12 @@ impl Likeness {
         }
     }
 
-    /// Log density as modes of the rod, less that as peaks that have nothing in common.
+    /// Log density as modes of the rod, less that as unrelated peaks.
     pub(super) fn of_rod(self) -> f64 {
         self.log_gain(UNLIKE)
     }
 
-    /// The same as peaks of anything else.
+    /// The same for the peaks of a record without the rod.
     pub(super) fn of_no_rod(self) -> f64 {
         self.log_gain(UNLIKE_ELSEWHERE)
     }

@@ -1,9 +1,9 @@
-//! Which resonance is which mode: inference over assignments of peaks to orders.
+//! Mode orders of resonances, by inference over assignments of peaks to orders.
 //!
-//! An assignment says which orders are seen, as which peaks; all other peaks are foreign. Its probability
-//! follows from the frequencies (a tensioned beam on springs with the rod's prior, the force's prior
-//! doubted), from which orders a sensor may see, and from what is known of foreign peaks: their number, their
-//! strength, harmonics of stronger peaks, lines. The orders told are those whose joint probability over all
+//! An assignment maps the orders seen to peaks; all other peaks are foreign. Its probability follows from the
+//! frequencies (a tensioned beam on springs with the rod's prior, the force's prior doubted), from the orders
+//! that a sensor may see, and from the usual properties of foreign peaks: their number, their strength,
+//! harmonics of stronger peaks, lines. The orders reported are those whose joint probability over all
 //! assignments reaches a stated level; below it there is no force, but the candidates, each with its own.
 //!
 //! * `quantile`    priors as functions of a standard normal coordinate, doubt about the force
@@ -17,7 +17,7 @@
 //! * `evidence`    Laplace's integral per assignment
 //! * `posterior`   all assignments worth counting
 //! * `force`       the force per candidate
-//! * `labelling`   the orders told, or why none are
+//! * `labelling`   the orders reported, or the reason why none are
 
 mod code;
 mod evidence;

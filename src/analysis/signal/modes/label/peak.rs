@@ -1,10 +1,10 @@
-//! The peaks of one record as evidence, and how likely each of them is if it is no mode of the rod.
+//! The peaks of one record as evidence, each with its likelihood if it is no mode of the rod.
 
 use super::super::Resonance;
 use super::likeness::Likeness;
 use std::f64::consts::TAU;
 
-/// Most peaks considered, those of the strongest evidence.
+/// Most peaks considered; those of the strongest evidence are kept.
 pub(super) const MOST_PEAKS: usize = 15;
 /// Log odds that a pure line is no mode of the rod: ten to one. Lines are not removed: where eight modes
 /// were mostly taken for lines, the rest was labelled wrongly.
@@ -13,7 +13,7 @@ const LINE_LOG_ODDS: f64 = 2.3;
 const HARMONIC_SHARE: f64 = 0.3;
 /// Least scatter of a harmonic about its multiple, in ln f.
 const LEAST_HARMONIC_SD: f64 = 5e-4;
-/// So much stronger is a peak than its harmonics \[dB\].
+/// Least drop from a peak to its harmonic \[dB\].
 const HARMONIC_DROP_DB: f64 = 6.0;
 /// Peaks this near the strongest \[dB\] are seldom foreign beside modes, weak ones more often: log odds, even in dB between.
 const STRONG_DB: f64 = 10.0;
@@ -26,7 +26,7 @@ const STRUCK_LOG_ODDS: f64 = -5.0;
 /// One peak of a record.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Peak {
-    /// Its place among the resonances.
+    /// Index among the resonances.
     pub(super) resonance: usize,
     /// Natural logarithm of the frequency \[Hz\].
     pub(super) log_hz: f64,
@@ -34,11 +34,11 @@ pub(super) struct Peak {
     pub(super) relative_sd: f64,
     /// Log density per unit of ln f if it is foreign, its own odds of being so included.
     pub(super) log_foreign: f64,
-    /// What its strength adds to that where other peaks are modes.
+    /// Log odds that its strength adds where other peaks are modes.
     pub(super) log_beside: f64,
-    /// What is added besides if the rod was struck.
+    /// Log odds added if the rod was struck.
     pub(super) log_struck: f64,
-    /// Damping ratio, as a sign that it belongs to the others.
+    /// Likeness of its damping to that of the other modes.
     pub(super) likeness: Likeness,
 }
 

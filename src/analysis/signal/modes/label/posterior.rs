@@ -1,4 +1,4 @@
-//! All assignments worth counting, with their probabilities.
+//! All assignments with a probability worth counting.
 
 use super::code::Code;
 use super::evidence::{Fit, Scene};
@@ -6,7 +6,7 @@ use super::rod::{COORDINATES, Point};
 use super::search::Grid;
 use std::collections::BTreeSet;
 
-/// An assignment this near the best (nats) is varied.
+/// Distance from the best (nats) within which an assignment is varied.
 const VARIED_WITHIN: f64 = 7.5;
 /// Most assignments fitted.
 const MOST: usize = 160;
@@ -61,7 +61,7 @@ impl Posterior {
         }
     }
 
-    /// Probability of the assignments that `holds` is true of.
+    /// Total probability of the assignments for which `holds` returns true.
     pub(super) fn probability(&self, holds: impl Fn(Code) -> bool) -> f64 {
         let counted = self.fits.iter().zip(&self.probabilities);
         counted.filter(|(fit, _)| holds(fit.code)).map(|(_, p)| p).sum()
@@ -109,7 +109,8 @@ impl Exploration<'_> {
         }
     }
 
-    /// Drops, adds, swaps and shifts, from the likeliest assignment on.
+    /// Varies the assignments by drops, additions, swaps and shifts of pairs, from the likeliest
+    /// assignment on.
     fn vary(&mut self) {
         let mut varied = BTreeSet::new();
         while self.fits.len() < MOST {
@@ -143,7 +144,7 @@ impl Exploration<'_> {
     }
 }
 
-/// An assignment with the declared pairs in it, and nothing that contradicts them.
+/// Adds the declared pairs to an assignment and removes all that contradicts them.
 fn impose(code: Code, declared: &[(usize, usize)]) -> Code {
     let mut imposed = code;
     for &(order, peak) in declared {

@@ -3,20 +3,20 @@
 use crate::analysis::rod::prior::Prior;
 use statrs::distribution::{ContinuousCDF, Normal};
 
-/// Outermost coordinate of the table; beyond it the function goes on straight.
+/// Outermost coordinate of the table; beyond it the function continues as a straight line.
 const REACH: f64 = 6.0;
 /// Nodes between 0 and [`REACH`].
 const NODES: usize = 32;
 /// Distance of the nodes.
 const STEP: f64 = REACH / NODES as f64;
 
-/// Share of the doubt in the force's prior: a rod of 383 kN that was said to have 1101 +- 220 kN had modes 3
-/// and 4 called 2 and 3 without it.
+/// Share of the doubt in the force's prior: without it, modes 3 and 4 of a rod of 383 kN whose prior was 1101
+/// +- 220 kN were called 2 and 3.
 const DOUBT: f64 = 0.25;
 /// Least standard deviation of ln N under doubt; a prior wider than [`WIDE_LOG_SD`] claims little and is doubted less.
 const DOUBT_LOG_SD: f64 = 0.8;
 const WIDE_LOG_SD: f64 = 0.5;
-/// Standard deviation of ln N of a force said to be known exactly: nobody knows it better.
+/// Least standard deviation of ln N, for a force given as exact: in practice none is known better.
 const LEAST_FORCE_LOG_SD: f64 = 0.02;
 
 /// A rising function of a standard normal coordinate.
@@ -28,7 +28,7 @@ pub(super) struct Quantile {
 }
 
 impl Quantile {
-    /// Through the values of `function` at the nodes; cubic between them, without overshoot.
+    /// Interpolates the values of `function` at the nodes; cubic between them, without overshoot.
     fn of(function: impl Fn(f64) -> f64) -> Self {
         let values: Vec<f64> = (0..=2 * NODES)
             .map(|i| function(i as f64 * STEP - REACH))
@@ -93,7 +93,7 @@ impl Quantile {
         Some(Self::of(solve))
     }
 
-    /// What `ln N` lies between but for one draw in a thousand at either end, without doubt.
+    /// Range of `ln N` without doubt, less one draw in a thousand at either end.
     pub(super) fn log_range(prior: &Prior) -> (f64, f64) {
         const END: f64 = 3.1;
         let at = |q: f64| match *prior {
@@ -103,7 +103,7 @@ impl Quantile {
         (at(-END), at(END))
     }
 
-    /// A stiffness `k` as its share `k / (k + unit)`.
+    /// Quantile of the share `k / (k + unit)` of a stiffness `k`.
     pub(super) fn of_stiffness(prior: &Prior, unit: f64) -> Self {
         Self::of(|q| {
             let k = quantile(prior, q);
@@ -178,7 +178,7 @@ fn quantile(prior: &Prior, q: f64) -> f64 {
     }
 }
 
-/// The shares of a prior below and above a value.
+/// Shares of a prior below and above a value.
 fn shares(prior: &Prior, value: f64) -> (f64, f64) {
     let normal = Normal::standard();
     match *prior {

@@ -1,4 +1,4 @@
-//! A rod as labels see it: five whitened coordinates, all its natural frequencies and their gradients.
+//! The labels' model of a rod: five whitened coordinates, all its natural frequencies and their gradients.
 //!
 //! With `c = ln(sqrt(EI/m) / (2 pi L^2))`, `e = ln(L^2/EI)` and the dimensionless tension `u = N e^e` every
 //! frequency is `ln f_n = c + ln w_n(u, ends)`. Beforehand `c` and `e` are jointly normal with the moments
@@ -14,7 +14,7 @@ use std::f64::consts::TAU;
 
 /// Coordinates of a rod: level `c`, rest of `e`, axial force, left and right spring.
 pub(super) const COORDINATES: usize = 5;
-/// Standard normal beforehand, independent of each other.
+/// Coordinates of a rod, independent standard normals under the prior.
 pub(super) type Point = [f64; COORDINATES];
 
 pub(super) const LEVEL: usize = 0;
@@ -22,19 +22,19 @@ pub(super) const FORCE: usize = 2;
 pub(super) const LEFT: usize = 3;
 pub(super) const RIGHT: usize = 4;
 
-/// Fixity is told apart best in units of so many EI / L.
+/// Unit of the springs, in EI / L, in which fixity is resolved best.
 const SPRING_UNIT: f64 = 10.0;
 
-/// What is known of a rod beforehand.
+/// Prior of a rod in the labels' coordinates.
 #[derive(Debug, Clone)]
 pub(super) struct Rod {
     /// Mean and standard deviation of `c`.
     pub(super) level: (f64, f64),
     /// Mean of `e`, its derivative along the level's coordinate, standard deviation of the rest.
     pub(super) slenderness: (f64, f64, f64),
-    /// ln N, doubted.
+    /// Quantile of ln N, its prior doubted.
     pub(super) force: Quantile,
-    /// What ln N lies between if its prior is right.
+    /// Range of ln N if its prior is right.
     pub(super) log_force_range: (f64, f64),
     /// `k / (k + 10 EI/L)` of each end, EI/L at its mean.
     pub(super) ends: [Quantile; 2],

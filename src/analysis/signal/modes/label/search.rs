@@ -1,8 +1,8 @@
 //! Candidates: the assignments that a coarse grid of rods suggests.
 //!
 //! The grid spans dimensionless tension, both ends and the level of all frequencies. Its spectra are rounded
-//! to bins of ln f once per rod; a record fills the bins with what a mode there would gain over a foreign
-//! peak, and a node's score is a sum of look-ups.
+//! to bins of ln f once per rod; a record fills the bins with the gain of a mode there over a foreign peak,
+//! and a node's score is a sum of look-ups.
 
 use super::code::Code;
 use super::peak::Peak;
@@ -12,10 +12,10 @@ use std::f64::consts::TAU;
 
 /// Width of a bin of ln f.
 const BIN: f64 = 0.0025;
-/// Steps of ln tension, and how many at most.
+/// Step of ln tension, and the most steps.
 const TENSION_STEP: f64 = 0.1;
 const MOST_TENSIONS: f64 = 100.0;
-/// Nothing changes below this dimensionless tension.
+/// Least ln of the dimensionless tension: nothing changes below.
 const LEAST_LOG_TENSION: f64 = -2.0;
 /// Coordinates of the ends: four values stand for a wide distribution, two or one for a narrow one.
 const ENDS: [f64; 4] = [-1.25, -0.35, 0.35, 1.25];
@@ -24,17 +24,17 @@ const TWO_ENDS: [f64; 2] = [-0.7, 0.7];
 const LEVEL_REACH: f64 = 3.0;
 const LEVEL_STEP_SD: f64 = 0.5;
 const LEVEL_STEP: f64 = 0.025;
-/// Nodes less likely than this beforehand (nats below the centre) are left out.
+/// Nodes further below the centre in log prior than this \[nats\] are left out.
 const MOST_PENALTY: f64 = 5.5;
 /// The same for the level alone where the range of the modes is concerned: two standard deviations.
 const RANGE_PENALTY: f64 = 2.0;
 /// Scatter of a mode about its node, beside its own error: grid and model together.
 const SCATTER: f64 = 0.022;
-/// What a hit must gain, and a miss costs.
+/// Least gain of a hit, and cost of a miss \[nats\].
 const MISS: f32 = 0.7;
 /// Most bins of a band: twenty-two powers of e.
 const MOST_BINS: i32 = 20_000;
-/// Candidates kept, and how far below the best of them one may score.
+/// Candidates kept, and the largest score difference to the best of them.
 const KEPT: usize = 24;
 const KEPT_WITHIN: f32 = 14.0;
 
@@ -143,8 +143,8 @@ impl Grid {
         (self.range, self.first_high)
     }
 
-    /// The likeliest assignments of `peaks` between `band` (ln f), best first; `log_least` is what a foreign
-    /// peak costs beside its density, `spread` the relative model discrepancy.
+    /// The likeliest assignments of `peaks` between `band` (ln f), best first; `log_least` is the log cost of
+    /// a foreign peak beside its density, `spread` the relative model discrepancy.
     pub(super) fn suggestions(
         &self,
         peaks: &[Peak],
@@ -220,7 +220,7 @@ fn end_values(rod: &Rod, end: usize) -> &'static [f64] {
     }
 }
 
-/// Per bin of ln f what a mode there gains over a foreign peak, or a miss costs, and which peak it is.
+/// Per bin of ln f, the gain of a mode there over a foreign peak or the cost of a miss, and the peak.
 struct Gains {
     first: i32,
     /// Ends with a bin for all that lies outside the band: neither gain nor cost.
@@ -264,7 +264,7 @@ impl Gains {
         (bin as u32 as usize).min(self.peaks.len())
     }
 
-    /// The most that the first orders may score, one peak as two orders included.
+    /// Upper bound of the score of the first orders; lets one peak serve two orders.
     #[inline]
     fn most(&self, spectrum: &[i32; MAX_ORDERS], shift: i32) -> f32 {
         let (mut sum, mut best) = (0.0f32, 0.0f32);
@@ -280,7 +280,7 @@ impl Gains {
         best
     }
 
-    /// The first orders that score most, and their peaks.
+    /// Best-scoring assignment of the first orders to peaks.
     fn best(&self, spectrum: &[i32; MAX_ORDERS], shift: i32, least_hits: usize) -> (f32, Code) {
         let (mut best, mut code) = (f32::NEG_INFINITY, Code::default());
         let (mut sum, mut running, mut hits, mut last) = (0.0, Code::default(), 0, u8::MAX);

@@ -1,10 +1,10 @@
-//! Which orders a sensor may see beforehand, averaged over where it may stand.
+//! Prior probabilities of the orders that a sensor sees, averaged over its possible places.
 
 use crate::analysis::rod::beam::forward::MAX_ORDERS;
 use std::f64::consts::PI;
 use std::sync::LazyLock;
 
-/// Share of sensors at mid-span; the rest stand anywhere between 4 % and 50 % of the span.
+/// Share of sensors at mid-span; the rest lie anywhere between 4 % and 50 % of the span.
 const AT_MID_SPAN: f64 = 0.27;
 const PLACES: usize = 12;
 const NEAREST_END: f64 = 0.04;
@@ -12,15 +12,15 @@ const NEAREST_END: f64 = 0.04;
 const MOST_SEEN: f64 = 0.92;
 const HALF_SEEN: f64 = 0.12;
 const LIMITS: (f64, f64) = (0.01, 0.97);
-/// Shares of the last order that stands clear of the noise; above it little is seen.
+/// Probabilities of the last order that is clear of the noise; above it little is seen.
 const LAST: [f64; MAX_ORDERS] = [
     0.05, 0.10, 0.15, 0.15, 0.12, 0.10, 0.08, 0.07, 0.06, 0.05, 0.04, 0.03,
 ];
 const SEEN_ABOVE: f64 = 0.02;
 
-/// Share of records in which every order up to the last is seen or not for no reason that is known here, as
-/// likely as not: peaks lost to a mask, taken for lines or drowned. Without it orders 2, 6 and 8 alone were
-/// surely 1, 5 and 7.
+/// Share of records in which every order up to the last is seen or not at random, each with probability 1/2:
+/// peaks lost to a mask, taken for lines or lost in noise. Without it orders 2, 6 and 8 alone were labelled
+/// 1, 5 and 7 with certainty.
 const ANY: f64 = 0.1;
 
 /// Orders as a set of bits: bit 0 is the first.
@@ -83,7 +83,7 @@ impl Table {
 }
 
 /// Natural logarithm of the probability that exactly the orders `seen` are visible among the first
-/// `within`; of the orders `hidden` (outside the band or masked) nothing is known.
+/// `within`; the orders `hidden` (outside the band or masked) do not count.
 pub(super) fn log_probability(seen: Orders, within: usize, hidden: Orders) -> f64 {
     let within = within.clamp(1, MAX_ORDERS);
     let inside = ((1u32 << within) - 1) as Orders;

@@ -9,9 +9,9 @@ use std::ops::{Add, Mul, Sub};
 
 /// Inputs of the derivatives: wavenumber, tension, left and right fixity.
 const INPUTS: usize = 4;
-/// Beyond this `q` the two ends do not feel each other: exp(-q) is 1e-7.
+/// Value of `q` beyond which the two ends do not interact: exp(-q) is 1e-7.
 const FAR: f64 = 16.0;
-/// A Newton step below this leaves an error of its square.
+/// Newton step below which the remaining error, its square, is negligible.
 const CONVERGED: f64 = 1e-4;
 
 /// A number with its derivatives along the inputs.
@@ -28,7 +28,7 @@ impl Dual {
         Self { value, slope }
     }
 
-    /// A function of this number, by its value and derivative here.
+    /// Applies a function given by its value and derivative here.
     #[inline]
     fn map(self, value: f64, derivative: f64) -> Self {
         Self {
@@ -100,7 +100,7 @@ impl Mul for Dual {
 /// One natural frequency of the dimensionless rod.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Frequency {
-    /// Wavenumber less order times pi: the next solution's first guess.
+    /// Wavenumber less order times pi: first guess of the next solution.
     pub(super) phase: f64,
     /// Natural logarithm of `phi sqrt(phi^2 + t)`.
     pub(super) log: f64,
@@ -149,7 +149,7 @@ pub(super) fn frequency(order: usize, t: f64, fixities: [f64; 2], guess: Option<
     }
 }
 
-/// The phase that both ends add to `order` times pi, at the wavenumber `phi`.
+/// Phase that both ends add to `order` times pi, at the wavenumber `phi`.
 fn end_phases(order: usize, phi: f64, t: f64, fixities: [f64; 2]) -> Dual {
     let phi = Dual::input(phi, 0);
     let t = Dual::input(t, 1);

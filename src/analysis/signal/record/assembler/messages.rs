@@ -1,19 +1,19 @@
-//! Messages into their order: what comes twice, late, or stamped late.
+//! Puts messages in order: duplicates, late ones, and those stamped late.
 
 use super::{Ahead, Assembler, LATE, MAX_ASIDE, Message, bytes_of};
 use crate::analysis::signal::record::{clock, timing};
 use std::collections::VecDeque;
 
-/// Messages that tell the sample interval.
+/// Messages needed to measure the sample interval.
 const WARM: usize = 16;
-/// Messages that do not fit before they start a new stretch.
+/// Most messages that do not fit before they start a new stretch.
 const ASTRAY: usize = 3;
-/// A message stamped further ahead than this many messages may have overtaken others; one less far is stamped late.
+/// Messages ahead from which a message may have overtaken others; below, it is stamped late.
 const AHEAD: f64 = 1.75;
-/// Scatter of the stamps from which on messages stay in the order they came in, over the message interval.
+/// Scatter of the stamps, over the message interval, above which messages keep their order of arrival.
 const WOBBLY: f64 = 0.04;
 
-/// Place of one message beside the running stretch.
+/// Place of one message relative to the running stretch.
 pub(super) enum Place {
     Next,
     Late(usize),
@@ -70,7 +70,7 @@ impl Assembler {
         }
     }
 
-    /// Puts a late message in its place, and notes if the one it comes before may be stamped late.
+    /// Inserts a late message, and notes if the message after it may be stamped late.
     fn put_before(&mut self, back: usize, time: i64, values: &[f64]) {
         if let [.., before, last] = self.open.times[..]
             && back == 1
@@ -88,8 +88,8 @@ impl Assembler {
         self.open.insert(back, time, values);
     }
 
-    /// A message that came where the last one of the stretch stands by its stamp, and the hole that one left is still there:
-    /// the last one was stamped late and goes back to where it came.
+    /// Handles a message at the stamp of the stretch's last one while the hole before that one is still open:
+    /// the last one was stamped late and moves back to its place of arrival.
     fn untangle(&mut self, time: i64, samples: usize) {
         let (Some(ahead), Some(interval)) = (self.ahead, self.interval) else {
             return;
@@ -129,7 +129,7 @@ impl Assembler {
         }
     }
 
-    /// Messages put aside, if this one comes where it would if they were in their place: they had wrong stamps.
+    /// Adopts the messages set aside if this one comes where it would after them: their stamps were wrong.
     fn adopt(&mut self, time: i64, samples: usize) {
         let (false, Some(interval)) = (self.astray.is_empty(), self.interval) else {
             return;
@@ -156,7 +156,7 @@ impl Assembler {
         }
     }
 
-    /// Puts the last message's stamp where the one before it ends.
+    /// Sets the last message's stamp to the end of the one before it.
     fn set_last_right(&mut self) {
         let last = self.open.times.len().checked_sub(1);
         if let Some(last) = last
@@ -167,18 +167,18 @@ impl Assembler {
         }
     }
 
-    /// Where message `at` of the stretch ends \[ns\].
+    /// End of message `at` of the stretch \[ns\].
     fn end_of(&self, at: usize) -> Option<f64> {
         let (&time, &size) = (self.open.times.get(at)?, self.open.sizes.get(at)?);
         Some(time as f64 + self.unit(size as usize))
     }
 
-    /// Length of so many samples \[ns\].
+    /// Duration of a number of samples \[ns\].
     fn unit(&self, samples: usize) -> f64 {
         self.interval.unwrap_or(0.0) * samples as f64
     }
 
-    /// Enough messages to know the sample interval: hands them over as a new stretch.
+    /// Starts a new stretch once there are enough messages to know the sample interval.
     pub(super) fn warmed(&mut self, queue: &mut VecDeque<Message>) {
         let warm = std::mem::take(&mut self.warm);
         let mut order: Vec<(i64, u32)> = warm
@@ -226,8 +226,8 @@ impl Assembler {
         Some(self.place_late(time, values, interval))
     }
 
-    /// A message from the past: late if there is a hole for it, known if it is there already, next if the stamps jump about or the
-    /// last one was late.
+    /// Place of a message from the past: late if there is a hole for it, known if it is a duplicate, next if
+    /// the stamps scatter widely or the last one was late.
     fn place_late(&self, time: i64, values: &[f64], interval: f64) -> Place {
         let open = &self.open;
         let count = open.times.len();

@@ -1,4 +1,4 @@
-//! A finished stretch into records, or the reason why it is none.
+//! Turns a finished stretch into records, or into the reason why it is none.
 
 use super::{Assembler, Event, MAX_SAMPLES, Short};
 use crate::analysis::signal::record::onset::{self, UnderWay};
@@ -7,14 +7,14 @@ use crate::analysis::signal::record::{
     Cut, Envelope, Excitation, Flag, Record, Rejection, Timestamp, quality,
 };
 
-/// Records that wait for the temperature beside them.
+/// Most records that wait for their temperature.
 const WAITING: usize = 4;
-/// Samples too few to say why they are no record.
+/// Fewest samples worth a rejection of their own.
 const FEW: usize = 64;
-/// Jitter worth a flag.
+/// Least jitter worth a flag.
 const NOTABLE_JITTER: f64 = 0.05;
 
-/// What the stamps of a stretch said of its samples, and the cut of their motion.
+/// Clock and cut of a stretch.
 #[derive(Clone, Copy)]
 struct Clock {
     fs_hz: f64,
@@ -57,7 +57,7 @@ impl Assembler {
         self.stray = Stray::default();
     }
 
-    /// One piece an onset.
+    /// Cuts free decays, one piece per onset.
     fn decays(&mut self, even: &Even, ratio: f64, length_s: f64, cut_short: bool, until: Option<i64>) {
         let total = even.samples.len();
         let mut filled = even.samples.clone();
@@ -206,7 +206,7 @@ impl Assembler {
         self.release(false);
     }
 
-    /// Lets records go whose temperature is known, or that waited long enough.
+    /// Releases records whose temperature is known, or that waited long enough.
     pub(super) fn release(&mut self, all: bool) {
         while let Some(record) = self.waiting.front() {
             let end = record.start.plus_seconds(record.duration_s());
@@ -234,7 +234,7 @@ impl Assembler {
         }
     }
 
-    /// Notes what came of the stretch that was cut last.
+    /// Queues an event of the stretch that was cut last.
     pub(super) fn tell(&mut self, event: Event) {
         self.events.push((Timestamp::from_nanos(self.at), event));
     }
@@ -251,7 +251,7 @@ impl Assembler {
         });
     }
 
-    /// Notes a stretch too short for a record; a run of them is told as one.
+    /// Notes a stretch too short for a record; a run of them is reported as one.
     fn too_short(&mut self, start: Timestamp, duration_s: f64) {
         let short = self.short.get_or_insert(Short {
             start,

@@ -1,29 +1,30 @@
 //! Queue between the pipeline and the store: events in the order of their own times, files behind their events.
 
-use super::Job;
-use super::core::Done;
+use super::{Done, Job};
 use crate::analysis::signal::record::{RodId, Timestamp};
 use crate::analysis::track::ordered::{Ordered, Reached};
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::time::{Duration, Instant};
 
-/// A rod of which nothing has come for this long is not waited for, once everything there is has been read.
+/// Silence of a rod after which events no longer wait for it, once all data present has been read.
 const PATIENCE: Duration = Duration::from_secs(1);
 
 /// Items on their way into the store.
 pub struct Held {
     events: Ordered<(u64, Done)>,
-    /// Which events have not gone yet, by their number.
+    /// Numbers of the events not yet released.
     waiting: BTreeSet<u64>,
-    /// Files that were read to their end, each behind the events before its number.
+    /// Files read to their end, each after the events before its number.
     files: VecDeque<(u64, Done)>,
     next: u64,
-    /// Time up to which each rod has been followed, and since when.
+    /// Time up to which each rod has been read, and since when.
     reached: BTreeMap<RodId, (Option<Timestamp>, Instant)>,
+    /// False if events go as they come.
+    waits: bool,
 }
 
 impl Held {
-    /// Nothing is held yet. See [`Ordered::new`] for the window \[s\].
+    /// An empty queue. See [`Ordered::new`] for the window \[s\].
     pub fn new(window_s: f64) -> Self {
         Self {
             events: Ordered::new(window_s),
@@ -31,10 +32,23 @@ impl Held {
             files: VecDeque::new(),
             next: 0,
             reached: BTreeMap::new(),
+            waits: true,
         }
     }
 
-    /// Takes what came out of the pipeline; what goes now, in its order.
+    /// The same, waiting for no rod.
+    pub fn impatient(self) -> Self {
+        Self { waits: false, ..self }
+    }
+
+    /// All that is still held, in its order: nothing more comes.
+    pub fn rest(&mut self) -> Vec<Done> {
+        let mut going = Vec::new();
+        self.release_all(&mut going);
+        going
+    }
+
+    /// Takes results of the pipeline; returns the items to be stored now, in order.
     pub fn take(&mut self, group: Vec<Done>, now: Instant) -> Vec<Done> {
         let mut going = Vec::with_capacity(group.len());
         for done in group {
@@ -78,7 +92,7 @@ impl Held {
         }
     }
 
-    /// Rods that are silent hold nobody any more, until something comes of them again.
+    /// Stops waiting for silent rods until they send data again.
     fn forget_silent(&mut self, now: Instant) {
         for (rod, (_, since)) in &self.reached {
             if now.saturating_duration_since(*since) >= PATIENCE {
@@ -88,6 +102,9 @@ impl Held {
     }
 
     fn release(&mut self, going: &mut Vec<Done>) {
+        if !self.waits {
+            return self.release_all(going);
+        }
         while let Some(item) = self.events.next_settled() {
             self.gone(item, going);
         }
@@ -106,7 +123,7 @@ impl Held {
         going.push(done);
     }
 
-    /// Marks of files enter the store only behind the events of the file.
+    /// Releases marks of files, which enter the store only after the events of the file.
     fn release_files(&mut self, going: &mut Vec<Done>) {
         let first = self.waiting.first().copied().unwrap_or(u64::MAX);
         while self.files.front().is_some_and(|(number, _)| *number <= first) {

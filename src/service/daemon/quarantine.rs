@@ -1,9 +1,9 @@
-//! Steps that ended the program: marked before they are taken, remembered when the program did not come back from them.
+//! Quarantine for inputs that crash the process: each step is recorded before it runs and cleared after.
 //!
 //! Before a risky step its name is written into a slot of `STORE.working`, and wiped out after it. The file survives the
 //! end of the process however it comes. What stands in it at the next start is suspect: it is tried again with nothing
-//! else at work, so that no other step is blamed. A step the program died of [`CONDEMNED`] times *alone* is not
-//! tried any more. A kill from outside that happens to meet a step costs it nothing but being tried alone: to be condemned
+//! else at work, so that no other step is blamed. A step the program died of [`DEATHS`] times *alone* is not
+//! tried any more. A kill from outside that happens to meet a step costs it nothing but being tried alone: to be quarantined
 //! it would have to be met again and again, with a growing pause before each try.
 
 use crate::recording::atomic::AtomicFile;
@@ -16,31 +16,31 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread;
 use std::time::Duration;
 
-/// So many deaths of a step alone, and it is not tried any more. With the first death, which blames nobody, these are three:
-/// systemd must not give up before (docs/daemon.md).
-pub const CONDEMNED: u32 = 2;
+/// Number of crashes of a step alone after which it is not tried again. With the first crash, which blames no
+/// step, these are three: systemd must not give up before (docs/daemon.md).
+pub const DEATHS: u32 = 2;
 
-/// So many deaths of a file, and nothing of it is used any more: those alone at one place, and one more when what came before
-/// that place was brought to its end.
-pub const FILE_CONDEMNED: u32 = CONDEMNED + 1;
+/// Number of crashes of a file after which nothing of it is used: those alone at one place, and one more
+/// while its data before that place was completed.
+pub const FILE_DEATHS: u32 = DEATHS + 1;
 
-/// How the step of a file is called that brings what came before a condemned place to its end.
+/// How the step of a file is called that brings what came before a quarantined place to its end.
 const END: &str = "end";
 
-/// Bytes of a slot.
+/// Size of a slot \[bytes\].
 const SLOT: usize = 1024;
 /// Most slots: more than any machine has workers.
 const MOST_SLOTS: usize = 1100;
-/// Suspects remembered beyond those that are blamed.
+/// Most suspects remembered, besides the quarantined ones.
 const MOST: usize = 256;
-/// How long a suspect waits for the others to come to an end.
+/// Longest wait of a suspect for the other steps to end.
 const PATIENCE: Duration = Duration::from_secs(10);
-/// The pause before a step is tried that died alone, times its deaths.
+/// Pause before a step is tried again after a crash alone, times its crashes.
 const PAUSE: Duration = Duration::from_secs(1);
 
-/// The memory of one store's suspects.
+/// Quarantine of one store: steps that ended the program, and how often.
 #[derive(Debug)]
-pub struct Suspects {
+pub struct Quarantine {
     working: File,
     memory: PathBuf,
     inner: Mutex<Inner>,
@@ -49,7 +49,7 @@ pub struct Suspects {
 
 #[derive(Debug, Default)]
 struct Inner {
-    /// Deaths alone of every suspect.
+    /// Number of crashes alone of every suspect.
     deaths: BTreeMap<String, u32>,
     slots: usize,
     busy: usize,
@@ -57,10 +57,10 @@ struct Inner {
     is_over: bool,
 }
 
-/// Where one thread marks what it works on.
+/// Slot in which one thread marks its step.
 #[derive(Debug)]
 pub struct Slot {
-    suspects: Arc<Suspects>,
+    quarantine: Arc<Quarantine>,
     number: usize,
     step: Option<Step>,
 }
@@ -71,8 +71,8 @@ struct Step {
     is_alone: bool,
 }
 
-impl Suspects {
-    /// Reads what the last process of this store was at when it ended, and begins anew.
+impl Quarantine {
+    /// Reads the steps at which the last process of this store ended, and starts with empty slots.
     ///
     /// # Errors
     /// The files beside the store cannot be read or written.
@@ -122,17 +122,17 @@ impl Suspects {
         })
     }
 
-    /// How often the program died of this step with nothing else at work.
+    /// Number of crashes of this step with no other step at work.
     pub fn deaths(&self, step: &str) -> u32 {
         self.lock().deaths.get(step).copied().unwrap_or(0)
     }
 
-    /// Whether a step is not to be tried any more.
-    pub fn is_condemned(&self, step: &str) -> bool {
-        self.deaths(step) >= CONDEMNED
+    /// True if a step is not to be tried again.
+    pub fn is_quarantined(&self, step: &str) -> bool {
+        self.deaths(step) >= DEATHS
     }
 
-    /// A file was read to its end: it is suspected of nothing any more.
+    /// Clears a file that was read to its end.
     pub fn is_read(&self, file: &str) {
         self.forget(&file_step(file));
     }
@@ -154,13 +154,13 @@ impl Suspects {
         let number = inner.slots;
         inner.slots += 1;
         Slot {
-            suspects: Arc::clone(self),
+            quarantine: Arc::clone(self),
             number,
             step: None,
         }
     }
 
-    /// The process is about to end in order: what is still at work did not end it, and nobody waits any more.
+    /// Prepares an orderly end of the process: steps still at work are not suspect, and none waits any more.
     pub fn stand_down(&self) {
         self.lock().is_over = true;
         self.changed.notify_all();
@@ -168,7 +168,7 @@ impl Suspects {
         let _ = self.working.set_len(0);
     }
 
-    /// Waits until a step may begin; whether it is alone.
+    /// Waits until a step may begin; returns true if it is alone.
     fn begin(&self, step: &str) -> bool {
         let is_suspect = self.lock().deaths.contains_key(step);
         if is_suspect {
@@ -186,7 +186,7 @@ impl Suspects {
         is_alone
     }
 
-    /// A step came to its end, and is a suspect no more.
+    /// Ends a step, which is then no suspect.
     fn end(&self, step: &Step) {
         let mut inner = self.lock();
         inner.busy -= 1;
@@ -196,7 +196,7 @@ impl Suspects {
         self.forget(&step.name);
     }
 
-    /// Best effort: a mark that cannot be written is a death that is not counted.
+    /// Writes a mark, best effort: without it a crash is not counted.
     fn mark(&self, slot: usize, content: &[u8; SLOT]) {
         let inner = self.lock();
         if !inner.is_over && slot < MOST_SLOTS {
@@ -210,27 +210,27 @@ impl Suspects {
 }
 
 impl Slot {
-    /// This thread begins a step; it may have to wait for others, and others for it. Nothing else may be waited for
-    /// before [`Slot::idle`].
+    /// Begins a step of this thread; it may have to wait for others, and others for it. The thread must not
+    /// wait for anything else before [`Slot::idle`].
     pub fn working_on(&mut self, step: &str) {
         self.idle();
-        let is_alone = self.suspects.begin(step);
+        let is_alone = self.quarantine.begin(step);
         let mut content = [0; SLOT];
         let mut rest = &mut content[..];
         // What does not fit is cut off: the name alone tells steps apart.
         let _ = write!(rest, "{}\t{step}", if is_alone { "alone" } else { "beside" });
-        self.suspects.mark(self.number, &content);
+        self.quarantine.mark(self.number, &content);
         self.step = Some(Step {
             name: step.to_owned(),
             is_alone,
         });
     }
 
-    /// It came to the step's end.
+    /// Ends the step.
     pub fn idle(&mut self) {
         if let Some(step) = self.step.take() {
-            self.suspects.mark(self.number, &[0; SLOT]);
-            self.suspects.end(&step);
+            self.quarantine.mark(self.number, &[0; SLOT]);
+            self.quarantine.end(&step);
         }
     }
 }
@@ -241,23 +241,23 @@ impl Drop for Slot {
     }
 }
 
-/// The name of all steps of a file together.
+/// Name of all steps of a file together.
 pub fn file_step(file: &str) -> String {
     format!("file {file}")
 }
 
-/// The step that brings to its end what came before a place of a file.
+/// Name of the step that completes the data before a place of a file.
 pub fn last_step(file: &str, offset: u64) -> String {
     format!("{file}@{offset}+{END}")
 }
 
-/// The file of a step of reading, `NAME@PLACE+STEP`, and which step it is.
+/// File and step of a step name `NAME@PLACE+STEP`.
 fn file_of(name: &str) -> Option<(&str, &str)> {
     let (file, place) = name.rsplit_once('@')?;
     place.split_once('+').map(|(_, step)| (file, step))
 }
 
-/// The steps a file of slots holds, and whether each was alone.
+/// Steps in a file of slots, each with true if it was alone.
 fn left_in(bytes: &[u8]) -> Vec<(String, bool)> {
     let text_of = |slot: &[u8]| {
         let end = slot.iter().position(|byte| *byte == 0).unwrap_or(slot.len());
@@ -292,51 +292,51 @@ fn beside(path: &Path, suffix: &str) -> PathBuf {
 mod tests {
     use super::*;
 
-    /// A process that dies at these steps.
+    /// Simulates a process that crashes at these steps.
     fn dies_at(store: &Path, steps: &[&str]) {
-        let suspects = Arc::new(Suspects::open(store).unwrap());
+        let quarantine = Arc::new(Quarantine::open(store).unwrap());
         for step in steps {
-            let mut slot = suspects.slot();
+            let mut slot = quarantine.slot();
             slot.working_on(step);
             std::mem::forget(slot);
         }
     }
 
     #[test]
-    fn a_step_that_ends_the_program_alone_again_and_again_is_condemned() {
+    fn a_step_that_ends_the_program_alone_again_and_again_is_quarantined() {
         let folder = tempfile::tempdir().unwrap();
         let store = folder.path().join("site.db");
         dies_at(&store, &["good", "bad"]);
-        for death in 0..CONDEMNED {
-            let suspects = Suspects::open(&store).unwrap();
-            assert_eq!(suspects.deaths("bad"), death);
-            assert!(!suspects.is_condemned("bad"));
-            drop(suspects);
+        for death in 0..DEATHS {
+            let quarantine = Quarantine::open(&store).unwrap();
+            assert_eq!(quarantine.deaths("bad"), death);
+            assert!(!quarantine.is_quarantined("bad"));
+            drop(quarantine);
             // Nothing was lost by looking.
             dies_at(&store, &["bad"]);
         }
-        let suspects = Arc::new(Suspects::open(&store).unwrap());
-        assert!(suspects.is_condemned("bad"));
-        assert_eq!(suspects.deaths("good"), 0);
+        let quarantine = Arc::new(Quarantine::open(&store).unwrap());
+        assert!(quarantine.is_quarantined("bad"));
+        assert_eq!(quarantine.deaths("good"), 0);
     }
 
     #[test]
-    fn a_file_whose_beginning_is_deadly_too_is_condemned_as_a_whole_until_it_is_read() {
+    fn a_file_whose_beginning_is_deadly_too_is_quarantined_as_a_whole_until_it_is_read() {
         let folder = tempfile::tempdir().unwrap();
         let store = folder.path().join("site.db");
-        let deaths = || Suspects::open(&store).unwrap().deaths(&file_step("a@b.mcap"));
+        let deaths = || Quarantine::open(&store).unwrap().deaths(&file_step("a@b.mcap"));
         // What a kill from outside happens to meet blames nobody.
         for place in 0..10 {
             dies_at(&store, &[&format!("a@b.mcap@{place}+0")]);
         }
         assert_eq!(deaths(), 0);
-        for _ in 0..=CONDEMNED {
+        for _ in 0..=DEATHS {
             dies_at(&store, &["a@b.mcap@77+0"]);
         }
-        assert_eq!(deaths(), CONDEMNED);
+        assert_eq!(deaths(), DEATHS);
         dies_at(&store, &[&last_step("a@b.mcap", 77)]);
-        assert_eq!(deaths(), FILE_CONDEMNED);
-        Suspects::open(&store).unwrap().is_read("a@b.mcap");
+        assert_eq!(deaths(), FILE_DEATHS);
+        Quarantine::open(&store).unwrap().is_read("a@b.mcap");
         assert_eq!(deaths(), 0);
     }
 
@@ -346,17 +346,17 @@ mod tests {
         let store = folder.path().join("site.db");
         dies_at(&store, &["step"]);
         dies_at(&store, &["step"]);
-        let suspects = Arc::new(Suspects::open(&store).unwrap());
-        assert_eq!(suspects.deaths("step"), 1);
-        let mut slot = suspects.slot();
+        let quarantine = Arc::new(Quarantine::open(&store).unwrap());
+        assert_eq!(quarantine.deaths("step"), 1);
+        let mut slot = quarantine.slot();
         slot.working_on("step");
         slot.idle();
-        assert_eq!(suspects.deaths("step"), 0);
+        assert_eq!(quarantine.deaths("step"), 0);
         slot.working_on("another");
-        suspects.stand_down();
+        quarantine.stand_down();
         std::mem::forget(slot);
-        let suspects = Suspects::open(&store).unwrap();
-        assert!(suspects.lock().deaths.is_empty(), "{suspects:?}");
+        let quarantine = Quarantine::open(&store).unwrap();
+        assert!(quarantine.lock().deaths.is_empty(), "{quarantine:?}");
     }
 
     #[test]
@@ -364,14 +364,14 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let store = folder.path().join("site.db");
         dies_at(&store, &["suspect"]);
-        let suspects = Arc::new(Suspects::open(&store).unwrap());
-        let mut one = suspects.slot();
+        let quarantine = Arc::new(Quarantine::open(&store).unwrap());
+        let mut one = quarantine.slot();
         one.working_on("good");
-        let mut other = suspects.slot();
+        let mut other = quarantine.slot();
         let waiting = thread::spawn(move || {
             other.working_on("suspect");
-            assert_eq!(other.suspects.lock().busy, 1);
-            let third = Arc::clone(&other.suspects);
+            assert_eq!(other.quarantine.lock().busy, 1);
+            let third = Arc::clone(&other.quarantine);
             let later = thread::spawn(move || third.slot().working_on("third"));
             thread::sleep(Duration::from_millis(20));
             assert!(!later.is_finished());
@@ -390,7 +390,7 @@ mod tests {
         let store = folder.path().join("site.db");
         fs::write(beside(&store, ".suspects"), b"{").unwrap();
         fs::write(beside(&store, ".working"), [0xff; 3000]).unwrap();
-        let suspects = Suspects::open(&store).unwrap();
-        assert_eq!(suspects.deaths("anything"), 0);
+        let quarantine = Quarantine::open(&store).unwrap();
+        assert_eq!(quarantine.deaths("anything"), 0);
     }
 }

@@ -1,0 +1,114 @@
+//! What passes through the driver, in order: everything that changes the store is one of these.
+
+use crate::analysis::signal::record::Event;
+use crate::analysis::track::ordered::Reached;
+use crate::recording::read::Place;
+use crate::recording::read::recordings::FileResult;
+use crate::site::analyse::Analysed;
+use crate::site::prepared::{Generation, Plans};
+use crate::site::store::{Carry, FileMark};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+/// Most samples of records between the reader and the end of their analysis (8 bytes each); a larger record
+/// is processed alone.
+const SAMPLES: usize = 2 << 20;
+
+/// Number of samples of all records between the reader and the end of their analysis.
+#[derive(Debug, Clone, Default)]
+pub struct Loads(Arc<AtomicUsize>);
+
+/// Share of a record in that number, until dropped.
+#[derive(Debug)]
+pub struct Load {
+    all: Loads,
+    samples: usize,
+}
+
+impl Loads {
+    /// Reserves room for `samples` samples; `None` while there is no room.
+    pub fn take(&self, samples: usize) -> Option<Load> {
+        // Only the reader adds to it.
+        let held = self.0.load(Ordering::Acquire);
+        if held > 0 && held + samples > SAMPLES {
+            return None;
+        }
+        self.0.fetch_add(samples, Ordering::AcqRel);
+        Some(Load {
+            all: self.clone(),
+            samples,
+        })
+    }
+}
+
+impl Drop for Load {
+    fn drop(&mut self) {
+        self.all.0.fetch_sub(self.samples, Ordering::AcqRel);
+    }
+}
+
+/// One item of work.
+pub enum Job {
+    /// An event of a source, to be analysed by the plans of the configuration it was cut with.
+    Event {
+        /// The event.
+        event: Event,
+        /// Position of its source after it.
+        place: Place,
+        /// The plans.
+        plans: Arc<Plans>,
+        /// What it weighs, until it is analysed, where that is bounded.
+        load: Option<Load>,
+    },
+    /// A file was read to its end: all its events came before.
+    File {
+        /// Mark to store; `None` for a file that may still grow.
+        mark: Option<FileMark>,
+        /// Summary of the file, or the error that prevented reading.
+        result: FileResult,
+        /// State that its journal leaves for the next part.
+        carry: Option<Carry>,
+    },
+    /// A new configuration is in force from here on.
+    Reload(Arc<Generation>),
+    /// A sink has all events up to this number.
+    Delivered {
+        /// Id of the sink.
+        sink: String,
+        /// Number of the latest event delivered.
+        through: i64,
+    },
+    /// The sources have no more data now; with the times up to which the rods have been read. Earlier events
+    /// need not wait for a silent rod.
+    Look(Reached),
+    /// Time to check the clock, requests, and retention.
+    Tick {
+        /// True if the reader had read all data when this was sent: only then does silence mean missing data.
+        is_caught_up: bool,
+    },
+}
+
+/// What comes out of the driver.
+pub enum Done {
+    /// What came of an event.
+    Event(Analysed, Place),
+    /// A job that needs no analysis.
+    Job(Job),
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_heavy_record_goes_alone() {
+        let loads = Loads::default();
+        let heavy = loads.take(SAMPLES + 1).unwrap();
+        assert!(loads.take(1).is_none());
+        drop(heavy);
+        let all = loads.take(SAMPLES).unwrap();
+        assert!(loads.take(0).is_some() && loads.take(1).is_none());
+        drop(all);
+        assert!(loads.take(1).is_some());
+    }
+}

@@ -1,0 +1,66 @@
+//! The one driver of replay and daemon: jobs of a source, analysed on several threads, taken in the order of event time.
+//!
+//! They differ in where jobs come from (recordings; a channel from the reader's thread) and in who takes what comes out.
+
+mod held;
+mod job;
+
+pub use held::Held;
+pub use job::{Done, Job, Load, Loads};
+
+use super::analyse::{Known, analyse};
+use super::ordered_map::{Limits, map_in_order};
+use crate::analysis::signal::record::Event;
+use std::ops::ControlFlow;
+
+/// Takes what comes out of the driver, on the thread that runs it.
+pub trait Taker {
+    /// Takes items that came out together, in the order they went in; may end the run.
+    fn take(&mut self, group: Vec<Done>) -> ControlFlow<()>;
+
+    /// Learns of a job whose work panicked outside the analysis.
+    fn lost(&mut self, panic: &str);
+}
+
+/// Runs until there are no more jobs or the taker ends it. A record weighs its samples.
+pub fn run(
+    jobs: impl Iterator<Item = Job> + Send,
+    limits: Limits,
+    work: impl Fn(Job) -> Done + Sync,
+    taker: &mut impl Taker,
+) {
+    let weigh = |job: &Job| match job {
+        Job::Event {
+            event: Event::Record(record),
+            ..
+        } => record.samples.len(),
+        _ => 1,
+    };
+    map_in_order(jobs, limits, weigh, work, |results| {
+        let mut group = Vec::with_capacity(results.len());
+        for result in results {
+            match result {
+                Ok(done) => group.push(done),
+                Err(panic) => taker.lost(&panic),
+            }
+        }
+        taker.take(group)
+    });
+}
+
+/// Does what can be done of a job before it is its turn: analyses an event's record, unless it is one of `known`.
+pub fn work(job: Job, known: &Known) -> Done {
+    match job {
+        Job::Event {
+            event,
+            place,
+            plans,
+            load,
+        } => {
+            let analysed = analyse(event, &plans, known);
+            drop(load);
+            Done::Event(analysed, place)
+        }
+        other => Done::Job(other),
+    }
+}

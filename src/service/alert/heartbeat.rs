@@ -4,6 +4,7 @@ use super::Failure;
 use super::post::post;
 use crate::config::settings::alert::HeartbeatSettings;
 use crate::service::telemetry::{Fault, State, Telemetry};
+use crate::site::clock;
 use serde_json::json;
 use std::sync::mpsc::{RecvTimeoutError, SyncSender, sync_channel};
 use std::thread;
@@ -85,7 +86,7 @@ fn sign(settings: &HeartbeatSettings, site: &str, telemetry: &Telemetry) -> Opti
     let body = json!({
         "version": 1,
         "what": "alive",
-        "time": super::now().to_string(),
+        "time": clock::now().to_string(),
         "site": site,
         "state": report.state.code(),
         "conditions": conditions,

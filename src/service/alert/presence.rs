@@ -4,6 +4,7 @@ use super::mqtt::{self, Mqtt};
 use super::{Backoff, Failure, Pace};
 use crate::config::settings::alert::MqttSettings;
 use crate::service::telemetry::{Fault, Telemetry};
+use crate::site::clock;
 use rumqttc::v5::mqttbytes::QoS;
 use rumqttc::v5::mqttbytes::v5::{LastWill, Packet};
 use rumqttc::v5::{Client, Connection, Event, RecvTimeoutError};
@@ -165,7 +166,7 @@ impl Work {
     }
 
     fn said(&self, state: &str) -> String {
-        json!({ "version": 1, "site": self.site, "state": state, "time": super::now().to_string() })
+        json!({ "version": 1, "site": self.site, "state": state, "time": clock::now().to_string() })
             .to_string()
     }
 }

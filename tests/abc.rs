@@ -646,7 +646,7 @@ fn conflicts_are_told_apart_from_wrong_priors() {
     assert!(inference.conflict(&slight).unwrap().score > 3.0);
     let posterior = inference.run(&slight, 1).unwrap();
     assert_eq!(posterior.adjustment, Adjustment::Linear);
-    // Metropolis on the exact likelihood: 675 kN, cv 0.162; rejection alone says 559 kN.
+    // Metropolis on the exact likelihood: 675 kN, cv 0.162; rejection alone gives 559 kN.
     assert!((posterior.mean(FORCE).unwrap() - 675e3).abs() < 0.5 * 0.162 * 675e3);
 
     // A record of the rod the prior expects: adjusted, no conflict, in the middle of the prior.
@@ -771,7 +771,7 @@ fn a_source_known_exactly_takes_its_share_away() {
         (Source::Section, &[3]),
         (Source::Springs, &[4, 5]),
     ] {
-        // Twelve particles drawn by weight stand for the posterior of the source.
+        // Twelve particles drawn by weight represent the posterior of the source.
         let mut cumulated = 0.0;
         let mut next = 0.5 / 12.0;
         let mut sum = 0.0;

@@ -132,7 +132,7 @@ fn every_command_tells_the_same_numbers() {
     let mut csv = csv.lines();
     let header = csv.next().unwrap();
     for (record, row) in records.iter().zip(csv.by_ref()) {
-        // Cells with commas (JSON) stand behind these columns.
+        // Cells with commas (JSON) come after these columns.
         for (name, pointer) in [
             ("relative_force", "/relative_force/mean"),
             ("relative_force_sd", "/relative_force/sd"),
@@ -147,7 +147,7 @@ fn every_command_tells_the_same_numbers() {
         }
     }
 
-    // Status: the last record, in every format, and what replay says in the end.
+    // Status: the last record, in every format, and the state that replay prints at the end.
     let last = records.last().unwrap();
     let (status, _) = tirante(folder.path(), &["status", "--store", &told, "--format", "json"]);
     let status: Value = serde_json::from_str(&status).unwrap();
@@ -214,7 +214,7 @@ fn every_command_tells_the_same_numbers() {
     assert_eq!(status["alarms"][0]["message"], alarms[0]["message"]);
     assert_eq!(last["alarms"][0]["message"], alarms[0]["message"]);
     assert!(page.contains(id), "the report does not name {id}");
-    // Before the record that raised it no record stands in alarm.
+    // No record before the one that raised it is in alarm.
     let first = records
         .iter()
         .position(|record| record["state"] == "alarm")

@@ -112,7 +112,7 @@ fn evidence_and_sizes_are_those_of_brute_force() {
     let exact = Exact::new(*prior.parameterisation());
     let mut generator = random::stream(7, 0);
     for (kind, low, high, scale) in SIZES {
-        // What a change of this kind by a scale or so does to the central rod.
+        // Shifts of the central rod by a change of this kind of about one scale.
         let z = shifts(
             |theta| change(theta, kind, 4, if kind == Kind::Mass { scale } else { -scale }),
             3,
@@ -167,7 +167,7 @@ fn evidence_and_sizes_are_those_of_brute_force() {
             let part: f64 = weighted.iter().filter(|(x, _)| *x < size).map(|(_, w)| w).sum();
             part / sum
         };
-        // Sizes are told as relative changes; of a section that of its area.
+        // Sizes are reported as relative changes; for a section, that of its area.
         let power = if kind == Kind::Section { 2.0 } else { 1.0 };
         let [_, q025, q975] = found.change.unwrap().map(|change| (1.0 + change).ln() / power);
         for (quantile, p) in [(q025, 0.025), (q975, 0.975)] {
@@ -213,7 +213,7 @@ fn the_sentence_says_no_more_than_the_odds() {
     let model = ReducedModel::new(*prior.parameterisation());
     let alternatives = Alternatives::new(&baseline.particles, &model, &DISCREPANCY).unwrap();
     let force = shifts(|theta| theta[0] *= 0.97, 3);
-    // One record: nothing can be told, and what would decide is.
+    // One record decides nothing; the report says what would.
     let one = alternatives.explain(&shift_of(&force, 1e-3)).unwrap();
     assert_eq!(one.is_axial(), None);
     let said = one.sentence();
@@ -237,7 +237,7 @@ fn the_sentence_says_no_more_than_the_odds() {
     let noisy = alternatives.explain(&shift_of(&five, 1e-3)).unwrap();
     assert!(matches!(noisy.needed[..], [Needed::Records(_)]), "{noisy:?}");
     assert!(noisy.sentence().contains("more records"), "{}", noisy.sentence());
-    // A large one is told, with its size inside.
+    // A large change is identified, with its size inside the interval.
     let large = alternatives
         .explain(&shift_of(&shifts(|theta| theta[0] *= 0.8, 3), 1e-4))
         .unwrap();
@@ -250,7 +250,7 @@ fn the_sentence_says_no_more_than_the_odds() {
         large.sentence()
     );
     assert!(large.needed.is_empty());
-    // One mode alone is none of the kinds; one mode only tells nothing.
+    // A shift of one mode alone fits none of the kinds; a record of one mode decides nothing.
     let line = alternatives
         .explain(&shift_of(&[0.0, -0.005, 0.0], 2e-4))
         .unwrap();
@@ -337,7 +337,7 @@ fn the_mean_shift_weighs_scatter_and_what_the_temperature_explains() {
         assert!((mean.shift[n] - (after[n] / f[n]).ln()).abs() < 2e-4, "{mean:?}");
         assert!((mean.falling[(n, n)] - 1e-6 / 20.0).abs() < 1e-9, "{mean:?}");
     }
-    // The error of what is expected moves all modes as the force does.
+    // The error of the expected change moves all modes as the force does.
     let unsure = alternatives.mean_shift(&baseline, &shifted, 0.01).unwrap();
     assert!((unsure.fixed[(0, 1)] / (unsure.fixed[(0, 0)] - mean.fixed[(0, 0)]) - 1.0).abs() < 0.1);
     // Twice the stated scatter is found, a common change of force is none.

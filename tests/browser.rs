@@ -209,7 +209,7 @@ fn the_page_draws_follows_and_acknowledges() {
     );
     let shown: f64 = shown.as_str().unwrap().parse().unwrap();
     assert!((shown - force).abs() <= 0.5, "{shown} {force}");
-    // One number for one thing, and every force says its temperature.
+    // Each quantity has one value on the page, and every force is shown with its temperature.
     let said = browser.run(
         "const tile = [...document.querySelectorAll('.facts dt')].find((dt) => dt.textContent.startsWith('axial force'));
          const used = [...document.querySelectorAll('tr[data-start] td[data-name=\"force given the baseline [kN]\"]')]
@@ -228,6 +228,7 @@ fn the_page_draws_follows_and_acknowledges() {
     let age = browser.run("return document.querySelector('#newest .age').className");
     assert_eq!(age, "age stale");
     drawn_is_data(&browser, &server);
+    saved_is_data(&browser, &server);
     let before = browser.run("return document.getElementById('relative').dataset.points");
 
     // A record comes while the page is open.
@@ -249,7 +250,7 @@ fn the_page_draws_follows_and_acknowledges() {
         "a week",
         "return Number(document.getElementById('relative').dataset.points) <= 8",
     );
-    // The address keeps what is seen.
+    // The visible range is kept in the address.
     assert_eq!(browser.run("return location.hash"), "#days=7");
     browser.run("document.querySelector('button[aria-label=closer]').click()");
     let closer = "return Number(document.getElementById('relative').dataset.points) <= 4";
@@ -299,7 +300,7 @@ fn the_page_draws_follows_and_acknowledges() {
         .unwrap();
     assert!(!alarm["acknowledged"].is_null(), "{alarm}");
     assert_eq!(alarm["acknowledged_words"], "M. Rossi: wedge sound");
-    // Its name stands on the rod's time axis.
+    // Its name is shown on the rod's time axis.
     browser.open(&server, "/rod?id=north");
     browser.wait("the plots of the alarmed rod", DRAWN);
     let titles = browser
@@ -308,8 +309,8 @@ fn the_page_draws_follows_and_acknowledges() {
     assert_eq!(browser.complaints(), [""; 0]);
 }
 
-/// Compares the drawn outline of the band with the answer of the API: each stretch without a gap is one closed outline, upper
-/// edge forth, lower edge back, and it ends where the data end.
+/// Compares the drawn outline of the band with the API's answer: each stretch without a gap is one closed
+/// outline, upper edge forward, lower edge back, and it ends with the data.
 fn drawn_is_data(browser: &Browser, server: &Server) {
     let axes = browser.run("return JSON.parse(document.getElementById('relative').dataset.axes)");
     let number = |value: &Json| value.as_f64().unwrap();
@@ -374,6 +375,49 @@ fn drawn_is_data(browser: &Browser, server: &Server) {
     }
 }
 
+/// Compares what `CSV` saves with the answer of the API, digit by digit, and looks whether `SVG` saves a picture.
+fn saved_is_data(browser: &Browser, server: &Server) {
+    let save = |plot: &str, place: usize| {
+        let script = format!(
+            "const done = arguments[0];
+             URL.createObjectURL = (blob) => {{ blob.text().then(done); return 'data:,'; }};
+             document.querySelectorAll('#{plot} ~ .save button')[{place}].click();"
+        );
+        let saved = browser.post("/execute/async", &json!({"script": script, "args": []}));
+        saved.as_str().unwrap().to_owned()
+    };
+    let answer = server.get("/api/v1/rods/south/frequencies");
+    let csv = save("frequencies", 0);
+    let rows: Vec<Vec<&str>> = csv.lines().map(|line| line.split(',').collect()).collect();
+    assert!(
+        rows[0][0] == "time (UTC)" && rows[0][1].ends_with("[Hz]"),
+        "{csv}"
+    );
+    let shown: Vec<usize> = (0..answer["time"].as_array().unwrap().len())
+        .filter(|i| {
+            let modes = answer["modes"].as_array().unwrap();
+            modes.iter().any(|mode| !mode["frequency_hz"][*i].is_null())
+        })
+        .collect();
+    assert_eq!(rows.len() - 1, shown.len());
+    for (row, i) in rows[1..].iter().zip(shown) {
+        for (place, mode) in answer["modes"].as_array().unwrap().iter().enumerate() {
+            let cell = row[1 + 3 * place];
+            match mode["frequency_hz"][i].as_f64() {
+                Some(frequency_hz) => assert_eq!(cell.parse(), Ok(frequency_hz)),
+                None => assert_eq!(cell, ""),
+            }
+        }
+    }
+    let picture = save("relative", 1);
+    assert!(
+        picture.starts_with("<svg")
+            && picture.contains("class=\"band")
+            && !picture.contains("class=\"cursor"),
+        "{picture}"
+    );
+}
+
 #[test]
 fn a_phone_shows_it_without_scrolling_sideways() {
     let site = campaign();
@@ -397,7 +441,7 @@ fn a_phone_shows_it_without_scrolling_sideways() {
         browser.wait(path, ready);
         let wider = browser.run("return document.documentElement.scrollWidth - window.innerWidth");
         assert!(wider.as_i64().unwrap() <= 0, "{path} is {wider} px too wide");
-        // What has a purpose has a name, for those who do not see it.
+        // Every control and picture has a name for screen readers.
         let nameless = browser.run(
             "return [...document.querySelectorAll('button, a, input, select, [role=img]')].filter((e) => !e.hidden
              && !(e.textContent.trim() || e.getAttribute('aria-label') || e.getAttribute('aria-labelledby')

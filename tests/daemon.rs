@@ -105,7 +105,7 @@ impl Daemon {
 impl Drop for Daemon {
     fn drop(&mut self) {
         if self.child.try_wait().is_ok_and(|ended| ended.is_none()) {
-            // The whole group: what strace runs would outlive it.
+            // The whole group: otherwise the program under strace would outlive it.
             let group = format!("-{}", self.child.id());
             let _ = Command::new("kill").args(["-KILL", "--", &group]).status();
             let _ = self.child.wait();
@@ -211,7 +211,7 @@ fn told_to_stop_it_ends_in_time_and_goes_on_later() {
         if count > 0 {
             wait_until(&site, "records come", |reader| records(reader) >= count);
         } else {
-            // Signals count as soon as the program says anything.
+            // Signals are handled from the first output on.
             daemon.wait_for("preparing");
         }
         daemon.signal(signal);
@@ -287,7 +287,7 @@ fn a_reload_takes_a_good_configuration_and_keeps_the_old_one_for_a_bad() {
     let log = daemon.log();
     assert!(log.contains("learning_periods") && log.contains("typo"), "{log}");
 
-    // What rods mean stays, so they go on in their segment; the site is new to the store.
+    // The rods' numbers keep their meaning, so their segments continue; the site is new to the store.
     fs::write(
         site.path("site.toml"),
         good.replace("Two rods", "The two rods") + "[alarm]\nlimit_loss = 0.2\n",

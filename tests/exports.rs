@@ -9,6 +9,7 @@ use std::path::Path;
 use std::process::{Command, Output};
 use tirante::command::history::{self, What};
 use tirante::command::which_store::Format;
+use tirante::site::record_row::RecordRow;
 use tirante::site::store::{Durability, Filter, Reader, Store};
 
 #[cfg(feature = "parquet")]
@@ -181,10 +182,33 @@ fn csv_of_a_replay_says_what_the_replay_printed() {
             .env("TIRANTE_CACHE_DIR", folder.path());
         stdout(program.args(words).output().unwrap())
     };
-    let json = run(&["replay", "RECORDING", "--json", "--store", "site.db"]);
+    let json = run(&["replay", "RECORDING", "--format", "json", "--store", "site.db"]);
+    assert_eq!(run(&["history", "--store", "site.db", "--format", "json"]), json);
     let csv = run(&["history", "--store", "site.db", "--format", "csv"]);
     if let Some(compared) = compare(folder.path(), &csv, &json) {
         assert!(compared > 25, "only {compared} cells compared");
+    }
+}
+
+/// The rows include alarms, refusals and candidates.
+#[test]
+fn every_printed_line_is_a_row_that_reads_back_to_the_byte() {
+    let folder = tempfile::tempdir().unwrap();
+    for (recording, config) in [("todi-pull", "todi"), ("campaign-2025", "campaign")] {
+        let mut program = assert_cmd::Command::cargo_bin("tirante").unwrap();
+        let output = program
+            .current_dir(env!("CARGO_MANIFEST_DIR"))
+            .env("TIRANTE_CACHE_DIR", folder.path())
+            .args(["replay", "--format", "json"])
+            .arg(format!("recordings/{recording}.mcap"))
+            .args(["--config", &format!("config/{config}.toml")])
+            .output()
+            .unwrap();
+        let lines = String::from_utf8(output.stdout).unwrap();
+        assert!(!lines.is_empty(), "{}", String::from_utf8_lossy(&output.stderr));
+        for line in lines.lines() {
+            assert_eq!(RecordRow::parse(line).unwrap().to_json().unwrap(), line);
+        }
     }
 }
 

@@ -191,7 +191,7 @@ impl Daemon {
 impl Drop for Daemon {
     fn drop(&mut self) {
         if self.child.try_wait().is_ok_and(|ended| ended.is_none()) {
-            // The whole group: what strace runs would outlive it.
+            // The whole group: otherwise the program under strace would outlive it.
             let group = format!("-{}", self.child.id());
             let _ = Command::new("kill").args(["-KILL", "--", &group]).status();
             let _ = self.child.wait();
@@ -264,7 +264,7 @@ fn refused_and_idle() {
     }
     assert!(told(&site, "{}\n").contains("again"));
     daemon.expect("refused", 1.0, "degraded");
-    // Both say nothing more and are closed.
+    // Both send nothing more and are closed.
     for client in &mut full {
         let mut rest = String::new();
         client.read_to_string(&mut rest).unwrap();
@@ -316,7 +316,7 @@ fn store_damaged() {
 #[test]
 fn sink() {
     let site = daemon_site();
-    // A port nobody listens at.
+    // A port without a listener.
     let port = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
     let config = fs::read_to_string(site.path("site.toml")).unwrap();
     let sink = format!("[[sink]]\nid = \"office\"\nkind = \"webhook\"\nurl = \"http://{port}/\"\n");
@@ -839,7 +839,7 @@ fn write() {
     strace
         .args(["-f", "-o", "/dev/null", "-e", "trace=fdatasync", "-P"])
         .arg(site.path("journal/journal.000001.mcap"))
-        // The first flush is of the empty journal, when the daemon begins: only those of what the client sends fail.
+        // The first flush is of the empty journal at the start of the daemon: only those of the client's data fail.
         .args(["-e", "inject=fdatasync:error=EIO:when=2+"])
         .args([env!("CARGO_BIN_EXE_tirante"), "run", "--config", "site.toml"]);
     let mut daemon = Daemon::spawn(&site, &mut strace);

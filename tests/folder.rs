@@ -310,7 +310,7 @@ fn a_file_that_is_replaced_while_it_is_read_is_read_and_so_is_the_new_one() {
     assert_eq!(run.records.len(), 122);
     assert_eq!(run.starts("a.mcap")[120..], [5000.0, 5010.0]);
 
-    // Cut off in the middle while it is read: what came before is used.
+    // Cut off in the middle while it is read: the data before the cut are used.
     fs::write(&path, measured(10_000.0, 1200.0)).unwrap();
     run.until("its first records", |run| run.records.len() > 124);
     File::options()
@@ -321,7 +321,7 @@ fn a_file_that_is_replaced_while_it_is_read_is_read_and_so_is_the_new_one() {
         .unwrap();
     run.until_quiet();
     assert!(run.records.len() >= 125);
-    // What has its name then is read, too, long before the remains would have settled.
+    // The file that then takes its name is read as well, long before the settling time is over.
     fs::write(&next, measured(50_000.0, 20.0)).unwrap();
     fs::rename(&next, &path).unwrap();
     run.until("the file after it", |run| {
@@ -441,7 +441,7 @@ fn stops_at_once_with_a_full_queue_and_finishes_nothing() {
     fs::write(folder.path().join("a.mcap"), measured(0.0, 1200.0)).unwrap();
     let mut run = Run::folder(folder.path(), 600.0);
     run.until("a record", |run| !run.records.is_empty());
-    // Nobody takes anything now.
+    // Nothing is taken now.
     std::thread::sleep(Duration::from_millis(200));
     let began = Instant::now();
     run.reader.stop();

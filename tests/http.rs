@@ -286,7 +286,7 @@ fn a_crowd_of_kept_connections_does_not_keep_health_from_being_asked() {
         held.push(keep());
     }
     assert!(server.telemetry.health.count(Fault::Refused) > 30);
-    // A thousand that say nothing at all.
+    // A thousand silent connections.
     for _ in 0..1000 {
         held.push(server.connect());
         if held.len() > 200 {

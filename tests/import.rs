@@ -315,7 +315,7 @@ fn binary_labview_files_that_are_not_read_are_refused_by_name() {
             .to_string()
     };
     let whole = fixture("odd.tdms");
-    // The table of contents says raw data of DAQmx; so does the index of an object.
+    // The table of contents declares raw data of DAQmx; so does the index of an object.
     let mut of_daqmx = whole.clone();
     of_daqmx[4] |= 0x80;
     assert!(refused(&of_daqmx).contains("DAQmx"), "{}", refused(&of_daqmx));
@@ -680,7 +680,7 @@ fn every_bit_turned_never_panics() {
 
 #[test]
 fn a_header_that_promises_more_than_there_is_costs_nothing() {
-    // Each says it holds about 2^60 bytes; what is held stays as small as what is there.
+    // Each declares about 2^60 bytes; the memory taken stays as small as the data.
     let mut lead = fixture("odd.tdms")[..28].to_vec();
     lead[12..20].copy_from_slice(&(1_u64 << 60).to_be_bytes());
     lead[20..28].copy_from_slice(&(1_u64 << 59).to_be_bytes());

@@ -330,7 +330,7 @@ fn every_format_gives_the_force_of_the_recording_as_it_is() {
     for (name, bytes, flags) in [
         ("pull.lvm", as_lvm(&values), vec!["--start", &start]),
         ("pull.tdms", as_tdms(&values, first_ns), vec![]),
-        // What its ending says is not what it is.
+        // Its extension does not match its format.
         ("pull.dat", as_tdms(&values, first_ns), vec![]),
         (
             "pull.npy",

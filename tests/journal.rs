@@ -216,7 +216,7 @@ fn a_kill_loses_nothing_acknowledged_and_the_sender_goes_on() {
                 durable(&line, to as u64).await;
             }
             let acknowledged = *line.durable().borrow();
-            // What a kill -9 here leaves behind.
+            // State after a kill -9 at this point.
             let dead = folder.path().join(format!("dead{to}"));
             copy(&alive, &dead);
             killed.push((dead, acknowledged, to as u64));
@@ -270,7 +270,7 @@ fn torn_at_any_byte_positions_and_messages_agree() {
         let begins_at = block_on(async { journal.handle().connect(Some("a")).await.unwrap().begins_at() });
         journal.stop();
         assert_eq!(health.count(Fault::Recording), 0, "a torn part is no damage");
-        // What the prefix holds is what the sender is told.
+        // The sender is told exactly the content of the prefix.
         let (events, _) = replay(
             &torn,
             &laser(),
@@ -401,7 +401,7 @@ fn a_named_sender_that_does_not_come_back_ends_its_record_but_keeps_its_place() 
         let until = Instant::now() + Duration::from_secs(20);
         let says_broken = || {
             let (events, _) = replay(folder.path(), &laser(), &settings);
-            // A replay ends what is open; so look for the word itself.
+            // A replay ends open records, so look for the word itself.
             let _ = events;
             notes(folder.path()).iter().any(|note| note.contains("broken"))
         };
@@ -469,7 +469,7 @@ fn parts_rotate_by_size_and_go_when_their_results_are_kept() {
         std::thread::sleep(Duration::from_millis(20));
     }
     journal.stop();
-    // Never the part the state stands in, whatever is said to be kept.
+    // The part that holds the state is never removed, whatever the retention.
     let (journal, _) = start_with(folder.path(), &settings, RESUME_S);
     journal
         .results_kept()
@@ -656,7 +656,7 @@ fn a_full_disk_is_waited_for_and_nothing_is_lost() {
             *line.durable().borrow() < last as u64,
             "what is not on disk is not acknowledged"
         );
-        // A kill now: what is there is an exact prefix.
+        // After a kill at this point, the files are an exact prefix.
         let dead = folder.path().join("dead");
         copy(&journal_folder, &dead);
         let (after, _) = start(&dead);

@@ -427,7 +427,7 @@ fn one_flipped_bit_costs_the_records_beside_its_chunk_and_names_the_hole() {
         let (events, summary) = read(bytes.clone(), &rods, &settings);
         bytes[at] ^= 1;
         if summary.holes.is_empty() {
-            // A length: nobody knows where the next record begins.
+            // A length: the start of the next record is unknown.
             continue;
         }
         holes += 1;

@@ -152,7 +152,7 @@ fn threads_and_groups_do_not_matter() {
         one.draws,
         run(&prior, &model, &observation, 0.01, settings, 6).draws
     );
-    // A group does not know of the others: fewer chains begin with the same bytes.
+    // Groups are independent of each other: fewer chains begin with the same bytes.
     let fewer = McmcSettings {
         chains: GROUP,
         ..settings

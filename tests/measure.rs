@@ -71,7 +71,7 @@ fn the_first_command_of_the_readme_measures_a_rod() {
         "{out}"
     );
 
-    // The configuration is used as it is, and says what was measured.
+    // The configuration is used unchanged, and contains the measurement's facts.
     assert_eq!(tirante(at, &["check", "--quiet", "aisle.toml"]).0, Some(0));
     let (code, line, err) = tirante(at, &["identify", &recording, "--config", "aisle.toml", "--json"]);
     assert_eq!(code, Some(0), "{err}");
@@ -106,7 +106,7 @@ fn the_first_command_of_the_readme_measures_a_rod() {
         "nothing to compare, nothing to doubt"
     );
 
-    // A configuration is never overwritten, and nothing is asked before that is said.
+    // A configuration is never overwritten, and the refusal comes before any question.
     let (code, _, err) = measure(at, &recording, &[]);
     assert_eq!(code, Some(2));
     assert!(

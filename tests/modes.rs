@@ -263,7 +263,7 @@ fn a_rod_far_from_its_guessed_force_keeps_its_orders() {
     let plan = LabelPlan::new(&prior, &[0.01; 3], ModeSettings::default()).unwrap();
     let peaks: Vec<Resonance> = [8.3085, 19.0571, 34.0965, 53.9982].map(resonance).to_vec();
     let found = plan.label(&peaks, (0.0, 60.0), MotionKind::Ambient).unwrap();
-    // The fourth is not used, and told only if it is surer still.
+    // The fourth is not used, and reported only if it is even more certain.
     let orders: Vec<usize> = found.modes.iter().map(|mode| mode.order).collect();
     assert!(orders.starts_with(&[1, 2, 3]), "{orders:?}");
     assert!((found.modes[2].frequency_hz - 34.0965).abs() < 1e-9);
@@ -293,7 +293,7 @@ fn one_peak_or_a_wrong_proportion_is_refused() {
 
 #[test]
 fn foreign_resonances_alone_are_mostly_refused() {
-    // Peaks thrown at random over the band: what is labelled is labelled by chance. 400 draws of each
+    // Peaks at random positions in the band: any label is by chance. 400 draws of each
     // number: binomial error 2 %. Measured 0, 8, 17, 20 and 15 %: a pair in the right proportion and range does
     // turn up among many.
     let mut rng = random::stream(11, 0);
@@ -540,7 +540,7 @@ fn labels_of_every_class_are_right_as_often_as_they_say() {
         println!(
             "{knowledge:?}: {told} of {records} told, {wrong} wrong orders, {intruders} foreign peaks beside right ones, {short:.1} expected"
         );
-        // One in a thousand, with what chance may add to 1 (more than 4 in 0.4 % of campaigns).
+        // One in a thousand, with an allowance for chance (an expectation of 1 gives more than 4 in 0.4 % of campaigns).
         assert!(wrong <= 4, "{knowledge:?}: {wrong} of {records}");
         // 30 in a thousand and two binomial errors.
         assert!(intruders <= 42, "{knowledge:?}: {intruders} of {records}");
@@ -578,7 +578,7 @@ fn labels_campaign() {
     for knowledge in [Knowledge::FirstContact, Knowledge::Known] {
         labels::table(knowledge, records, &ModeSettings::default(), &CLASSES);
     }
-    // What would be told below the level: the calibration of the stated probability.
+    // Results that would be reported below the level: the calibration of the stated probability.
     let any = ModeSettings {
         least_probability: 0.5,
         ..ModeSettings::default()
@@ -607,7 +607,7 @@ fn a_peak_in_a_window_is_that_mode_whatever_else_fits() {
             .map(|found| found.labels.told)
             .map_err(|found| found.rejection)
     };
-    // One peak alone proves nothing, unless a person says what it is.
+    // One peak alone proves nothing, unless a person declares its order.
     assert!(told(vec![], &[4.6]).is_err());
     assert_eq!(told(vec![window(1, 4.0, 5.0)], &[4.6]).unwrap(), [(1, 4.6)]);
     // Also against the prior: modes 1 and 2 are declared to be 2 and 3.
@@ -926,7 +926,7 @@ fn a_frequency_that_falls_with_the_amplitude_is_covered() {
             "{softening} {level_db}: {covered} of {}",
             told.len()
         );
-        // 60 dB of such a decay tell the frequency to 1e-6 if the softening is known, to 1e-5 if it is not.
+        // 60 dB of such a decay give the frequency to 1e-6 if the softening is known, to 1e-5 if it is not.
         assert!(softening != 0.0 || widest < 1e-5, "{widest}");
     }
 }

@@ -86,7 +86,7 @@ fn single_bits_never_change_what_is_handed_out() {
                 && !summary.truncated
                 && !summary.unverified;
             if silent {
-                // Only what no checksum covers and nobody needs.
+                // Only bytes without a checksum that are not used.
                 assert_eq!(
                     found.len(),
                     clean.len(),

@@ -258,7 +258,7 @@ fn replayed(site: &Site, paths: &[PathBuf], store: &str) -> (String, String) {
     let (output, code) = site.replay(&paths, store);
     assert_eq!(code, 3, "{}", text(&output.stderr));
     let dump = Reader::open(&site.path(store)).unwrap().dump().unwrap();
-    // A record's row says in which file it was, and how far that was read then.
+    // A record's row names its file and the position of reading.
     (text(&output.stdout), dump)
 }
 
@@ -428,7 +428,7 @@ fn two_channels_with_one_topic_are_a_fault_that_is_named() {
         .map(|line| format!("{} {}", line["rod"].as_str().unwrap(), line["rejection"]["code"]))
         .collect();
     let of = |start: &str| said.iter().filter(|said| said.starts_with(start)).count();
-    // Nothing of what may be either's is used; the other rods are as ever.
+    // Data that may belong to either rod are not used; the other rods are not affected.
     assert_eq!(
         (of("a"), of("a \"shared-topic\""), of("b")),
         (1, 1, 0),

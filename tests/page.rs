@@ -53,7 +53,7 @@ fn the_site_says_what_status_says() {
             }
         }
     }
-    // The alarm of the campaign is there, or nothing above says much.
+    // The campaign has an alarm, without which the checks above would be weak.
     assert_eq!(row_of(&site["rods"], "rod", "north")["state"], "alarm");
 }
 
@@ -502,7 +502,7 @@ fn the_first_load_is_light() {
             assert!(unpacked == plain, "{path}");
         }
         bytes += packed.len();
-        // What a browser has is not sent again.
+        // Content that the browser already has is not sent again.
         let head = server.head(path);
         let tag = head.lines().find_map(|line| line.strip_prefix("etag: ")).unwrap();
         let (status, body) = server.ask("GET", path, &format!("If-None-Match: {tag}\r\n"));
@@ -575,7 +575,7 @@ fn a_store_that_is_not_there_or_damaged_is_told() {
 
     site.simulate("0", &Part::new(0, 3));
     site.replay(&["archive"], "site.db");
-    // A force that was not written: the row's checksum knows.
+    // A force changed outside the program is detected by the row's checksum.
     let store = rusqlite::Connection::open(site.path("site.db")).unwrap();
     store
         .execute(
@@ -621,7 +621,7 @@ fn a_large_store_says_how_far_it_was_read_and_then_answers() {
     }
     let (_, counts) = ask().unwrap();
     assert_eq!(counts, (RECORDS as u64, 0));
-    // What needs no days is answered at once.
+    // Requests that do not scan the whole store are answered at once.
     let last = Shown::new(&path).read(|reader| reader.last_record()).unwrap();
     assert_eq!(last, RECORDS);
 }

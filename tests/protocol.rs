@@ -193,7 +193,7 @@ fn an_mcap_stream_gives_its_messages_and_the_next_one_its_own() {
     let values = values(&heard);
     assert_eq!(values.len(), 1000);
     assert_eq!(values[..500], values[500..]);
-    // Every prefix of the stream gives a prefix of the messages, and says that it was cut.
+    // Every prefix of the stream gives a prefix of the messages, and is reported as cut.
     for length in (8..one.len()).step_by(97) {
         let heard = of(&one[..length]);
         let count = super_prefix(&values, &heard);
@@ -215,7 +215,7 @@ fn a_named_stream_goes_on_where_it_was_and_counts_every_message() {
     let hello = "{\"hello\":{\"sender\":\"north\"}}\n";
     let heard = of(format!("{hello}{LINES}\n{{\"end\":true}}\n").as_bytes());
     assert_eq!((heard.hellos, heard.ends), (vec!["north".to_owned()], vec![104]));
-    // A sender with a name must say that it ends.
+    // A named sender must announce its end.
     let heard = of(format!("{hello}{LINES}").as_bytes());
     assert!(heard.is_cut && heard.ends.is_empty() && heard.entries.len() == 5);
     // Messages of no rod's topic move it on too.
@@ -345,7 +345,7 @@ fn lengths_that_lie_are_refused_at_once_and_nothing_is_set_aside_for_them() {
             );
         }
     }
-    // A record within the limit is waited for: what is held is what came.
+    // A record within the limit is waited for: only the bytes received are held.
     let mut bytes = whole[..header].to_vec();
     bytes.push(6);
     bytes.extend((16u64 << 20).to_le_bytes());
@@ -374,7 +374,7 @@ fn damage_of_a_checked_chunk_never_gives_a_wrong_value() {
         let mut bytes = whole.clone();
         bytes[at] ^= 1 << (at % 8);
         let found = values(&of(&bytes));
-        // Channels and topics stand outside chunks too: all or a prefix, or nothing.
+        // Channels and topics are outside chunks too: all or a prefix, or nothing.
         assert_eq!(found[..], good[..found.len()], "byte {at}");
     }
 }

@@ -193,7 +193,7 @@ fn missing_samples_are_filled_or_refused() {
                         assert!((record.fs_hz - FS).abs() < 1e-6);
                         assert_eq!(record.samples.len(), clean.len());
                     }
-                    // So much is lost that the stamps tell another rate, or none.
+                    // So much is lost that the stamps give another rate, or none.
                     Err(Rejection::Missing { .. } | Rejection::Rate { .. } | Rejection::Irregular { .. }) => {
                         assert!(!passes, "{share}");
                     }
@@ -445,7 +445,7 @@ fn gaps_and_clock_steps_split() {
         assert!(second.samples == clean[half..], "{shift_s}");
         assert_eq!(second.start.as_nanos(), nanos(half) + (shift_s * 1e9) as i64);
     }
-    // One message with a wild stamp stands where it came, and is told.
+    // One message with a wild stamp keeps its place in the order of arrival, and is reported.
     for wild in [0, nanos(0) - 5, nanos(0) + 4_000_000_000_000_000_000, i64::MAX] {
         let stamped = clean
             .iter()
@@ -489,7 +489,7 @@ fn windows_are_exact_and_batches_cut_inside() {
         }
         assert_eq!(one.start, other.start);
         assert_eq!(other.flags.contains(&Flag::Truncated), i == 3);
-        // Where a record ends does not say how its rod moves: that is recognised.
+        // The end of a record does not determine the motion, which is recognised.
         assert_eq!(one.excitation, None);
     }
 }

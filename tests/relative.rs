@@ -269,7 +269,7 @@ fn a_plain_grid_with_the_exact_solver_gives_the_same() {
         assert_like(&relative, expected, 0.02, &format!("{change} {orders:?}"));
         assert!(relative.ess > 50.0, "{}", relative.ess);
     }
-    // A record that says nothing: u is flat over the range that is prepared, -0.8 to 0.6.
+    // A record without information: u is flat over the prepared range, -0.8 to 0.6.
     let vague = observation(
         &log_frequencies(&RodPrior::todi().centre(), 0.0).map(|f| (1, f))[..1],
         0.5,
@@ -315,7 +315,7 @@ fn the_same_seed_gives_the_same_bits_and_another_nearly_the_same() {
         assert!((other.ratio.q025 - first.ratio.q025).abs() < QUANTILE * first.ratio.sd);
         assert!((other.ratio.q975 - first.ratio.q975).abs() < QUANTILE * first.ratio.sd);
     }
-    // Other particles: what is left of chance in the baseline.
+    // Other particles: the remaining effect of chance in the baseline.
     let other = Baseline::learn(&records, &RodPrior::todi(), &model(), &[0.01; 5], 512, 10).unwrap();
     assert_ne!(other.particles, baseline.particles);
     let other = Shift::new(&other, &model()).relative(&observation, 1).unwrap();

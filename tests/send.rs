@@ -37,7 +37,7 @@ fn lines(range: std::ops::Range<u64>) -> String {
 
 const HELLO: &str = "{\"hello\":{\"sender\":\"north-laser\"}}\n";
 
-/// An authority and what it signed, as PEM files.
+/// A certificate authority and the certificates it signed, as PEM files.
 struct Authority {
     issuer: rcgen::CertifiedIssuer<'static, rcgen::KeyPair>,
 }
@@ -177,7 +177,7 @@ fn send_replays_a_recording_and_says_that_it_is_durable() {
     let age = jiff_now() - messages[0].1 as i128;
     assert!(messages.len() > 50 && (0..60_000_000_000).contains(&age), "{age}");
 
-    // Nobody there.
+    // No listener.
     let gone = format!(
         "tcp://{}",
         TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap()
@@ -314,7 +314,7 @@ fn a_large_message_is_kept_and_what_is_not_kept_is_told() {
     assert_eq!((told.as_str(), code), ("4 messages are durable\n", 0));
     let kept = daemon.ledger.streams().pop().unwrap().messages();
     assert!(kept.len() == 4 && kept.iter().all(|(_, _, data)| data.len() > 4_800_000));
-    // Beyond 8 MiB it says so itself.
+    // Beyond 8 MiB the sender itself reports it.
     let (told, code) = sent(&daemon, folder.path(), &arrays(1_200_000));
     assert!(
         told.contains("larger than 8388608 bytes") && code == 3,
@@ -394,7 +394,7 @@ fn a_crowd_at_the_tls_port_does_not_keep_a_certified_sender_out() {
         }),
         ..settings()
     });
-    // Bare connections that say nothing, each made anew as soon as it is closed.
+    // Silent connections, each opened again as soon as it is closed.
     let address = daemon.address;
     let is_over = std::sync::Arc::new(std::sync::atomic::AtomicBool::new(false));
     let crowd: Vec<_> = (0..90)

@@ -71,7 +71,7 @@ fn exact_hz(theta: &[f64]) -> [f64; 5] {
 #[test]
 fn without_weather_and_change_the_truth_is_the_beam() {
     let record = record("[simulation]", 0);
-    // The same formula compiled twice: what the compiler knows to be constant may differ in the last bit.
+    // The same formula compiled twice: parts that the compiler evaluates as constants may differ in the last bit.
     for (said, wanted) in record.truth.frequency_hz.iter().zip(exact_hz(&THETA)) {
         assert!((said / wanted - 1.0).abs() < 1e-15, "{said} {wanted}");
     }
@@ -597,7 +597,7 @@ fn twelve_modes_stand_in_the_spectrum_where_the_beam_has_them() {
     let samples = samples(&record);
     for (order, f) in (1..).zip(exact) {
         assert!((record.truth.frequency_hz[order - 1] / f - 1.0).abs() < 1e-15);
-        // A mode of 0.2 % stands 48 dB over its own skirt 10 % away; the line nearest to it may hold a fiftieth by chance.
+        // A mode of 0.2 % is 48 dB above its own skirt 10 % away; the line nearest to it may hold a fiftieth by chance.
         let peak = (-4..=4).map(|i| density(&samples, 400.0, f + f64::from(i) / 240.0));
         let peak = peak.fold(0.0, f64::max);
         for aside in [0.93, 1.07] {
@@ -719,7 +719,7 @@ fn a_neighbour_and_a_foreign_resonance_stand_where_and_as_high_as_asked() {
         &text("[simulation.rod.neighbour]\ndetuning = 0.1\nshare = 0.5\n"),
         0,
     ));
-    // What is added is the neighbour alone: the rod's own random numbers stay.
+    // Only the neighbour is added: the rod's own random numbers stay.
     let other: Vec<f64> = neighbour.iter().zip(&plain).map(|(a, b)| a - b).collect();
     let band = |samples: &[f64], f: f64| {
         let lines = (-40..=40).map(|i| density(samples, 40.0, f + f64::from(i) * 0.0005 * f / 4.0 * 10.0));

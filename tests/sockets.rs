@@ -112,7 +112,7 @@ fn a_sender_with_a_name_is_told_what_is_durable_and_resumes() {
     }
     drop(client);
     let written = daemon.until("the cut", |stream| stream.through == 100);
-    // Or the name is taken over from a connection that still stands, which is another story.
+    // Otherwise the name would be taken over from a connection still open, which is another test.
     wait_for("the client is gone", || daemon.clients() == 0);
     assert_eq!(written.end, None, "a sender with a name may come back");
 
@@ -146,7 +146,7 @@ fn a_newer_connection_of_the_same_name_takes_over() {
     old.send(HELLO.to_owned() + &lines(0..10));
     old.answer();
     daemon.until("ten messages", |stream| stream.through == 10);
-    // The old connection is half open: it never says goodbye.
+    // The old connection is half open: it is never closed.
     let mut new = daemon.client();
     new.send(HELLO);
     assert!(new.answer().contains("\"messages\":10"));

@@ -138,7 +138,7 @@ fn a_record_twice_is_refused_and_leaves_no_trace() {
     };
     assert!(commit(&mut store, &now).is_err());
     assert_eq!(store.dump().unwrap(), dump);
-    // What would read back as something else is refused, not written.
+    // A value that would not read back equal is refused, not written.
     now.open[0].delta = f64::NAN;
     let error = store
         .commit(&Commit {

@@ -177,7 +177,7 @@ fn acknowledging_works_beside_a_writer_and_without_one() {
     run(&["ack", "--store", store, "--rod", "north"]).unwrap();
     assert!(reader.alarm(&id).unwrap().unwrap().acknowledged.is_some());
     assert!(reader.waiting(&north).unwrap().is_empty());
-    // Nobody is told twice, and an alarm whose condition goes on goes on standing.
+    // No event is repeated, and an alarm whose condition lasts stays active.
     assert_eq!(reader.events(&north).unwrap().len(), 2);
     assert_eq!(reader.standings().unwrap()[0].state.code(), "alarm");
     run(&["ack", "--store", store, "--all"]).unwrap();
@@ -293,7 +293,7 @@ fn what_is_written_while_others_come_and_go_stays() {
             "others see what was committed"
         );
     }
-    // Killed here, nothing is lost: what is on the disk is everything.
+    // A kill at this point loses nothing: everything is on the disk.
     for part in ["site.db", "site.db-wal", "site.db-shm"] {
         std::fs::copy(
             folder.path().join(part),
@@ -302,5 +302,5 @@ fn what_is_written_while_others_come_and_go_stays() {
         .unwrap();
     }
     let copy = Reader::open(&folder.path().join("copy.db")).unwrap();
-    assert_eq!(copy.lines_after(0, 1000).unwrap().len(), 60);
+    assert_eq!(copy.rows_after(0, 1000).unwrap().len(), 60);
 }

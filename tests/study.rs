@@ -170,7 +170,7 @@ fn the_command_writes_a_report_whose_findings_stand() {
         );
         assert!(spring < 0.01, "{way} {spring}");
     }
-    // The ladder's top rung is the exact posterior: MCMC stands on it.
+    // The ladder's top rung is the exact posterior: MCMC agrees with it.
     let rung = |name: &str, statistic: &str| number("ladder of samplers", name, "axial_force_n", statistic).1;
     let exact = "exact (importance sampling)";
     let off = (rung("MCMC", "mean") - rung(exact, "mean")) / rung(exact, "sd");

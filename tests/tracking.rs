@@ -65,7 +65,7 @@ fn a_step_is_one_drift_found_within_days_with_its_size() {
     let onset_d = change.onset.seconds_since(scenario.simulation.start) / DAY_S;
     assert!((onset_d - 200.0).abs() < 3.0, "{onset_d}");
     assert_eq!(verdicts[259].state, RodState::Alarm);
-    // Told again every week, with the same id.
+    // Repeated every week, with the same id.
     let repeats = told(&verdicts, What::Repeated);
     assert_eq!(repeats.len(), (259 - index) / 7, "{repeats:?}");
 }
@@ -75,7 +75,7 @@ fn a_large_loss_exceeds_the_limit_too() {
     let scenario = Scenario::new(240).step(200.0, -0.12);
     let (_, verdicts) = scenario.follow(&scenario.observations(13));
     let kinds: Vec<Kind> = raised(&verdicts).into_iter().map(|(_, kind)| kind).collect();
-    // The limit is told by the second record, the drift by the period.
+    // The limit is reported with the second record, the drift at the end of the period.
     assert_eq!(kinds, [Kind::Limit, Kind::Drift]);
 }
 
@@ -112,7 +112,7 @@ fn without_a_temperature_nothing_is_charted_and_everything_says_so() {
     assert!(verdicts.iter().all(|verdict| verdict.at_reference.is_none()));
     assert!(verdicts[50].relative.is_some());
     assert!(!raised(&verdicts).iter().any(|(_, kind)| *kind == Kind::Drift));
-    // Somebody who knows that the rod is free to expand may chart it as it is.
+    // A rod known to be free to expand may be charted without compensation.
     let mut free = Scenario::new(200).step(150.0, -0.02);
     free.rod.thermal.restraint = 0.0;
     free.track.temperature = TemperatureUse::Ignore;
@@ -208,7 +208,7 @@ fn a_change_of_unit_a_wrong_clock_and_a_swapped_channel_have_names() {
     assert!(!raised(&verdicts).iter().any(|(_, kind)| kind.is_latched()));
     assert_eq!(verdicts[199].state, RodState::Monitoring);
 
-    // A clock that stands at 1970, jumps to 2100, or is a month back.
+    // A clock that is at 1970, jumps to 2100, or is a month behind.
     for shift_d in [-20_000.0, 27_000.0, -30.0] {
         let mut clock = good.clone();
         for observation in &mut clock[100..110] {
@@ -280,7 +280,7 @@ fn a_new_baseline_on_request_or_with_a_new_meaning() {
     let ratio = verdicts[109].at_reference.expect("compensated").ratio;
     assert!((ratio.mean - 1.0).abs() < 0.02, "{ratio:?}");
 
-    // An upgrade, with an alarm nobody acknowledged: a new segment, and the alarm stands on.
+    // An upgrade with an unacknowledged alarm: a new segment, and the alarm stays active.
     let (tracker, _) = scenario.follow(&observations[..150]);
     let (tracker, events) = Tracker::resume(scenario.plan("other key"), tracker.state().clone());
     assert_eq!(

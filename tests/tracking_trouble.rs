@@ -206,7 +206,7 @@ fn a_clock_that_stood_at_1970_first_leaves_no_trace_in_the_baseline() {
     assert_eq!(latched(&verdicts), []);
     let baseline = tracker.state().segment.baseline.clone().expect("learned");
     assert!(baseline.last.seconds_since(baseline.first) < 40.0 * DAY_S);
-    // A silence is told after days, not after decades.
+    // A silence is reported after days, not after decades.
     let last = observations[119].start;
     let events = tracker.look_at_clock(last.plus_seconds(5.0 * DAY_S));
     assert_eq!(events.len(), 1);
@@ -375,7 +375,7 @@ fn a_second_change_after_one_that_recovered_is_told_with_its_own_onset_and_size(
         "{:?}",
         told(&verdicts, What::Cleared)
     );
-    // Nobody acknowledged the first: it stands beside the second.
+    // The first is not acknowledged, so it stays active beside the second.
     assert_eq!(tracker.state().alarms.len(), 2);
     let change = tracker.state().alarms[1].change.clone().expect("it has a size");
     let onset_d = change.onset.seconds_since(scenario.simulation.start) / DAY_S;
@@ -440,7 +440,7 @@ fn whatever_the_rhythm_of_records_periods_and_window_nothing_is_raised() {
         let size = serde_json::to_string(tracker.state())
             .expect("it serialises")
             .len();
-        // The banks of filters are most of it, before members that fit badly are forgotten; a megabyte is what a rod may cost.
+        // Most of the size is the banks of filters, before members that fit badly are forgotten. The limit per rod is a megabyte.
         println!("{every_h} {period_h} {window_h}: {size} bytes");
         assert!(size < 1_000_000, "{size}");
     }
@@ -506,7 +506,7 @@ fn a_false_alarm_ends_and_what_was_left_out_is_learned() {
         "{:?}",
         told(&verdicts, What::Cleared)
     );
-    // Nobody acknowledged any: they stand, but the watch has learned the year.
+    // None is acknowledged, so they stay active, but the watch has learned the year.
     let state = tracker.state();
     assert_eq!(
         state

@@ -191,7 +191,7 @@ fn a_viewer_sees_what_stands_and_then_what_comes() {
     let spectrum = viewer.message(13, &topics[3]);
     let looks = server.get("/api/v1/rods/south/latest");
     assert_eq!(spectrum["level_db"], looks["latest"]["curve"]["level_db"]);
-    // The highest point of the spectrum stands at the frequency of a mode, to a line and a half.
+    // The highest point of the spectrum is at the frequency of a mode, to a line and a half.
     let level = |i: usize| spectrum["level_db"][i].as_f64().unwrap();
     let highest = (1..spectrum["level_db"].as_array().unwrap().len())
         .max_by(|i, j| level(*i).total_cmp(&level(*j)))
@@ -201,7 +201,7 @@ fn a_viewer_sees_what_stands_and_then_what_comes() {
     let is_mode = |mode: &Json| (mode["frequency_hz"].as_f64().unwrap() - at).abs() < 1.5 * step;
     assert!(record["modes"].as_array().unwrap().iter().any(is_mode), "{at}");
 
-    // Unsubscribed, nothing of it comes any more; what comes is the new record, whole.
+    // After unsubscribing, only the new record comes, complete.
     viewer.say(&json!({"op": "unsubscribe", "subscriptionIds": [11]}));
     site.simulate("later", &Part::new(4, 1));
     site.replay(&["archive"], "site.db");
@@ -237,7 +237,7 @@ fn a_picture_that_stands_is_not_told_again_and_a_commit_is_told_once() {
         assert_eq!((news.left_out, news.is_other_store), (0, false));
         news.messages.into_iter().map(|message| message.topic).collect()
     };
-    // The rod's record 19 is rejected: a force message says so, and the picture of record 17 is no news.
+    // The rod's record 19 is rejected: a force message reports it, and the snapshot of record 17 is not sent again.
     archive::fill(&mut store, 18..20);
     assert_eq!(told(&store), [Topic::Force(rod.clone())]);
     assert_eq!(told(&store), []);
@@ -250,7 +250,7 @@ fn a_picture_that_stands_is_not_told_again_and_a_commit_is_told_once() {
         1
     );
     assert_eq!(told(&store), []);
-    // Far more than is told at once.
+    // Far more than is sent at once.
     archive::fill(&mut store, 22..700);
     let news = feed.news(&store, &wanted).unwrap();
     assert_eq!(news.left_out, 178);
@@ -322,7 +322,7 @@ fn rods_and_alarms_that_come_later_are_told() {
         (&alarm["kind"], &alarm["rod"]),
         (&json!("drift"), &json!("north"))
     );
-    // One who comes now is told what stands.
+    // A new client gets the active alarms.
     let mut late = connect(&server, "foxglove.sdk.v1", None).unwrap();
     late.subscribe(7, "/tirante/alarms");
     let standing = alarms.iter().filter(|alarm| alarm["cleared"].is_null());
@@ -422,7 +422,7 @@ fn a_viewer_that_takes_nothing_holds_up_nobody() {
     for day in 4..6 {
         site.simulate(&format!("day-{day}"), &Part::new(day, 1));
         site.replay(&["archive"], "site.db");
-        // The slow one is held on to for eight seconds; nobody else waits as long.
+        // The slow client is kept for eight seconds; the others do not wait as long.
         let begun = Instant::now();
         assert_force(
             &quick.message(1, "/tirante/north/force"),
@@ -431,7 +431,7 @@ fn a_viewer_that_takes_nothing_holds_up_nobody() {
         server.get("/api/v1/site");
         assert!(begun.elapsed() < Duration::from_secs(6), "{:?}", begun.elapsed());
     }
-    // It reads at last, long after: what the buffers held, and then the end, since it was cut off.
+    // It reads long after: the content of the buffers, and then the end, since it was cut off.
     std::thread::sleep(Duration::from_secs(40).saturating_sub(asked.elapsed()));
     assert_cut_off(&mut slow);
 }
@@ -488,7 +488,7 @@ fn the_file_of_results_has_what_history_has() {
     }
     let said = String::from_utf8_lossy(&output.stderr).into_owned();
     assert!(said.contains("results: 8 records in results.mcap"), "{said}");
-    // A file that is there is kept; one that cannot be written is said before anything is read.
+    // An existing file is kept; a file that cannot be written is reported before anything is read.
     let again = site.run(&words);
     assert_eq!(again.status.code(), Some(2));
     assert_eq!(std::fs::read(site.path("results.mcap")).unwrap(), bytes);

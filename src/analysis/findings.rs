@@ -287,7 +287,7 @@ fn multiple(resonances: &[Resonance], i: usize, duration_s: f64) -> Option<(Mult
         if !(2.0..=f64::from(MOST_TIMES)).contains(&times) {
             return None;
         }
-        // A peak is told from its neighbours no better than by a fraction of the record's line.
+        // A peak is distinguished from its neighbours only to a fraction of the record's line width.
         let sd_hz = libm::hypot(one.frequency_sd_hz, times * other.frequency_sd_hz);
         let tolerance_hz = 3.0 * sd_hz + 0.1 / duration_s;
         let is_near = (one.frequency_hz - times * other.frequency_hz).abs() < tolerance_hz
@@ -360,7 +360,7 @@ fn significant(value: f64) -> f64 {
         return value;
     }
     let decimals = 3.0 - libm::floor(libm::log10(value.abs()));
-    // A power of ten that is exact keeps what is printed short.
+    // An exact power of ten keeps printed numbers short.
     let scale = libm::pow(10.0, decimals.abs());
     match decimals >= 0.0 {
         true => (value * scale).round() / scale,

@@ -1,7 +1,9 @@
 //! A plan once per rod, then one pure `run` per record: displacement to axial force.
 
+use crate::analysis::inference::joint::Datum;
 use crate::analysis::inference::{
-    AbcSettings, Conflict, Inference, Observation, PlanError, Posterior, Table, Tables, VarianceShares,
+    AbcSettings, Conflict, Inference, Observation, PlanError, Posterior, Table, Tables, Tested,
+    VarianceShares,
 };
 use crate::analysis::numerics::random;
 use crate::analysis::rod::beam::forward::ForwardModel;
@@ -33,12 +35,31 @@ pub struct AnalysisSettings {
     pub peaks: PeakSettings,
     /// Modes searched for.
     pub modes: ModeSettings,
+    /// Tests of the rod: what they say of everything but the force holds for every record.
+    pub tests: Vec<RodTest>,
     /// Settings of the inference of the force.
     pub abc: AbcSettings,
     /// Forward model of the natural frequencies.
     pub model: ModelSettings,
     /// Seed of the whole site; each record's seed follows from it, the rod and the record.
     pub seed: u64,
+}
+
+/// Tests of a rod at one moment.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RodTest {
+    /// When.
+    pub time: Timestamp,
+    /// A record that begins within so much of the test has the test's force \[s\].
+    pub pairs_within_s: f64,
+    /// What was measured.
+    pub data: Vec<Datum>,
+}
+
+impl RodTest {
+    fn is_of(&self, start: Timestamp) -> bool {
+        start.seconds_since(self.time).abs() <= self.pairs_within_s
+    }
 }
 
 /// Result of one record: modes, posterior and conflict.
@@ -58,6 +79,8 @@ pub struct Identification {
     pub conflict: Conflict,
     /// The sources of the force's variance; `None` where the posterior is too small a sample to tell.
     pub hangs_on: Option<VarianceShares>,
+    /// What tests of the rod did to the posterior; `None` where none took part.
+    pub tested: Option<Tested>,
 }
 
 /// The record behind an identification.
@@ -165,7 +188,8 @@ impl Plan {
                 )
             },
         );
-        let inference = inference?;
+        let tests: Vec<Vec<Datum>> = settings.tests.iter().map(|test| test.data.clone()).collect();
+        let inference = inference?.after(&tests, tables)?;
         let labels = labels.ok_or(PlanError::Unpredictable)?;
         let modal = ModalPlan::new(settings.welch, settings.peaks, labels);
         Ok(Self {
@@ -204,7 +228,7 @@ impl Plan {
             labels: found.labels,
         })?;
         let measurement = measured(estimate.evidence);
-        match self.infer(estimate.modes, self.seed_of(&identity)) {
+        match self.infer_at(record.start, estimate.modes, self.seed_of(&identity)) {
             Ok(identification) => Ok(Identification {
                 measurement: Some(measurement),
                 labels: Some(estimate.labels),
@@ -223,14 +247,44 @@ impl Plan {
     /// # Errors
     /// The reason why they give no force.
     pub fn run_frequencies(&self, modes: Vec<Mode>) -> Result<Identification, Rejection> {
-        let mut identity = Vec::with_capacity(modes.len() * 24);
-        for mode in &modes {
-            identity.extend_from_slice(&(mode.order as u64).to_le_bytes());
-            identity.extend_from_slice(&mode.frequency_hz.to_bits().to_le_bytes());
-            identity.extend_from_slice(&mode.sd_hz.to_bits().to_le_bytes());
-        }
-        let seed = self.seed_of(&identity);
+        let seed = self.seed_of(&identity_of(&modes));
         self.infer(modes, seed)
+    }
+
+    /// Frequencies measured elsewhere together with data of the same moment: tests, a record with a mass on the rod, direct
+    /// measurements.
+    ///
+    /// # Errors
+    /// The reason why they give no force.
+    pub fn run_with(&self, modes: Vec<Mode>, data: &[Datum]) -> Result<Identification, Rejection> {
+        let seed = self.seed_with(&modes, data);
+        self.infer_with(modes, data, &self.other_tests(), seed)
+    }
+
+    fn other_tests(&self) -> Vec<Vec<Datum>> {
+        self.settings.tests.iter().map(|test| test.data.clone()).collect()
+    }
+
+    /// A record that gave a force, together with data of the same moment.
+    ///
+    /// # Errors
+    /// The reason why they give no force.
+    pub fn tested(&self, found: &Identification, data: &[Datum]) -> Result<Identification, Rejection> {
+        Ok(Identification {
+            measurement: found.measurement.clone(),
+            labels: found.labels.clone(),
+            ..self.run_with(found.modes.clone(), data)?
+        })
+    }
+
+    fn seed_with(&self, modes: &[Mode], data: &[Datum]) -> u64 {
+        let mut identity = identity_of(modes);
+        for datum in data {
+            identity.extend_from_slice(datum.query.said().as_bytes());
+            identity.extend_from_slice(&datum.value.to_bits().to_le_bytes());
+            identity.extend_from_slice(&datum.sd.to_bits().to_le_bytes());
+        }
+        self.seed_of(&identity)
     }
 
     /// Distance of frequencies from everything the model can produce.
@@ -251,6 +305,42 @@ impl Plan {
         Ok(conflict)
     }
 
+    /// Frequencies of a moment: with a test of that moment jointly, since then one force stands behind both.
+    fn infer_at(&self, start: Timestamp, modes: Vec<Mode>, seed: u64) -> Result<Identification, Rejection> {
+        let (now, others): (Vec<&RodTest>, Vec<&RodTest>) =
+            self.settings.tests.iter().partition(|test| test.is_of(start));
+        if now.is_empty() {
+            return self.infer(modes, seed);
+        }
+        let paired: Vec<Datum> = now.iter().flat_map(|test| test.data.clone()).collect();
+        let others: Vec<Vec<Datum>> = others.iter().map(|test| test.data.clone()).collect();
+        self.infer_with(modes, &paired, &others, seed)
+    }
+
+    fn infer_with(
+        &self,
+        modes: Vec<Mode>,
+        paired: &[Datum],
+        others: &[Vec<Datum>],
+        seed: u64,
+    ) -> Result<Identification, Rejection> {
+        let observation = observed(&modes);
+        let conflict = self.conflict_of(&observation)?;
+        let (posterior, tested) = self
+            .inference
+            .run_with(Some(&observation), paired, others, seed)?;
+        Ok(Identification {
+            rod: self.settings.rod.clone(),
+            measurement: None,
+            modes,
+            labels: None,
+            hangs_on: self.inference.variance_shares(&observation, &posterior),
+            posterior,
+            conflict,
+            tested: Some(tested),
+        })
+    }
+
     fn infer(&self, modes: Vec<Mode>, seed: u64) -> Result<Identification, Rejection> {
         let observation = observed(&modes);
         let conflict = self.conflict_of(&observation)?;
@@ -263,6 +353,7 @@ impl Plan {
             hangs_on: self.inference.variance_shares(&observation, &posterior),
             posterior,
             conflict,
+            tested: None,
         })
     }
 
@@ -273,6 +364,17 @@ impl Plan {
             identity,
         ])
     }
+}
+
+/// The identity of frequencies that no record stands behind.
+fn identity_of(modes: &[Mode]) -> Vec<u8> {
+    let mut identity = Vec::with_capacity(modes.len() * 24);
+    for mode in modes {
+        identity.extend_from_slice(&(mode.order as u64).to_le_bytes());
+        identity.extend_from_slice(&mode.frequency_hz.to_bits().to_le_bytes());
+        identity.extend_from_slice(&mode.sd_hz.to_bits().to_le_bytes());
+    }
+    identity
 }
 
 /// Modes as the inference takes them.

@@ -44,11 +44,11 @@ pub struct Tabulated {
 pub struct Rejected {
     /// Id of the rod.
     pub rod: RodId,
-    /// Time of the first sample, if it is known.
+    /// Time of the first sample, if known.
     pub start: Option<Timestamp>,
     /// Length \[s\], if it is known.
     pub duration_s: Option<f64>,
-    /// Sample rate \[Hz\], if it is known.
+    /// Sample rate \[Hz\], if known.
     pub fs_hz: Option<f64>,
     /// The record's identity by content, if it has samples.
     pub identity: Option<[u8; 32]>,

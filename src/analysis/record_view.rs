@@ -197,7 +197,7 @@ impl Snapshot {
         };
         Some(Self {
             rejection: Some(reason),
-            // A probability belongs to the orders that were told: here none was.
+            // A probability belongs to reported orders; here there are none.
             label_probability: None,
             ..seen
         })
@@ -348,7 +348,7 @@ fn of_quantity(
 ) -> Density {
     let (mean, sd) = prior.mean_and_sd();
     let span = match *prior {
-        // Some decades: what is left of them is shown, with as much again around it.
+        // The prior spans decades: the range left by the posterior is shown, with as much again around it.
         Prior::LogUniform { low, high } => {
             let (least, most) = values.clone().fold((high, low), |(least, most), value| {
                 (least.min(value), most.max(value))

@@ -11,14 +11,16 @@ use std::process::ExitCode;
 
 /// Acknowledge alarms.
 ///
-/// They are not repeated any more, and end when their condition ends. This takes effect at once if nothing writes
-/// to the store, within seconds beside a running `run`, and before the rod's next record beside a running `replay`.
+/// Acknowledged alarms are not repeated, and end when their condition ends. This takes effect at once if
+/// nothing writes to the store, within seconds beside a running `run`, and before the rod's next record
+/// beside a running `replay`.
 #[derive(Debug, Clone, clap::Args)]
 #[command(
     group = clap::ArgGroup::new("which alarms").required(true).args(["alarms", "rod", "all"]),
     after_help = "Examples:
   tirante ack --store site.db 5f1d0c7a9e3b2468
-  tirante ack --config site.toml --rod north --by 'M. Rossi' --note 'wedge inspected, sound'
+  tirante ack --config site.toml --rod north --by 'M. Rossi' \\
+      --note 'wedge inspected, sound'
   tirante ack --store site.db --all"
 )]
 pub struct Args {
@@ -34,11 +36,11 @@ pub struct Args {
     #[arg(long)]
     pub all: bool,
 
-    /// Who knows of it; kept with the alarm and shown on the page.
+    /// Name of the person, kept with the alarm and shown on the page.
     #[arg(long, value_name = "NAME")]
     pub by: Option<String>,
 
-    /// What there is to say of it.
+    /// Note, kept with the alarm and shown on the page.
     #[arg(long, value_name = "TEXT")]
     pub note: Option<String>,
 

@@ -124,7 +124,8 @@ pub struct Others {
     pub any_start: bool,
 }
 
-/// Takes what came of an event, the place in its recording, and the record of its rod that passed before; whether it is new.
+/// Takes the result of an event, its position in the recording, and the record of its rod that passed before.
+/// Returns true if it is new.
 pub trait OnEvent:
     FnMut(&Analysed, Position<'_>, Option<[u8; 32]>, &Progress) -> anyhow::Result<bool>
 {
@@ -135,10 +136,10 @@ impl<F> OnEvent for F where
 {
 }
 
-/// Runs every record of `paths` (files, or folders of them) through its rod's plan and hands what came
-/// of them to `on_event` in the order of its time. What was lost is said on stderr. `None` if
-/// the reader of stdout has seen enough (`| head`). A record with the same data as one before (a copied or
-/// renamed file), or one of `known`, is counted and left out.
+/// Runs every record of `paths` (files, or folders of them) through its rod's plan and hands the results to
+/// `on_event` in the order of event time. Reports losses on stderr. `None` if the reader of stdout has seen
+/// enough (`| head`). A record with the same data as one before (a copied or renamed file), or one of
+/// `known`, is counted and left out.
 ///
 /// # Errors
 /// `on_event` failed.
@@ -180,7 +181,7 @@ pub fn run(
     let held = Held::new(config.track.reorder_window_s);
     let mut delivery = Delivery {
         on_event,
-        // Who follows a growing recording waits for nobody.
+        // With a growing recording, no rod waits for another.
         held: if reading.follow { held.impatient() } else { held },
         read: done,
         total,
@@ -212,7 +213,7 @@ pub fn run(
     driver::run(jobs, limits, |job| driver::work(job, known), &mut delivery);
     if delivery.failure.is_none() {
         let rest = delivery.held.rest();
-        // What it ends with is in `failure`.
+        // The error, if any, is in `failure`.
         let _ = rest.into_iter().try_for_each(|done| delivery.done(done));
     }
     let Delivery { tally, failure, .. } = delivery;
@@ -228,7 +229,7 @@ pub fn run(
 struct Delivery<'a, F> {
     on_event: F,
     held: Held,
-    /// Bytes read so far, of how many.
+    /// Number of bytes read so far, and in total.
     read: Arc<AtomicU64>,
     total: u64,
     is_meant: bool,
@@ -332,7 +333,7 @@ fn opener(others: Others, rods: Vec<RodChannels>, settings: RecordSettings) -> O
 }
 
 impl Tally {
-    /// Counts a record that is new.
+    /// Counts a new record.
     fn count(&mut self, outcome: &Outcome, bar: &Progress) {
         match outcome {
             Outcome::Identified(_) | Outcome::Tabulated(_) => self.identified += 1,

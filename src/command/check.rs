@@ -6,7 +6,7 @@ use crate::site::store::Reader;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-/// Check a configuration: report every fault, or print what holds.
+/// Check a configuration and report every fault.
 ///
 /// Every fault comes with its key and line (exit code 2). Without a fault the configuration is printed with all
 /// defaults filled in.

@@ -2,7 +2,7 @@
 
 use crate::command::{
     ack, alarm, backup, check, completions, emulator, frequencies, history, identify, import, init, manual,
-    measure, rebaseline, replay, report, run, send, serve, simulate, spectrum, status, study, track,
+    measure, plan, rebaseline, replay, report, run, send, serve, simulate, spectrum, status, study, track,
 };
 use crate::service::telemetry::log;
 use clap::{ArgAction, Parser, Subcommand};
@@ -50,6 +50,8 @@ pub enum Command {
     Import(import::Args),
     Simulate(simulate::Args),
     Frequencies(frequencies::Args),
+    /// What to measure next at a rod: the share of the force's uncertainty each measurement leaves.
+    Plan(plan::Args),
     Emulator(emulator::Args),
     Study(study::Args),
     Send(send::Args),

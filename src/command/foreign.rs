@@ -14,8 +14,8 @@ const HEADING: &str = "Files of other programs";
 #[derive(Debug, Clone, Default, clap::Args)]
 pub struct Foreign {
     /// Format, if neither content nor ending of the file determines it.
-    #[arg(long = "input-format", value_enum, help_heading = HEADING)]
-    pub format: Option<Format>,
+    #[arg(long, value_enum, help_heading = HEADING)]
+    pub input_format: Option<Format>,
     /// Column or channel to read, by name or number, with its topic; may be repeated.
     #[arg(long = "channel", visible_alias = "column", value_name = "SOURCE[=TOPIC][,UNIT]", value_parser = Wanted::parse)]
     pub channels: Vec<Wanted>,
@@ -62,7 +62,7 @@ impl Foreign {
     pub fn how(&self) -> How {
         let time = self.time.as_deref();
         How {
-            format: self.format,
+            format: self.input_format,
             table: csv::Table {
                 delimiter: self.delimiter,
                 decimal_comma: self.decimal_comma,

@@ -14,7 +14,7 @@ use std::process::ExitCode;
 /// Compute natural frequencies of a rod by every forward model.
 ///
 /// Quantities that are not given are those of the paper's rod in Todi, and are named on standard error. The paper's
-/// chaos is trained for that rod's prior and answers only inside it.
+/// polynomial chaos is trained for that rod's prior and gives results only inside it.
 #[derive(Debug, Clone, clap::Args)]
 #[command(
     allow_negative_numbers = true,
@@ -215,15 +215,19 @@ fn write_table(out: &mut impl Write, answers: &[Answer], modes: usize) -> std::i
         .filter_map(|a| Some((a.model, a.result.as_ref().ok()?)));
     if let Some((_, (exact, slopes))) = answered.next() {
         let rest: Vec<_> = answered.collect();
+        if !rest.is_empty() {
+            writeln!(out, "Other models: difference from exact in Hz.")?;
+        }
         write!(out, "mode   exact [Hz]")?;
         for (model, _) in &rest {
-            write!(out, "  {:>24}", format!("{model} - exact [Hz]"))?;
+            write!(out, "  {model:>9}")?;
         }
         writeln!(out, "   d ln f / d ln N")?;
         for mode in 0..modes {
             write!(out, "{:>4}  {:>11.6}", mode + 1, exact[mode])?;
-            for (_, (frequencies, _)) in &rest {
-                write!(out, "  {:>24.2e}", frequencies[mode] - exact[mode])?;
+            for (model, (frequencies, _)) in &rest {
+                let width = model.len().max(9);
+                write!(out, "  {:>width$.2e}", frequencies[mode] - exact[mode])?;
             }
             writeln!(out, "  {:>16.4}", slopes[mode])?;
         }

@@ -6,6 +6,7 @@ use super::foreign::Foreign;
 use super::progress::Progress;
 use super::setup::{self, Setup};
 use super::sketch::{self, When};
+use super::tests_of_rod::{self, TestFlags, Tests};
 use super::{BadArguments, WITH_LOSSES};
 use crate::analysis::findings::{CERTAIN, Candidate};
 use crate::analysis::identify::{Identification, Plan};
@@ -37,9 +38,9 @@ const HIGHEST_HZ: f64 = 1e5;
 
 /// Compute the posterior of the axial force from one recording.
 ///
-/// Frequencies measured elsewhere do as well. Prints prior and posterior of every uncertain parameter. Of a record
-/// that gives no force it prints the reason, every peak, and possible assignments of the peaks, each with its
-/// probability and its force.
+/// Frequencies measured elsewhere can be given instead. Prints prior and posterior of every uncertain
+/// parameter. For a record that gives no force it prints the reason, every peak, and possible assignments of
+/// the peaks, each with its probability and its force.
 #[derive(Debug, Clone, clap::Args)]
 #[command(after_help = "Examples:
   tirante identify recordings/todi-pull.mcap
@@ -49,7 +50,11 @@ const HIGHEST_HZ: f64 = 1e5;
   tirante identify camera.npy --config site.toml --rate 250 --channel '[7,:,1]'
   tirante identify --frequencies 4.492,9.288,13.252
   tirante identify --frequencies 4.492,-,13.252 \\
-      --sd 0.005,-,0.01    (mode 2 not measured)")]
+      --sd 0.005,-,0.01    (mode 2 not measured)
+  tirante identify pull.mcap --load 300N@0.5L=1.1mm+-3%    (same day)
+  tirante identify bare.mcap --mass 20kg@0.3L --with-mass heavy.mcap
+  tirante identify --frequencies 4.492,9.288 \\
+      --measured side=70.1,70.4,69.9mm+-0.2mm")]
 pub struct Args {
     /// Recording (MCAP), or file of another program; all its records are identified.
     #[arg(
@@ -93,6 +98,10 @@ pub struct Args {
     /// Facts missing in another program's file.
     #[command(flatten)]
     pub foreign: Foreign,
+
+    /// Tests of the rod.
+    #[command(flatten)]
+    pub tests: TestFlags,
 }
 
 /// Runs the command.
@@ -126,11 +135,16 @@ fn from_frequencies(args: &Args, list: &str) -> anyhow::Result<ExitCode> {
         analysis.modes.count = highest;
         analysis.discrepancy.resize(highest, last);
     }
-    let plans = setup::plans(&config)?;
+    let plans = Arc::new(setup::plans(&config)?);
     let plan = plans
         .get(&rod)
         .ok_or_else(|| anyhow!("the rod {rod} has no plan"))?;
-    let (outcome, code) = match plan.run_frequencies(modes) {
+    let tests = tests_of(args, &config, &plans, plan)?;
+    let found = match tests {
+        None => plan.run_frequencies(modes),
+        Some(tests) => plan.run_with(modes, &tests.data),
+    };
+    let (outcome, code) = match found {
         Ok(identification) => (Outcome::Identified(Box::new(identification)), ExitCode::SUCCESS),
         Err(rejection) => (
             Outcome::Rejected(Box::new(Rejected {
@@ -163,14 +177,110 @@ fn from_recording(args: &Args, path: &PathBuf) -> anyhow::Result<ExitCode> {
     let known = Known::new();
     let reading = Reading::default();
     let others = args.foreign.among(&args.setup, true);
+    let tests = if args.tests.is_empty() {
+        None
+    } else {
+        let rod = setup::choose_rod(&config, args.rod.as_deref())?
+            .analysis
+            .rod
+            .clone();
+        let plan = plans
+            .get(&rod)
+            .ok_or_else(|| anyhow!("the rod {rod} has no plan"))?;
+        tests_of(args, &config, &plans, plan)?
+    };
     let on_event = |analysed: &Analysed, _: Position<'_>, _: Option<[u8; 32]>, bar: &Progress| {
         if let Analysed::Record(outcome) = analysed {
+            let tested = tests
+                .as_ref()
+                .and_then(|tests| with_tests(outcome, &plans, tests));
+            let outcome = tested.as_ref().unwrap_or(outcome);
             bar.suspend(|| show(args, &config, &plans, outcome))?;
         }
         Ok(true)
     };
     let tally = campaign::run(paths, &config, &plans, &reading, others, &known, on_event)?;
     Ok(campaign::conclude(tally))
+}
+
+/// The tests given, those of a record with a mass included; `None` without any.
+fn tests_of(args: &Args, config: &Config, plans: &Arc<Plans>, plan: &Plan) -> anyhow::Result<Option<Tests>> {
+    if args.tests.is_empty() {
+        return Ok(None);
+    }
+    let prior = &plan.settings().prior;
+    let mut tests = args.tests.read(prior)?;
+    if let Some(list) = &args.tests.mass_frequencies {
+        let modes = parse_modes(list, args.tests.mass_sd.as_deref())?;
+        tests.add_loaded(&modes, prior)?;
+    }
+    if let Some(path) = &args.tests.with_mass {
+        let mut loaded = Vec::new();
+        let others = args.foreign.among(&args.setup, true);
+        let paths = std::slice::from_ref(path);
+        let on_event = |analysed: &Analysed, _: Position<'_>, _: Option<[u8; 32]>, _: &Progress| {
+            if let Analysed::Record(outcome) = analysed
+                && let Outcome::Identified(found) = outcome.as_ref()
+            {
+                loaded.push(found.modes.clone());
+            }
+            Ok(true)
+        };
+        campaign::run(
+            paths,
+            config,
+            plans,
+            &Reading::default(),
+            others,
+            &Known::new(),
+            on_event,
+        )?;
+        match loaded.as_slice() {
+            [modes] => tests.add_loaded(modes, prior)?,
+            [] => {
+                let message = format!(
+                    "--with-mass {}: no record of it gives frequencies",
+                    path.display()
+                );
+                return Err(BadArguments(message).into());
+            }
+            several => {
+                let message = format!(
+                    "--with-mass {}: holds {} records of the rod, one is wanted",
+                    path.display(),
+                    several.len()
+                );
+                return Err(BadArguments(message).into());
+            }
+        }
+    }
+    Ok(Some(tests))
+}
+
+/// A record's outcome with the tests; `None` for one that gave no force anyway.
+fn with_tests(outcome: &Outcome, plans: &Plans, tests: &Tests) -> Option<Outcome> {
+    let Outcome::Identified(found) = outcome else {
+        return None;
+    };
+    let plan = plans.get(&found.rod)?;
+    Some(match plan.tested(found, &tests.data) {
+        Ok(tested) => Outcome::Identified(Box::new(tested)),
+        Err(rejection) => {
+            let measurement = found.measurement.as_ref();
+            Outcome::Rejected(Box::new(Rejected {
+                rod: found.rod.clone(),
+                start: measurement.map(|m| m.start),
+                duration_s: measurement.map(|m| m.duration_s),
+                fs_hz: measurement.map(|m| m.fs_hz),
+                identity: measurement.map(|m| m.identity),
+                readings: Vec::new(),
+                rejection,
+                measurement: measurement.cloned().map(Box::new),
+                labels: found.labels.clone(),
+                waveform: None,
+            }))
+        }
+    })
 }
 
 fn show(args: &Args, config: &Config, plans: &Plans, outcome: &Outcome) -> io::Result<()> {
@@ -242,19 +352,19 @@ fn describe(plan: &Plan, identification: &Identification) -> String {
     }
     line(String::new());
     line(format!(
-        "  {:<24} {:>12} {:>6}   {:>12} {:>6}   {:>12} {:>12}",
+        "  {:<22} {:>10} {:>5}  {:>10} {:>5}  {:>9} {:>9}",
         "quantity", "prior mean", "CV", "posterior", "CV", "2.5 %", "97.5 %"
     ));
     let prior = &plan.settings().prior;
     for (quantity, before) in prior.parameterisation().quantities().iter().zip(prior.priors()) {
         let (mean, sd) = before.mean_and_sd();
         if before.is_fixed() {
-            line(format!("  {:<24} {mean:>12.5}  fixed", quantity.key()));
+            line(format!("  {:<22} {mean:>10.5}  fixed", quantity.key()));
         } else if let Prior::Fixity(fixity) = before {
             line(fixity_row(*quantity, fixity, &identification.posterior));
         } else if let Some(after) = identification.posterior.marginal(*quantity) {
             line(format!(
-                "  {:<24} {:>12.4e} {:>6.3}   {:>12.4e} {:>6.3}   {:>12.4e} {:>12.4e}",
+                "  {:<22} {:>10.4e} {:>5.3}  {:>10.4e} {:>5.3}  {:>9.4e} {:>9.4e}",
                 quantity.key(),
                 mean,
                 sd / mean,
@@ -273,6 +383,17 @@ fn describe(plan: &Plan, identification: &Identification) -> String {
     ));
     if let Some(reason) = posterior.withheld {
         line(format!("  ! regression adjustment withheld: {reason}"));
+    }
+    if let Some(tested) = &identification.tested {
+        let force = posterior
+            .mean(Quantity::AxialForce)
+            .zip(posterior.sd(Quantity::AxialForce));
+        let (mean, sd) = force.unwrap_or((f64::NAN, f64::NAN));
+        line(String::new());
+        tests_of_rod::described(tested, mean, sd)
+            .into_iter()
+            .for_each(&mut line);
+        line(String::new());
     }
     let conflict = &identification.conflict;
     line(format!(
@@ -306,7 +427,7 @@ fn fixity_row(support: Quantity, fixity: &Fixity, posterior: &Posterior) -> Stri
     let after = diagnostics::mean(&values, weights);
     let quantiles = diagnostics::quantiles(&values, weights, &[0.025, 0.975]);
     format!(
-        "  {name:<24} {mean:>12.4} {:>6.3}   {after:>12.4} {:>6.3}   {:>12.4} {:>12.4}",
+        "  {name:<22} {mean:>10.4} {:>5.3}  {after:>10.4} {:>5.3}  {:>9.4} {:>9.4}",
         sd / mean,
         diagnostics::sd(&values, weights) / after,
         quantiles[0],

@@ -19,8 +19,8 @@ use std::process::ExitCode;
 /// Convert a file of another program to a recording (MCAP).
 ///
 /// Reads CSV, UFF58, WAV, MATLAB, LabVIEW (.lvm, .tdms) and NumPy. Every sample is kept to the bit. Unit, rate and
-/// start are needed where the file does not say them; nothing is guessed. Without `--out` it shows the content of
-/// the file.
+/// start are needed where the file does not contain them; nothing is guessed. Without `--out` it shows the
+/// content of the file.
 ///
 /// Prints the lines that a configuration needs to read the recording.
 #[derive(Debug, clap::Args)]
@@ -115,7 +115,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         MessageEncoding::Protobuf => Encoding::Protobuf,
         MessageEncoding::Cdr => Encoding::Ros2,
     };
-    // What a plan lacks or refuses is a matter of arguments.
+    // A fault of the plan is a fault of the arguments.
     let plan = Plan::new(found.signals, &asked, encoding)
         .map_err(|error| BadArguments(format!("{name}: {error}")))?;
     let mut writer = RecordingWriter::create(out, WriterOptions::default())?;

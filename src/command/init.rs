@@ -17,8 +17,8 @@ const ID: &str = "rod-1";
 
 /// Write a commented configuration for one rod.
 ///
-/// It holds the least that is needed, with priors that claim little. What no flag says is asked for on a terminal;
-/// topic, field, unit and rate come from a recording, if one is given.
+/// It holds the minimum, with wide priors. Values without a flag are asked for on a terminal; topic, field,
+/// unit and rate come from a recording, if one is given.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   tirante init laser.mcap --out site.toml
@@ -109,7 +109,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         thermometer: template::thermometer(found.as_deref()),
     }
     .text();
-    // What a flag or an answer made impossible is told as `check` tells it.
+    // Faults caused by a flag or an answer are reported in the form of `check`.
     Config::parse(&text, &args.out.display().to_string())?;
     template::save(&args.out, &text).with_context(|| format!("cannot write {}", args.out.display()))?;
     let recording = args

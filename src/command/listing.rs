@@ -6,10 +6,10 @@ use std::env;
 use std::fmt::Write;
 use std::io::{self, IsTerminal};
 
-/// Width that no line exceeds where its words allow it.
+/// Width in characters that a line exceeds only for a word that is longer.
 const WIDTH: usize = 80;
 
-/// Least width of a last column that is broken within itself; a narrower one stands in lines of its own.
+/// Least width of a wrapped last column; a narrower one goes on lines of its own.
 const NARROWEST: usize = 32;
 
 /// Rows in aligned columns, numbers to the right, within 80 columns.
@@ -19,7 +19,7 @@ pub struct Aligned {
 }
 
 struct Row {
-    /// One cell a column, or one alone.
+    /// One cell per column, or a single one.
     cells: Vec<String>,
     is_loud: bool,
 }
@@ -57,7 +57,7 @@ impl Aligned {
         self.push(vec![text]);
     }
 
-    /// Makes the last row or line stand out where there are colours.
+    /// Emphasises the last row or line where there are colours.
     pub fn stress(&mut self) {
         if let Some(row) = self.rows.last_mut() {
             row.is_loud = true;
@@ -100,7 +100,7 @@ impl Aligned {
         out
     }
 
-    /// A row; its last cell in the room that is left, or in lines of its own.
+    /// Lines of a row, with its last cell in the remaining width or on lines of its own.
     fn lines(&self, row: &Row, widths: &[usize], before: usize, room: usize) -> Vec<String> {
         let last = self.right.len().saturating_sub(1);
         let is_broken = self.right.last() == Some(&false)
@@ -135,7 +135,8 @@ impl Aligned {
     }
 }
 
-/// A text broken between words so that no line exceeds the width, the first line and the others indented.
+/// Breaks a text between words so that no line exceeds the width, with indents for the first line and the
+/// others.
 fn hanging(text: &str, first: usize, others: usize) -> Vec<String> {
     let mut lines = Vec::new();
     let mut line = " ".repeat(first);

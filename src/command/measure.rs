@@ -31,10 +31,10 @@ use std::process::ExitCode;
 /// Measure the axial force once, from one file of any format.
 ///
 /// Asks for length, section and material, recognises the motion, and shows the spectrum's peaks, the force with its
-/// 95 % interval and its sensitivities. What flags say is not asked.
+/// 95 % interval and its sensitivities. Values given by flags are not asked for.
 ///
 /// Writes a configuration, to be corrected and used again by `identify`, `replay` and `run`, and a report to print
-/// and sign. A mark stands before every force that may be wrong: '!' where model or prior and data disagree, '?'
+/// and sign. A mark precedes every force that may be wrong: '!' where model or prior and data disagree, '?'
 /// where the orders of the modes are not certain.
 #[derive(Debug, Clone, clap::Args)]
 #[command(after_help = "Examples:

@@ -29,6 +29,7 @@ pub mod manual;
 pub mod measure;
 #[cfg(feature = "parquet")]
 pub mod parquet;
+pub mod plan;
 mod progress;
 mod quantities;
 mod questions;
@@ -49,6 +50,7 @@ pub mod spectrum;
 pub mod status;
 pub mod study;
 mod template;
+mod tests_of_rod;
 pub mod track;
 pub mod which_store;
 
@@ -71,6 +73,7 @@ pub fn run(command: &Command) -> anyhow::Result<ExitCode> {
         Command::Replay(args) => replay::run(args),
         Command::Identify(args) => identify::run(args),
         Command::Frequencies(args) => frequencies::run(args),
+        Command::Plan(args) => plan::run(args),
         Command::Emulator(args) => emulator::run(args),
         Command::Check(args) => check::run(args),
         Command::Import(args) => import::run(args),

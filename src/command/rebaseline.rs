@@ -8,7 +8,7 @@ use std::process::ExitCode;
 /// Start a new baseline for a rod, after work on it.
 ///
 /// Such work is retensioning, a repair, another sensor. The baseline begins with the rod's next record, in a
-/// segment of its own; earlier results are kept. Alarms that nobody acknowledged stay.
+/// segment of its own; earlier results are kept. Unacknowledged alarms stay.
 #[derive(Debug, Clone, clap::Args)]
 #[command(after_help = "Example:
   tirante rebaseline --store site.db north --reason \"retensioned by 20 kN\"")]

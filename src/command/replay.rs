@@ -206,7 +206,7 @@ impl<'p> Results<'p> {
         })
     }
 
-    /// What came of a record: row and picture, and news of alarms at the time they came.
+    /// Adds the result of a record: its row, its snapshot, and alarm events at their times.
     fn add(&mut self, config: &Config, outcome: &Outcome, row: &RecordRow, verdict: &Verdict) {
         if self.failure.is_none() {
             match self.write(config, outcome, row, verdict) {

@@ -293,7 +293,7 @@ impl Meaning {
     }
 }
 
-/// A record that gave a force, as a point of the figures.
+/// Point of a record that gave a force, for the figures.
 fn point(row: RecordRow) -> Option<RecordPoint> {
     Some(RecordPoint {
         force_n: Interval::from(&row.axial_force_n?),

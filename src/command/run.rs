@@ -9,7 +9,7 @@ use std::process::ExitCode;
 /// Run the daemon: read live sources, keep results, send alarms.
 ///
 /// Reads a folder and sockets until SIGTERM or SIGINT (exit code 0 within 5 seconds, nothing lost). SIGHUP reads
-/// the configuration again; a bad one is refused with all its faults and the old one holds.
+/// the configuration again; an invalid one is refused with all its faults, and the old one stays in use.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   tirante check site.toml && tirante run --config site.toml

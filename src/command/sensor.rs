@@ -28,6 +28,8 @@ pub struct Sensor {
     pub topic: String,
     /// Field of a message that holds the samples.
     pub field: String,
+    /// Field of the messages' own time; without one the stamps beside them count.
+    pub stamp: Option<String>,
     /// Unit of the samples.
     pub unit: Unit,
     /// True if file, flag or answer gave the unit.
@@ -55,10 +57,27 @@ impl Sensor {
             (Some(field), _) => field.to_owned(),
             (None, Some(Ok(field))) => field.clone(),
             (None, Some(Err(fault))) => {
-                return Err(BadArguments(format!(
-                    "--field is needed: of {topic} none of the usual fields can be read ({fault})"
-                ))
-                .into());
+                let numbers = content.map_or(&[][..], |content| &content.numbers);
+                match numbers {
+                    [] => {
+                        return Err(BadArguments(format!(
+                            "--field is needed: of {topic} none of the usual fields can be read ({fault})"
+                        ))
+                        .into());
+                    }
+                    [only] => only.clone(),
+                    several => {
+                        let list = several.join(", ");
+                        let question = format!("field of the samples, one of {list}");
+                        questions.ask(&question, "--field", |answer| {
+                            let is_there = several.iter().any(|field| field == answer);
+                            match is_there {
+                                true => Ok(answer.to_owned()),
+                                false => Err(format!("{answer:?} is none of {list}")),
+                            }
+                        })?
+                    }
+                }
             }
             (None, None) => "value".to_owned(),
         };
@@ -82,6 +101,7 @@ impl Sensor {
             (unit, said) => unit.or(said),
         };
         Ok(Self {
+            stamp: content.and_then(|content| content.stamp.clone()),
             topic,
             field,
             unit: unit.unwrap_or(Unit::Metre),
@@ -158,6 +178,8 @@ mod tests {
         Content {
             topic: topic.into(),
             field: Ok("values".into()),
+            numbers: Vec::new(),
+            stamp: None,
             unit,
             array_fs_hz: Some(200.0),
         }
@@ -181,7 +203,7 @@ mod tests {
             (sensor.topic.as_str(), sensor.unit, sensor.fs_hz),
             ("/rod", Unit::Millimetre, Some(200.0))
         );
-        // A hammer's volts beside it are no motion that anybody says.
+        // The hammer beside it has no unit, so it is not known to be a motion.
         let telling = [content("hammer", None), content("laser", mm)];
         assert_eq!(chosen(&any, Some(&telling), "").unwrap().topic, "laser");
         let several = [content("a", mm), content("b", mm)];
@@ -191,6 +213,28 @@ mod tests {
             "{said}"
         );
         assert_eq!(chosen(&any, Some(&several), "c\nb\n").unwrap().topic, "b");
+    }
+
+    #[test]
+    fn fields_that_were_found_are_offered() {
+        let robot = [Content {
+            field: Err("no field `value`".into()),
+            numbers: vec!["point.x".into(), "point.z".into()],
+            stamp: Some("header.stamp".into()),
+            ..content("/laser", Some(Unit::Metre))
+        }];
+        let said = chosen(&Wanted::default(), Some(&robot), "")
+            .unwrap_err()
+            .to_string();
+        assert!(
+            said.contains("--field is needed") && said.contains("point.x, point.z"),
+            "{said}"
+        );
+        let sensor = chosen(&Wanted::default(), Some(&robot), "point.y\npoint.z\n").unwrap();
+        assert_eq!(
+            (sensor.field.as_str(), sensor.stamp.as_deref()),
+            ("point.z", Some("header.stamp"))
+        );
     }
 
     #[test]

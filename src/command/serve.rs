@@ -17,9 +17,8 @@ use tokio::sync::watch;
 
 /// Serve a store as a web page.
 ///
-/// It reads beside a running `replay` or `run`, or without one, until Ctrl-C. The page follows what is committed
-/// meanwhile: the store is looked at four times a second. Foxglove and Lichtblick follow it at
-/// ws://ADDRESS:PORT/viewer.
+/// It serves until Ctrl-C, with or without a running `replay` or `run`. The page follows new commits: the
+/// store is checked four times a second. Foxglove and Lichtblick follow it at ws://ADDRESS:PORT/viewer.
 #[derive(Debug, Clone, clap::Args)]
 #[command(after_help = "Examples:
   tirante serve \\
@@ -66,7 +65,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         .into());
     }
     let path = args.which.path()?;
-    // What is no store is said before anything listens.
+    // An invalid store is reported before anything listens.
     drop(Reader::open(&path)?);
     let configured = match &args.which.config {
         Some(config) => Config::resolve(Some(config), &[])?.http,

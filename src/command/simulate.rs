@@ -263,7 +263,7 @@ impl<W: Write + Seek> Recording<W> {
                 );
             }
         }
-        // Stable: within a channel the order of sending stays, whatever the stamps say.
+        // Stable sort: within a channel the order of sending stays, whatever the stamps.
         sent.sort_by(|a, b| a.0.total_cmp(&b.0));
         let mut values = Vec::new();
         for (_, id, unit, message) in sent {

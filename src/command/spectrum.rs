@@ -34,11 +34,11 @@ const PAGE_RECORDS: usize = 100;
 
 /// Show every peak of a measurement; no rod is needed.
 ///
-/// Of each peak: frequency with standard error, damping, level, and its probable nature. Every channel of motion in
-/// the files is analysed.
+/// Each peak comes with its frequency and standard error, damping, level, and probable nature. Every channel
+/// of motion in the files is analysed.
 ///
-/// With --config the records are those of the configured rods: the peaks then bear the orders of their modes, and
-/// the force of the record stands above them.
+/// With --config the records are those of the configured rods: the peaks then show the orders of their modes,
+/// and the record's force is printed above them.
 #[derive(Debug, Clone, clap::Args)]
 #[command(after_help = "Examples:
   tirante spectrum recordings/todi-pull.mcap
@@ -217,7 +217,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     );
     drop(bar);
     match failure {
-        // Whoever reads stdout has seen enough (`| head`); the page is wanted all the same.
+        // The reader of stdout has closed it (`| head`); the page is still wanted.
         Some(error) if error.kind() != io::ErrorKind::BrokenPipe => return Err(error.into()),
         _ => {}
     }

@@ -12,7 +12,8 @@ use std::process::ExitCode;
 
 /// Show the state of every rod: force, change, alarms.
 ///
-/// It reads beside a running `replay` or `run`. On stderr it says if monitoring has stopped, since when and why, and what lasts
+/// The state comes with its time, the force with its 95 % interval. A running `replay` or `run` is not
+/// disturbed. On stderr it says if monitoring has stopped, since when and why, and what lasts
 /// around the daemon.
 #[derive(Debug, Clone, clap::Args)]
 #[command(after_help = "Examples:

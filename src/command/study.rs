@@ -23,7 +23,7 @@ use std::time::Instant;
 
 /// Run the source paper's study and compare it with the paper.
 ///
-/// Every table and figure is held against the printed one, with Monte Carlo errors.
+/// Every table and figure is compared with the printed one, with Monte Carlo errors.
 #[derive(Debug, Clone, clap::Args)]
 #[command(after_help = "Examples:
   tirante study --out study

@@ -55,7 +55,7 @@ impl Template<'_> {
                     "{{ mean = {force_n:?}, cv = 0.3 }}   # as expected; at best from an earlier measurement"
                 )
             }
-            // The ends are the 2.5 and 97.5 % quantiles, and soft: a record may say otherwise.
+            // The ends are the 2.5 and 97.5 % quantiles, and soft: a record may give a value outside.
             Some(Expected::Between(low, high)) => format!(
                 "{{ median = {:.4e}, log_sd = {:.4} }}   # {}",
                 (low * high).sqrt(),
@@ -104,11 +104,18 @@ impl Template<'_> {
             quoted(&sensor.field),
             sensor.unit.key()
         );
+        if let Some(stamp) = &sensor.stamp {
+            let _ = writeln!(
+                text,
+                "time = {{ field = {} }}   # the messages' own time; without this line, when they were logged",
+                quoted(stamp)
+            );
+        }
         if let Some(fs_hz) = sensor.fs_hz {
             let _ = writeln!(text, "fs_hz = {fs_hz:?}");
         }
         match thermometer {
-        Some(Content { topic, field: Ok(field), unit: Some(unit), array_fs_hz }) => {
+        Some(Content { topic, field: Ok(field), unit: Some(unit), array_fs_hz, stamp, .. }) => {
             let _ = write!(
                 text,
                 "\n[rod.temperature]              # without it a warm day looks like a loss\ntopic = {}\nfield = {}\nunit = \"{}\"\n",
@@ -116,6 +123,9 @@ impl Template<'_> {
                 quoted(field),
                 unit.key()
             );
+            if let Some(stamp) = stamp {
+                let _ = writeln!(text, "time = {{ field = {} }}", quoted(stamp));
+            }
             if let Some(fs_hz) = array_fs_hz {
                 let _ = writeln!(text, "fs_hz = {fs_hz:?}");
             }
@@ -149,7 +159,7 @@ pub fn save(path: &Path, text: &str) -> io::Result<()> {
     file.write_all(text.as_bytes())
         .and_then(|()| file.sync_all())
         .inspect_err(|_| {
-            // Half a configuration is worse than none, and the fault is told either way.
+            // Half a configuration is worse than none, and the fault is reported either way.
             let _ = std::fs::remove_file(path);
         })
 }
@@ -167,6 +177,7 @@ mod tests {
         let sensor = Sensor {
             topic: "/a \"b\"\\".to_owned(),
             field: "value".to_owned(),
+            stamp: Some("header.stamp".to_owned()),
             unit: Unit::StandardGravity,
             says_unit: true,
             fs_hz: None,

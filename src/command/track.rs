@@ -23,7 +23,7 @@ use std::process::ExitCode;
 
 /// Follow rods from tables of natural frequencies.
 ///
-/// The frequencies were identified elsewhere: a researcher's series, or years of which no samples are left. Prints
+/// The frequencies were identified elsewhere: a researcher's series, or years without stored samples. Prints
 /// per row what `replay` prints per record, and at the end every alarm and the state of every rod.
 #[derive(Debug, Clone, clap::Args)]
 #[command(after_help = "Examples:

@@ -30,19 +30,19 @@ pub enum Format {
     Csv,
 }
 
-/// How a command that prints text or JSON answers.
+/// Output format of a command that prints text or JSON.
 #[derive(Debug, Clone, Copy, Default, clap::Args)]
 pub struct Output {
     /// Output format.
     #[arg(long, value_enum, default_value_t)]
     format: TextFormat,
 
-    /// The older spelling of `--format json`.
+    /// Older spelling of `--format json`.
     #[arg(long, hide = true, conflicts_with = "format")]
     json: bool,
 }
 
-/// Text or JSON.
+/// Output as text or JSON.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, clap::ValueEnum)]
 enum TextFormat {
     /// Text and tables for people.
@@ -54,13 +54,13 @@ enum TextFormat {
 }
 
 impl Output {
-    /// JSON, as programs ask for it.
+    /// JSON output.
     pub const JSON: Self = Self {
         format: TextFormat::Json,
         json: false,
     };
 
-    /// True if JSON is asked for.
+    /// True if the output is JSON.
     pub fn is_json(self) -> bool {
         self.json || self.format == TextFormat::Json
     }

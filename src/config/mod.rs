@@ -6,6 +6,7 @@
 mod abc;
 mod alarm;
 mod channel;
+pub mod datum;
 mod effective;
 mod emulator;
 mod fault;
@@ -27,6 +28,7 @@ mod spectrum;
 mod store;
 mod suggestion;
 mod take;
+mod test;
 mod track;
 mod value;
 
@@ -148,7 +150,7 @@ impl Config {
             origin: origin.to_owned(),
             faults: faults.into_sorted(),
         };
-        // Settings stand behind the text; blanks in front of each give its values their places there.
+        // Settings are appended to the text; blanks before each give its values their positions there.
         let mut whole = text.to_owned();
         let mut padded = Vec::new();
         for setting in settings {

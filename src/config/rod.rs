@@ -4,7 +4,7 @@ use super::RodConfig;
 use super::range::{Range, toml_float, toml_string};
 use super::reader::{Absent, Table, key};
 use super::value::{Value, toml_floats};
-use super::{channel, modes, prior};
+use super::{channel, modes, prior, test};
 use crate::analysis::identify::AnalysisSettings;
 use crate::analysis::inference::AbcSettings;
 use crate::analysis::rod::beam::forward::MAX_MODES;
@@ -37,7 +37,7 @@ pub(super) fn read_all(root: &mut Table<'_>, shared: &Shared) -> Vec<Option<RodC
         let line = table.line_of("id");
         if let Some(rod) = &rod {
             let id = &rod.analysis.rod.0;
-            // Ids become names of files and addresses, some of which do not tell case.
+            // Ids become names of files and addresses, some of which ignore case.
             match ids.iter().find(|(other, _)| other.eq_ignore_ascii_case(id)) {
                 Some((_, first)) => {
                     table.fault_of("id", format!("\"{id}\" is the id of the rod in line {first} too"))
@@ -131,10 +131,17 @@ fn read(table: &mut Table<'_>, shared: &Shared) -> Option<RodConfig> {
         channel::read(table, "value", &Unit::TEMPERATURE, Unit::Celsius)
     });
 
-    let (id, section) = (RodId(id?), section?);
-    let mut priors = priors?.into_iter().collect::<Option<Vec<Prior>>>()?;
-    priors.push(length?);
-    let prior = RodPrior::new(Parameterisation::new(section), priors)?.with_fixities_in_place();
+    let prior = section
+        .zip(priors)
+        .and_then(|(section, priors)| Some((section, priors.into_iter().collect::<Option<Vec<Prior>>>()?)))
+        .zip(length)
+        .and_then(|((section, mut priors), length)| {
+            priors.push(length);
+            Some(RodPrior::new(Parameterisation::new(section), priors)?.with_fixities_in_place())
+        });
+    let tests = test::read_all(table, prior.as_ref());
+
+    let (id, prior) = (RodId(id?), prior?);
     let temperature = match temperature {
         Some(channel) => Some(channel?),
         None => None,
@@ -143,6 +150,7 @@ fn read(table: &mut Table<'_>, shared: &Shared) -> Option<RodConfig> {
         analysis: AnalysisSettings {
             rod: id.clone(),
             prior,
+            tests: tests.into_iter().collect::<Option<Vec<_>>>()?,
             discrepancy: discrepancy?,
             welch: shared.welch,
             peaks: shared.peaks,

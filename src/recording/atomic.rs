@@ -54,7 +54,7 @@ impl AtomicFile {
 impl Drop for AtomicFile {
     fn drop(&mut self) {
         if !self.committed {
-            // Nothing can be done about a failure here, and the name says what the rest is.
+            // A failure here cannot be handled, and the name identifies the partial file.
             let _ = fs::remove_file(&self.part);
         }
     }

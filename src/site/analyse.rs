@@ -59,7 +59,7 @@ impl LastSeen {
         }
     }
 
-    /// What came of an event passes; the record of its rod that passed before.
+    /// Records that the result of an event passes, and returns the record of its rod that passed before.
     pub fn pass(&mut self, analysed: &Analysed) -> Option<[u8; 32]> {
         let (rod, identity) = match analysed {
             Analysed::Known(rod, identity) => (rod, Some(*identity)),

@@ -1,4 +1,4 @@
-//! The machine's clock: times of requests, messages and journal entries, never of a result.
+//! The machine's clock: for times of requests, messages and journal entries, never for results.
 
 use crate::analysis::signal::record::Timestamp;
 use std::time::SystemTime;
@@ -8,7 +8,7 @@ pub fn now() -> Timestamp {
     Timestamp::from_nanos(i64::try_from(now_ns()).unwrap_or(i64::MAX))
 }
 
-/// Nanoseconds since 1970; 0 for a clock that stands before it.
+/// Nanoseconds since 1970; 0 for a clock set before that.
 pub fn now_ns() -> u64 {
     let since = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH);
     since.map_or(0, |since| u64::try_from(since.as_nanos()).unwrap_or(u64::MAX))

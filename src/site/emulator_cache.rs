@@ -142,7 +142,7 @@ fn key(prior: &RodPrior, order: usize, elements: usize) -> String {
     part(&(elements as u64).to_le_bytes());
     part(prior.parameterisation().section().key().as_bytes());
     for prior in prior.priors() {
-        // Debug prints every digit that tells two numbers apart.
+        // Debug prints every digit needed to distinguish two numbers.
         part(format!("{prior:?}").as_bytes());
     }
     hex(hash.finalize().as_slice())

@@ -1,6 +1,6 @@
 //! Bytes as hexadecimal digits.
 
-/// Two lower-case digits a byte.
+/// Returns two lower-case digits per byte.
 pub fn hex(bytes: &[u8]) -> String {
     bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }

@@ -263,7 +263,7 @@ mod tests {
             |_| 1,
             |i| i,
             |results| {
-                // Whoever delivers is slow: the others are done meanwhile.
+                // Delivery is slow: the other items are finished meanwhile.
                 thread::sleep(Duration::from_millis(5));
                 assert!(results.len() <= 2 * ITEMS_PER_WORKER);
                 seen += results.len();

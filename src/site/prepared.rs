@@ -12,7 +12,7 @@ use crate::site::trackers::Provenance;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-/// What analyses each rod's records.
+/// Analysis plan of each rod.
 pub type Plans = BTreeMap<RodId, Plan>;
 
 /// One configuration in force, and everything prepared from it.

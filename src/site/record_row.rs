@@ -1,8 +1,9 @@
-//! One record's result as a row: what the store keeps, programs read and every view shows. It is text only in JSON lines.
+//! One record's result as a row, for the store, for programs and for every display. It is text only as a line
+//! of JSON.
 
 use crate::analysis::findings::{self, CERTAIN, Candidate, Peak};
 use crate::analysis::identify::{Identification, VERSION};
-use crate::analysis::inference::{Adjustment, Marginal, Posterior, VarianceShares};
+use crate::analysis::inference::{Adjustment, Marginal, Posterior, Tested, VarianceShares};
 use crate::analysis::outcome::{Outcome, Rejected, Tabulated};
 use crate::analysis::rod::beam::Quantity;
 use crate::analysis::signal::modes::{Mode, Motion};
@@ -14,12 +15,12 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Deserializer, Serialize};
 use std::collections::BTreeMap;
 
-/// The state of a rod whose force is not tracked.
+/// State of a rod whose force is not tracked.
 const NOT_MONITORING: &str = "not-monitoring";
 
-/// One record's result (design 5.1): SI, the unit as a suffix of the name. Written, every field is present, in this order; read, what an
-/// older version did not write is absent.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+/// One record's result (design 5.1), in SI, with the unit as a suffix of the name. Written rows have every
+/// field, in this order; fields that an older version did not write are absent when read.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct RecordRow {
     /// The rod.
     pub rod: RodId,
@@ -37,10 +38,10 @@ pub struct RecordRow {
     pub modes: Vec<ModeRow>,
     /// Probability that all orders are right \[-\].
     pub label_probability: Option<f64>,
-    /// Other assignments of the peaks, where the orders are not certain.
+    /// Other possible assignments of the peaks, if the orders are not certain.
     #[serde(default, deserialize_with = "tolerant")]
     pub candidates: Vec<Candidate>,
-    /// Of a refused record, the peaks it has; of others they are in the picture.
+    /// Peaks of a refused record; those of other records are in the snapshot.
     #[serde(default, deserialize_with = "tolerant")]
     pub peaks: Option<Vec<Peak>>,
     /// Axial force of the record alone \[N\].
@@ -50,21 +51,24 @@ pub struct RecordRow {
     pub parameters: BTreeMap<String, ParameterRow>,
     /// Tolerance of the accepted draws.
     pub epsilon: Option<f64>,
-    /// Draws.
+    /// Number of draws.
     pub draws: Option<usize>,
-    /// Accepted draws.
+    /// Number of accepted draws.
     pub accepted: Option<usize>,
     /// Effective sample size.
     pub ess: Option<f64>,
     /// Distance of the frequencies from everything the model can produce \[standard deviations\].
     pub conflict: Option<f64>,
-    /// Share of the prior farther out.
+    /// Share of the prior that is farther out.
     pub prior_tail: Option<f64>,
     /// Adjustment of the accepted draws: `linear`, `none`, or `withheld` with the reason.
     pub adjustment: Option<String>,
     /// Sensitivities of the force.
     #[serde(default, deserialize_with = "tolerant")]
     pub hangs_on: Option<VarianceShares>,
+    /// Effect of the rod's tests on the posterior.
+    #[serde(default, deserialize_with = "tolerant")]
+    pub tested: Option<Tested>,
     /// Force given the baseline, at the measured temperature \[N\].
     pub tracked_force_n: Option<Interval>,
     /// N_t / N_0 at the measured temperature.
@@ -82,24 +86,24 @@ pub struct RecordRow {
     /// State of the rod after the record, [`RodState::code`].
     #[serde(default)]
     pub state: String,
-    /// Why the rod is not followed, if it is not.
+    /// Reason why the rod is not followed, if it is not.
     pub state_reason: Option<String>,
     /// Segment the record belongs to.
     pub segment: Option<u32>,
-    /// Why the record does not count, if it does not.
+    /// Reason why the record does not count, if it does not.
     pub set_aside: Option<SetAside>,
-    /// Alarms that stand.
+    /// Active alarms.
     #[serde(default, deserialize_with = "tolerant")]
     pub alarms: Vec<AlarmRow>,
-    /// News of alarms with this record.
+    /// Alarm events of this record.
     #[serde(default, deserialize_with = "tolerant")]
     pub events: Vec<EventRow>,
     /// Remarks of the quality checks.
     #[serde(default, deserialize_with = "tolerant")]
     pub flags: Vec<Flag>,
-    /// Why it gives no force, if it was refused.
+    /// Reason why the record was refused, if it was.
     pub rejection: Option<RejectionRow>,
-    /// Seed of its random numbers.
+    /// Seed of the record's random numbers.
     pub seed: Option<u64>,
     /// Hash of the configuration.
     #[serde(default)]
@@ -108,7 +112,7 @@ pub struct RecordRow {
     pub analysis_version: Option<u32>,
 }
 
-/// A mode, and how well its peak is one.
+/// A mode and the fit of its peak.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct ModeRow {
     /// Mode order, from 1.
@@ -123,7 +127,7 @@ pub struct ModeRow {
     pub misfit: Option<f64>,
 }
 
-/// An uncertain quantity besides the force.
+/// An uncertain quantity other than the force.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct ParameterRow {
     /// Mean, SI.
@@ -132,32 +136,32 @@ pub struct ParameterRow {
     pub cv: f64,
 }
 
-/// Why a record was refused.
+/// Reason why a record was refused.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct RejectionRow {
-    /// The short name, [`Rejection::code`].
+    /// Short name, [`Rejection::code`].
     pub code: String,
-    /// The reason for people.
+    /// Reason in one sentence.
     pub message: String,
-    /// The reason with its numbers; `None` for one that another version knew.
+    /// Reason with its numbers; `None` for a reason of another version.
     #[serde(flatten)]
     pub detail: Option<Rejection>,
 }
 
-/// An alarm that stands.
+/// An active alarm.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct AlarmRow {
-    /// Its id.
+    /// Id of the alarm.
     pub id: String,
-    /// Its kind.
+    /// Kind of the alarm.
     pub kind: Kind,
-    /// When it was raised, in event time.
+    /// Time at which it was raised, in event time.
     pub raised: Timestamp,
-    /// When it was acknowledged, if it was.
+    /// Time at which it was acknowledged, if it was.
     pub acknowledged: Option<Timestamp>,
-    /// When the condition ended, if it did.
+    /// Time at which the condition ended, if it did.
     pub cleared: Option<Timestamp>,
-    /// One sentence for people.
+    /// Message in one sentence.
     pub message: String,
     /// Onset, size and rate of a drift.
     pub change: Option<Change>,
@@ -167,26 +171,27 @@ pub struct AlarmRow {
     pub alternatives: Option<Explained>,
 }
 
-/// News of an alarm.
+/// An event of an alarm.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct EventRow {
-    /// Raised, acknowledged, cleared or repeated.
+    /// Kind of the event: raised, acknowledged, cleared or repeated.
     pub what: What,
-    /// In event time.
+    /// Time of the event, in event time.
     pub time: Timestamp,
-    /// The alarm's id.
+    /// Id of the alarm.
     pub id: String,
-    /// The alarm's kind.
+    /// Kind of the alarm.
     pub kind: Kind,
 }
 
-/// A field that no decision hangs on: one that another version wrote in another form counts as absent, and the rest of the row is read.
+/// Reads a field that decides nothing: if another version wrote it in another form, it counts as absent, and
+/// the rest of the row is read.
 fn tolerant<'de, D: Deserializer<'de>, T: DeserializeOwned + Default>(input: D) -> Result<T, D::Error> {
     let value = serde_json::Value::deserialize(input)?;
     Ok(serde_json::from_value(value).unwrap_or_default())
 }
 
-/// What was done to the accepted draws: `linear`, `none`, or `withheld` with the reason.
+/// Adjustment of the accepted draws: `linear`, `none`, or `withheld` with the reason.
 fn adjustment(posterior: &Posterior) -> String {
     match (posterior.adjustment, posterior.withheld) {
         (Adjustment::Linear, _) => "linear".to_owned(),
@@ -195,7 +200,7 @@ fn adjustment(posterior: &Posterior) -> String {
     }
 }
 
-/// The modes, each with the misfit of its peak.
+/// Modes, each with the misfit of its peak.
 fn modes(identification: &Identification) -> Vec<ModeRow> {
     let resonances = identification
         .measurement
@@ -211,7 +216,7 @@ fn modes(identification: &Identification) -> Vec<ModeRow> {
         .collect()
 }
 
-/// The uncertain quantities besides the axial force.
+/// Uncertain quantities other than the axial force.
 fn parameters(posterior: &Posterior) -> BTreeMap<String, ParameterRow> {
     let quantities = posterior.parameterisation.quantities().iter();
     quantities
@@ -256,7 +261,7 @@ impl ModeRow {
 }
 
 impl RecordRow {
-    /// The row of a record; without a `verdict` the force is not tracked.
+    /// Row of a record; without a `verdict` the force is not tracked.
     pub fn of(outcome: &Outcome, verdict: Option<&Verdict>, config_hash: &str) -> Self {
         let mut row = Self::new(outcome.rod(), config_hash);
         match outcome {
@@ -270,15 +275,15 @@ impl RecordRow {
         row
     }
 
-    /// From one JSON line.
+    /// Parses one JSON line.
     ///
     /// # Errors
-    /// It is no such line.
+    /// The line is not a record's row.
     pub fn parse(line: &str) -> serde_json::Result<Self> {
         serde_json::from_str(line)
     }
 
-    /// One JSON object without a line end.
+    /// Returns one JSON object without a line end.
     ///
     /// # Errors
     /// None: numbers, strings and maps with string keys always have a JSON form.
@@ -286,56 +291,24 @@ impl RecordRow {
         serde_json::to_string(self)
     }
 
-    /// Force given the baseline \[N\]: at the reference temperature if that can be said.
+    /// Force given the baseline \[N\]: at the reference temperature if it is known.
     pub fn force_n(&self) -> Option<Interval> {
         self.force_at_reference_n.or(self.tracked_force_n)
     }
 
-    /// N_t / N_0: at the reference temperature if that can be said.
+    /// N_t / N_0: at the reference temperature if it is known.
     pub fn ratio(&self) -> Option<Interval> {
         self.relative_force_at_reference.or(self.relative_force)
     }
 
-    /// A row about which nothing is known.
+    /// Row of a record of which nothing is known.
     pub fn new(rod: &RodId, config_hash: &str) -> Self {
         Self {
             rod: rod.clone(),
-            start: None,
-            duration_s: None,
-            fs_hz: None,
-            excitation: None,
-            modes: Vec::new(),
-            label_probability: None,
-            candidates: Vec::new(),
-            peaks: None,
-            axial_force_n: None,
-            parameters: BTreeMap::new(),
-            epsilon: None,
-            draws: None,
-            accepted: None,
-            ess: None,
-            conflict: None,
-            prior_tail: None,
-            adjustment: None,
-            hangs_on: None,
-            tracked_force_n: None,
-            relative_force: None,
-            not_axial_p: None,
-            temperature_c: None,
-            reference_temperature_c: None,
-            force_at_reference_n: None,
-            relative_force_at_reference: None,
             state: NOT_MONITORING.to_owned(),
-            state_reason: None,
-            segment: None,
-            set_aside: None,
-            alarms: Vec::new(),
-            events: Vec::new(),
-            flags: Vec::new(),
-            rejection: None,
-            seed: None,
             config: config_hash.to_owned(),
             analysis_version: Some(VERSION),
+            ..Self::default()
         }
     }
 
@@ -366,6 +339,7 @@ impl RecordRow {
         self.prior_tail = Some(identification.conflict.prior_tail);
         self.adjustment = Some(adjustment(posterior));
         self.hangs_on.clone_from(&identification.hangs_on);
+        self.tested.clone_from(&identification.tested);
         self.seed = Some(posterior.seed);
     }
 

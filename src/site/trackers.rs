@@ -25,9 +25,9 @@ pub struct Site {
     expected: BTreeMap<RodId, Timestamp>,
 }
 
-/// One record that was taken: its row, and what it changed.
+/// Result of one new record: its row, and its changes.
 pub struct Taken {
-    /// The row the store keeps.
+    /// Row for the store.
     pub row: RecordRow,
     /// Verdict of tracking.
     pub verdict: Verdict,
@@ -260,7 +260,7 @@ impl Site {
         let verdict = tracker.step_beside(&input, &peers, &others);
         let tracker = self.trackers.entry(rod.clone()).or_insert(tracker);
         let rod = &rod;
-        // Only of the latest record that is believed: the picture of a wrong clock would stand for years.
+        // Only of the latest record in use: a snapshot with a wrong clock would stay for years.
         let snapshot = match outcome {
             Outcome::Identified(identification) => identification
                 .measurement
@@ -270,7 +270,7 @@ impl Site {
                 .filter(|start| tracker.state().periods.is_empty() || keeps_snapshot(before, *start))
                 .and_then(|_| Snapshot::of(tracker.plan().prior(), identification)),
             Outcome::Tabulated(_) => None,
-            // What a refused record looked like says why it was; as seldom, and never in place of one that was believed.
+            // The snapshot of a refused record shows the reason. It is kept as rarely, and never replaces that of a used record.
             Outcome::Rejected(rejected) => {
                 let before = self.store.refused_picture(rod)?;
                 let has_period = !tracker.state().periods.is_empty();
@@ -305,8 +305,8 @@ impl Site {
         Ok(Some(Taken { row, verdict }))
     }
 
-    /// Takes what came of an event and makes it durable; `before` is the record of its rod that passed before it. `None` unless it
-    /// is a record that is new.
+    /// Takes the result of an event and makes it durable; `before` is the record of its rod that passed
+    /// before it. `None` unless it is a new record.
     ///
     /// # Errors
     /// As [`Site::take`] and [`Site::take_readings`].

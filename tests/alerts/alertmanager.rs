@@ -80,7 +80,7 @@ fn an_alarm_fires_goes_on_and_is_resolved() {
             .is_some_and(|alert| ends(alert) > first_end)
     });
 
-    // One that lost its memory hears of what stands all the same.
+    // A server that lost its state still gets the active alarms.
     server.kill();
     eventually("the outage is told", || desk.condition("pager").is_some());
     let other = desk.raise(1);

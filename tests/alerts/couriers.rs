@@ -204,7 +204,7 @@ fn a_new_sink_is_told_what_stands_and_then_what_comes() {
     ];
     assert_eq!(field(&fake.bodies(), "id"), expected);
     assert_eq!(field(&fake.bodies(), "what")[..2], ["standing"; 2]);
-    // It is told once.
+    // It is reported once.
     let couriers = desk.start(&sinks);
     let last = desk.raise(5);
     couriers.wake();
@@ -274,7 +274,7 @@ fn couriers_stop_at_once() {
         "{:?}",
         begun.elapsed()
     );
-    // Nobody holds the queue open, not even the one that hangs.
+    // No courier holds the queue open, not even one that hangs.
     let begun = Instant::now();
     while received.recv().is_ok() {}
     assert!(

@@ -152,7 +152,7 @@ fn a_broker_that_is_killed_and_halted_gets_everything_in_order() {
     eventually("the outage is told", || desk.condition("broker").is_some());
     let server = broker.start_at(&desk, address);
     eventually("the listener is back", || subscriptions(&heard) == 2);
-    // The sink may have been back before the listener: then the broker has what the listener missed.
+    // The sink may have been back before the listener: then the broker has the messages that the listener missed.
     let more = tell(40..45);
     eventually("all are marked", || desk.delivered("broker") == Some(45));
     eventually("the outage is over", || desk.condition("broker").is_none());
@@ -191,7 +191,7 @@ fn what_a_broker_refuses_is_not_delivered() {
     fs::write(desk.path("password"), "wrong\n").unwrap();
     let refused = deliver(&sink(&desk, &url, "")).unwrap_err();
     assert!(refused.reason.contains("NotAuthorized"), "{refused}");
-    // Retained: who comes later is told.
+    // Retained: a later subscriber gets the message.
     let heard = listen(server.address);
     eventually("the retained message", || ids(&heard).len() == 1);
     assert_eq!(

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-/// A program that Debian has, or `None` with a line that says so. With TIRANTE_REAL_PEERS=1 it must be there.
+/// A program of Debian, or `None` with a line that reports it missing. With TIRANTE_REAL_PEERS=1 it must be there.
 pub fn program(name: &str, package: &str) -> Option<PathBuf> {
     let folders = std::env::var_os("PATH").unwrap_or_default();
     let folders = std::env::split_paths(&folders).chain(["/usr/sbin".into(), "/usr/local/sbin".into()]);
@@ -18,7 +18,7 @@ pub fn program(name: &str, package: &str) -> Option<PathBuf> {
     found
 }
 
-/// Says that a test is skipped, or fails it.
+/// Reports that a test is skipped, or fails it.
 pub fn missing(package: &str) {
     let must = std::env::var_os("TIRANTE_REAL_PEERS").is_some_and(|value| value == "1");
     assert!(
@@ -58,7 +58,7 @@ impl Server {
         panic!("{} does not listen on {address}", program.display());
     }
 
-    /// Starts a program on a port the system chooses; another port if somebody was quicker.
+    /// Starts a program on a port that the system chooses; on another one if that port was taken meanwhile.
     pub fn start_anywhere(program: &Path, arguments: impl Fn(SocketAddr) -> Vec<String>) -> Self {
         for _ in 0..5 {
             let address = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();

@@ -128,8 +128,7 @@ pub fn rejected(rod: &RodId, number: i64) -> Outcome {
     }))
 }
 
-/// A line as `replay --json` prints it, as far as the columns go.
-/// The record as it is put into a store.
+/// A record in the form in which the store takes it.
 pub fn new_record<'a>(outcome: &Outcome, row: &'a RecordRow) -> NewRecord<'a> {
     NewRecord {
         row,

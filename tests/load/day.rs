@@ -40,7 +40,7 @@ fn a_day_of_three_channels_at_1_khz() {
     let files: Vec<String> = (0..HOURS).map(|hour| name(hour) + ".mcap").collect();
     let files: Vec<&str> = files.iter().map(String::as_str).collect();
     let sender = plant.send("tower", &files, &["--speed", "max"]);
-    // Hours of data whose results are in the store, and what the daemon took then.
+    // Hours of data whose results are in the store, and the daemon's resource usage then.
     let mut samples: Vec<(f64, Usage)> = Vec::new();
     let all_h = (HOURS * RODS * 60) as f64 / (60 * RODS) as f64;
     loop {

@@ -95,7 +95,7 @@ impl Scene {
     }
 }
 
-/// A small recording of the rod nobody measures.
+/// A small recording of the rod that is not measured.
 fn recording(options: WriterOptions, topic: &str, samples: usize) -> Vec<u8> {
     let mut writer = RecordingWriter::new(Cursor::new(Vec::new()), options).unwrap();
     let spec = ChannelSpec {

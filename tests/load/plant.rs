@@ -148,7 +148,7 @@ impl Plant {
     }
 }
 
-/// A sender that is told to stop when it is dropped.
+/// A sender that is stopped when it is dropped.
 pub struct Sender(Child);
 
 impl Sender {

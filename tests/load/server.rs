@@ -10,7 +10,7 @@ use std::time::Duration;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Mood {
     Well,
-    /// Nobody listens.
+    /// No listener.
     Down,
     /// Takes the request and does not answer.
     Hanging,

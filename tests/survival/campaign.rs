@@ -35,7 +35,8 @@ fn site(rods: &[&str]) -> String {
          [alarm]\ncompare_rods = false\n",
     );
     for id in rods {
-        // So different that none is taken for another, and none bears witness: what is made of one rod must not depend on when another spoke.
+        // Different enough that no rod is mistaken for another, and none is used as a witness: the results of one rod must not
+        // depend on the timing of another.
         let length_m = match *id {
             "north" => 8.0,
             "west" => 9.5,
@@ -302,7 +303,7 @@ impl Campaign {
         // All may be in already, and it answers to signals when it has begun only.
         daemon.wait_until("it is ready", |log| log.contains("ready"));
         daemon.wait_until("everything is in", |_| feed.is_done() && self.records() >= all);
-        // What is repeated is told within these seconds, too.
+        // Repeated alarms arrive within this time as well.
         let until = Instant::now() + DEADLINE;
         for id in self.alarms() {
             while !self.hook.received(&id) {

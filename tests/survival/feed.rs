@@ -206,7 +206,7 @@ fn client(shared: &Shared, socket: &Path, lines: &[String]) -> bool {
                         let what = format!("{acked} lines were acknowledged, {from} are there");
                         shared.broken.lock().unwrap().push(what);
                     }
-                    // What a daemon welcomes a sender with it has acknowledged.
+                    // The number in the daemon's welcome is acknowledged.
                     shared.welcomes.fetch_add(u64::from(from > 0), Ordering::Relaxed);
                     ACKED.set((from, false));
                     next = Some(usize::try_from(from).unwrap());

@@ -1,4 +1,4 @@
-//! A receiver of alarms: remembers what was posted to it.
+//! A receiver of alarms that keeps every message posted to it.
 
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream};
@@ -20,7 +20,7 @@ impl Hook {
         thread::spawn(move || {
             for stream in listener.incoming().flatten() {
                 let kept = Arc::clone(&kept);
-                // A sender that is killed in the middle says no more: nothing was received then.
+                // A sender killed in the middle of a message sends no more; the message then counts as not received.
                 thread::spawn(move || answer(stream, &kept));
             }
         });

@@ -25,7 +25,7 @@ fn killed_at_random_moments_it_loses_nothing_doubles_nothing_and_says_the_same()
         for kill in 0..here {
             let mut daemon = campaign.start(&[]);
             let started = Instant::now();
-            // A sender hears of what is durable after a second: some live long enough for that.
+            // A sender gets its first acknowledgement after a second; some processes live long enough for that.
             let most_ms = if generator.random_range(0..10) == 0 {
                 3000
             } else {

@@ -52,7 +52,7 @@ fn a_recording_the_program_dies_of_is_set_aside_and_the_rest_goes_on() {
         deaths += 1;
         assert!(deaths <= 6, "{}", daemon.log());
     };
-    // One death that blames nobody and two alone for reading it, and as many for analysing what was read before that.
+    // One crash that blames no step and two alone for reading it, and as many for analysing the data read before.
     assert!(deaths == 3 || deaths == 6, "{deaths} deaths");
     assert!(daemon.log().contains("quarantined"), "{}", daemon.log());
     let store = rusqlite::Connection::open(campaign.path("state/site.db")).unwrap();

@@ -124,7 +124,7 @@ impl Process {
 impl Drop for Process {
     fn drop(&mut self) {
         if self.child.try_wait().is_ok_and(|ended| ended.is_none()) {
-            // The whole group: what strace or bwrap runs would outlive it.
+            // The whole group: otherwise the program under strace or bwrap would outlive it.
             let group = format!("-{}", self.child.id());
             let _ = Command::new("kill").args(["-KILL", "--", &group]).status();
             let _ = self.child.wait();

@@ -36,7 +36,7 @@ fn refuse(files: Files, found: Found, calls: &str, error: &str, number: usize) -
     let words = injecting(&campaign, files, calls, &injection);
     let (status, log) = run(&campaign, &mut feed, &words);
     let came = came_of(status, &log).unwrap_or_else(|| panic!("{what}: {status}\n{log}"));
-    // What a disk that fails has is not known: only no room may be waited for.
+    // The content of a failing disk is not known, so the daemon may wait only for free space.
     assert!(error == "ENOSPC" || came != Came::Waited, "{what}:\n{log}");
     campaign.finish(&mut feed);
     campaign.check(&what, found == Found::Damaged);
@@ -70,7 +70,7 @@ fn a_disk_that_fails_ends_it_and_nothing_is_lost() {
         let came = refuse(files, Found::Begun, calls, "EIO", number);
         assert_eq!(came, Came::Ended, "{files:?} {calls} {number}");
     }
-    // SQLite does not tell of every flush that fails: some cost nothing, which of them depends on what shared a commit.
+    // SQLite does not report every failed flush: some have no effect, depending on the content of the commit.
     let came =
         [2, 3, 4, 5].map(|number| refuse(Files::Store, Found::Begun, "fsync,fdatasync", "EIO", number));
     assert!(came.contains(&Came::Ended), "{came:?}");
@@ -145,7 +145,7 @@ fn a_disk_that_fills_up_and_is_freed_again_and_again_costs_nothing() {
         // As much as there is.
         let _ = fs::write(state.join("ballast"), vec![1; 32 << 20]);
         feed.offer(f64::from(time) / 4.0);
-        // Told once a minute at most, so the later times are not told again.
+        // Reported once a minute at most, so the later times are not reported again.
         daemon.wait_until("it waits for room", |log| log.contains("no room"));
         let before = campaign.records();
         fs::remove_file(state.join("ballast")).unwrap();

@@ -103,7 +103,7 @@ fn confined<'a>(folder: &'a str, state: &'a str) -> Vec<&'a str> {
         "--unshare-uts",
         "--cap-drop",
         "ALL",
-        // Nobody special, as in the unit: root's SQLite would hand its files over to the store's owner.
+        // An ordinary user, as in the unit: as root, SQLite would give its files to the store's owner.
         "--unshare-user",
         "--uid",
         "1000",
@@ -154,7 +154,7 @@ fn the_campaign_passes_inside_the_units_sandbox() {
     let under_filter = ["sh", "-c", "exec \"$@\" 9<filter", "sh"];
     let filtered = [&under_filter[..], &words[..1], &["--seccomp", "9"], &words[1..]].concat();
 
-    // The filter is in force: what the unit denies fails.
+    // The filter is active: calls that the unit denies fail.
     let mut denied = Command::new(filtered[0]);
     let denied = denied.args(&filtered[1..]).args(["nice", "-n", "1", "true"]);
     let said = denied.current_dir(&folder).output().unwrap();

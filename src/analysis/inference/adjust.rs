@@ -10,7 +10,7 @@
 //! and the line extrapolates. A little of that is still far better than no adjustment, much of it is
 //! not (docs/abc.md): see [`REACH`].
 
-use crate::analysis::rod::prior::RodPrior;
+use crate::analysis::rod::prior::Prior;
 use nalgebra::{DMatrix, SymmetricEigen};
 use thiserror::Error;
 
@@ -51,7 +51,7 @@ pub enum Withheld {
 /// Changes nothing if fewer points have weight than twice the coefficients sought, or if the observation is
 /// out of their [`REACH`].
 pub fn linear(
-    prior: &RodPrior,
+    priors: &[Prior],
     particles: &mut [f64],
     differences: &[f64],
     distances: &[f64],
@@ -74,7 +74,6 @@ pub fn linear(
     }
     let total: f64 = kernel.iter().sum();
     let kernel: Vec<f64> = kernel.iter().map(|w| w / total).collect();
-    let priors = prior.priors();
     let uncertain: Vec<usize> = (0..priors.len()).filter(|&i| !priors[i].is_fixed()).collect();
     let width = priors.len();
     let design = DMatrix::from_row_slice(points, modes, differences);
@@ -171,7 +170,7 @@ fn centred(matrix: &DMatrix<f64>, weights: &[f64]) -> (DMatrix<f64>, Vec<f64>) {
 mod tests {
     use super::*;
     use crate::analysis::rod::beam::{Parameterisation, Section};
-    use crate::analysis::rod::prior::Prior;
+    use crate::analysis::rod::prior::RodPrior;
 
     /// Direct section with an uncertain force and rigidity, everything else fixed.
     fn prior(force: Prior, rigidity: Prior) -> RodPrior {
@@ -204,7 +203,7 @@ mod tests {
         let mut weights = vec![1.0 / points as f64; points];
         assert_eq!(
             linear(
-                &prior,
+                prior.priors(),
                 &mut particles,
                 &differences,
                 &distances,
@@ -235,7 +234,7 @@ mod tests {
         let mut weights = vec![1.0 / points as f64; points];
         assert_eq!(
             linear(
-                &prior,
+                prior.priors(),
                 &mut particles,
                 &differences,
                 &distances,
@@ -265,7 +264,7 @@ mod tests {
         let mut weights = vec![1.0 / points as f64; points];
         assert_eq!(
             linear(
-                &prior,
+                prior.priors(),
                 &mut particles,
                 &differences,
                 &distances,
@@ -295,7 +294,7 @@ mod tests {
             let before = particles.clone();
             let mut weights = vec![1.0 / points as f64; points];
             let done = linear(
-                &prior,
+                prior.priors(),
                 &mut particles,
                 &differences,
                 &distances,
@@ -315,7 +314,7 @@ mod tests {
         let mut weights = vec![1.0 / 3.0; 3];
         assert!(
             linear(
-                &prior,
+                prior.priors(),
                 &mut particles,
                 &[0.1, 0.2, 0.3],
                 &[0.1, 0.2, 0.3],

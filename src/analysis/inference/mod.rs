@@ -8,6 +8,8 @@
 //! * [`sequential`]  a sequence of populations instead of one table
 //! * [`posterior`]   the weighted sample, its means and quantiles
 //! * [`conflict`]    the distance of an observation from everything the beam can produce
+//! * [`joint`]       one posterior of frequencies, tests and direct measurements
+//! * [`with_tests`]  a record together with tests of its rod
 //! * [`variance_shares`] the share of each source in the variance of N
 
 pub mod abc;
@@ -15,6 +17,7 @@ pub mod adjust;
 pub mod conflict;
 pub mod distance;
 mod explained;
+pub mod joint;
 pub mod observation;
 pub mod plan;
 pub mod posterior;
@@ -24,6 +27,7 @@ pub mod sequential;
 pub mod settings;
 pub mod table;
 pub mod variance_shares;
+pub mod with_tests;
 
 pub use adjust::Withheld;
 pub use conflict::{Conflict, Violation};
@@ -32,5 +36,6 @@ pub use observation::{InvalidObservation, Observation};
 pub use plan::{Inference, PlanError};
 pub use posterior::{Marginal, Posterior, Stop};
 pub use settings::{AbcSettings, Accept, Adjustment, Distance, Method, Noise};
-pub use table::{LaterTable, Table, Tables};
+pub use table::{LaterTable, Statics, Table, Tables};
 pub use variance_shares::{MassDependence, SourceShare, VarianceShares};
+pub use with_tests::Tested;

@@ -3,10 +3,11 @@
 use super::abc::{self, Accepted};
 use super::conflict::{self, Conflict};
 use super::distance::{self, Target};
+use super::joint::{Datum, Joint, JointError, JointSettings};
 use super::posterior::Posterior;
 use super::prior_place::prior_place;
 use super::sequential::{self, SequentialSettings};
-use super::table::{LaterTable, NoiseTable, Table, Tables};
+use super::table::{LaterTable, NoiseTable, Statics, Table, Tables};
 use super::variance_shares::{VarianceShares, variance_shares};
 use super::{AbcSettings, Accept, Adjustment, Distance, Method, Noise, Observation, adjust};
 use crate::analysis::numerics::diagnostics;
@@ -91,6 +92,14 @@ pub enum PlanError {
         /// Tolerance as given.
         epsilon: f64,
     },
+    /// Tests of the rod give no posterior.
+    #[error("tests of the rod: {0}")]
+    Tests(#[from] JointError),
+    /// A sequence of populations draws from the independent priors, which tests have left.
+    #[error(
+        "abc.method = \"sequential\" does not go with [[rod.test]]: leave it out, tests bring a sequence of their own"
+    )]
+    SequentialTests,
     /// The fixed measurement error is negative or not a number.
     #[error("fixed measurement error {sd_hz} Hz: it must be zero or positive")]
     Noise {
@@ -108,6 +117,8 @@ pub struct Inference {
     settings: AbcSettings,
     table: Arc<LaterTable>,
     noise: NoiseTable,
+    /// The table's rods are those that tests left.
+    is_tested: bool,
 }
 
 impl Inference {
@@ -131,13 +142,58 @@ impl Inference {
             Method::Sequential => settings.draws.min(10_000),
         };
         Ok(Self {
-            table: tables.simulated(&prior, &model, modes, draws),
+            table: tables.simulated(&prior, &model, modes, draws, None),
             noise: tables.noise(draws, modes),
             prior,
             model,
             discrepancy,
             settings,
+            is_tested: false,
         })
+    }
+
+    /// The same rod after tests, moment by moment: what they say of everything but the force becomes the prior of every record.
+    ///
+    /// # Errors
+    /// Tests that give no posterior, or a sequence of populations, which knows no table.
+    pub fn after(self, tests: &[Vec<Datum>], tables: &Tables) -> Result<Self, PlanError> {
+        if tests.is_empty() {
+            return Ok(self);
+        }
+        if self.settings.method == Method::Sequential {
+            return Err(PlanError::SequentialTests);
+        }
+        let joint = Joint {
+            prior: &self.prior,
+            discrepancy: &self.discrepancy,
+            moments: tests,
+            settings: JointSettings {
+                // Every record draws from these particles.
+                sample: 5 * JointSettings::default().sample,
+                ..JointSettings::default()
+            },
+        };
+        let found = joint.posterior_alone(tables.seed())?;
+        let statics = Some(Arc::new(Statics::of(&found)));
+        Ok(Self {
+            table: tables.simulated(
+                &self.prior,
+                &self.model,
+                self.table.modes(),
+                self.settings.draws,
+                statics,
+            ),
+            is_tested: true,
+            ..self
+        })
+    }
+
+    /// Discrepancy that the generative model adds to the table's frequencies: none where tests have put it there.
+    fn added_discrepancy(&self) -> Vec<f64> {
+        match self.is_tested {
+            true => vec![0.0; self.discrepancy.len()],
+            false => self.discrepancy.clone(),
+        }
     }
 
     /// Posterior given an observation. The same observation and seed give the same bits.
@@ -172,7 +228,7 @@ impl Inference {
         check_observation(observation, self.table.modes())?;
         let target = Target::new(
             observation,
-            &self.discrepancy,
+            &self.added_discrepancy(),
             self.settings.noise,
             Distance::Euclidean,
         )
@@ -254,7 +310,7 @@ impl Inference {
         check_observation(observation, self.table.modes())?;
         Target::new(
             observation,
-            &self.discrepancy,
+            &self.added_discrepancy(),
             self.settings.noise,
             self.settings.distance,
         )
@@ -314,7 +370,7 @@ impl Inference {
                 }
             }
             adjust::linear(
-                &self.prior,
+                self.prior.priors(),
                 &mut particles,
                 &simulated,
                 &distances,

@@ -1,9 +1,11 @@
 //! The simulated table: parameter vectors drawn from the prior with their model frequencies, drawn once
 //! and reused for every record, and the standard normal noise every record reuses with it.
 
+use super::joint::JointPosterior;
 use crate::analysis::numerics::random::{self, BLOCK};
 use crate::analysis::rod::beam::forward::ForwardModel;
 use crate::analysis::rod::prior::RodPrior;
+use rand::RngExt;
 use rand_distr::{Distribution, StandardNormal};
 use rayon::prelude::*;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError, Weak};
@@ -29,6 +31,19 @@ impl Table {
     /// Draws `draws` parameter vectors from the prior and computes `modes` frequencies of each. Block b uses
     /// stream b of `seed`, so the bits do not depend on the number of threads.
     pub fn draw(prior: &RodPrior, model: &dyn ForwardModel, modes: usize, draws: usize, seed: u64) -> Self {
+        Self::conditioned(prior, model, None, modes, draws, seed)
+    }
+
+    /// The same with everything but the axial force from what tests left of the rod; the model's discrepancy is then part of the
+    /// frequencies.
+    pub fn conditioned(
+        prior: &RodPrior,
+        model: &dyn ForwardModel,
+        statics: Option<&Statics>,
+        modes: usize,
+        draws: usize,
+        seed: u64,
+    ) -> Self {
         let width = prior.priors().len();
         let uncertain: Vec<usize> = (0..width).filter(|&i| !prior.priors()[i].is_fixed()).collect();
         let blocks = draws.div_ceil(BLOCK);
@@ -46,10 +61,19 @@ impl Table {
                     let thetas = &mut thetas[..rows * width];
                     let answers = &mut answers[..rows * modes];
                     let mut generator = random::stream(seed, block as u64);
-                    for theta in thetas.chunks_exact_mut(width) {
+                    let mut picked = [0; BLOCK];
+                    for (theta, picked) in thetas.chunks_exact_mut(width).zip(&mut picked) {
                         prior.sample(&mut generator, theta);
+                        if let Some(statics) = statics {
+                            *picked = statics.pick(generator.random(), theta);
+                        }
                     }
                     model.frequencies_of_many(thetas, modes, answers);
+                    if let Some(statics) = statics {
+                        for (answer, &row) in answers.chunks_exact_mut(modes).zip(&picked) {
+                            statics.distort(row, answer);
+                        }
+                    }
                     for (row, theta) in thetas.chunks_exact(width).enumerate() {
                         for (slot, &quantity) in uncertain.iter().enumerate() {
                             parameters[row * uncertain.len() + slot] = theta[quantity] as f32;
@@ -176,6 +200,53 @@ impl NoiseTable {
     }
 }
 
+/// What tests left of a rod besides its force: a weighted sample of its parameters with the model's discrepancies.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Statics {
+    width: usize,
+    thetas: Vec<f64>,
+    discrepancies: Vec<Vec<f64>>,
+    cumulated: Vec<f64>,
+}
+
+impl Statics {
+    /// Of a joint posterior of tests.
+    pub fn of(found: &JointPosterior) -> Self {
+        let mut sum = 0.0;
+        Self {
+            width: found.posterior.parameterisation.len(),
+            thetas: found.posterior.particles.clone(),
+            discrepancies: found.discrepancies.clone(),
+            cumulated: found
+                .posterior
+                .weights
+                .iter()
+                .map(|weight| {
+                    sum += weight;
+                    sum
+                })
+                .collect(),
+        }
+    }
+
+    /// Puts the particle at share `u` of the weight into `theta`, but for the axial force, which comes first.
+    fn pick(&self, u: f64, theta: &mut [f64]) -> usize {
+        let row = self
+            .cumulated
+            .partition_point(|&sum| sum <= u)
+            .min(self.cumulated.len() - 1);
+        theta[1..].copy_from_slice(&self.thetas[row * self.width + 1..][..self.width - 1]);
+        row
+    }
+
+    /// Frequencies as the model with its discrepancy gives them.
+    fn distort(&self, row: usize, frequencies: &mut [f64]) {
+        for (f, c) in frequencies.iter_mut().zip(&self.discrepancies[row]) {
+            *f *= 1.0 + c;
+        }
+    }
+}
+
 /// Everything that a table depends on; equal keys mean equal tables.
 #[derive(Debug, PartialEq)]
 struct Key {
@@ -186,6 +257,7 @@ struct Key {
     probe: Vec<u64>,
     modes: usize,
     draws: usize,
+    statics: Option<Arc<Statics>>,
 }
 
 /// A column of noise that some rod may still use.
@@ -205,6 +277,7 @@ pub struct LaterTable {
     modes: usize,
     draws: usize,
     seed: u64,
+    statics: Option<Arc<Statics>>,
 }
 
 impl LaterTable {
@@ -215,9 +288,10 @@ impl LaterTable {
         }
         // Nothing is held while drawing: a thread of the pool that waits for its share of the work could pick up another
         // record of the same rod and wait for itself. Drawn twice, it has the same bits.
-        let table = Table::draw(
+        let table = Table::conditioned(
             &self.prior,
             self.model.as_ref(),
+            self.statics.as_deref(),
             self.modes,
             self.draws,
             self.seed,
@@ -264,6 +338,7 @@ impl Tables {
         model: &Arc<dyn ForwardModel>,
         modes: usize,
         draws: usize,
+        statics: Option<Arc<Statics>>,
     ) -> Arc<LaterTable> {
         let seed = self.stream_seed(b"simulated table");
         let key = Key {
@@ -272,6 +347,7 @@ impl Tables {
             probe: probe(prior, model.as_ref(), modes, seed),
             modes,
             draws,
+            statics: statics.clone(),
         };
         let mut known = self.simulated.lock().unwrap_or_else(PoisonError::into_inner);
         known.retain(|(_, table)| table.strong_count() > 0);
@@ -286,6 +362,7 @@ impl Tables {
             modes,
             draws,
             seed,
+            statics,
         });
         known.push((key, Arc::downgrade(&table)));
         table

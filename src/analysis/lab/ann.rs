@@ -221,7 +221,7 @@ mod tests {
             block.iter().map(|f| f.to_bits()).collect::<Vec<_>>(),
             alone.iter().map(|f| f.to_bits()).collect::<Vec<_>>()
         );
-        // Three hundred passes over 729 points already know the rod to a few per cent.
+        // Three hundred passes over 729 points already fit the rod to a few per cent.
         let report = ann.report();
         assert!(
             report.modes[..3].iter().all(|mode| mode.relative.rms < 0.05),

@@ -10,7 +10,7 @@ const FAR: f64 = 25.0;
 /// ln P(Z > z) for a standard normal Z.
 pub fn ln_upper(z: f64) -> f64 {
     if z < -1.0 {
-        // Close to one: the other tail tells the difference.
+        // Close to one: the other tail is more exact.
         return libm::log1p(-0.5 * libm::erfc(-z / SQRT_2));
     }
     if z < FAR {

@@ -4,3 +4,4 @@ pub mod beam;
 pub mod emulator;
 pub mod fixity;
 pub mod prior;
+pub mod query;

@@ -13,7 +13,7 @@ use serde::Serialize;
 pub enum Prior {
     /// A value known exactly.
     Fixed {
-        /// The value, SI.
+        /// Constant value of the samples, SI.
         value: f64,
     },
     /// A normal distribution truncated to positive values; `mean` and `sd` are those of the

@@ -1,4 +1,4 @@
-//! Alarms: their kinds, and how they are raised, repeated, acknowledged and cleared.
+//! Alarms: kinds, raising, repetition, acknowledgement and clearing.
 
 pub mod change;
 
@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::fmt;
 
-/// What an alarm is about.
+/// Kind of an alarm.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Kind {
@@ -30,12 +30,12 @@ pub enum Kind {
     Sensor,
     /// No record for too long.
     NoData,
-    /// Force or temperature lies beyond what was learned.
+    /// Force or temperature lies outside the learned range.
     OutsideTraining,
 }
 
 impl Kind {
-    /// Every kind.
+    /// Every kind of alarm.
     pub const ALL: [Self; 8] = [
         Self::Drift,
         Self::Common,
@@ -47,7 +47,7 @@ impl Kind {
         Self::OutsideTraining,
     ];
 
-    /// The name in JSON and tables.
+    /// Name in JSON and tables.
     pub fn code(self) -> &'static str {
         match self {
             Self::Drift => "drift",
@@ -61,8 +61,8 @@ impl Kind {
         }
     }
 
-    /// Whether it speaks of the rod and therefore stands until somebody acknowledges it, even if its condition
-    /// ends; the others speak of the measurement and go with their condition.
+    /// True if the alarm concerns the rod and therefore stays active until acknowledged, even if its
+    /// condition ends; alarms about the measurement end with their condition.
     pub fn is_latched(self) -> bool {
         matches!(self, Self::Drift | Self::Common | Self::Limit | Self::NotAxial)
     }
@@ -74,32 +74,32 @@ impl fmt::Display for Kind {
     }
 }
 
-/// A condition of one rod that somebody must know of.
+/// A condition of one rod that a person must be notified of.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Alarm {
-    /// Unique and repeatable: the same condition found again from the same records has the same id.
+    /// Unique and reproducible id: the same condition found again from the same records has the same id.
     pub id: String,
-    /// The rod.
+    /// Id of the rod.
     pub rod: RodId,
-    /// What it is about.
+    /// Kind of the alarm.
     pub kind: Kind,
-    /// When it was raised, in event time.
+    /// Time of raising, in event time.
     pub raised: Timestamp,
     /// One sentence for people.
     pub message: String,
     /// Onset, size and rate, for a drift.
     pub change: Option<Change>,
-    /// Who says so, for a drift.
+    /// Witness of a drift: the detectors behind it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub witness: Option<Witness>,
-    /// The kinds of change that may have moved the modes, of a drift or where none is axial.
+    /// The kinds of change that may have moved the modes, for a drift, or where none is axial.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub alternatives: Option<Explained>,
-    /// When it was acknowledged, if it was.
+    /// Time of its acknowledgement, if acknowledged.
     pub acknowledged: Option<Timestamp>,
-    /// When the condition ended, if it did.
+    /// Time of the end of its condition, if ended.
     pub cleared: Option<Timestamp>,
-    /// When somebody was last told.
+    /// Time of the last notification.
     pub told: Timestamp,
 }
 
@@ -128,34 +128,34 @@ impl Alarm {
         }
     }
 
-    /// Whether nobody acknowledged it, and nobody was told for `repeat_s`.
+    /// True if it is not acknowledged and was not repeated for `repeat_s`.
     pub fn is_due(&self, time: Timestamp, repeat_s: f64) -> bool {
         let passed_s = time.seconds_since(self.told);
         self.acknowledged.is_none() && (passed_s >= repeat_s || passed_s < -JUMP_S)
     }
 
-    /// Whether it is over: its condition ended and, if it is latched, somebody knows.
+    /// True if it is over: its condition ended and, if it is latched, it is acknowledged.
     pub fn is_over(&self) -> bool {
         self.cleared.is_some() && (self.acknowledged.is_some() || !self.kind.is_latched())
     }
 }
 
-/// What happened to an alarm.
+/// Kind of a change of an alarm.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum What {
     /// It is new.
     Raised,
-    /// It still stands and nobody acknowledged it.
+    /// It is still active and not acknowledged.
     Repeated,
-    /// Somebody acknowledged it.
+    /// It was acknowledged.
     Acknowledged,
     /// Its condition ended.
     Cleared,
 }
 
 impl What {
-    /// The name in JSON and tables.
+    /// Name in JSON and tables.
     pub fn code(self) -> &'static str {
         match self {
             Self::Raised => "raised",
@@ -166,18 +166,18 @@ impl What {
     }
 }
 
-/// News about an alarm: one row of the outbox.
+/// A change of an alarm: one row of the outbox.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct AlarmEvent {
-    /// What happened.
+    /// Kind of the change.
     pub what: What,
-    /// When, in event time.
+    /// Time of the change, in event time.
     pub time: Timestamp,
-    /// The alarm as it then was.
+    /// The alarm after the change.
     pub alarm: Alarm,
 }
 
-/// What is looked at again and again. Two of them may be the cause of one kind of alarm.
+/// Condition that is checked repeatedly. Two of them may cause one kind of alarm.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Cause {
@@ -185,21 +185,21 @@ pub enum Cause {
     Limit,
     /// A record shows a loss beyond the limit that nothing else explains.
     Loss,
-    /// What the charts told is still a change when all periods are looked at together.
+    /// The change that the charts found is still significant over all periods together.
     Change,
     /// A period's misfit is not that of an axial change.
     Misfit,
-    /// A change that the evidence told is none of the axial force.
+    /// A change found by the evidence is not one of the axial force.
     Pattern,
     /// A record's conflict with the model.
     Conflict,
     /// A record cannot be used.
     Unusable,
-    /// A record comes without a temperature that can be believed.
+    /// A record comes without a credible temperature.
     NoTemperature,
-    /// A record differs from the baseline by more than the model was prepared for.
+    /// A record differs from the baseline by more than the prepared range.
     OutsideRange,
-    /// The temperature is far from all learned.
+    /// The temperature is far outside the learned range.
     Unlearned,
 }
 
@@ -218,7 +218,7 @@ impl Cause {
         Self::Unlearned,
     ];
 
-    /// The kind of alarm it raises.
+    /// Kind of alarm that it raises.
     pub fn kind(self) -> Kind {
         match self {
             Self::Limit | Self::Loss => Kind::Limit,
@@ -231,33 +231,33 @@ impl Cause {
     }
 }
 
-/// How often in a row a condition was found, and found absent.
+/// Counts of how often in a row a condition was found, and found absent.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Run {
     held: usize,
     absent: usize,
-    /// Whether it was found to hold and not to be over since.
+    /// True if it was found to hold and has not ended since.
     stands: bool,
 }
 
-/// What a condition's run says.
+/// State of a condition by its run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Finding {
     /// It holds.
     Holds,
-    /// It is over, and so is every other cause of its kind of alarm.
+    /// It has ended, and so has every other cause of its kind of alarm.
     Over,
-    /// Not enough in a row to say either, or another cause goes on.
+    /// Too few in a row to decide, or another cause still holds.
     Undecided,
 }
 
-/// The runs of all conditions.
+/// Runs of all conditions.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Watches(BTreeMap<Cause, Run>);
 
 impl Watches {
-    /// Takes one more look at a condition: it holds (`Some(true)`), it is absent (`Some(false)`), or lies between the
-    /// level that raises and the level that clears (`None`), which breaks both runs.
+    /// Adds one check of a condition: it holds (`Some(true)`), it is absent (`Some(false)`), or it lies
+    /// between the raising and the clearing level (`None`), which breaks both runs.
     pub fn look(&mut self, cause: Cause, holds: Option<bool>, raise: usize, clear: usize) -> Finding {
         let run = self.0.entry(cause).or_default();
         (run.held, run.absent) = match holds {
@@ -280,7 +280,7 @@ impl Watches {
         }
     }
 
-    /// Notes that a condition holds from now on, whatever it was before.
+    /// Notes that a condition holds from now on, whatever its state was.
     pub fn begin(&mut self, cause: Cause) {
         self.0.insert(
             cause,
@@ -296,12 +296,12 @@ impl Watches {
         self.0.remove(&cause);
     }
 
-    /// True if a condition was found to hold and not to be over since.
+    /// True if a condition was found to hold and has not ended since.
     pub fn stands(&self, cause: Cause) -> bool {
         self.0.get(&cause).is_some_and(|run| run.stands)
     }
 
-    /// Whether a cause of this kind of alarm was found to hold and not to be over since.
+    /// True if a cause of this kind of alarm was found to hold and has not ended since.
     fn any_stands(&self, kind: Kind) -> bool {
         let of_kind = Cause::ALL.iter().filter(|cause| cause.kind() == kind);
         of_kind
@@ -310,24 +310,24 @@ impl Watches {
     }
 }
 
-/// Knowledge of the change an alarm is about.
+/// Details of the change behind an alarm.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Known {
     /// Onset, size and rate.
     pub change: Option<Change>,
-    /// Who says so.
+    /// Detectors behind the drift.
     pub witness: Option<Witness>,
     /// The kinds of change that may have moved the modes.
     pub alternatives: Option<Explained>,
 }
 
-/// The alarms of one rod that stand, and the news about them since the last look.
+/// Active alarms of one rod, with their changes since the last check.
 pub struct Board<'a> {
     rod: &'a RodId,
     segment: u32,
     alarms: &'a mut Vec<Alarm>,
     events: Vec<AlarmEvent>,
-    /// What else explains what is told of the rod.
+    /// Another explanation of the rod's alarms, as a sentence.
     proviso: Option<String>,
 }
 
@@ -343,25 +343,25 @@ impl<'a> Board<'a> {
         }
     }
 
-    /// Adds a sentence to what is told of the rod itself from now on: what else explains it.
+    /// Adds a sentence with another explanation to the rod's alarms from now on.
     pub fn qualify(&mut self, proviso: String) {
         self.proviso = Some(proviso);
     }
 
-    /// Whether an alarm of this kind stands and its condition holds.
+    /// True if an alarm of this kind is active and its condition holds.
     pub fn holds(&self, kind: Kind) -> bool {
         self.alarms
             .iter()
             .any(|alarm| alarm.kind == kind && alarm.cleared.is_none())
     }
 
-    /// Raises an alarm unless one of its kind holds already; one that stands only because nobody acknowledged
-    /// it is joined by the new one.
+    /// Raises an alarm unless one of its kind holds already; one that is active only for lack of
+    /// acknowledgement does not prevent the new one.
     pub fn raise(&mut self, kind: Kind, time: Timestamp, message: String, known: Known) {
         self.raise_late(kind, time, time, message, known);
     }
 
-    /// Raises an alarm of an earlier time than the one at which it is told.
+    /// Raises an alarm with a time before its notification.
     pub fn raise_late(
         &mut self,
         kind: Kind,
@@ -388,7 +388,7 @@ impl<'a> Board<'a> {
         self.alarms.push(alarm);
     }
 
-    /// Tells the alarms of which more is known by now again.
+    /// Repeats alarms with details known since.
     pub fn tell_again(
         &mut self,
         time: Timestamp,
@@ -432,7 +432,7 @@ impl<'a> Board<'a> {
         self.alarms.retain(|alarm| !alarm.is_over());
     }
 
-    /// Acknowledges the alarm with this id; whether there was one to acknowledge.
+    /// Acknowledges the alarm with this id; returns true if there was one to acknowledge.
     pub fn acknowledge(&mut self, id: &str, time: Timestamp) -> bool {
         let found = self
             .alarms
@@ -446,8 +446,8 @@ impl<'a> Board<'a> {
         true
     }
 
-    /// Tells again what nobody acknowledged for `repeat_s`; `renew` may bring an alarm up to date first. What was told far
-    /// in the future was told by a wrong clock.
+    /// Repeats alarms not acknowledged for `repeat_s`; `renew` may update an alarm first. A notification far
+    /// in the future came from a wrong clock.
     pub fn repeat(&mut self, time: Timestamp, repeat_s: f64, mut renew: impl FnMut(&mut Alarm)) {
         for index in 0..self.alarms.len() {
             let alarm = &mut self.alarms[index];
@@ -467,7 +467,7 @@ impl<'a> Board<'a> {
         }
     }
 
-    /// The news.
+    /// Changes of alarms, in order.
     pub fn into_events(self) -> Vec<AlarmEvent> {
         self.events
     }

@@ -13,7 +13,7 @@ use crate::analysis::signal::record::Timestamp;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-/// Particles from which the slopes are taken that the levels need.
+/// Number of particles that give the slopes for the levels.
 const PILOTS: usize = 64;
 
 /// Standard error of the plain mean of ln f that finds the pilots.
@@ -31,41 +31,40 @@ pub struct BaselineMode {
     pub log_frequency: f64,
     /// Its standard error.
     pub log_sd: f64,
-    /// Records of the baseline in which the mode was measured.
+    /// Number of records of the baseline in which the mode was measured.
     pub records: usize,
 }
 
-/// What later records are compared with (design 4.5).
+/// Reference for later records (design 4.5).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Baseline {
     /// Start of the first record.
     pub first: Timestamp,
     /// Start of the last record.
     pub last: Timestamp,
-    /// How many records.
+    /// Number of records.
     pub records: usize,
     /// The modes, ascending in order.
     pub modes: Vec<BaselineMode>,
-    /// By how much the scatter of the frequencies exceeds their standard errors, as a factor on the
-    /// standard error, at least one.
+    /// Scatter of the frequencies over their standard errors, as a factor, at least one.
     pub overdispersion: f64,
     /// Parameter vectors of equal weight, row-major (particles x quantities), SI: the posterior of the
     /// static parameters and of N_0 given the mean frequencies.
     pub particles: Vec<f64>,
     /// Smallest and largest root mean square of the records' samples, SI of their unit.
     pub rms: (f64, f64),
-    /// How far the mean frequencies lie from what the model can produce within its discrepancy, as
-    /// the smallest chi over the particles.
+    /// Distance of the mean frequencies from the model within its discrepancy: smallest chi over the
+    /// particles.
     pub misfit: f64,
 }
 
-/// Why records give no baseline.
+/// Reason why records give no baseline.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum BaselineFault {
     /// No mode was measured often enough.
     #[error("no mode was measured in at least a third of {records} records")]
     NoMode {
-        /// How many records.
+        /// Number of records.
         records: usize,
     },
     /// No parameters of the rod give such frequencies.
@@ -74,8 +73,8 @@ pub enum BaselineFault {
 }
 
 impl Baseline {
-    /// Learns from records in event order. `discrepancy`: relative, one per mode order from 1; a mode
-    /// beyond it has none. A mode that fewer than a third of the records have is left out.
+    /// Learns a baseline from records in event order. `discrepancy`: relative, one per mode order from 1; a
+    /// mode beyond it has none. A mode that fewer than a third of the records have is left out.
     ///
     /// The levels ybar_n follow from the two-way fit of `levels`; the particles are the posterior of (theta, x, N_0) for
     ///
@@ -148,7 +147,7 @@ impl Baseline {
     }
 }
 
-/// In how many records each of the first `modes` orders was measured.
+/// Number of records in which each of the first `modes` orders was measured.
 fn counts(observations: &[Observation], modes: usize) -> [usize; MAX_MODES] {
     std::array::from_fn(|slot| {
         let measured = |observation: &&Observation| {
@@ -165,7 +164,7 @@ fn stated(discrepancy: &[f64], order: usize) -> f64 {
     discrepancy.get(order - 1).copied().unwrap_or(0.0)
 }
 
-/// Plain means of the log-frequencies, with room for what a moving force and missing modes do to them.
+/// Plain means of the log-frequencies, with room for the effects of a moving force and of missing modes.
 fn rough_targets(observations: &[Observation], used: &[bool; MAX_MODES], discrepancy: &[f64]) -> Vec<Target> {
     let mean = |order: usize| {
         let (mut sum, mut weights) = (0.0, 0.0);

@@ -6,13 +6,13 @@
 //! ```
 //!
 //! Imports go downward only, from the last line of this list to the first:
-//! * [`observation`]  what tracking takes from one record
-//! * [`settings`]     what can be chosen
-//! * [`ordered`]      what comes of several rods' records in the order of its time
+//! * [`observation`]  input of tracking from one record
+//! * [`settings`]     settings of tracking and alarms
+//! * [`ordered`]      results of several rods' records in order of their times
 //! * [`baseline`]     mean log-frequencies of the first records and particles of the static parameters
-//! * [`relative`]     posterior of N_t / N_0 for one record, and whether the change is axial at all
-//! * [`alternatives`] which kind of change the pattern of the modes allows
-//! * [`drift`]        the records of a period as one statistic, the other rods, detectors of a change
+//! * [`relative`]     posterior of N_t / N_0 for one record, and a test that the change is axial
+//! * [`alternatives`] kinds of change that the pattern of the modes allows
+//! * [`drift`]        records of a period as one statistic, the other rods, detectors of a change
 //! * [`thermometer`]  temperature readings that cannot be what they claim
 //! * [`plausibility`] records that cannot be what they claim: unit, clock, channel
 //! * [`alarm`]        kinds, raise, repeat, acknowledge, clear

@@ -1,11 +1,11 @@
-//! What tracking takes from one record.
+//! Input of tracking from one record.
 
 use crate::analysis::identify::Identification;
 use crate::analysis::signal::modes::Mode;
 use crate::analysis::signal::record::{Reading, Timestamp};
 use serde::{Deserialize, Serialize};
 
-/// One natural frequency as tracking sees it.
+/// One natural frequency as input of tracking.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct LogMode {
     /// Mode order, from 1.
@@ -26,7 +26,7 @@ impl From<&Mode> for LogMode {
     }
 }
 
-/// What tracking takes from one identified record.
+/// Input of tracking from one identified record.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Observation {
     /// Time of the first sample.
@@ -35,7 +35,7 @@ pub struct Observation {
     pub duration_s: f64,
     /// The measured modes, ascending in order.
     pub modes: Vec<LogMode>,
-    /// Temperature readings since the rod's record before this one and within this one, ascending in time.
+    /// Temperature readings since the rod's previous record, its own included, ascending in time.
     pub readings: Vec<Reading>,
     /// Root mean square of the samples, SI of their unit.
     pub rms: f64,
@@ -44,7 +44,7 @@ pub struct Observation {
 }
 
 impl Observation {
-    /// Of an identified record; `None` for frequencies measured elsewhere, which have no time.
+    /// Observation of an identified record; `None` for frequencies measured elsewhere, which have no time.
     pub fn of(identification: &Identification) -> Option<Self> {
         let measurement = identification.measurement.as_ref()?;
         Some(Self {

@@ -1,19 +1,19 @@
-//! One order of what becomes of a site's records: that of their times, whatever the order they are read in.
+//! One order of the results of a site's records: that of their times, whatever the order of reading.
 //!
-//! What comes of a rod stays in the order it comes in. Of several rods the one goes first that was complete first; of those
-//! complete at one time, that of the first name. An item waits while a rod may still come with an earlier one:
-//! a rod of which nothing waits, that has not been followed beyond the item's time, and is not further behind than the
-//! window. So the order is one function of the rods' own histories, and how far the reading of one was ahead of another's
-//! does not matter.
+//! The items of one rod keep their order. Among several rods, the item complete first goes first; of those
+//! complete at one time, that of the first name. An item waits while a rod may still bring an earlier one: a
+//! rod without waiting items, not yet read beyond the item's time, and not further behind than the window. So
+//! the order depends only on the rods' own histories, not on the progress of reading.
 
 use crate::analysis::signal::record::{RodId, Timestamp};
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 
-/// Most items that wait; beyond, they go in their order without being waited with.
+/// Most items that wait; beyond, they are released in order at once.
 const MOST: usize = 4096;
 
-/// Time up to which a rod has been followed: no item complete before this time is still to come. `None` for one that ended.
+/// Time up to which each rod has been read: no item complete before this time is still to come. `None` for a
+/// rod that ended.
 pub type Reached = Arc<[(RodId, Option<Timestamp>)]>;
 
 /// Items on their way into the order.
@@ -31,7 +31,7 @@ struct Waiting<T> {
 }
 
 impl<T> Ordered<T> {
-    /// Nothing waits yet. A rod that is more than `window_s` behind another is not waited for \[s\].
+    /// An empty order. A rod more than `window_s` behind another is not waited for \[s\].
     pub fn new(window_s: f64) -> Self {
         Self {
             window_s,
@@ -40,12 +40,12 @@ impl<T> Ordered<T> {
         }
     }
 
-    /// Another window from now on \[s\].
+    /// Changes the window from now on \[s\].
     pub fn set_window(&mut self, window_s: f64) {
         self.window_s = window_s;
     }
 
-    /// Items that wait.
+    /// Number of items that wait.
     pub fn len(&self) -> usize {
         self.count
     }
@@ -61,7 +61,7 @@ impl<T> Ordered<T> {
         self.count += 1;
     }
 
-    /// Takes note of how far rods have been followed.
+    /// Notes the times up to which rods have been read.
     pub fn note(&mut self, reached: &[(RodId, Option<Timestamp>)]) {
         for (rod, reached) in reached {
             match self.rods.get_mut(rod) {
@@ -119,7 +119,7 @@ impl<T> Ordered<T> {
 }
 
 impl<T> Waiting<T> {
-    /// The latest time known of it.
+    /// Latest time known of a rod.
     fn newest(&self) -> Option<Timestamp> {
         self.reached.max(self.items.back().map(|(at, _)| *at))
     }
@@ -139,7 +139,7 @@ mod tests {
         Timestamp::from_nanos(second * 1_000_000_000)
     }
 
-    /// Takes what may go.
+    /// Takes all items that may go.
     fn drain(ordered: &mut Ordered<(i64, usize)>, to: &mut Vec<(i64, usize)>) {
         to.extend(std::iter::from_fn(|| ordered.next_settled()));
     }

@@ -8,29 +8,29 @@ use crate::analysis::signal::record::{RodId, Timestamp};
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 
-/// How far outside the amplitudes seen so far a record may lie, as a factor: weather and traffic stay within, a
+/// Largest factor between a record's amplitude and those seen so far: weather and traffic stay within, a
 /// change from metres to millimetres does not.
 const AMPLITUDE: f64 = 50.0;
 
-/// Records that tell the range of amplitudes.
+/// Number of records that determine the range of amplitudes.
 const AMPLITUDES: usize = 5;
 
 /// Silence after which a record's time is doubted until others agree \[s\].
 pub(super) const JUMP_S: f64 = 90.0 * 86_400.0;
 
-/// A channel is compared with what it showed so long ago at most \[s\].
+/// Largest age of a channel's records used for comparison \[s\].
 const COMPARED_S: f64 = 3.0 * 86_400.0;
 
-/// Probability from which on two channels are taken for exchanged.
+/// Probability from which two channels count as exchanged.
 const EXCHANGED: f64 = 0.99;
 
-/// Records of two channels that are this far apart are not asked whether they show one rod \[h\].
+/// Largest distance in time of two channels' records that are tested for showing one rod \[h\].
 const ALIKE_H: f64 = 24.0;
 
-/// Records of a channel that are remembered.
+/// Number of records of a channel remembered.
 const REMEMBERED: usize = 4;
 
-/// Another rod of the site, as its channel showed it.
+/// Another rod of the site, by the records of its channel.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Peer {
     rod: RodId,
@@ -43,11 +43,11 @@ pub struct Peer {
 struct Shown {
     time: Timestamp,
     modes: Vec<LogMode>,
-    /// True if it was taken for the rod's own.
+    /// True if accepted as the rod's own.
     is_own: bool,
 }
 
-/// Why a record is not believed.
+/// Reason why a record is not believed.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Doubt {
     /// Its amplitude is far from all seen before: a unit or a gain changed.
@@ -76,25 +76,25 @@ impl Doubt {
     }
 }
 
-/// Whether a time lies so far after the `latest` believed that a wrong clock is likelier than a silence.
+/// True if a time lies so far after the `latest` accepted one that a wrong clock is likelier than a silence.
 pub(super) fn is_far_ahead(time: Timestamp, latest: Timestamp) -> bool {
     time.seconds_since(latest) > JUMP_S
 }
 
-/// What is remembered to judge the next record.
+/// Memory for judging the next record.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Plausibility {
-    /// Smallest and largest root mean square of the records believed, SI of their unit.
+    /// Smallest and largest root mean square of the accepted records, SI of their unit.
     rms: Option<(f64, f64)>,
-    /// How many records that range is from.
+    /// Number of records behind that range.
     seen: usize,
-    /// The last record that was ahead of time, and how many in a row.
+    /// Last record that was ahead of time, and number of such records in a row.
     ahead: Option<(Timestamp, usize)>,
-    /// The last record before a jump ahead that was believed at last.
+    /// Last record before a jump ahead that was finally accepted.
     before_jump: Option<Timestamp>,
-    /// Records in a row that were older than periods already closed.
+    /// Number of records in a row older than periods already closed.
     behind: usize,
-    /// What the channel showed last, in order of time.
+    /// Latest records of the channel, in order of time.
     #[serde(default)]
     shown: VecDeque<Shown>,
     /// The rod whose channel is exchanged with this one.
@@ -103,7 +103,7 @@ pub struct Plausibility {
     /// A rod whose signal the channel may carry, by its frequencies.
     #[serde(default)]
     alike: Option<RodId>,
-    /// Records from this time on were taken for the rod's own before the exchange was found.
+    /// Time from which records were accepted as the rod's own before the exchange was found.
     #[serde(skip)]
     wrong_since: Option<Timestamp>,
 }
@@ -113,16 +113,16 @@ pub struct Plausibility {
 struct Swap {
     /// The other rod.
     rod: RodId,
-    /// Since this record.
+    /// Start of the first record with the exchange.
     since: Timestamp,
-    /// What this channel and the other one showed before.
+    /// Earlier modes of this channel and of the other one.
     own: Vec<LogMode>,
     other: Vec<LogMode>,
 }
 
 impl Swap {
-    /// True if a record goes on showing the other rod: weighed as an exchange back from what both channels showed last.
-    /// A rod whose channel shows its own modes again is not exchanged with this one any more.
+    /// True if a record still shows the other rod: weighed as an exchange back from the latest records of
+    /// both channels. A rod whose channel shows its own modes again is no longer exchanged with this one.
     fn goes_on(&self, time: Timestamp, modes: &[LogMode], last: &Shown, peers: &[Peer]) -> bool {
         let Some(peer) = peers.iter().find(|peer| peer.rod == self.rod) else {
             return false;
@@ -153,8 +153,8 @@ impl Swap {
 }
 
 impl Plausibility {
-    /// Why an observation of `rod` cannot be believed; `latest` is the rod's last believed record, `patience` the number of
-    /// records in a row after which a new time is believed all the same.
+    /// Reason why an observation of `rod` is not credible; `latest` is the rod's last accepted record,
+    /// `patience` the number of records in a row after which a new time is accepted all the same.
     pub fn doubt(
         &mut self,
         observation: &Observation,
@@ -189,7 +189,7 @@ impl Plausibility {
         doubt
     }
 
-    /// Whose modes these are, if both channels say that they are another rod's.
+    /// Doubt that these modes are another rod's, if both channels show it.
     fn channel(&mut self, rod: &RodId, observation: &Observation, peers: &[Peer]) -> Option<Doubt> {
         let (time, modes) = (observation.start, &observation.modes[..]);
         if let (Some(swap), Some(last)) = (&self.exchange, self.shown.back()) {
@@ -266,7 +266,8 @@ impl Plausibility {
         None
     }
 
-    /// The rod the channel may show by its frequencies: of each other channel the records nearest in time are compared.
+    /// Rod that the channel may show by its frequencies; compares the records nearest in time of each other
+    /// channel.
     fn alike_to(&self, observation: &Observation, peers: &[Peer]) -> Option<RodId> {
         let own = [
             Some((observation.start, &observation.modes)),
@@ -297,7 +298,7 @@ impl Plausibility {
         doubt
     }
 
-    /// Since when records that were believed were another rod's: asked once.
+    /// Time since which accepted records were another rod's; returned once.
     pub fn take_wrong_since(&mut self) -> Option<Timestamp> {
         self.wrong_since.take()
     }
@@ -307,7 +308,7 @@ impl Plausibility {
         self.alike.as_ref()
     }
 
-    /// The rod as others are compared with it.
+    /// This rod as a peer for others.
     pub fn as_peer(&self, rod: &RodId) -> Peer {
         Peer {
             rod: rod.clone(),
@@ -316,23 +317,23 @@ impl Plausibility {
         }
     }
 
-    /// Takes note of a record older than periods already closed. Whether the clock was right before it jumped
-    /// ahead, and is right again: `patience` records in a row say so that lie in the time the jump left out.
+    /// Notes a record older than periods already closed. Returns true if the clock was right before it jumped
+    /// ahead, and is right again: `patience` records in a row lie in the time that the jump left out.
     pub fn is_back(&mut self, start: Timestamp, patience: usize) -> bool {
         self.behind += 1;
         self.behind > patience && self.before_jump.is_some_and(|before| start > before)
     }
 
-    /// Whether records have been older than periods already closed at least so many times in a row.
+    /// True if at least this many records in a row were older than periods already closed.
     pub fn is_behind(&self, patience: usize) -> bool {
         self.behind >= patience
     }
 
-    /// Takes note of a record that was believed.
+    /// Notes an accepted record.
     pub fn believe(&mut self, observation: &Observation) {
         self.behind = 0;
         let (low, high) = self.rms.unwrap_or((f64::INFINITY, 0.0));
-        // A silent record says nothing about amplitudes.
+        // A silent record gives no amplitude.
         if observation.rms > 0.0 {
             self.rms = Some((low.min(observation.rms), high.max(observation.rms)));
             self.seen += 1;
@@ -358,8 +359,8 @@ impl Plausibility {
 }
 
 impl Peer {
-    /// What the channel showed at about the time `before`, and at about the time `now` if it has: with each of its records
-    /// at the nearer of the two.
+    /// Record of the channel at about the time `before`, and that at about the time `now` if there is one:
+    /// each record counts for the nearer of the two.
     fn around(&self, before: Timestamp, now: Timestamp) -> Option<(&Shown, Option<&Shown>)> {
         let middle = before.plus_seconds(0.5 * now.seconds_since(before));
         let now = self.shown.back().filter(|shown| shown.time > middle);
@@ -367,13 +368,13 @@ impl Peer {
     }
 }
 
-/// What a channel showed last of its own rod, before a time if there is one.
+/// Latest record of a channel's own rod, before a time if given.
 fn last_own(shown: &VecDeque<Shown>, before: Option<Timestamp>) -> Option<&Shown> {
     let is_it = |shown: &&Shown| shown.is_own && before.is_none_or(|before| shown.time < before);
     shown.iter().rev().find(is_it)
 }
 
-/// Moves of ln N between two times as the channels of other rods showed them.
+/// Moves of ln N between two times by the channels of other rods.
 fn moves(peers: &[Peer], before: Timestamp, now: Timestamp) -> Vec<(&RodId, f64)> {
     peers
         .iter()
@@ -479,9 +480,9 @@ mod tests {
         rng: ChaCha8Rng,
         force: Vec<f64>,
         restraint: Vec<f64>,
-        /// Change of ln N that is no weather.
+        /// Change of ln N besides the weather.
         change: Vec<f64>,
-        /// Whose signal each channel carries.
+        /// Rod whose signal each channel carries.
         carries: Vec<usize>,
         plausibility: Vec<Plausibility>,
         latest: Vec<Option<Timestamp>>,
@@ -514,8 +515,8 @@ mod tests {
             RodId(format!("rod-{rod}"))
         }
 
-        /// A round of records, each rod's a minute after the one before; what is doubted, and whether a channel is told of
-        /// beside a change.
+        /// A round of records, each rod's a minute after the one before; returns each doubt, and true if a
+        /// channel is named as an alternative to a change.
         fn round(&mut self, hours: f64) -> Vec<(Option<Doubt>, bool)> {
             self.hour += hours;
             let keep = (-hours / 72.0).exp();

@@ -16,10 +16,11 @@ use serde::{Deserialize, Serialize};
 use std::f64::consts::{FRAC_1_SQRT_2, PI};
 use std::sync::OnceLock;
 
-/// Draws of u per particle.
+/// Number of draws of u per particle.
 const PER_PARTICLE: usize = 4;
 
-/// Standard error of u from which on the record says so little that u is drawn from its whole range.
+/// Standard error of u above which the record carries so little information that u is drawn from its whole
+/// range.
 const NARROW: f64 = 0.1;
 
 /// Standard errors that an estimate must stay away from the ends of the range.
@@ -48,18 +49,18 @@ pub struct Interval {
     pub q975: f64,
 }
 
-/// By how much one mode lies off the best change of axial force.
+/// Deviation of one mode from the best change of axial force.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Misfit {
     /// Mode order, from 1.
     pub order: usize,
-    /// z_n - s_n delta: what the change of force leaves unexplained in ln f.
+    /// z_n - s_n delta: part of ln f that the change of force leaves unexplained.
     pub residual: f64,
     /// Standard error of z_n from this record's frequency alone.
     pub sd: f64,
 }
 
-/// What one record says about N_t / N_0 at its own temperature.
+/// N_t / N_0 from one record at its own temperature.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Relative {
     /// Posterior of N_t / N_0.
@@ -70,8 +71,8 @@ pub struct Relative {
     pub log_ratio: f64,
     /// Posterior standard deviation of u.
     pub log_sd: f64,
-    /// u by weighted least squares with the mean of the particles' shifts: what the charts follow. Unlike the posterior mean it
-    /// does not weigh the particles anew by every record's noise, which they all share.
+    /// u by weighted least squares with the mean of the particles' shifts, as used by the charts. Unlike the
+    /// posterior mean it does not weigh the particles anew by every record's noise, which they all share.
     pub estimate: f64,
     /// Standard error of the estimate from this record's frequency errors alone: new with every record.
     pub record_sd: f64,
@@ -89,22 +90,22 @@ pub struct Relative {
     pub draws: usize,
 }
 
-/// Why a record has no relative force.
+/// Reason why a record has no relative force.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum NoRelative {
     /// None of its modes is in the baseline.
     NoCommonMode,
-    /// It differs by more than the model was prepared for.
+    /// It differs by more than the prepared range.
     OutsideRange,
 }
 
-/// A baseline ready for records: how each particle's log-frequencies move with u.
+/// A baseline prepared for records: shifts of each particle's log-frequencies by u.
 #[derive(Debug, Clone)]
 pub struct Shift {
     modes: Vec<BaselineMode>,
     overdispersion: f64,
-    /// N_i and ln N_i of the particles the model has an answer for.
+    /// N_i and ln N_i of the particles with a model answer.
     forces: Vec<f64>,
     log_forces: Vec<f64>,
     polynomials: Polynomials,
@@ -114,13 +115,13 @@ pub struct Shift {
     /// quantiles of.
     normals: Vec<Lanes>,
     shares: Vec<Lanes>,
-    /// Its bend, once asked for.
+    /// Bend by the static parameters, computed on first use.
     bend: OnceLock<Bend>,
 }
 
 /// Modes of one record that the baseline has too.
 struct Common {
-    /// Place in the baseline.
+    /// Index in the baseline.
     mode: usize,
     order: usize,
     z: f64,
@@ -131,7 +132,7 @@ struct Common {
 }
 
 impl Shift {
-    /// Prepares; particles the model has no answer for are left out.
+    /// Prepares a baseline; particles without a model answer are left out.
     pub fn new(baseline: &Baseline, model: &dyn ForwardModel) -> Self {
         let width = model.parameterisation().len();
         let orders: Vec<usize> = baseline.modes.iter().map(|mode| mode.order).collect();
@@ -178,8 +179,8 @@ impl Shift {
         Some(self.modes[mode].log_frequency + mean_and_slope(&self.means[mode], u).0)
     }
 
-    /// Standard deviation of u that the particles' different slopes leave, however many records say that the force changed
-    /// to u: what a change's interval must not fall below.
+    /// Standard deviation of u that the particles' different slopes leave, however many records show that the
+    /// force changed to u: the least width of a change's interval.
     pub(super) fn static_sd(&self, u: f64) -> f64 {
         let count = self.modes.len();
         if count == 0 || self.log_forces.is_empty() {
@@ -215,10 +216,10 @@ impl Shift {
     /// ```
     ///
     /// approximate Bayesian computation with the error's density as its kernel, which is exact (Wilkinson 2013). Each particle
-    /// proposes u around its own weighted least-squares estimate, at points of a lattice that `seed` turns.
+    /// proposes u around its own weighted least-squares estimate, at points of a lattice rotated by `seed`.
     ///
     /// # Errors
-    /// Why there is none.
+    /// Reason why there is none.
     pub fn relative(&self, observation: &Observation, seed: u64) -> Result<Relative, NoRelative> {
         let common = self.common(observation);
         if common.is_empty() {
@@ -265,7 +266,7 @@ impl Shift {
             factor: &mut factors,
         }
         .draw();
-        // The last block's repeated particles count for nothing.
+        // The particles that fill up the last block have no weight.
         let spare = blocks * LANES - count;
         for block in (0..PER_PARTICLE).map(|j| (j + 1) * blocks - 1) {
             factors[block][LANES - spare..].fill(0.0);
@@ -293,7 +294,7 @@ impl Shift {
         Ok(self.summary(&common, estimate, u, weights))
     }
 
-    /// Of weighted draws, particle by particle and that [`PER_PARTICLE`] times.
+    /// Summary of weighted draws, particle by particle and that [`PER_PARTICLE`] times.
     fn summary(&self, common: &[Common], estimate: f64, u: &[f64], weights: &[f64]) -> Relative {
         let places = self.polynomials.blocks() * LANES;
         let last = self.forces.len() - 1;

@@ -1,24 +1,24 @@
-//! What can be chosen about tracking and alarms.
+//! Settings of tracking and alarms.
 
 use serde::Serialize;
 
-/// How the relative force is followed (`[track]`).
+/// Settings of tracking the relative force (`[track]`).
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct TrackSettings {
-    /// Accepted records that make up the baseline.
+    /// Number of accepted records that make up the baseline.
     pub baseline_records: usize,
-    /// Periods whose statistic only teaches the temperature regression, the baseline's included.
+    /// Number of periods used only to learn the effect of temperature, the baseline's included.
     pub learning_periods: usize,
     /// Length of a period \[s\]: statistics further apart are taken as independent but for the modelled
     /// autocorrelation.
     pub period_s: f64,
-    /// How late a record may come and still count in its period \[s\].
+    /// Largest delay of a record that still counts in its period \[s\].
     pub reorder_window_s: f64,
     /// Least relative model discrepancy per mode in the baseline's generative model \[-\].
     pub discrepancy: f64,
-    /// Particles of the static parameters.
+    /// Number of particles of the static parameters.
     pub particles: usize,
-    /// What the temperature is used for.
+    /// Use of the temperature.
     pub temperature: TemperatureUse,
     /// Temperature to which force is referred \[degC\]; `None`: the baseline's mean.
     pub reference_temperature_c: Option<f64>,
@@ -26,38 +26,38 @@ pub struct TrackSettings {
     pub expansion_per_k: f64,
 }
 
-/// What the temperature is used for.
+/// Use of the temperature.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum TemperatureUse {
-    /// The force is compensated; without a temperature nothing is charted and every output says so.
+    /// The force is compensated; without a temperature nothing is charted, and every output is marked so.
     Compensate,
-    /// The force is charted as it is: a rod that is free to expand, or a room of constant temperature.
+    /// The force is charted uncompensated: a rod that is free to expand, or a room of constant temperature.
     Ignore,
 }
 
-/// When somebody is told (`[alarm]`).
+/// Settings of the alarms (`[alarm]`).
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct AlarmSettings {
     /// Mean time between false drift alarms per rod \[years\].
     pub arl0_years: f64,
-    /// True if the site's rods bear witness for each other.
+    /// True if the site's rods are compared with each other.
     pub compare_rods: bool,
     /// Relative loss of force at the reference temperature that must not be exceeded \[-\].
     pub limit_loss: f64,
-    /// Probability from which on the limit counts as exceeded \[-\].
+    /// Probability from which the limit counts as exceeded \[-\].
     pub limit_probability: f64,
     /// Probability of a period's misfit, under a change of axial force alone, below which it is not axial \[-\].
     pub not_axial_p: f64,
-    /// Conflict of a record with the model from which on it is told, in standard deviations.
+    /// Conflict of a record with the model from which it is reported, in standard deviations.
     pub conflict_sd: f64,
-    /// Periods or records in a row that raise and that clear a condition.
+    /// Number of periods or records in a row that raise or clear a condition.
     pub confirm: usize,
-    /// Rejected or implausible records in a row that mean the sensor needs attention.
+    /// Number of rejected or implausible records in a row that mean the sensor needs attention.
     pub sensor_records: usize,
-    /// Silence that is told \[s\].
+    /// Silence that raises an alarm \[s\].
     pub silence_s: f64,
-    /// Time after which an alarm that was not acknowledged is told again \[s\].
+    /// Time after which an unacknowledged alarm is repeated \[s\].
     pub repeat_s: f64,
 }
 

@@ -1,4 +1,5 @@
-//! Temperature readings that cannot be what they claim: another unit, a broken wire, a thermometer that stands still.
+//! Temperature readings that cannot be what they claim: another unit, a broken wire, a thermometer that is
+//! stuck.
 //!
 //! * `standstill` dead thermometers, by the law of the thermometer's own standstills
 
@@ -8,7 +9,7 @@ use crate::analysis::signal::record::{Reading, Timestamp};
 use serde::{Deserialize, Serialize};
 use standstill::{Standstill, Still};
 
-/// Temperatures of no rod in a building \[degC\].
+/// Possible temperatures of a rod in a building \[degC\].
 const POSSIBLE_C: std::ops::RangeInclusive<f64> = -60.0..=90.0;
 
 /// Most that the temperature changes at once, what a day without readings and a day of doubted ones add, and the most in
@@ -19,24 +20,24 @@ const SILENT_K_PER_DAY: f64 = 0.5;
 const DOUBTED_K_PER_DAY: f64 = 0.1;
 const MOST_K: f64 = 45.0;
 
-/// Memory with which the next reading is judged.
+/// Memory for judging the next reading.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Thermometer {
-    /// The last reading that was believed.
+    /// Last accepted reading.
     last: Option<Reading>,
     /// Time since which readings have lain far from it.
     away: Option<Timestamp>,
     /// Law of its own standstills.
     #[serde(default)]
     standstill: Standstill,
-    /// True while readings of the present standstill wait for what follows, or are not believed.
+    /// True while readings of the present standstill wait for later ones, or are not accepted.
     #[serde(default)]
     is_held: bool,
-    /// Why the last reading was not believed.
+    /// Reason why the last reading was not believed.
     doubt: Option<Doubt>,
 }
 
-/// Why a reading is not believed.
+/// Reason why a reading is not believed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Doubt {
@@ -47,14 +48,15 @@ pub enum Doubt {
 }
 
 impl Thermometer {
-    /// Judges a reading: true if it is believed.
+    /// Judges a reading; returns true if it is accepted.
     pub fn believes(&mut self, reading: &Reading) -> bool {
         self.doubt = self.look(reading);
         self.doubt.is_none()
     }
 
-    /// The time up to which readings are believed. In a standstill that is rare for this thermometer that is its first reading: those after
-    /// it wait until the temperature changes, and are withdrawn when it is found dead. `None` before any reading.
+    /// Time up to which readings are trusted. In a standstill that is rare for this thermometer it is that of
+    /// its first reading: those after it wait until the temperature changes, and are withdrawn when it is
+    /// found dead. `None` before any reading.
     pub fn trusted_until(&self) -> Option<Timestamp> {
         let last = self.last?.time;
         Some(if self.is_held {
@@ -64,7 +66,7 @@ impl Thermometer {
         })
     }
 
-    /// One clause for people: why there is no temperature.
+    /// One clause for people with the reason why there is no temperature.
     pub fn message(&self) -> &'static str {
         match self.doubt {
             None => "no reading comes",
@@ -173,7 +175,7 @@ mod tests {
         assert!(thermometer.believes(&reading(720.0, 9.0)));
     }
 
-    /// A state that an earlier version wrote goes on; its standstill is counted anew.
+    /// A state of an earlier version is resumed; its standstill is counted again.
     #[test]
     fn a_state_of_an_earlier_version_is_read() {
         let text =

@@ -35,7 +35,7 @@ const DENSE: u32 = 6;
 /// Number of draws from the prior for the range of slopes.
 const DRAWS: usize = 400;
 
-/// Print the false-alarm rate, the delays and the smallest change told.
+/// Print the false-alarm rate, the delays and the smallest change detected.
 ///
 /// Delays for steps and ramps come from a simulation of this rod. Before commissioning the noise of a period
 /// follows from the frequencies' standard error and the rod's prior; once the rod is followed, give the noise it

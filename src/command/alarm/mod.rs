@@ -7,7 +7,7 @@ mod test;
 
 use std::process::ExitCode;
 
-/// Check the drift alarm: its limits, its rate of false alarms, its sinks.
+/// Check the drift alarm: limits, false alarms, sinks.
 #[derive(Debug, Clone, clap::Args)]
 #[command(after_help = "Examples:
   tirante alarm design --noise 0.003

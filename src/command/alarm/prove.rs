@@ -27,11 +27,11 @@ const START_NS: i64 = 1_740_787_200_000_000_000;
 
 /// Simulate years of whole sites and count the alarms.
 ///
-/// Every rod is followed with the real tracker; the counts stand beside what is promised. A site has several rods
-/// drawn from the prior, each with a static model discrepancy, under common weather and one thermometer.
-/// Frequencies are the exact beam's with measurement errors; no waveform is made. Worlds differ in what makes
-/// tracking difficult; a thermometer that fails does so on day 100. The same seed gives the same output at any
-/// number of threads.
+/// Every rod is followed with the real tracker; the counts are printed next to the guarantees. A site has
+/// several rods drawn from the prior, each with a static model discrepancy, under common weather and one
+/// thermometer. Frequencies are the exact beam's with measurement errors; no waveform is made. Worlds differ
+/// in what makes tracking difficult; a thermometer that fails does so on day 100. The same seed gives the
+/// same output at any number of threads.
 #[derive(Debug, Clone, clap::Args)]
 #[command(after_help = "Examples:
   tirante alarm prove --histories 200

@@ -134,7 +134,7 @@ pub(super) fn thermal(rod: &RodReport, id: &str) -> Option<Markup> {
     figure.dots("c1", points.iter().step_by(every).map(|point| (point.0, point.1)));
     figure.key("c1", "periods");
     if let Some(line) = &rod.thermal {
-        // Through the mean of what was expected, so that the intercept learned is in it.
+        // Through the mean of the expected values, so that the line includes the learned intercept.
         let latest = points.iter().rev().take(30);
         let (count, offset) = latest.fold((0.0, 0.0), |(count, sum), point| {
             (

@@ -16,7 +16,7 @@ pub fn page(report: &SiteReport) -> String {
     document(&title, |body| {
         body.element("header", &[], |header| heading(header, report));
         body.element("main", &[], |main| {
-            // Of one rod measured once, its own part says it all.
+            // For one rod measured once, its own part is complete.
             match &report.rods[..] {
                 [rod] if rod.only_record().is_some() => {}
                 _ => overview(main, report),

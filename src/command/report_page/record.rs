@@ -113,7 +113,7 @@ impl Drawn<'_> {
         let (low, high) = axis::span(values, 0.06)?;
         let end = waveform.step_s * waveform.low.len() as f64;
         let x = (0.0, self.record.duration_s.max(end));
-        // Powers of ten stand in the unit: 2.4 of 10^-6 m.
+        // Powers of ten are part of the unit: 2.4 of 10^-6 m.
         let power = match low.abs().max(high.abs()) {
             0.0 => 0,
             largest => (largest.log10() / 3.0).floor() as i32 * 3,

@@ -457,7 +457,7 @@ fn tables(html: &mut Markup, rod: &RodReport, id: &str) {
             "Acknowledged",
             "Cleared",
         ];
-        // Of a drift the columns say it all.
+        // For a drift the columns are complete.
         if rod.alarms.iter().any(|alarm| alarm.change.is_none()) {
             header.push("What it says");
         }
@@ -569,7 +569,7 @@ fn alarm_row(alarm: &Alarm) -> Vec<Cell> {
         Cell::Value(rate),
         Cell::Line(when(alarm.acknowledged)),
         Cell::Line(when(alarm.cleared)),
-        // The columns before say it already.
+        // The columns before already show it.
         Cell::Text(match alarm.change {
             Some(_) => String::new(),
             None => alarm.message.clone(),

@@ -48,7 +48,7 @@ impl Sketch<'_> {
             return String::new();
         };
         if up.0 >= up.1 {
-            // A level line stands in the middle.
+            // A level line goes in the middle.
             let half = 0.01 * up.0.abs() + f64::MIN_POSITIVE;
             up = (up.0 - half, up.1 + half);
         }

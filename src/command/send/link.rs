@@ -168,7 +168,7 @@ impl Link {
                 biased;
                 answer = answers.recv(), if is_open => match answer {
                     Some(answer) => on_answer(answer)?,
-                    // The sending will say what is wrong.
+                    // The sending side will report the fault.
                     None => is_open = false,
                 },
                 sent = &mut sending => {

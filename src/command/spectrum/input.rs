@@ -338,7 +338,7 @@ fn as_rod(
     let displacement = Channel {
         topic: topic.clone(),
         field,
-        // Without a unit the numbers are taken as they stand: metres are not converted.
+        // Without a unit the numbers are used unchanged: metres are not converted.
         unit: unit.unwrap_or(Unit::Metre),
         time: TimeSource::Log,
         fs_hz: rate_hz.or(content.array_fs_hz),

@@ -129,7 +129,7 @@ pub(super) fn rate(
     let is_near = |said: &f64| (said / fs_hz - 1.0).abs() <= allowed;
     match (said, of_config.filter(is_near)) {
         (Some(said), _) if !is_near(&said) => Err(contradicted(*fs_hz, said, told)),
-        // A header of few digits is as good as who says the rate.
+        // A header of few digits agrees with the given rate, which is more exact.
         (Some(said), _) if *rounding > 0.0 => Ok(said),
         (None, Some(of_config)) if *rounding > RATE_ERROR => Ok(of_config),
         (None, None) if *rounding > RATE_ERROR => Err(ImportError::new(format!(

@@ -138,7 +138,7 @@ pub(super) fn unit(
     let written = signal.unit.as_deref();
     let of_file = written.and_then(Unit::as_written);
     let is_temperature = |unit: &Unit| Unit::TEMPERATURE.contains(unit);
-    // What is said of all channels is not said of the thermometer among them.
+    // A unit for all channels does not apply to the thermometer among them.
     let of_all = asked
         .unit
         .filter(|unit| of_file.is_none_or(|of_file| is_temperature(&of_file) == is_temperature(unit)));
@@ -163,7 +163,7 @@ pub(super) fn unit(
                 )));
             }
             Some(_) => {}
-            // A unit that is written but none of ours: what the configuration says may be another one.
+            // The file has a unit that is not supported; the unit of the configuration may differ from it.
             None if written.is_some() => {}
             None => return Ok(Some(channel.unit)),
         }

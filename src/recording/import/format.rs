@@ -79,7 +79,7 @@ pub fn kind(head: &[u8], path: &Path) -> Result<Kind, ImportError> {
     let is_text = !head.is_empty() && !head.contains(&0) && !head.starts_with(b"\x89");
     let known = by_content(head)?;
     if ending == "mcap" {
-        // Whatever else is wrong with a recording, its own reader knows best.
+        // Other faults of a recording are left to its own reader.
         return match known.or(is_text.then_some(Format::Csv)) {
             None => Ok(Kind::Mcap),
             Some(format) => Err(ImportError::new(format!(

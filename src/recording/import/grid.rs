@@ -112,7 +112,7 @@ fn fit(stamps: &Stamps) -> Result<(Grid, usize), ImportError> {
         let first = nanos[samples.start];
         let off = |index: usize| difference(nanos[index], first) - (index - samples.start) as f64 * slope;
         let mean = samples.clone().map(off).sum::<f64>() / samples.len() as f64;
-        // An exact grid begins at its first stamp, a scattered one at the mean of what its stamps say.
+        // An exact grid begins at its first stamp, a scattered one at the mean of the starts that its stamps imply.
         let shift = if mean.abs() <= stamps.resolution_ns as f64 {
             0.0
         } else {

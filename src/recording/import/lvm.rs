@@ -66,7 +66,7 @@ pub fn read(from: impl BufRead, utc_offset_s: i32) -> Result<Measured, ImportErr
         } else if cells.iter().all(String::is_empty) {
             after_blank = true;
         } else if let Some(segment) = rows.as_mut().filter(|_| !is_key(first)) {
-            // The next segment needs a header of its own, or stamps, or nobody knows when it began.
+            // The next segment needs its own header, or stamps; otherwise its start is unknown.
             if after_blank && !segment.has_stamps() {
                 return Err(ImportError::at(
                     format_args!("line {number}"),

@@ -179,6 +179,8 @@ pub fn topics(
     let content = |planned: &Planned| Content {
         topic: planned.topic.clone(),
         field: Ok(planned.field(plan.encoding).to_owned()),
+        numbers: Vec::new(),
+        stamp: None,
         unit: Some(planned.unit).filter(|_| planned.says_unit),
         array_fs_hz: Some(planned.fs_hz).filter(|_| matches!(planned.layout, Layout::Batch(_))),
     };

@@ -202,7 +202,7 @@ impl Header {
 
     /// Kind of a dataset that is not a supported time history.
     fn foreign(&self) -> Option<String> {
-        // Type 0 says nothing: the abscissa then decides.
+        // Type 0 is unspecified; the abscissa then decides.
         let is_time = self.function == 1 || (self.function == 0 && self.abscissa == 17);
         if !is_time {
             return Some(format!(

@@ -39,7 +39,7 @@ pub fn read(mut from: impl Read, full_scale: f64) -> Result<Vec<Signal>, ImportE
         // Chunks are padded to an even length.
         pass(&mut from, u64::from(size % 2))?;
     };
-    // What a program writes that does not know the length yet.
+    // Written by programs that do not know the length yet.
     if bytes == u32::MAX {
         return Err(cut_short());
     }
@@ -138,7 +138,7 @@ impl Format {
                 "has {channels} channels: at most {CHANNELS} are read"
             )));
         }
-        // The extensible format says its kind further behind, and how many bits of a number count.
+        // The extensible format has its kind further on, with the number of valid bits.
         let (tag, valid) = match tag {
             0xfffe => (word(24)?, word(18)?),
             tag => (tag, bits),
@@ -158,13 +158,13 @@ impl Format {
                 )));
             }
         };
-        // Programs differ in which end of a wider container holds the sample, and a file does not say.
+        // Programs differ in which end of a wider container holds the sample, and a file does not state it.
         if frame != channels * size || valid > bits {
             return Err(ImportError::new(format!(
                 "samples of {bits} bits in wider containers are not read: convert it"
             )));
         }
-        // Samples of fewer bits than their container stand in its upper end: full scale is the container's.
+        // Samples of fewer bits than their container are in its upper end: full scale is the container's.
         let (middle, most) = match kind {
             Kind::F32 | Kind::F64 => (0.0, 1.0),
             Kind::U8 => (128.0, 128.0),

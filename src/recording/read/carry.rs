@@ -56,7 +56,7 @@ pub(super) fn decode(
     settings: &RecordSettings,
 ) -> (Router, Vec<String>) {
     let mut router = Router::new(channels, settings);
-    // The version stands first: a carry of another one need not be readable any further.
+    // The version comes first: a carry of another version need not be readable beyond it.
     let is_ours = postcard::take_from_bytes::<u32>(body).is_ok_and(|(version, _)| version == VERSION);
     let saved = if is_ours {
         postcard::from_bytes::<Saved>(body).ok()

@@ -1,6 +1,7 @@
 //! Channels of a recording with the way to read them, as a basis for a configuration.
 
 use super::decode::{Decoder, SchemaRef};
+use super::definition::Definition;
 use super::mcap::{Item, Progress, Reader};
 use crate::analysis::signal::record::{TimeSource, Unit};
 use std::collections::{BTreeMap, HashMap};
@@ -29,6 +30,10 @@ pub struct Content {
     pub topic: String,
     /// Field that holds its samples; if none was found, a description of the messages.
     pub field: Result<String, String>,
+    /// Fields that are numbers, where none of the usual ones was found.
+    pub numbers: Vec<String>,
+    /// Field of the messages' own time, if they have one.
+    pub stamp: Option<String>,
     /// Unit, if the channel gives it.
     pub unit: Option<Unit>,
     /// Sample rate of arrays \[Hz\], which need one.
@@ -42,6 +47,7 @@ struct Readers {
     decoders: Vec<(&'static str, Arc<Decoder>)>,
     rate: Option<Arc<Decoder>>,
     fault: String,
+    definition: Arc<Definition>,
 }
 
 /// State of a channel during the examination.
@@ -52,6 +58,9 @@ struct Looked {
     decoders: Vec<(&'static str, Arc<Decoder>)>,
     rate: Option<Arc<Decoder>>,
     fault: String,
+    definition: Arc<Definition>,
+    numbers: Vec<String>,
+    stamp: Option<String>,
     said_fs_hz: Option<f64>,
     stamps: Vec<u64>,
     samples: Vec<usize>,
@@ -106,7 +115,10 @@ pub fn contents(path: &Path) -> io::Result<Vec<Content>> {
 impl Readers {
     /// Readers of a definition; `count` were examined before.
     fn new(encoding: &str, schema: Option<SchemaRef<'_>>, count: usize) -> Self {
-        let mut readers = Self::default();
+        let mut readers = Self {
+            definition: Arc::new(Definition::of(encoding, schema)),
+            ..Self::default()
+        };
         if count >= MOST_DEFINITIONS {
             readers.fault = format!("more than {MOST_DEFINITIONS} message definitions");
             return readers;
@@ -129,6 +141,7 @@ impl Looked {
             decoders,
             rate,
             fault,
+            definition,
         } = readers;
         Self {
             topic: topic.to_owned(),
@@ -136,6 +149,7 @@ impl Looked {
             decoders,
             rate,
             fault,
+            definition,
             ..Self::default()
         }
     }
@@ -146,7 +160,7 @@ impl Looked {
         }
         self.stamps.push(log_time);
         let mut values = Vec::new();
-        // The first message tells which field it is; JSON has no schema that would.
+        // The first message determines the field, because JSON has no schema.
         while let Some((_, decoder)) = self.decoders.first() {
             values.clear();
             match decoder.decode(data, &mut values) {
@@ -158,6 +172,16 @@ impl Looked {
                 Err(fault) => {
                     self.fault = fault.to_string();
                     self.decoders.remove(0);
+                }
+            }
+        }
+        if self.stamps.len() == 1 {
+            match self.decoders.first() {
+                Some((field, _)) => self.stamp = self.definition.stamp(field, data),
+                None => {
+                    self.numbers = self.definition.numbers(data);
+                    let first = self.numbers.first();
+                    self.stamp = first.and_then(|field| self.definition.stamp(field, data));
                 }
             }
         }
@@ -193,6 +217,8 @@ impl Looked {
                 None => Err(self.fault),
             },
             topic: self.topic,
+            numbers: self.numbers,
+            stamp: self.stamp,
             unit: self.unit,
             array_fs_hz,
         }

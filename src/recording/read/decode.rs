@@ -79,7 +79,7 @@ pub enum DecodeError {
 }
 
 impl DecodeError {
-    /// Error for a path that leads nowhere, with what is there instead (shortened).
+    /// Error for a path that leads nowhere, with the value found there (shortened).
     pub(super) fn missing(path: &FieldPath, mut has: Vec<String>) -> Self {
         const SHOWN: usize = 12;
         if has.len() > SHOWN {

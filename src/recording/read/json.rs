@@ -71,7 +71,7 @@ fn malformed(what: &'static str, at: usize) -> DecodeError {
     DecodeError::Malformed(format!("not JSON: {what} at byte {at}"))
 }
 
-/// Error with the place where a path ends and what is there instead. Slow, for errors only.
+/// Error with the place where a path ends and the value found there. Slow, for errors only.
 fn missing(path: &FieldPath, text: &str) -> DecodeError {
     let mut has = Vec::new();
     if text.len() > MAX_SHOWN {
@@ -121,7 +121,7 @@ impl<'a> Scan<'a, '_> {
 
     #[inline]
     fn peek(&self) -> u8 {
-        // No JSON token contains a zero byte, so it can stand for the end.
+        // No JSON token contains a zero byte, so it can mark the end.
         self.bytes.get(self.at).copied().unwrap_or(0)
     }
 
@@ -326,7 +326,7 @@ impl<'a> Scan<'a, '_> {
                 _ => self.at += 1,
             }
         }
-        // Both ends stand at ASCII quotes, so this is a character boundary.
+        // Both ends are at ASCII quotes, so this is a character boundary.
         let string = self.text.get(start..self.at).unwrap_or_default();
         self.at += 1;
         Ok(string)
@@ -611,7 +611,7 @@ mod tests {
             if matches!(ours, Ok(_) | Err(DecodeError::Missing { .. })) {
                 prop_assert!(theirs.is_ok());
             }
-            // A field that stands twice is refused here, serde_json takes the last.
+            // A field that occurs twice is refused here; serde_json takes the last.
             let is_twice = message.windows(3).filter(|key| key == b"\"v\"").count() > 1;
             if theirs.is_ok() && !is_twice {
                 prop_assert!(!matches!(ours, Err(DecodeError::Malformed(_))));

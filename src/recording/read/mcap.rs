@@ -274,7 +274,7 @@ impl<R: Read> Reader<R> {
         match event {
             None => return contents.end(),
             Some(Err(McapError::UnexpectedEof)) => return Ok(Progress::Truncated),
-            // The holes are what is wrong with it, and were told.
+            // The checksum differs because of the holes, which are already reported.
             Some(Err(McapError::BadDataCrc { .. })) if contents.holes > 0 => return Ok(Progress::Complete),
             Some(Err(fault)) => return Err(damage(sentence(&fault))),
             Some(Ok(LinearReadEvent::Record { opcode, data })) => {

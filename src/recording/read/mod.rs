@@ -5,6 +5,8 @@ pub mod cdr;
 mod chunk;
 pub mod contents;
 pub mod decode;
+mod definition;
+mod file;
 pub mod folder;
 pub mod hole;
 pub mod json;

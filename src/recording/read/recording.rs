@@ -1,11 +1,11 @@
 //! One recording: an MCAP file as an iterator of records and rejections.
 
+use super::file::FileReader;
 use super::mcap::{Damage, Progress, Reader};
 use super::path::FieldPath;
 use super::route::{Rod, Router, Timed};
 use super::source::{Source, Step};
 use super::summary::Summary;
-use super::verify::{Check, Trust};
 use super::{Place, SourceError};
 use crate::analysis::signal::record::{Event, RecordSettings, RodChannels, TimeSource, Timestamp};
 use std::collections::VecDeque;
@@ -60,10 +60,8 @@ pub struct Block {
 
 /// Stage of reading.
 enum Stage {
-    /// Its checksum is computed, before any of its data is used.
-    Checking(Box<dyn Input>, Check),
     /// Its messages are read.
-    Reading(Box<Reader<Box<dyn Input>>>),
+    Reading(FileReader<Box<dyn Input>>),
     /// Its samples are passed on as they are.
     Given(Box<dyn Iterator<Item = Block> + Send>),
     /// It is at its end.
@@ -78,9 +76,9 @@ pub struct Recording {
     stage: Stage,
     router: Router,
     queue: VecDeque<Timed>,
-    /// As it is called in sentences and in the store.
+    /// Name in messages and in the store.
     name: Arc<str>,
-    /// Records handed out.
+    /// Number of records returned so far.
     records: u64,
     follow: Option<Follow>,
     total: u64,
@@ -127,13 +125,11 @@ impl Recording {
         let mut recording = Self::begin(name, input, rods, settings, options.follow.is_some())?;
         recording.follow = options.follow;
         recording.is_live = false;
-        while let Stage::Checking(input, check) = &mut recording.stage {
-            if let Some(trust) = check.step(input).map_err(|source| SourceError::Io {
+        if let Stage::Reading(file) = &mut recording.stage {
+            file.check().map_err(|source| SourceError::Io {
                 path: name.to_owned(),
                 source,
-            })? {
-                recording.believe(trust);
-            }
+            })?;
         }
         Ok(recording)
     }
@@ -170,17 +166,12 @@ impl Recording {
         };
         let total = input.seek(SeekFrom::End(0)).map_err(failed)?;
         input.seek(SeekFrom::Start(0)).map_err(failed)?;
-        let check = if live {
-            None
-        } else {
-            Check::begin(&mut input).map_err(failed)?
-        };
         let input: Box<dyn Input> = Box::new(input);
         Ok(Self {
-            stage: match check {
-                Some(check) => Stage::Checking(input, check),
-                None => Stage::Reading(Box::new(Reader::new(input, Trust::Unverified, live))),
-            },
+            stage: Stage::Reading(match live {
+                true => FileReader::unchecked(input, live),
+                false => FileReader::checked(input, live).map_err(failed)?,
+            }),
             router: Router::new(rods, settings),
             queue: VecDeque::new(),
             name: Arc::from(name),
@@ -242,22 +233,13 @@ impl Recording {
         }
         let outcome = match &mut self.stage {
             Stage::Ended => return Step::End,
-            Stage::Checking(input, check) => match check.step(input) {
-                Ok(Some(trust)) => {
-                    self.believe(trust);
-                    Ok(Progress::More)
-                }
-                Ok(None) => Ok(Progress::More),
-                Err(fault) => Err(Damage {
-                    offset: 0,
-                    what: format!("the file cannot be read: {fault}"),
-                }),
-            },
-            Stage::Reading(reader) => {
+            Stage::Reading(file) => {
                 let router = &mut self.router;
-                let outcome = reader.step(&mut |item| router.item(item));
-                self.read = reader.bytes_read();
-                self.offset = reader.offset();
+                let outcome = file.step(&mut |item| router.item(item));
+                if let Some(reader) = file.reader() {
+                    self.read = reader.bytes_read();
+                    self.offset = reader.offset();
+                }
                 outcome
             }
             Stage::Given(blocks) => match blocks.next() {
@@ -293,7 +275,7 @@ impl Recording {
         Some(timed.at_place(Arc::clone(&self.name), self.read, self.records))
     }
 
-    /// Its name, bytes read and records handed out.
+    /// Name, number of bytes read and number of records returned.
     pub(super) fn counts(&self) -> (Arc<str>, u64, u64) {
         (Arc::clone(&self.name), self.read, self.records)
     }
@@ -345,16 +327,10 @@ impl Recording {
     /// Bytes in memory: samples not yet in a record, and data read but not passed on.
     pub fn held(&self) -> usize {
         let reading = match &self.stage {
-            Stage::Reading(reader) => reader.held(),
-            Stage::Checking(..) | Stage::Given(_) | Stage::Ended => 0,
+            Stage::Reading(file) => file.reader().map_or(0, Reader::held),
+            Stage::Given(_) | Stage::Ended => 0,
         };
         self.router.held() + reading
-    }
-
-    fn believe(&mut self, trust: Trust) {
-        if let Stage::Checking(input, _) = std::mem::replace(&mut self.stage, Stage::Ended) {
-            self.stage = Stage::Reading(Box::new(Reader::new(input, trust, false)));
-        }
     }
 
     /// Progress in the file, for a progress bar.
@@ -372,8 +348,9 @@ impl Recording {
 
     fn end(&mut self, outcome: Result<Progress, Damage>) {
         let (whole, messages) = match std::mem::replace(&mut self.stage, Stage::Ended) {
-            Stage::Reading(reader) => (reader.data_ended(), reader.messages()),
-            Stage::Checking(..) => (false, 0),
+            Stage::Reading(file) => file
+                .reader()
+                .map_or((false, 0), |reader| (reader.data_ended(), reader.messages())),
             Stage::Given(_) => (true, self.router.messages()),
             Stage::Ended => return,
         };
@@ -425,7 +402,7 @@ impl Iterator for Recording {
     }
 }
 
-/// One file: its end is the source's, and its summary can be asked for then.
+/// A recording is a source of one file: both end together, and its summary is available then.
 impl Source for Recording {
     type File = Infallible;
 

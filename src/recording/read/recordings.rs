@@ -24,7 +24,7 @@ const SEAM_NS: u64 = 1_000_000_000;
 /// Opens a single file of any format.
 pub type Opener = Box<dyn Fn(&Path, &Options) -> Result<Recording, SourceError> + Send>;
 
-/// What a file held, or why it could not be read.
+/// Summary of a file, or the error that prevented reading it.
 pub type FileResult = Result<Summary, SourceError>;
 
 /// Parts that are read as one file.
@@ -118,7 +118,7 @@ impl Recordings {
                 }
             };
             let span = span_at(&path).filter(|_| self.options.follow.is_none());
-            // One that does not say when it begins has its place behind the one before it.
+            // A file of unknown start comes after the one before it.
             let begins = span
                 .as_ref()
                 .map(|span| span.from)
@@ -226,7 +226,7 @@ impl Recordings {
                 match polled {
                     Step::Event(event, place) => {
                         self.ready.push_back(Step::Event(event, place));
-                        // All of them: another file's turn comes behind what is read already.
+                        // All of them, because another file's turn comes after the events already read.
                         while let Some((event, place)) = recording.pop() {
                             self.ready.push_back(Step::Event(event, place));
                         }

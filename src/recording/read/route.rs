@@ -36,12 +36,12 @@ pub(super) struct Timed {
 }
 
 impl Timed {
-    /// One, or zero for temperatures alone.
+    /// Number of records in it: one, or zero for temperatures alone.
     pub fn records(&self) -> u64 {
         u64::from(!matches!(self.event, Event::Readings { .. }))
     }
 
-    /// The event with the place at which it was complete.
+    /// Returns the event with the place at which it was complete.
     pub fn at_place(self, file: Arc<str>, bytes: u64, records: u64) -> (Event, Place) {
         let Self { event, at, reached } = self;
         let place = Place {
@@ -362,7 +362,7 @@ impl Router {
             summary.undecodable += 1;
             summary.fault.get_or_insert_with(|| fault.to_string());
         }
-        // At once, not where a chunk ends: what others had come to then must not depend on how a file is packed.
+        // At once, not at the end of a chunk: the progress of the other rods at that moment must not depend on the chunks of a file.
         if has_events {
             self.collect();
         }
@@ -687,7 +687,7 @@ impl Rod {
         self.tell_nothing(count, damage);
     }
 
-    /// Tells of a file that gave nothing, or nothing more.
+    /// Reports a file that gave nothing, or nothing more.
     fn tell_nothing(&mut self, count: Count, damage: Option<&str>) {
         let rejection = match damage {
             Some(detail) if count.messages > 0 => Rejection::Damaged {

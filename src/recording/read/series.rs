@@ -3,10 +3,10 @@
 //! Nothing is cut where a part ends: the next one continues, even after a part torn by a crash. Replay and
 //! daemon both read a journal here, so they cut the same records.
 
+use super::file::FileReader;
 use super::mcap::{Damage, Progress, Reader};
 use super::route::{Router, Timed};
 use super::source::{Source, Step};
-use super::verify::{Check, Trust};
 use super::{Place, SourceError, Summary, carry};
 use crate::analysis::signal::record::{Event, RecordSettings, RodChannels};
 use crate::analysis::track::ordered::Reached;
@@ -42,7 +42,7 @@ pub enum Parts {
     From(u32),
 }
 
-/// The parts of one journal.
+/// Parts of one journal, read as one recording.
 pub struct Series {
     folder: PathBuf,
     channels: Vec<RodChannels>,
@@ -64,11 +64,9 @@ struct Open {
     number: u32,
     /// Name in the store or given by the user.
     name: Arc<str>,
-    stage: Stage,
-    offset: u64,
-    read: u64,
+    /// The file and its reader.
+    file: Result<(File, FileReader<File>), SourceError>,
     records: u64,
-    messages: u64,
     damage: Option<String>,
     /// True if the part is at its end, as far as it is written.
     ended: bool,
@@ -76,12 +74,6 @@ struct Open {
     successor: Option<u32>,
     size: u64,
     modified_ns: i64,
-}
-
-enum Stage {
-    Checking(File, Check),
-    Reading(File, Box<Reader<File>>),
-    Failed(SourceError),
 }
 
 impl Series {
@@ -111,7 +103,7 @@ impl Series {
     pub fn resume(&mut self, body: &[u8]) -> Vec<String> {
         let (router, lost) = carry::decode(body, &self.channels, &self.settings);
         self.router = router;
-        // The carry is what the part before the next one left.
+        // The carry is the state after the part before the next one.
         self.before = self.next.and_then(|next| next.checked_sub(1));
         lost
     }
@@ -157,14 +149,14 @@ impl Series {
 
     /// Number of bytes read of the open part.
     pub fn bytes_read(&self) -> u64 {
-        self.open.as_ref().map_or(0, |open| open.read)
+        self.open.as_ref().map_or(0, |open| open.read())
     }
 
     fn event(&mut self, timed: Timed) -> Step<Box<PartEnd>> {
         let (file, bytes, records) = match &mut self.open {
             Some(open) => {
                 open.records += timed.records();
-                (Arc::clone(&open.name), open.read, open.records)
+                (Arc::clone(&open.name), open.read(), open.records)
             }
             // Events at the very end belong to the part that was read last.
             None => (Arc::from(self.name(self.before.unwrap_or_default())), 0, 0),
@@ -252,7 +244,7 @@ impl Series {
                 return Step::Wait;
             }
             self.next = None;
-            // What is still open may have gone on.
+            // The data still open may have continued in the missing part.
             self.router.finish(true, None, &mut self.queue);
             self.begin_anew();
             if let Some(event) = self.queue.pop_front() {
@@ -266,22 +258,19 @@ impl Series {
         self.next = next;
         let mut summary = Summary {
             file: open.name.to_string(),
-            messages: open.messages,
+            messages: open.reader().map_or(0, Reader::messages),
             damage: open.damage,
             ..Summary::default()
         };
         self.router.summarise(&mut summary);
-        // Which topics a part has says nothing about the journal.
+        // The topics of one part are not those of the whole journal.
         summary.missing.clear();
         summary.samples.clear();
         Step::File(Box::new(PartEnd {
             part: number,
             size: open.size,
             modified_ns: open.modified_ns,
-            result: match open.stage {
-                Stage::Failed(error) => Err(error),
-                Stage::Checking(..) | Stage::Reading(..) => Ok(summary),
-            },
+            result: open.file.map(|_| summary),
             next,
         }))
     }
@@ -315,7 +304,7 @@ impl Source for Series {
                     let Some(later) = self.later(number) else {
                         return Step::Wait;
                     };
-                    // What was written before that part was begun may still be unread.
+                    // Data written before that part was begun may still be unread.
                     if let Some(open) = &mut self.open {
                         open.successor = Some(later);
                     }
@@ -336,7 +325,7 @@ impl Source for Series {
 
     fn position(&self) -> Option<(Arc<str>, u64)> {
         let open = self.open.as_ref()?;
-        Some((Arc::clone(&open.name), open.offset))
+        Some((Arc::clone(&open.name), open.offset()))
     }
 
     fn abandon(&mut self, why: &str) {
@@ -344,7 +333,7 @@ impl Source for Series {
             && !open.ended
         {
             open.fail(Damage {
-                offset: open.offset,
+                offset: open.offset(),
                 what: why.to_owned(),
             });
             self.lose();
@@ -354,7 +343,7 @@ impl Source for Series {
     fn discard(&mut self, why: &str) {
         if let Some(open) = &mut self.open {
             open.fail(Damage {
-                offset: open.offset,
+                offset: open.offset(),
                 what: why.to_owned(),
             });
             self.queue.clear();
@@ -366,32 +355,22 @@ impl Source for Series {
 impl Open {
     fn new(folder: &Path, number: u32, name: String, live: bool) -> Self {
         let path = part::path(folder, number);
-        let stage = File::open(&path)
-            .and_then(|mut file| {
+        let file = File::open(&path)
+            .and_then(|file| {
                 // Only a part that is over has its checksum; it is right or there is damage.
-                Ok(match Check::begin(&mut file)? {
-                    Some(check) => Stage::Checking(file, check),
-                    None => Stage::Reading(
-                        file.try_clone()?,
-                        Box::new(Reader::new(file, Trust::Unverified, live).passing_holes()),
-                    ),
-                })
+                let reader = FileReader::checked(file.try_clone()?, live)?.passing_holes();
+                Ok((file, reader))
             })
-            .unwrap_or_else(|source| {
-                Stage::Failed(SourceError::Io {
-                    path: path.display().to_string(),
-                    source,
-                })
+            .map_err(|source| SourceError::Io {
+                path: path.display().to_string(),
+                source,
             });
         let mut open = Self {
             number,
             name: Arc::from(name),
-            ended: matches!(stage, Stage::Failed(_)),
-            stage,
-            offset: 0,
-            read: 0,
+            ended: file.is_err(),
+            file,
             records: 0,
-            messages: 0,
             damage: None,
             successor: None,
             size: 0,
@@ -403,7 +382,7 @@ impl Open {
 
     /// Notes the size of the file and the time of its last change.
     fn look(&mut self) {
-        if let Stage::Checking(file, _) | Stage::Reading(file, _) = &self.stage
+        if let Ok((file, _)) = &self.file
             && let Ok(data) = file.metadata()
         {
             self.size = data.len();
@@ -412,37 +391,33 @@ impl Open {
     }
 
     fn step(&mut self, router: &mut Router) -> Result<Progress, Damage> {
-        match &mut self.stage {
-            Stage::Failed(_) => Ok(Progress::Complete),
-            Stage::Checking(file, check) => {
-                let failed = |fault: std::io::Error| Damage {
-                    offset: 0,
-                    what: format!("the file cannot be read: {fault}"),
-                };
-                if let Some(trust) = check.step(file).map_err(failed)? {
-                    let input = file.try_clone().map_err(failed)?;
-                    let kept = file.try_clone().map_err(failed)?;
-                    self.stage = Stage::Reading(kept, Box::new(Reader::new(input, trust, false)));
-                }
-                Ok(Progress::More)
-            }
-            Stage::Reading(_, reader) => {
-                let progress = reader.step(&mut |item| router.item(item));
-                self.offset = reader.offset();
-                self.read = reader.bytes_read();
-                self.messages = reader.messages();
-                if !matches!(progress, Ok(Progress::More)) {
-                    self.look();
-                }
-                progress
-            }
+        let Ok((_, reader)) = &mut self.file else {
+            return Ok(Progress::Complete);
+        };
+        let progress = reader.step(&mut |item| router.item(item));
+        if !matches!(progress, Ok(Progress::More)) {
+            self.look();
         }
+        progress
+    }
+
+    /// Reader of the items, once the part's checksum is verified.
+    fn reader(&self) -> Option<&Reader<File>> {
+        self.file.as_ref().ok().and_then(|(_, reader)| reader.reader())
+    }
+
+    fn offset(&self) -> u64 {
+        self.reader().map_or(0, Reader::offset)
+    }
+
+    fn read(&self) -> u64 {
+        self.reader().map_or(0, Reader::bytes_read)
     }
 
     fn is_blank(&self) -> bool {
-        match &self.stage {
-            Stage::Reading(file, _) => is_blank(file, self.offset),
-            Stage::Checking(..) | Stage::Failed(_) => false,
+        match (&self.file, self.reader()) {
+            (Ok((file, _)), Some(reader)) => is_blank(file, reader.offset()),
+            _ => false,
         }
     }
 

@@ -1,39 +1,40 @@
-//! The one way records are read: a recording, a journal, a folder and many of them side by side all bring events step by step.
+//! The one interface for reading records: a recording, a journal, a folder and several of them side by side
+//! all return events step by step.
 
 use super::Place;
 use crate::analysis::signal::record::Event;
 use std::sync::Arc;
 
-/// One step of reading. `F` is what is told of a file that was read to its end.
+/// Result of one step of reading. `F`: data about a file that was read to its end.
 #[derive(Debug)]
 #[allow(clippy::large_enum_variant, reason = "one at a time, moved on at once")]
 pub enum Step<F> {
-    /// An event, and where its file then stands.
+    /// An event, with the position of its file after it.
     Event(Event, Place),
-    /// The end of one of its files; every event of it came before.
+    /// The end of one of the source's files, after all its events.
     File(F),
     /// Nothing yet; there is more to read.
     More,
-    /// Nothing yet, and nothing to read now; it may grow.
+    /// No event, and nothing to read at present; the file may grow.
     Wait,
     /// The end.
     End,
 }
 
-/// Something records are read from, a step at a time: at most one record is read, or some way into one chunk.
+/// A source of records, read in steps: a step reads at most one record, or part of one chunk.
 pub trait Source {
-    /// What is told of a file that was read to its end.
+    /// Data about a file that was read to its end.
     type File;
 
-    /// The next step.
+    /// Takes the next step.
     fn poll(&mut self) -> Step<Self::File>;
 
-    /// The file that is read, and where in it the next step goes on \[bytes\]; `None` between two files.
+    /// File being read and offset of the next step in it \[bytes\]; `None` between two files.
     fn position(&self) -> Option<(Arc<str>, u64)>;
 
-    /// Ends the file that is read here; its last events are still to be taken.
+    /// Ends the current file here; its last events can still be taken.
     fn abandon(&mut self, why: &str);
 
-    /// Ends the file that is read as if nothing of it had been read; events of it that were not taken are lost.
+    /// Ends the current file as if none of it had been read; events not yet taken are lost.
     fn discard(&mut self, why: &str);
 }

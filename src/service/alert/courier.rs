@@ -189,7 +189,7 @@ impl Courier {
                     let (metrics, id) = (&self.errand.telemetry.metrics, &self.errand.settings.id);
                     metrics.delivery(id, Delivery::Delivered);
                 } else if news.number < last {
-                    // What is not for this sink is passed over without a commit each.
+                    // Events not meant for this sink are skipped without a commit each.
                     continue;
                 }
                 place.through = news.number;

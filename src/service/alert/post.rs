@@ -70,7 +70,7 @@ fn judge(url: &str, response: Response<Body>) -> Result<(), Failure> {
         reason += &format!(" to {place}, which is not followed: put it into the configuration");
     }
     let mut text = Vec::new();
-    // The answer is only shown: what can be read of it is enough.
+    // The answer is only shown, so the readable part is enough.
     let _ = response
         .into_body()
         .into_reader()

@@ -16,7 +16,7 @@ pub(super) struct Place {
     pub(super) knows_standing: bool,
 }
 
-/// The courier was told to stop.
+/// The courier was asked to stop.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Stopped;
 
@@ -68,7 +68,7 @@ impl Signal {
         self.lock().direct.retain(|message| message.id != id);
     }
 
-    /// Tells the courier to end.
+    /// Asks the courier to end.
     pub(super) fn stop(&self) {
         self.lock().is_stopped = true;
         self.changed.notify_all();
@@ -84,7 +84,7 @@ impl Signal {
         self.lock().place = Some(place);
     }
 
-    /// Runs `act` unless the courier was told to stop.
+    /// Runs `act` unless the courier was asked to stop.
     pub(super) fn unless_stopped(&self, act: impl FnOnce()) -> Result<(), Stopped> {
         let inner = self.lock();
         if inner.is_stopped {

@@ -213,23 +213,23 @@ impl History {
     }
 }
 
-/// The natural frequencies of a rod's records; all columns are equally long, ascending in time.
+/// Natural frequencies of a rod's records, as columns of equal length, ascending in time.
 #[derive(Debug, Serialize)]
 pub struct Frequencies {
-    /// The rod.
+    /// Id of the rod.
     pub rod: RodId,
-    /// One record in so many is listed.
+    /// Interval of the records listed: one in this many.
     pub every: usize,
     /// Time of the record's first sample.
     pub time: Vec<Timestamp>,
-    /// One entry a mode, ascending.
+    /// Modes, ascending in order.
     pub modes: Vec<ModeColumn>,
 }
 
-/// One mode over time.
+/// One mode over time, one entry per record.
 #[derive(Debug, Serialize)]
 pub struct ModeColumn {
-    /// Its order, from 1.
+    /// Mode order, from 1.
     pub order: u32,
     /// Frequency \[Hz\]; `null` where a record does not show the mode.
     pub frequency_hz: Vec<Option<f64>>,
@@ -238,7 +238,7 @@ pub struct ModeColumn {
 }
 
 impl Frequencies {
-    /// Those of a rod from one time to before another, of at most `points` records.
+    /// Frequencies of a rod in a time range, end exclusive, of at most `points` records.
     ///
     /// # Errors
     /// The store cannot be read, or a row is damaged.

@@ -33,7 +33,7 @@ impl Records {
         only_rejected: bool,
         most: usize,
     ) -> Result<Self, StoreError> {
-        // One more than asked for says whether there is another page.
+        // One more than requested shows if there is another page.
         let wanted = most + 1;
         let mut lines = Lines::default();
         if only_rejected {
@@ -96,12 +96,12 @@ pub struct AlarmAnswer {
     pub alarm: Alarm,
     /// True if it is active.
     pub stands: bool,
-    /// Who acknowledged it and what they said: `NAME: TEXT`.
+    /// Words of the acknowledgement: `NAME: TEXT`.
     pub acknowledged_words: Option<String>,
 }
 
 impl AlarmAnswer {
-    /// An alarm of a store.
+    /// Reads one alarm's entry from the store.
     ///
     /// # Errors
     /// The store cannot be read.

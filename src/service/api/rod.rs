@@ -22,9 +22,9 @@ pub struct RodAnswer {
     pub segments: Vec<SegmentAnswer>,
     /// Effect of temperature, as learned.
     pub thermal: Option<Thermal>,
-    /// Relative loss of force from which on an alarm is raised \[-\].
+    /// Relative loss of force that raises an alarm \[-\].
     pub limit_loss: Option<f64>,
-    /// Silence that is told as an alarm \[s\]: data that are older are stale.
+    /// Silence that raises an alarm \[s\]; older data are stale.
     pub silence_s: Option<f64>,
 }
 
@@ -55,7 +55,7 @@ pub struct Thermal {
 }
 
 impl RodAnswer {
-    /// Rod as the store knows it; `None` if it is not in the store.
+    /// Rod as in the store; `None` if it is not there.
     ///
     /// # Errors
     /// The store cannot be read, or a row is damaged.

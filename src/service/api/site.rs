@@ -21,7 +21,7 @@ pub struct SiteAnswer {
     pub site: String,
     /// Version of the program that answers.
     pub version: &'static str,
-    /// Silence that is told as an alarm \[s\]: data that are older are stale.
+    /// Silence that raises an alarm \[s\]; older data are stale.
     pub silence_s: Option<f64>,
     /// Whether it is monitored; `null` if no daemon ever worked on the store.
     pub monitoring: Option<Monitoring>,

@@ -66,7 +66,7 @@ pub struct Goals {
     pub periods: usize,
 }
 
-/// The latest configuration of a store; `None` if it has none that this program understands.
+/// Latest configuration of a store; `None` if it has none that this program can read.
 pub(super) fn latest_config(reader: &Reader) -> Result<Option<Config>, StoreError> {
     let config = reader.latest_config()?;
     Ok(config.and_then(|[_, _, text]| Config::parse(&text, "the store").ok()))
@@ -94,7 +94,7 @@ impl RodStatus {
     pub fn of(standing: Standing, counts: (u64, u64), goals: Option<Goals>) -> Result<Self, StoreError> {
         let latest = standing.latest_row()?;
         let latest_used = latest.as_ref().and_then(|row| row.start);
-        // What an older segment's record says is relative to another baseline.
+        // A record of an older segment is relative to another baseline.
         let row = latest
             .filter(|row| row.segment == Some(standing.segment))
             .unwrap_or_else(|| RecordRow::new(&standing.rod, ""));
@@ -146,7 +146,7 @@ impl RodStatus {
         }
     }
 
-    /// Explanation of the state, if there is more to say than its name.
+    /// Explanation of the state, if its name is not enough.
     pub fn why(&self) -> Option<String> {
         if let Some(since) = self.never_seen_since.filter(|_| self.state_reason.is_none()) {
             return Some(format!(

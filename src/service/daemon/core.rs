@@ -29,7 +29,7 @@ const ROOM: u64 = 8 << 20;
 /// Interval between checks of a full disk.
 const LOOK: Duration = Duration::from_millis(250);
 
-/// Whether all that is done with an item is to keep something; the rest stands alone.
+/// True if an item only adds data to the store, so that it may share a commit with others.
 fn is_kept(done: &Done) -> bool {
     !matches!(done, Done::Job(Job::Reload(_) | Job::Tick { .. }))
 }
@@ -111,7 +111,7 @@ impl Core {
         let (vigil, silent_from) = Vigil::begin(site.store(), settle, Arc::clone(&health))?;
         let mut passed = LastSeen::default();
         for (rod, _) in site.latest() {
-            // Every record before this start came before what comes now. A rod that cannot be asked for has none.
+            // Every record before this start came before the next one. A rod whose record cannot be read has none.
             if let Ok(Some(identity)) = site.store().last_identity(rod) {
                 passed.note(rod, identity);
             }
@@ -378,7 +378,7 @@ impl Core {
                 continue;
             }
             match open_site(&self.store, &self.generation, &self.health) {
-                // The reader knows nothing of marks that are gone: only a restart reads everything again.
+                // The reader does not know that the marks are gone: only a restart reads everything again.
                 Ok(site) if site.store().moved_aside().is_some() => return Err(CoreError::Damaged),
                 Ok(site) => {
                     self.guard = Guard::of(&self.store);
@@ -445,7 +445,7 @@ fn put(site: &mut Site, done: &Done, before: Option<[u8; 32]>) -> Result<Option<
             let through = *through;
             site.note(Note::Delivered { sink, through })?;
         }
-        // The driver turned every event into what came of it.
+        // The driver has turned every event into its result.
         Done::Job(_) => {}
     }
     Ok(None)

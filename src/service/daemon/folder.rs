@@ -83,7 +83,7 @@ struct Lane {
     held: usize,
 }
 
-/// One step of the folder; a file's end comes with its mark.
+/// Step of the folder; the end of a file comes with its mark.
 pub(super) type FolderStep = Step<(FileMark, FileResult)>;
 
 impl Folder {
@@ -196,7 +196,7 @@ impl Folder {
                     return Some(Step::More);
                 }
                 Some(Step::Event(event, place)) => {
-                    // What is read already comes out before the next one has its turn.
+                    // Events already read are returned before the next file's turn.
                     self.growing.push_front(lane);
                     return Some(Step::Event(event, place));
                 }
@@ -269,7 +269,7 @@ impl Folder {
             self.found(&name, stamp(&data), &data);
             there.insert(name);
         }
-        // What is gone may come back as another file.
+        // A name that is gone may come back as another file.
         self.failed.retain(|name, _| there.contains(name));
         self.postponed.retain(|name| there.contains(name));
         let gone: Vec<OsString> = self.set_aside.difference(&there).cloned().collect();
@@ -379,7 +379,7 @@ impl Folder {
 }
 
 impl Lane {
-    /// The next step; `None` if the file is to be found again.
+    /// Takes the next step; `None` if the file must be looked up again.
     fn step(&mut self, watch: &mut Watch, settle: Duration, health: &Health) -> Option<Step<Infallible>> {
         let step = self.guard.poll(&mut self.recording, watch, health);
         self.held = self.recording.held();
@@ -414,7 +414,7 @@ impl Lane {
             }
         }
         if shrank || self.is_replaced || self.grew.elapsed() >= settle {
-            // What looked like a record in the making is damage: read as a finished file, only that is lost.
+            // The apparently unfinished record is damage: read as a finished file, only that record is lost.
             if self.recording.is_in_doubt() && !shrank && !self.is_replaced {
                 return None;
             }
@@ -443,7 +443,7 @@ fn has_end(file: &File) -> bool {
             Ok(at > 8 && end == mcap::MAGIC)
         })
         .unwrap_or(false);
-    // Whoever reads it next starts at the front.
+    // The next reader starts at the front.
     file.seek(SeekFrom::Start(0)).is_ok() && is_end
 }
 

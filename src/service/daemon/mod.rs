@@ -97,7 +97,7 @@ pub fn run(options: &Options) -> anyhow::Result<ExitCode> {
         .enable_all()
         .build()?;
     signals::listen(&runtime, sender.clone())?;
-    // What is taken by another process is known before anything is begun.
+    // Addresses in use by another process are detected before anything begins.
     let (_stop_http, http_stopped) = watch::channel(false);
     let bind = || -> anyhow::Result<Bound> {
         show(&config, &runtime, &telemetry, http_stopped)?;
@@ -175,7 +175,7 @@ struct Daemon<'a> {
 }
 
 impl Daemon<'_> {
-    /// From one event to the next, to the end.
+    /// Handles lifecycle events until the end.
     fn live(&self, events: &Receiver<LifecycleEvent>, bound: &mut Option<Bound>) -> anyhow::Result<ExitCode> {
         let Self {
             options,
@@ -301,7 +301,7 @@ fn beside<T: 'static>(
             let detail = message_of(&*panic);
             Err(anyhow::anyhow!("the program broke, please report it: {detail}"))
         });
-        // Nobody listens any more if the daemon stops.
+        // The receiver is gone if the daemon stops.
         let _ = sender.send(event(result));
     };
     thread::Builder::new().name(name.to_owned()).spawn(whole)?;

@@ -85,7 +85,7 @@ impl Drop for Watchdog {
     fn drop(&mut self) {
         drop(self.stop.take());
         if let Some(thread) = self.thread.take() {
-            // It never panics; if it did, there is nobody left to tell.
+            // It never panics; if it did, the panic could not be reported.
             let _ = thread.join();
         }
     }

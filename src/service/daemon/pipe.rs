@@ -59,13 +59,13 @@ pub fn run(
     };
     driver::run(input, limits, |job| workers.work(job), &mut taker);
     match taker.broken {
-        // It was told to: what was not kept is read again.
+        // The core stopped on request: data not stored are read again.
         None | Some(CoreError::Stopping) => Ok(()),
         Some(error) => Err(error),
     }
 }
 
-/// The core, until it breaks or is told to end.
+/// Passes the driver's output to the core, until the core fails or is told to end.
 struct Taking<'a> {
     core: &'a mut Core,
     ending: &'a Ending,
@@ -79,7 +79,7 @@ impl Taker for Taking<'_> {
         }
         if let Err(error) = self.core.take(group) {
             self.broken = Some(error);
-            // Else the input would wait for jobs that nobody takes.
+            // Otherwise the input would wait for jobs that are never taken.
             self.ending.drain.store(true, Ordering::Relaxed);
             return ControlFlow::Break(());
         }

@@ -1,10 +1,10 @@
 //! Quarantine for inputs that crash the process: each step is recorded before it runs and cleared after.
 //!
-//! Before a risky step its name is written into a slot of `STORE.working`, and wiped out after it. The file survives the
-//! end of the process however it comes. What stands in it at the next start is suspect: it is tried again with nothing
-//! else at work, so that no other step is blamed. A step the program died of [`DEATHS`] times *alone* is not
-//! tried any more. A kill from outside that happens to meet a step costs it nothing but being tried alone: to be quarantined
-//! it would have to be met again and again, with a growing pause before each try.
+//! Before a risky step its name is written into a slot of `STORE.working`, and erased after it. The file survives any end
+//! of the process. A step found in it at the next start is suspect: it is tried again while nothing else runs, so that no
+//! other step is blamed. A step that crashed the program [`DEATHS`] times *alone* is not tried again. If the process is
+//! killed from outside during a step, that step is only tried alone: to be quarantined it would have to be running at
+//! several kills, with a growing pause before each try.
 
 use crate::recording::atomic::AtomicFile;
 use std::collections::BTreeMap;
@@ -24,7 +24,7 @@ pub const DEATHS: u32 = 2;
 /// while its data before that place was completed.
 pub const FILE_DEATHS: u32 = DEATHS + 1;
 
-/// How the step of a file is called that brings what came before a quarantined place to its end.
+/// Name of a file's step that completes the data before a quarantined place.
 const END: &str = "end";
 
 /// Size of a slot \[bytes\].
@@ -38,7 +38,7 @@ const PATIENCE: Duration = Duration::from_secs(10);
 /// Pause before a step is tried again after a crash alone, times its crashes.
 const PAUSE: Duration = Duration::from_secs(1);
 
-/// Quarantine of one store: steps that ended the program, and how often.
+/// Quarantine of one store: steps that crashed the program, with the number of crashes.
 #[derive(Debug)]
 pub struct Quarantine {
     working: File,
@@ -217,7 +217,7 @@ impl Slot {
         let is_alone = self.quarantine.begin(step);
         let mut content = [0; SLOT];
         let mut rest = &mut content[..];
-        // What does not fit is cut off: the name alone tells steps apart.
+        // The excess is cut off: the name alone distinguishes steps.
         let _ = write!(rest, "{}\t{step}", if is_alone { "alone" } else { "beside" });
         self.quarantine.mark(self.number, &content);
         self.step = Some(Step {
@@ -325,7 +325,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let store = folder.path().join("site.db");
         let deaths = || Quarantine::open(&store).unwrap().deaths(&file_step("a@b.mcap"));
-        // What a kill from outside happens to meet blames nobody.
+        // A step that was running at a kill from outside is not to blame.
         for place in 0..10 {
             dies_at(&store, &[&format!("a@b.mcap@{place}+0")]);
         }

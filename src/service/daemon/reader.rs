@@ -137,7 +137,7 @@ impl Reader {
         self.stop.store(true, Ordering::Relaxed);
         self.bell.ring();
         if let Some(thread) = self.thread.take() {
-            // A panic there was told by the panic itself.
+            // A panic there has already been reported by the panic hook.
             let _ = thread.join();
         }
     }

@@ -257,7 +257,7 @@ fn draw_tables(generation: &Arc<Generation>, ending: &Ending) -> std::io::Result
     Ok(())
 }
 
-/// Marks what the reader is at in the quarantine.
+/// Returns the reader's watch, which records its steps in the quarantine.
 fn watch(quarantine: &Arc<Quarantine>) -> Watch {
     let mut slot = quarantine.slot();
     let (quarantine, reads) = (Arc::clone(quarantine), Arc::clone(quarantine));

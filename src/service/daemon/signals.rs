@@ -1,4 +1,4 @@
-//! SIGTERM, SIGINT and SIGHUP as events.
+//! Turns SIGTERM, SIGINT and SIGHUP into events.
 
 use super::LifecycleEvent;
 use std::io;

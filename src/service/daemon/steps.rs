@@ -26,16 +26,16 @@ struct Blame {
     is_whole: bool,
 }
 
-/// A source's steps under watch: a file whose reading ends the program is set aside.
+/// Takes a source's steps under watch: a file whose reading crashes the program is quarantined.
 #[derive(Debug, Default)]
 pub(super) struct Guard {
     steps: Steps,
-    /// The file that is set aside, and why.
+    /// Quarantined file, and the reason.
     quarantined: Option<(Arc<str>, String)>,
 }
 
 impl Guard {
-    /// The next step of a source.
+    /// Takes the next step of a source.
     pub fn poll<S: Source>(&mut self, source: &mut S, watch: &mut Watch, health: &Health) -> Step<S::File> {
         if let Some((name, offset)) = source.position()
             && self.quarantined.as_ref().is_none_or(|(aside, _)| *aside != name)
@@ -57,7 +57,7 @@ impl Guard {
         step
     }
 
-    /// Why a file was set aside, if it was; the file is over.
+    /// Returns the reason why a file that ended was quarantined, if it was.
     pub fn end(&mut self, name: &str) -> Option<String> {
         let aside = self.quarantined.take_if(|(aside, _)| **aside == *name);
         aside.map(|(_, why)| why)
@@ -91,7 +91,7 @@ impl Watch {
         let step = steps.next(name, offset);
         let deaths = (self.deaths)(&step);
         if deaths >= DEATHS {
-            // What came before a place that is set aside may be what the program dies of: that is a step too.
+            // The data before a quarantined place may cause the crash, so completing them is a step as well.
             (self.working_on)(Some(&last_step(name, offset)));
             return Some(Blame {
                 why: format!(

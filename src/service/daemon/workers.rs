@@ -21,7 +21,7 @@ pub struct Workers {
 }
 
 impl Workers {
-    /// Threads that leave out `known` and mark what they are at in `quarantine`.
+    /// Threads that skip the records in `known` and record their steps in `quarantine`.
     pub fn new(known: Known, quarantine: Arc<Quarantine>, metrics: Arc<Metrics>) -> Self {
         Self {
             known,
@@ -79,7 +79,7 @@ impl Workers {
     }
 }
 
-/// The name of a record's analysis among the [`Quarantine`].
+/// Name of a record's analysis in the [`Quarantine`].
 fn step_of(record: &Record, identity: &[u8; 32]) -> String {
     format!("record {} of rod {}", hex(identity), record.rod)
 }

@@ -120,7 +120,7 @@ impl Access {
 /// Refuses a file that every user of this machine can read or write. systemd protects its credentials itself.
 fn refuse_if_open(path: &str) -> anyhow::Result<()> {
     const OTHERS: u32 = 0o006;
-    // A file that is not there is told where it is read.
+    // A missing file is reported where it is read.
     let Ok(data) = std::fs::metadata(path) else {
         return Ok(());
     };

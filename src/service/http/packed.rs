@@ -1,4 +1,4 @@
-//! Compresses what is sent, and sends nothing that a client has already.
+//! Compresses answers, and omits those that the client already has.
 
 use crate::site::hex::hex;
 use axum::body::{Body, Bytes, to_bytes};
@@ -11,10 +11,10 @@ use flate2::write::GzEncoder;
 use sha2::{Digest, Sha256};
 use std::io::Write;
 
-/// Shorter answers are sent as they are: the head of a packet would not shrink.
+/// Least size of an answer that is compressed \[bytes\]: below it the packet would hardly shrink.
 const SHORTEST: usize = 1024;
 
-/// The compressed form; empty if there is none.
+/// Compresses data; empty on failure.
 pub(super) fn gzip(plain: &[u8], level: Compression) -> Vec<u8> {
     let mut encoder = GzEncoder::new(Vec::new(), level);
     // Writing to memory cannot fail; without a compressed form the plain one is sent.
@@ -24,14 +24,14 @@ pub(super) fn gzip(plain: &[u8], level: Compression) -> Vec<u8> {
         .unwrap_or_default()
 }
 
-/// An entity tag that follows from the content.
+/// Entity tag computed from the content.
 pub(super) fn tag(plain: &[u8]) -> String {
     let hash = Sha256::digest(plain);
     let digits = hex(&hash[..8]);
     format!("\"{digits}\"")
 }
 
-/// True if the client has what carries this tag.
+/// True if the client has the answer with this tag.
 pub(super) fn has(asked: &HeaderMap, tag: &str) -> bool {
     said(asked, header::IF_NONE_MATCH).is_some_and(|tags| {
         tags.split(',')
@@ -39,11 +39,14 @@ pub(super) fn has(asked: &HeaderMap, tag: &str) -> bool {
     })
 }
 
-/// True if the client takes gzip.
+/// True if the client accepts gzip.
 pub(super) fn takes_gzip(asked: &HeaderMap) -> bool {
     said(asked, header::ACCEPT_ENCODING).is_some_and(|list| {
-        list.split(',')
-            .any(|one| matches!(one.split(';').next().map(str::trim), Some("gzip")) && !one.contains("q=0"))
+        list.split(',').any(|one| {
+            let mut parts = one.split(';').map(str::trim);
+            let refuses = |part: &str| part.strip_prefix("q=").and_then(|q| q.parse().ok()) == Some(0.0);
+            parts.next() == Some("gzip") && !parts.any(refuses)
+        })
     })
 }
 
@@ -51,7 +54,7 @@ fn said(asked: &HeaderMap, name: header::HeaderName) -> Option<&str> {
     asked.get(name).and_then(|value| value.to_str().ok())
 }
 
-/// The headers that let a client keep an answer and ask whether it still holds.
+/// Adds the headers that let a client keep an answer and ask if it is still valid.
 pub(super) fn mark(headers: &mut HeaderMap, tag: &str) {
     headers.insert(header::CACHE_CONTROL, HeaderValue::from_static("no-cache"));
     headers.insert(header::VARY, HeaderValue::from_static("accept-encoding"));
@@ -60,7 +63,7 @@ pub(super) fn mark(headers: &mut HeaderMap, tag: &str) {
     }
 }
 
-/// Tags a question's answer, leaves out what the client has, and compresses the rest.
+/// Tags the answer to a GET request, omits it if the client has it, and compresses it otherwise.
 pub(super) async fn pack(request: Request, next: Next) -> Response {
     let asked = request.headers().clone();
     let is_question = request.method() == axum::http::Method::GET;

@@ -1,4 +1,4 @@
-//! The page: three documents, their scripts and style, all from within the program.
+//! The page: three documents with their scripts and style, all embedded in the program.
 
 use super::packed;
 use axum::Router;
@@ -9,8 +9,8 @@ use axum::routing::get;
 use flate2::Compression;
 use std::sync::LazyLock;
 
-/// What a browser may do with the page: run, show and ask what this server sends, and nothing else. A picture that is saved is
-/// an image of data first.
+/// Content security policy: the browser runs, shows and requests only what this server sends. `data:` images
+/// are needed to save a picture.
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; \
                       connect-src 'self'; manifest-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
 

@@ -165,7 +165,7 @@ async fn guard(request: Request, next: Next) -> Response {
         next.run(request).await
     };
     for (name, value) in STRICT {
-        // The page says more exactly what it needs.
+        // The page sets a more exact policy.
         response.headers_mut().entry(name).or_insert(value);
     }
     response

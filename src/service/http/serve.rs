@@ -104,7 +104,7 @@ pub async fn serve(
     }
     drop(listener);
     let drained = async { while open.join_next().await.is_some() {} };
-    // What is not drained by then ends with the set.
+    // Connections still open then end with the set.
     let _ = time::timeout(DRAIN, drained).await;
     Ok(())
 }
@@ -135,7 +135,7 @@ async fn answer(stream: TcpStream, client: Client, routes: Router, mut stop: wat
         .serve_connection(TokioIo::new(stream), service)
         .with_upgrades();
     let mut connection = std::pin::pin!(connection);
-    // Errors are the client's: it went away, sent no HTTP, or ran out of time; hyper told it so if it could.
+    // Errors are the client's: it went away, sent no HTTP, or ran out of time; hyper has answered it if possible.
     tokio::select! {
         _ = connection.as_mut() => return,
         () = seat.must_leave() => return,

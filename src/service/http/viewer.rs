@@ -124,7 +124,7 @@ impl Viewer {
                     }
                     self.owed += 1;
                     self.send(Frame::Ping(Vec::new().into())).await?;
-                    // What had no answer when the bell rang may have one now.
+                    // A request without an answer when the bell rang may have one now.
                     self.look().await?;
                 }
             }

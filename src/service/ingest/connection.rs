@@ -88,7 +88,7 @@ pub(super) async fn attend<I: Intake>(
     };
     client.leave(peer, outcome).await;
     drop(client);
-    // Dropping the client ended its answers; what is written by now is read by the client or by nobody.
+    // Dropping the client ended its answers; those already written are either read by the client or lost.
     if timeout(PATIENCE, &mut writer).await.is_err() {
         writer.abort();
     }
@@ -181,7 +181,7 @@ impl<I: Intake> Client<'_, I> {
         }
         let mut turn = None;
         loop {
-            // Only whoever has a turn holds batches: that bounds the memory of all.
+            // Only a connection with a turn holds batches, which bounds the memory of all.
             if turn.is_none() {
                 turn = Some(self.server.turns.acquire().await);
             }
@@ -322,7 +322,7 @@ impl<I: Intake> Client<'_, I> {
                 health.fault(Fault::Refused, format_args!("{who}: turned away, {what}"));
                 Some((what, true))
             }
-            // Told where it was let out.
+            // Reported where it was released.
             Err(Farewell::Pushed) => Some(("it said nothing, and others came".to_owned(), true)),
             Err(Farewell::Gone(what)) => {
                 if is_amid && !is_named {

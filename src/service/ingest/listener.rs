@@ -73,7 +73,7 @@ impl Listener {
     /// # Errors
     /// One of them is neither a TCP nor a Unix stream socket.
     pub fn inherited() -> Result<Vec<Self>, ListenError> {
-        // As `listenfd` knows IPv4 only.
+        // `listenfd` supports IPv4 only.
         const AF_INET6: i32 = 10;
         const SOCK_STREAM: i32 = 1;
         let mut given = ListenFd::from_env();
@@ -155,7 +155,7 @@ fn clear(path: &Path, failed: impl Fn(io::Error) -> ListenError) -> Result<(), L
         }
         Err(fault) if fault.kind() == io::ErrorKind::NotFound => Ok(()),
         Ok(_) => Err(ListenError::Taken(shown())),
-        // Full of connections that wait, for instance: somebody is there.
+        // For example because its queue is full: another process is listening.
         Err(fault) if fault.kind() == io::ErrorKind::WouldBlock => Err(ListenError::Taken(shown())),
         Err(fault) => Err(failed(fault)),
     }

@@ -174,7 +174,7 @@ impl Protocol {
             return Ok(Some(step));
         }
         self.refusal = outcome.err();
-        // What came before a fault, or a pause, is good.
+        // Data before a fault, or a pause, are good.
         if let Some(batch) = self.stream.batch() {
             return Ok(Some(Step::Batch(batch)));
         }

@@ -207,7 +207,7 @@ async fn attend<I: Intake>(
             None => format!("a client of {address}"),
         };
         let is_tls = matches!(door, Door::Tcp(_)) && shared.tls.is_some();
-        // Without TLS it is told at once; with TLS it is told inside, for the words to be understood.
+        // Without TLS the client is refused at once; with TLS after the handshake, so that it understands the reason.
         if !is_tls && shared.clients.available_permits() == 0 {
             let reason = shared.full();
             shared

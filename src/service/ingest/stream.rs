@@ -108,7 +108,7 @@ impl Stream {
                     message.data,
                 );
             }
-            // What came over a socket has the journal's checksums from here on.
+            // Data from a socket have the journal's checksums from here on.
             Item::Unverified | Item::Hole(_) => {}
         });
         match self.refusal.take() {

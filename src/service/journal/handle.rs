@@ -244,7 +244,7 @@ async fn reason(closed: &mut watch::Receiver<Option<Closed>>) -> Closed {
 impl Drop for Line {
     fn drop(&mut self) {
         if !self.is_ended {
-            // A journal that stopped knows.
+            // A stopped journal needs no notice.
             let _ = self.commands.send(Command::End {
                 line: self.number,
                 how: End::Broken,

@@ -127,7 +127,7 @@ impl Journal {
             stopping: Arc::clone(&stopping),
             state: Work::default(),
         };
-        // A folder that cannot be written is told at once; one without room is waited for.
+        // A folder that cannot be written is reported at once; a full one is waited for.
         let note = writer.first_note();
         match Output::create(folder, writer.next, &note) {
             Ok(output) => writer.opened(output),
@@ -179,7 +179,7 @@ impl Journal {
         self.stopping.store(true, Ordering::Relaxed);
         self.handle.stop();
         if let Some(thread) = self.thread.take() {
-            // A panic there was told by the panic itself.
+            // A panic there has already been reported by the panic hook.
             let _ = thread.join();
         }
     }

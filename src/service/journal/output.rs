@@ -84,9 +84,9 @@ impl Output {
     pub fn create(folder: &Path, number: u32, note: &Note) -> io::Result<Self> {
         let path = part::path(folder, number);
         let file = File::options().write(true).create_new(true).open(&path)?;
-        // The name is durable before anything in the file is said to be.
+        // The name is made durable before any content is reported durable.
         if let Err(fault) = File::open(folder).and_then(|folder| folder.sync_all()) {
-            // It says nothing yet: better gone than in the way of the next try.
+            // It is still empty: removed, it does not block the next attempt.
             let _ = std::fs::remove_file(&path);
             return Err(fault);
         }

@@ -27,7 +27,7 @@ pub fn removable(parts: &[Kept], ages_s: &[f64], settings: &JournalSettings) -> 
     for (kept, age_s) in parts.iter().zip(ages_s) {
         let is_old = settings.keep_s.is_some_and(|keep_s| *age_s > keep_s);
         let is_too_much = settings.keep_bytes.is_some_and(|keep_bytes| bytes > keep_bytes);
-        // The oldest go first: what stays has no hole.
+        // The oldest go first, so that the rest has no hole.
         if !is_old && !is_too_much {
             break;
         }

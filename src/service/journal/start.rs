@@ -37,7 +37,7 @@ pub(super) fn look(folder: &Path) -> io::Result<Standings> {
         read(&file, &mut found).unwrap_or_else(|damage| {
             found.damage = Some(format!("{}: {damage}", path.display()));
         });
-        // One without a single whole chunk says nothing, and nothing in it was acknowledged.
+        // A part without a single whole chunk gives no information, and nothing in it was acknowledged.
         if found.journal.is_some() {
             break;
         }

@@ -99,7 +99,7 @@ impl Writer {
             match commands.recv_timeout(self.patience().min(LOOK_EVERY)) {
                 Ok(command) => {
                     self.take(command)?;
-                    // What waits already goes into the same chunk.
+                    // Commands already waiting go into the same chunk.
                     while self.state.open_bytes < CHUNK_BYTES
                         && let Ok(command) = commands.try_recv()
                     {
@@ -196,7 +196,7 @@ impl Writer {
             let part = self.output.as_ref().map_or(self.next, |output| output.number);
             format!("#{part}.{}", self.state.anonymous)
         });
-        // What it goes on from must be durable.
+        // The data that the stream continues must be durable.
         if is_named(&stream) && self.streams.messages(&stream) > 0 {
             self.flush()?;
             self.sync()?;
@@ -214,13 +214,13 @@ impl Writer {
             closed,
         };
         self.state.lines.insert(line, state);
-        // Whoever asked may be gone; its line says so then.
+        // The asker may be gone; its line reports that.
         let _ = begins_at.send(messages);
         Ok(())
     }
 
     fn append(&mut self, line: u64, batch: Batch, room: OwnedSemaphorePermit) -> Result<(), Stop> {
-        // A line that was taken over has nothing to say any more.
+        // A line that was taken over has no more effect.
         if !self.state.lines.contains_key(&line) {
             return Ok(());
         }
@@ -290,7 +290,7 @@ impl Writer {
     }
 
     fn end(&mut self, line: u64, how: End, done: Option<oneshot::Sender<()>>) -> Result<(), Stop> {
-        // Unknown after it was taken over: dropping `done` says so.
+        // The line is unknown if it was taken over; dropping `done` reports that.
         let Some(line) = self.state.lines.remove(&line) else {
             return Ok(());
         };
@@ -363,7 +363,7 @@ impl Writer {
         self.look_at_files()?;
         self.streams.publish();
         for done in self.state.ends.drain(..) {
-            // Nobody may wait for it any more.
+            // The receiver may be gone.
             let _ = done.send(());
         }
         Ok(())
@@ -396,7 +396,7 @@ impl Writer {
             }
         }
         self.write_out()?;
-        // So that what the part says first, ends of streams perhaps, is soon durable.
+        // So that the first entries of the part, such as ends of streams, are soon durable.
         self.sync()
     }
 

@@ -90,7 +90,7 @@ impl Ledger {
     /// Ends a condition; returns the line to log, if its begin was logged or it lasted for a while.
     pub(super) fn over(&mut self, fault: Fault, about: &str, now: Instant) -> Option<String> {
         let condition = self.conditions.remove(&(fault, clean(about)))?;
-        // What was true until now has only just become the past.
+        // The condition held until now.
         let kind = self.kinds.entry(fault).or_default();
         kind.last = Some(now);
         let lasted = now.saturating_duration_since(condition.since);

@@ -40,7 +40,7 @@ type Boxed = Box<dyn Layer<Registry> + Send + Sync>;
 fn layer(format: Format, is_daemon: bool) -> (Boxed, Option<io::Error>) {
     let lines = || {
         let lines = fmt::layer().with_writer(io::stderr);
-        // Colours are for a terminal only, and there unless NO_COLOR says otherwise.
+        // Colours are for a terminal only, unless NO_COLOR is set.
         if io::stderr().is_terminal() {
             lines
         } else {

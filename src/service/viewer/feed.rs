@@ -108,7 +108,7 @@ impl Feed {
                 continue;
             }
             let kept = reader.snapshots(&rod)?;
-            // A refused record's picture is news with its record alone: it stands beside the latest for years.
+            // A refused record's snapshot is sent only with its record, because it stays in the store for years.
             let is_told = |picture: &Snapshot| {
                 let mut of_rod = messages
                     .iter()

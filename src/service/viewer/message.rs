@@ -116,7 +116,7 @@ impl fmt::Display for Topic {
 }
 
 impl Message {
-    /// Of a record: its force, and its modes if it has any. Nothing of a record without a time.
+    /// Messages of a record: its force, and its modes if it has any. None for a record without a time.
     pub fn of_record(row: &RecordRow) -> Vec<Self> {
         let Some(time) = row.start else {
             return Vec::new();

@@ -19,7 +19,7 @@ pub struct Held {
     next: u64,
     /// Time up to which each rod has been read, and since when.
     reached: BTreeMap<RodId, (Option<Timestamp>, Instant)>,
-    /// False if events go as they come.
+    /// False if events are released in the order they come.
     waits: bool,
 }
 
@@ -36,12 +36,12 @@ impl Held {
         }
     }
 
-    /// The same, waiting for no rod.
+    /// Returns the queue with waiting for rods switched off.
     pub fn impatient(self) -> Self {
         Self { waits: false, ..self }
     }
 
-    /// All that is still held, in its order: nothing more comes.
+    /// Releases all items still held, in their order, at the end of the input.
     pub fn rest(&mut self) -> Vec<Done> {
         let mut going = Vec::new();
         self.release_all(&mut going);
@@ -178,7 +178,7 @@ mod tests {
         let mut held = Held::new(3600.0);
         let going = held.take(vec![event("b", 100, &[("a", 50), ("b", 101)]), file()], begun);
         assert!(going.is_empty());
-        // What needs no order passes.
+        // A job that needs no order passes.
         let going = held.take(vec![Done::Job(Job::Tick { is_caught_up: true })], begun);
         assert_eq!(names(&going), ["job"]);
         let look = || Done::Job(Job::Look(Arc::from([])));

@@ -1,4 +1,4 @@
-//! What passes through the driver, in order: everything that changes the store is one of these.
+//! Items that pass through the driver, in order. Every change of the store is one of these.
 
 use crate::analysis::signal::record::Event;
 use crate::analysis::track::ordered::Reached;
@@ -49,15 +49,16 @@ impl Drop for Load {
 
 /// One item of work.
 pub enum Job {
-    /// An event of a source, to be analysed by the plans of the configuration it was cut with.
+    /// An event of a source, to be analysed with the plans of the configuration that cut it.
     Event {
         /// The event.
         event: Event,
         /// Position of its source after it.
         place: Place,
-        /// The plans.
+        /// Plans of the rods.
         plans: Arc<Plans>,
-        /// What it weighs, until it is analysed, where that is bounded.
+        /// Share of the bounded memory that the event takes until it is analysed; `None` where memory is not
+        /// bounded.
         load: Option<Load>,
     },
     /// A file was read to its end: all its events came before.
@@ -88,9 +89,9 @@ pub enum Job {
     },
 }
 
-/// What comes out of the driver.
+/// Output of the driver.
 pub enum Done {
-    /// What came of an event.
+    /// Result of an event.
     Event(Analysed, Place),
     /// A job that needs no analysis.
     Job(Job),

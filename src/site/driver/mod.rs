@@ -1,6 +1,7 @@
 //! The one driver of replay and daemon: jobs of a source, analysed on several threads, taken in the order of event time.
 //!
-//! They differ in where jobs come from (recordings; a channel from the reader's thread) and in who takes what comes out.
+//! They differ in where jobs come from (recordings; a channel from the reader's thread) and in the receiver
+//! of the output.
 
 mod held;
 mod job;
@@ -13,16 +14,17 @@ use super::ordered_map::{Limits, map_in_order};
 use crate::analysis::signal::record::Event;
 use std::ops::ControlFlow;
 
-/// Takes what comes out of the driver, on the thread that runs it.
+/// Receiver of the driver's output, on the thread that runs it.
 pub trait Taker {
-    /// Takes items that came out together, in the order they went in; may end the run.
+    /// Takes items that became ready together, in their order; may end the run.
     fn take(&mut self, group: Vec<Done>) -> ControlFlow<()>;
 
-    /// Learns of a job whose work panicked outside the analysis.
+    /// Reports a job whose work panicked outside the analysis.
     fn lost(&mut self, panic: &str);
 }
 
-/// Runs until there are no more jobs or the taker ends it. A record weighs its samples.
+/// Runs until there are no more jobs or the taker ends the run. The load of a record is its number of
+/// samples.
 pub fn run(
     jobs: impl Iterator<Item = Job> + Send,
     limits: Limits,
@@ -48,7 +50,8 @@ pub fn run(
     });
 }
 
-/// Does what can be done of a job before it is its turn: analyses an event's record, unless it is one of `known`.
+/// Does the part of a job that need not wait for its turn: analyses an event's record, unless it is one of
+/// `known`.
 pub fn work(job: Job, known: &Known) -> Done {
     match job {
         Job::Event {

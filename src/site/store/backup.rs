@@ -28,7 +28,7 @@ impl Reader {
         let result = self.copy_and_check(&part);
         let result = result.and_then(|()| fs::rename(&part, target).map_err(io));
         if result.is_err() {
-            // The error says more than a file that cannot be removed.
+            // The first error matters more than a failure to remove the file.
             let _ = fs::remove_file(&part);
         }
         result?;

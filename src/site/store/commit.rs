@@ -36,11 +36,11 @@ pub struct Commit<'a> {
 /// A record, identified or rejected.
 #[derive(Clone, Copy)]
 pub struct NewRecord<'a> {
-    /// Its result.
+    /// Row of the record.
     pub row: &'a RecordRow,
-    /// Its identity by content.
+    /// Identity of the record, by its content.
     pub identity: [u8; 32],
-    /// Root mean square of its samples.
+    /// Root mean square of the samples.
     pub rms: Option<f64>,
     /// Forward model used.
     pub emulator: &'a str,

@@ -43,7 +43,7 @@ impl Reader {
             Some("TEXT") if TIMES.contains(&name) => ColumnKind::Time,
             Some("TEXT") => ColumnKind::Text,
             Some("INTEGER") => ColumnKind::Integer,
-            // What the table does not have are the modes: frequencies and dampings.
+            // Columns missing in the table are those of the modes: frequencies and dampings.
             _ => ColumnKind::Real,
         };
         let names = self.columns(listing)?;

@@ -181,7 +181,7 @@ impl Store {
 
     fn try_commit(&mut self, commit: &Commit<'_>) -> Result<(), Failure> {
         if self.is_grouping {
-            // A group that lost a part must not be ended: what is left of it goes with the connection.
+            // A group that lost a part must not be committed: the rest is discarded with the connection.
             return commit.write(&self.reader.connection, &mut self.kept);
         }
         let transaction = self

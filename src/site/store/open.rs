@@ -60,9 +60,9 @@ pub(super) fn in_memory() -> rusqlite::Result<Connection> {
 
 pub(super) fn for_writing(path: &Path, durability: Durability) -> Result<Opened, StoreError> {
     let path = resolved(path)?;
-    // Who ever wrote here left the lock's file: what is no database any more was one.
+    // Every writer leaves the lock file, so a file that is no longer a database was one.
     let was_store = beside(&path, ".lock").exists();
-    // What cannot be a store gets no lock beside it.
+    // A path that cannot be a store gets no lock file.
     exists(&path)?;
     let lock = Lock::take(&path)?;
     let mut moved_aside = None;
@@ -205,7 +205,7 @@ fn begin(path: &Path) -> Result<(), StoreError> {
     }
     let write = || -> rusqlite::Result<()> {
         let mut connection = Connection::open(&new)?;
-        // Only in this order: closing a database whose journal could not be written back says nothing of it, and what goes to
+        // Only in this order: closing a database does not report that its journal could not be written back, and the file moved to
         // its place would be empty.
         schema::migrate(&mut connection, 0)?;
         connection.pragma_update(None, "journal_mode", "WAL")?;

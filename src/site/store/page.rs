@@ -128,8 +128,8 @@ impl Reader {
         Ok(points)
     }
 
-    /// The modes of a rod's records from a time on and before another, in the order of time: of every record, or of each n-th so
-    /// that they are at most `most`. The second value is n.
+    /// Modes of a rod's records in a time range, end exclusive, in order of time: of every record, or of each
+    /// n-th so that there are at most `most`. The second value is n.
     ///
     /// # Errors
     /// As [`Reader::points_after`].
@@ -243,7 +243,7 @@ impl Reader {
             .map_err(|error| self.fault(Failure::Sql(error)))
     }
 
-    /// The rows of records with numbers above `after`, ascending, at most `most`.
+    /// Rows of records with numbers above `after`, ascending, at most `most`.
     ///
     /// # Errors
     /// As [`Reader::points_after`], or a line cannot be understood.
@@ -294,7 +294,7 @@ impl Reader {
         found.iter().map(|(rod, json)| state::read(rod, json)).collect()
     }
 
-    /// Reads a rod's drift watch: there is none before its baseline.
+    /// Reads a rod's drift watch, which is empty before the baseline.
     ///
     /// # Errors
     /// As [`Reader::points_after`].

@@ -25,14 +25,14 @@ pub struct Filter {
     pub rod: Option<RodId>,
     /// From this time on.
     pub from: Option<Timestamp>,
-    /// Before this time.
+    /// End of the listing, exclusive.
     pub to: Option<Timestamp>,
 }
 
 /// Tables that can be listed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Listing {
-    /// Every record, rejected ones too.
+    /// Every record, including rejected ones.
     Records,
     /// Rejected records.
     Rejections,
@@ -66,7 +66,7 @@ pub struct Standing {
 }
 
 impl Standing {
-    /// The row of the latest record that was not rejected.
+    /// Row of the latest record that was not rejected.
     ///
     /// # Errors
     /// Its line cannot be understood.
@@ -75,7 +75,7 @@ impl Standing {
     }
 }
 
-/// The row of a JSON line of the store.
+/// Parses a JSON line of the store.
 pub(super) fn parse(line: &str) -> Result<RecordRow, StoreError> {
     RecordRow::parse(line).map_err(|error| StoreError::Unreadable {
         what: "a record's line".to_owned(),
@@ -208,7 +208,7 @@ impl Reader {
         Ok(found.pop())
     }
 
-    /// The words with which an alarm was acknowledged: `NAME: TEXT`.
+    /// Words of the person who acknowledged an alarm: `NAME: TEXT`.
     ///
     /// # Errors
     /// They cannot be read.
@@ -284,7 +284,7 @@ impl Reader {
         Ok(())
     }
 
-    /// Hands the row of every record that is wanted to `on_row`, in the order of time.
+    /// Calls `on_row` with the row of every record selected, in the order of time.
     ///
     /// # Errors
     /// The store cannot be read, a line not be understood, or `on_row` failed.

@@ -26,7 +26,7 @@ pub enum Asked {
     Acknowledge {
         /// Id of the alarm.
         alarm: String,
-        /// Who knows, and what they have to say of it.
+        /// Name and note of the person: `NAME: TEXT`.
         said: Option<String>,
     },
     /// Learn a new baseline.
@@ -37,7 +37,7 @@ pub enum Asked {
 }
 
 impl Asked {
-    /// Somebody knows of an alarm: who, and what they have to say, kept as `NAME: TEXT`.
+    /// Acknowledgement of an alarm, with the person's name and note kept as `NAME: TEXT`.
     pub fn acknowledge(alarm: &str, by: Option<&str>, note: Option<&str>) -> Self {
         let words = [by, note].into_iter().flatten().map(str::trim);
         let words: Vec<&str> = words.filter(|words| !words.is_empty()).collect();
@@ -98,7 +98,7 @@ pub(super) fn waiting(connection: &Connection, rod: &RodId) -> Result<Vec<Reques
     )
 }
 
-/// The first words somebody said when acknowledging an alarm.
+/// The first non-empty words with which an alarm was acknowledged.
 pub(super) fn said_of(connection: &Connection, alarm: &str) -> Result<Option<String>, Failure> {
     let found = select(
         connection,

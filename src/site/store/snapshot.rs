@@ -155,7 +155,7 @@ mod tests {
         let mut store = Store::in_memory().unwrap();
         let rod = RodId("north".to_owned());
         assert_eq!(store.snapshots(&rod).unwrap(), Snapshots::default());
-        // A clock may have been wrong: what comes last counts.
+        // A clock may have been wrong: the last to arrive counts.
         for (segment, second) in [(1, 100), (1, 200), (2, 400), (2, 300)] {
             let commit = Commit {
                 snapshot: Some(SnapshotRow {

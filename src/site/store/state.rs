@@ -1,4 +1,4 @@
-//! State of a rod's fold, kept in parts so that a commit writes only what changed.
+//! State of a rod's fold, kept in parts so that a commit writes only the changed ones.
 
 use super::StoreError;
 use super::row::Row;
@@ -15,7 +15,7 @@ use std::collections::BTreeMap;
 /// Part that names the current segment; the segment itself is a row of its own.
 const SEGMENT: &str = "segment";
 
-/// The part that holds the drift watch.
+/// Part that holds the drift watch.
 pub(super) const WATCH: &str = "watch";
 
 /// JSON of a value, checked to read back equal: a number that is not finite would not.
@@ -36,8 +36,8 @@ pub(super) fn kept<T: Serialize + DeserializeOwned + PartialEq>(
     }
 }
 
-/// The states as they stand in the store, without their periods and without their drift watch, which is large: a receipt tells
-/// whether it changed.
+/// The states as stored, without their periods and without the drift watch, which is large: a receipt shows
+/// if that has changed.
 #[derive(Default)]
 pub(super) struct Kept(BTreeMap<RodId, Before>);
 

@@ -14,10 +14,10 @@ mod proof;
 mod response;
 mod rod;
 mod settings;
-mod shape;
 mod site_years;
 mod world;
 
+pub use crate::analysis::rod::beam::shape::Shape;
 pub use climate::{Lagged, Weather};
 pub use faults::Message;
 pub use history::{FrequencyErrors, Measured, history};
@@ -30,7 +30,6 @@ pub use settings::{
     AddedMass, Change, Climate, Fault, FaultKind, Gusts, Knocks, Line, Neighbour, Pull, PullKind, Resonance,
     Sensor, SimulatedRod, Simulation, Thermal, Truth,
 };
-pub use shape::Shape;
 pub use site_years::{Fate, Moment, SiteYears};
 pub use world::{FAULT_D, Thermometer, World};
 

@@ -104,7 +104,7 @@ mod tests {
 
     #[test]
     fn free_decay_solves_the_equation_of_motion() {
-        // Oracle: classical Runge-Kutta of order four, which knows nothing of the closed form.
+        // Oracle: classical Runge-Kutta of order four, independent of the closed form.
         let (f, zeta) = (4.5, 0.03);
         let omega = 2.0 * PI * f;
         let slope = |(q, v): (f64, f64)| (v, -omega * omega * q - 2.0 * zeta * omega * v);

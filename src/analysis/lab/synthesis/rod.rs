@@ -1,8 +1,8 @@
 //! State of a simulated rod at a point in time: axial force, natural frequencies, mode shapes.
 
+use super::Shape;
 use super::climate::{Lagged, Weather};
 use super::settings::{SimulatedRod, Simulation, Truth};
-use super::shape::Shape;
 use crate::analysis::rod::beam::{OutsideRange, Parameterisation, Quantity, exact};
 use crate::analysis::signal::record::time::DAY_S;
 use crate::analysis::signal::record::{RodId, Timestamp};

@@ -65,8 +65,8 @@ pub fn wavenumber(order: usize, tension: f64, supports: &[Support; 2]) -> f64 {
 /// A support as the ratio of the beam's bending stiffness EI / l to its rotational stiffness k.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Support {
-    hinge: f64,
-    clamp: f64,
+    pub(super) hinge: f64,
+    pub(super) clamp: f64,
 }
 
 impl Support {
@@ -95,7 +95,7 @@ impl Support {
 }
 
 /// `t`, the supports, and a check that the beam is one.
-fn dimensionless(beam: &Beam) -> Result<(f64, [Support; 2]), OutsideRange> {
+pub(super) fn dimensionless(beam: &Beam) -> Result<(f64, [Support; 2]), OutsideRange> {
     beam.check("exact model")?;
     let bending = beam.flexural_rigidity_n_m2 / beam.length_m;
     let tension = beam.axial_force_n * beam.length_m / bending;
@@ -107,7 +107,7 @@ fn dimensionless(beam: &Beam) -> Result<(f64, [Support; 2]), OutsideRange> {
 }
 
 /// `sqrt(EI / m) / (2 pi l^2)` \[Hz\].
-fn unit_hz(beam: &Beam) -> f64 {
+pub(super) fn unit_hz(beam: &Beam) -> f64 {
     (beam.flexural_rigidity_n_m2 / beam.mass_per_length_kg_m).sqrt()
         / (2.0 * PI * beam.length_m * beam.length_m)
 }

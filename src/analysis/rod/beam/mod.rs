@@ -6,7 +6,9 @@ pub mod element;
 pub mod exact;
 pub mod finite_elements;
 pub mod forward;
+pub mod receptance;
 pub mod section;
+pub mod shape;
 
 pub use exact::Exact;
 pub use finite_elements::FiniteElements;

@@ -190,6 +190,15 @@ impl Parameterisation {
         }
     }
 
+    /// Height of the section in the plane of vibration \[m\]; `None` for a rod given directly.
+    pub fn height(&self, theta: &[f64]) -> Option<f64> {
+        match self.section {
+            Section::Square | Section::Round => Some(theta[3]),
+            Section::Rectangle => Some(theta[4]),
+            Section::Direct => None,
+        }
+    }
+
     /// Axial rigidity E A \[N\] of the rod that `theta` describes. A rod given directly by its flexural rigidity has no
     /// section: it is taken as steel, E A = 2.0e11 Pa m / 7700 kg/m^3 with m its mass per length.
     pub fn axial_rigidity(&self, theta: &[f64]) -> f64 {

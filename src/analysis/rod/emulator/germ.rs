@@ -12,7 +12,7 @@ use statrs::distribution::{Continuous, ContinuousCDF, Normal};
 pub struct Germ {
     /// Index of the quantity in `theta`.
     pub index: usize,
-    /// The quantity.
+    /// Quantity of the indices.
     pub quantity: Quantity,
     prior: Prior,
 }

@@ -223,7 +223,7 @@ mod tests {
                 "{found:?} {total:?}"
             );
         }
-        // The second output knows one variable alone.
+        // The second output depends on one variable alone.
         assert!((found[1].total[2] - 1.0).abs() < 0.01 && found[1].total[0] == 0.0);
     }
 }

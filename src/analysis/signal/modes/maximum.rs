@@ -107,7 +107,7 @@ impl Stretch<'_> {
     ) -> Band {
         let half = half.max(LEAST_LINES / self.coefficients.duration_s);
         let (low, high) = ((centre - half).max(limits.0), (centre + half).min(limits.1));
-        // A pull stands far above the noise: what a cell smooths would look like noise.
+        // A pull is far above the noise: the detail that a cell smooths would look like noise.
         let decays = start == Start::Free || others.iter().any(|other| other.start == Start::Free);
         let width = |f: f64| match decays {
             false => CELL * (f - centre).abs().max(core),
@@ -159,7 +159,7 @@ impl Stretch<'_> {
                 };
                 return Some(match start_of {
                     Start::Stationary => found,
-                    // Where the frequency does not move, what is taken from the bands of others is right without.
+                    // If the frequency does not move, the part subtracted in other bands is right without it.
                     Start::Free => {
                         let step = first_step(&found, start.softening)
                             .filter(|step| start.softening != 0.0 || step.score > MOVES);

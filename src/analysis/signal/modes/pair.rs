@@ -164,7 +164,7 @@ fn filter(series: &Subband, poles: [Pole; 2], forces: [f64; 2], noise: f64) -> O
     let (mut pxx, mut pyy) = (forces[0] / (1.0 - aa), forces[1] / (1.0 - bb));
     let mut pxy: Complex<f64> = Complex::default();
     let (mut log_det, mut quad) = (0.0, 0.0);
-    // The first sample holds what is flat across the band.
+    // The first sample holds the part that is flat across the band.
     let mut left = series.samples[1..].iter();
     let mut before = (Complex::default(), Complex::default());
     while let Some(value) = left.next() {

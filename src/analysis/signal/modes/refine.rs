@@ -195,7 +195,7 @@ impl<'a> Work<'a> {
         let margin_s = least_s.max(BLOW_MARGIN / coarsest_hz);
         blows(&series, 0.5 * least_s)
             .into_iter()
-            // A series runs round from its end to its beginning: what differs there leaks across. And what is left
+            // A series is periodic: a difference between its end and its beginning leaks across. And the rest
             // behind a later blow is too short for a fit.
             .filter(|blow| blow.after_s > margin_s && blow.after_s < length_s - margin_s)
             .map(|blow| Blow {

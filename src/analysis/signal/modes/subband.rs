@@ -148,7 +148,7 @@ impl Subband {
         let noise = innovation.sum::<f64>() / (count - 1.0) / (1.0 + factor.norm_sqr());
         let steady = power - noise;
         if steady < 0.5 * power {
-            // Too little stands out to say that it is even.
+            // Too little is above the noise to show that the power is even.
             return 2.0;
         }
         let noisy = (4.0 * steady * noise + 2.0 * noise * noise) / (power * power);

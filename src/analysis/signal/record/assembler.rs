@@ -244,7 +244,7 @@ impl Assembler {
             let seen_until = self.open.times.last().copied();
             let open = std::mem::take(&mut self.open);
             self.close(open, false, None);
-            // What goes on is no decay that begins.
+            // The continued motion is not a decay that begins.
             self.seen_until = seen_until.unwrap_or(self.seen_until);
         }
         self.release(true);
@@ -448,7 +448,7 @@ impl Assembler {
             }
             Cut::Auto | Cut::File | Cut::FreeDecay { .. } => {}
         }
-        // Stamps that stand still give no place to cut at.
+        // Constant stamps give no place for a cut.
         if full && self.open.bytes() >= most {
             let open = std::mem::take(&mut self.open);
             self.close(open, false, None);

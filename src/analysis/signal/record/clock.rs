@@ -96,7 +96,7 @@ fn robust<I: Iterator<Item = (f64, f64)>>(least_squares: Line, points: &impl Fn(
     let mut starts: Vec<f64> = points().map(|(k, t)| t - line.slope * k).collect();
     line.start = median(&mut starts);
     for _ in 0..30 {
-        // Half a nanosecond is what rounding leaves of exact stamps.
+        // Rounding leaves half a nanosecond of error in exact stamps.
         line.scatter = spread(&line, points).max(0.5);
         let bound = HUBER * line.scatter;
         let weight = |point| (bound / f64::abs(line.late(point))).min(1.0);
@@ -310,7 +310,7 @@ mod tests {
             (rate - 100.0).abs() < 0.001 && (4.5e-5..5e-5).contains(&sd),
             "{rate} {sd}"
         );
-        // Two stamps tell no scatter.
+        // Two stamps have no scatter.
         assert_eq!(weigh(100.02, 0.0, 100.0, 2).0, 100.02);
         assert!((weigh(100.02, 0.0, 100.0, 2).1 - 2e-4).abs() < 1e-6);
     }

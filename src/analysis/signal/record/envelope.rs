@@ -55,7 +55,7 @@ fn digits_of(largest: f64) -> impl Fn(f64) -> f64 {
     } else {
         0.0
     };
-    // A power of ten that is exact keeps what is printed short.
+    // An exact power of ten keeps printed numbers short.
     let scale = libm::pow(10.0, decimals.abs());
     move |value| {
         if decimals >= 0.0 {

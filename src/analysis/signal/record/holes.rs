@@ -154,7 +154,7 @@ impl Offsets {
         if step < SURE * error {
             return 0.0;
         }
-        // Once what a stall held back has arrived, the stamps must still be late.
+        // After the samples held back by a stall have arrived, the stamps must still be late.
         let later = self.behind(at, step);
         let until = (later + NEIGHBOURS).min(self.late.len());
         if until - later < LEAST {
@@ -193,7 +193,7 @@ mod tests {
             for late in [0.003, 0.02, 0.08, 0.4] {
                 let lone = offsets(200, size, &[], |i| if i == 77 { late } else { 0.0 });
                 assert!(lone.is_empty(), "{size} {late}: {lone:?}");
-                // What arrives during a stall is stamped at its end.
+                // Samples that arrive during a stall are stamped at its end.
                 let end = 0.77 * f64::from(size) + late;
                 let stall = offsets(200, size, &[], |i| {
                     let due = i as f64 * 0.01 * f64::from(size);

@@ -31,7 +31,7 @@ use sha2::{Digest, Sha256};
 use std::fmt;
 
 /// The name of a rod, unique within a site.
-#[derive(Debug, Clone, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct RodId(pub String);
 

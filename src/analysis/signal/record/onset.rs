@@ -48,7 +48,7 @@ pub(super) fn onsets(samples: &[f64], fs_hz: f64, ratio: f64) -> Vec<usize> {
         if level <= ratio || level.is_nan() {
             continue;
         }
-        // Beyond what a single spike does to the derivative.
+        // Beyond the reach of a single spike in the derivative.
         let (later, after) = (end + 2 * half, (end + 2 * half + persist).min(total - half));
         if after <= later || (mean(later, after) / quiet).sqrt() < 0.5 * ratio {
             continue;

@@ -307,7 +307,7 @@ fn despike(samples: &mut [f64], fs_hz: f64, step: f64) -> Spikes {
     let mut some = Vec::with_capacity(block);
     for from in (1..total - 1).step_by(block) {
         let to = (from + block).min(total - 1);
-        // Some sixty samples tell the scale well enough for so high a threshold.
+        // About sixty samples give the scale well enough for so high a threshold.
         some.clear();
         some.extend((from..to).step_by((block / 64).max(1)).map(|i| rough(samples, i)));
         let scale = (median(&mut some) / 0.6745).max(step);

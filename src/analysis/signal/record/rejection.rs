@@ -132,7 +132,7 @@ pub enum Rejection {
         /// Error text of the reader.
         detail: String,
     },
-    /// No peak stands above the noise.
+    /// No peak is above the noise.
     #[error(
         "no spectral peak stands above the noise between {low_hz:.2} and {high_hz:.2} Hz, where the prior expects the modes: look \
          for peaks elsewhere with `tirante spectrum`, record longer or nearer mid-span, or pull the rod and let it go"
@@ -205,6 +205,12 @@ pub enum Rejection {
         /// Number of crashes.
         deaths: u32,
     },
+    /// Tests of the rod that give no posterior together with the record.
+    #[error("tests of the rod: {detail}")]
+    UnusableTest {
+        /// Which, and why.
+        detail: String,
+    },
 }
 
 fn missing(share: f64, allowed: f64) -> String {
@@ -255,6 +261,7 @@ impl Rejection {
             Self::SharedTopic { .. } => "shared-topic",
             Self::Broken { .. } => "broken",
             Self::Quarantined { .. } => "quarantined",
+            Self::UnusableTest { .. } => "unusable-test",
         }
     }
 }

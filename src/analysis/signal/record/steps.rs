@@ -228,7 +228,7 @@ pub(super) fn level_change(samples: &[f64], fs_hz: f64, resolution: f64) -> Opti
         }
         let (quiet, loud) = (&samples[..i * window], &samples[(i + 1) * window..]);
         let (quiet, loud) = if up > down { (quiet, loud) } else { (loud, quiet) };
-        // What a sensor's smallest step makes of a signal; below it there is no noise to compare.
+        // Standard deviation of rounding to a sensor's smallest step; below it there is no noise to compare.
         let least = resolution / 12f64.sqrt();
         let noise = noise(loud).max(least) / noise(quiet).max(least);
         let whole = spread(loud) / spread(quiet).max(least);
@@ -263,7 +263,7 @@ fn noise(samples: &[f64]) -> f64 {
             .enumerate()
             .map(|(i, x)| {
                 let phase = std::f64::consts::TAU * (i as f64 + 0.5) / size as f64;
-                // Blackman and Harris: what leaks from a resonance lies 92 dB below it.
+                // Blackman-Harris window: leakage from a resonance lies 92 dB below it.
                 let taper = 0.35875 - 0.48829 * phase.cos() + 0.14128 * (2.0 * phase).cos()
                     - 0.01168 * (3.0 * phase).cos();
                 (x - middle) * taper

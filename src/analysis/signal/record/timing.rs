@@ -107,7 +107,7 @@ impl Stretch {
         self.values.split_off(self.values.len().saturating_sub(size))
     }
 
-    /// Cuts off what comes before `boundary` \[ns\], samples inside a message included.
+    /// Cuts off all samples before `boundary` \[ns\], including those inside a message.
     pub fn split_front(&mut self, boundary: i64, interval: f64) -> Self {
         let at = self.times.partition_point(|&time| time < boundary);
         let mut first: usize = self.sizes[..at].iter().map(|&size| size as usize).sum();

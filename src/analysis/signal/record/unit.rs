@@ -116,7 +116,7 @@ impl Unit {
         if let Some(unit) = every.into_iter().find(|unit| unit.key() == text) {
             return Some(unit);
         }
-        // Only what nobody uses for anything else: "c", "f" and "M" are left alone.
+        // Only unambiguous spellings: "c", "f" and "M" are left alone.
         match text.as_str() {
             "meter" | "metre" | "meters" | "metres" => Some(Self::Metre),
             "millimeter" | "millimetre" | "MM" | "Mm" => Some(Self::Millimetre),
@@ -126,7 +126,7 @@ impl Unit {
             "um/sec" => Some(Self::MicrometrePerSecond),
             "m/sec2" | "m/s/s" | "ms-2" | "m.s-2" => Some(Self::MetrePerSecondSquared),
             "gn" | "g0" => Some(Self::StandardGravity),
-            // The second as a program leaves it that did not know the sign.
+            // The second is written by programs that lack the sign.
             "C" | "\u{fffd}C" | "Celsius" | "celsius" => Some(Self::Celsius),
             "kelvin" | "Kelvin" => Some(Self::Kelvin),
             "F" | "Fahrenheit" | "fahrenheit" => Some(Self::Fahrenheit),

@@ -1,4 +1,4 @@
-//! A change of force as it is told: onset, size and rate, with credible intervals.
+//! A reported change of force: onset, size and rate, with credible intervals.
 
 use crate::analysis::signal::record::Timestamp;
 use crate::analysis::track::drift;
@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 /// Standard normal quantile of a 95 % interval.
 const Z: f64 = 1.959_963_984_540_054;
 
-/// What is known about a change.
+/// Estimate of a change.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Change {
     /// Median of the onset's posterior.
@@ -26,7 +26,8 @@ pub struct Change {
 }
 
 impl Change {
-    /// What a detector knows. `static_sd`: share of the size that the static parameters leave open however many records there are.
+    /// Change by a detector. `static_sd`: share of the size that the static parameters leave uncertain with
+    /// any number of records.
     pub(crate) fn told(change: &drift::Change, static_sd: f64) -> Self {
         let size = Interval {
             mean: change.size,

@@ -7,13 +7,13 @@ use crate::analysis::track::relative::Interval;
 use nalgebra::{DMatrix, DVector};
 use std::f64::consts::{PI, SQRT_2};
 
-/// A part with a density below exp(-FAR / 2) of the largest so far counts for nothing.
+/// Parts with a density below exp(-FAR / 2) of the largest so far are ignored.
 const FAR: f64 = 80.0;
-/// Parts of a posterior that make up all but this share of it tell its size.
+/// Share of a posterior that is left out of its size.
 const LEAST_SHARE: f64 = 1e-3;
 /// Halvings of the range of sizes for a quantile: to 1e-6 of it.
 const HALVINGS: usize = 20;
-/// Standard deviations of the modes that move by themselves.
+/// Standard deviations of independently moving modes.
 const FREE_SDS: [f64; 9] = [0.001, 0.0018, 0.0032, 0.0056, 0.01, 0.018, 0.032, 0.056, 0.1];
 
 /// The shift of some modes and its covariance.
@@ -25,7 +25,8 @@ pub(super) struct Seen {
     pub covariance: DMatrix<f64>,
 }
 
-/// A stretch of one particle's answers between two nodes: its weight, and a normal of the size cut to that stretch.
+/// A stretch of one particle's responses between two nodes: its weight, and a normal of the size cut to that
+/// stretch.
 #[derive(Debug, Clone, Copy)]
 struct Part {
     log_weight: f64,
@@ -34,7 +35,7 @@ struct Part {
     low: f64,
     high: f64,
     node: usize,
-    /// Which of the kind's curves.
+    /// Index among the curves of the kind.
     owner: usize,
 }
 
@@ -49,7 +50,8 @@ pub(super) struct Posterior {
     sum: f64,
 }
 
-/// The evidence over curves of one kind, alike beforehand, from every `stride`-th particle; `None` if the covariance is none.
+/// Evidence over curves of one kind, of equal prior probability, from every `stride`-th particle; `None` if
+/// the covariance is not positive definite.
 pub(super) fn of(
     alternatives: &Alternatives,
     curves: &[&Curve],
@@ -80,7 +82,7 @@ pub(super) fn of(
 }
 
 impl Posterior {
-    /// The mean of what it says of the shifts of every order; `curves` as it was made from.
+    /// Mean predicted shift of every order; `curves` are those it was made from.
     pub fn expected(&self, curves: &[&Curve]) -> Modes {
         let mut expected = [0.0; MAX_MODES];
         for (part, weight) in self.parts.iter().zip(&self.weights) {
@@ -199,7 +201,8 @@ impl<'a> Cut<'a> {
     }
 }
 
-/// ln p(z) if every mode moves by itself by N(0, s^2), s one of [`FREE_SDS`]; `None` if the covariance is none.
+/// ln p(z) if every mode moves independently by N(0, s^2), s one of [`FREE_SDS`]; `None` if the covariance is
+/// not positive definite.
 pub(super) fn of_free_modes(seen: &Seen) -> Option<f64> {
     let logs = FREE_SDS
         .iter()

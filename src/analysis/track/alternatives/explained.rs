@@ -1,4 +1,4 @@
-//! How probable each kind of change is, and what would decide between them.
+//! Probabilities of the kinds of change, and the measurements that would decide between them.
 
 use super::evidence::{self, Posterior, Seen};
 use super::kind::{DECIDED, is_axial};
@@ -10,13 +10,14 @@ use std::fmt::Write;
 /// One kind of change.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Weighed {
-    /// The kind.
+    /// Kind of the change.
     pub kind: Kind,
     /// ln p(shifts | kind).
     pub log_evidence: f64,
-    /// Its probability, all kinds alike beforehand.
+    /// Probability, with equal prior probabilities of all kinds.
     pub probability: f64,
-    /// The relative change, if it is this kind: best estimate, 2.5 and 97.5 % quantile. None for several at once.
+    /// Relative change, if it is this kind: best estimate, 2.5 % and 97.5 % quantile; `None` for several at
+    /// once.
     pub change: Option<[f64; 3]>,
 }
 
@@ -25,18 +26,19 @@ pub struct Weighed {
 pub struct Explained {
     /// Mode orders, from 1.
     pub orders: Vec<usize>,
-    /// Number of records that were averaged.
+    /// Number of records averaged.
     pub records: usize,
     /// True if the frequencies fell, on average over the modes.
     pub fell: bool,
     /// The kinds, most probable first.
     pub kinds: Vec<Weighed>,
-    /// Measurements that would decide for or against the axial force; empty if that is decided, or if none thought of would.
+    /// Measurements that would decide for or against the axial force; empty if decided already, or if no
+    /// measurement considered would decide.
     pub needed: Vec<Needed>,
 }
 
 impl Alternatives {
-    /// Weighs the kinds of change against each other; `None` without modes, or with a covariance that is none.
+    /// Weighs the kinds of change against each other; `None` without modes, or with an invalid covariance.
     pub fn explain(&self, shift: &MeanShift) -> Option<Explained> {
         let seen = Seen {
             orders: shift.orders.clone(),
@@ -82,7 +84,8 @@ impl Alternatives {
         self.curves.iter().filter(|curve| curve.kind == kind).collect()
     }
 
-    /// Kinds by probability, from every `stride`-th particle; `None` without modes, or with a covariance that is none.
+    /// Kinds by probability, from every `stride`-th particle; `None` without modes, or with an invalid
+    /// covariance.
     pub(super) fn weigh(&self, seen: &Seen, stride: usize) -> Option<Vec<Candidate>> {
         if seen.orders.is_empty() {
             return None;
@@ -117,7 +120,7 @@ impl Alternatives {
 /// One kind of change while it is weighed.
 pub(super) struct Candidate {
     pub kind: Kind,
-    /// None for modes that move by themselves.
+    /// Posterior of its size; `None` for independently moving modes.
     posterior: Option<Posterior>,
     log_evidence: f64,
     pub probability: f64,
@@ -169,7 +172,7 @@ impl Explained {
         text
     }
 
-    /// The odds for the axial force and what they rest on.
+    /// Odds for the axial force, with the data behind them.
     pub fn certainty(&self) -> String {
         let force = self.probability(Kind::Force);
         let odds = odds(force / (1.0 - force).max(f64::MIN_POSITIVE));
@@ -248,7 +251,7 @@ fn odds(ratio: f64) -> String {
     }
 }
 
-/// A change by which the frequencies may have moved.
+/// Sentence about a change that may have moved the frequencies.
 fn told(one: &Weighed) -> String {
     match one.change {
         Some(change) => format!("a change of {} by {}", one.kind.words(), percent(change)),

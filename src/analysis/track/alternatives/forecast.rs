@@ -1,4 +1,4 @@
-//! More records or more modes that would decide whether it is the axial force.
+//! Numbers of records or modes that would decide for or against the axial force.
 
 use super::evidence::Seen;
 use super::kind::is_axial;
@@ -7,23 +7,24 @@ use super::{Kind, MeanShift};
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
-/// Multiples of the records there are that are thought of, ascending.
+/// Multiples of the present records that are considered, ascending.
 const TIMES: [usize; 5] = [2, 4, 8, 16, 64];
-/// Particles are thinned by this for a forecast.
+/// Thinning of the particles for a forecast.
 const STRIDE: usize = 4;
 
 /// Measurements that would decide for or against the axial force.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Needed {
-    /// About so many more records of the same modes.
+    /// About this many more records of the same modes.
     Records(usize),
-    /// These modes besides, each measured as well as the others.
+    /// These further modes, each measured as well as the others.
     Modes(Vec<usize>),
 }
 
 impl Alternatives {
-    /// Measurements that decide whichever of the expected shifts is true: that of the force, or that of its best rival.
+    /// Measurements that decide in both cases: if the expected shifts are those of the force, or of its best
+    /// rival.
     pub(super) fn needed(&self, shift: &MeanShift, expected: &[Modes]) -> Vec<Needed> {
         let decides = |orders: &[usize], covariance: &DMatrix<f64>| {
             expected.iter().all(|expected| {
@@ -44,7 +45,7 @@ impl Alternatives {
         };
         let mut needed = Vec::new();
         let after = |times: usize| &shift.falling / times as f64 + &shift.fixed;
-        // The largest tells whether it is worth looking.
+        // The largest number decides if a search is worthwhile.
         if decides(&shift.orders, &after(TIMES[TIMES.len() - 1])) {
             let times = TIMES
                 .into_iter()

@@ -1,11 +1,11 @@
-//! Kinds of change, and the sizes they have beforehand.
+//! Kinds of change, with the priors of their sizes.
 
 use serde::{Deserialize, Serialize};
 
-/// Odds from which something is said: that it is a change of the axial force against everything else together, or the reverse.
+/// Odds of a decision: for a change of the axial force against everything else together, or the reverse.
 pub const DECIDED: f64 = 20.0;
 
-/// A kind of change. Its size is the natural logarithm of the ratio of what changed, after to before.
+/// A kind of change. Its size is the natural logarithm of the ratio of the changed quantity, after to before.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Kind {
@@ -22,7 +22,8 @@ pub enum Kind {
     /// The width of the section in every direction, by corrosion for example: rigidity by its fourth power, mass by
     /// its square, at the same force.
     Section,
-    /// None of these: every mode moves by itself, as by an interfering line, a local mass, or several changes together.
+    /// None of these: every mode moves independently, as by an interfering line, a local mass, or several
+    /// changes together.
     Other,
 }
 
@@ -51,7 +52,7 @@ impl Kind {
         }
     }
 
-    /// Name of what changed, for people.
+    /// Name of the changed quantity, for people.
     pub(super) fn words(self) -> &'static str {
         match self {
             Self::Force => "the axial force",
@@ -64,7 +65,7 @@ impl Kind {
         }
     }
 
-    /// The ratio, after to before, that a size stands for; of a section that of its area.
+    /// Ratio, after to before, of a size; for a section that of its area.
     pub(super) fn ratio(self, size: f64) -> f64 {
         libm::exp(if self == Self::Section { 2.0 * size } else { size })
     }
@@ -77,7 +78,7 @@ pub(super) fn probability_below(x: f64, scale: f64) -> f64 {
     0.5 + (libm::atan(s) + s / (1.0 + s * s)) / std::f64::consts::PI
 }
 
-/// Decision for or against the axial force, if the odds say so.
+/// Decision for or against the axial force, if the odds suffice.
 pub(super) fn is_axial(probability: f64) -> Option<bool> {
     let odds = probability / (1.0 - probability).max(f64::MIN_POSITIVE);
     if odds >= DECIDED {

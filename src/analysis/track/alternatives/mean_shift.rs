@@ -18,7 +18,7 @@ pub struct Shifted<'a> {
     pub expected: f64,
 }
 
-/// The mean shift z of ln f since an onset, beside what the temperature explains.
+/// The mean shift z of ln f since an onset, less the part explained by temperature.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MeanShift {
     /// Mode orders, from 1, ascending.
@@ -27,16 +27,16 @@ pub struct MeanShift {
     pub shift: DVector<f64>,
     /// The part of its covariance that falls as 1 / records.
     pub falling: DMatrix<f64>,
-    /// The part that stays: the baseline's error, and that of what the temperature explains.
+    /// The constant part: errors of the baseline and of the part explained by temperature.
     pub fixed: DMatrix<f64>,
-    /// Number of records that were averaged.
+    /// Number of records averaged.
     pub records: usize,
 }
 
 impl Alternatives {
     /// The mean over records since an onset, each mode weighted by its stated errors. `expected_sd`: standard error of the mean
-    /// of `expected`, the force's own autocorrelated fluctuation included; it moves all modes as a change of force does. What the
-    /// temperature explains is known as well as the model's answer to it: by its particles, and by its own error. The
+    /// of `expected`, the force's own autocorrelated fluctuation included; it moves all modes as a change of force does. The part
+    /// explained by temperature has the errors of the model's response: the spread of its particles and its own error. The
     /// stated errors grow by the scatter of the records about their means and about a common change of force, shared by all
     /// modes. A mode that the baseline or more than half of the records do not have is left out. `None` if that leaves none.
     pub fn mean_shift(

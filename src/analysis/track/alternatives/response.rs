@@ -1,54 +1,55 @@
-//! What changes of every kind and size do to the frequencies of every particle.
+//! Responses of every particle's frequencies to changes of every kind and size.
 
 use super::kind::{Kind, probability_below};
 use crate::analysis::rod::beam::Quantity;
 use crate::analysis::rod::beam::forward::{ForwardModel, MAX_MODES};
 use nalgebra::{DMatrix, DVector};
 
-/// Particles that are kept, at most, evenly from those of the baseline.
+/// Most particles kept, evenly from those of the baseline.
 const PARTICLES: usize = 192;
 
 /// Spacing of the nodes in asinh(x / unit), with the unit a share of the scale of sizes: dense where changes are small.
 const SPACING: f64 = 0.3;
 const UNIT: f64 = 0.4;
 
-/// Relative error of the model's answer to a change, in discrepancies of its frequencies, and at least: what a frequency lacks comes
-/// from masses or a section the model does not know, and these move the answer by a share of the same size.
+/// Relative error of the model's response to a change, in discrepancies of its frequencies, and its least: a
+/// frequency's discrepancy comes from masses or a section missing in the model, and these change the response
+/// by a similar share.
 const ANSWER: f64 = 1.5;
 const LEAST_ERROR: f64 = 0.003;
 
 /// One entry per mode order from 1; those that are not used are zero.
 pub(super) type Modes = [f64; MAX_MODES];
 
-/// The answers to one kind of change: of one side, where there are two.
+/// Responses to one kind of change; to that of one side, where there are two.
 #[derive(Debug, Clone)]
 pub(super) struct Curve {
     pub kind: Kind,
     /// Sizes, ascending.
     pub nodes: Vec<f64>,
-    /// Probability beforehand of a size between a node and the next.
+    /// Prior probability of a size between a node and the next.
     pub mass: Vec<f64>,
     /// Shifts of ln f, node by node and within a node particle by particle.
     pub answers: Vec<Modes>,
-    /// Particles; one if all answer alike.
+    /// Number of particles; one if all respond alike.
     pub count: usize,
-    /// Mean answer at each node.
+    /// Mean response at each node.
     pub means: Vec<Modes>,
 }
 
-/// Answers of one rod to changes of every kind, ready for its shifts.
+/// Responses of one rod to changes of every kind, ready for its shifts.
 #[derive(Debug, Clone)]
 pub struct Alternatives {
     pub(super) curves: Vec<Curve>,
-    /// Relative error of an answer, per order from 1.
+    /// Relative error of a response, per order from 1.
     pub(super) error: Modes,
-    /// Number of orders the model gives.
+    /// Number of mode orders of the model.
     pub(super) modes: usize,
 }
 
 impl Alternatives {
-    /// Prepares. `particles` row-major as in a baseline, `discrepancy` relative, per mode order from 1. Particles of which the
-    /// model does not know the answer to every change are left out; `None` if that leaves none.
+    /// Prepares. `particles` row-major as in a baseline, `discrepancy` relative, per mode order from 1.
+    /// Particles without a model answer to every change are left out; `None` if that leaves none.
     pub fn new(particles: &[f64], model: &dyn ForwardModel, discrepancy: &[f64]) -> Option<Self> {
         let parameterisation = model.parameterisation();
         let width = parameterisation.len();
@@ -205,7 +206,7 @@ impl Curve {
     }
 }
 
-/// The sizes at which answers are known: both ends, zero, and evenly in asinh(x / unit) between.
+/// Sizes at which responses are computed: both ends, zero, and evenly in asinh(x / unit) between.
 fn nodes(kind: Kind) -> Vec<f64> {
     let (low, high, scale) = kind.sizes();
     let unit = UNIT * scale;

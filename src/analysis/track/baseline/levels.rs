@@ -8,27 +8,28 @@
 //! which mode n was measured would refer each mode to another mean force. Here `delta_t ~ N(0, SWING^2)` is
 //! integrated out, which leaves generalised least squares in y with covariance `diag(sd_t^2) + SWING^2 s s'` per record
 //! (best linear unbiased prediction, Robinson 1991). The swing is far wider than a record's error of delta, so that it only serves to
-//! weigh down records that say nothing, and N_0 is the geometric mean force of the records, each weighted by
-//! `1 / (var(delta_t) + SWING^2)`: equally, if they are equally good. The model knows the slopes only so well: they
+//! weigh down uninformative records, and N_0 is the geometric mean force of the records, each weighted by
+//! `1 / (var(delta_t) + SWING^2)`: equally, if they are equally good. The model's slopes are uncertain: they
 //! are corrected by the records' own swing, the particles' covariance being their prior.
 
 use crate::analysis::rod::beam::forward::MAX_MODES;
 use crate::analysis::track::observation::Observation;
 use nalgebra::{SMatrix, SVector};
 
-/// Standard deviation given to a record's ln(N_t / N_0) beforehand.
+/// Prior standard deviation of a record's ln(N_t / N_0).
 const SWING: f64 = 0.1;
 
 /// Rounds of levels, forces and slopes in turn; the slopes' corrections are small, and each round gains two digits.
 const ROUNDS: usize = 5;
 
-/// Least standard error of ln f that is believed: below it lies the models' own error.
+/// Least standard error of ln f accepted: below it lies the models' own error.
 pub(crate) const LEAST_LOG_SD: f64 = 1e-6;
 
 pub(crate) type Square = SMatrix<f64, MAX_MODES, MAX_MODES>;
 pub(crate) type Column = SVector<f64, MAX_MODES>;
 
-/// How ln f_n moves with ln N around the baseline, as far as the model and its prior know; one slot per mode order.
+/// Slopes of ln f_n by ln N around the baseline, with their uncertainty by model and prior; one slot per mode
+/// order.
 #[derive(Debug, Clone)]
 pub(crate) struct Slopes {
     /// Mean of d ln f_n / d ln N.
@@ -46,7 +47,7 @@ pub(crate) struct Levels {
     pub level: Column,
     /// Its standard error.
     pub sd: Column,
-    /// By how much the scatter exceeds the standard errors, at least one.
+    /// Scatter over the standard errors, as a factor, at least one.
     pub overdispersion: f64,
     /// delta_t, one per record.
     #[cfg_attr(not(test), expect(dead_code, reason = "the tests judge the forces"))]
@@ -59,7 +60,7 @@ struct Row {
     precision: Column,
 }
 
-/// Whether a measured mode can be used at all.
+/// True if a measured mode can be used.
 pub(crate) fn usable(log_frequency: f64, log_sd: f64) -> bool {
     log_frequency.is_finite() && log_sd.is_finite() && log_sd >= 0.0
 }
@@ -99,7 +100,7 @@ pub(crate) fn fit(observations: &[Observation], used: &[bool; MAX_MODES], slopes
     } else {
         1.0
     };
-    // What wrong slopes do to a level: the mean delta of the records in which it was measured.
+    // Effect of wrong slopes on a level: the mean delta of the records in which it was measured.
     let mut lever = Square::zeros();
     for (gain, delta) in estimate.gains.iter().zip(&deltas) {
         lever += gain * *delta;
@@ -126,18 +127,18 @@ fn row(observation: &Observation, used: &[bool; MAX_MODES]) -> Row {
     Row { x, precision }
 }
 
-/// What a change of ln N by `delta` adds to each ln f_n.
+/// Change of each ln f_n by a change of ln N by `delta`.
 fn moved(slopes: &Column, curvature: &Column, delta: f64) -> Column {
     slopes * delta + curvature * (0.5 * delta * delta)
 }
 
-/// The share of SWING's variance that is left of delta_t: `SWING^2 / (1 + SWING^2 information)`.
+/// Share of SWING's variance that remains in delta_t: `SWING^2 / (1 + SWING^2 information)`.
 fn remaining(row: &Row, slopes: &Column) -> f64 {
     let information = slopes.component_mul(slopes).dot(&row.precision);
     SWING * SWING / (1.0 + SWING * SWING * information)
 }
 
-/// The predicted delta_t of one record; `before` is where the curvature is taken.
+/// Predicted delta_t of one record; `before` is the delta_t at which the curvature is evaluated.
 fn force(row: &Row, level: &Column, slopes: &Column, curvature: &Column, before: f64) -> f64 {
     let residual = row.x - level - curvature * (0.5 * before * before);
     remaining(row, slopes) * slopes.component_mul(&residual).dot(&row.precision)
@@ -145,7 +146,7 @@ fn force(row: &Row, level: &Column, slopes: &Column, curvature: &Column, before:
 
 struct Estimate {
     level: Column,
-    /// The linear map from each record's x to the levels.
+    /// Linear map from each record's x to the levels.
     gains: Vec<Square>,
     /// Covariance by the frequencies' errors.
     measurement: Square,
@@ -201,7 +202,8 @@ fn levels(
     }
 }
 
-/// The slopes corrected by the records' swing, their covariance, and how many slopes the records have fixed.
+/// Slopes corrected by the records' swing, their covariance, and the number of slopes that the records
+/// determine.
 fn correct(
     rows: &[Row],
     used: &[bool; MAX_MODES],
@@ -211,7 +213,7 @@ fn correct(
 ) -> Option<(Column, Square, f64)> {
     let mut prior = slopes.covariance;
     for i in 0..MAX_MODES {
-        // What the model itself is good to, and room for a mode that is not used.
+        // Accuracy of the model itself, and a wide prior for a mode that is not used.
         prior[(i, i)] += if used[i] { 1e-10 } else { 1.0 };
     }
     let information = prior.cholesky()?.inverse();

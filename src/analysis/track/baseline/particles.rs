@@ -14,20 +14,20 @@ use rand::RngExt;
 use rand::rngs::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
-/// Draws from the prior.
+/// Number of draws from the prior.
 const DRAWS: usize = 16 * BLOCK;
 
-/// Metropolis steps after the last stage and after each one before.
+/// Number of Metropolis steps after the last stage, and after each earlier one.
 const LAST_MOVES: usize = 12;
 const MOVES: usize = 6;
 
-/// Stages after which the kernel is given up: the frequencies lie beyond everything the prior allows.
+/// Most stages: beyond, the frequencies lie outside everything that the prior allows.
 const STAGES: usize = 40;
 
-/// Halvings of the interval in which a stage's power is sought.
+/// Halvings of the interval that contains a stage's power.
 const HALVINGS: usize = 20;
 
-/// What the frequencies should be.
+/// Target of one mode's frequency.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Target {
     /// Mode order, from 1.
@@ -78,7 +78,7 @@ impl Population {
             .collect()
     }
 
-    /// So many particles in proportion to `weights`, by systematic resampling (Kitagawa 1996).
+    /// Resamples `count` particles in proportion to `weights`, systematically (Kitagawa 1996).
     fn resampled(&self, weights: &[f64], count: usize, generator: &mut ChaCha8Rng) -> Self {
         let step = weights.iter().sum::<f64>() / count as f64;
         let mut reach = step * generator.random::<f64>();
@@ -264,7 +264,7 @@ fn weights(squares: &[f64], power: f64) -> Vec<f64> {
         .collect()
 }
 
-/// The largest power up to `most` that leaves an effective sample size of `wanted` (if any leaves it). `None` if no
+/// Largest power up to `most` that leaves an effective sample size of `wanted` (if any does). `None` if no
 /// particle has frequencies.
 fn largest_power(squares: &[f64], most: f64, wanted: f64) -> Option<f64> {
     if !squares.iter().any(|s| s.is_finite()) {

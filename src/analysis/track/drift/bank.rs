@@ -37,25 +37,25 @@ const WILD_WIDER: f64 = 9.0;
 const WILD_SHAPE: f64 = 1.5;
 /// Growth of the fluctuation's variance in a jump, in the variance a period adds.
 const KICK: f64 = 24.0;
-/// Least ln weight in a bank that must stay open to every member: one may come back.
+/// Least ln weight in a bank that must keep every member: one may become likely again.
 const LEAST_LN_WEIGHT: f64 = -60.0;
-/// Least ln weight a copy keeps: one in ten thousand. What a prune adds to the density of the rest is less, once a member.
+/// Least ln weight a copy keeps: one in ten thousand. Each pruned member adds less than this to the density of the rest.
 pub(super) const NEGLIGIBLE_LN_WEIGHT: f64 = -9.2;
-/// Columns beyond are faults.
+/// Largest credible column; larger ones are faults.
 const GREATEST: f64 = 1e6;
-/// Ratios are taken as within these.
+/// Range to which ratios are limited.
 const RATIOS: [f64; 2] = [-1.0, 10.0];
-/// Stated errors are taken as at most so many typical ones.
+/// Upper limit of stated errors, in typical ones.
 const GREATEST_ERROR: f64 = 1e6;
 
-/// One period of one rod as a bank sees it.
+/// Input of a bank for one period of one rod.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Seen<'a> {
     /// Event time \[d\]; real gaps count.
     pub day: f64,
     /// N_t / N_0 - 1.
     pub ratio: f64,
-    /// Its stated standard error.
+    /// Stated standard error of the ratio.
     pub sd: f64,
     /// Regressors, as many as the prior has columns.
     pub columns: &'a [f64],
@@ -79,7 +79,7 @@ impl Law {
     }
 }
 
-/// A period made ready: regressors of the whole state, response, variance of its error in noise variances.
+/// A prepared period: regressors of the whole state, response, variance of its error in noise variances.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Row {
     pub ratio: f64,
@@ -88,7 +88,8 @@ pub(super) struct Row {
 }
 
 impl Row {
-    /// `None` for what no filter can take: not finite, wrong number of columns, regressors beyond reason.
+    /// Prepares a period; `None` if a filter cannot take it: not finite, wrong number of columns,
+    /// unreasonable regressors.
     pub fn new(prior: &BankPrior, seen: &Seen) -> Option<Self> {
         let is_sane = seen.day.is_finite()
             && seen.ratio.is_finite()
@@ -120,7 +121,7 @@ impl Row {
         self.error
     }
 
-    /// Puts an onset's regressor in.
+    /// Sets the onset's regressor.
     pub fn with_onset(&mut self, h: f64) -> &Self {
         self.x[0] = h;
         self
@@ -130,7 +131,7 @@ impl Row {
 /// State of one member.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct Member {
-    /// Place in the prior's members.
+    /// Index among the prior's members.
     pub which: u8,
     /// ln of the weight; weights sum to one.
     pub ln_weight: f64,
@@ -148,7 +149,7 @@ pub(super) struct Member {
 struct Decay {
     fast: f64,
     slow: f64,
-    /// Variance the first fluctuation gains, in noise variances.
+    /// Variance that the first fluctuation gains, in noise variances.
     added: f64,
 }
 
@@ -160,7 +161,7 @@ pub(super) struct Passage {
 }
 
 impl Passage {
-    /// From the last period, if any, to `day`; a day before the last is the last.
+    /// Passage from the last period, if any, to `day`; an earlier day counts as the last.
     pub fn new(prior: &BankPrior, last: Option<f64>, day: f64) -> Self {
         let gap = last.map_or(0.0, |last| (day - last).max(0.0));
         let decay = |fluctuation: &Fluctuation| Decay {
@@ -183,11 +184,11 @@ impl Passage {
 #[derive(Debug, Clone, Copy)]
 struct Ahead {
     error: f64,
-    /// S.
+    /// S = R + H P H'.
     total: f64,
 }
 
-/// The term of the predictive law that a reading was learned by.
+/// Term of the predictive law by which a reading was learned.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Term {
     Usual,
@@ -196,7 +197,7 @@ enum Term {
 }
 
 impl Member {
-    /// Before the first period.
+    /// A member before the first period.
     fn new(prior: &BankPrior, which: usize) -> Self {
         let fluctuation = &prior.members[which];
         let noise = prior.noise_sd * prior.noise_sd;
@@ -297,7 +298,7 @@ pub(super) struct Bank {
 }
 
 impl Bank {
-    /// Before the first period.
+    /// A bank before the first period.
     pub fn new(prior: &BankPrior) -> Self {
         let members = (0..prior.members.len().min(256)).map(|which| Member::new(prior, which));
         let mut bank = Self {
@@ -345,7 +346,7 @@ impl Bank {
         self.normalise();
     }
 
-    /// Lets time run on.
+    /// Advances time.
     pub fn advance(&mut self, prior: &BankPrior, passage: &Passage) {
         for member in &mut self.members {
             member.advance(&prior.members[usize::from(member.which)], passage.of(member));
@@ -430,7 +431,7 @@ impl Bank {
         }
     }
 
-    /// Makes the level as unknown as before the first period.
+    /// Resets the uncertainty of the level to that before the first period.
     pub fn loosen(&mut self, prior: &BankPrior) {
         for member in &mut self.members {
             let at = place(member.mean.len(), 1, 1);
@@ -451,7 +452,7 @@ impl Bank {
     }
 }
 
-/// A row on its way into every member of a bank.
+/// A row and the quantities with which every member of a bank learns it.
 struct Learn<'a> {
     members: &'a mut [Member],
     kick: f64,
@@ -495,7 +496,7 @@ impl Kernel for Learn<'_> {
     }
 }
 
-/// Place of an entry of the upper triangle.
+/// Index of an entry of the upper triangle.
 const fn place(width: usize, row: usize, column: usize) -> usize {
     row * width - row * (row + 1) / 2 + column
 }
@@ -516,7 +517,7 @@ fn times(cov: &[f64], x: &[f64], product: &mut [f64]) {
     }
 }
 
-/// Scalar product, in four sums that do not wait for one another.
+/// Scalar product, in four independent sums.
 #[inline(always)]
 fn dot(a: &[f64], b: &[f64]) -> f64 {
     let mut sums = [0.0; 4];
@@ -563,7 +564,7 @@ fn ln_gammas(shape: f64) -> f64 {
     libm::lgamma(shape + 0.5) - libm::lgamma(shape)
 }
 
-/// The last value of [`ln_gammas`]: most members share a shape.
+/// Cache of the last value of [`ln_gammas`]: most members share a shape.
 #[derive(Default)]
 struct Gammas {
     shape: f64,
@@ -589,7 +590,7 @@ mod tests {
     use crate::analysis::numerics::random;
     use nalgebra::{DMatrix, DVector};
 
-    /// A prior of two columns and a single member that remembers.
+    /// A prior of two columns and a single member with memory.
     fn single() -> BankPrior {
         BankPrior {
             noise_sd: 0.002,
@@ -718,7 +719,7 @@ mod tests {
         }
     }
 
-    /// The predictive density integrates to one: what makes R less the number of periods a martingale.
+    /// The predictive density integrates to one: this makes R less the number of periods a martingale.
     #[test]
     fn the_predictive_density_is_a_density() {
         let prior = BankPrior::peers(0.002);
@@ -745,7 +746,7 @@ mod tests {
                             * law.sd
                             * z.cosh()
                     };
-                    // Trapezoids of a smooth function; what lies beyond 60 sd is 0.01 of t_3 beyond some 5 scales.
+                    // Trapezoids of a smooth function; the part beyond 60 sd is 0.01 of t_3 beyond some 5 scales.
                     let reach = (60.0_f64).asinh();
                     let (mut density, steps) = (density, 1200);
                     let width = 2.0 * reach / f64::from(steps);

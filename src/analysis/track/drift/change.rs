@@ -4,9 +4,9 @@ use super::bank::ln_sum;
 use super::detector::{Detector, Shape};
 use serde::{Deserialize, Serialize};
 
-/// Quantiles of the intervals that are told.
+/// Quantiles of the intervals reported.
 const QUANTILES: [f64; 2] = [0.025, 0.975];
-/// Standard normal quantile of the same.
+/// Standard normal quantile of 97.5 %.
 const Z: f64 = 1.959_963_984_540_054;
 
 /// Posterior of a change, given that there is one.
@@ -111,7 +111,7 @@ fn interval(parts: &[Normal]) -> [f64; 2] {
     })
 }
 
-/// Central 95 % interval of the onset: particles stand for the onsets merged into them.
+/// Central 95 % interval of the onset: particles represent the onsets merged into them.
 fn onset_interval(onsets: &[([f64; 2], f64)]) -> [f64; 2] {
     let mut sorted = onsets.to_vec();
     sorted.sort_by(|a, b| a.0[0].total_cmp(&b.0[0]));

@@ -1,7 +1,7 @@
 //! The other rods' median, kept steady while some of them are not measured.
 //!
 //! Rods differ in how they follow the temperature, so that the median of those measured jumps by per cents when one is missing on
-//! a warm day. A rod that is missing therefore goes on with the median step of the others,
+//! a warm day. A missing rod is therefore continued with the median step of the others,
 //!
 //! ```text
 //! y_j(t) = y_j(t') + median over the rods measured now of (y_i(t) - y_i(t'))
@@ -13,9 +13,9 @@ use super::regressors::median;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
-/// Periods for which a rod that is not measured goes on.
+/// Periods for which a rod that is not measured is continued.
 pub const PATIENCE: u32 = 10;
-/// Fewest other rods that are witnesses.
+/// Fewest other rods that give a median.
 pub const FEWEST: usize = 2;
 
 /// Last ratios of a rod's companions.
@@ -27,7 +27,7 @@ pub struct Companions {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 struct Last {
     ratio: f64,
-    /// Periods since it was measured.
+    /// Number of periods since it was measured.
     missing: u32,
 }
 
@@ -41,8 +41,8 @@ pub struct Median {
 }
 
 impl Companions {
-    /// Takes a period: every companion by name, with its ratio if it was measured; one that is not listed, as it drifts or
-    /// is gone, is forgotten.
+    /// Takes a period: every companion by name, with its ratio if it was measured. A companion that is not listed, because it
+    /// drifts or is gone, is forgotten.
     pub fn take<'a>(&mut self, rods: impl IntoIterator<Item = (&'a str, Option<f64>)>) -> Median {
         let listed: BTreeMap<&str, Option<f64>> = rods
             .into_iter()

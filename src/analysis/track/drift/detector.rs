@@ -10,13 +10,13 @@
 //! where a step is born with weight 1 and a ramp with the periods since the last. Under the null bank's own predictive law each W_k
 //! is a martingale, so R less the number of periods is a supermartingale, for any sizes, onsets and merging. For the first
 //! time T with R > A hence E T >= A and P(T <= n) <= n / A (Polunchenko, Sokolov, Du 2013; Shin, Ramdas, Rinaldo 2024).
-//! Neither white residuals nor tables are supposed.
+//! This assumes neither white residuals nor tables.
 
 use super::bank::{Bank, Law, Passage, Row, Seen, ln_sum};
 use super::prior::BankPrior;
 use serde::{Deserialize, Serialize};
 
-/// Periods before the first onset is looked for.
+/// Number of periods before the first onset is considered.
 const BEFORE: usize = 4;
 /// Days between the births of ramps.
 const RAMP_EVERY_D: f64 = 7.0;
@@ -24,7 +24,7 @@ const RAMP_EVERY_D: f64 = 7.0;
 pub(super) const YEAR_D: f64 = 365.25;
 /// Least age in the spacing of onsets \[d\].
 const LEAST_AGE_D: f64 = 0.01;
-/// Greatest ln R that is told: beyond, it is infinite for every purpose.
+/// Largest ln R reported: beyond, it is infinite for every purpose.
 const GREATEST_LN: f64 = 300.0;
 
 /// Shape of a change.
@@ -34,15 +34,15 @@ pub enum Shape {
     Small,
     /// At once, of tens of per cent.
     Large,
-    /// So much a year.
+    /// Gradually, at a rate per year.
     Ramp,
 }
 
 impl Shape {
-    /// All of them.
+    /// All shapes.
     pub const ALL: [Self; 3] = [Self::Small, Self::Large, Self::Ramp];
 
-    /// Prior standard deviation: share of the force, a year for ramps.
+    /// Prior standard deviation: share of the force; per year for ramps.
     pub(super) const fn size(self) -> f64 {
         match self {
             Self::Small => 0.015,
@@ -51,7 +51,7 @@ impl Shape {
         }
     }
 
-    /// Particles kept.
+    /// Number of particles kept.
     const fn slots(self) -> usize {
         match self {
             Self::Small => 10,
@@ -83,7 +83,7 @@ pub(super) struct Particle {
     pub shape: Shape,
     /// Onset of its bank \[d\]: the first period with the change.
     pub onset: f64,
-    /// Onsets it stands for.
+    /// Range of the onsets it represents \[d\].
     pub onsets: [f64; 2],
     /// ln W.
     pub ln_weight: f64,
@@ -97,7 +97,7 @@ pub struct Detector {
     pub(super) null: Bank,
     pub(super) particles: Vec<Particle>,
     periods: usize,
-    /// Periods since the null bank began or began again.
+    /// Number of periods since the null bank began or was restarted.
     fresh: usize,
     /// Birth of the last ramp \[d\], and periods since.
     ramp: Option<f64>,
@@ -105,7 +105,7 @@ pub struct Detector {
 }
 
 impl Detector {
-    /// Before the first period.
+    /// A detector before the first period.
     pub fn new(prior: BankPrior) -> Self {
         Self {
             null: Bank::new(&prior),
@@ -157,7 +157,7 @@ impl Detector {
         Passage::new(&self.prior, self.null.day, day)
     }
 
-    /// Births of a period.
+    /// Adds the particles born in a period.
     fn bear(&mut self, day: f64) {
         self.ramp_periods += 1;
         for shape in Shape::ALL {
@@ -181,7 +181,7 @@ impl Detector {
     }
 
     /// Merges two particles of a shape if its slots are full: of the neighbours closest in ln(age), not the newest, the
-    /// heavier stays with the weight of both.
+    /// heavier is kept with the weight of both.
     fn make_room(&mut self, shape: Shape, day: f64) {
         let places: Vec<usize> = (0..self.particles.len())
             .filter(|&at| self.particles[at].shape == shape)
@@ -222,12 +222,12 @@ impl Detector {
             .map(|particle| particle.ln_weight + libm::log(particle.shape.share()))
     }
 
-    /// Periods learned.
+    /// Number of periods learned.
     pub fn periods(&self) -> usize {
         self.periods
     }
 
-    /// Periods since it began, or began again.
+    /// Number of periods since it began or was restarted.
     pub fn fresh(&self) -> usize {
         self.fresh
     }
@@ -251,12 +251,12 @@ impl Detector {
         Some(null.draw(&self.prior, &row, &passage, generator))
     }
 
-    /// Sets the probability of a jump of the residual force in a period, as readings become sparse or dense.
+    /// Sets the probability of a jump of the residual force in a period by the spacing of readings.
     pub fn set_sparse(&mut self, is_sparse: bool) {
         self.prior.set_sparse(is_sparse);
     }
 
-    /// Begins again after a change that somebody accepted: coefficients stay known, the level is learned anew, R is zero.
+    /// Restarts after an accepted change: coefficients stay known, the level is learned again, R is zero.
     pub fn restart(&mut self) {
         self.null.loosen(&self.prior);
         self.particles.clear();
@@ -293,8 +293,8 @@ mod tests {
 
     /// Under the bank's own predictive law R passes a limit within n periods with a probability of at most n over the limit.
     ///
-    /// The mean of R itself is no use to a simulation: it lies in events too rare to be drawn. That every factor of it has
-    /// mean one is the test of `bank` that densities integrate to one.
+    /// The mean of R itself cannot be simulated: it lies in events too rare to be drawn. The test of `bank`
+    /// that densities integrate to one shows that every factor of it has mean one.
     #[test]
     fn false_alarms_are_as_rare_as_promised() {
         let (runs, periods, limit) = (200, 44, 200.0);
@@ -414,7 +414,7 @@ mod tests {
         assert_eq!(detector, before);
     }
 
-    /// No typical error, however absurd, makes a detector give anything but numbers.
+    /// No typical error, however absurd, makes a detector return anything but numbers.
     #[test]
     fn absurd_errors_are_survived() {
         for noise_sd in [0.0, f64::MIN_POSITIVE, -1.0, 1e300, f64::NAN] {

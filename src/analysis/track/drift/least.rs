@@ -1,4 +1,4 @@
-//! Smallest change that would be told by a given day, as the posterior stands: what can be promised, and what cannot.
+//! Smallest change that would be detected by a given day, by the present posterior.
 //!
 //! The error of a change that begins now does not depend on ratios to come, only on when they come and on their columns: it is the
 //! covariance of an onset particle, run ahead. With its standard deviation s, the prior's S and the particle's share q of births, a
@@ -11,14 +11,15 @@
 use super::bank::{Passage, Row, Seen};
 use super::detector::{Detector, Shape};
 
-/// Members lighter than this do not count.
+/// Least weight of a member that counts.
 const NEGLIGIBLE: f64 = 1e-3;
-/// Periods a step needs at least: one alone may be a wild reading.
+/// Fewest periods for a step: one alone may be a wild reading.
 const FEWEST: usize = 2;
 
 impl Detector {
-    /// Smallest change told with the last of the periods `ahead` (day and columns), if it begins with the first: a share of
-    /// the force, a year for a ramp. `limit`: R of the alarm. `None` if no period can be used, or a step has fewer than two.
+    /// Smallest change detected with the last of the periods `ahead` (day and columns), if it begins with the
+    /// first: a share of the force; per year for a ramp. `limit`: R of the alarm. `None` if no period can be
+    /// used, or a step has fewer than two.
     pub fn least_told(&self, shape: Shape, ahead: &[(f64, Vec<f64>)], limit: f64) -> Option<f64> {
         let (first, _) = ahead.first()?;
         if ahead.len() < FEWEST {
@@ -68,8 +69,9 @@ mod tests {
         ]
     }
 
-    /// How many of 40 simulated futures tell a change by the end of `ahead`, and what is promised; futures are drawn from the
-    /// bank's own law, so that coefficients and fluctuation are as uncertain as it thinks.
+    /// Number of 40 simulated futures in which a change is detected by the end of `ahead`, and the size
+    /// promised; futures are drawn from the bank's own law, so that coefficients and fluctuation are as
+    /// uncertain as it assumes.
     fn told(shape: Shape, periods: u32, factor: f64) -> (usize, f64) {
         let mut start = Detector::new(BankPrior::peers(NOISE));
         for day in 0..120 {

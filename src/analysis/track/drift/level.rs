@@ -1,13 +1,14 @@
-//! Change from a level: what a period shows beyond what its columns explain, against the mean of earlier periods.
+//! Change from a level: the part of a period that its columns do not explain, against the mean of earlier
+//! periods.
 
 use super::bank::{Member, Row, Seen, ln_sum, quadratic};
 use super::detector::Detector;
 use super::prior::Fluctuation;
 
-/// Where columns begin in the state: after change and intercept.
+/// Index of the first column in the state: after change and intercept.
 const COLUMNS: usize = 2;
 
-/// Share of the average from which on a bank counts.
+/// Least share of the average of a bank that counts.
 const NEGLIGIBLE: f64 = 1e-6;
 
 impl Detector {
@@ -46,7 +47,8 @@ impl Detector {
         Some((seen.ratio - mean, sd))
     }
 
-    /// Slope of the ratio with a temperature that stays: the sum of the first `filters` coefficients, and its standard deviation.
+    /// Slope of the ratio with a constant temperature: the sum of the first `filters` coefficients, and its
+    /// standard deviation.
     pub fn slope(&self, limit: f64, filters: usize) -> (f64, f64) {
         let width = self.prior.columns.len() + 4;
         let mut along = vec![0.0; width];

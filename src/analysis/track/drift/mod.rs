@@ -6,11 +6,11 @@
 //! * `level`        change of a period from the level of commissioning
 //! * [`change`]     onset, size and shape of a change
 //! * [`companions`] the other rods' median, steady while some are missing
-//! * `least`        smallest change that would be told by a given day
+//! * `least`        smallest change that would be detected by a given day
 //! * [`regressors`] filters of temperature readings, curvature, transients, a yearly cycle, other rods
 //! * [`period`]     the records of one period as one statistic
 //! * [`others`]     the other rods of the site
-//! * [`watch`]      the detectors of one rod, and what they say together
+//! * [`watch`]      the detectors of one rod, and their joint finding
 
 pub mod bank;
 pub mod change;

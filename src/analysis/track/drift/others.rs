@@ -1,12 +1,13 @@
-//! The other rods of a site, as one rod's drift watch sees them.
+//! The other rods of a site, as input of one rod's drift watch.
 
 use std::fmt::Debug;
 
-/// R above which another rod is moving, too. With 50 none of 50 rods beside a thermometer that drifts by 0.03 K a day was told to
-/// drift, nor one of 50 beside one that jumps by 2 K; with 100 one of each, with 300 six and three. Losses of 1 % were told as soon.
+/// R above which another rod counts as moving, too. With 50, no drift was raised for any of 50 rods beside a
+/// thermometer that drifts by 0.03 K a day, nor for any of 50 beside one that jumps by 2 K; with 100 one of
+/// each, with 300 six and three. Losses of 1 % were detected as soon.
 pub(super) const MOVING: f64 = 50.0;
 
-/// Another rod of the site as it is at one moment of event time.
+/// Another rod of the site at one moment of event time.
 pub trait Neighbour: Debug + Sync {
     /// The rod's name.
     fn name(&self) -> &str;
@@ -14,28 +15,28 @@ pub trait Neighbour: Debug + Sync {
     /// N_t / N_0 - 1 in a period, closed or still open; `None` if the rod was not measured in it.
     fn ratio_in(&self, index: i64, period_s: f64) -> Option<f64>;
 
-    /// Evidence of a change of its own, beside all that is known; `None` before its detectors have begun.
+    /// Evidence of a change of its own, given the temperature and the other rods; `None` before its detectors have begun.
     fn evidence(&self) -> Option<f64>;
 
-    /// Evidence of a change as the rod shows it without the others; `None` before its detectors have begun.
+    /// Evidence of a change from the rod's data without the others; `None` before its detectors have begun.
     fn evidence_alone(&self) -> Option<f64>;
 
-    /// True if an alarm stands that its evidence raised: a drift, or a change that is not axial.
+    /// True if an alarm raised by its evidence is active: a drift, or a change that is not axial.
     fn drifts(&self) -> bool;
 
-    /// True if the other rods confirm that it moves by itself.
+    /// True if the other rods confirm its drift: it moves by itself.
     fn is_confirmed(&self) -> bool;
 
-    /// True if it was told to have moved together with others.
+    /// True if it was reported to have moved together with others.
     fn has_moved_with_others(&self) -> bool;
 }
 
-/// The other rods of the site as they are at one moment of event time.
+/// The other rods of the site at one moment of event time.
 #[derive(Debug, Clone, Default)]
 pub struct Others<'a>(Vec<&'a dyn Neighbour>);
 
 impl<'a> Others<'a> {
-    /// Of these rods.
+    /// Collects these rods.
     pub fn new<N: Neighbour + 'a>(rods: impl IntoIterator<Item = &'a N>) -> Self {
         Self(rods.into_iter().map(|rod| rod as &dyn Neighbour).collect())
     }
@@ -51,7 +52,7 @@ impl<'a> Others<'a> {
         steady.map(move |rod| (rod.name(), rod.ratio_in(index, period_s)))
     }
 
-    /// Number of them that show evidence of a change themselves, or were told to have moved together.
+    /// Number of them that show evidence of a change themselves, or were reported to have moved together.
     pub(crate) fn moving(&self) -> usize {
         let is_moving = |evidence: Option<f64>| evidence.is_some_and(|evidence| evidence > MOVING);
         let shows = |rod: &dyn Neighbour| is_moving(rod.evidence()) && is_moving(rod.evidence_alone());
@@ -61,8 +62,7 @@ impl<'a> Others<'a> {
             .count()
     }
 
-    /// True if one of those that count in the median shows more evidence of a change than the rod itself: it may be the one that
-    /// moves.
+    /// True if a rod in the median shows more evidence of a change than this rod: that rod may be the one that moves.
     pub(crate) fn is_one_of_them(&self, evidence: f64) -> bool {
         let in_median = self.0.iter().filter(|rod| !rod.drifts());
         in_median
@@ -70,7 +70,7 @@ impl<'a> Others<'a> {
             .any(|other| other > evidence)
     }
 
-    /// True if one of them has told already that rods move together.
+    /// True if one of them has already reported that rods move together.
     pub(crate) fn has_told_common(&self) -> bool {
         self.0.iter().any(|rod| rod.has_moved_with_others())
     }

@@ -1,4 +1,4 @@
-//! The records of one period as one statistic, and what the drift watch made of it.
+//! The records of one period as one statistic, with the result of the drift watch.
 
 use super::Filters;
 use super::regressors::FILTERS_D;
@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 pub struct Pending {
     /// Time of its first sample.
     pub start: Timestamp,
-    /// Time of its end: its temperature is asked for then.
+    /// Time of its end, at which its temperature is taken.
     pub end: Timestamp,
     /// N_t / N_0 - 1.
     pub delta: f64,
@@ -23,7 +23,7 @@ pub struct Pending {
 }
 
 impl Pending {
-    /// Of an observation and its relative force.
+    /// A record from an observation and its relative force.
     pub fn new(observation: &Observation, relative: &Relative) -> Self {
         Self {
             start: observation.start,
@@ -38,11 +38,11 @@ impl Pending {
 /// One period of one rod.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Period {
-    /// Periods since 1970.
+    /// Number of periods since 1970.
     pub index: i64,
     /// Its beginning.
     pub start: Timestamp,
-    /// Records in it.
+    /// Number of records in it.
     pub records: usize,
     /// delta: the records' N_t / N_0 - 1, weighted by their precision.
     pub delta: f64,
@@ -51,18 +51,18 @@ pub struct Period {
     /// Low-passed temperatures beside delta \[degC\], as [`Filters`] has them; `None` if not known.
     #[serde(default)]
     pub filtered_c: Option<[f64; FILTERS_D.len()]>,
-    /// Temperatures at the lags of versions before, from which a store of theirs goes on \[degC\].
+    /// Temperatures at the lags of earlier versions, for resuming from their stores \[degC\].
     #[serde(default, skip_serializing)]
     pub lagged_c: Option<Vec<f64>>,
     /// The misfit of the modes, combined.
     pub misfit: Vec<Misfit>,
     /// P(misfit at least this large | the change is axial).
     pub not_axial_p: f64,
-    /// What the drift watch made of it; `None` before there is one.
+    /// Result of the drift watch; `None` before there is one.
     pub charted: Option<Charted>,
 }
 
-/// A period as the drift watch sees it.
+/// Result of the drift watch for a period.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Charted {
     /// Predictive mean of delta from all periods before.
@@ -71,45 +71,47 @@ pub struct Charted {
     pub expected_sd: f64,
     /// r: standard normal without a change.
     pub residual: f64,
-    /// Share of the predictive variance that is uncertainty of what temperature does rather than noise.
+    /// Share of the predictive variance by uncertainty of the effect of temperature, not by noise.
     pub leverage: f64,
-    /// N_t / N_0 - 1 at the reference temperature: delta less what temperature explains, counted from the baseline; `None`
-    /// without a temperature.
+    /// N_t / N_0 - 1 at the reference temperature: delta less the effect of temperature, relative to the
+    /// baseline; `None` without a temperature.
     pub at_reference: Option<f64>,
-    /// Its standard error: noise, fluctuation and what is not known of the temperature's share.
+    /// Its standard error: noise, fluctuation and uncertainty of the effect of temperature.
     pub at_reference_sd: Option<f64>,
-    /// The rod's temperature: the low pass of six hours, or of the lag that was declared \[degC\]; `None` without compensation.
+    /// The rod's temperature: the low pass of six hours, or of the declared lag \[degC\]; `None` without
+    /// compensation.
     pub temperature_c: Option<f64>,
     /// Evidence of a change after this period.
     #[serde(default)]
     pub evidence: Evidence,
 }
 
-/// Evidence of a change: each detector's statistic over its limit, so that an alarm is above one; `None` where a detector has
-/// not begun.
+/// Evidence of a change: each detector's statistic over its limit, with an alarm above one; `None` for a
+/// detector that has not begun.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct Evidence {
-    /// Of the detector that knows the temperature, and the other rods of the site if there are two at least.
+    /// Evidence of the detector with temperature, and with the other rods of the site if there are at least
+    /// two.
     pub compensated: Option<f64>,
-    /// Of the detector that knows the other rods alone.
+    /// Evidence of the detector with the other rods only.
     pub peers: Option<f64>,
-    /// Of the detector that knows nothing but the rod.
+    /// Evidence of the detector with the rod's own data only.
     pub blind: Option<f64>,
 }
 
 impl Evidence {
-    /// Of the detector that knows most; zero before one has begun.
+    /// Evidence of the best-informed detector; zero before one has begun.
     pub fn best_informed(&self) -> f64 {
         self.compensated.or(self.peers).or(self.blind).unwrap_or(0.0)
     }
 }
 
-/// The number of the period of `period_s` seconds that holds `time`, since 1970.
+/// Number of the period of `period_s` seconds that contains `time`, since 1970.
 pub fn index_of(time: Timestamp, period_s: f64) -> i64 {
     time.as_nanos().div_euclid(nanos(period_s))
 }
 
-/// The beginning of a period; saturates at the ends of time.
+/// Begin of a period; saturates at the ends of time.
 pub fn start_of(index: i64, period_s: f64) -> Timestamp {
     Timestamp::from_nanos(index.saturating_mul(nanos(period_s)))
 }
@@ -119,7 +121,8 @@ fn nanos(period_s: f64) -> i64 {
 }
 
 /// Combines the records of one period, ascending in time. `filters` are run along `readings` up to the end of the last
-/// record, but not beyond those that are trusted; the readings used are taken out. `not_axial_p(ln(1 + delta), misfit)` judges the combined misfit.
+/// record, but not beyond the trusted ones; the readings used are taken out.
+/// `not_axial_p(ln(1 + delta), misfit)` judges the combined misfit.
 ///
 /// delta = sum w_i delta_i / sum w_i with w_i = 1 / sd_i^2, and the temperatures with the same weights,
 /// since delta is linear in them. Records without a temperature are left out if others have one.
@@ -180,7 +183,8 @@ pub fn combine(
 }
 
 /// The misfit of several periods together, with ln(1 + delta) of the root mean square of their deltas, signed as their mean:
-/// what wrong static parameters do to the misfit grows with delta, and periods of summer and winter must not cancel.
+/// the effect of wrong static parameters on the misfit grows with delta, and periods of summer and winter
+/// must not cancel.
 pub fn combined_misfit<'a>(periods: impl Iterator<Item = &'a Period>) -> (f64, Vec<Misfit>) {
     let mut misfit = Vec::new();
     let (mut weight, mut delta, mut square) = (0.0, 0.0, 0.0);

@@ -1,4 +1,5 @@
-//! The prior of a filter bank: laws of the coefficients, and members that differ in how the residual force fluctuates.
+//! The prior of a filter bank: laws of the coefficients, and members that differ in the fluctuation of the
+//! residual force.
 //!
 //! All standard deviations are shares of the force (0.01: 1 %), temperatures in K, times in days.
 
@@ -10,9 +11,10 @@ const SLOW_D: f64 = 25.0;
 const INTERCEPT_SD: f64 = 0.03;
 /// Standard deviation of the state that slow filters have before the first reading.
 const TRANSIENT_SD: f64 = 0.01;
-/// Standard deviations of a yearly cycle nothing measured explains, beside a thermometer, other rods, and nothing.
+/// Standard deviations of an unexplained yearly cycle: with a thermometer, with other rods, and with neither.
 const YEARLY_SD: [f64; 3] = [0.002, 0.008, 0.12];
-/// Probability that the residual force jumps in a period: readings that resolve the day, and readings that do not.
+/// Probability that the residual force jumps in a period: with readings that resolve the day, and with
+/// others.
 const KICK: [f64; 2] = [0.002, 0.02];
 /// Law of the coefficient of the other rods' median beside a thermometer, and of its square \[per unit\].
 const MEDIAN_SD: [f64; 2] = [0.7, 0.5];
@@ -43,10 +45,10 @@ pub struct Fluctuation {
     pub probability: f64,
 }
 
-/// Least and greatest typical error that is believed.
+/// Least and largest credible typical error.
 const NOISE_SD: [f64; 2] = [1e-5, 0.1];
 
-/// Knowledge before the first period.
+/// Prior of a bank before the first period.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct BankPrior {
     /// Typical stated standard error of a period's ratio.
@@ -61,14 +63,15 @@ pub struct BankPrior {
     pub kick: f64,
 }
 
-/// Action of temperature on one rod, as known beforehand.
+/// Prior of the effect of temperature on one rod.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct ThermalPrior {
     /// Mean of the slope of the ratio, -kappa E A alpha / N_0 \[1/K\].
     pub slope_mean_per_k: f64,
-    /// Its standard deviation \[1/K\].
+    /// Standard deviation of the slope \[1/K\].
     pub slope_sd_per_k: f64,
-    /// Standard deviation of the curvature: of the material, and of wrong static parameters that bend the ratio \[1/K^2\].
+    /// Standard deviation of the curvature: by the material, and by wrong static parameters that bend the
+    /// ratio \[1/K^2\].
     pub curvature_sd_per_k2: f64,
     /// True if readings are too sparse to resolve the day (more than four hours apart).
     pub is_sparse: bool,
@@ -95,7 +98,7 @@ impl BankPrior {
         }
     }
 
-    /// A force that temperature does not move: a yearly pair.
+    /// A force without effect of temperature: a yearly pair.
     pub fn unmoved(noise_sd: f64) -> Self {
         Self {
             noise_sd: believable(noise_sd),
@@ -114,7 +117,7 @@ impl BankPrior {
         prior
     }
 
-    /// Other rods alone: their median, its square, a yearly pair.
+    /// Other rods only: their median, its square, a yearly pair.
     pub fn peers(noise_sd: f64) -> Self {
         let [mean, sd, square_sd] = ONLY_MEDIAN;
         let yearly = centred(YEARLY_SD[1]);
@@ -127,7 +130,7 @@ impl BankPrior {
         }
     }
 
-    /// Nothing but the rod itself: a yearly pair, and members that allow for the weather.
+    /// The rod's own data only: a yearly pair, and members that allow for the weather.
     pub fn blind(noise_sd: f64) -> Self {
         Self {
             noise_sd: believable(noise_sd),
@@ -138,13 +141,13 @@ impl BankPrior {
         }
     }
 
-    /// Takes readings as sparse or dense.
+    /// Sets readings as sparse or dense.
     pub(super) fn set_sparse(&mut self, is_sparse: bool) {
         self.kick = KICK[usize::from(is_sparse)];
     }
 }
 
-/// A stated error that can scale a prior.
+/// Limits a stated error so that it can scale a prior.
 fn believable(noise_sd: f64) -> f64 {
     if noise_sd.is_finite() {
         noise_sd.clamp(NOISE_SD[0], NOISE_SD[1])
@@ -157,7 +160,7 @@ fn centred(sd: f64) -> Coefficient {
     Coefficient { mean: 0.0, sd }
 }
 
-/// Members where most of the fluctuation has a measured cause: white noise, and 16 that remember.
+/// Members where most of the fluctuation has a measured cause: white noise, and 16 with memory.
 fn beside_a_cause() -> Vec<Fluctuation> {
     let white = Fluctuation {
         variance: 0.0,
@@ -178,7 +181,8 @@ fn beside_a_cause() -> Vec<Fluctuation> {
     std::iter::once(white).chain(remembers).collect()
 }
 
-/// Members beside other rods alone: masonry that differs from rod to rod wanders for weeks to months, by little or by much.
+/// Members with other rods only: differences of the masonry between rods wander for weeks to months, by
+/// little or by much.
 fn beside_other_rods() -> Vec<Fluctuation> {
     const SLOW: [(f64, f64); 3] = [(0.1, 30.0), (1.0, 50.0), (10.0, 80.0)];
     let wanders = |member: &Fluctuation| {
@@ -201,7 +205,7 @@ fn beside_other_rods() -> Vec<Fluctuation> {
     members
 }
 
-/// Members beside nothing: weather of days, and what wanders for weeks, by little or as much.
+/// Members with the rod's own data only: weather of days, and a wander over weeks, of less or equal size.
 fn beside_nothing() -> Vec<Fluctuation> {
     let variances = (0..6).map(|power| libm::exp2(2.0 * f64::from(power)));
     let of = |variance: f64| {

@@ -16,15 +16,16 @@ use std::f64::consts::TAU;
 
 /// Time constants of the filters \[d\].
 pub const FILTERS_D: [f64; 6] = [0.0, 0.25, 1.0, 3.0, 10.0, 30.0];
-/// The filter whose square is the curvature's regressor.
+/// Index of the filter whose square is the regressor of curvature.
 const CURVED: usize = 1;
-/// Time constants of what slow filters forget of their start \[d\].
+/// Time constants of the transients of slow filters after their start \[d\].
 const TRANSIENTS_D: [f64; 2] = [10.0, 30.0];
-/// Readings further apart than this \[d\], and than [`HOLE_MEMORIES`] time constants, say nothing about what was between.
+/// Gap of readings \[d\], and in [`HOLE_MEMORIES`] time constants, beyond which the temperature between them
+/// is unknown.
 const HOLE_D: f64 = 1.5;
-/// After as many time constants a filter has forgotten what was before (e^-3 = 5 %).
+/// Time constants after which a filter has forgotten its state (e^-3 = 5 %).
 const HOLE_MEMORIES: f64 = 3.0;
-/// Least and greatest time the last reading holds on \[d\]; between, one and a half usual gaps.
+/// Shortest and longest time for which the last reading is held \[d\]; between, one and a half usual gaps.
 const HOLD_D: [f64; 2] = [0.125, 1.5];
 const HOLD_GAPS: f64 = 1.5;
 /// Weight of the newest gap in the usual one.
@@ -49,7 +50,7 @@ impl Filters {
     /// Takes a reading; one that is not finite, or not later than the last, is left out.
     ///
     /// The first reading starts every filter at its own value. After a hole longer than a day and a half and three time
-    /// constants a filter starts anew; across shorter ones the temperature is taken as a straight line.
+    /// constants a filter starts again; across shorter ones the temperature is taken as a straight line.
     pub fn push(&mut self, day: f64, celsius: f64) {
         if !celsius.is_finite() || !day.is_finite() || self.last.is_some_and(|last| day <= last) {
             return;
@@ -97,7 +98,7 @@ impl Filters {
     }
 }
 
-/// A filter after `passed` days in which the temperature went straight from `from` to `to`.
+/// A filter after `passed` days in which the temperature changed linearly from `from` to `to`.
 fn follow(filtered: f64, from: f64, to: f64, passed: f64, memory_d: f64) -> f64 {
     if memory_d <= 0.0 {
         return to;
@@ -115,7 +116,7 @@ fn follow(filtered: f64, from: f64, to: f64, passed: f64, memory_d: f64) -> f64 
 pub struct Regressors {
     /// Reference temperature \[degC\].
     pub reference_c: f64,
-    /// Time the yearly cycle and the transients are counted from \[d\]: the first period.
+    /// Origin of time of the yearly cycle and of the transients \[d\]: the first period.
     pub origin: f64,
 }
 
@@ -158,7 +159,8 @@ impl Regressors {
     }
 }
 
-/// Median of the ratios that are finite; `None` of none. An even number has the mean of the two in the middle.
+/// Median of the ratios that are finite; `None` without any. For an even number, the mean of the two in the
+/// middle.
 pub fn median(ratios: impl Iterator<Item = f64>) -> Option<f64> {
     let mut sorted: Vec<f64> = ratios.filter(|ratio| ratio.is_finite()).collect();
     sorted.sort_by(f64::total_cmp);

@@ -1,5 +1,5 @@
 //! The drift watch of one rod: detectors that know the temperature, the other rods, or nothing but the rod, on the same
-//! periods, and what they say together.
+//! periods, and their joint finding.
 //!
 //! ```text
 //! compensated   temperature, and the median of the other rods if there are two at least   drift
@@ -7,10 +7,11 @@
 //! blind         nothing but the rod                                                       stands in
 //! ```
 //!
-//! A thermometer that drifts moves every rod's compensated detector, but not what rods show beside each other: a drift that
-//! `peers` sees, too, is confirmed; rods whose compensated detectors move together are one notice of the site. Another rod that
-//! drifts moves the median: a rod that shows a change only beside the median waits while one of those in it shows more. Once
-//! that one is told, it leaves the median, and what was learned with it is void.
+//! A drifting thermometer moves every rod's compensated detector, but not the rods relative to each other: a
+//! drift that `peers` also detects is confirmed; rods whose compensated detectors move together are one notice
+//! of the site. Another rod that drifts moves the median: a rod that shows a change only relative to the
+//! median waits while a rod in the median shows more evidence. Once that rod is reported, it leaves the
+//! median, and the detectors that learned with it begin again.
 
 use super::companions;
 use super::others::{MOVING, Others};
@@ -20,28 +21,28 @@ use super::{BankPrior, Change, Companions, Detector, Law, Regressors, Seen, Ther
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 
-/// Periods since the last restart after which the absence of evidence is believed.
+/// Number of periods since the last restart after which absence of evidence counts.
 const SETTLED_PERIODS: usize = 30;
 
-/// Greatest share of the other rods that may move beside a rod that drifts.
+/// Largest share of the other rods that may move beside a drifting rod.
 const MOVING_SHARE: f64 = 0.25;
 
-/// Evidence beyond counts as this: R grows without bound while a change lasts.
+/// Upper limit of the evidence: R grows without bound while a change lasts.
 const MOST_EVIDENCE: f64 = 1e12;
 
-/// Standard deviations of the predictive law from which on a sudden change is told at once.
+/// Standard deviations of the predictive law from which a sudden change is reported at once.
 const TOLD_SD: f64 = 4.0;
 
-/// What a watch depends on besides its periods.
+/// Settings of a watch besides its periods.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Terms {
-    /// R that raises an alarm: the mean number of periods between false alarms.
+    /// Limit R of an alarm: the mean number of periods between false alarms.
     pub limit: f64,
-    /// Action of temperature on the rod; `None` if the force is watched as it is.
+    /// Prior of the effect of temperature on the rod; `None` if the force is not compensated.
     pub thermal: Option<ThermalPrior>,
     /// Temperature to which force is referred \[degC\], once known.
     pub reference_c: Option<f64>,
-    /// Periods before the change since commissioning is measured.
+    /// Number of periods before the change since commissioning is measured.
     pub learning_periods: usize,
 }
 
@@ -56,31 +57,32 @@ pub struct DriftWatch {
     #[serde(default)]
     limit: f64,
     compensated: Option<Compensated>,
-    /// Temperature alone, beside a detector that knows the other rods, too: what a record shows must not wait for them.
+    /// Detector with temperature only, besides one with the other rods, too: a single record must not wait
+    /// for them.
     by_temperature: Option<Compensated>,
     peers: Option<Detector>,
     blind: Detector,
     /// Last ratios of the other rods.
     #[serde(default)]
     companions: Companions,
-    /// Periods in a row without the other rods' median.
+    /// Number of periods in a row without the other rods' median.
     without_others: u32,
-    /// True once this rod moved with others of which one told it.
+    /// True once this rod moved together with others of which one reported it.
     has_joined: bool,
-    /// Whether the last period came with a temperature, and with the other rods.
+    /// Sources of the last period: temperature, other rods.
     last: Sources,
     /// Detectors above their limit after the last period.
     above: Above,
 }
 
-/// The detector that knows the temperature.
+/// The detector with temperature.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 struct Compensated {
     detector: Detector,
     regressors: Regressors,
-    /// Whether the other rods are among its columns.
+    /// True if the other rods are among its columns.
     knows_others: bool,
-    /// Whether temperature is.
+    /// True if temperature is among its columns.
     knows_temperature: bool,
     /// Mean ratio and columns over the periods of commissioning.
     level: Level,
@@ -117,23 +119,23 @@ impl Above {
     }
 }
 
-/// Who says that the force changed.
+/// Detectors behind a change of force.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Witness {
-    /// Temperature is taken out, and the other rods confirm it.
+    /// Temperature is compensated, and the other rods confirm the change.
     Confirmed,
-    /// Temperature is taken out; the other rods do not confirm it yet.
+    /// Temperature is compensated; the other rods do not confirm the change yet.
     Unconfirmed,
-    /// Temperature is taken out; there are too few rods to tell force from thermometer.
+    /// Temperature is compensated; there are too few rods to distinguish force from thermometer.
     Alone,
-    /// The other rods; there is no temperature.
+    /// Compared with the other rods; there is no temperature.
     Peers,
-    /// Nothing but the rod itself: there is neither temperature nor other rods.
+    /// The rod's own data only: there is neither temperature nor other rods.
     Blind,
 }
 
-/// What the detectors say together after a period.
+/// Joint finding of the detectors after a period.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Finding {
     /// No change.
@@ -145,7 +147,7 @@ pub(crate) enum Finding {
 }
 
 impl DriftWatch {
-    /// Before its first period, of day `origin`.
+    /// A watch before its first period, of day `origin`.
     pub(crate) fn new(origin: f64, noise_sd: f64) -> Self {
         Self {
             origin,
@@ -163,24 +165,24 @@ impl DriftWatch {
         }
     }
 
-    /// Periods seen.
+    /// Number of periods seen.
     pub fn periods(&self) -> usize {
         self.blind.periods()
     }
 
-    /// Whether a temperature has ever come, or none is needed.
+    /// True if a temperature has ever come, or none is needed.
     pub fn is_compensated(&self) -> bool {
         self.compensated.is_some()
     }
 
-    /// R of the detector that knows most.
+    /// R of the detector with the most inputs.
     pub fn evidence(&self) -> f64 {
         let detector = self.watching().map(|one| &one.detector);
         let informed = detector.or(self.peers.as_ref());
         informed.unwrap_or(&self.blind).statistic()
     }
 
-    /// R of the detector that knows most without the other rods: what another rod does cannot raise it.
+    /// R of the detector with the most inputs that does not use the other rods, so that no other rod can raise it.
     pub fn evidence_alone(&self) -> f64 {
         let by_temperature = self.by_temperature.as_ref();
         let knows_no_others = || self.compensated.as_ref().filter(|one| !one.knows_others);
@@ -190,7 +192,8 @@ impl DriftWatch {
             .statistic()
     }
 
-    /// Slope of N_t / N_0 with a temperature that stays, and its standard deviation \[1/K\]; `None` without a temperature.
+    /// Slope of N_t / N_0 with a constant temperature, and its standard deviation \[1/K\]; `None` without a
+    /// temperature.
     pub fn slope(&self) -> Option<(f64, f64)> {
         let compensated = self.by_temperature.as_ref().or(self.compensated.as_ref())?;
         let compensated = Some(compensated).filter(|one| one.knows_temperature)?;
@@ -292,8 +295,8 @@ impl DriftWatch {
         }
     }
 
-    /// Begins the compensated detector with the first period that has what it needs. One that knows no other rods goes on as that
-    /// by temperature once there are some.
+    /// Begins the compensated detector with the first period that has its inputs. One without other rods
+    /// becomes that with temperature only once there are some.
     fn begin(&mut self, terms: &Terms, period: &Period, others: &Others) {
         let knows_others = others.count() >= companions::FEWEST;
         if let Some(known) = &self.compensated {
@@ -336,7 +339,7 @@ impl DriftWatch {
         self.compensated = Some(begun(prior, knows_others && terms.thermal.is_some()));
     }
 
-    /// Begins the detectors that know the other rods again: one of those moved the median.
+    /// Restarts the detectors that use the other rods, because one of those moved the median.
     fn forget_others(&mut self) {
         let beside_others = self.compensated.as_mut().filter(|one| one.knows_others);
         let detectors = beside_others.map(|one| &mut one.detector).into_iter();
@@ -345,14 +348,15 @@ impl DriftWatch {
         }
     }
 
-    /// The detector that watches beside the temperature: that which knows the other rods, unless they are away.
+    /// Compensated detector in use: that with the other rods, unless they are absent.
     fn watching(&self) -> Option<&Compensated> {
         let stands_in = self.without_others > companions::PATIENCE;
         let alone = self.by_temperature.as_ref().filter(|_| stands_in);
         alone.or(self.compensated.as_ref())
     }
 
-    /// Looks which detectors are above their limit. Periods of commissioning since the onset of a change that is told now are none.
+    /// Finds the detectors above their limit. Periods since the onset of a change reported now do not count
+    /// for commissioning.
     fn look(&mut self, limit: f64) {
         let was_told = self.above.any();
         let is_above = |detector: &Detector| detector.statistic() > limit;
@@ -374,7 +378,7 @@ impl DriftWatch {
         }
     }
 
-    /// What the detectors say after the last period.
+    /// Joint finding of the detectors after the last period.
     pub(crate) fn finding(&self, others: &Others) -> Finding {
         if self.evidence_alone() <= MOVING && others.is_one_of_them(self.evidence()) {
             return Finding::Quiet;
@@ -407,7 +411,7 @@ impl DriftWatch {
         }
     }
 
-    /// Onset, size and shape of the change, by the detector that knows most about the last period.
+    /// Onset, size and shape of the change, by the best-informed detector of the last period.
     pub(crate) fn change(&self) -> Option<Change> {
         let compensated = self.watching().map(|one| &one.detector);
         let by = |witness: bool, detector: Option<&Detector>| detector.filter(|_| witness)?.change();
@@ -436,7 +440,7 @@ impl DriftWatch {
         compensated.change(&seen, self.limit)
     }
 
-    /// Predictive law of a record by nothing but the rod.
+    /// Predictive law of a record by the rod's own data only.
     pub(crate) fn blind_law(&self, day: f64, ratio: f64, sd: f64) -> Option<Law> {
         let regressors = Regressors {
             reference_c: 0.0,
@@ -450,12 +454,13 @@ impl DriftWatch {
         })
     }
 
-    /// Sudden change that would be told at the next period without a temperature, as a share of the force.
+    /// Sudden change that would be reported at the next period without a temperature, as a share of the
+    /// force.
     pub(crate) fn least_told_blind(&self, day: f64) -> Option<f64> {
         Some(TOLD_SD * self.blind_law(day, 0.0, self.noise_sd)?.sd)
     }
 
-    /// Begins again after a change that ended: what temperature does stays known.
+    /// Restarts after a change that ended: the effect of temperature stays known.
     pub(crate) fn restart(&mut self) {
         if let Some(compensated) = &mut self.compensated {
             compensated.detector.restart();
@@ -471,30 +476,30 @@ impl DriftWatch {
         self.has_joined = false;
     }
 
-    /// True while the detector that knows nothing but the rod sees a change.
+    /// True while the detector with the rod's own data only sees a change.
     pub(crate) fn is_blind_above(&self) -> bool {
         self.above.blind
     }
 
-    /// True once it has watched long enough for its silence to mean something.
+    /// True once it has run long enough for absence of evidence to count.
     pub(crate) fn is_settled(&self) -> bool {
         self.blind.fresh() >= SETTLED_PERIODS
     }
 
-    /// Notes whether the rod moves with others of which one told it; `true` if that is over now.
+    /// Notes if the rod moves with others of which one reported it; returns true if that is over now.
     pub(crate) fn joins(&mut self, others: &Others, moves: bool) -> bool {
         let was_joined = self.has_joined;
         self.has_joined = others.has_told_common() && (was_joined || moves);
         was_joined && !self.has_joined
     }
 
-    /// True while it moves with others of which one told it.
+    /// True while it moves with others of which one reported it.
     pub(crate) fn has_joined(&self) -> bool {
         self.has_joined
     }
 }
 
-/// A period as a detector takes it.
+/// Input of a detector for a period.
 fn seen<'a>(period: &Period, columns: &'a [f64]) -> Seen<'a> {
     Seen {
         day: period.start.days(),
@@ -504,7 +509,7 @@ fn seen<'a>(period: &Period, columns: &'a [f64]) -> Seen<'a> {
     }
 }
 
-/// The filter that is shown as the rod's temperature: six hours.
+/// Index of the filter shown as the rod's temperature: six hours.
 const SHOWN: usize = 1;
 
 impl Compensated {
@@ -529,7 +534,8 @@ impl Compensated {
 }
 
 impl Level {
-    /// Takes a period of commissioning. One after a change that was told is none, if there are enough without it.
+    /// Takes a period of commissioning. One after a reported change is left out, if there are enough without
+    /// it.
     fn learn(&mut self, day: f64, ratio: f64, columns: &[f64], periods: usize, is_told: bool) {
         if self.periods >= periods as f64 || (is_told && self.periods >= FEWEST_PERIODS) {
             return;
@@ -551,7 +557,7 @@ impl Level {
         self.recent.push_back((day, ratio, columns.to_vec()));
     }
 
-    /// Takes the latest periods since an onset out, as long as there are enough without them.
+    /// Removes the latest periods since an onset, as long as there are enough without them.
     fn withdraw(&mut self, onset: f64) {
         while self.periods > FEWEST_PERIODS
             && let Some((_, ratio, columns)) = self.recent.pop_back_if(|(day, ..)| *day >= onset)
@@ -591,8 +597,9 @@ impl Level {
     }
 }
 
-/// Periods of commissioning that make a level at least.
+/// Fewest periods of commissioning for a level.
 const FEWEST_PERIODS: f64 = 10.0;
 
-/// Latest periods that can be withdrawn: a change is told within so many, or is too small to matter to a mean.
+/// Most of the latest periods that can be withdrawn: a change is reported within so many, or is too small to
+/// affect a mean.
 const WITHDRAWN_PERIODS: usize = 10;

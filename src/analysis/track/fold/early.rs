@@ -1,8 +1,8 @@
-//! The watch over the records that will make the baseline: a rod that changes while it is learned is told on the next record,
+//! Watch over the records of the future baseline: a change during learning is reported on the next record,
 //! not a month later.
 //!
 //! The first five records give a provisional baseline; a drift watch runs on the periods measured against it until the baseline
-//! is there. Both are forgotten then: the baseline's own watch begins with its first record.
+//! is there. Both are dropped then: the baseline's own watch begins with its first record.
 
 use super::monitor::change_told;
 use super::packed::Packed;
@@ -20,10 +20,10 @@ use crate::analysis::track::observation::Observation;
 use crate::analysis::track::relative::Shift;
 use serde::{Deserialize, Serialize};
 
-/// Records of the provisional baseline.
+/// Number of records of the provisional baseline.
 pub(crate) const RECORDS: usize = 5;
 
-/// A provisional baseline and what was measured against it.
+/// A provisional baseline and the periods measured against it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct EarlyWatch {
     pub(crate) baseline: Baseline,
@@ -37,7 +37,7 @@ pub struct EarlyWatch {
 }
 
 impl EarlyWatch {
-    /// Before its first record.
+    /// A watch before its first record.
     fn new(baseline: Baseline) -> Self {
         Self {
             baseline,
@@ -49,7 +49,7 @@ impl EarlyWatch {
         }
     }
 
-    /// Takes a record; the change, if the periods closed so far show one.
+    /// Takes a record; returns the change, if the periods closed so far show one.
     fn take(
         &mut self,
         plan: &TrackPlan,
@@ -106,7 +106,7 @@ impl EarlyWatch {
 }
 
 impl Tracker {
-    /// Lets the early watch see the observation that waits for the baseline last.
+    /// Passes the latest observation that waits for the baseline to the early watch.
     pub(crate) fn watch_early(&mut self, time: Timestamp) {
         let segment = self.state.segment.number;
         let waiting = self.state.learning.len();

@@ -8,8 +8,9 @@ use crate::analysis::track::drift::period::Period;
 use crate::analysis::track::observation::LogMode;
 
 /// Weighs the kinds of change over the periods since an onset, `last` the one that is being closed. The mean change of force that
-/// the drift watch found is kept (a ramp's mean is half of what it came to); what else moved the force since the baseline, as
-/// temperature does, is taken out. `None` without a baseline or where the model does not know the rod's answers.
+/// the drift watch found is kept (a ramp's mean is half of its final size); other effects on the force since
+/// the baseline, such as temperature, are removed. `None` without a baseline or where the model has no
+/// answers for the rod.
 pub(crate) fn explain(tracker: &Tracker, change: &Change, last: Option<&Period>) -> Option<Explained> {
     let (baseline, shift) = (tracker.state.segment.baseline.as_ref()?, tracker.shift.as_ref()?);
     let periods = since(tracker, change.onset, last);

@@ -1,4 +1,4 @@
-//! The way of one identified record: doubted, set aside, kept for the baseline, or put into its period.
+//! Intake of one identified record: doubted, set aside, kept for the baseline, or added to its period.
 
 use super::loss::Loss;
 use super::state::{Opening, State};
@@ -14,7 +14,7 @@ use crate::analysis::track::observation::Observation;
 use crate::analysis::track::plausibility::{JUMP_S, Peer};
 use crate::analysis::track::relative::{NoRelative, Relative};
 
-/// A temperature so much older than the end of a record is none \[s\].
+/// Largest age of a temperature at the end of a record \[s\].
 const STALE_S: f64 = 3.0 * 3600.0;
 
 impl Tracker {
@@ -87,7 +87,7 @@ impl Tracker {
         self.state.closed.is_some_and(|closed| index <= closed)
     }
 
-    /// Its time is that of the rod: silence ends, and the latest record is this one if it is.
+    /// Accepts the record's time: silence ends, and the record becomes the latest if it is.
     fn believe(&mut self, observation: &Observation) {
         let time = observation.start;
         self.state.plausibility.believe(observation);
@@ -95,7 +95,7 @@ impl Tracker {
         if latest.is_some_and(|latest| time < latest) {
             return;
         }
-        // Nobody knows yet whether a second record after a week is late.
+        // It is not yet known if a second record after a week is late.
         if self.state.usual_s().is_some() {
             self.look_for_silence(time);
         }
@@ -107,7 +107,7 @@ impl Tracker {
         self.state.latest = Some(time);
     }
 
-    /// Its frequencies are those of the rod.
+    /// Accepts the record's frequencies as those of the rod.
     fn usable(&mut self, observation: &Observation) {
         let time = self.known_at(observation.start);
         self.look(Cause::Unusable, Some(false), time, String::new);
@@ -163,7 +163,7 @@ impl Tracker {
         }
     }
 
-    /// Keeps readings that can be believed, ascending in time, each time once.
+    /// Keeps credible readings, ascending in time, one per time.
     pub(crate) fn keep_readings(&mut self, readings: &[Reading]) {
         let state = &mut self.state;
         let horizon = state.latest.map(|latest| latest.plus_seconds(JUMP_S));
@@ -178,7 +178,7 @@ impl Tracker {
             }
             let is_believed = state.thermometer.believes(reading);
             if let Some(until) = state.thermometer.trusted_until().filter(|_| !is_believed) {
-                // What a thermometer said since it stood still is withdrawn.
+                // Readings since the thermometer froze are withdrawn.
                 state.readings.retain(|kept| kept.time <= until);
             }
             if !is_believed {
@@ -205,11 +205,11 @@ impl Tracker {
         }
     }
 
-    /// A loss that nothing but a loss explains is beyond the limit whatever else is known.
+    /// Checks the limit by a loss that nothing else explains.
     fn look_at_loss(&mut self, loss: Option<Loss>, is_blind: bool, time: Timestamp) {
         let limit = self.plan.alarm.limit_loss;
         let Some(loss) = loss else { return };
-        // What lasts without a temperature is learned as usual; the evidence of it stays.
+        // Without a temperature, a lasting change is learned as normal; its evidence stays.
         let by_evidence = self.state.watch.get().filter(|_| is_blind);
         let lasts = by_evidence.is_some_and(DriftWatch::is_blind_above);
         let holds = Some(loss.exceeds(limit)).filter(|holds| *holds || !lasts);
@@ -240,8 +240,8 @@ impl Tracker {
         });
     }
 
-    /// Puts an observation to those that wait for the baseline, and learns it when there are enough and none of
-    /// them can come late any more.
+    /// Adds an observation to those that wait for the baseline, and learns it when there are enough and none
+    /// can come late any more.
     fn wait_for_baseline(&mut self, observation: &Observation) {
         let state = &mut self.state;
         let at = state
@@ -311,7 +311,7 @@ impl Tracker {
         Some(self.shift.as_ref()?.relative(observation, seed))
     }
 
-    /// Closes every period no record can come into any more.
+    /// Closes every period that can get no more records.
     fn close_periods(&mut self, others: &Others) -> Vec<Period> {
         let mut closed = Vec::new();
         let Some(latest) = self.state.latest else {
@@ -357,7 +357,7 @@ impl Tracker {
     }
 }
 
-/// The mean temperature beside the first `count` observations that wait for the baseline.
+/// Mean temperature of the first `count` observations that wait for the baseline.
 fn mean_temperature(state: &State, count: usize) -> Option<f64> {
     let mut filters = state.filters.clone();
     let mut readings = state.readings.iter().peekable();

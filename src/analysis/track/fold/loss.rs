@@ -1,4 +1,5 @@
-//! Losses so large that nothing else explains them: told from single records, in every state the tracker can be in.
+//! Losses so large that nothing else explains them: reported from single records, in every state of the
+//! tracker.
 //!
 //! With f^2 = a (N + b), b >= 0 for every mode of a beam under tension, a fall of a natural frequency bounds the force that is
 //! left: N_t / N_0 <= (f_t / f_0)^2. That needs neither temperature nor training.
@@ -9,14 +10,14 @@ use crate::analysis::track::baseline::Baseline;
 use crate::analysis::track::observation::Observation;
 use crate::analysis::track::relative::Relative;
 
-/// A loss is sudden and certain if it exceeds the limit so many times, or by so much.
+/// A loss is sudden and certain if it exceeds the limit by this factor, or by this much.
 const TIMES_LIMIT: f64 = 2.0;
 const BEYOND_LIMIT: f64 = 0.1;
 
-/// And if the limit lies so many standard deviations from it.
+/// Least distance of a certain loss from the limit, in standard deviations.
 const CERTAIN_SD: f64 = 4.0;
 
-/// Loss of force that a record shows for certain: a lower bound.
+/// Lower bound of the loss of force that a record shows.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Loss {
     /// Relative loss \[-\].
@@ -26,13 +27,13 @@ pub(crate) struct Loss {
 }
 
 impl Loss {
-    /// Whether it exceeds a limit beyond doubt.
+    /// True if it certainly exceeds a limit.
     pub fn exceeds(self, limit: f64) -> bool {
         self.mean > (TIMES_LIMIT * limit).min(limit + BEYOND_LIMIT)
             && self.mean - CERTAIN_SD * self.sd > limit
     }
 
-    /// At the reference temperature; without one, against what the rod did before.
+    /// Loss at the reference temperature; without one, against the rod's earlier behaviour.
     pub fn of(
         tracker: &Tracker,
         observation: &Observation,
@@ -57,7 +58,7 @@ impl Loss {
         })
     }
 
-    /// Of a record beyond all the model was prepared for, from the mode that fell least; `None` unless all fell.
+    /// Loss of a record beyond the prepared range, from the mode that fell least; `None` unless all fell.
     pub fn bound(baseline: &Baseline, observation: &Observation) -> Option<Self> {
         let falls = baseline.modes.iter().filter_map(|known| {
             let mode = observation.mode(known.order)?;

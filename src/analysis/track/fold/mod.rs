@@ -1,15 +1,15 @@
 //! The fold over a rod's records: state and record in, state and verdict out.
 //!
-//! * [`plan`]    everything the tracking of one rod depends on besides its records
-//! * [`state`]   everything remembered of one rod from record to record
-//! * [`verdict`] what came of one record, and what it changed
+//! * [`plan`]    settings and prepared data of the tracking of one rod
+//! * [`state`]   state of one rod from record to record
+//! * [`verdict`] result of one record, and the changes it made
 //! * [`tracker`] one `step` per record
-//! * `intake`    the way of one identified record
-//! * `early`     the watch over the records that will make the baseline
+//! * `intake`    intake of one identified record
+//! * `early`     watch over the records of the future baseline
 //! * `reference` force and relative force at the reference temperature
 //! * `monitor`   closes a period: moves the detectors on, raises and clears alarms
 //! * `loss`      losses so large that nothing else explains them
-//! * `explain`   the kinds of change an alarm may be about
+//! * `explain`   kinds of change behind an alarm
 //! * [`packed`]  filter banks as text
 
 mod early;

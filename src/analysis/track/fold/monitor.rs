@@ -1,4 +1,4 @@
-//! What a closed period says: the drift watch moved on, conditions looked at, alarms raised and cleared.
+//! Closes a period: moves the drift watch on, checks conditions, raises and clears alarms.
 
 use super::explain::{explain, since};
 use super::state::State;
@@ -13,31 +13,31 @@ use crate::analysis::track::drift::watch::{self, DriftWatch, Witness};
 use crate::analysis::track::relative::Shift;
 use statrs::distribution::{ContinuousCDF, Normal};
 
-/// A drift is none if a change of axial force explains the misfit since its onset with less than this probability.
+/// Least probability of the misfit since its onset, by a change of axial force, for a drift.
 const SIGNAL_NOT_AXIAL_P: f64 = 0.01;
 
-/// A drift is over if the change at the reference temperature lies within one standard deviation, or within this share of what was
-/// told.
+/// A drift is over if the change at the reference temperature lies within one standard deviation of zero, or
+/// within this share of the reported size.
 const OVER_SHARE: f64 = 0.25;
 
-/// A change is over, too, once the evidence is below this share of its limit.
+/// Share of its limit below which the evidence also ends a change.
 const FAINT_EVIDENCE: f64 = 0.01;
 
-/// The condition of `not-axial` ends above this many times the probability that raised it.
+/// Factor on the raising probability above which the condition of `not-axial` ends.
 const NOT_AXIAL_OVER: f64 = 10.0;
 
-/// Share of the predictive variance that is uncertainty of what temperature does: above the first the watch is nearly blind,
-/// below the second it sees again.
+/// Shares of the predictive variance by uncertainty of the effect of temperature: above the first the watch
+/// is nearly blind, below the second it works again.
 const BLIND: (f64, f64) = (0.9, 0.7);
 
-/// Standard deviations of the predictive law from which on a change of one period is seen.
+/// Standard deviations of the predictive law from which a change of one period is detected.
 const TOLD_SD: f64 = 4.0;
 
-/// Stated error of a ratio that is believed at least \[-\].
+/// Least credible stated error of a ratio \[-\].
 const LEAST_SD: f64 = 1e-6;
 
-/// Takes a period that no record can come into any more: its place in the drift watch, and the news it makes. `time` is the
-/// event time at which this is known.
+/// Closes a period: updates the drift watch, raises and clears alarms. `time` is the event time at which it
+/// is known to be complete.
 pub(crate) fn close(tracker: &mut Tracker, mut period: Period, others: &Others, time: Timestamp) -> Period {
     watch(tracker, &mut period, others);
     look_at_misfit(tracker, &period, time);
@@ -48,15 +48,16 @@ pub(crate) fn close(tracker: &mut Tracker, mut period: Period, others: &Others, 
     period
 }
 
-/// Periods in a row above the limit before rods are told to move together.
+/// Number of periods in a row above the limit before rods are reported to move together.
 const COMMON_PERIODS: usize = 3;
 
-/// Residual of a period, in standard deviations, and evidence over its limit from which on a change may be about to be told.
+/// Residual of a period, in standard deviations, from which a change may be about to be reported.
 const SUSPECT_SD: f64 = 3.0;
+/// Evidence, as a share of its limit, from which a change may be about to be reported.
 const SUSPECT_EVIDENCE: f64 = 0.05;
 
-/// Tells a change with the record that shows it, as the end of the open period would: the next record may be a day away. Nothing
-/// else moves on.
+/// Reports a change with the record that shows it, as the end of the open period would, because the next record may be a day
+/// away. Nothing else advances.
 pub(crate) fn tell_ahead(tracker: &mut Tracker, others: &Others, time: Timestamp) {
     let last = tracker.state.periods.last().and_then(|period| period.charted);
     let is_suspect = last.is_some_and(|charted| {
@@ -109,7 +110,8 @@ fn watch(tracker: &mut Tracker, period: &mut Period, others: &Others) {
     period.charted = Some(watch.step(&terms, period, is_sparse, others, plan.track.period_s));
 }
 
-/// Median stated error of a period's ratio, by the records that wait with the first period.
+/// Typical stated error of a period's ratio: the median over the open records, scaled to the period's number
+/// of records.
 fn typical_sd(state: &State, period: &Period) -> f64 {
     let mut errors: Vec<f64> = state.open.iter().map(|pending| pending.sd).collect();
     errors.sort_by(f64::total_cmp);
@@ -122,7 +124,8 @@ fn typical_sd(state: &State, period: &Period) -> f64 {
     }
 }
 
-/// A state without a watch goes on from its periods: those of a version before, whose temperatures are one a day.
+/// Makes a watch from the periods of a state without one: those of an earlier version, with one temperature a
+/// day.
 pub(crate) fn rewatch(tracker: &mut Tracker) {
     if tracker.state.watch.get().is_some() || tracker.state.periods.is_empty() {
         return;
@@ -142,10 +145,10 @@ pub(crate) fn rewatch(tracker: &mut Tracker) {
     tracker.state.periods = periods;
 }
 
-/// The lag of versions before that is nearest to a day's mean.
+/// Index of the lag of earlier versions nearest to a day's mean.
 const LAGGED: usize = 4;
 
-/// The misfit of period after period.
+/// Checks the misfit of each period.
 fn look_at_misfit(tracker: &mut Tracker, period: &Period, time: Timestamp) {
     let least = tracker.plan.alarm.not_axial_p;
     let holds = beyond(-period.not_axial_p, -least, -NOT_AXIAL_OVER * least);
@@ -159,7 +162,7 @@ fn look_at_misfit(tracker: &mut Tracker, period: &Period, time: Timestamp) {
     }
 }
 
-/// What the drift watch found raises `drift`, `not-axial` or `common`, unless one of them holds.
+/// Raises `drift`, `not-axial` or `common` by the finding of the drift watch, unless one of them holds.
 fn look_at_finding(tracker: &mut Tracker, period: &Period, others: &Others, time: Timestamp) {
     let Some(watch) = tracker.state.watch.get_mut() else {
         return;
@@ -202,7 +205,7 @@ fn look_at_finding(tracker: &mut Tracker, period: &Period, others: &Others, time
             };
             tracker.state.watches.begin(cause);
         }
-        // A rod that was told by itself stays so; one that moves alone is confirmed before others seem to move with it.
+        // A rod that was reported by itself stays so; one that moves alone is confirmed before others seem to move with it.
         watch::Finding::Common
             if state.drifts()
                 || state.holds(Kind::Common)
@@ -220,7 +223,7 @@ fn look_at_finding(tracker: &mut Tracker, period: &Period, others: &Others, time
     }
 }
 
-/// True if the periods before the present one were above the limit, too.
+/// True if the periods before the present one were above the limit as well.
 fn has_lasted(state: &State) -> bool {
     let before = state.periods.iter().rev().take(COMMON_PERIODS - 1);
     let is_above = |period: &&Period| {
@@ -230,7 +233,7 @@ fn has_lasted(state: &State) -> bool {
     before.filter(is_above).count() == COMMON_PERIODS - 1
 }
 
-/// The other rods confirm a change that was told before they did: it is told again.
+/// Reports an unconfirmed change again once the other rods confirm it.
 fn confirm(
     tracker: &mut Tracker,
     finding: watch::Finding,
@@ -264,7 +267,7 @@ fn confirm(
 }
 
 fn look_at_limit(tracker: &mut Tracker, period: &Period, time: Timestamp) {
-    // Without a temperature a limit would be a thermometer: what is beyond doubt is told all the same (`loss`).
+    // Without a temperature a limit would react to the weather; a certain loss is still reported (`loss`).
     let Some((change, sd)) = period
         .charted
         .and_then(|charted| Some((charted.at_reference?, charted.at_reference_sd?)))
@@ -293,7 +296,7 @@ fn look_at_limit(tracker: &mut Tracker, period: &Period, time: Timestamp) {
     });
 }
 
-/// A probability as people read it.
+/// A probability in words or percent.
 pub(crate) fn probable(probability: f64) -> String {
     if probability > 0.999 {
         "probability > 99.9 %".to_owned()
@@ -310,7 +313,7 @@ fn look_at_leverage(tracker: &mut Tracker, period: &Period, time: Timestamp) {
         return;
     }
     let (blind, sees) = BLIND;
-    // What is not learned matters only where it hides a loss of the limit.
+    // An effect not yet learned matters only where it hides a loss as large as the limit.
     let hides = TOLD_SD * charted.expected_sd > tracker.plan.alarm.limit_loss;
     let unlearned = if hides { charted.leverage } else { 0.0 };
     tracker.look(Cause::Unlearned, beyond(unlearned, blind, sees), time, || {
@@ -318,7 +321,8 @@ fn look_at_leverage(tracker: &mut Tracker, period: &Period, time: Timestamp) {
     });
 }
 
-/// Ends what the evidence raised once the change is gone; the watch begins again with what it knows of temperature.
+/// Ends the alarms raised by evidence once the change is gone; the watch restarts with its knowledge of
+/// temperature.
 fn look_at_end(tracker: &mut Tracker, period: &Period, time: Timestamp) {
     let by_evidence = |alarm: &&Alarm| match alarm.kind {
         Kind::Drift | Kind::Common => alarm.cleared.is_none(),
@@ -339,7 +343,7 @@ fn look_at_end(tracker: &mut Tracker, period: &Period, time: Timestamp) {
         // A small change ends nothing as long as it is evident.
         beyond(change.abs(), 2.0 * over, over).filter(|holds| *holds || evidence < 1.0)
     } else {
-        // Without a temperature what lasts is learned as usual: only the evidence ends it.
+        // Without a temperature, a lasting change is learned as normal: only the evidence ends the alarm.
         None
     };
     if tracker.find(Cause::Change, holds) != Finding::Over {
@@ -360,15 +364,15 @@ fn look_at_end(tracker: &mut Tracker, period: &Period, time: Timestamp) {
     }
 }
 
-/// The change of force as the drift watch knows it now.
+/// Present estimate of the change of force by the drift watch.
 pub(crate) fn change_now(tracker: &Tracker) -> Option<Change> {
     change_told(tracker.state.watch.get()?, tracker.shift.as_ref())
 }
 
-/// The change of force a watch knows of, as it is told.
+/// Estimate of the change of force by a watch, in reported form.
 pub(crate) fn change_told(watch: &DriftWatch, shift: Option<&Shift>) -> Option<Change> {
     let change = watch.change()?;
-    // How large a change of frequencies is as a change of force, no number of periods tells.
+    // The ratio of a change of force to one of frequencies stays uncertain with any number of periods.
     let size = change.size.clamp(-0.9, 10.0);
     let static_sd = match shift {
         Some(shift) if size != 0.0 => (1.0 + size) * shift.static_sd(libm::log1p(size)) / size.abs(),
@@ -430,8 +434,8 @@ fn not_axial_message(p: f64) -> String {
     )
 }
 
-/// P(misfit at least this large | axial) of the change since an onset. What happened only lately is diluted in a long
-/// one: the last periods are asked too, and the smallest probability counts, times the number of questions.
+/// P(misfit at least this large | axial) of the change since an onset. A recent change is diluted over a long
+/// time: the last periods are tested too, and the smallest probability counts, times the number of tests.
 fn axial_p(tracker: &Tracker, period: &Period, onset: Timestamp) -> f64 {
     let Some(shift) = &tracker.shift else { return 1.0 };
     let since = since(tracker, onset, Some(period));

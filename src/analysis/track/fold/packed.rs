@@ -1,7 +1,7 @@
-//! Something large that may be there, in a text format as postcard in base64, behind the number of its layout.
+//! An optional large value, in text formats as postcard in base64 after the number of its layout.
 //!
-//! As JSON a bank of filters is a megabyte of digits, which are slow to write and slower to read. What is of another layout reads as
-//! nothing: a drift watch is then made again from the periods.
+//! As JSON a bank of filters is a megabyte of digits, which are slow to write and slower to read. A value of
+//! another layout reads as `None`: a drift watch is then rebuilt from the periods.
 
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
@@ -10,7 +10,7 @@ use serde::ser::Error as _;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use std::sync::{Arc, Weak};
 
-/// Changes whenever a field of what is packed comes, goes or moves.
+/// Version of the layout, changed whenever a packed field is added, removed or moved.
 const LAYOUT: &str = "2:";
 
 /// An optional value that is packed in text formats. Its copies share it until one of them changes.
@@ -54,13 +54,13 @@ impl<T> Packed<T> {
         Arc::make_mut(self.0.get_or_insert_with(|| Arc::new(make())))
     }
 
-    /// Returns what tells later whether the value is still the same.
+    /// Returns a receipt that [`is_as_of`](Self::is_as_of) later compares with the value.
     pub fn receipt(&self) -> Receipt<T> {
         Receipt(self.0.as_ref().map(Arc::downgrade))
     }
 
-    /// True if nothing changed since the receipt. [`Arc::make_mut`] gives a value another place if there is a receipt, and a receipt
-    /// keeps its place from being used again.
+    /// True if the value has not changed since the receipt. [`Arc::make_mut`] moves a value that has a receipt, and a receipt
+    /// keeps its address from being used again.
     pub fn is_as_of(&self, receipt: &Receipt<T>) -> bool {
         match (&self.0, &receipt.0) {
             (None, None) => true,
@@ -77,7 +77,7 @@ impl<T> Packed<T> {
     where
         T: Serialize,
     {
-        // Nothing in it needs an escape.
+        // A number, a colon and base64 need no escapes.
         let Some(value) = self.get() else {
             return Ok("null".to_owned());
         };
@@ -151,7 +151,7 @@ mod tests {
         let receipt = value.receipt();
         value.get_or_insert_with(Vec::new).pop();
         assert!(!value.is_as_of(&receipt) && value.get() == Some(&vec![1.0]));
-        // The place of what is gone is not used again while the receipt stands.
+        // The address of a dropped value is not used again while its receipt exists.
         let receipt = value.receipt();
         value = Packed::default();
         assert!(!value.is_as_of(&receipt) && value.is_as_of(&value.receipt()));

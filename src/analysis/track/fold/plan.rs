@@ -1,4 +1,4 @@
-//! What the tracking of one rod depends on besides its records.
+//! Settings and prepared data of the tracking of one rod, besides its records.
 
 use super::state::State;
 use crate::analysis::identify::AnalysisSettings;
@@ -15,7 +15,8 @@ use crate::analysis::track::relative::Shift;
 use crate::analysis::track::settings::{AlarmSettings, TemperatureUse, TrackSettings};
 use std::sync::Arc;
 
-/// Standard deviations of the static parameters that the bend of the ratio allows for: they may be wrong together.
+/// Standard deviations of the static parameters allowed for by the bend of the ratio: they may be wrong
+/// together.
 const BEND_SD: f64 = 1.5;
 
 /// The mean Gregorian year \[s\].
@@ -25,7 +26,7 @@ pub const YEAR_S: f64 = 365.2425 * 86_400.0;
 /// 3e-4 of their modulus and gain about twice that in expansion.
 const MATERIAL_PER_K: f64 = 3e-4;
 
-/// Everything one rod's fold depends on, prepared once.
+/// Prepared settings of one rod's fold.
 pub struct TrackPlan {
     pub(crate) rod: RodId,
     pub(crate) track: TrackSettings,
@@ -38,7 +39,7 @@ pub struct TrackPlan {
 }
 
 impl TrackPlan {
-    /// Prepares one rod. `key` is a hash of everything that gives the rod's numbers their meaning.
+    /// Prepares one rod. `key` is a hash of everything that determines the meaning of the rod's numbers.
     pub fn new(
         analysis: &AnalysisSettings,
         model: Arc<dyn ForwardModel>,
@@ -68,32 +69,32 @@ impl TrackPlan {
         &self.rod
     }
 
-    /// The hash of everything that gives the rod's numbers their meaning.
+    /// Hash of everything that determines the meaning of the rod's numbers.
     pub fn key(&self) -> &str {
         &self.key
     }
 
-    /// What is known about the rod beforehand.
+    /// Prior of the rod.
     pub fn prior(&self) -> &RodPrior {
         &self.prior
     }
 
-    /// The name of the forward model.
+    /// Name of the forward model.
     pub fn emulator(&self) -> &'static str {
         self.model.name()
     }
 
-    /// Mean number of periods between false alarms: R of the drift watch that raises one.
+    /// Mean number of periods between false alarms: limit R of the drift watch.
     pub fn limit(&self) -> f64 {
         self.alarm.arl0_years * YEAR_S / self.track.period_s
     }
 
-    /// A rod of which nothing is known yet.
+    /// State of a rod without records.
     pub(crate) fn blank(&self) -> State {
         State::new(self.rod.clone(), self.key.clone())
     }
 
-    /// Whether force is referred to one temperature.
+    /// True if force is referred to one temperature.
     pub(crate) fn compensates(&self) -> bool {
         self.track.temperature == TemperatureUse::Compensate
     }
@@ -123,7 +124,7 @@ impl TrackPlan {
         Shift::new(baseline, self.model.as_ref())
     }
 
-    /// Answers of the frequencies to changes of every kind, for a baseline's particles.
+    /// Responses of the frequencies to changes of every kind, for a baseline's particles.
     pub(crate) fn alternatives(&self, baseline: &Baseline) -> Option<Alternatives> {
         Alternatives::new(&baseline.particles, self.model.as_ref(), &self.discrepancy)
     }
@@ -139,8 +140,8 @@ impl TrackPlan {
         ])
     }
 
-    /// What the drift watch depends on: beta = -kappa E A alpha / N_0 with a restraint kappa between 0 (free to expand) and 1
-    /// (fixed ends), and a curvature from material and static parameters.
+    /// Settings of the drift watch: beta = -kappa E A alpha / N_0 with a restraint kappa between 0 (free to
+    /// expand) and 1 (fixed ends), and a curvature from material and static parameters.
     pub(crate) fn terms(&self, baseline: &Baseline, shift: &Shift, reference_c: Option<f64>) -> Terms {
         let parameterisation = self.prior.parameterisation();
         let width = parameterisation.len();

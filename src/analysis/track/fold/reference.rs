@@ -1,4 +1,5 @@
-//! Force and relative force of a record at the reference temperature, by what the closed periods taught.
+//! Force and relative force of a record at the reference temperature, by the regression over the closed
+//! periods.
 
 use super::state::State;
 use super::tracker::Tracker;
@@ -8,7 +9,7 @@ use crate::analysis::track::drift::Filters;
 use crate::analysis::track::observation::Observation;
 use crate::analysis::track::relative::{Interval, Relative};
 
-/// Low passes up to a time, those of the last closed period run along what has been read since.
+/// Low passes up to a time, those of the last closed period, updated with the readings since.
 pub(crate) fn filters_until(state: &State, time: Timestamp) -> Filters {
     let mut filters = state.filters.clone();
     for reading in state.readings.iter().take_while(|reading| reading.time <= time) {
@@ -17,7 +18,7 @@ pub(crate) fn filters_until(state: &State, time: Timestamp) -> Filters {
     filters
 }
 
-/// Force and relative force of one record at the reference temperature; `None` while that cannot be said.
+/// Force and relative force of one record at the reference temperature; `None` while it is unknown.
 pub(crate) fn of_record(
     tracker: &Tracker,
     observation: &Observation,
@@ -32,7 +33,7 @@ pub(crate) fn of_record(
     let measured = ratio.mean - 1.0;
     let record_sd = relative.record_sd * ratio.mean;
     let (change, change_sd) = watch.change_of(end.days(), measured, record_sd, Some(&filtered))?;
-    // The record's own error is in both; what is left of the ratio's is the particles', which grows with the change.
+    // The record's own error is in both; the rest of the ratio's error is that of the particles and grows with the change.
     let static_sd = (ratio.sd * ratio.sd - record_sd * record_sd).max(0.0).sqrt();
     let sd = change_sd.hypot(static_sd);
     let explained = measured - change;

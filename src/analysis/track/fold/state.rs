@@ -1,4 +1,4 @@
-//! Everything remembered of one rod from record to record.
+//! State of one rod from record to record.
 
 use super::early::EarlyWatch;
 use super::packed::Packed;
@@ -17,37 +17,37 @@ use serde::{Deserialize, Serialize};
 /// A stretch of history with one baseline.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Segment {
-    /// From 1.
+    /// Number of the segment, from 1.
     pub number: u32,
-    /// Why it was opened.
+    /// Reason for opening it.
     pub reason: Opening,
-    /// Everything that gives numbers their meaning (configuration of the rod, version of the analysis), as a
-    /// hash: when it changes, a new segment begins, so that an upgrade can never look like drift.
+    /// Hash of everything that determines the meaning of numbers (configuration of the rod, version of the
+    /// analysis): when it changes, a new segment begins, so that an upgrade can never look like drift.
     pub key: String,
     /// The baseline, once learned.
     pub baseline: Option<Baseline>,
     /// Temperature to which force is referred \[degC\], once known.
     pub reference_c: Option<f64>,
-    /// Why the last attempt at a baseline failed, if it did.
+    /// Error of the last attempt at a baseline, if it failed.
     pub fault: Option<String>,
 }
 
-/// Why a segment was opened.
+/// Reason for opening a segment.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Opening {
     /// The rod's first record.
     First,
-    /// Somebody asked for it.
+    /// A person asked for it.
     Requested,
-    /// Configuration or analysis changed what numbers mean.
+    /// Configuration or analysis changed the meaning of numbers.
     Changed,
-    /// The clock had jumped ahead for a while: time begins anew.
+    /// The clock had jumped ahead for a while: time starts again.
     Clock,
 }
 
 impl Opening {
-    /// The name in JSON.
+    /// Name in JSON.
     pub fn code(self) -> &'static str {
         match self {
             Self::First => "first",
@@ -58,12 +58,12 @@ impl Opening {
     }
 }
 
-/// Everything remembered of one rod.
+/// State of one rod.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct State {
     /// The rod.
     pub rod: RodId,
-    /// The present segment.
+    /// The current segment.
     pub segment: Segment,
     /// Observations that wait for the baseline, ascending in time.
     pub learning: Vec<Observation>,
@@ -77,23 +77,23 @@ pub struct State {
     /// The drift watch, from the first period of the baseline.
     #[serde(default)]
     pub watch: Packed<DriftWatch>,
-    /// The watch over the records that will make the baseline.
+    /// Watch over the records of the future baseline.
     #[serde(default)]
     pub early: Option<EarlyWatch>,
-    /// The last period that was closed.
+    /// Number of the last closed period.
     pub closed: Option<i64>,
     /// Closed periods of this segment, ascending. The store keeps them in rows of their own.
     #[serde(skip)]
     pub periods: Vec<Period>,
-    /// Alarms that stand, in the order they were raised.
+    /// Active alarms, in the order they were raised.
     pub alarms: Vec<Alarm>,
-    /// How long each condition has held or been absent.
+    /// Runs of each condition, held or absent.
     pub watches: Watches,
-    /// What tells records of this sensor from others.
+    /// Memory for judging records of this sensor.
     pub plausibility: Plausibility,
-    /// What tells its thermometer's readings from a broken one's.
+    /// Memory for judging readings of its thermometer.
     pub thermometer: Thermometer,
-    /// Start of the latest record that was believed.
+    /// Start of the latest accepted record.
     pub latest: Option<Timestamp>,
     /// The number of the segment that was opened last: one that was put aside may go on after it.
     #[serde(default)]
@@ -101,7 +101,7 @@ pub struct State {
 }
 
 impl State {
-    /// A rod of which nothing is known yet.
+    /// State of a rod without records.
     pub fn new(rod: RodId, key: String) -> Self {
         Self {
             rod,
@@ -137,14 +137,15 @@ impl State {
         blank == *self
     }
 
-    /// True while the rods of the site are told to move together, this one among them.
+    /// True while the rods of the site are reported to move together, this one among them.
     pub(super) fn moves_with_others(&self) -> bool {
         let has_joined = self.watch.get().is_some_and(DriftWatch::has_joined);
         has_joined || self.holds(Kind::Common)
     }
 
-    /// Size of the change that rods show together, as a share of the force; zero while none is told. It is the thermometer's or
-    /// the structure's: until that is known, a change at the reference temperature is uncertain by as much.
+    /// Size of the change that rods show together, as a share of the force; zero while none is reported. Its
+    /// cause is the thermometer or the structure: until that is known, a change at the reference temperature
+    /// is uncertain by as much.
     pub(super) fn common_size(&self) -> f64 {
         if !self.moves_with_others() {
             return 0.0;
@@ -153,14 +154,14 @@ impl State {
         change.map_or(0.0, |change| change.size.abs())
     }
 
-    /// Whether an alarm of this kind stands and its condition holds.
+    /// True if an alarm of this kind is active and its condition holds.
     pub(crate) fn holds(&self, kind: Kind) -> bool {
         self.alarms
             .iter()
             .any(|alarm| alarm.kind == kind && alarm.cleared.is_none())
     }
 
-    /// The next segment: everything is learned anew; time and temperature go on, unless the clock was wrong.
+    /// Next segment: everything is learned again; time and temperature continue, unless the clock was wrong.
     pub fn next_segment(&self, reason: Opening, key: String, anew_in_time: bool) -> Self {
         let mut next = Self::new(self.rod.clone(), key);
         next.segment.number = self.opened.max(self.segment.number) + 1;
@@ -195,12 +196,12 @@ impl State {
         self
     }
 
-    /// Whether the drift watch has seen this many periods: limits count from then on.
+    /// True if the drift watch has seen this many periods: limits apply from then on.
     pub(crate) fn has_learned(&self, periods: usize) -> bool {
         self.watch.get().is_some_and(|watch| watch.periods() >= periods)
     }
 
-    /// Whether a record of this very time waits already.
+    /// True if a record of the same time waits already.
     pub(crate) fn has_record_of(&self, start: Timestamp) -> bool {
         self.learning
             .binary_search_by_key(&start, |known| known.start)

@@ -1,4 +1,4 @@
-//! The fold: one `step` per record, in the order records come.
+//! The fold: one `step` per record, in order of arrival.
 
 use super::explain::explain;
 use super::monitor;
@@ -13,27 +13,27 @@ use crate::analysis::track::plausibility::{JUMP_S, Peer};
 use crate::analysis::track::relative::Shift;
 use std::sync::Arc;
 
-/// Records in a row that show a loss beyond doubt.
+/// Number of records in a row that show a certain loss.
 const LOSS_RECORDS: usize = 2;
 
-/// Silence worth an alarm is at least this many times the usual distance between records.
+/// Least silence worth an alarm, in usual distances between records.
 const SILENCE_INTERVALS: f64 = 3.5;
 
-/// One rod's fold: what it remembers and what follows from it.
+/// One rod's fold: its state and the data derived from it.
 #[derive(Clone)]
 pub struct Tracker {
     pub(crate) plan: Arc<TrackPlan>,
     pub(crate) state: State,
-    /// The baseline, made ready for records.
+    /// The baseline, prepared for records.
     pub(crate) shift: Option<Shift>,
-    /// The provisional baseline, made ready for records.
+    /// The provisional baseline, prepared for records.
     pub(crate) early_shift: Option<Shift>,
-    /// News that nobody took yet.
+    /// Alarm events not yet taken.
     pub(super) news: Vec<AlarmEvent>,
 }
 
 impl Tracker {
-    /// A rod of which nothing is known yet.
+    /// A tracker of a rod without records.
     pub fn new(plan: Arc<TrackPlan>) -> Self {
         let state = plan.blank();
         Self {
@@ -45,8 +45,8 @@ impl Tracker {
         }
     }
 
-    /// Goes on where a state left off. If what gives the numbers their meaning has changed since, a new segment begins
-    /// and the alarms' conditions end; what nobody acknowledged goes on standing.
+    /// Resumes from a state. If the meaning of the numbers has changed since, a new segment begins and the
+    /// alarms' conditions end; unacknowledged alarms stay active.
     pub fn resume(plan: Arc<TrackPlan>, state: State) -> (Self, Vec<AlarmEvent>) {
         let shift = state
             .segment
@@ -85,37 +85,38 @@ impl Tracker {
         (tracker, events)
     }
 
-    /// What it depends on besides its records.
+    /// Plan of the tracking.
     pub fn plan(&self) -> &TrackPlan {
         &self.plan
     }
 
-    /// What must survive a restart.
+    /// State that must survive a restart.
     pub fn state(&self) -> &State {
         &self.state
     }
 
-    /// This rod as other rods' records are compared with.
+    /// This rod as a peer for other rods' records.
     pub fn as_peer(&self) -> Peer {
         self.state.plausibility.as_peer(&self.state.rod)
     }
 
-    /// Begins a new baseline because somebody asked for it. If records have been older than periods already closed of
-    /// late, the clock was wrong before, and time begins anew too. `time`: event time; by default the latest record's.
+    /// Begins a new baseline on request. If recent records were older than periods already closed, the clock
+    /// was wrong before, and time starts again too. `time`: event time; by default the latest record's.
     pub fn rebaseline(&mut self, time: Option<Timestamp>) -> Vec<AlarmEvent> {
         let is_behind = self.state.plausibility.is_behind(self.plan.alarm.sensor_records);
         self.open_segment(Opening::Requested, is_behind, time.or(self.state.latest));
         self.take_news()
     }
 
-    /// Somebody knows of an alarm; the news, none if there is no such alarm or it was acknowledged before.
+    /// Acknowledges an alarm; returns the events, none if there is no such alarm or it was acknowledged
+    /// before.
     pub fn acknowledge(&mut self, id: &str, time: Timestamp) -> Vec<AlarmEvent> {
         self.on_board(|board| board.acknowledge(id, time));
         self.take_news()
     }
 
-    /// Looks at the clock without a record: tells when there is no data. What nobody acknowledged is told again by the
-    /// clock only in such a silence: while records come they do it, at their times, as in a replay.
+    /// Checks the clock without a record: raises the alarm of missing data. The clock repeats unacknowledged
+    /// alarms only in such a silence: while records come, they do it at their times, as in a replay.
     pub fn look_at_clock(&mut self, now: Timestamp) -> Vec<AlarmEvent> {
         self.look_for_silence(now);
         self.repeat_in_silence(now)
@@ -144,8 +145,8 @@ impl Tracker {
         self.take_news()
     }
 
-    /// Takes temperatures that came with no record; whether they said anything new. Those not later than what the low
-    /// passes have seen, and those a wrong clock dated, are left out.
+    /// Takes temperatures that belong to no record; returns true if any were new. Those not later than the
+    /// low passes' last reading, and those dated by a wrong clock, are left out.
     pub fn take_readings(&mut self, readings: &[Reading]) -> bool {
         let known = |state: &State| {
             (
@@ -159,12 +160,12 @@ impl Tracker {
         known(&self.state) != before
     }
 
-    /// Takes one record of a rod that is alone. `peers`: rods whose channels may be mistaken for its own.
+    /// Takes one record of a rod without others. `peers`: rods whose channels may be mistaken for its own.
     pub fn step(&mut self, input: &Input, peers: &[Peer]) -> Verdict {
         self.step_beside(input, peers, &Others::default())
     }
 
-    /// Takes one record of a rod beside the others of its site.
+    /// Takes one record of a rod with the others of its site.
     pub fn step_beside(&mut self, input: &Input, peers: &[Peer], others: &Others) -> Verdict {
         let alone = Others::default();
         let others = if self.plan.alarm.compare_rods {
@@ -205,7 +206,7 @@ impl Tracker {
         verdict
     }
 
-    /// How the rod stands.
+    /// State of the rod.
     pub fn rod_state(&self) -> RodState {
         let state = &self.state;
         let measurement = |kind: Kind| matches!(kind, Kind::Sensor | Kind::NoData);
@@ -272,8 +273,8 @@ impl Tracker {
         std::mem::take(&mut self.news)
     }
 
-    /// The event time at which something becomes known with a record that claims to be of `time`: a clock that is behind
-    /// or far ahead dates nothing.
+    /// The event time at which something becomes known with a record that claims to be of `time`: the time of
+    /// a clock that is behind or far ahead is not used.
     pub(crate) fn known_at(&self, time: Timestamp) -> Timestamp {
         match self.state.latest {
             Some(latest) if !(0.0..=JUMP_S).contains(&time.seconds_since(latest)) => latest,
@@ -281,7 +282,7 @@ impl Tracker {
         }
     }
 
-    /// Takes a look at a condition, and raises or ends its alarm.
+    /// Checks a condition, and raises or ends its alarm.
     pub(crate) fn look(
         &mut self,
         cause: Cause,
@@ -298,7 +299,7 @@ impl Tracker {
         }
     }
 
-    /// Takes a look at a condition.
+    /// Checks a condition.
     pub(crate) fn find(&mut self, cause: Cause, holds: Option<bool>) -> Finding {
         let alarm = &self.plan.alarm;
         let raise = match cause {
@@ -309,7 +310,7 @@ impl Tracker {
         self.state.watches.look(cause, holds, raise, alarm.confirm)
     }
 
-    /// A record that could not be used.
+    /// Handles a record that could not be used.
     pub(crate) fn unusable(&mut self, reason: &str, time: Timestamp) {
         let patience = self.plan.alarm.sensor_records;
         self.look(Cause::Unusable, Some(true), time, || {
@@ -317,7 +318,7 @@ impl Tracker {
         });
     }
 
-    /// Tells if there has been no data for too long by `time`.
+    /// Raises the alarm of missing data if there has been none for too long by `time`.
     pub(crate) fn look_for_silence(&mut self, time: Timestamp) {
         let Some(latest) = self.state.latest else { return };
         let usual_s = self.state.usual_s().unwrap_or(0.0);
@@ -328,7 +329,7 @@ impl Tracker {
         }
     }
 
-    /// Tells again what nobody acknowledged; a drift with its present size.
+    /// Repeats unacknowledged alarms; a drift with its present size.
     fn repeat(&mut self, time: Timestamp) {
         let repeat_s = self.plan.alarm.repeat_s;
         let mut alarms = self.state.alarms.iter();

@@ -1,4 +1,4 @@
-//! What came of one record, and what it changed.
+//! Result of one record, and the changes it made.
 
 use crate::analysis::signal::record::{Reading, Timestamp};
 use crate::analysis::track::alarm::{Alarm, AlarmEvent};
@@ -8,12 +8,12 @@ use crate::analysis::track::plausibility::Doubt;
 use crate::analysis::track::relative::{Interval, Relative};
 use serde::{Deserialize, Serialize};
 
-/// What came of one record, as tracking sees it.
+/// Input of tracking from one record.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Input {
-    /// It gave frequencies.
+    /// The record gave frequencies.
     Identified(Observation),
-    /// It gave none.
+    /// The record gave no frequencies.
     Rejected {
         /// Time of the first sample, if known.
         start: Option<Timestamp>,
@@ -24,7 +24,7 @@ pub enum Input {
     },
 }
 
-/// How a rod stands.
+/// State of a rod.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "state", rename_all = "kebab-case")]
 pub enum RodState {
@@ -35,19 +35,19 @@ pub enum RodState {
         /// Periods learned so far.
         periods: usize,
     },
-    /// Followed, and nothing is wrong.
+    /// Tracked, without an active alarm.
     Monitoring,
-    /// Followed, and an alarm stands.
+    /// Tracked, with an active alarm.
     Alarm,
-    /// Not followed.
+    /// Not tracked.
     NotMonitoring {
-        /// Why.
+        /// Reason.
         reason: String,
     },
 }
 
 impl RodState {
-    /// The name in JSON and tables.
+    /// Name in JSON and tables.
     pub fn code(&self) -> &'static str {
         match self {
             Self::Learning { .. } => "learning",
@@ -58,7 +58,7 @@ impl RodState {
     }
 }
 
-/// Why a record does not count on the charts, if it does not.
+/// Reason why a record does not count on the charts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum SetAside {
@@ -74,12 +74,12 @@ pub enum SetAside {
     Channel,
     /// None of its modes is in the baseline.
     NoCommonMode,
-    /// It differs from the baseline by more than the model was prepared for.
+    /// It differs from the baseline by more than the prepared range.
     OutsideRange,
 }
 
 impl SetAside {
-    /// The name in JSON and tables.
+    /// Name in JSON and tables.
     pub fn code(self) -> &'static str {
         match self {
             Self::Late => "late",
@@ -103,25 +103,25 @@ impl From<&Doubt> for SetAside {
     }
 }
 
-/// What one record changed.
+/// Changes made by one record.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Verdict {
-    /// How the rod stands after it.
+    /// State of the rod after it.
     pub state: RodState,
-    /// The segment it belongs to.
+    /// Number of its segment.
     pub segment: u32,
     /// N_t / N_0 and N_t at the measured temperature.
     pub relative: Option<Relative>,
-    /// The same at the reference temperature; `None` while that cannot be said: the output is then
+    /// The same at the reference temperature; `None` while unknown: the output is then
     /// uncompensated.
     pub at_reference: Option<AtReference>,
-    /// Why the record does not count, if it does not.
+    /// Reason why the record does not count, if it does not.
     pub set_aside: Option<SetAside>,
-    /// Periods that closed.
+    /// Periods that it closed.
     pub closed: Vec<Period>,
-    /// What happened to alarms.
+    /// Alarm events, in order.
     pub events: Vec<AlarmEvent>,
-    /// Alarms that stand.
+    /// Active alarms after it.
     pub alarms: Vec<Alarm>,
 }
 

@@ -1,8 +1,9 @@
-//! Whether two channels show each other's rods: the odds of every explanation of what both show now.
+//! Decides if two channels show each other's rods, by the odds of every explanation of their present records.
 //!
-//! Each of two channels showed a rod's log-frequencies before, a and b, and shows y_a and y_b now. Weather moves all rods of a
-//! site together, `m ~ N(m_o, s_o^2)` in ln N as the other rods show it, and each by itself, `N(0, w^2)`; a change of ln N
-//! by u moves mode n by `s_n u`. The explanations are Gaussian laws of (y_a, y_b):
+//! Each of two channels had a rod's log-frequencies before, a and b, and has y_a and y_b now. Weather moves
+//! all rods of a site together, `m ~ N(m_o, s_o^2)` in ln N as the other rods show it, and each by itself,
+//! `N(0, w^2)`; a change of ln N by u moves mode n by `s_n u`. The explanations are Gaussian laws of (y_a,
+//! y_b):
 //!
 //! ```text
 //! as before         mean (a, b)
@@ -12,13 +13,14 @@
 //! exchanged         mean (b, a)
 //! ```
 //!
-//! An exchange is believed only where both channels show it, each further from what it showed before than the weather
-//! goes: a force that falls to another rod's frequencies while that rod goes on as before is `one rod on both` at most, which
-//! a change of force explains as well, however unlikely it is that a force falls just so far.
+//! An exchange is accepted only where both channels show it, each further from its earlier modes than the
+//! weather explains: a force that falls to another rod's frequencies while that rod is unchanged is
+//! `one rod on both` at most, which a change of force explains as well, however unlikely a fall by just that
+//! amount.
 
 use crate::analysis::track::observation::LogMode;
 
-/// Probability of each explanation but `as before` beforehand, by it; a change of both rods at once has its square.
+/// Prior odds of each explanation against `as before`; a change of both rods at once has its square.
 const RARE: f64 = 1e-3;
 /// Standard deviation of ln N under a changed force: a loss of 40 % is 0.5.
 const CHANGE_SD: f64 = 0.3;
@@ -29,29 +31,30 @@ const APART: f64 = 0.3;
 const APART_LEAST: f64 = 2e-3;
 /// Share of its move by which a mode may leave the shape `s_n` of a change of ln N.
 const SHAPE: f64 = 0.1;
-/// Stated errors of frequencies are taken for this many times as large, and no less than this.
+/// Factor on the stated errors of frequencies, and their least value.
 const WIDER: f64 = 1.5;
 const LEAST_SD: f64 = 1e-4;
-/// Move of ln N within an hour, and the most within any time, where no other rod says what the weather did.
+/// Move of ln N within an hour, and the most within any time, where no other rod shows the effect of the
+/// weather.
 const HOUR_SD: f64 = 0.03;
 const MOST_SD: f64 = 0.1;
 /// Standard deviations of the weather beyond which a channel shows a change.
 const BEYOND: f64 = 4.0;
-/// Share of its size by which the weather the other rods show may be off.
+/// Relative error of the weather's effect by the other rods.
 const WITNESS: f64 = 0.1;
-/// How far off it may be besides, as shown by one rod and by several.
+/// Further error of that effect, by one rod and by several.
 const WITNESS_SD: [f64; 2] = [0.008, 0.004];
 
 /// Frequencies of one channel before and now.
 #[derive(Debug, Clone, Copy)]
 pub struct Channel<'a> {
-    /// The modes of the rod it belongs to, as it showed them last.
+    /// Latest modes of the rod it belongs to.
     pub before: &'a [LogMode],
-    /// What it shows now; `None` if it has shown nothing since.
+    /// Present modes; `None` if there are none since.
     pub now: Option<&'a [LogMode]>,
 }
 
-/// Probabilities of what explains the channels.
+/// Probabilities of the explanations of the channels' records.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Odds {
     /// Both rods are as before, but for the weather.
@@ -64,8 +67,8 @@ pub struct Odds {
     pub other: f64,
 }
 
-/// How far two channels at one time are from showing one rod: misfit by its 99.9 % bound, below one if they may. `hours`
-/// between them \[h\]. `None` with fewer than two modes in common.
+/// Unlikeness of two channels at one time: misfit to showing one rod over its 99.9 % bound, below one if they
+/// may. `hours` between them \[h\]. `None` with fewer than two modes in common.
 pub fn unlikeness(first: &[LogMode], second: &[LogMode], hours: f64) -> Option<f64> {
     let orders = common(first, second);
     if orders.len() < 2 {
@@ -84,7 +87,7 @@ pub fn unlikeness(first: &[LogMode], second: &[LogMode], hours: f64) -> Option<f
     Some(misfit / (freedom * (1.0 - scale + 3.09 * scale.sqrt()).powi(3)))
 }
 
-/// Orders both have.
+/// Orders that both have.
 fn common(one: &[LogMode], other: &[LogMode]) -> Vec<usize> {
     let orders = one.iter().map(|mode| mode.order);
     orders
@@ -94,15 +97,15 @@ fn common(one: &[LogMode], other: &[LogMode]) -> Vec<usize> {
 
 /// Two channels over one stretch of time.
 pub struct Pair {
-    /// What the channels showed before, and what one or both show now.
+    /// Modes of the channels before, and the present ones of one or both.
     before: [Rod; 2],
     now: Vec<Rod>,
     weather: Weather,
 }
 
 impl Pair {
-    /// Channels the first of which shows something now. `moves`: ln N of the other rods since then; `hours` since then \[h\].
-    /// `None` with fewer than two modes in common.
+    /// A pair of channels, of which the first has present modes. `moves`: ln N of the other rods since then;
+    /// `hours` since then \[h\]. `None` with fewer than two modes in common.
     pub fn new(first: Channel<'_>, second: Channel<'_>, moves: &[f64], hours: f64) -> Option<Self> {
         let now = first.now?;
         let mut orders = common(now, first.before);
@@ -116,7 +119,7 @@ impl Pair {
         let before = [of(first.before)?, of(second.before)?];
         let seen = [Some(now), second.now].into_iter().flatten();
         let now: Vec<Rod> = seen.map(of).collect::<Option<_>>()?;
-        // What both moved by together is the same whether they are exchanged or not.
+        // The common part of both moves is the same with or without an exchange.
         let together = match &now[..] {
             [first, second] => 0.5 * (before[0].move_to(first) + before[1].move_to(second)),
             _ => 0.0,
@@ -128,7 +131,8 @@ impl Pair {
         })
     }
 
-    /// True if both channels show something now, and each further from what it showed before than the weather goes.
+    /// True if both channels have present modes, each further from its earlier ones than the weather
+    /// explains.
     pub fn both_changed(&self) -> bool {
         let (mean, variance) = self.weather.shared;
         let is_beyond = |(rod, seen): (&Rod, &Rod)| {
@@ -204,13 +208,13 @@ enum Change {
 
 /// Effect of the weather on ln N.
 struct Weather {
-    /// Mean and variance of what all rods move by together.
+    /// Mean and variance of the common move of all rods.
     mean: f64,
     variance: f64,
-    /// Variance of what each moves by itself.
+    /// Variance of the move of each rod alone.
     apart: f64,
-    /// Mean and variance of what the two rods moved by together: where no other rod shows it, half of the sum of their moves,
-    /// in which an exchange cancels, and of a change of one rod half is left, which widens `apart`.
+    /// Mean and variance of the common move of the two rods: where no other rod shows it, half of the sum of
+    /// their moves, in which an exchange cancels; half of a change of one rod remains, which widens `apart`.
     shared: (f64, f64),
 }
 
@@ -240,7 +244,7 @@ impl Weather {
     }
 }
 
-/// A rod's modes, with how ln N moves them.
+/// A rod's modes, with their slopes by ln N.
 struct Rod {
     log_frequency: Vec<f64>,
     variance: Vec<f64>,
@@ -283,13 +287,13 @@ impl Rod {
         })
     }
 
-    /// Variance of the change of ln N to what is seen.
+    /// Variance of the change of ln N to the modes seen.
     fn variance_to(&self, seen: &Rod) -> f64 {
         let information = |n: usize| self.slope[n].powi(2) / (self.variance[n] + seen.variance[n]);
         1.0 / (0..self.slope.len()).map(information).sum::<f64>()
     }
 
-    /// Least squares change of ln N to what is seen.
+    /// Least-squares change of ln N to the modes seen.
     fn move_to(&self, seen: &Rod) -> f64 {
         let (mut top, mut bottom) = (0.0, 0.0);
         for n in 0..self.slope.len() {
@@ -301,7 +305,7 @@ impl Rod {
     }
 }
 
-/// Log density of what is seen if the channels show these rods, changed like this.
+/// Log density of the modes seen if the channels show these rods, changed like this.
 #[allow(clippy::needless_range_loop, reason = "rows and columns have numbers")]
 fn log_density(
     seen: &[Rod],
@@ -320,7 +324,7 @@ fn log_density(
         for n in 0..rod.slope.len() {
             residuals.push(seen.log_frequency[n] - rod.log_frequency[n] - rod.slope[n] * weather.mean);
             slopes.push(rod.slope[n]);
-            // A move of this size is bounded by what the explanation allows.
+            // The size of a move is limited to that of its explanation.
             let allowed = match change {
                 Change::None => u.clamp(-0.1, 0.1),
                 Change::Force | Change::Any => u.clamp(-1.0, 1.0),

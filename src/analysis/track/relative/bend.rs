@@ -13,14 +13,14 @@ pub struct Bend {
     pub cube: f64,
 }
 
-/// Changes u at which the bend of the ratio is looked at.
+/// Changes u at which the bend of the ratio is evaluated.
 const BEND_AT: [f64; 8] = [-0.45, -0.35, -0.25, -0.12, 0.12, 0.2, 0.28, 0.35];
 
 impl Shift {
     /// The bend of N_t / N_0 - 1 that the particles leave open. If one particle is the rod, the mean of all, every mode counting
-    /// alike, reads y(x) instead of x; what is left of y beside its best straight line through zero, over a range of changes, has one
-    /// principal component over the particles, and the bend is that component with its standard deviation, as a square and a
-    /// cube of x.
+    /// alike, reads y(x) instead of x; the residual of y to its best straight line through zero, over a range
+    /// of changes, has one principal component over the particles, and the bend is that component with its
+    /// standard deviation, as a square and a cube of x.
     pub fn bend(&self) -> Bend {
         *self.bend.get_or_init(|| self.find_bend())
     }

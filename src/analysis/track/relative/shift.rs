@@ -1,27 +1,27 @@
-//! How a particle's log-frequencies move with u = ln(N / N_0): polynomials, and what one record makes of them.
+//! Shifts of a particle's log-frequencies by u = ln(N / N_0) as polynomials, and their use for one record.
 
 use crate::analysis::numerics::simd::{Kernel, vectorised};
 use crate::analysis::rod::beam::forward::ForwardModel;
 use crate::analysis::track::baseline::particles::log_frequencies_of;
 use std::f64::consts::PI;
 
-/// Range of u that is prepared: from a loss of 55 % to a gain of 82 %.
+/// Lower end of the prepared range of u: from a loss of 55 % to a gain of 82 %.
 pub(crate) const LOW: f64 = -0.8;
-/// See [`LOW`].
+/// Upper end of the range, see [`LOW`].
 pub(crate) const HIGH: f64 = 0.6;
 
 /// Degree of the polynomials. ln f is analytic in u as far as N = 0 (Im u = pi), so that each degree gains about a digit.
 const DEGREE: usize = 9;
-/// Their coefficients.
+/// Number of their coefficients.
 pub(crate) const TERMS: usize = DEGREE + 1;
 
-/// Particles that are worked on at once.
+/// Number of particles worked on at once.
 pub(crate) const LANES: usize = 8;
 
 /// Gauss-Newton steps of each particle from the common estimate; each squares an error that is a percent at first.
 const STEPS: usize = 2;
 
-/// By how much proposals are wider than the linearised posterior, so that no weight is large.
+/// Factor by which proposals are wider than the linearised posterior, so that no weight is large.
 const WIDER: f64 = 1.05;
 
 /// One number for each particle of a block.
@@ -38,7 +38,7 @@ pub(crate) struct Polynomials {
 /// The modes of one record beside the baseline's.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Seen {
-    /// Which of the prepared modes.
+    /// Index of the prepared mode.
     pub mode: usize,
     /// z: ln f less the baseline's.
     pub z: f64,
@@ -47,7 +47,8 @@ pub(crate) struct Seen {
 }
 
 impl Polynomials {
-    /// For the modes of `orders`, of the particles with an answer over the whole range; their places come with it.
+    /// Polynomials for the modes of `orders`, of the particles with an answer over the whole range, with
+    /// their indices.
     pub fn new(thetas: &[f64], orders: &[usize], model: &dyn ForwardModel) -> (Self, Vec<usize>) {
         let width = model.parameterisation().len();
         let highest = orders.iter().copied().max().unwrap_or(0);
@@ -98,7 +99,7 @@ impl Polynomials {
         (Self { modes, coefficients }, places)
     }
 
-    /// How many blocks of particles there are.
+    /// Number of blocks of particles.
     pub fn blocks(&self) -> usize {
         self.coefficients.len() / (self.modes * TERMS)
     }
@@ -214,7 +215,7 @@ fn value_and_slope<const L: usize>(coefficients: &[[f64; L]], v: &[f64; L]) -> (
     (value, slope)
 }
 
-/// Where u is proposed.
+/// Distribution from which u is proposed.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum Proposal {
     /// Around each particle's own estimate, from the common one; the lattice holds standard normals.
@@ -229,19 +230,19 @@ pub(crate) struct Draws<'a> {
     pub polynomials: &'a Polynomials,
     /// The record.
     pub seen: &'a [Seen],
-    /// Draws per particle.
+    /// Number of draws per particle.
     pub per_particle: usize,
-    /// How u is proposed.
+    /// Distribution from which u is proposed.
     pub proposal: Proposal,
-    /// The points u is made from, block by block and within a block draw by draw.
+    /// Points from which u is made, block by block and within a block draw by draw.
     pub lattice: &'a [Lanes],
-    /// From which block of the lattice on.
+    /// Index of the first block of the lattice.
     pub offset: usize,
     /// u, draw by draw and within a draw block by block.
     pub u: &'a mut [Lanes],
     /// ln of the weight without its factor.
     pub log_weight: &'a mut [Lanes],
-    /// The factor.
+    /// Factor of the weight.
     pub factor: &'a mut [Lanes],
 }
 

@@ -1,8 +1,9 @@
-//! Standstills of a thermometer: whether so many equal readings in a row are weather, or a dead thermometer.
+//! Standstills of a thermometer: decides if many equal readings in a row are weather, or a dead thermometer.
 //!
-//! A standstill is a run of equal readings. It is looked at when it begins and every [`LOOK_S`] or, with sparser readings, at
-//! every one. Given that it has lasted for j looks it goes on with probability p_j, learned from the thermometer's own
-//! standstills, so that resolution, noise, the weather's variation and calm spells are in it:
+//! A standstill is a run of equal readings. It is checked when it begins and every [`LOOK_S`] or, with
+//! sparser readings, at every one. Given that it has lasted for j looks it goes on with probability p_j,
+//! learned from the thermometer's own standstills, which covers resolution, noise, the weather's variation
+//! and calm spells:
 //!
 //! ```text
 //! p_1 ~ Beta about q f(0),   p_j ~ Beta about p_(j-1),   p_j = p_last beyond the last
@@ -10,24 +11,25 @@
 //!
 //! with q the smallest step seen and f(0) the density of steps about none. A standstill of n looks comes (year / interval of the readings)
 //! p_1 ... p_(n-1) times a year at most: one that should come less than [`DEAD_A_YEAR`] times is a dead thermometer, one that should come
-//! less than [`HELD_A_YEAR`] times waits for what follows.
+//! less than [`HELD_A_YEAR`] times waits for later readings.
 
 use crate::analysis::signal::record::{Reading, Timestamp};
 use serde::{Deserialize, Serialize};
 
 /// Least time between looks \[s\].
 const LOOK_S: f64 = 3000.0;
-/// Looks whose standstills are counted apart.
+/// Number of looks whose standstills are counted separately.
 const KNOWN: usize = 16;
-/// Looks as which the guess of a probability counts.
+/// Weight of the guess of a probability, in looks.
 const GUESS: f64 = 4.0;
-/// Steps that are remembered, and from how many on anything is said.
+/// Number of steps remembered, and fewest steps for a judgement.
 const STEPS: usize = 64;
 const LEAST_STEPS: usize = 10;
-/// Standstills so rare that they are none of the weather, and so rare that their readings wait \[1 / year\].
+/// Rates below which a standstill is not weather, and below which its readings wait \[1 / year\].
 const DEAD_A_YEAR: f64 = 0.05;
 const HELD_A_YEAR: f64 = 12.0;
-/// Looks of a dead thermometer, at least: 12, or 3 that span this time \[s\]. Weather is stiller than it was so far now and then.
+/// Looks of a dead thermometer, at least: 12, or 3 that span this time \[s\]. Now and then weather is calmer
+/// than ever before.
 const LEAST_LOOKS: usize = 12;
 const LEAST_SPARSE_LOOKS: usize = 3;
 const LEAST_S: f64 = 36.0 * 3600.0;
@@ -40,7 +42,7 @@ const YEAR_S: f64 = 365.25 * 86_400.0;
 pub(super) enum Still {
     /// Weather.
     No,
-    /// Too rare to be believed yet.
+    /// Too rare to be trusted yet.
     Held,
     /// A dead thermometer.
     Dead,
@@ -49,15 +51,16 @@ pub(super) enum Still {
 /// Memory of standstills.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Standstill {
-    /// First and last look of the present run, and how many looks it has.
+    /// First and last look of the present run, and its number of looks.
     run: Option<(Reading, Timestamp, usize)>,
-    /// Looks at which a run of so many could end, and did not; the last for all longer ones.
+    /// Per length of a run in looks, number of looks at which it could end and did not; the last for all
+    /// longer ones.
     stayed: Vec<u32>,
-    /// Looks at which it ended.
+    /// Per length of a run in looks, number of looks at which it ended.
     ended: Vec<u32>,
-    /// Sizes of the last steps that were not none \[K\].
+    /// Sizes of the last non-zero steps \[K\].
     steps: Vec<f64>,
-    /// Place of the next step.
+    /// Index of the next step.
     next: usize,
     /// Time of the last reading, and the usual time between readings \[s\].
     latest: Option<Timestamp>,
@@ -70,7 +73,7 @@ impl Standstill {
         self.run.map(|(first, _, _)| first.time)
     }
 
-    /// Takes a reading later than all before.
+    /// Takes a reading, later than all before.
     pub fn take(&mut self, reading: &Reading) -> Still {
         let Some((first, last, looks)) = self.run else {
             self.run = Some((*reading, reading.time, 1));
@@ -103,7 +106,8 @@ impl Standstill {
         }
     }
 
-    /// Learns from a run that ended. One that was judged dead teaches only how far it was like others: its end is no example.
+    /// Learns from a run that ended. One judged dead counts only as far as it was like others: its end is no
+    /// example.
     fn end(&mut self, first: Reading, last: Timestamp, looks: usize) {
         self.stayed.resize(KNOWN, 0);
         self.ended.resize(KNOWN, 0);
@@ -128,7 +132,7 @@ impl Standstill {
         self.next = (self.next + 1) % STEPS;
     }
 
-    /// Judgement of a run of so many looks.
+    /// Judgement of a run of `looks` looks.
     fn judge(&self, first: Reading, last: Timestamp, looks: usize) -> Still {
         if looks < 2 || self.steps.len() < LEAST_STEPS {
             return Still::No;
@@ -145,7 +149,7 @@ impl Standstill {
         }
     }
 
-    /// Expected number a year of standstills of so many looks, at most.
+    /// Upper bound of the expected number of standstills of `looks` looks a year.
     fn a_year(&self, looks: usize) -> f64 {
         let mut log = libm::log(YEAR_S / self.interval_s.max(1.0));
         let mut p = self.chance_of_none();
@@ -162,7 +166,7 @@ impl Standstill {
         libm::exp(log)
     }
 
-    /// q f(0): the chance of a step of none from those about it.
+    /// q f(0): the chance of a zero step, from the steps about zero.
     fn chance_of_none(&self) -> f64 {
         let mut steps = self.steps.clone();
         steps.sort_by(f64::total_cmp);
@@ -194,7 +198,7 @@ mod tests {
         day_k: f64,
         weather_k: f64,
         slow_k: f64,
-        /// Days from death after 200 days to its finding, at most in half of the cases; 0: not within 60 days.
+        /// Median of the days from death after 200 days to detection, at most; 0: not within 60 days.
         found_d: f64,
     }
 
@@ -274,7 +278,7 @@ mod tests {
             readings
         }
 
-        /// False findings, and the share of readings that waited.
+        /// Number of false findings, and share of readings that waited.
         fn false_findings(&self, years: f64, seed: u64) -> (usize, f64) {
             let mut standstill = Standstill::default();
             let (mut count, mut held, mut was_dead) = (0, 0, false);
@@ -289,7 +293,7 @@ mod tests {
             (count, held as f64 / readings.len() as f64)
         }
 
-        /// Days from the death of the thermometer to its finding.
+        /// Days from the death of the thermometer to its detection.
         fn found_after(&self, death_d: f64, seed: u64) -> Option<f64> {
             let mut standstill = Standstill::default();
             let mut stuck = None;
@@ -309,7 +313,7 @@ mod tests {
         }
     }
 
-    /// Days after which the dead of several seeds were found: median and nine of ten.
+    /// Days to detection over several seeds: median and 90 % quantile.
     fn delays(world: &World, death_d: f64, seeds: u64) -> [f64; 2] {
         let mut delays: Vec<f64> = (0..seeds)
             .map(|seed| {
@@ -370,7 +374,7 @@ mod tests {
         }
     }
 
-    /// A dead thermometer teaches nothing: its next death is found as soon.
+    /// A dead thermometer is not learned from: its next death is found as soon.
     #[test]
     fn a_death_is_no_example_of_calm_weather() {
         let world = &WORLDS[0];

@@ -141,7 +141,7 @@ pub(in crate::recording::import) fn number(cell: &str, decimal_comma: bool) -> O
     if !decimal_comma {
         return cell.parse().ok();
     }
-    // A point beside decimal commas would stand for thousands.
+    // A point beside decimal commas would separate thousands.
     if cell.contains('.') {
         return None;
     }

@@ -95,7 +95,7 @@ impl Columns {
         let time_unit = match (table.time_unit, of_head) {
             (Some(unit), _) => Ok(unit),
             (None, None) => Ok(TimeUnit::S),
-            // Heads of dates say other things: "UTC", "local".
+            // Heads of date columns have other words: "UTC", "local".
             (None, Some(head)) => TimeUnit::of(head).ok_or_else(|| head.to_owned()),
         };
         let mut skipped = Vec::new();
@@ -127,7 +127,7 @@ impl Columns {
             .iter()
             .map(|(place, is_named)| column(*place, *is_named))
             .collect();
-        // Without stamps a column that nobody wants may contradict a rate that somebody says.
+        // Without stamps, an unused column may contradict a given rate.
         let could_be_time =
             |place: &usize| *place == 0 || names.get(*place).is_some_and(|name| is_time_name(name));
         let witnesses = (0..width)
@@ -167,7 +167,7 @@ impl Columns {
     }
 
     pub(super) fn push(&mut self, row: &[String], line: u32) -> Result<(), ImportError> {
-        // A line of delimiters alone is a sample that is missing, if no stamp tells it.
+        // Without stamps, a line of delimiters alone is a missing sample.
         if row.is_empty() || (is_blank(row) && !self.time.is_empty()) {
             return Ok(());
         }

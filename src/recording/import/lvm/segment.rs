@@ -89,7 +89,7 @@ impl Segment {
                 });
             }
         }
-        // Behind the channels stands a comment, and perhaps a separator.
+        // The channels are followed by a comment, and perhaps a separator.
         let count = match said {
             Some(said) if said >= 0.0 && said.fract() == 0.0 => said as usize,
             _ => segment

@@ -233,7 +233,7 @@ fn names(path: &str) -> Result<Vec<String>, String> {
         loop {
             let (before, behind) = rest.split_once('\'').ok_or_else(refuse)?;
             name.push_str(before);
-            // Two quotes stand for one.
+            // Two quotes encode one.
             match behind.strip_prefix('\'') {
                 Some(behind) => {
                     name.push('\'');

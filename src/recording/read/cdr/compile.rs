@@ -40,7 +40,7 @@ pub(super) fn compile(
     };
     let ops = compiler.message(&parsed.spec, Some(value.steps()), time.map(FieldPath::steps), 0)?;
     if !compiler.value_found || (time.is_some() && !compiler.time_found) {
-        // The compiler reports what it cannot find; this is only for paths it never reached.
+        // The compiler reports fields that it cannot find; this covers only paths it never reached.
         let path = if compiler.value_found {
             time.unwrap_or(value)
         } else {

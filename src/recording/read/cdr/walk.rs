@@ -35,7 +35,7 @@ impl Taken<'_> {
             (Use::Stamp, Number::Float(seconds)) => self.stamp = stamp::from_seconds(seconds),
             (Use::Seconds, Number::Integer(seconds)) => self.seconds = Some(seconds),
             (Use::Nanos, Number::Integer(nanos)) => self.nanos = Some(nanos),
-            // Seconds and nanoseconds as floats are no time; what is missing is reported.
+            // Seconds and nanoseconds as floats are not a time; the missing part is reported.
             (Use::Seconds | Use::Nanos, Number::Float(_)) => {}
         }
     }

@@ -84,7 +84,7 @@ async function draw() {
   }
   more.hidden = !next;
   list.replaceChildren(alarms.length
-    ? table("Times are UTC, those of the data that raised it.", [["raised"], ["rod"], ["kind"], ["what it says"], ["is"], [""]], alarms.map(row))
+    ? table("Times are UTC, those of the data that raised it.", [["raised"], ["rod"], ["kind"], ["what it says"], ["is"], ["to do"]], alarms.map(row))
     : el("p", {}, onlyStanding ? "No alarm stands." : "There was no alarm."));
 }
 

@@ -1,4 +1,4 @@
-// What every document of the page shares: asking the server, building elements, numbers for people, the live stream.
+// Functions shared by every document of the page: requests, elements, formatted numbers, the live stream.
 
 export async function ask(path, options) {
   const response = await fetch(path, { headers: { accept: "application/json" }, ...options });
@@ -40,7 +40,7 @@ export const percent = (ratio, digits = 2) => {
   return (value > 0 ? "+" : "") + fixed(value, digits);
 };
 
-// The day that a time is nearest to the minute: onsets are days, and a rounding must not put them into the day before.
+// Day of a time rounded to the minute: onsets are whole days, and rounding must not move them to the day before.
 export const day = (text) => new Date(Date.parse(text) + 30_000).toISOString().slice(0, 10);
 export const time = (text) => text ? text.slice(0, 16).replace("T", " ") : "-";
 
@@ -62,14 +62,14 @@ function ago(s) {
   return `${Math.max(Math.floor(s), 0)} s ago`;
 }
 
-// Data are stale from this age on [s]: the silence that is told as an alarm, or 3.5 times the usual distance of records; at once if the
-// alarm stands. null: nobody said.
+// Age from which data are stale [s]: the silence that raises an alarm, at least 3.5 times the usual distance of records; zero while
+// that alarm is active, null if unknown.
 export function staleAfter(status, silence_s, usual_s) {
   if (status.alarms.some((alarm) => alarm.kind === "no-data" && !alarm.cleared)) return 0;
   return silence_s === null ? null : Math.max(silence_s, 3.5 * usual_s);
 }
 
-// The age of data, which goes on.
+// Age of the data, updated as time passes.
 export function age(text, stale_s) {
   const element = el("span", { class: "age" });
   const tell = () => {
@@ -83,7 +83,7 @@ export function age(text, stale_s) {
 }
 setInterval(() => document.querySelectorAll(".age").forEach((element) => element.dispatchEvent(new Event("tick"))), 5_000);
 
-// In the head of the page, apart from the connection: how old the latest of what it shows is.
+// Shows the age of the latest data in the head of the page, separate from the state of the connection.
 export function newest(text, stale_s) {
   document.getElementById("newest").replaceChildren("latest record ", age(text, stale_s));
 }
@@ -92,7 +92,7 @@ export function newest(text, stale_s) {
 export const interval = (values, show) =>
   values ? [show(values.mean), el("small", {}, `${show(values.q025)} to ${show(values.q975)}`)] : ["-"];
 
-// The force that stands for a rod, with its mark: given the baseline, else that of the latest record alone.
+// Force shown for a rod, with its mark: given the baseline, else that of the latest record alone.
 const DOUBTS = {
   conflict: "model and data disagree: the force may be wrong by more than its interval says",
   prior: "hardly any rod of the prior has these frequencies: check length, section, material and expected force",
@@ -119,7 +119,7 @@ export function why(status) {
   return status.state_reason;
 }
 
-// The next thing that a rod waits for, while it is not yet followed.
+// Next condition that a rod waits for before it is followed.
 export function next(status) {
   if (status.records === 0) return "no record has come yet; next, look whether its channel sends under the topic of the configuration; its first record shows the force.";
   const goals = status.learning_takes;
@@ -140,12 +140,12 @@ export function alarmNote(alarm, link = true) {
       link ? el("a", { href: "/alarms" }, "alarms") : null));
 }
 
-// Fills the content. It stays unseen until it was drawn once, so that nothing moves under the eyes.
+// Replaces the content. The document hides it until it has been drawn once, so that nothing moves.
 export function show(content, ...children) {
   content.replaceChildren(...children.flat());
 }
 
-// Says why there is no answer, above what was drawn before; what was never drawn stays away.
+// Shows the reason for a missing answer above the present content; content that was never drawn stays hidden.
 function failed(content, error) {
   const words = error.status ? error.message.charAt(0).toUpperCase() + error.message.slice(1) : `The server did not answer: ${error.message}`;
   document.querySelector(".failed")?.remove();
@@ -186,7 +186,7 @@ export function live(draw) {
       light.className = "off";
       light.textContent = "not connected, trying again";
       if (!isBegun) redraw();
-      // A server that refuses the stream ends it; the browser alone does not ask again.
+      // After a server refuses the stream, the browser does not try again by itself.
       if (stream.readyState === EventSource.CLOSED) setTimeout(connect, 10_000);
     };
   };

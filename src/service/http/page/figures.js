@@ -1,4 +1,4 @@
-// The figures of a rod's page: what each plot is drawn from.
+// Data of each plot on a rod's page.
 
 import { degrees, fixed, time } from "./common.js";
 
@@ -12,7 +12,7 @@ const kN = (newtons) => newtons / 1e3;
 // ` at 11.1 °C`, the reference temperature of the present segment.
 export const atReference = (rod) => (rod.reference_temperature_c === null ? "at the reference temperature" : `at ${degrees(rod.reference_temperature_c)}`);
 
-// What happened to a rod, for the strip above a plot and the list of events: when, its sign, and in words.
+// Events of a rod with time, sign and text, for the strip above a plot and the list of events.
 export function events(rod, alarms) {
   const list = [];
   const add = (at, symbol, shade, text, more = {}) => at && list.push({ at: Date.parse(at), symbol, shade, text: `${time(at)} UTC: ${text}`, words: text, ...more });
@@ -28,7 +28,7 @@ export function events(rod, alarms) {
   return list.sort((a, b) => a.at - b.at);
 }
 
-// Baselines green, the onset of a drift with its 95 % interval red.
+// Marks baselines in green and the onset of a drift, with its 95 % interval, in red.
 function stretchesOf(rod, alarms) {
   const baselines = rod.segments.map((segment) => segment.baseline).filter(Boolean)
     .map(([from, to]) => ({ from: Date.parse(from), to: Date.parse(to), shade: "c3" }));
@@ -64,7 +64,7 @@ export function temperature(plot, history, axis) {
   return history.temperature_c.some((value) => value !== null);
 }
 
-// Each mode about its own median, so that all of them are seen; the names hold the medians.
+// Each mode relative to its own median, so that all are visible; the names show the medians.
 export function frequencies(plot, answer, axis) {
   const x = ms(answer.time);
   const series = answer.modes.map((mode, n) => {
@@ -79,7 +79,7 @@ export function frequencies(plot, answer, axis) {
   return series.length > 0;
 }
 
-// The force at each record's own temperature over that temperature, with what was learned of the two.
+// Force at each record's own temperature over that temperature, with the relation learned.
 export function thermal(plot, rod, history, alarms) {
   const force = history.tracked_force_n.mean, { temperature_c: t, relative_force: ratio } = history;
   const there = force.map((_, i) => i).filter((i) => force[i] !== null && t[i] !== null && !history.set_aside[i]);

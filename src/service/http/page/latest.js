@@ -1,4 +1,4 @@
-// What single records of a rod looked like: the latest that was identified, the latest that was rejected.
+// Plots of single records of a rod: the latest identified one and the latest rejected one.
 
 import { el, fixed, kilonewtons, share, table, time } from "./common.js";
 import * as figures from "./figures.js";
@@ -22,7 +22,7 @@ export const parts = [
   refusedTitle, refusedWords, el("div", { class: "pair" }, refusedWaveform.element, refusedSpectrum.element), refusedPeaks,
 ];
 
-// Draws what the server keeps of a rod's single records.
+// Draws the snapshots of a rod's records that the server keeps.
 export function draw(answer) {
   look = answer.latest;
   for (const element of [waveform.element, spectrum.element, density.element, quantityChoice]) element.hidden = !look;
@@ -80,7 +80,7 @@ function motionAndLabels(look) {
   return motion + labels;
 }
 
-// Assignments of peaks to modes that were weighed, each with the force it would give.
+// Possible assignments of peaks to modes, each with the force it gives.
 function candidateTable(candidates) {
   const cell = (name, kind, ...children) => el("td", { "data-name": name, class: kind }, ...children);
   const rows = candidates.slice(0, 6).map((candidate) => {
@@ -108,7 +108,7 @@ function peakTable(peaks) {
   return known.length ? table("Every peak found; the level is its height over the noise floor.", [["frequency [Hz]", "n"], ["damping [%]", "n"], ["level [dB]", "n"], ["taken for"]], known.map(row)) : "";
 }
 
-// The latest rejected record: why it was, and what can be seen of it.
+// The latest rejected record: the reason, and its plots.
 function drawRefused(answer) {
   const look = answer.refused;
   for (const element of [refusedTitle, refusedWords, refusedPeaks]) element.hidden = !look;

@@ -1,4 +1,4 @@
-// A plot as SVG: lines with bands, points, marks, a time or number axis, zoom by dragging; what is seen as CSV, SVG or PNG.
+// A plot as SVG: lines with bands, points, marks, a time or number axis, zoom by dragging, export as CSV, SVG or PNG.
 
 import { el, fixed } from "./common.js";
 
@@ -77,7 +77,7 @@ function timeTicks([low, high], most) {
 
 export const stamp = (ms) => new Date(ms).toISOString().slice(0, 16).replace("T", " ");
 
-// Stretches of a series without a gap: indices [from, to) of values that are there, not further apart than four times usual.
+// Stretches of a series without a gap: index ranges [from, to) of existing values at most four times the usual distance apart.
 export function stretches(x, y, isTime) {
   const found = [];
   const steps = x.slice(1).map((v, i) => v - x[i]).sort((a, b) => a - b);
@@ -148,7 +148,7 @@ export class Plot {
     return [low - pad, high + pad];
   }
 
-  // Over what is shown in the range of x, with the levels; a number of one kind alone gets room.
+  // Range of the values visible in the range of x, and of the levels; a single value gets a margin.
   heights([from, to]) {
     const { y, levels = [] } = this.spec;
     if (y.range) return y.range;
@@ -243,7 +243,7 @@ export class Plot {
     if (one.low) {
       const d = bits.map((bit) => `${path(indices(bit), one.high)}${path(indices(bit).reverse(), one.low).replace("M", "L")}Z`).join("");
       if (d) parts.push(svg("path", { d, class: `band ${kind}` }));
-      // A value on its own has no width: its interval is a bar.
+      // An isolated value has no width, so its interval is a bar.
       const alone = one.line === false ? one.x.map((_, i) => [i, i + 1]).filter(([i]) => one.y[i] !== null) : bits.filter(([a, b]) => b - a === 1);
       const bars = alone.map(([i]) => `M${X(one.x[i]).toFixed(2)} ${Y(one.low[i]).toFixed(2)}V${Y(one.high[i]).toFixed(2)}`).join("");
       if (bars) parts.push(svg("path", { d: bars, class: `bar ${kind}` }));
@@ -263,7 +263,7 @@ export class Plot {
     return parts;
   }
 
-  // Names of points, above them, in up to three rows; what would lie on another is left out (the caption has them all).
+  // Names above the points, in up to three rows; a name that would cover another is omitted (the caption has them all).
   labels(X, Y, box) {
     const group = svg("g", {}), placed = [];
     for (const one of this.shown().filter((one) => one.labels)) {
@@ -322,7 +322,7 @@ export class Plot {
     this.render();
   }
 
-  // What is nearest: its place, and every line's value there.
+  // Nearest point: its position, and every line's value there.
   point(event, px) {
     const { X, Y, box } = this.scale;
     const py = event.clientY - this.plot.getBoundingClientRect().top;
@@ -372,7 +372,7 @@ export class Plot {
     return [[x.isTime ? "time (UTC)" : x.title, ...heads], ...rows].map((row) => row.map((cell) => quoted(String(cell))).join(",")).join("\r\n") + "\r\n";
   }
 
-  // The picture with its colours written into it, the names of its lines and its caption beneath.
+  // The picture with its colours embedded, and with the names of its lines and its caption below.
   picture() {
     const seen = this.plot.querySelector("svg"), copy = seen.cloneNode(true);
     const originals = seen.querySelectorAll("*");

@@ -1,4 +1,4 @@
-// One rod: how it stands, its forces over time, its events, its records.
+// One rod: state, forces over time, events, records.
 
 import { age, alarmNote, ask, day, degrees, doubts, el, fixed, force, interval, isAlone, kilonewtons, live, newest, next, percent, share, show, staleAfter, state, table, time, why } from "./common.js";
 import * as figures from "./figures.js";
@@ -22,7 +22,7 @@ const events = el("details", { id: "events" });
 const records = el("div", {}), older = el("button", { type: "button", hidden: true, onclick: () => drawRecords(true) }, "older ones");
 const rejectedOnly = el("input", { type: "checkbox", id: "rejected", onchange: () => drawRecords() });
 
-// The stretch of time that is shown: the last so many days, everything (null), or what somebody zoomed to. The address keeps it.
+// Time range shown: a number of last days, everything (null), or the zoomed range. It is kept in the address.
 const DAY = 86_400_000;
 let days = 365, zoomed = null, rod = null, alarms = [], look = null, shown = [], following = null;
 
@@ -82,7 +82,7 @@ async function drawHistory() {
   thermal.words.textContent = rod.thermal ? `Force of each record at its own temperature, with the line that was learned: ${fixed(100 * rod.thermal.slope_per_k, 3)} \u00b1 ${fixed(196 * rod.thermal.slope_sd_per_k, 3)} % per K (95 %), for a temperature that stays. Days of quick warming lie off it.` : "";
   frequencies.words.textContent = "Natural frequencies, each about its median, with their 95 % intervals" +
     (modes.every > 1 ? `; one record in ${modes.every} is drawn.` : "; every record is drawn.") + " Saved as CSV they are in Hz.";
-  // What is not drawn is not there; what is drawn is measured, so it has to be there first.
+  // Plots not drawn are hidden. A plot is measured while it is drawn, so it must be visible first.
   const figure = (plot, isThere, draw) => { plot.element.hidden = !isThere; if (isThere) draw(); };
   const some = (values, least = 1) => values.filter((value) => value !== null).length >= least;
   figure(relative, some(history.relative_force.mean), () => figures.relative(relative, rod, history, alarms, axis));

@@ -48,7 +48,7 @@ let site = null;
 
 const stale_s = (rod) => staleAfter(rod, site.silence_s, rod.recent.records > 2 ? (86400 * rod.recent.days) / rod.recent.records : 0);
 
-// A daemon that does not measure or keep, and what lasts around it.
+// Faults that keep the daemon from measuring or storing, and other lasting conditions.
 function stopped(monitoring) {
   if (!monitoring) return [];
   const note = (strong, words, since) => el("div", { class: "note" }, el("strong", {}, strong), words, el("div", { class: "about" }, `since ${time(since)} UTC`));
@@ -58,7 +58,7 @@ function stopped(monitoring) {
   ];
 }
 
-// The next things that rods wait for, each with the rods that do.
+// Next conditions that rods wait for, each with its rods.
 function coming() {
   const waiting = Map.groupBy(site.rods, next);
   return [...waiting].filter(([words]) => words).map(([words, rods]) => el("p", { class: "about" }, `${rods.map((rod) => rod.rod).join(", ")}: ${words}`));

@@ -30,7 +30,7 @@ pub(super) fn figure_6(part: &Part) -> Vec<Claim> {
             chance(case)
         )
     });
-    // What the other model adds to the divergence of two runs on one, where it adds most.
+    // Divergence that the other model adds to that of two runs on one model, at its largest.
     let added = |case: &Case| {
         let of = case.quantities.iter().map(|apart| {
             let (divergence, chance) = (apart.divergence, apart.chance);

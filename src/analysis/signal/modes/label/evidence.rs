@@ -228,7 +228,7 @@ impl Scene<'_> {
         for _ in 1..evaluations {
             let damped = hessian + Hessian::identity() * damping;
             let step = -damped.cholesky()?.solve(&gradient);
-            // Gauss and Newton's promise: what the step gains if the rod is linear.
+            // Gain of a Gauss-Newton step if the rod were linear.
             if -step.dot(&gradient) < 1e-3 {
                 break;
             }

@@ -22,7 +22,7 @@ pub(super) fn axial_force_n(scene: &Scene<'_>, fit: &Fit) -> Option<[f64; 3]> {
     for direction in [1, -1] {
         let (mut from, mut guesses) = (ridge, guesses);
         for i in 1..=SLICES {
-            // Along the ridge: all else moves with the force as the covariance says.
+            // Along the ridge: all other coordinates move with the force according to the covariance.
             let moved = f64::from(direction) * step;
             for (other, coordinate) in from.iter_mut().enumerate() {
                 if other != FORCE && sd > 0.0 {

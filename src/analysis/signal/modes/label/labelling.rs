@@ -268,7 +268,7 @@ impl Told<'_> {
         let settings = &self.plan.settings;
         let declared = self.scene.declared;
         let least_certain = |told: Code, from: usize| {
-            // What a person declared stays whatever the rest says.
+            // Peaks declared by a person stay in any case.
             told.pairs()
                 .filter(|&(order, _)| order >= from && declared.peak_of(order).is_none())
                 .map(|(order, peak)| {

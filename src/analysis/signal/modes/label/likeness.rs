@@ -109,7 +109,7 @@ mod tests {
         assert!(gain(&[2e-3, 2.4e-3, 1.8e-3], 0.2) > 1.0);
         let unlike = gain(&[5e-4, 2e-2, 5e-3], 0.2);
         assert!(unlike < -1.0 && unlike >= libm::log(UNLIKE), "{unlike}");
-        // Dampings that are hardly known say little.
+        // Dampings with large errors decide little.
         assert!(gain(&[5e-4, 2e-2, 5e-3], 5.0).abs() < 0.1);
         // Two: the densities of a bivariate normal of correlation (s0^2 / (s0^2 + t^2)) at equal values.
         let (total, common) = (SPREAD * SPREAD, SPREAD * SPREAD - WITHIN * WITHIN);

@@ -39,7 +39,7 @@ impl Posterior {
                 .total_cmp(&a.log_evidence)
                 .then(a.code.cmp(&b.code))
         });
-        // A person who declares a mode says that there is a rod.
+        // A declared mode implies that there is a rod.
         let log_no_rod = match scene.declared {
             declared if declared != Code::default() => f64::NEG_INFINITY,
             _ => scene.log_no_rod(),
@@ -49,7 +49,7 @@ impl Posterior {
             .map_or(log_no_rod, |best| best.log_evidence.max(log_no_rod));
         let weights: Vec<f64> = fits.iter().map(|fit| libm::exp(fit.log_evidence - top)).collect();
         let mut none = libm::exp(log_no_rod - top);
-        // So does one who asks for the first mode alone, unless the peaks say otherwise.
+        // So does a request for the first mode alone, unless the peaks contradict it.
         if scene.is_first_seen && none < weights.iter().sum() {
             none = 0.0;
         }

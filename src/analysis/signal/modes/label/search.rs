@@ -260,7 +260,7 @@ impl Gains {
     /// The bin of an order, or that for all outside the band.
     #[inline]
     fn slot(&self, bin: i32) -> usize {
-        // What lies below the band is negative and wraps round.
+        // A bin below the band is negative and wraps round.
         (bin as u32 as usize).min(self.peaks.len())
     }
 

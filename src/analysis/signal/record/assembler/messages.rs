@@ -60,7 +60,7 @@ impl Assembler {
                 return;
             }
         }
-        // It fits: what was put aside may fit now, or was a slip of the clock.
+        // It fits: messages put aside may fit now, or were a slip of the clock.
         for (time, values) in std::mem::take(&mut self.astray) {
             match self.place(time, &values) {
                 Some(Place::Next) => self.append(time, &values),
@@ -242,7 +242,7 @@ impl Assembler {
                 known.len() == values.len()
                     && known.iter().zip(values).all(|(a, b)| a.to_bits() == b.to_bits())
             });
-            // What waited for the line is stamped at once.
+            // A message that waited for the clock line is stamped at once.
             let waited = at + 1 == count && open.sizes[at] == 1 && values.len() == 1;
             return match (same, waited) {
                 (true, _) => Place::Duplicate,

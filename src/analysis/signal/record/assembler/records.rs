@@ -31,7 +31,7 @@ impl Assembler {
         let (Some(&first), Some(&last)) = (stretch.times.first(), stretch.times.last()) else {
             return;
         };
-        // What is left of the stretch was there when this was cut.
+        // The rest of the stretch was already there when this record was cut.
         self.at = self.open.times.last().map_or(last, |&newest| newest.max(last));
         let start = Timestamp::from_nanos(first);
         let span_s = Timestamp::from_nanos(last).seconds_since(start);
@@ -49,7 +49,7 @@ impl Assembler {
         };
         match self.settings.cut {
             Cut::FreeDecay { ratio, length_s } => self.decays(&even, ratio, length_s, cut_short, until),
-            // A window says where a record ends, not how its rod moves.
+            // A window determines the end of a record, not the motion of its rod.
             Cut::Auto | Cut::Window { .. } => self.pieces(even, None, cut_short),
             Cut::File => self.pieces(even, Some(Excitation::Ambient), cut_short),
         }
@@ -73,7 +73,7 @@ impl Assembler {
             let is_record = end as f64 >= self.settings.min_duration_s * even.fs_hz;
             match onset::under_way(&filled[..end], even.fs_hz, ratio) {
                 UnderWay::Decays if is_record => onsets.insert(0, (0, true)),
-                // Before a pull it is what moves the rod anyway.
+                // Before a pull it is only the usual motion of the rod.
                 UnderWay::Perhaps if is_record && onsets.is_empty() => onsets.insert(0, (0, false)),
                 _ => {}
             }
@@ -102,7 +102,7 @@ impl Assembler {
         }
     }
 
-    /// Splits at long holes and checks what is left.
+    /// Splits at long holes and checks the pieces.
     fn pieces(&mut self, even: Even, excitation: Option<Excitation>, cut_short: bool) {
         let Even {
             start,
@@ -153,7 +153,7 @@ impl Assembler {
         if duration_s < self.settings.min_duration_s * (1.0 - 1e-9) {
             return self.too_short(start, duration_s);
         }
-        // The checks repair what they can: what they refuse is shown as it came.
+        // The checks repair data where possible; refused data are shown unchanged.
         let waveform = Envelope::of(&samples, fs_hz);
         let checked = match quality::check(samples, fs_hz, &self.settings) {
             Ok(checked) => checked,

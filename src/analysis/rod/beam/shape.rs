@@ -1,17 +1,18 @@
-//! The mode shapes of a simulated rod.
+//! Mode shapes of a beam: deflection and curvature along the rod.
 
-use crate::analysis::rod::beam::Beam;
+use super::Beam;
+use super::exact::Support;
 use std::f64::consts::PI;
 
 /// Intervals of the grid on which a shape's maximum and norm are found.
 const GRID: usize = 400;
 
-/// A mode shape w(x), its largest deflection 1 and its first lobe positive.
+/// A mode shape w(x).
 ///
 /// For a beam, w = A sin(beta x) + B cos(beta x) + C exp(-alpha x) + D exp(-alpha (l - x)), where
 /// alpha^2 and -beta^2 are the roots s of EI s^2 - N s - m omega^2 = 0, and A to D follow from
 /// w(0) = w(l) = 0 and the left spring, EI w''(0) = k_l w'(0); the right spring's condition is what makes
-/// omega a natural frequency.
+/// omega a natural frequency. Any end stiffness from a hinge to a clamp.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Shape {
     length_m: f64,
@@ -35,8 +36,13 @@ impl Shape {
         }
     }
 
-    /// The shape of a beam at one of its natural frequencies \[Hz\].
+    /// The shape of a beam at one of its natural frequencies \[Hz\], its largest deflection 1 and its first lobe positive.
     pub fn of(beam: &Beam, frequency_hz: f64) -> Self {
+        Self::unscaled(beam, frequency_hz).normalised()
+    }
+
+    /// The same with A = 1: for ratios, which no scale changes. Its mean square is that of no shape.
+    pub fn unscaled(beam: &Beam, frequency_hz: f64) -> Self {
         let (l, ei, n) = (beam.length_m, beam.flexural_rigidity_n_m2, beam.axial_force_n);
         let inertia = beam.mass_per_length_kg_m * (2.0 * PI * frequency_hz).powi(2);
         let root = (n * n + 4.0 * ei * inertia).sqrt();
@@ -44,21 +50,21 @@ impl Shape {
         // The other root by the product of roots, without cancellation.
         let beta_squared = inertia / (ei * alpha_squared);
         let (alpha, beta) = (alpha_squared.sqrt(), beta_squared.sqrt());
-        let spring = beam.end_stiffness_n_m[0] / ei;
+        let Support { hinge, clamp } = Support::from_stiffness(beam.end_stiffness_n_m[0], ei / l);
+        let clamp = clamp / l;
         let far = libm::exp(-alpha * l);
         let (sin, cos) = libm::sincos(beta * l);
-        let weight = alpha_squared + beta_squared + spring * alpha;
-        let (b0, b1) = (-spring * beta / weight, -2.0 * spring * alpha * far / weight);
+        let weight = hinge * (alpha_squared + beta_squared) + clamp * alpha;
+        let (b0, b1) = (-clamp * beta / weight, -2.0 * clamp * alpha * far / weight);
         let d = -(sin + b0 * (cos - far)) / (1.0 + b1 * (cos - far) - far * far);
         let b = b0 + b1 * d;
-        let raw = Self {
+        Self {
             length_m: l,
             alpha,
             beta,
             coefficients: [1.0, b, -b - far * d, d],
             mean_square: 1.0,
-        };
-        raw.normalised()
+        }
     }
 
     fn normalised(mut self) -> Self {
@@ -98,9 +104,8 @@ impl Shape {
         self.mean_square
     }
 
-    /// First and second derivative at `share` of the length, for tests.
-    #[cfg(test)]
-    fn derivatives(&self, share: f64) -> (f64, f64) {
+    /// First \[1/m\] and second \[1/m^2\] derivative at `share` of the length.
+    pub fn derivatives(&self, share: f64) -> (f64, f64) {
         let x = share * self.length_m;
         let [a, b, c, d] = self.coefficients;
         let (alpha, beta) = (self.alpha, self.beta);

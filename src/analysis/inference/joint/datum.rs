@@ -1,0 +1,338 @@
+//! One measurement of a rod besides its records: a question, the value found, its standard error; and what makes it none.
+
+use crate::analysis::rod::beam::forward::MAX_MODES;
+use crate::analysis::rod::beam::receptance::stiffening;
+use crate::analysis::rod::beam::{Parameterisation, Quantity};
+use crate::analysis::rod::prior::RodPrior;
+use crate::analysis::rod::query::{Queries, Query};
+use thiserror::Error;
+
+/// Heaviest added mass believed, in masses of the rod: further out the rod is the smaller part of what vibrates.
+const HEAVIEST: f64 = 20.0;
+
+/// A measured value of a query, with a normal error.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Datum {
+    /// What was measured.
+    pub query: Query,
+    /// The value, in the unit of the query.
+    pub value: f64,
+    /// Its standard error, in the same unit.
+    pub sd: f64,
+}
+
+/// Why a measurement is none.
+#[derive(Debug, Clone, PartialEq, Error)]
+pub enum DatumFault {
+    /// A place beyond the ends.
+    #[error("{what}: place {place_m:.3} m lies outside the rod, which is {length_m:.3} m long")]
+    Place {
+        /// The datum.
+        what: String,
+        /// The place \[m\].
+        place_m: f64,
+        /// Free length \[m\].
+        length_m: f64,
+    },
+    /// A place on a support, where nothing moves.
+    #[error("{what}: a place on a support says nothing, the rod does not move there")]
+    Support {
+        /// The datum.
+        what: String,
+    },
+    /// A deflection against its load, or another value of a sign it cannot have.
+    #[error(
+        "{what}: the value {value} has the wrong sign; a rod gives way in the direction of its load, so write both positive"
+    )]
+    Sign {
+        /// The datum.
+        what: String,
+        /// As given.
+        value: f64,
+    },
+    /// An error that is none.
+    #[error("{what}: standard error {sd}; it must be positive and smaller than the value")]
+    Error {
+        /// The datum.
+        what: String,
+        /// As given.
+        sd: f64,
+    },
+    /// A mass that is none.
+    #[error(
+        "{what}: {mass_kg} kg on a rod of about {rod_kg:.0} kg; more than 0 and at most {HEAVIEST} times the rod's are possible"
+    )]
+    Mass {
+        /// The datum.
+        what: String,
+        /// As given \[kg\].
+        mass_kg: f64,
+        /// The rod's mass at the centre of its prior \[kg\].
+        rod_kg: f64,
+    },
+    /// A frequency ratio above one.
+    #[error(
+        "{what}: a mass lowers frequencies or leaves them, the ratio {value} is above 1: was it given upside down?"
+    )]
+    Ratio {
+        /// The datum.
+        what: String,
+        /// As given.
+        value: f64,
+    },
+    /// A mode order, quantity or strain the rod does not have.
+    #[error(
+        "{what}: not for this rod; mode orders run from 1 to {MAX_MODES}, strain needs a section with a height, and a quantity must be one of the section's"
+    )]
+    Query {
+        /// The datum.
+        what: String,
+    },
+}
+
+impl Query {
+    /// In words, with its units.
+    pub fn said(&self) -> String {
+        match self {
+            Self::Frequency { order, mass: None } => format!("frequency of mode {order}"),
+            Self::Frequency {
+                order,
+                mass: Some(mass),
+            } => format!(
+                "frequency of mode {order} with {} kg at {:.3} l",
+                mass.mass_kg, mass.at
+            ),
+            Self::FrequencyRatio { order, mass } => format!(
+                "frequency ratio of mode {order} with {} kg at {:.3} l",
+                mass.mass_kg, mass.at
+            ),
+            Self::Deflection { load, read_at } => format!(
+                "deflection at {read_at:.3} l under {} N at {:.3} l",
+                load.force_n, load.at
+            ),
+            Self::StrainRatio {
+                order,
+                strain_at,
+                read_at,
+            } => format!("strain at {strain_at:.3} l over displacement at {read_at:.3} l in mode {order}"),
+            Self::AmplitudeRatio {
+                order,
+                at,
+                reference_at,
+            } => format!("amplitude at {at:.3} l over that at {reference_at:.3} l in mode {order}"),
+            Self::Quantity(quantity) => quantity.key().to_owned(),
+        }
+    }
+}
+
+impl Datum {
+    /// A frequency of a record without anything hung on the rod.
+    pub fn frequency(order: usize, frequency_hz: f64, sd_hz: f64) -> Self {
+        Self {
+            query: Query::Frequency { order, mass: None },
+            value: frequency_hz,
+            sd: sd_hz,
+        }
+    }
+
+    /// A quantity read at several places of a rod that is not the same everywhere: the mean, with the error of the instrument and
+    /// the scatter between the places. `None` for no reading.
+    pub fn readings(quantity: Quantity, values: &[f64], instrument_sd: f64) -> Option<Self> {
+        let count = values.len() as f64;
+        let mean = values.iter().sum::<f64>() / count;
+        let scatter = values.iter().map(|x| (x - mean) * (x - mean)).sum::<f64>();
+        let between = match values.len() {
+            0 => return None,
+            1 => 0.0,
+            _ => scatter / (count * (count - 1.0)),
+        };
+        Some(Self {
+            query: Query::Quantity(quantity),
+            value: mean,
+            // The instrument's error is taken as its calibration: more readings do not average it away.
+            sd: (instrument_sd * instrument_sd + between).sqrt(),
+        })
+    }
+
+    /// Refuses what no rod of this prior can have been measured to be, whatever its parameters.
+    ///
+    /// # Errors
+    /// The fault, with the datum's name.
+    pub fn check(&self, prior: &RodPrior) -> Result<(), DatumFault> {
+        let what = self.query.said();
+        let parameterisation = *prior.parameterisation();
+        let beam = parameterisation.beam(&prior.centre());
+        for place in self.query.places() {
+            if !(0.0..=1.0).contains(&place) {
+                let length_m = beam.length_m;
+                let place_m = place * length_m;
+                return Err(DatumFault::Place {
+                    what,
+                    place_m,
+                    length_m,
+                });
+            }
+        }
+        // A strain gauge may sit at a support; loads, masses and displacement sensors must see motion.
+        let moving: Vec<f64> = match self.query {
+            Query::StrainRatio { read_at, .. } => vec![read_at],
+            _ => self.query.places(),
+        };
+        if moving.iter().any(|place| *place == 0.0 || *place == 1.0) {
+            return Err(DatumFault::Support { what });
+        }
+        let mass = match self.query {
+            Query::Frequency { mass, .. } => mass,
+            Query::FrequencyRatio { mass, .. } => Some(mass),
+            _ => None,
+        };
+        if let Some(mass) = mass {
+            let rod_kg = beam.mass_per_length_kg_m * beam.length_m;
+            let mass_kg = mass.mass_kg;
+            if !(mass_kg > 0.0 && mass_kg <= HEAVIEST * rod_kg) {
+                return Err(DatumFault::Mass {
+                    what,
+                    mass_kg,
+                    rod_kg,
+                });
+            }
+        }
+        let value = self.value;
+        let is_against_load =
+            matches!(self.query, Query::Deflection { load, .. } if load.force_n * value <= 0.0);
+        if !value.is_finite() || is_against_load || (value <= 0.0 && !self.query.is_signed()) {
+            return Err(DatumFault::Sign { what, value });
+        }
+        if let Query::FrequencyRatio { .. } = self.query
+            && value - 4.0 * self.sd > 1.0
+        {
+            return Err(DatumFault::Ratio { what, value });
+        }
+        if !(self.sd > 0.0 && self.sd.is_finite() && (self.sd < value.abs() || self.query.is_signed())) {
+            return Err(DatumFault::Error { what, sd: self.sd });
+        }
+        match Queries::new(parameterisation, vec![self.query]) {
+            Some(_) => Ok(()),
+            None => Err(DatumFault::Query { what }),
+        }
+    }
+
+    /// Axial strain that the deflection of a load test adds to a rod whose ends do not move, at most; `None` for other data.
+    pub fn stiffening(&self, length_m: f64) -> Option<f64> {
+        match self.query {
+            // The deflection under the load is the largest; read elsewhere it is scaled up as a triangle's.
+            Query::Deflection { load, read_at } => {
+                let share = match read_at < load.at {
+                    true => read_at / load.at,
+                    false => (1.0 - read_at) / (1.0 - load.at),
+                };
+                Some(stiffening(length_m, load.at, self.value / share))
+            }
+            _ => None,
+        }
+    }
+
+    /// Readings of this datum that a common slip would have turned into the value given, with the slip's name.
+    pub(super) fn slips(&self) -> Vec<(f64, &'static str)> {
+        let v = self.value;
+        match self.query {
+            Query::Deflection { .. } => vec![
+                (v / 9.806_65, "if the load was given in kgf, not N"),
+                (v * 9.806_65, "if the load is in N already, and was taken for kgf"),
+                (v * 10.0, "if the deflection was in cm, not mm"),
+                (v / 10.0, "if the deflection was in mm, not cm"),
+                (
+                    v / 1e3,
+                    "if the load was given in kN, not N, or the deflection in um, not mm",
+                ),
+                (v * 1e3, "if the deflection was in m, not mm"),
+            ],
+            Query::AmplitudeRatio { .. } => vec![
+                (1.0 / v, "if the two sensors were swapped"),
+                (-v, "if one sensor was turned round"),
+                (
+                    -1.0 / v,
+                    "if the two sensors were swapped and one was turned round",
+                ),
+            ],
+            Query::FrequencyRatio { .. } => vec![(1.0 / v, "if the ratio was given upside down")],
+            Query::StrainRatio { .. } => vec![
+                (v / 1e3, "if the displacement was in mm, not m"),
+                (v * 1e3, "if the displacement was in m, not mm"),
+                (
+                    -v,
+                    "if the gauge was on the other face, or one sensor turned round",
+                ),
+                (v / 2.0, "if strain was taken between both faces"),
+            ],
+            Query::Quantity(_) | Query::Frequency { .. } => Vec::new(),
+        }
+    }
+
+    /// Of the parameterisation's mode orders the one whose model discrepancy the datum shares.
+    pub(super) fn discrepant_order(&self) -> Option<usize> {
+        match self.query {
+            Query::Frequency { order, .. } => Some(order),
+            _ => None,
+        }
+    }
+}
+
+/// Queries of data, which [`Datum::check`] has let through.
+pub(super) fn queries(parameterisation: Parameterisation, data: &[Datum]) -> Option<Queries> {
+    Queries::new(parameterisation, data.iter().map(|datum| datum.query).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::analysis::rod::beam::receptance::{PointLoad, PointMass};
+
+    fn fault(query: Query, value: f64, sd: f64) -> String {
+        Datum { query, value, sd }
+            .check(&RodPrior::todi())
+            .unwrap_err()
+            .to_string()
+    }
+
+    #[test]
+    fn what_no_rod_can_show_is_refused_by_name() {
+        let load = |at, read_at| Query::Deflection {
+            load: PointLoad { force_n: 300.0, at },
+            read_at,
+        };
+        let mass = |mass_kg, at| Query::FrequencyRatio {
+            order: 1,
+            mass: PointMass { mass_kg, at },
+        };
+        let beyond = fault(load(0.5, 1.08), 1e-3, 1e-5);
+        assert!(
+            beyond.contains("15.120 m lies outside the rod, which is 14.000 m"),
+            "{beyond}"
+        );
+        assert!(fault(mass(20.0, -0.1), 0.95, 1e-3).contains("outside the rod"));
+        assert!(fault(load(0.5, 0.0), 1e-3, 1e-5).contains("support"));
+        assert!(fault(load(0.5, 0.5), -1.1e-3, 1e-5).contains("wrong sign"));
+        assert!(fault(load(0.5, 0.5), 1.1e-3, 0.0).contains("standard error 0"));
+        assert!(fault(mass(0.0, 0.3), 0.95, 1e-3).contains("0 kg"));
+        assert!(fault(mass(2e4, 0.3), 0.95, 1e-3).contains("20000 kg on a rod of about 514 kg"));
+        assert!(fault(mass(20.0, 0.3), 1.04, 1e-3).contains("upside down"));
+        let shape = Query::AmplitudeRatio {
+            order: 6,
+            at: 0.1,
+            reference_at: 0.4,
+        };
+        assert!(fault(shape, -0.5, 0.01).contains("mode orders"));
+        assert!(fault(Query::Quantity(Quantity::Diameter), 0.05, 1e-4).contains("section"));
+    }
+
+    #[test]
+    fn readings_at_several_places_carry_their_scatter() {
+        let one = Datum::readings(Quantity::Side, &[0.07], 1e-4).unwrap();
+        assert_eq!((one.value, one.sd), (0.07, 1e-4));
+        let three = Datum::readings(Quantity::Side, &[0.070, 0.072, 0.071], 0.0).unwrap();
+        // Standard error of three values one apart: 1 / sqrt(3).
+        assert!((three.value - 0.071).abs() < 1e-12 && (three.sd - 1e-3 / 3f64.sqrt()).abs() < 1e-12);
+        assert!(Datum::readings(Quantity::Side, &[], 1e-4).is_none());
+    }
+}

@@ -1,0 +1,527 @@
+//! One posterior of all data of a rod: frequencies, static and dynamic tests, direct measurements.
+//!
+//! The sampler is chosen by evidence. First rejection ABC: draws from the prior, distances in units of the prior predictive spread
+//! of each datum (frequencies in hertz and deflections in metres would not see each other otherwise), the nearest kept and adjusted
+//! by regression. Then that population is corrected: kernels around it propose, and the weights are prior times the density of the
+//! data's errors over the proposal's. With the density of the error as its kernel, ABC is exact for the model (Wilkinson 2013).
+//! Where a correction leaves too few effective draws, the errors' density is widened to the power below one that leaves enough, and
+//! the next population is proposed from there: sequential ABC with a shrinking kernel, until the kernel is the error itself.
+
+mod conflict;
+mod datum;
+mod density;
+pub mod next;
+mod population;
+
+pub use conflict::DatumConflict;
+pub use datum::{Datum, DatumFault};
+
+use super::{Adjustment, Method, Posterior, Stop, adjust};
+use crate::analysis::numerics::random;
+use crate::analysis::rod::prior::RodPrior;
+use density::{Mask, Problem};
+use population::{Mixture, Population, effective, resampled};
+use rand::rngs::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+use thiserror::Error;
+
+/// How much work a posterior may be.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct JointSettings {
+    /// Draws from the prior.
+    pub pilot: usize,
+    /// Proposals of a population on the way.
+    pub population: usize,
+    /// Proposals of the last one.
+    pub sample: usize,
+}
+
+/// Standard deviations within 2 % of the exact ones at some 2000 effective draws; two tenths of a second.
+impl Default for JointSettings {
+    fn default() -> Self {
+        Self {
+            pilot: 20_000,
+            population: 2_000,
+            sample: 6_000,
+        }
+    }
+}
+
+/// Share of the pilot that is kept.
+const KEPT: f64 = 0.02;
+/// Ancestors of a population.
+const ANCESTORS: usize = 300;
+/// Effective share of a population's proposals above which the next is the last.
+const ENOUGH: f64 = 0.25;
+/// Effective share that a widened kernel must leave.
+const LEAST: f64 = 0.08;
+/// Effective share of the last population that needs no other.
+const WANTED: f64 = 0.15;
+/// Populations after which kernels take the shape of their neighbourhood: the posterior is thin and bent.
+const LOCAL_FROM: usize = 3;
+/// Most populations.
+const MOST: usize = 30;
+/// Fewest effective draws that make a posterior.
+const FEWEST: f64 = 200.0;
+
+/// Why data give no posterior.
+#[derive(Debug, Clone, PartialEq, Error)]
+pub enum JointError {
+    /// A datum is none.
+    #[error(transparent)]
+    Datum(#[from] DatumFault),
+    /// Nothing was measured.
+    #[error("no measurement is given")]
+    Empty,
+    /// No rod of the prior answers like this.
+    #[error(
+        "{what}: no rod of the prior has it; its rods have {low:.4e} to {high:.4e}, given is {value:.4e}{hint}"
+    )]
+    OutsidePrior {
+        /// The datum.
+        what: String,
+        /// Lower end of what 99 % of the prior's rods have.
+        low: f64,
+        /// Upper end.
+        high: f64,
+        /// As given.
+        value: f64,
+        /// A slip that would explain it, with a leading separator, or nothing.
+        hint: String,
+    },
+    /// Data that no rod explains together to within their errors, or that the sampler could not follow.
+    #[error(
+        "the data leave {effective:.0} effective draws, {FEWEST} are needed: they contradict each other, or their errors are far too \
+         small (most likely: {suspect})"
+    )]
+    TooFew {
+        /// Effective draws.
+        effective: f64,
+        /// The datum farthest from the best draw.
+        suspect: String,
+    },
+}
+
+/// How a joint posterior came about.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Sampler {
+    /// The nearest draws of the prior, adjusted, sufficed as proposal: one correction.
+    Table,
+    /// A sequence of kernels that shrink to the errors was needed.
+    Sequential,
+}
+
+/// The posterior of the rod at the first moment, with what else the data say.
+#[derive(Debug, Clone, PartialEq)]
+pub struct JointPosterior {
+    /// Parameters of the rod at the first moment.
+    pub posterior: Posterior,
+    /// How it came about.
+    pub sampler: Sampler,
+    /// Populations after the pilot.
+    pub populations: usize,
+    /// Per particle and mode order from the first, the model's relative discrepancy, drawn given the data.
+    pub discrepancies: Vec<Vec<f64>>,
+    /// Each datum, or the frequencies of one moment together, against all others.
+    pub conflicts: Vec<DatumConflict>,
+}
+
+/// All data of one rod, moment by moment: the axial force is one within a moment and another between them, everything else is one
+/// throughout.
+#[derive(Debug, Clone, Copy)]
+pub struct Joint<'a> {
+    /// What is known beforehand; every moment's force has its prior.
+    pub prior: &'a RodPrior,
+    /// Relative model discrepancy of frequencies, per mode order from the first.
+    pub discrepancy: &'a [f64],
+    /// The data. The first moment is the one asked about.
+    pub moments: &'a [Vec<Datum>],
+    /// Effort.
+    pub settings: JointSettings,
+}
+
+impl Joint<'_> {
+    /// The posterior of the first moment's rod. The same data and seed give the same bits on any number of threads.
+    ///
+    /// # Errors
+    /// A datum that is none, or data that no rod explains.
+    pub fn posterior(&self, seed: u64) -> Result<JointPosterior, JointError> {
+        let (problem, pilot) = self.prepared(seed)?;
+        let all = vec![true; problem.data.len()];
+        let found = self.sampled(&problem, &pilot, &all, self.settings, seed)?;
+        let conflicts = conflict::each(self, &problem, &pilot, seed);
+        Ok(self.finished(&problem, found, conflicts, seed))
+    }
+
+    /// The same without asking which datum contradicts the others: that takes one more posterior per datum.
+    ///
+    /// # Errors
+    /// As [`Joint::posterior`].
+    pub fn posterior_alone(&self, seed: u64) -> Result<JointPosterior, JointError> {
+        let (problem, pilot) = self.prepared(seed)?;
+        let all = vec![true; problem.data.len()];
+        let found = self.sampled(&problem, &pilot, &all, self.settings, seed)?;
+        Ok(self.finished(&problem, found, Vec::new(), seed))
+    }
+
+    fn prepared(&self, seed: u64) -> Result<(Problem, Pilot), JointError> {
+        if self.moments.iter().all(Vec::is_empty) {
+            return Err(JointError::Empty);
+        }
+        for datum in self.moments.iter().flatten() {
+            datum.check(self.prior)?;
+        }
+        let problem = Problem::new(self.prior, self.discrepancy, self.moments).ok_or(JointError::Empty)?;
+        let pilot = Pilot::drawn(&problem, self.settings.pilot, seed);
+        pilot.refuse_outsiders(&problem)?;
+        Ok((problem, pilot))
+    }
+
+    /// A weighted population of the posterior given the data in `mask`.
+    fn sampled(
+        &self,
+        problem: &Problem,
+        pilot: &Pilot,
+        mask: &Mask,
+        settings: JointSettings,
+        seed: u64,
+    ) -> Result<Found, JointError> {
+        let uncertain: Vec<usize> = (0..problem.priors.len())
+            .filter(|&i| !problem.priors[i].is_fixed())
+            .collect();
+        let width = problem.priors.len();
+        let stream = |what: &[u8], number: usize| {
+            let number = (number as u64).to_le_bytes();
+            let mask: Vec<u8> = mask.iter().map(|&m| u8::from(m)).collect();
+            random::seed(&[b"joint", what, &seed.to_le_bytes(), &number, &mask])
+        };
+        let mut ancestors = pilot.nearest(problem, mask);
+        let (mut populations, mut unwidened, mut is_last) = (0, 0, false);
+        let mut draws = pilot.rows;
+        loop {
+            let Some(mixture) = Mixture::around(problem, &uncertain, &ancestors, populations >= LOCAL_FROM)
+            else {
+                return Err(too_few(problem, mask, 0.0, None));
+            };
+            let count = if is_last {
+                settings.sample
+            } else {
+                settings.population
+            };
+            let population = mixture.propose(count, mask, stream(b"proposals", populations));
+            populations += 1;
+            draws += count;
+            let weights = population.weights(1.0);
+            let found = effective(&weights);
+            let suffices = found >= WANTED * count as f64 || unwidened >= 6;
+            if is_last && suffices || populations >= MOST {
+                if found < FEWEST.min(0.5 * count as f64) {
+                    return Err(too_few(problem, mask, found, Some((&population, &weights))));
+                }
+                return Ok(Found {
+                    population,
+                    weights,
+                    draws,
+                    populations,
+                    sampler: if populations <= 2 {
+                        Sampler::Table
+                    } else {
+                        Sampler::Sequential
+                    },
+                });
+            }
+            let share = match found >= LEAST * count as f64 || is_last {
+                true => 1.0,
+                false => tempered(&population, LEAST * count as f64),
+            };
+            unwidened += usize::from(share == 1.0);
+            // Three populations at the errors' own density have sharpened the proposal as far as they can; a last one that falls
+            // short, because a few of its draws carry much of the weight, proposes once more.
+            is_last = is_last || found >= ENOUGH * count as f64 || unwidened >= 3;
+            let next = population.weights(share);
+            if effective(&next) == 0.0 {
+                return Err(too_few(problem, mask, 0.0, None));
+            }
+            let rows = resampled(
+                &next,
+                ANCESTORS,
+                &mut random::stream(stream(b"ancestors", populations), 0),
+            );
+            ancestors.clear();
+            for row in rows {
+                ancestors.extend(&population.thetas[row * width..][..width]);
+            }
+        }
+    }
+
+    fn finished(
+        &self,
+        problem: &Problem,
+        found: Found,
+        conflicts: Vec<DatumConflict>,
+        seed: u64,
+    ) -> JointPosterior {
+        let Found {
+            population,
+            weights,
+            draws,
+            populations,
+            sampler,
+        } = found;
+        let (total, own, data) = (problem.priors.len(), problem.width, problem.data.len());
+        let all = vec![true; data];
+        let rows: Vec<usize> = (0..weights.len()).filter(|&i| weights[i] > 0.0).collect();
+        let mut generator = random::stream(random::seed(&[b"joint discrepancy", &seed.to_le_bytes()]), 0);
+        let discrepancies = rows
+            .iter()
+            .map(|&row| {
+                let answers = &population.answers[row * data..][..data];
+                (1..=self.discrepancy.len())
+                    .map(|order| {
+                        let (mean, sd) = problem.discrepancy_given(order, answers, &all);
+                        let z: f64 = StandardNormal.sample(&mut generator);
+                        mean + sd * z
+                    })
+                    .collect()
+            })
+            .collect();
+        let kept: Vec<f64> = rows.iter().map(|&row| weights[row]).collect();
+        JointPosterior {
+            posterior: Posterior {
+                parameterisation: *self.prior.parameterisation(),
+                particles: rows
+                    .iter()
+                    .flat_map(|&row| &population.thetas[row * total..][..own])
+                    .copied()
+                    .collect(),
+                ess: effective(&kept),
+                weights: kept,
+                epsilon: 0.0,
+                draws,
+                accepted: rows.len(),
+                invalid: 0,
+                seed,
+                method: match sampler {
+                    Sampler::Table => Method::Rejection,
+                    Sampler::Sequential => Method::Sequential,
+                },
+                adjustment: Adjustment::None,
+                withheld: None,
+                stop: Some(Stop::TargetReached),
+            },
+            sampler,
+            populations,
+            discrepancies,
+            conflicts,
+        }
+    }
+}
+
+/// A population of a posterior.
+struct Found {
+    population: Population,
+    weights: Vec<f64>,
+    draws: usize,
+    populations: usize,
+    sampler: Sampler,
+}
+
+fn too_few(
+    problem: &Problem,
+    mask: &Mask,
+    effective: f64,
+    population: Option<(&Population, &[f64])>,
+) -> JointError {
+    let data = problem.data.len();
+    let suspect = population.and_then(|(population, weights)| {
+        let best = (0..weights.len()).max_by(|&a, &b| weights[a].total_cmp(&weights[b]))?;
+        let answers = population.answers.get(best * data..(best + 1) * data)?;
+        let away = |i: usize| ((problem.data[i].value - answers[i]) / problem.spread(i, answers[i])).abs();
+        (0..data)
+            .filter(|&i| mask[i])
+            .max_by(|&a, &b| away(a).total_cmp(&away(b)))
+    });
+    JointError::TooFew {
+        effective,
+        suspect: suspect.map_or_else(|| "unknown".to_owned(), |i| problem.data[i].query.said()),
+    }
+}
+
+/// The share of the likelihood that leaves `wanted` effective draws, by bisection.
+fn tempered(population: &Population, wanted: f64) -> f64 {
+    let (mut low, mut high) = (0.0, 1.0);
+    for _ in 0..40 {
+        let middle = if low == 0.0 {
+            high / 8.0
+        } else {
+            0.5 * (low + high)
+        };
+        match effective(&population.weights(middle)) >= wanted {
+            true => low = middle,
+            false => high = middle,
+        }
+    }
+    if low > 0.0 { low } else { high }
+}
+
+/// Draws from the prior with the model's answers, drawn once for all posteriors of these data.
+struct Pilot {
+    rows: usize,
+    thetas: Vec<f64>,
+    answers: Vec<f64>,
+}
+
+/// Draws that share one stream.
+const BLOCK: usize = 256;
+
+impl Pilot {
+    fn drawn(problem: &Problem, count: usize, seed: u64) -> Self {
+        let seed = random::seed(&[b"joint pilot", &seed.to_le_bytes()]);
+        let (width, data) = (problem.priors.len(), problem.data.len());
+        let blocks: Vec<(Vec<f64>, Vec<f64>)> = (0..count.div_ceil(BLOCK))
+            .into_par_iter()
+            .map(|block| {
+                let mut generator: ChaCha8Rng = random::stream(seed, block as u64);
+                let mut thetas = vec![0.0; BLOCK * width];
+                let mut answers = vec![0.0; BLOCK * data];
+                for (theta, out) in thetas.chunks_exact_mut(width).zip(answers.chunks_exact_mut(data)) {
+                    for (value, prior) in theta.iter_mut().zip(&problem.priors) {
+                        *value = prior.sample(&mut generator);
+                    }
+                    problem.answer(theta, out);
+                    for (i, y) in out.iter_mut().enumerate() {
+                        let z: f64 = StandardNormal.sample(&mut generator);
+                        *y += problem.spread(i, *y) * z;
+                    }
+                }
+                (thetas, answers)
+            })
+            .collect();
+        let mut pilot = Self {
+            rows: 0,
+            thetas: Vec::new(),
+            answers: Vec::new(),
+        };
+        for (thetas, answers) in blocks {
+            for (theta, out) in thetas.chunks_exact(width).zip(answers.chunks_exact(data)) {
+                if out.iter().all(|y| y.is_finite()) {
+                    pilot.thetas.extend(theta);
+                    pilot.answers.extend(out);
+                    pilot.rows += 1;
+                }
+            }
+        }
+        pilot
+    }
+
+    fn column(&self, problem: &Problem, datum: usize) -> Vec<f64> {
+        let data = problem.data.len();
+        self.answers.iter().skip(datum).step_by(data).copied().collect()
+    }
+
+    /// Refuses a datum that lies 1.5 times as far from the middle of the prior's answers as the farthest of them: fewer than one
+    /// in a million normal ones do.
+    fn refuse_outsiders(&self, problem: &Problem) -> Result<(), JointError> {
+        for (i, datum) in problem.data.iter().enumerate() {
+            let on_scale = |y: f64| {
+                if datum.query.is_signed() {
+                    y
+                } else {
+                    libm::log(y.abs())
+                }
+            };
+            let mut column = self.column(problem, i);
+            column.sort_unstable_by(f64::total_cmp);
+            let at = |share: f64| {
+                column
+                    .get((share * (column.len().max(1) - 1) as f64) as usize)
+                    .copied()
+            };
+            let (Some(low), Some(middle), Some(high)) = (at(0.005), at(0.5), at(0.995)) else {
+                return Err(JointError::Empty);
+            };
+            // Heavy tails of ratios that pass through zero must not widen the gate: ends of 99 %, three times as far.
+            let reach = |value: f64| {
+                let (value, middle) = (on_scale(value), on_scale(middle));
+                let end = if value < middle { low } else { high };
+                (value - middle).abs() / (on_scale(end) - middle).abs().max(1e-12)
+            };
+            if reach(datum.value) > 2.2 {
+                let slip = datum.slips().into_iter().find(|(value, _)| reach(*value) < 1.0);
+                return Err(JointError::OutsidePrior {
+                    what: datum.query.said(),
+                    low,
+                    high,
+                    value: datum.value,
+                    hint: slip
+                        .map(|(_, why)| format!("; it would agree {why}"))
+                        .unwrap_or_default(),
+                });
+            }
+        }
+        Ok(())
+    }
+
+    /// The nearest draws, in units of the prior predictive spread, adjusted by regression; row-major parameter vectors.
+    fn nearest(&self, problem: &Problem, mask: &Mask) -> Vec<f64> {
+        let (width, data) = (problem.priors.len(), problem.data.len());
+        let used: Vec<usize> = (0..data).filter(|&i| mask[i]).collect();
+        let spreads: Vec<f64> = used
+            .iter()
+            .map(|&i| {
+                let mut column = self.column(problem, i);
+                column.sort_unstable_by(f64::total_cmp);
+                // Half the distance between the 16 % and 84 % quantiles: a standard deviation that no far tail moves.
+                let last = column.len().saturating_sub(1) as f64;
+                let at = |share: f64| column.get((share * last) as usize).copied().unwrap_or(0.0);
+                (0.5 * (at(0.84) - at(0.16))).max(f64::MIN_POSITIVE)
+            })
+            .collect();
+        let difference = |row: usize, slot: usize| {
+            let i = used[slot];
+            (self.answers[row * data + i] - problem.data[i].value) / spreads[slot]
+        };
+        let mut order: Vec<(f64, usize)> = (0..self.rows)
+            .map(|row| {
+                let square: f64 = (0..used.len()).map(|slot| difference(row, slot).powi(2)).sum();
+                (square.sqrt(), row)
+            })
+            .collect();
+        let kept = ((KEPT * self.rows as f64) as usize).clamp(1, self.rows.max(1));
+        order.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        order.truncate(kept);
+        let mut particles: Vec<f64> = order
+            .iter()
+            .flat_map(|&(_, row)| &self.thetas[row * width..][..width])
+            .copied()
+            .collect();
+        if used.is_empty() {
+            return particles;
+        }
+        let differences: Vec<f64> = order
+            .iter()
+            .flat_map(|&(_, row)| (0..used.len()).map(move |slot| (row, slot)))
+            .map(|(row, slot)| difference(row, slot))
+            .collect();
+        let distances: Vec<f64> = order.iter().map(|&(distance, _)| distance).collect();
+        let epsilon = distances.last().copied().unwrap_or(0.0);
+        let mut weights = vec![1.0 / order.len() as f64; order.len()];
+        let before = particles.clone();
+        let adjusted = adjust::linear(
+            &problem.priors,
+            &mut particles,
+            &differences,
+            &distances,
+            epsilon,
+            &mut weights,
+        );
+        // Without adjustment the nearest draws propose as they are: the correction makes up for it.
+        if adjusted.is_err() || particles.iter().any(|x| !x.is_finite() || *x <= 0.0) {
+            return before;
+        }
+        particles
+    }
+}

@@ -1,0 +1,293 @@
+//! A weighted population and the mixture of t kernels around it that proposes the next.
+//!
+//! Coordinates are the priors' real lines ([`Prior::to_line`]), whitened by the population's covariance. The mixture is a kernel
+//! density of the population plus one wide t about its mean, so that no region the population missed has weights without bound.
+
+use super::density::{Mask, Problem};
+use crate::analysis::numerics::random;
+use crate::analysis::rod::prior::Prior;
+use nalgebra::{DMatrix, DVector};
+use rand::RngExt;
+use rand::rngs::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
+use rayon::prelude::*;
+
+/// Proposals that share one stream.
+const BLOCK: usize = 256;
+
+/// Share of the wide component, and its width in standard deviations.
+const WIDE: (f64, f64) = (0.15, 1.6);
+
+/// Points with weights, their model answers and densities.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Population {
+    /// Parameter vectors, row-major.
+    pub(super) thetas: Vec<f64>,
+    /// Model answers to all data, row-major.
+    pub(super) answers: Vec<f64>,
+    /// Log likelihood of the data that count.
+    pub(super) likelihood: Vec<f64>,
+    /// Log of prior over proposal density.
+    pub(super) base: Vec<f64>,
+}
+
+impl Population {
+    /// Normalised weights `prior / proposal * likelihood^share`.
+    pub(super) fn weights(&self, share: f64) -> Vec<f64> {
+        let logs: Vec<f64> = self
+            .base
+            .iter()
+            .zip(&self.likelihood)
+            // An impossible point stays impossible at any share; 0 * infinity is none.
+            .map(|(base, l)| {
+                if *l == f64::NEG_INFINITY {
+                    *l
+                } else {
+                    base + share * l
+                }
+            })
+            .collect();
+        let highest = logs.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        if highest == f64::NEG_INFINITY {
+            return vec![0.0; logs.len()];
+        }
+        let mut weights: Vec<f64> = logs.iter().map(|l| libm::exp(l - highest)).collect();
+        let total: f64 = weights.iter().sum();
+        weights.iter_mut().for_each(|w| *w /= total);
+        weights
+    }
+}
+
+/// Effective sample size of weights that sum to one; 0 if all are zero.
+pub(super) fn effective(weights: &[f64]) -> f64 {
+    let squares: f64 = weights.iter().map(|w| w * w).sum();
+    if squares > 0.0 { 1.0 / squares } else { 0.0 }
+}
+
+/// `count` rows by systematic resampling.
+pub(super) fn resampled(weights: &[f64], count: usize, generator: &mut ChaCha8Rng) -> Vec<usize> {
+    let offset: f64 = generator.random();
+    let mut rows = Vec::with_capacity(count);
+    let (mut row, mut sum) = (0, weights.first().copied().unwrap_or(0.0));
+    for i in 0..count {
+        let place = (i as f64 + offset) / count as f64;
+        while sum < place && row + 1 < weights.len() {
+            row += 1;
+            sum += weights[row];
+        }
+        rows.push(row);
+    }
+    rows
+}
+
+/// Neighbours whose covariance is a local kernel's.
+const NEIGHBOURS: usize = 40;
+
+/// One kernel: its centre, and a root of its covariance with the inverse and the determinant.
+struct Kernel {
+    centre: DVector<f64>,
+    root: DMatrix<f64>,
+    inverse: DMatrix<f64>,
+    /// 1 / det(root).
+    density: f64,
+}
+
+/// The mixture.
+pub(super) struct Mixture<'a> {
+    problem: &'a Problem,
+    uncertain: &'a [usize],
+    mean: DVector<f64>,
+    root: DMatrix<f64>,
+    /// In whitened coordinates.
+    kernels: Vec<Kernel>,
+    /// Degrees of freedom of all components, such that (freedom + dimensions) is even.
+    freedom: usize,
+}
+
+impl<'a> Mixture<'a> {
+    /// Around equally weighted ancestors (row-major parameter vectors); `None` where they have no spread. `is_local`: each kernel has
+    /// the shape of its neighbourhood, for posteriors that are thin and bent.
+    pub(super) fn around(
+        problem: &'a Problem,
+        uncertain: &'a [usize],
+        ancestors: &[f64],
+        is_local: bool,
+    ) -> Option<Self> {
+        let width = problem.priors.len();
+        let d = uncertain.len();
+        let count = ancestors.len() / width;
+        let rows: Vec<DVector<f64>> = ancestors
+            .chunks_exact(width)
+            .map(|theta| {
+                DVector::from_fn(d, |slot, _| {
+                    let quantity = uncertain[slot];
+                    problem.priors[quantity].to_line(theta[quantity])
+                })
+            })
+            .collect();
+        let all: Vec<&DVector<f64>> = rows.iter().collect();
+        let (mean, root) = spread(&all)?;
+        let centres: Vec<DVector<f64>> = rows
+            .iter()
+            .map(|row| root.solve_lower_triangular(&(row - &mean)))
+            .collect::<Option<_>>()?;
+        let kernels = match is_local {
+            true => centres
+                .par_iter()
+                .map(|centre| local(centre, &centres))
+                .collect::<Option<_>>()?,
+            false => {
+                // Silverman's rule.
+                let exponent = 1.0 / (d as f64 + 4.0);
+                let bandwidth = (4.0 / ((d as f64 + 2.0) * count as f64)).powf(exponent);
+                let root = DMatrix::from_diagonal_element(d, d, bandwidth);
+                centres
+                    .into_iter()
+                    .map(|centre| Kernel::new(centre, root.clone()))
+                    .collect::<Option<_>>()?
+            }
+        };
+        Some(Self {
+            problem,
+            uncertain,
+            mean,
+            root,
+            kernels,
+            freedom: 6 - d % 2,
+        })
+    }
+
+    /// `count` proposals with answers and densities; the same bits at any number of threads.
+    pub(super) fn propose(&self, count: usize, mask: &Mask, seed: u64) -> Population {
+        let blocks: Vec<Population> = (0..count.div_ceil(BLOCK))
+            .into_par_iter()
+            .map(|block| {
+                let rows = BLOCK.min(count - block * BLOCK);
+                self.block(rows, mask, random::stream(seed, block as u64))
+            })
+            .collect();
+        let mut all = Population::default();
+        for mut block in blocks {
+            all.thetas.append(&mut block.thetas);
+            all.answers.append(&mut block.answers);
+            all.likelihood.append(&mut block.likelihood);
+            all.base.append(&mut block.base);
+        }
+        all
+    }
+
+    fn block(&self, rows: usize, mask: &Mask, mut generator: ChaCha8Rng) -> Population {
+        let d = self.uncertain.len();
+        let count = self.kernels.len();
+        let data = self.problem.data.len();
+        let centre: Vec<f64> = self.problem.priors.iter().map(Prior::centre).collect();
+        let mut population = Population::default();
+        let normal = |generator: &mut ChaCha8Rng| -> f64 { StandardNormal.sample(generator) };
+        for _ in 0..rows {
+            let is_wide = generator.random::<f64>() < WIDE.0;
+            let ancestor = ((generator.random::<f64>() * count as f64) as usize).min(count - 1);
+            let chi: f64 = (0..self.freedom).map(|_| normal(&mut generator).powi(2)).sum();
+            let scale = (self.freedom as f64 / chi).sqrt();
+            let step = DVector::from_fn(d, |_, _| scale * normal(&mut generator));
+            let z = match is_wide {
+                true => step * WIDE.1,
+                false => &self.kernels[ancestor].centre + &self.kernels[ancestor].root * step,
+            };
+            let line = &self.mean + &self.root * &z;
+            let mut theta = centre.clone();
+            let mut prior = 0.0;
+            for (slot, &quantity) in self.uncertain.iter().enumerate() {
+                let own = &self.problem.priors[quantity];
+                theta[quantity] = own.from_line(line[slot]);
+                prior += own.log_density_on_line(theta[quantity], line[slot]);
+            }
+            let start = population.answers.len();
+            population.answers.resize(start + data, f64::NAN);
+            let mut likelihood = f64::NEG_INFINITY;
+            if prior.is_finite() {
+                let answers = &mut population.answers[start..];
+                self.problem.answer(&theta, answers);
+                likelihood = self.problem.log_density(answers, mask);
+            }
+            population.thetas.extend(theta);
+            population.likelihood.push(likelihood);
+            population
+                .base
+                .push(prior - libm::log(self.density(z.as_slice())));
+        }
+        population
+    }
+
+    /// Density of the mixture up to a constant.
+    fn density(&self, z: &[f64]) -> f64 {
+        let d = z.len();
+        let power = -(((self.freedom + d) / 2) as i32);
+        let freedom = self.freedom as f64;
+        let sum: f64 = self
+            .kernels
+            .iter()
+            .map(|kernel| kernel.density * (1.0 + kernel.square(z) / freedom).powi(power))
+            .sum();
+        let square: f64 = z.iter().map(|z| z * z).sum();
+        let wide = (1.0 + square / (freedom * WIDE.1 * WIDE.1)).powi(power) * WIDE.1.powi(-(d as i32));
+        (1.0 - WIDE.0) * sum / self.kernels.len() as f64 + WIDE.0 * wide
+    }
+}
+
+impl Kernel {
+    fn new(centre: DVector<f64>, root: DMatrix<f64>) -> Option<Self> {
+        let determinant: f64 = root.diagonal().iter().product();
+        Some(Self {
+            inverse: root.solve_lower_triangular(&DMatrix::identity(root.nrows(), root.nrows()))?,
+            density: 1.0 / determinant,
+            centre,
+            root,
+        })
+    }
+
+    /// Squared distance of a place from the centre, in units of the kernel.
+    fn square(&self, z: &[f64]) -> f64 {
+        let d = z.len();
+        let inverse = self.inverse.as_slice();
+        let mut square = 0.0;
+        for row in 0..d {
+            // Lower triangle, column-major.
+            let mut sum = 0.0;
+            for column in 0..=row {
+                sum += inverse[column * d + row] * (z[column] - self.centre[column]);
+            }
+            square += sum * sum;
+        }
+        square
+    }
+}
+
+/// A kernel of the shape of its neighbourhood.
+fn local(centre: &DVector<f64>, centres: &[DVector<f64>]) -> Option<Kernel> {
+    let mut near: Vec<(f64, usize)> = centres
+        .iter()
+        .enumerate()
+        .map(|(i, other)| ((other - centre).norm_squared(), i))
+        .collect();
+    near.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+    let neighbours: Vec<&DVector<f64>> = near.iter().take(NEIGHBOURS).map(|&(_, i)| &centres[i]).collect();
+    let (_, root) = spread(&neighbours)?;
+    Kernel::new(centre.clone(), root)
+}
+
+/// Mean of points, and a root of their covariance.
+fn spread(points: &[&DVector<f64>]) -> Option<(DVector<f64>, DMatrix<f64>)> {
+    let count = points.len() as f64;
+    let d = points.first()?.len();
+    let mean = points.iter().fold(DVector::zeros(d), |sum, point| sum + *point) / count;
+    let mut covariance = DMatrix::zeros(d, d);
+    for point in points {
+        let away = *point - &mean;
+        covariance += &away * away.transpose() / count;
+    }
+    for j in 0..d {
+        // Kernels need a width in every direction, were it only for numbers' sake.
+        covariance[(j, j)] = covariance[(j, j)] * (1.0 + 1e-9) + 1e-18;
+    }
+    Some((mean, covariance.cholesky()?.l()))
+}

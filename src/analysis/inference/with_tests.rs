@@ -1,0 +1,126 @@
+//! A record's frequencies together with tests of its rod: the joint posterior, beside that of the frequencies alone.
+
+use super::joint::{Datum, DatumConflict, Joint, JointError, JointPosterior, JointSettings, Sampler};
+use super::{Distance, Inference, Observation, Posterior, distance};
+use crate::analysis::signal::record::Rejection;
+use serde::{Deserialize, Serialize};
+
+/// Conflict score above which frequencies enter with the tolerance of rejection: no beam has them, and the exact posterior of a model
+/// that the data exclude is no statement about the rod.
+const CONTRADICTED: f64 = 4.0;
+
+/// What tests did to a posterior.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Tested {
+    /// How the joint posterior came about.
+    pub sampler: Sampler,
+    /// Populations after the draws from the prior.
+    pub populations: usize,
+    /// Mean of the force that the frequencies alone give \[N\]; `None` where they give none.
+    pub alone_mean_n: Option<f64>,
+    /// Its standard deviation \[N\].
+    pub alone_sd_n: Option<f64>,
+    /// Standard deviation added to every frequency because no beam has them \[Hz\]; `None` if one has.
+    pub tolerance_hz: Option<f64>,
+    /// Relative rise of the force that the largest deflection of a load test brings with it; the model leaves it out.
+    pub stiffening: Option<f64>,
+    /// Every datum against all others.
+    pub conflicts: Vec<DatumConflict>,
+}
+
+impl Inference {
+    /// The posterior of a rod given a record's frequencies (none for `None`), data of the same moment and data of other moments.
+    ///
+    /// # Errors
+    /// As [`Inference::run`] for the frequencies as such, or the reason why the data give no posterior.
+    pub fn run_with(
+        &self,
+        observation: Option<&Observation>,
+        paired: &[Datum],
+        others: &[Vec<Datum>],
+        seed: u64,
+    ) -> Result<(Posterior, Tested), Rejection> {
+        let mut tolerance_hz = None;
+        let mut alone = None;
+        let mut now = Vec::new();
+        if let Some(observation) = observation {
+            let conflict = self.conflict(observation)?;
+            alone = self.run(observation, seed).ok();
+            if conflict.score > CONTRADICTED {
+                tolerance_hz = self.tolerance(observation, alone.as_ref(), conflict.score);
+            }
+            let sds = distance::error_sds(observation, self.settings().noise);
+            let measured = observation.orders.iter().zip(&observation.frequency_hz).zip(sds);
+            now.extend(measured.map(|((&order, &f), sd)| {
+                // A standard error of nothing is that of the table's own rounding.
+                Datum::frequency(order, f, sd.hypot(tolerance_hz.unwrap_or(0.0)).max(1e-7 * f))
+            }));
+        }
+        now.extend(paired);
+        let mut moments = vec![now];
+        moments.extend(others.iter().cloned());
+        let joint = Joint {
+            prior: self.prior(),
+            discrepancy: self.discrepancy(),
+            moments: &moments,
+            settings: JointSettings::default(),
+        };
+        let found = joint.posterior(seed).map_err(|error| refusal(&error))?;
+        let tested = self.tested(&found, alone, tolerance_hz, &moments);
+        Ok((found.posterior, tested))
+    }
+
+    /// Rejection within epsilon is the exact posterior of a model with one more error of variance `epsilon^2 / (modes + 2)` (docs/abc.md):
+    /// with it tests sharpen the posterior that the frequencies alone give, not another.
+    fn tolerance(&self, observation: &Observation, alone: Option<&Posterior>, score: f64) -> Option<f64> {
+        let modes = observation.modes() as f64;
+        match (self.settings().distance, alone) {
+            (Distance::Euclidean, Some(alone)) => Some(alone.epsilon / (modes + 2.0).sqrt()),
+            _ => {
+                let sds = distance::error_sds(observation, self.settings().noise);
+                let largest = sds.fold(0.0, f64::max);
+                Some(score * largest / modes.sqrt())
+            }
+        }
+    }
+
+    fn tested(
+        &self,
+        found: &JointPosterior,
+        alone: Option<Posterior>,
+        tolerance_hz: Option<f64>,
+        moments: &[Vec<Datum>],
+    ) -> Tested {
+        use crate::analysis::rod::beam::Quantity::AxialForce;
+        let parameterisation = self.prior().parameterisation();
+        let centre: Vec<f64> = parameterisation
+            .quantities()
+            .iter()
+            .map(|&quantity| found.posterior.mean(quantity).unwrap_or(f64::NAN))
+            .collect();
+        let length_m = parameterisation.beam(&centre).length_m;
+        let strain = moments
+            .iter()
+            .flatten()
+            .filter_map(|datum| datum.stiffening(length_m))
+            .fold(None, |most: Option<f64>, strain| {
+                Some(most.map_or(strain, |m| m.max(strain)))
+            });
+        Tested {
+            sampler: found.sampler,
+            populations: found.populations,
+            alone_mean_n: alone.as_ref().and_then(|alone| alone.mean(AxialForce)),
+            alone_sd_n: alone.as_ref().and_then(|alone| alone.sd(AxialForce)),
+            tolerance_hz,
+            stiffening: strain.map(|strain| strain * parameterisation.axial_rigidity(&centre) / centre[0]),
+            conflicts: found.conflicts.clone(),
+        }
+    }
+}
+
+/// Data that give no posterior, as the reason of a record that gives no force.
+pub(super) fn refusal(error: &JointError) -> Rejection {
+    Rejection::UnusableTest {
+        detail: error.to_string(),
+    }
+}

@@ -1,0 +1,351 @@
+//! Answer of the beam to a force at one place: static deflection, and natural frequencies with a mass hung on it.
+//!
+//! With `x` in units of the length, `phi` and `q` as in [`super::exact`], the deflection under a unit force at `a` solves
+//! `w'''' - t w'' - phi^2 q^2 w = delta(x - a)`. An unbounded beam has
+//!
+//! ```text
+//! p(d) = -(exp(-q d) / (2 q) + sin(phi d) / (2 phi)) / (phi^2 + q^2),   d = |x - a|,
+//! ```
+//!
+//! and the supports add `A sin(phi x) / phi + B cos(phi x) + C exp(-q x) + D exp(-q (1 - x))`. Nothing here has a pole but at the
+//! natural frequencies, nothing grows, and `phi = 0` is the static case. C and D follow from `w(0) = w(1) = 0`, A and B from the
+//! supports' `h w'' = +-c w'`.
+
+use super::exact::{self, Support};
+use super::{Beam, OutsideRange};
+
+/// Tension `N l^2 / EI` below which the static answer is that of this tension: an error of 1e-5 at most, where less would cancel.
+const LEAST_TENSION: f64 = 1e-4;
+
+/// A place along the rod and a load there.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PointLoad {
+    /// The force across the rod \[N\].
+    pub force_n: f64,
+    /// Its place as a share of the length.
+    pub at: f64,
+}
+
+/// A mass fixed to the rod at one place; it does not turn.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PointMass {
+    /// The mass \[kg\].
+    pub mass_kg: f64,
+    /// Its place as a share of the length.
+    pub at: f64,
+}
+
+/// Static deflection \[m\] at `read_at`, a share of the length, under a load across the rod.
+///
+/// Linear: the axial force is that of the unloaded rod. See [`stiffening`] for what a large deflection adds to it.
+///
+/// # Errors
+/// What is no beam.
+pub fn deflection(beam: &Beam, load: PointLoad, read_at: f64) -> Result<f64, OutsideRange> {
+    let (tension, supports) = exact::dimensionless(beam)?;
+    let unit = beam.length_m.powi(3) / beam.flexural_rigidity_n_m2;
+    let response = response(0.0, tension.max(LEAST_TENSION), &supports, load.at, read_at);
+    Ok(load.force_n * unit * response)
+}
+
+/// Axial strain that a deflection `peak_m` under a point load at `at` adds to a rod whose ends do not move: that of a string bent
+/// into a triangle, `peak^2 / (2 l^2 at (1 - at))`; a beam's is smaller.
+pub fn stiffening(length_m: f64, at: f64, peak_m: f64) -> f64 {
+    (peak_m / length_m).powi(2) / (2.0 * at * (1.0 - at))
+}
+
+/// Natural frequency \[Hz\] with a mass on the beam, of the last of `free_hz`, the beam's first frequencies without it: the root of
+/// `1 = M omega^2 G(a, a; omega)`, which lies between the last two, to about 1e-8 relative.
+///
+/// # Errors
+/// What is no beam.
+pub fn loaded_frequency(beam: &Beam, free_hz: &[f64], mass: PointMass) -> Result<f64, OutsideRange> {
+    let (t, supports) = exact::dimensionless(beam)?;
+    let unit = exact::unit_hz(beam);
+    let square = |f: Option<&f64>| f.map_or(0.0, |f| (f / unit) * (f / unit));
+    let bracket = [square(free_hz.iter().rev().nth(1)), square(free_hz.last())];
+    let ratio = mass.mass_kg / (beam.mass_per_length_kg_m * beam.length_m);
+    Ok(unit * loaded_square(bracket, t, &supports, ratio, mass.at).sqrt())
+}
+
+/// `(phi q)^2` of the mode with the mass. In `s = (phi q)^2` the function `(s_n - s)(s - s_(n-1)) (1 - mu s G)` is smooth up to both
+/// ends, where `1 - mu s G` itself has poles, positive on the left of the root and negative on the right.
+fn loaded_square([lower, upper]: [f64; 2], t: f64, supports: &[Support; 2], ratio: f64, at: f64) -> f64 {
+    let value = |s: f64| {
+        let phi = (2.0 * s / (t + (t * t + 4.0 * s).sqrt())).sqrt();
+        let raw = 1.0 - ratio * s * response(phi, t, supports, at, at);
+        (upper - s) * (s - lower) * raw
+    };
+    let (mut low, mut high) = (lower, upper);
+    // One mode alone, its share of the response read close below the upper end.
+    let near = upper - 0.01 * (upper - lower);
+    let at_near = value(near);
+    let share = (1.0 - at_near / ((upper - near) * (near - lower))) * (upper - near) / near;
+    let mut previous = (near, at_near);
+    match at_near > 0.0 {
+        true => low = near,
+        false => high = near,
+    }
+    let mut s = (upper / (1.0 + share.max(0.0))).clamp(low, high);
+    // A secant inside a bracket that at least halves every third step: 60 exhaust double precision.
+    for step in 0..60 {
+        if s <= lower || s >= upper {
+            s = 0.5 * (low + high);
+        }
+        let found = value(s);
+        // At a node of the mode numerator and denominator vanish together: the mass does not move it.
+        if !found.is_finite() || found == 0.0 {
+            return s;
+        }
+        match found > 0.0 {
+            true => low = s,
+            false => high = s,
+        }
+        let secant = s - found * (s - previous.0) / (found - previous.1);
+        previous = (s, found);
+        let inside = secant > low && secant < high;
+        let is_close = (secant - s).abs() < 1e-3 * s;
+        let next = match inside && (is_close || step % 3 != 2) {
+            true => secant,
+            false => 0.5 * (low + high),
+        };
+        let moved = (next - s).abs();
+        s = next;
+        // The secant's error is a product of the last two: a step of 1e-6 leaves about 1e-9.
+        if moved <= 1e-6 * s && inside || high - low <= 1e-15 * s {
+            break;
+        }
+    }
+    s
+}
+
+/// Deflection at `x` under a unit force at `at`, in units of `l^3 / EI`.
+fn response(phi: f64, t: f64, supports: &[Support; 2], at: f64, x: f64) -> f64 {
+    let [left, right] = supports;
+    let q = (phi * phi + t).sqrt();
+    let sum = phi * phi + q * q;
+    // sin(phi d) / phi, and d itself where phi is zero.
+    let sine = |d: f64| match phi > 0.0 {
+        true => libm::sin(phi * d) / phi,
+        false => d,
+    };
+    let free = |d: f64| -(libm::exp(-q * d) / q + sine(d)) / (2.0 * sum);
+    let slope = |d: f64| (libm::cos(phi * d) - libm::exp(-q * d)) / (2.0 * sum);
+    let (a, b) = (at, 1.0 - at);
+    let (p0, p1) = (free(a), free(b));
+    let decay = libm::exp(-q);
+    let inverse = 1.0 / (1.0 - decay * decay);
+    let (coth, csch) = ((1.0 + decay * decay) * inverse, 2.0 * decay * inverse);
+    let (sin, cos) = (sine(1.0), libm::cos(phi));
+
+    // Coefficients of A and B, and the right-hand side: the left support, then the right one.
+    let (h, c) = (left.hinge, left.clamp);
+    let l_a = c * (q * csch * sin - 1.0);
+    let l_b = -h * sum + c * q * (csch * cos - coth);
+    let l_0 = -0.5 * h * sine(a) + c * (slope(a) + q * (p0 * coth - p1 * csch));
+    let (h, c) = (right.hinge, right.clamp);
+    let r_a = -h * sum * sin + c * (cos - q * coth * sin);
+    let r_b = -h * sum * cos - c * (phi * phi * sin + q * (coth * cos - csch));
+    let r_0 = -0.5 * h * sine(b) + c * (slope(b) + q * (p1 * coth - p0 * csch));
+    let determinant = l_a * r_b - l_b * r_a;
+    let big_a = (l_0 * r_b - l_b * r_0) / determinant;
+    let big_b = (l_a * r_0 - l_0 * r_a) / determinant;
+
+    let (u, v) = (-p0 - big_b, -p1 - big_a * sin - big_b * cos);
+    let near = (u - decay * v) * inverse;
+    let far = (v - decay * u) * inverse;
+    big_a * sine(x)
+        + big_b * libm::cos(phi * x)
+        + near * libm::exp(-q * x)
+        + far * libm::exp(-q * (1.0 - x))
+        + free((x - at).abs())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::analysis::rod::beam::element::{BENDING, GEOMETRIC, MASS};
+    use nalgebra::{DMatrix, DVector, SymmetricEigen};
+    use std::f64::consts::PI;
+
+    fn beam(axial_force_n: f64, end_stiffness_n_m: [f64; 2]) -> Beam {
+        Beam {
+            length_m: 14.0,
+            flexural_rigidity_n_m2: 4e5,
+            mass_per_length_kg_m: 37.0,
+            axial_force_n,
+            end_stiffness_n_m,
+        }
+    }
+
+    /// From slack to taut, hinged to clamped, unlike ends.
+    fn cases() -> [Beam; 6] {
+        [
+            beam(8e5, [4e5, 4e5]),
+            beam(8e5, [0.0, 2e6]),
+            beam(2e3, [1e7, 1e3]),
+            beam(4e6, [0.0, 0.0]),
+            beam(50.0, [3e4, 0.0]),
+            beam(3e5, [1e8, 1e8]),
+        ]
+    }
+
+    /// Stiffness and mass by finite elements, dense: displacement and rotation times h at every node, both ends held.
+    struct Elements {
+        stiffness: DMatrix<f64>,
+        mass: DMatrix<f64>,
+        count: usize,
+    }
+
+    impl Elements {
+        fn new(beam: &Beam, count: usize) -> Self {
+            let h = beam.length_m / count as f64;
+            let size = 2 * (count + 1);
+            let (mut k, mut m) = (DMatrix::zeros(size, size), DMatrix::zeros(size, size));
+            for element in 0..count {
+                for i in 0..4 {
+                    for j in 0..4 {
+                        let place = (2 * element + i, 2 * element + j);
+                        k[place] += beam.flexural_rigidity_n_m2 / h.powi(3) * BENDING[i][j]
+                            + beam.axial_force_n / (30.0 * h) * GEOMETRIC[i][j];
+                        m[place] += beam.mass_per_length_kg_m * h / 420.0 * MASS[i][j];
+                    }
+                }
+            }
+            k[(1, 1)] += beam.end_stiffness_n_m[0] / (h * h);
+            k[(size - 1, size - 1)] += beam.end_stiffness_n_m[1] / (h * h);
+            let held = [0, 2 * count];
+            Self {
+                stiffness: k.remove_columns_at(&held).remove_rows_at(&held),
+                mass: m.remove_columns_at(&held).remove_rows_at(&held),
+                count,
+            }
+        }
+
+        /// Row of the deflection at a node.
+        fn row(&self, share: f64) -> usize {
+            2 * (share * self.count as f64).round() as usize - 1
+        }
+
+        fn deflection(&self, force_n: f64, at: f64, read_at: f64) -> f64 {
+            let mut load = DVector::zeros(self.stiffness.nrows());
+            load[self.row(at)] = force_n;
+            self.stiffness.clone().cholesky().unwrap().solve(&load)[self.row(read_at)]
+        }
+
+        fn frequencies(&self, mass_kg: f64, at: f64) -> Vec<f64> {
+            let mut mass = self.mass.clone();
+            let row = self.row(at);
+            mass[(row, row)] += mass_kg;
+            let root = mass.cholesky().unwrap().l();
+            let half = root.solve_lower_triangular(&self.stiffness).unwrap();
+            let whole = root.solve_lower_triangular(&half.transpose()).unwrap();
+            let mut squares: Vec<f64> = SymmetricEigen::new(whole).eigenvalues.iter().copied().collect();
+            squares.sort_by(f64::total_cmp);
+            squares.iter().map(|s| s.max(0.0).sqrt() / (2.0 * PI)).collect()
+        }
+    }
+
+    #[test]
+    fn deflections_are_those_of_finite_elements() {
+        for beam in cases() {
+            let elements = Elements::new(&beam, 200);
+            for (at, read_at) in [(0.5, 0.5), (0.3, 0.4), (0.1, 0.8), (0.95, 0.05)] {
+                let closed = deflection(&beam, PointLoad { force_n: 300.0, at }, read_at).unwrap();
+                let found = elements.deflection(300.0, at, read_at);
+                // Hermite elements under nodal loads are wrong by 1e-8 to 1e-7 here (the tautest most), the solver by 1e-9.
+
+                assert!(
+                    (closed / found - 1.0).abs() < 5e-7,
+                    "{beam:?} {at} {read_at} {closed} {found}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn deflections_of_textbooks_and_of_a_string() {
+        let read = |beam: &Beam, at: f64| deflection(beam, PointLoad { force_n: 300.0, at }, at).unwrap();
+        let unit = 300.0 * 14f64.powi(3) / 4e5;
+        // Without tension: hinged P l^3 / 48 EI, clamped P l^3 / 192 EI; to the error of the least tension.
+        assert!((read(&beam(0.0, [0.0; 2]), 0.5) / (unit / 48.0) - 1.0).abs() < 1.2e-5);
+        assert!((read(&beam(0.0, [f64::INFINITY; 2]), 0.5) / (unit / 192.0) - 1.0).abs() < 1.2e-5);
+        // A string: P l a (1 - a) / N; the beam's boundary layers shorten it by lambda / 2 of 1.6e-4.
+        let mut string = beam(8e5, [0.0; 2]);
+        string.flexural_rigidity_n_m2 = 4.0;
+        assert!((read(&string, 0.3) / (300.0 * 14.0 * 0.21 / 8e5) - 1.0).abs() < 1e-3);
+        // Maxwell: load and reading change places.
+        let beam = beam(8e5, [0.0, 2e6]);
+        let place = |at, read_at| deflection(&beam, PointLoad { force_n: 1.0, at }, read_at).unwrap();
+        assert!((place(0.2, 0.7) / place(0.7, 0.2) - 1.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn frequencies_with_a_mass_are_those_of_finite_elements() {
+        for beam in cases() {
+            let elements = Elements::new(&beam, 100);
+            let alone = elements.frequencies(0.0, 0.5);
+            let mut free = [0.0; 5];
+            exact::frequencies(&beam, &mut free).unwrap();
+            for (mass_kg, at) in [(20.0, 0.3), (0.1, 0.07), (300.0, 0.5), (5000.0, 0.81)] {
+                let found = elements.frequencies(mass_kg, at);
+                for order in 1..=5 {
+                    let closed = loaded_frequency(&beam, &free[..order], PointMass { mass_kg, at }).unwrap();
+                    // The elements' own error, (n pi h)^4 / 1440 and more in the boundary layers, cancels in the ratio but for
+                    // what the mass changes of it; the dense solver loses 1e-9 of the highest eigenvalue.
+                    let error = (closed / free[order - 1]) / (found[order - 1] / alone[order - 1]) - 1.0;
+                    assert!(error.abs() < 3e-5, "{beam:?} {mass_kg} {at} {order} {error:e}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_mass_at_a_node_or_of_nothing_moves_nothing() {
+        let beam = beam(8e5, [4e5, 4e5]);
+        let mut free = [0.0; 5];
+        exact::frequencies(&beam, &mut free).unwrap();
+        for order in [2, 4] {
+            let loaded = loaded_frequency(
+                &beam,
+                &free[..order],
+                PointMass {
+                    mass_kg: 50.0,
+                    at: 0.5,
+                },
+            )
+            .unwrap();
+            assert!((loaded / free[order - 1] - 1.0).abs() < 1e-9, "{order} {loaded}");
+        }
+        for order in 1..=5 {
+            let light = PointMass {
+                mass_kg: 1e-6,
+                at: 0.3,
+            };
+            let loaded = loaded_frequency(&beam, &free[..order], light).unwrap();
+            assert!((loaded / free[order - 1] - 1.0).abs() < 1e-8);
+        }
+    }
+
+    #[test]
+    fn the_first_order_ratio_is_the_limit_of_small_masses() {
+        use crate::analysis::rod::beam::shape::Shape;
+        let beam = beam(8e5, [4e5, 1e5]);
+        let mut free = [0.0; 3];
+        exact::frequencies(&beam, &mut free).unwrap();
+        for (order, f) in (1..).zip(free) {
+            let shape = Shape::of(&beam, f);
+            let mass = PointMass {
+                mass_kg: 0.05,
+                at: 0.3,
+            };
+            let share = mass.mass_kg * shape.at(0.3).powi(2) / (37.0 * 14.0 * shape.mean_square());
+            let ratio = loaded_frequency(&beam, &free[..order], mass).unwrap() / f;
+            // 1 / sqrt(1 + share) but for what the mass mixes in of other modes: its share of the rod's mass, 1e-4, times this one.
+            assert!(
+                (ratio - (1.0 + share).sqrt().recip()).abs() < 10.0 * share * 0.05 / 518.0,
+                "{order} {ratio}"
+            );
+        }
+    }
+}

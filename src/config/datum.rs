@@ -1,0 +1,468 @@
+//! Measurements of a rod as people write them, in flags and in `[[rod.test]]`:
+//!
+//! ```text
+//! load      300N@0.5L=1.1mm+-3%            force @ its place = deflection there
+//!           300N@0.3L=0.9mm@0.4L+-0.02mm   read elsewhere
+//! mass      20kg@0.3L                      on the rod while the frequencies with the mass were measured
+//!           20kg@0.3L=0.953+-0.1%          ratio of mode 1 with it and without; mode2:20kg@0.3L=... of another mode
+//! strain    mode1:0.1L/0.4L=0.0123+-2%     strain amplitude at a place over displacement amplitude at another [1/m]
+//! shape     mode2:0.1L/0.4L=-0.62+-2%      modal displacements at two places, with their sign
+//! measured  side=70.1,70.4,69.9mm+-0.2mm   readings of one of the rod's quantities
+//! ```
+//!
+//! A place is a share of the length (`0.3L`) or a length from the left support (`4.2m`).
+
+use crate::analysis::inference::joint::Datum;
+use crate::analysis::rod::beam::Quantity;
+use crate::analysis::rod::beam::receptance::{PointLoad, PointMass};
+use crate::analysis::rod::query::Query;
+
+/// Relative standard error of a value given without one.
+pub const ASSUMED_ERROR: f64 = 0.03;
+
+/// What is written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Kind {
+    /// A load and the deflection under it, at rest or just before its release.
+    Load,
+    /// A mass on the rod, with a frequency ratio.
+    Mass,
+    /// Strain over displacement.
+    Strain,
+    /// Modal amplitudes at two places.
+    Shape,
+    /// A quantity of the rod itself.
+    Measured,
+}
+
+impl Kind {
+    /// Every kind.
+    pub const ALL: [Self; 5] = [Self::Load, Self::Mass, Self::Strain, Self::Shape, Self::Measured];
+
+    /// The name of its key and flag.
+    pub fn key(self) -> &'static str {
+        match self {
+            Self::Load => "load",
+            Self::Mass => "mass",
+            Self::Strain => "strain",
+            Self::Shape => "shape",
+            Self::Measured => "measured",
+        }
+    }
+
+    /// An example.
+    pub fn example(self) -> &'static str {
+        match self {
+            Self::Load => "300N@0.5L=1.1mm+-3%",
+            Self::Mass => "20kg@0.3L=0.953+-0.1%",
+            Self::Strain => "mode1:0.1L/0.4L=0.0123+-2%",
+            Self::Shape => "mode2:0.1L/0.4L=-0.62+-2%",
+            Self::Measured => "side=70.1,70.4,69.9mm+-0.2mm",
+        }
+    }
+}
+
+/// The datum that `text` stands for, on a rod of this length.
+///
+/// # Errors
+/// The reason why it is none, with an example.
+pub fn datum(kind: Kind, text: &str, length_m: f64) -> Result<Datum, String> {
+    let read = match kind {
+        Kind::Load => load(text, length_m),
+        Kind::Mass => ratio(text, length_m),
+        Kind::Strain | Kind::Shape => amplitudes(kind, text, length_m),
+        Kind::Measured => measured(text),
+    };
+    read.map_err(|why| format!("{text:?}: {why}; an example: {}", kind.example()))
+}
+
+/// A mass and its place, without a value.
+///
+/// # Errors
+/// The reason why it is none.
+pub fn mass(text: &str, length_m: f64) -> Result<PointMass, String> {
+    let (amount, at) = cut(text, '@', "where the mass is")?;
+    let (value, unit) = number(amount)?;
+    let mass_kg = match unit {
+        "kg" => value,
+        "g" => value / 1e3,
+        "t" => value * 1e3,
+        "lb" | "lbs" => value * 0.453_592_37,
+        "n" | "kn" | "kgf" => return Err("a weight is no mass: write kg".to_owned()),
+        _ => return Err(format!("{unit:?} is no unit of mass known here: kg, g, t, lb")),
+    };
+    Ok(PointMass {
+        mass_kg,
+        at: place(at, length_m)?,
+    })
+}
+
+fn load(text: &str, length_m: f64) -> Result<Datum, String> {
+    let (given, found) = cut(text, '=', "the deflection")?;
+    let (amount, at) = cut(given, '@', "where the load is")?;
+    let (value, unit) = number(amount)?;
+    let force_n = match unit {
+        "n" => value,
+        "kn" => value * 1e3,
+        "dan" => value * 10.0,
+        "kgf" | "kp" => value * 9.806_65,
+        "lbf" => value * 4.448_221_615,
+        "kg" => {
+            return Err(format!(
+                "kg is a mass: a load of {value} kg is {value}kgf, {:.0}N",
+                value * 9.806_65
+            ));
+        }
+        "" => return Err(format!("{value} of which unit? {value}N, or {value}kgf")),
+        _ => {
+            return Err(format!(
+                "{unit:?} is no unit of force known here: N, kN, daN, kgf, lbf"
+            ));
+        }
+    };
+    let at = place(at, length_m)?;
+    let (value_and_place, error) = parted(found);
+    let (value, read_at) = match value_and_place.split_once('@') {
+        Some((value, read_at)) => (value, place(read_at, length_m)?),
+        None => (value_and_place, at),
+    };
+    let value = length(value)?;
+    Ok(Datum {
+        query: Query::Deflection {
+            load: PointLoad { force_n, at },
+            read_at,
+        },
+        value,
+        sd: spread(error, value, length)?,
+    })
+}
+
+fn ratio(text: &str, length_m: f64) -> Result<Datum, String> {
+    let (given, found) = cut(text, '=', "the frequency ratio")?;
+    let (order, given) = mode(given)?;
+    let (value, error) = parted(found);
+    let value = plain(value)?;
+    Ok(Datum {
+        query: Query::FrequencyRatio {
+            order: order.unwrap_or(1),
+            mass: mass(given, length_m)?,
+        },
+        value,
+        sd: match error {
+            Some(_) => spread(error, value, plain)?,
+            None => return Err("a ratio wants its error: +-0.1%, say".to_owned()),
+        },
+    })
+}
+
+fn amplitudes(kind: Kind, text: &str, length_m: f64) -> Result<Datum, String> {
+    let (given, found) = cut(text, '=', "the value")?;
+    let (order, places) = mode(given)?;
+    let order = order.ok_or("which mode? mode1: stands first")?;
+    let (first, second) = cut(places, '/', "the second place")?;
+    let (first, second) = (place(first, length_m)?, place(second, length_m)?);
+    let (value, error) = parted(found);
+    // Microstrain per millimetre is 1e-3 per metre.
+    let (value, scale) = match value.trim().to_lowercase() {
+        v if v.ends_with("ue/mm") => (v.trim_end_matches("ue/mm").to_owned(), 1e-3),
+        v if v.ends_with("/m") => (v.trim_end_matches("/m").to_owned(), 1.0),
+        v => (v, 1.0),
+    };
+    let value = plain(&value)? * scale;
+    Ok(Datum {
+        query: match kind {
+            Kind::Strain => Query::StrainRatio {
+                order,
+                strain_at: first,
+                read_at: second,
+            },
+            _ => Query::AmplitudeRatio {
+                order,
+                at: first,
+                reference_at: second,
+            },
+        },
+        value,
+        sd: spread(error, value, |text| Ok(plain(text)? * scale))?,
+    })
+}
+
+/// Quantities that can be measured, by the names people use.
+const QUANTITIES: [(&str, Quantity); 11] = [
+    ("side", Quantity::Side),
+    ("diameter", Quantity::Diameter),
+    ("width", Quantity::Width),
+    ("height", Quantity::Height),
+    ("density", Quantity::Density),
+    ("modulus", Quantity::YoungsModulus),
+    ("mass_per_length", Quantity::MassPerLength),
+    ("rigidity", Quantity::FlexuralRigidity),
+    ("spring_left", Quantity::SpringLeft),
+    ("spring_right", Quantity::SpringRight),
+    ("length", Quantity::Length),
+];
+
+fn measured(text: &str) -> Result<Datum, String> {
+    let (name, found) = cut(text, '=', "its value")?;
+    let name = name.trim().to_lowercase();
+    let known = QUANTITIES
+        .iter()
+        .find(|(word, quantity)| *word == name || quantity.key() == name);
+    let Some(&(_, quantity)) = known else {
+        let words: Vec<&str> = QUANTITIES.iter().map(|(word, _)| *word).collect();
+        return Err(format!("{name:?} is nothing measured here: {}", words.join(", ")));
+    };
+    let (values, error) = parted(found);
+    let unit_of = |text: &str| -> Result<String, String> { Ok(number(text)?.1.to_owned()) };
+    let parts: Vec<&str> = values.split(',').collect();
+    // One unit at the end serves all.
+    let unit = unit_of(parts.last().copied().unwrap_or_default())?;
+    let read = |text: &str| -> Result<f64, String> {
+        let (value, own) = number(text)?;
+        let unit = if own.is_empty() { unit.as_str() } else { own };
+        Ok(value * factor(quantity, unit)?)
+    };
+    let values = parts
+        .into_iter()
+        .map(read)
+        .collect::<Result<Vec<f64>, String>>()?;
+    let mean = values.iter().sum::<f64>() / values.len() as f64;
+    let sd = match error {
+        Some(_) => spread(error, mean, read)?,
+        None => return Err("a measurement wants its error: +-0.2mm or +-1%, say".to_owned()),
+    };
+    Datum::readings(quantity, &values, sd).ok_or_else(|| "no reading".to_owned())
+}
+
+/// SI of one unit of a quantity.
+fn factor(quantity: Quantity, unit: &str) -> Result<f64, String> {
+    use Quantity::*;
+    let units: &[(&str, f64)] = match quantity {
+        Side | Diameter | Width | Height | Length => {
+            &[("mm", 1e-3), ("cm", 1e-2), ("m", 1.0), ("in", 0.0254)]
+        }
+        Density => &[
+            ("kg/m3", 1.0),
+            ("kg/m^3", 1.0),
+            ("g/cm3", 1e3),
+            ("g/cm^3", 1e3),
+            ("t/m3", 1e3),
+        ],
+        YoungsModulus => &[("gpa", 1e9), ("mpa", 1e6), ("pa", 1.0), ("n/mm2", 1e6)],
+        MassPerLength => &[("kg/m", 1.0), ("g/m", 1e-3)],
+        FlexuralRigidity => &[("nm2", 1.0), ("knm2", 1e3), ("n m^2", 1.0)],
+        SpringLeft | SpringRight => &[
+            ("nm/rad", 1.0),
+            ("knm/rad", 1e3),
+            ("mnm/rad", 1e6),
+            ("nm", 1.0),
+            ("knm", 1e3),
+        ],
+        AxialForce => &[],
+    };
+    units
+        .iter()
+        .find(|(word, _)| *word == unit)
+        .map(|(_, factor)| *factor)
+        .ok_or_else(|| {
+            let known: Vec<&str> = units.iter().map(|(word, _)| *word).collect();
+            format!(
+                "{unit:?} is no unit of {} known here: {}",
+                quantity.key(),
+                known.join(", ")
+            )
+        })
+}
+
+/// `mode2:rest`.
+fn mode(text: &str) -> Result<(Option<usize>, &str), String> {
+    match text.split_once(':') {
+        None => Ok((None, text)),
+        Some((word, rest)) => {
+            let word = word.trim().to_lowercase();
+            let order = word
+                .strip_prefix("mode")
+                .map(str::trim)
+                .and_then(|n| n.parse().ok());
+            let order = order.ok_or_else(|| format!("{word:?} is no mode: mode1, mode2 ..."))?;
+            Ok((Some(order), rest))
+        }
+    }
+}
+
+fn cut<'t>(text: &'t str, at: char, missing: &str) -> Result<(&'t str, &'t str), String> {
+    text.split_once(at)
+        .ok_or_else(|| format!("{missing} is missing behind '{at}'"))
+}
+
+/// The value and its error, which stands behind `+-` or `±`.
+fn parted(text: &str) -> (&str, Option<&str>) {
+    let bare = |text: &'_ str| text.trim().len();
+    match text.split_once("+-").or_else(|| text.split_once('\u{b1}')) {
+        Some((value, error)) if bare(error) > 0 => (value.trim(), Some(error.trim())),
+        Some((value, _)) => (value.trim(), Some("")),
+        None => (text.trim(), None),
+    }
+}
+
+/// The standard error: a share in per cent, or in the unit of the value; [`ASSUMED_ERROR`] where none is given.
+fn spread(
+    error: Option<&str>,
+    value: f64,
+    read: impl Fn(&str) -> Result<f64, String>,
+) -> Result<f64, String> {
+    let sd = match error {
+        None => ASSUMED_ERROR * value.abs(),
+        Some(text) => match text.strip_suffix('%') {
+            Some(share) => plain(share)? / 100.0 * value.abs(),
+            None => read(text)?,
+        },
+    };
+    match sd > 0.0 && sd.is_finite() {
+        true => Ok(sd),
+        false => Err("the error behind +- must be above 0".to_owned()),
+    }
+}
+
+/// A place along the rod as a share of its length.
+fn place(text: &str, length_m: f64) -> Result<f64, String> {
+    let (value, unit) = number(text)?;
+    match unit {
+        "l" => Ok(value),
+        "" => Err(format!(
+            "{value} of what? {value}L is a share of the length, {value}m a length"
+        )),
+        _ => Ok(length(text)? / length_m),
+    }
+}
+
+/// A length \[m\].
+fn length(text: &str) -> Result<f64, String> {
+    let (value, unit) = number(text)?;
+    match unit {
+        "m" => Ok(value),
+        "cm" => Ok(value / 1e2),
+        "mm" => Ok(value / 1e3),
+        "um" | "\u{b5}m" | "\u{3bc}m" => Ok(value / 1e6),
+        "in" => Ok(value * 0.0254),
+        "" => Err(format!("{value} of which unit? {value}mm, or {value}m")),
+        _ => Err(format!(
+            "{unit:?} is no unit of length known here: um, mm, cm, m, in"
+        )),
+    }
+}
+
+/// A number without a unit.
+fn plain(text: &str) -> Result<f64, String> {
+    match number(text)? {
+        (value, "") => Ok(value),
+        (_, unit) => Err(format!("{unit:?} stands behind a number without a unit")),
+    }
+}
+
+/// A number and the unit behind it, which is in lower case but for a caller's own.
+fn number(text: &str) -> Result<(f64, &'static str), String> {
+    const UNITS: [&str; 44] = [
+        "", "n", "kn", "dan", "kgf", "kp", "lbf", "kg", "g", "t", "lb", "lbs", "l", "m", "cm", "mm", "um",
+        "\u{b5}m", "\u{3bc}m", "in", "kg/m3", "kg/m^3", "g/cm3", "g/cm^3", "t/m3", "gpa", "mpa", "pa",
+        "n/mm2", "kg/m", "g/m", "nm2", "knm2", "n m^2", "nm/rad", "knm/rad", "mnm/rad", "nm", "knm", "%",
+        "ft", "psi", "ksi", "kpa",
+    ];
+    let text = text.trim().to_lowercase();
+    let is_part = |i: usize, c: char| {
+        let before = text[..i].chars().next_back();
+        let after = text[i + c.len_utf8()..].chars().next();
+        match c {
+            '0'..='9' | '.' => true,
+            '+' | '-' => before.is_none_or(|b| b == 'e'),
+            'e' => {
+                before.is_some_and(|b| b.is_ascii_digit() || b == '.')
+                    && after.is_some_and(|a| a.is_ascii_digit() || a == '-' || a == '+')
+            }
+            _ => false,
+        }
+    };
+    let end = text
+        .char_indices()
+        .find(|&(i, c)| !is_part(i, c))
+        .map_or(text.len(), |(i, _)| i);
+    let (digits, unit) = text.split_at(end);
+    let value: f64 = digits
+        .parse()
+        .map_err(|_| format!("{text:?} does not begin with a number"))?;
+    let unit = unit.trim();
+    match UNITS.iter().find(|known| **known == unit) {
+        Some(unit) if value.is_finite() => Ok((value, unit)),
+        Some(_) => Err(format!("{digits} is too large")),
+        None => Err(format!("{unit:?} is no unit known here")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_example_is_read() {
+        for kind in Kind::ALL {
+            assert!(datum(kind, kind.example(), 14.0).is_ok(), "{kind:?}");
+        }
+        let load = datum(Kind::Load, "300 N @ 4.2 m = 0.9 mm @ 0.4 L +- 0.02 mm", 14.0).unwrap();
+        let Query::Deflection {
+            load: PointLoad { force_n, at },
+            read_at,
+        } = load.query
+        else {
+            panic!("a deflection");
+        };
+        assert!(force_n == 300.0 && (at - 0.3).abs() < 1e-12 && read_at == 0.4);
+        assert!((load.value - 0.9e-3).abs() < 1e-12 && (load.sd - 2e-5).abs() < 1e-12);
+        let bare = datum(Kind::Load, "30kgf@0.5L=1.1mm", 14.0).unwrap();
+        assert!((bare.sd - 0.03 * 1.1e-3).abs() < 1e-12);
+        assert!(
+            matches!(bare.query, Query::Deflection { load, .. } if (load.force_n - 294.1995).abs() < 1e-9)
+        );
+        let shape = datum(Kind::Shape, "mode2:0.1L/0.4L=-0.62\u{b1}2%", 14.0).unwrap();
+        assert!(shape.value == -0.62 && (shape.sd - 0.0124).abs() < 1e-12);
+        let side = datum(Kind::Measured, "side=70.1,70.4,69.9mm+-0.2mm", 14.0).unwrap();
+        assert!((side.value - 0.070_133_333).abs() < 1e-8 && side.sd > 0.2e-3 && side.sd < 0.3e-3);
+        let strain = datum(Kind::Strain, "mode1:0.1L/0.4L=12.3ue/mm+-2%", 14.0).unwrap();
+        assert!((strain.value - 0.0123).abs() < 1e-9 && (strain.sd - 0.000_246).abs() < 1e-9);
+        assert_eq!(
+            mass("20kg@0.3L", 14.0),
+            Ok(PointMass {
+                mass_kg: 20.0,
+                at: 0.3
+            })
+        );
+    }
+
+    #[test]
+    fn what_is_meant_is_asked_where_it_is_not_said() {
+        for (kind, text, reason) in [
+            (Kind::Load, "300@0.5L=1.1mm", "300N, or 300kgf"),
+            (Kind::Load, "30kg@0.5L=1.1mm", "a load of 30 kg is 30kgf, 294N"),
+            (Kind::Load, "300N@0.5=1.1mm", "0.5L is a share"),
+            (Kind::Load, "300N@0.5L=1.1", "1.1mm, or 1.1m"),
+            (Kind::Load, "300N@0.5L", "the deflection is missing"),
+            (Kind::Load, "300N=1.1mm", "where the load is"),
+            (Kind::Load, "300N@0.5L=1.1mm+-", "does not begin with a number"),
+            (Kind::Load, "300N@0.5L=1.1mm+-0%", "above 0"),
+            (Kind::Load, "300 stone@0.5L=1.1mm", "no unit known"),
+            (Kind::Load, "1e400N@0.5L=1.1mm", "too large"),
+            (Kind::Mass, "200N@0.3L=0.95+-1%", "no mass"),
+            (Kind::Mass, "20kg@0.3L=0.95", "wants its error"),
+            (Kind::Shape, "0.1L/0.4L=-0.6", "which mode"),
+            (Kind::Shape, "mode2:0.1L=-0.6", "second place"),
+            (Kind::Measured, "colour=3mm+-1%", "nothing measured"),
+            (Kind::Measured, "density=7.8mm+-1%", "no unit of density_kg_m3"),
+            (Kind::Measured, "side=70mm", "wants its error"),
+        ] {
+            let said = datum(kind, text, 14.0).unwrap_err();
+            assert!(
+                said.contains(reason) && said.contains(kind.example()),
+                "{text}: {said}"
+            );
+        }
+    }
+}

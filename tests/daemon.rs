@@ -314,6 +314,82 @@ fn a_reload_takes_a_good_configuration_and_keeps_the_old_one_for_a_bad() {
     assert_eq!(site.alarms("site.db"), ["north drift"]);
 }
 
+/// Settings that would drop a baseline are refused, at a reload and at a start, with the reason; given up by name they hold; and
+/// when the old ones come back, so does the baseline.
+#[test]
+fn a_baseline_is_not_dropped_unasked_and_comes_back_with_its_settings() {
+    let site = daemon_site();
+    let good = fs::read_to_string(site.path("site.toml")).unwrap();
+    let other = good.replacen("mean = 150e3", "mean = 151e3", 1);
+    let mut daemon = Daemon::ready(&site, &[]);
+    wait_for_files(&site, 7);
+    let segments = |rod: &str| {
+        let reader = Reader::open(&site.path("site.db")).unwrap();
+        reader.segments(&RodId(rod.to_owned())).unwrap().len()
+    };
+    let state = || Reader::open(&site.path("site.db")).unwrap().states().unwrap();
+    let learned = state()[&RodId("north".to_owned())].clone();
+    assert!(learned.segment.baseline.is_some());
+
+    // What changes no number opens no segment: where samples stand, sinks, names.
+    let elsewhere = good.replace("topic = \"/north\"", "topic = \"/nave/north\"");
+    fs::write(site.path("site.toml"), elsewhere + "[alert]\nsettle_s = 5\n").unwrap();
+    daemon.signal("-HUP");
+    daemon.wait_for(" holds\n");
+    fs::write(site.path("site.toml"), &other).unwrap();
+    let check = site.run(&["check", "site.toml", "--against", "site.db"]);
+    let said = text(&check.stdout);
+    assert_eq!(check.status.code(), Some(3), "{said}");
+    assert!(said.contains("rod north: the baseline would be lost"), "{said}");
+    assert!(
+        said.contains("rod.priors.axial_force_n: { mean = 150000") && said.contains("mean = 151000"),
+        "{said}"
+    );
+    assert!(said.contains("rod south: the baseline stays"), "{said}");
+    daemon.signal("-HUP");
+    daemon.wait_for("would drop a baseline, the old one holds");
+    daemon.stop();
+    assert_eq!((segments("north"), segments("south")), (1, 1));
+    let refused = site.run(&["run", "--config", "site.toml"]);
+    assert_eq!(refused.status.code(), Some(2), "{}", text(&refused.stderr));
+    assert!(
+        text(&refused.stderr).contains("--accept-new-baseline"),
+        "{}",
+        text(&refused.stderr)
+    );
+    let (output, code) = site.replay(&["archive"], "site.db");
+    assert_eq!(code, 2, "{}", text(&output.stderr));
+
+    let daemon = Daemon::ready(&site, &["--accept-new-baseline", "north"]);
+    daemon.stop();
+    assert_eq!((segments("north"), segments("south")), (2, 1));
+    assert!(state()[&RodId("north".to_owned())].segment.baseline.is_none());
+    fs::write(site.path("site.toml"), &good).unwrap();
+    let check = site.run(&["check", "site.toml", "--against", "site.db"]);
+    assert!(
+        text(&check.stdout).contains("the baseline of segment 1 goes on"),
+        "{}",
+        text(&check.stdout)
+    );
+    Daemon::ready(&site, &[]).stop();
+    let back = state()[&RodId("north".to_owned())].clone();
+    assert_eq!(back.segment, learned.segment);
+    assert_eq!(
+        (&back.watch, &back.periods, back.latest),
+        (&learned.watch, &learned.periods, learned.latest)
+    );
+    assert_eq!(segments("north"), 2, "no third one");
+    // One that is asked for now is the third: numbers are not used twice.
+    let asked = site.run(&["rebaseline", "--config", "site.toml", "north"]);
+    assert!(asked.status.success(), "{}", text(&asked.stderr));
+    let daemon = Daemon::ready(&site, &[]);
+    wait_until(&site, "it is applied", |reader| {
+        reader.rods_asked().is_ok_and(|rods| rods.is_empty())
+    });
+    daemon.stop();
+    assert_eq!(state()[&RodId("north".to_owned())].segment.number, 3);
+}
+
 #[test]
 fn what_people_ask_is_done_while_it_runs() {
     let site = daemon_site();

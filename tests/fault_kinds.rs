@@ -5,8 +5,18 @@
 //! loop (`stalled`) takes half a minute to be detected; `tests/notify.rs` has it.
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
+#[allow(dead_code)] // not every test uses all of them
+#[path = "alerts/fake.rs"]
+mod fake;
+#[allow(dead_code)]
+#[path = "alerts/peers.rs"]
+mod peers;
 mod site;
 
+use fake::Fake;
+use rumqttc::v5::mqttbytes::QoS;
+use rumqttc::v5::mqttbytes::v5::Packet;
+use rumqttc::v5::{Client, Event, MqttOptions};
 use serde_json::Value;
 use site::*;
 use std::collections::BTreeMap;
@@ -19,6 +29,8 @@ use std::path::PathBuf;
 use std::process::{Child, Command, Stdio};
 use std::thread;
 use std::time::{Duration, Instant};
+use tirante::analysis::signal::record::{RodId, Timestamp};
+use tirante::site::store::{Durability, Reader, Store, Stretch};
 
 /// Sections of the daemon's configuration besides the site: no fixed port, so that daemons run side by side.
 const OPERATION: &str = r#"
@@ -330,6 +342,11 @@ fn reload() {
         daemon.expect("reload", count, "degraded");
     }
     assert!(daemon.log().contains("lenght_m"), "{}", daemon.log());
+    // It lasts until a good one is taken.
+    assert_eq!(daemon.conditions("reload"), 1);
+    fs::write(site.path("site.toml"), config).unwrap();
+    daemon.signal("-HUP");
+    daemon.wait("it is mended", |daemon| daemon.conditions("reload") == 0);
 }
 
 /// Not a fault, but operators' alarms depend on it: a rod that is no longer configured has no gauges.
@@ -366,6 +383,110 @@ fn a_rod_that_is_no_longer_configured_has_no_gauges() {
     assert_eq!(has(&daemon, "south"), [true; 3]);
 }
 
+/// A rod of which nothing comes has its row from the first second on, in every answer; its silence is told, and the topic that
+/// came instead of its own is named.
+#[test]
+fn a_rod_that_is_never_seen_is_missed() {
+    let site = daemon_site();
+    held(&site);
+    let config = fs::read_to_string(site.path("site.toml")).unwrap();
+    let mistyped = config.replace("topic = \"/north\"", "topic = \"/nrth\"");
+    // Six minutes are the shortest silence there is; that they went by before is what the store says.
+    fs::write(site.path("site.toml"), mistyped + "[alarm]\nsilence_h = 0.1\n").unwrap();
+    let mut daemon = Daemon::ready(&site);
+    let status = || {
+        lines(
+            &site
+                .run(&["status", "--store", "site.db", "--format", "json"])
+                .stdout,
+        )
+    };
+    let rods = status();
+    assert_eq!(rods.len(), 2, "both rods have a row: {rods:?}");
+    let metrics = daemon.get("/metrics");
+    for rod in ["north", "south"] {
+        assert!(
+            metrics.contains(&format!("tirante_rod_state{{rod=\"{rod}\"")),
+            "{metrics}"
+        );
+    }
+    assert!(
+        metrics.contains("tirante_rod_awaited_timestamp_seconds{rod=\"north\"}"),
+        "{metrics}"
+    );
+    let shown: Value = serde_json::from_str(&daemon.get("/api/v1/site")).unwrap();
+    assert_eq!(shown["rods"].as_array().unwrap().len(), 2, "{shown}");
+    daemon.expect("topic", 1.0, "degraded");
+    assert_eq!(daemon.conditions("topic"), 1);
+    let log = daemon.log();
+    assert!(
+        log.contains("/north comes") && log.contains("is /nrth (rod north)"),
+        "{log}"
+    );
+    let north = || status().into_iter().find(|rod| rod["rod"] == "north").unwrap();
+    let since = north()["never_seen_since"].as_str().unwrap().to_owned();
+    assert!(daemon.get("/api/v1/rods/north/history").contains("\"time\":[]"));
+    drop(daemon);
+
+    // An hour later, as the daemon counts.
+    let earlier = Timestamp::as_written(&since).unwrap().plus_seconds(-3600.0);
+    let mut store = Store::open(&site.path("site.db"), Durability::Full).unwrap();
+    store.expect_rods(&[], earlier).unwrap();
+    store.expect_rods(&[&RodId("north".to_owned())], earlier).unwrap();
+    drop(store);
+    let mut daemon = Daemon::ready(&site);
+    daemon.wait("its absence is told", |_| {
+        !north()["alarms"].as_array().unwrap().is_empty()
+    });
+    let (rod, alarm) = (north(), north()["alarms"][0].clone());
+    assert_eq!(
+        (&rod["state"], &alarm["kind"]),
+        (&"not-monitoring".into(), &"no-data".into())
+    );
+    assert_eq!(alarm["raised"], earlier.plus_seconds(360.0).to_string());
+    assert_eq!(rod["never_seen_since"], earlier.to_string());
+    assert!(
+        alarm["message"].as_str().unwrap().starts_with("never seen"),
+        "{alarm}"
+    );
+
+    // The topic is mended: the condition and the alarm are over.
+    fs::write(site.path("site.toml"), config).unwrap();
+    daemon.signal("-HUP");
+    site.simulate("later", &Part::new(5, 2));
+    daemon.wait("the rod is heard", |daemon| {
+        north()["alarms"].as_array().unwrap().is_empty() && daemon.conditions("topic") == 0
+    });
+    assert!(north()["never_seen_since"].is_null());
+    assert!(
+        !daemon
+            .get("/metrics")
+            .contains("rod_awaited_timestamp_seconds{rod=\"north\"}")
+    );
+}
+
+/// A rod that was configured by mistake, and of which nothing ever came, leaves nothing behind.
+#[test]
+fn a_rod_that_never_was_is_forgotten() {
+    let site = daemon_site();
+    let config = fs::read_to_string(site.path("site.toml")).unwrap();
+    fs::write(
+        site.path("site.toml"),
+        config.replace("id = \"north\"", "id = \"nroth\""),
+    )
+    .unwrap();
+    drop(Daemon::ready(&site));
+    fs::write(site.path("site.toml"), config).unwrap();
+    drop(Daemon::ready(&site));
+    let status = lines(
+        &site
+            .run(&["status", "--store", "site.db", "--format", "json"])
+            .stdout,
+    );
+    let rods: Vec<&Value> = status.iter().map(|rod| &rod["rod"]).collect();
+    assert_eq!(rods, ["north", "south"]);
+}
+
 #[test]
 fn folder() {
     let site = daemon_site();
@@ -376,6 +497,127 @@ fn folder() {
     fs::rename(site.path("elsewhere"), site.path("archive")).unwrap();
     daemon.wait("the folder is back", |daemon| daemon.conditions("folder") == 0);
     daemon.expect("folder", 1.0, "degraded");
+}
+
+/// Puts a webhook and a sign of life into the configuration; conditions are told after half a second.
+fn with_sink(site: &Site, fake: &Fake) {
+    let config = fs::read_to_string(site.path("site.toml")).unwrap();
+    let url = fake.url();
+    let sink = format!(
+        "[[sink]]\nid = \"office\"\nkind = \"webhook\"\nurl = \"{url}/sink\"\nkinds = [\"drift\"]\n\
+         [alert]\nsettle_s = 0.5\n[alert.heartbeat]\nurl = \"{url}/alive\"\nevery_min = 0.01\n"
+    );
+    fs::write(site.path("site.toml"), config + &sink).unwrap();
+}
+
+/// The bodies that came at a path.
+fn came(fake: &Fake, path: &str) -> Vec<Value> {
+    let requests = fake.requests().into_iter();
+    requests
+        .filter(|one| one.path == path)
+        .map(|one| one.body)
+        .collect()
+}
+
+/// What a sink was told of a kind of condition: what happened, and the id of the condition.
+fn told_of(fake: &Fake, kind: &str) -> Vec<(String, String)> {
+    let messages = came(fake, "/sink").into_iter().filter(|one| one["kind"] == kind);
+    let word = |one: &Value, key: &str| one[key].as_str().unwrap().to_owned();
+    messages
+        .map(|one| (word(&one, "what"), word(&one, "alarm")))
+        .collect()
+}
+
+/// What lasts around the daemon is told to every sink, whatever alarms it wants: begin and end, once each, over kills.
+#[test]
+fn a_condition_is_a_message_through_every_sink() {
+    let (site, fake) = (daemon_site(), Fake::new(&[]));
+    with_sink(&site, &fake);
+    let mut daemon = Daemon::ready(&site);
+    daemon.wait("it gives a sign of life", |_| !came(&fake, "/alive").is_empty());
+    assert_eq!(came(&fake, "/alive")[0]["state"], "ok");
+    fs::rename(site.path("archive"), site.path("elsewhere")).unwrap();
+    daemon.wait("its begin is told", |_| !told_of(&fake, "folder").is_empty());
+    let begun = &came(&fake, "/sink")[0];
+    assert_eq!(
+        (&begun["rod"], &begun["stands"]),
+        (&"".into(), &true.into()),
+        "{begun}"
+    );
+    for _ in 0..3 {
+        drop(daemon);
+        daemon = Daemon::ready(&site);
+        daemon.wait("it lasts", |daemon| daemon.conditions("folder") == 1);
+    }
+    let status = site.run(&["status", "--store", "site.db"]);
+    assert!(
+        text(&status.stderr).contains("folder since"),
+        "{}",
+        text(&status.stderr)
+    );
+    fs::rename(site.path("elsewhere"), site.path("archive")).unwrap();
+    daemon.wait("its end is told", |_| told_of(&fake, "folder").len() > 1);
+    let told = told_of(&fake, "folder");
+    let what: Vec<&str> = told.iter().map(|(what, _)| what.as_str()).collect();
+    assert_eq!(what, ["raised", "cleared"]);
+    assert_eq!(told[0].1, told[1].1, "one id");
+    drop(daemon);
+    let status = site.run(&["status", "--store", "site.db"]);
+    assert!(
+        text(&status.stderr).contains("monitoring stopped since"),
+        "{}",
+        text(&status.stderr)
+    );
+}
+
+/// The broker itself says that the daemon is gone when it dies, and keeps its state for whoever comes later.
+#[test]
+fn a_broker_knows_that_the_daemon_died() {
+    let Some(program) = peers::program("mosquitto", "mosquitto") else {
+        return;
+    };
+    let site = daemon_site();
+    let broker = peers::Server::start_anywhere(&program, |address| {
+        let text = format!("listener {} 127.0.0.1\nallow_anonymous true\n", address.port());
+        fs::write(site.path("mosquitto.conf"), text).unwrap();
+        vec!["-c".to_owned(), site.path("mosquitto.conf").display().to_string()]
+    });
+    let config = fs::read_to_string(site.path("site.toml")).unwrap();
+    let sink = format!(
+        "[[sink]]\nid = \"broker\"\nkind = \"mqtt\"\nurl = \"mqtt://{}\"\nstatus_topic = \"tirante/{{site}}/status\"\n",
+        broker.address
+    );
+    fs::write(site.path("site.toml"), config + &sink).unwrap();
+    // Somebody who comes later, each time: what is heard is what the broker kept.
+    let state = || {
+        let (host, port) = (broker.address.ip().to_string(), broker.address.port());
+        let (client, mut connection) = Client::new(MqttOptions::new("later", host, port), 10);
+        client
+            .subscribe("tirante/Two rods/status", QoS::AtLeastOnce)
+            .unwrap();
+        let until = Instant::now() + Duration::from_secs(2);
+        while Instant::now() < until {
+            if let Ok(Ok(Event::Incoming(Packet::Publish(publish)))) =
+                connection.recv_timeout(Duration::from_millis(200))
+            {
+                let said: Value = serde_json::from_slice(&publish.payload).unwrap();
+                return said["state"].as_str().unwrap().to_owned();
+            }
+        }
+        String::new()
+    };
+    let mut daemon = Daemon::ready(&site);
+    daemon.wait("its state is kept", |_| state() == "ok");
+    drop(daemon);
+    let until = Instant::now() + DEADLINE;
+    while state() != "gone" {
+        assert!(Instant::now() < until, "the broker still says {}", state());
+    }
+    let mut daemon = Daemon::ready(&site);
+    daemon.wait("it is back", |_| state() == "ok");
+    daemon.signal("-TERM");
+    daemon.child.wait().unwrap();
+    assert_eq!(state(), "stopped");
 }
 
 #[test]
@@ -392,6 +634,8 @@ fn disk_full() {
         config.replace("\"site.db\"", "\"small/site.db\""),
     )
     .unwrap();
+    let fake = Fake::new(&[]);
+    with_sink(&site, &fake);
     let mut daemon = Daemon::ready(&site);
     assert_eq!(daemon.state(), "ok");
     // As much as there is room for.
@@ -401,9 +645,164 @@ fn disk_full() {
     drop(ballast);
     held(&site);
     daemon.expect("disk-full", 1.0, "failing");
+    // The sinks are told though the store cannot keep it, and there is no sign of life while nothing is kept.
+    daemon.wait("its begin is told", |_| !told_of(&fake, "disk-full").is_empty());
+    let shown: Value = serde_json::from_str(&daemon.get("/api/v1/site")).unwrap();
+    assert!(shown["monitoring"]["stopped_since"].is_string(), "{shown}");
+    let signs = came(&fake, "/alive").len();
+    thread::sleep(Duration::from_secs(2));
+    assert!(
+        came(&fake, "/alive").len() <= signs + 1,
+        "one may have been on its way"
+    );
     fs::remove_file(site.path("small/ballast")).unwrap();
     daemon.wait("it goes on", |daemon| daemon.state() == "degraded");
     daemon.expect("rejected", 5.0, "degraded");
+    daemon.wait("its end is told", |_| told_of(&fake, "disk-full").len() > 1);
+    let told = told_of(&fake, "disk-full");
+    let what: Vec<&str> = told.iter().map(|(what, _)| what.as_str()).collect();
+    assert_eq!(
+        what,
+        ["raised", "cleared"],
+        "once, though it was told past the store"
+    );
+    assert_eq!(told[0].1, told[1].1, "one id");
+    daemon.wait("signs of life again", |_| came(&fake, "/alive").len() > signs + 1);
+}
+
+/// Store and journal are watched by what they are: while they are not the files of their names nothing is acknowledged, and the
+/// sinks hear of it; when the very files are back, everything goes on and nothing was lost.
+#[test]
+fn files_that_are_taken_away_are_missed() {
+    let (site, fake) = (daemon_site(), Fake::new(&[]));
+    with_sink(&site, &fake);
+    let mut daemon = Daemon::ready(&site);
+    let line = |s: i64| {
+        let time = 1_767_268_800_000_000_000 + 1_000_000_000 * s;
+        format!("{{\"topic\":\"/north\",\"time\":{time},\"values\":[1e-5]}}\n{{\"end\":true}}\n")
+    };
+    assert!(told(&site, &line(0)).contains("done"));
+    for (number, name) in ["site.db", "journal/journal.000001.mcap"].into_iter().enumerate() {
+        let aside = site.path("aside");
+        fs::rename(site.path(name), &aside).unwrap();
+        daemon.expect("files", 1.0 + number as f64, "failing");
+        let mut client = UnixStream::connect(site.path("socket")).unwrap();
+        client.set_read_timeout(Some(Duration::from_secs(3))).unwrap();
+        client.write_all(line(10 + number as i64).as_bytes()).unwrap();
+        let mut answer = String::new();
+        assert!(
+            client.read_to_string(&mut answer).is_err(),
+            "{name}: it is not answered: {answer}"
+        );
+        daemon.wait("it is told past the store", |_| {
+            told_of(&fake, "files").len() == 1 + 2 * number
+        });
+        // Another file of that name is not it.
+        fs::write(site.path(name), b"another").unwrap();
+        thread::sleep(Duration::from_secs(2));
+        assert_eq!(daemon.state(), "failing");
+        fs::rename(&aside, site.path(name)).unwrap();
+        daemon.wait("it goes on", |daemon| daemon.conditions("files") == 0);
+        client.set_read_timeout(Some(DEADLINE)).unwrap();
+        client.read_to_string(&mut answer).unwrap();
+        assert!(answer.contains("done"), "{name}: {answer}");
+        daemon.wait("its end is told", |_| {
+            told_of(&fake, "files").len() == 2 + 2 * number
+        });
+    }
+    // One that is cut short does not come back.
+    File::options()
+        .write(true)
+        .open(site.path("site.db"))
+        .unwrap()
+        .set_len(0)
+        .unwrap();
+    daemon.expect("files", 3.0, "failing");
+    // In the log it is one of several lines within a minute.
+    assert!(
+        daemon.health().to_string().contains("was cut short"),
+        "{}",
+        daemon.health()
+    );
+    daemon.signal("-TERM");
+    assert_eq!(daemon.child.wait().unwrap().code(), Some(0));
+    let daemon = Daemon::ready(&site);
+    assert!(daemon.log().contains("damaged"), "{}", daemon.log());
+}
+
+/// A part of the journal goes only if the store that is on disk says that it was read, and at the age it has in time that was
+/// lived: here the clock says that a month went by since the last daemon was at work, minutes after the part was written.
+#[test]
+fn a_part_goes_by_what_the_store_on_disk_says_and_not_by_a_clock_that_jumped() {
+    let site = daemon_site();
+    let config = fs::read_to_string(site.path("site.toml")).unwrap();
+    fs::write(site.path("site.toml"), config + "[journal]\nkeep_d = 30\n").unwrap();
+    let part = site.path("journal/journal.000001.mcap");
+    let line = "{\"topic\":\"/north\",\"time\":1767268800000000000,\"values\":[1e-5]}\n{\"end\":true}\n";
+    let mut daemon = Daemon::ready(&site);
+    assert!(told(&site, line).contains("done"));
+    daemon.signal("-TERM");
+    daemon.child.wait().unwrap();
+    let open = || Store::open(&site.path("site.db"), Durability::Full).unwrap();
+    let now = tirante::site::clock::now();
+    let ago = |days: f64| now.plus_seconds(-86_400.0 * days);
+    let written = |days: f64| {
+        let time = std::time::UNIX_EPOCH + Duration::from_nanos(ago(days).as_nanos().unsigned_abs());
+        File::options()
+            .write(true)
+            .open(&part)
+            .unwrap()
+            .set_modified(time)
+            .unwrap();
+    };
+    let is_read = |daemon: &mut Daemon| {
+        daemon.wait("the part is read", |_| {
+            let files = Reader::open(&site.path("site.db")).unwrap().files().unwrap();
+            let data = fs::metadata(&part).unwrap();
+            files
+                .values()
+                .any(|mark| mark.size == data.len() && mark.name.contains("000001"))
+        });
+    };
+    let lived = |stretches: &[(f64, f64)]| {
+        let store = rusqlite::Connection::open(site.path("site.db")).unwrap();
+        store.execute("DELETE FROM alive", ()).unwrap();
+        drop(store);
+        let mut store = open();
+        for (from, to) in stretches {
+            let stretch = Stretch {
+                from: ago(*from),
+                to: ago(*to),
+            };
+            store.watch(&[], Some(stretch)).unwrap();
+        }
+    };
+    // Written 31 days ago by the clock, minutes before the last daemon ended.
+    written(31.0);
+    lived(&[(40.0, 30.999)]);
+    let mut daemon = Daemon::ready(&site);
+    is_read(&mut daemon);
+    assert_eq!(daemon.conditions("clock"), 1, "{}", daemon.log());
+    thread::sleep(Duration::from_secs(3));
+    assert!(part.exists(), "{}", daemon.log());
+    daemon.signal("-TERM");
+    daemon.child.wait().unwrap();
+    // A daemon was at work all the time, but the store on disk is a copy that knows nothing of the part.
+    lived(&[(40.0, 0.0)]);
+    let store = rusqlite::Connection::open(site.path("site.db")).unwrap();
+    store.execute("DELETE FROM file", ()).unwrap();
+    drop(store);
+    let vouched = tirante::service::daemon::vouch(&site.path("site.db"));
+    let data = fs::metadata(&part).unwrap();
+    let kept = tirante::service::journal::retention::Kept {
+        part: 1,
+        bytes: data.len(),
+        modified_ns: ago(31.0).as_nanos(),
+    };
+    assert!(vouched(&[kept]).is_empty(), "nothing is known of it");
+    // Read again, and old by the clock and by what was lived: it goes.
+    let mut daemon = Daemon::ready(&site);
+    daemon.wait("the part is gone", |_| !part.exists());
 }
 
 /// A file system of 32 MB, gone when it is dropped.

@@ -21,7 +21,7 @@ use tirante::config::settings::journal::JournalSettings;
 use tirante::recording::write::{Encoding, Layout, RecordingWriter, WriterOptions};
 use tirante::service::daemon::reader::{JournalSource, Reader, Remembered, Sources, Surroundings};
 use tirante::service::daemon::steps::Watch;
-use tirante::service::journal::{Batch, Bell, End, Entry, Journal};
+use tirante::service::journal::{Around, Batch, Bell, End, Entry, Journal};
 use tirante::service::telemetry::{Fault, Health};
 use tirante::site::driver::Job;
 use tirante::site::prepared::Generation;
@@ -479,9 +479,15 @@ fn sources(live: &Live, folder: Option<&Path>) -> Sources {
 fn journal(folder: &Path) -> Live {
     let failed = |error| panic!("the journal failed: {error}");
     let settings = JournalSettings::default();
+    // Nothing is old or large enough here to be asked for.
+    let around = Around {
+        health: Arc::default(),
+        halted: Arc::default(),
+        vouch: Box::new(|_| Vec::new()),
+    };
     Live {
         folder: folder.to_owned(),
-        journal: Journal::start(folder, &settings, 3600.0, Arc::default(), failed).unwrap(),
+        journal: Journal::start(folder, &settings, 3600.0, around, failed).unwrap(),
     }
 }
 

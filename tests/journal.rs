@@ -11,7 +11,7 @@ use std::fs;
 use std::io::Cursor;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime};
 use tirante::analysis::signal::record::{
     Assembler, Cut, Event, Flag, RecordSettings, RodChannels, RodId, Timestamp,
 };
@@ -19,7 +19,8 @@ use tirante::config::settings::journal::JournalSettings;
 use tirante::recording::part;
 use tirante::recording::read::{self, Recordings, Step};
 use tirante::recording::write::{Encoding, Layout, RecordingWriter, WriterOptions};
-use tirante::service::journal::{Batch, Closed, End, Entry, Handle, Journal, Line};
+use tirante::service::journal::retention::Kept;
+use tirante::service::journal::{Around, Batch, Closed, End, Entry, Handle, Journal, Line};
 use tirante::service::telemetry::{Fault, Health};
 
 const LAYOUT: Layout = Layout::Batch(50);
@@ -32,8 +33,21 @@ fn start(folder: &Path) -> (Journal, Arc<Health>) {
 fn start_with(folder: &Path, settings: &JournalSettings, resume_s: f64) -> (Journal, Arc<Health>) {
     let health = Arc::<Health>::default();
     let failed = |error| panic!("the journal failed: {error}");
-    let journal = Journal::start(folder, settings, resume_s, Arc::clone(&health), failed).unwrap();
+    let journal = Journal::start(folder, settings, resume_s, around(&health), failed).unwrap();
     (journal, health)
+}
+
+/// Whoever is asked says that everything is kept, and as old as the machine's clock says.
+fn around(health: &Arc<Health>) -> Around {
+    let age_s = |kept: &Kept| {
+        let now = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap();
+        now.as_secs_f64() - kept.modified_ns as f64 * 1e-9
+    };
+    Around {
+        health: Arc::clone(health),
+        halted: Arc::default(),
+        vouch: Box::new(move |parts| parts.iter().map(age_s).collect()),
+    }
 }
 
 fn block_on<T>(future: impl Future<Output = T>) -> T {
@@ -329,7 +343,7 @@ fn one_daemon_at_a_time() {
         folder.path(),
         &JournalSettings::default(),
         1.0,
-        Arc::default(),
+        around(&Arc::default()),
         |_| {},
     );
     assert!(again.unwrap_err().to_string().contains("another process writes"));

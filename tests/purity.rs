@@ -53,6 +53,7 @@ const FLOORS: [&str; 59] = [
     "site::emulator_cache",
     "site::record_row",
     "site::store",
+    "site::baselines",
     "site::analyse",
     "site::trackers",
     "site::prepared",

@@ -65,6 +65,15 @@ pub struct Rejected {
 }
 
 impl Outcome {
+    /// The time of its first sample, if known.
+    pub fn start(&self) -> Option<Timestamp> {
+        match self {
+            Self::Identified(identification) => identification.measurement.as_ref().map(|m| m.start),
+            Self::Tabulated(row) => Some(row.start),
+            Self::Rejected(rejected) => rejected.start,
+        }
+    }
+
     /// Id of the rod.
     pub fn rod(&self) -> &RodId {
         match self {

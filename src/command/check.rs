@@ -1,7 +1,9 @@
 //! `tirante check`: reports every fault of a configuration at once, or prints the effective one.
 
 use crate::config::{Config, ConfigError, Setting};
-use std::path::PathBuf;
+use crate::site::baselines::{self, Fate, Prospect};
+use crate::site::store::Reader;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 /// Check a configuration and report every fault.
@@ -11,7 +13,8 @@ use std::process::ExitCode;
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   tirante check config/todi.toml
-  tirante check config/todi.toml --set abc.draws=1000000")]
+  tirante check config/todi.toml --set abc.draws=1000000
+  tirante check site.toml --against site.db")]
 pub struct Args {
     /// Configuration; default: the built-in rod of the paper.
     #[arg(value_name = "FILE", conflicts_with = "config")]
@@ -25,6 +28,9 @@ pub struct Args {
     /// Print only faults and set the exit code; no effective configuration.
     #[arg(long, short)]
     pub quiet: bool,
+    /// A store: says of each of its rods whether its baseline would stay, and if not, why. Exit code 3 if one would be lost.
+    #[arg(long, value_name = "STORE")]
+    pub against: Option<PathBuf>,
 }
 
 /// Runs the command.
@@ -36,6 +42,9 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let config = Config::resolve(path, &args.settings);
     match config {
         Ok(config) => {
+            if let Some(store) = &args.against {
+                return against(&config, store);
+            }
             if !args.quiet {
                 return super::print(config.effective().as_bytes());
             }
@@ -43,6 +52,19 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         }
         Err(error) => Ok(refuse(&error)),
     }
+}
+
+/// Says what the configuration would do to the baselines of a store.
+fn against(config: &Config, store: &Path) -> anyhow::Result<ExitCode> {
+    let prospects = baselines::prospects(&Reader::open(store)?, config)?;
+    let lines: Vec<String> = prospects.iter().map(|prospect| format!("{prospect}\n")).collect();
+    super::print(lines.concat().as_bytes())?;
+    let is_lost = |prospect: &Prospect| matches!(prospect.fate, Fate::Lost(_));
+    Ok(if prospects.iter().any(is_lost) {
+        ExitCode::from(super::WITH_LOSSES)
+    } else {
+        ExitCode::SUCCESS
+    })
 }
 
 /// Reports the faults of a configuration on stderr; returns the exit code of bad arguments.

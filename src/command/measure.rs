@@ -6,7 +6,7 @@ use super::progress::Progress;
 use super::questions::Questions;
 use super::rod_flags::{Rod, RodFlags, positive};
 use super::sensor::{Sensor, Wanted};
-use super::setup::{self, Prepared};
+use super::setup::{self, GivenUp, Prepared};
 use super::sketch::{self, When};
 use super::template::{self, Template};
 use super::{BadArguments, findings, report};
@@ -144,7 +144,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     .text();
     let config = Config::parse(&text, &toml.display().to_string())?;
     let how = as_read(&args.file, how, &sensor)?;
-    let Prepared { generation, mut site } = setup::site(config, None)?;
+    let Prepared { generation, mut site } = setup::site(config, None, &GivenUp::default())?;
     let others = campaign::Others {
         how,
         is_meant: true,

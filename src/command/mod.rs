@@ -56,6 +56,7 @@ pub mod which_store;
 
 use crate::analysis::inference::PlanError;
 use crate::config::ConfigError;
+use crate::site::baselines::BaselineError;
 use clap::CommandFactory;
 use cli::{Cli, Command};
 use std::io::{self, Write};
@@ -113,7 +114,8 @@ pub fn report(error: &anyhow::Error) -> ExitCode {
         return ExitCode::SUCCESS;
     }
     tell!("error: {error:#}");
-    if error.is::<BadArguments>() || error.is::<PlanError>() {
+    let is_refused = matches!(error.downcast_ref(), Some(BaselineError::Refused(_)));
+    if is_refused || error.is::<BadArguments>() || error.is::<PlanError>() {
         ExitCode::from(USAGE)
     } else {
         ExitCode::FAILURE

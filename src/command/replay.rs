@@ -6,7 +6,7 @@ use super::foreign::Foreign;
 use super::progress::Progress;
 use super::render::Table;
 use super::report;
-use super::setup::{self, Prepared, Setup};
+use super::setup::{self, GivenUp, Prepared, Setup};
 use super::sketch::{self, When};
 use super::status;
 use super::which_store::{Format, Output};
@@ -89,6 +89,10 @@ pub struct Args {
     #[command(flatten)]
     pub setup: Setup,
 
+    /// Baselines that may go.
+    #[command(flatten)]
+    pub given_up: GivenUp,
+
     /// Facts missing in another program's file.
     #[command(flatten)]
     pub foreign: Foreign,
@@ -100,7 +104,7 @@ pub struct Args {
 /// Bad arguments or configuration, no recording at all, a store or an output that cannot be written.
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let config = args.setup.load()?;
-    let Prepared { generation, mut site } = setup::site(config, args.store.as_deref())?;
+    let Prepared { generation, mut site } = setup::site(config, args.store.as_deref(), &args.given_up)?;
     let (config, plans) = (&generation.config, &generation.plans);
     let modes = config
         .rods

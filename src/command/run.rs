@@ -1,5 +1,6 @@
 //! `tirante run`: runs the daemon.
 
+use super::setup::GivenUp;
 use crate::config::Setting;
 use crate::service::daemon::{self, Options};
 use std::path::PathBuf;
@@ -30,6 +31,10 @@ pub struct Args {
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub settings: Vec<Setting>,
 
+    /// Rods whose baselines may go.
+    #[command(flatten)]
+    pub given_up: GivenUp,
+
     /// Number of threads that analyse records; others read, write and send. Default: one per core. Results
     /// are bit-identical for any number.
     #[arg(long, value_name = "COUNT", value_parser = clap::value_parser!(u16).range(1..=1024))]
@@ -45,5 +50,6 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         config: args.config.clone(),
         settings: args.settings.clone(),
         threads: args.threads.map(usize::from),
+        given_up: args.given_up.rods(),
     })
 }

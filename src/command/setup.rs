@@ -4,6 +4,7 @@ use super::BadArguments;
 use super::progress::Progress;
 use crate::analysis::signal::record::RodId;
 use crate::config::{Config, ConfigError, RodConfig, Setting};
+use crate::site::baselines;
 use crate::site::prepared::{self, Generation, Plans};
 use crate::site::store::{Durability, Store};
 use crate::site::trackers::{self, Site};
@@ -83,6 +84,22 @@ fn solves_of(_rod: &RodId) -> impl Fn(usize, usize) + Sync + use<> {
     move |more, all| bar.add(more as u64, all as u64)
 }
 
+/// Baselines that may go.
+#[derive(Debug, Clone, Default, Args)]
+pub struct GivenUp {
+    /// A rod whose baseline may be dropped if its settings changed what its numbers mean; may be repeated. Without it, such settings
+    /// are refused.
+    #[arg(long = "accept-new-baseline", value_name = "ROD")]
+    rods: Vec<String>,
+}
+
+impl GivenUp {
+    /// The rods.
+    pub fn rods(&self) -> Vec<String> {
+        self.rods.clone()
+    }
+}
+
 /// A site ready for records: plans, trackers and store.
 pub struct Prepared {
     /// Configuration and plans.
@@ -94,8 +111,8 @@ pub struct Prepared {
 /// Prepares a whole site. `store` overrides the configuration's; without either, a store in memory.
 ///
 /// # Errors
-/// Plans that cannot be made, a store that cannot be opened.
-pub fn site(config: Config, store: Option<&Path>) -> anyhow::Result<Prepared> {
+/// Plans that cannot be made, a store that cannot be opened, settings that would drop a baseline nobody gave up.
+pub fn site(config: Config, store: Option<&Path>, given_up: &GivenUp) -> anyhow::Result<Prepared> {
     let store = match store.or(config.store.path.as_deref()) {
         Some(path) => Store::open(path, Durability::Replay)?,
         None => Store::in_memory()?,
@@ -106,6 +123,7 @@ pub fn site(config: Config, store: Option<&Path>) -> anyhow::Result<Prepared> {
             aside.display()
         );
     }
+    baselines::guard(&store, &config, &given_up.rods)?;
     let generation = Generation::prepare(config, solves_of)?;
     let name = &generation.config.site;
     let others = trackers::others_in(&store, name)?;

@@ -5,14 +5,16 @@ use super::render::signed_percent;
 use super::which_store::{Format, WhichStore, check_rod};
 use crate::analysis::findings::Doubt;
 use crate::analysis::signal::record::{RodId, Timestamp};
-use crate::service::api::{Goals, RodStatus};
-use crate::site::store::Reader;
+use crate::service::api::{Goals, Monitoring, RodStatus};
+use crate::site::clock;
+use crate::site::store::{self, Reader};
 use std::process::ExitCode;
 
 /// Show the state of every rod: force, change, alarms.
 ///
 /// The state comes with its time, the force with its 95 % interval. A running `replay` or `run` is not
-/// disturbed.
+/// disturbed. On stderr it says if monitoring has stopped, since when and why, and what lasts
+/// around the daemon.
 #[derive(Debug, Clone, clap::Args)]
 #[command(after_help = "Examples:
   tirante status --store site.db
@@ -46,6 +48,12 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let reader = Reader::open(&args.which.path()?)?;
     let rod = check_rod(&reader, args.rod.as_deref())?;
     let text = text(&reader, rod.as_ref(), args.format)?;
+    let held = store::is_held(reader.path());
+    if let Some(monitoring) = Monitoring::of(&reader, held, clock::now())? {
+        for sentence in monitoring.sentences() {
+            tell!("{sentence}");
+        }
+    }
     if text.is_empty() {
         tell!("{} has no records yet", reader.path().display());
     }
@@ -208,6 +216,7 @@ fn spreadsheet(rows: &[RodStatus]) -> String {
         "axial_force_n",
         "axial_force_q025_n",
         "axial_force_q975_n",
+        "never_seen_since",
     ]);
     let number = |number: Option<f64>| number.map_or_else(String::new, |number| format!("{number:?}"));
     let time = |time: Option<Timestamp>| time.map_or_else(String::new, |time| time.to_string());
@@ -242,6 +251,7 @@ fn spreadsheet(rows: &[RodStatus]) -> String {
             number(own.map(|n| n.mean)),
             number(own.map(|n| n.q025)),
             number(own.map(|n| n.q975)),
+            time(row.never_seen_since),
         ];
         out += &csv(cells.iter().map(String::as_str));
     }

@@ -2,7 +2,7 @@
 
 use super::progress::Progress;
 use super::render::Table;
-use super::setup::{self, Prepared, Setup};
+use super::setup::{self, GivenUp, Prepared, Setup};
 use super::status;
 use super::which_store::{Format, Output};
 use super::{BadArguments, WITH_LOSSES};
@@ -72,6 +72,10 @@ pub struct Args {
     /// Configuration of the run.
     #[command(flatten)]
     pub setup: Setup,
+
+    /// Baselines that may go.
+    #[command(flatten)]
+    pub given_up: GivenUp,
 }
 
 /// Runs the command.
@@ -91,7 +95,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
             .cmp(&(b.time, &b.rod))
             .then_with(|| first_hz(a).total_cmp(&first_hz(b)))
     });
-    let Prepared { generation, mut site } = setup::site(config, args.store.as_deref())?;
+    let Prepared { generation, mut site } = setup::site(config, args.store.as_deref(), &args.given_up)?;
     let config = &generation.config;
     let modes = config
         .rods

@@ -1,5 +1,6 @@
 //! The effective configuration: every key with its value in effect, as commented TOML.
 
+use std::collections::BTreeMap;
 use std::fmt::Write;
 
 /// One table of the effective configuration.
@@ -87,6 +88,18 @@ impl Node {
             format!("[[{}]]", self.header)
         } else {
             format!("[{}]", self.header)
+        }
+    }
+
+    /// Puts every key that has an effect, by its full name, and its value into `settings`.
+    pub(super) fn collect(&self, settings: &mut BTreeMap<String, String>) {
+        for line in self.lines.iter().filter(|line| line.shown) {
+            if let Some(value) = &line.value {
+                settings.insert(format!("{}.{}", self.header, line.key), value.clone());
+            }
+        }
+        for child in &self.children {
+            child.collect(settings);
         }
     }
 

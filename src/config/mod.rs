@@ -37,11 +37,12 @@ pub use fault::{ConfigError, Fault};
 pub use rod::rod_id;
 pub use setting::Setting;
 pub use simulation::SimulationConfig;
+pub use suggestion::nearest;
 
 use crate::analysis::identify::AnalysisSettings;
 use crate::analysis::signal::record::{RecordSettings, RodChannels, RodId};
 use crate::analysis::track::{AlarmSettings, TrackSettings};
-use crate::config::settings::alert::SinkSettings;
+use crate::config::settings::alert::{AlertSettings, SinkSettings};
 use crate::config::settings::http::HttpSettings;
 use crate::config::settings::ingest::IngestSettings;
 use crate::config::settings::journal::JournalSettings;
@@ -50,6 +51,7 @@ use crate::config::settings::store::StoreSettings;
 use fault::Faults;
 use reader::Table;
 use sha2::{Digest, Sha256};
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
 use std::io::Read;
 use std::path::Path;
@@ -59,7 +61,7 @@ use toml::de::DeTable;
 pub const LONGEST: usize = 1 << 20;
 
 /// Sections that no result depends on.
-const OPERATION: [&str; 5] = ["simulation", "ingest", "journal", "http", "sink"];
+const OPERATION: [&str; 6] = ["simulation", "ingest", "journal", "http", "sink", "alert"];
 
 const BUILT_IN: &str = include_str!("../../config/todi.toml");
 
@@ -88,6 +90,8 @@ pub struct Config {
     pub http: HttpSettings,
     /// Destinations of alarms.
     pub sinks: Vec<SinkSettings>,
+    /// How the sinks are told of the daemon itself.
+    pub alert: AlertSettings,
     /// Simulation that `simulate` writes; `None` without a `[simulation]`.
     pub simulation: Option<SimulationConfig>,
     effective: effective::Node,
@@ -225,6 +229,11 @@ impl Config {
         let rods = rod::read_all(root, &shared);
         emulator::check_chaos(root, model, &rods);
         let sinks = sink::read_all(root, &rods);
+        let alert = root.section(
+            "alert",
+            "How the sinks are told of the daemon itself (`run`).",
+            |table| sink::heartbeat::read(table, sinks.as_deref()),
+        );
         let simulation = root.optional_section("simulation", "What `tirante simulate` writes.", |table| {
             simulation::read(table, &rods)
         });
@@ -244,6 +253,7 @@ impl Config {
             journal,
             http,
             sinks: sinks?,
+            alert,
             simulation,
             effective: effective::Node::root(),
         })
@@ -254,6 +264,15 @@ impl Config {
         self.rods.iter().find(|rod| rod.analysis.rod.0 == id)
     }
 
+    /// Whether a rod reads this topic.
+    pub fn reads(&self, topic: &str) -> bool {
+        self.rods.iter().any(|rod| {
+            let channels = &rod.channels;
+            let mut thermometer = channels.temperature.iter();
+            channels.displacement.topic == topic || thermometer.any(|channel| channel.topic == topic)
+        })
+    }
+
     /// The configuration with every default filled in, as commented TOML that reads back equal.
     pub fn effective(&self) -> String {
         let mut text = String::new();
@@ -261,9 +280,8 @@ impl Config {
         text
     }
 
-    /// SHA-256 of the effective configuration without comments and without the sections that no result
-    /// depends on (`[simulation]`, `[ingest]`, `[journal]`, `[http]`, `[[sink]]`): equal for texts that mean
-    /// the same for measured data.
+    /// SHA-256 of the effective configuration without comments and without what no result depends on (`[simulation]`,
+    /// `[ingest]`, `[journal]`, `[http]`, `[[sink]]`, `[alert]`): equal for texts that mean the same for measured data.
     pub fn hash(&self) -> [u8; 32] {
         let mut text = String::new();
         let mut effective = self.effective.clone();
@@ -274,21 +292,53 @@ impl Config {
         Sha256::digest(text.as_bytes()).into()
     }
 
-    /// Hash of everything that determines the meaning of one rod's numbers: the sections its analysis and
-    /// tracking read, and the rod itself. Names, alarms and other rods do not change it.
+    /// A hash of everything that gives one rod's numbers their meaning: the sections its analysis and tracking read, and
+    /// the rod itself. Names, alarms, other rods, and where its samples stand in recordings do not change it.
     pub fn meaning_of(&self, rod: &RodId) -> [u8; 32] {
         let mut text = format!("seed = {}\n", self.seed);
-        for section in &self.effective.children {
-            let counts = match section.name() {
-                "record" | "spectrum" | "modes" | "abc" | "emulator" | "track" => true,
-                "rod" => section.value_of("id") == Some(&range::toml_string(&rod.0)),
-                _ => false,
-            };
-            if counts {
-                section.print(false, &mut text);
-            }
+        for section in self.sections_of(rod) {
+            section.print(false, &mut text);
         }
         Sha256::digest(text.as_bytes()).into()
+    }
+
+    /// The settings that give a rod's numbers another meaning here than in `before`, each as `key: old -> new`.
+    pub fn changes_of(&self, before: &Self, rod: &RodId) -> Vec<String> {
+        let settings = |config: &Self| {
+            let mut settings = BTreeMap::from([("site.seed".to_owned(), config.seed.to_string())]);
+            for section in config.sections_of(rod) {
+                section.collect(&mut settings);
+            }
+            settings
+        };
+        let (old, new) = (settings(before), settings(self));
+        let keys: BTreeSet<&String> = old.keys().chain(new.keys()).collect();
+        let shown = |value: Option<&String>| value.map_or("nothing", String::as_str).to_owned();
+        keys.into_iter()
+            .filter(|key| old.get(*key) != new.get(*key))
+            .map(|key| format!("{key}: {} -> {}", shown(old.get(key)), shown(new.get(key))))
+            .collect()
+    }
+
+    /// What gives a rod's numbers their meaning.
+    fn sections_of(&self, rod: &RodId) -> Vec<effective::Node> {
+        let mut sections = self.effective.children.clone();
+        sections.retain(|section| match section.name() {
+            "record" | "spectrum" | "modes" | "abc" | "emulator" | "track" => true,
+            "rod" => section.value_of("id") == Some(&range::toml_string(&rod.0)),
+            _ => false,
+        });
+        for section in &mut sections {
+            // Of a channel only whether there is one, and what its values are: the topic and the path to them change no number.
+            for channel in section
+                .children
+                .iter_mut()
+                .filter(|child| matches!(child.name(), "rod.channel" | "rod.temperature"))
+            {
+                channel.lines.retain(|line| line.key == "unit");
+            }
+        }
+        sections
     }
 
     /// All keys of the sections that this configuration has, for the documentation.

@@ -1,5 +1,6 @@
 //! `[[sink]]`: destinations of alarms.
 
+pub(super) mod heartbeat;
 mod text;
 
 use super::RodConfig;
@@ -96,6 +97,7 @@ fn read(table: &mut Table<'_>, rods: &[Option<RodConfig>]) -> Option<SinkSetting
             "resend_s",
             "topic",
             "retain",
+            "status_topic",
             "from",
             "to",
             "user",
@@ -174,6 +176,18 @@ fn read(table: &mut Table<'_>, rods: &[Option<RodConfig>]) -> Option<SinkSetting
         |value| value.choice(&[("yes", true), ("no", false)]),
         |is_retained| toml_string(if *is_retained { "yes" } else { "no" }),
     );
+    let status_topic = table.take(
+        key(
+            "status_topic",
+            "topic of the daemon's state, kept by the broker, which says \"gone\" there when the daemon dies (last will); {site} may \
+             stand in it",
+        )
+        .only(kind == Kind::Mqtt, "kind = \"mqtt\""),
+        "1 to 255 bytes of text without '#' and '+'",
+        Absent::Nothing("the broker is told of alarms only"),
+        text::topic,
+        |topic| toml_string(topic),
+    );
     let is_email = kind == Kind::Email;
     let from = table.take(
         key("from", "who the mail is from").only(is_email, "kind = \"email\""),
@@ -234,6 +248,7 @@ fn read(table: &mut Table<'_>, rods: &[Option<RodConfig>]) -> Option<SinkSetting
             is_tls: scheme == "mqtts",
             topic: topic?,
             is_retained: is_retained?,
+            status_topic,
             login,
             ca_file,
         }),

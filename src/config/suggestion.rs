@@ -1,12 +1,11 @@
 //! "Did you mean …?" for an unknown key.
 
+/// Characters of a name that are compared: names may come from outside.
+const LONGEST: usize = 80;
+
 /// The tail of the sentence "unknown key": the nearest known key, or all of them.
 pub(super) fn hint(unknown: &str, known: &[&str]) -> String {
-    let nearest = known
-        .iter()
-        .map(|candidate| (distance(unknown, candidate), *candidate))
-        .min_by_key(|(distance, _)| *distance);
-    match nearest {
+    match nearest(unknown, known.iter().copied()) {
         Some((distance, candidate)) if distance <= 1 + candidate.len() / 4 => {
             format!(", did you mean {candidate}?")
         }
@@ -15,28 +14,25 @@ pub(super) fn hint(unknown: &str, known: &[&str]) -> String {
     }
 }
 
+/// The candidate that takes the fewest edits, and their number.
+pub fn nearest<'c>(unknown: &str, candidates: impl Iterator<Item = &'c str>) -> Option<(usize, &'c str)> {
+    candidates
+        .map(|candidate| (distance(unknown, candidate), candidate))
+        .min_by_key(|(distance, _)| *distance)
+}
+
 /// Number of edits (insert, delete, replace) from `a` to `b` (Levenshtein), case ignored; a key
 /// that only lacks its unit (`length` for `length_m`) counts as one edit.
 fn distance(a: &str, b: &str) -> usize {
-    let (a, b) = (a.to_lowercase(), b.to_lowercase());
+    let short = |text: &str| -> String { text.to_lowercase().chars().take(LONGEST).collect() };
+    let (a, b) = (short(a), short(b));
     if a.len() >= 3
         && b.strip_prefix(a.as_str())
             .is_some_and(|rest| rest.starts_with('_'))
     {
         return 1;
     }
-    let b: Vec<char> = b.chars().take(80).collect();
-    let mut row: Vec<usize> = (0..=b.len()).collect();
-    for (i, x) in a.chars().take(80).enumerate() {
-        let mut diagonal = row[0];
-        row[0] = i + 1;
-        for (j, y) in b.iter().enumerate() {
-            let replaced = diagonal + usize::from(x != *y);
-            diagonal = row[j + 1];
-            row[j + 1] = replaced.min(row[j] + 1).min(diagonal + 1);
-        }
-    }
-    row[b.len()]
+    strsim::levenshtein(&a, &b)
 }
 
 #[cfg(test)]

@@ -12,6 +12,7 @@
 //! * [`clock`]          the time people's requests carry
 
 pub mod analyse;
+pub mod baselines;
 pub mod clock;
 pub mod driver;
 pub mod emulator_cache;

@@ -1,10 +1,11 @@
 //! One configuration in force, and everything prepared from it: the same for a replay and for the daemon.
 
-use crate::analysis::identify::{self, Plan};
+use crate::analysis::identify::Plan;
 use crate::analysis::inference::Tables;
 use crate::analysis::signal::record::{RodChannels, RodId};
 use crate::analysis::track::TrackPlan;
 use crate::config::Config;
+use crate::site::baselines;
 use crate::site::emulator_cache::{self, Cache};
 use crate::site::hex::hex;
 use crate::site::trackers::Provenance;
@@ -94,14 +95,12 @@ fn track_plans(config: &Config, plans: &Plans) -> Vec<Arc<TrackPlan>> {
     plans
         .iter()
         .map(|(rod, plan)| {
-            let meaning = config.meaning_of(rod);
-            let key = format!("{}-{}", identify::VERSION, hex(&meaning[..8]));
             Arc::new(TrackPlan::new(
                 plan.settings(),
                 plan.model(),
                 config.track.clone(),
                 alarm.clone(),
-                key,
+                baselines::key(config, rod),
             ))
         })
         .collect()

@@ -3,11 +3,13 @@
 use crate::analysis::outcome::Outcome;
 use crate::analysis::record_view::Snapshot;
 use crate::analysis::signal::record::{Reading, RodId, Timestamp};
-use crate::analysis::track::{AlarmEvent, Others, Peer, TrackPlan, Tracker, Verdict};
+use crate::analysis::track::alarm::Board;
+use crate::analysis::track::{AlarmEvent, Kind, Others, Peer, RodState, State, TrackPlan, Tracker, Verdict};
 use crate::site::analyse::Analysed;
 use crate::site::record_row::RecordRow;
 use crate::site::store::{
-    Asked, Carry, Commit, FileMark, NewRecord, Position, RodRow, SnapshotRow, Standing, Store, StoreError,
+    Asked, Carry, Commit, ConditionEvent, FileMark, NewRecord, Position, RodRow, SnapshotRow, Standing,
+    Store, StoreError, Stretch,
 };
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -19,6 +21,8 @@ pub struct Site {
     store: Store,
     config_hash: String,
     renewed: Vec<(RodId, u32)>,
+    /// Since when each rod has been waited for, if a daemon does.
+    expected: BTreeMap<RodId, Timestamp>,
 }
 
 /// Result of one new record: its row, and its changes.
@@ -82,24 +86,34 @@ impl Site {
         store.keep_config(provenance.hash, provenance.site, provenance.effective)?;
         let mut states = store.states()?;
         let (mut trackers, mut emulators) = (BTreeMap::new(), BTreeMap::new());
-        let mut renewed = Vec::new();
+        let (mut renewed, mut fresh) = (Vec::new(), Vec::new());
         for plan in plans {
             let rod = plan.rod().clone();
             emulators.insert(rod.clone(), plan.emulator());
             let tracker = match states.remove(&rod) {
-                None => Tracker::new(plan),
+                None => {
+                    fresh.push(rod.clone());
+                    Tracker::new(plan)
+                }
                 Some(state) => {
                     let before = state.segment.number;
-                    let (tracker, events) = Tracker::resume(plan, state);
+                    let has_changed = state.segment.key != plan.key();
+                    let shelved = if has_changed {
+                        store.off_the_shelf(&rod, plan.key())?
+                    } else {
+                        None
+                    };
+                    if has_changed && state.segment.baseline.is_some() {
+                        store.shelve(&state)?;
+                    }
+                    let (tracker, events) = match shelved {
+                        Some(shelved) => Tracker::take_up(plan, shelved, state),
+                        None => Tracker::resume(plan, state),
+                    };
                     if tracker.state().segment.number != before {
                         renewed.push((rod.clone(), tracker.state().segment.number));
                         store.commit(&Commit {
-                            rod: Some(RodRow {
-                                state: tracker.state(),
-                                stands: &tracker.rod_state(),
-                                closed: &[],
-                                events: &events,
-                            }),
+                            rod: Some(row(&tracker, &tracker.rod_state(), &events)),
                             ..Commit::default()
                         })?;
                     }
@@ -108,13 +122,38 @@ impl Site {
             };
             trackers.insert(rod, tracker);
         }
+        if !fresh.is_empty() {
+            // A rod has a row before anything has come of it.
+            store.begin_group()?;
+            for tracker in fresh.iter().filter_map(|rod| trackers.get(rod)) {
+                store.commit(&Commit {
+                    rod: Some(row(tracker, &tracker.rod_state(), &[])),
+                    ..Commit::default()
+                })?;
+            }
+            store.end_group()?;
+        }
+        for state in states.into_values().filter(State::is_untouched) {
+            forget(&mut store, state)?;
+        }
         Ok(Self {
             trackers,
             emulators,
             store,
             config_hash: provenance.hash.to_owned(),
             renewed,
+            expected: BTreeMap::new(),
         })
+    }
+
+    /// Waits for records of its rods from now on, by the machine's clock, or goes on waiting.
+    ///
+    /// # Errors
+    /// The store cannot be written.
+    pub fn expect_rods(&mut self, now: Timestamp) -> Result<(), StoreError> {
+        let rods: Vec<&RodId> = self.trackers.keys().collect();
+        self.expected = self.store.expect_rods(&rods, now)?;
+        Ok(())
     }
 
     /// Continues with another configuration and the same store.
@@ -139,6 +178,25 @@ impl Site {
         self.trackers
             .iter()
             .map(|(rod, tracker)| (rod, tracker.state().latest))
+    }
+
+    /// The rods, and since when each is silent: since its latest record, or since it is waited for.
+    pub fn silent_since(&self) -> impl Iterator<Item = (&RodId, Option<Timestamp>)> {
+        self.latest()
+            .map(|(rod, latest)| (rod, latest.or_else(|| self.expected.get(rod).copied())))
+    }
+
+    /// The rods of which no record was ever believed, or none for too long.
+    pub fn unheard(&self) -> impl Iterator<Item = &RodId> {
+        let is_unheard = |state: &State| {
+            let is_silent = |kind: Kind| kind == Kind::NoData;
+            let mut standing = state.alarms.iter().filter(|alarm| alarm.cleared.is_none());
+            state.latest.is_none() || standing.any(|alarm| is_silent(alarm.kind))
+        };
+        self.trackers
+            .iter()
+            .filter(move |(_, tracker)| is_unheard(tracker.state()))
+            .map(|(rod, _)| rod)
     }
 
     /// Status of its rods; the store may have others, which are no longer configured.
@@ -286,19 +344,13 @@ impl Site {
             return Ok(false);
         }
         self.store.commit(&Commit {
-            rod: Some(RodRow {
-                state: tracker.state(),
-                stands: &tracker.rod_state(),
-                closed: &[],
-                events: &[],
-            }),
+            rod: Some(row(tracker, &tracker.rod_state(), &[])),
             ..Commit::default()
         })?;
         Ok(true)
     }
 
-    /// Checks for missing data of a rod whose last record was taken `elapsed_s` ago \[s\]; returns the alarm
-    /// events.
+    /// Looks at the clock for a rod that has been silent for `elapsed_s` \[s\]: tells when there is no data. The news.
     ///
     /// # Errors
     /// The store refuses: nothing of it was kept.
@@ -306,22 +358,30 @@ impl Site {
         let Some(tracker) = self.trackers.get_mut(rod) else {
             return Ok(Vec::new());
         };
-        let Some(latest) = tracker.state().latest else {
+        let awaited = self.expected.get(rod).copied();
+        let Some(since) = tracker.state().latest.or(awaited) else {
             return Ok(Vec::new());
         };
-        let events = tracker.look_at_clock(latest.plus_seconds(elapsed_s));
+        let now = since.plus_seconds(elapsed_s);
+        let events = match (tracker.state().latest, awaited) {
+            (None, Some(awaited)) => tracker.await_first(now, awaited),
+            _ => tracker.look_at_clock(now),
+        };
         if !events.is_empty() {
             self.store.commit(&Commit {
-                rod: Some(RodRow {
-                    state: tracker.state(),
-                    stands: &tracker.rod_state(),
-                    closed: &[],
-                    events: &events,
-                }),
+                rod: Some(row(tracker, &tracker.rod_state(), &events)),
                 ..Commit::default()
             })?;
         }
         Ok(events)
+    }
+
+    /// Keeps what is to be told of the daemon itself, and that it is at work.
+    ///
+    /// # Errors
+    /// The store refuses: nothing of it was kept.
+    pub fn watch(&mut self, notices: &[ConditionEvent], stretch: Stretch) -> Result<(), StoreError> {
+        self.store.watch(notices, Some(stretch))
     }
 
     /// Applies the requests about any rod of the site, in their order; returns their number.
@@ -383,18 +443,46 @@ impl Site {
                 Asked::Rebaseline { .. } => tracker.rebaseline(None),
             };
             self.store.commit(&Commit {
-                rod: Some(RodRow {
-                    state: tracker.state(),
-                    stands: &tracker.rod_state(),
-                    closed: &[],
-                    events: &events,
-                }),
+                rod: Some(row(tracker, &tracker.rod_state(), &events)),
                 applied: Some(request.number),
                 ..Commit::default()
             })?;
         }
         Ok(requests.len())
     }
+}
+
+/// What changed for a rod outside of a record.
+fn row<'a>(tracker: &'a Tracker, stands: &'a RodState, events: &'a [AlarmEvent]) -> RodRow<'a> {
+    RodRow {
+        state: tracker.state(),
+        stands,
+        closed: &[],
+        events,
+    }
+}
+
+/// Takes a rod that is no longer configured, and of which nothing ever came, out of the store; that it was missed is over.
+fn forget(store: &mut Store, mut state: State) -> Result<(), StoreError> {
+    let rod = state.rod.clone();
+    if let Some(told) = state.alarms.iter().map(|alarm| alarm.told).max() {
+        let mut board = Board::new(&rod, state.segment.number, &mut state.alarms);
+        board.clear_all(told);
+        let events = board.into_events();
+        store.commit(&Commit {
+            rod: Some(RodRow {
+                stands: &RodState::Learning {
+                    records: 0,
+                    periods: 0,
+                },
+                state: &state,
+                closed: &[],
+                events: &events,
+            }),
+            ..Commit::default()
+        })?;
+    }
+    store.forget_rod(&rod)
 }
 
 /// Other sites with records in a store.

@@ -228,6 +228,7 @@ pub fn state(rod: &RodId, number: i64) -> State {
         thermometer: Thermometer::default(),
         plausibility: Plausibility::default(),
         latest: Some(hour(number)),
+        opened: 2,
     }
 }
 

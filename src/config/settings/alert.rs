@@ -10,6 +10,39 @@ pub const LOG: &str = "log";
 /// Names in braces that a topic may hold.
 pub const TOPIC_PLACES: [&str; 5] = ["{site}", "{rod}", "{kind}", "{what}", "{alarm}"];
 
+/// How the sinks are told of the daemon itself.
+#[derive(Debug, Clone, PartialEq)]
+pub struct AlertSettings {
+    /// How long a condition must last, or be absent, to be told \[s\].
+    pub settle_s: f64,
+    /// Ids of the sinks that are told every day that the daemon is at work.
+    pub daily: Vec<String>,
+    /// The hour at which they are, UTC \[h\].
+    pub daily_h: f64,
+    /// The sign of life.
+    pub heartbeat: Option<HeartbeatSettings>,
+}
+
+impl Default for AlertSettings {
+    fn default() -> Self {
+        Self {
+            settle_s: 60.0,
+            daily: Vec::new(),
+            daily_h: 6.0,
+            heartbeat: None,
+        }
+    }
+}
+
+/// A sign of life to a dead-man switch.
+#[derive(Debug, Clone, PartialEq)]
+pub struct HeartbeatSettings {
+    /// The switch.
+    pub target: HttpTarget,
+    /// From one sign to the next \[s\].
+    pub every_s: f64,
+}
+
 /// Settings of one sink.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SinkSettings {
@@ -90,7 +123,7 @@ pub struct AlertmanagerSettings {
 pub struct MqttSettings {
     /// Host name or address of the broker.
     pub host: String,
-    /// Port of the broker.
+    /// Its port.
     pub port: u16,
     /// True if the connection is encrypted.
     pub is_tls: bool,
@@ -98,6 +131,8 @@ pub struct MqttSettings {
     pub topic: String,
     /// True if the broker keeps the latest message of each topic for later subscribers.
     pub is_retained: bool,
+    /// The topic of the daemon's state, with `{site}` in it.
+    pub status_topic: Option<String>,
     /// User name and password file, if the broker requires a login.
     pub login: Option<Login>,
     /// File with the certificates (PEM) that are trusted instead of the built-in roots.
@@ -120,7 +155,7 @@ pub enum MailSecurity {
 pub struct EmailSettings {
     /// Host name or address of the mail server.
     pub host: String,
-    /// Port of the mail server.
+    /// Its port.
     pub port: u16,
     /// Encryption of the connection.
     pub security: MailSecurity,

@@ -50,7 +50,7 @@ impl Sink for Alertmanager {
 
 /// The alert of a message: its labels are the same for all events of an alarm.
 fn alert(message: &Message, now: Timestamp) -> Json {
-    let is_test = message.what == What::Test;
+    let is_test = matches!(message.what, What::Test | What::Alive);
     let ends = if message.stands || is_test {
         now.plus_seconds(LASTS_S)
     } else {
@@ -67,7 +67,11 @@ fn alert(message: &Message, now: Timestamp) -> Json {
     }
     json!({
         "labels": {
-            "alertname": if is_test { "TiranteTest" } else { "TiranteAlarm" },
+            "alertname": match message.what {
+                What::Test | What::Alive => "TiranteTest",
+                _ if message.is_of_daemon() => "TiranteCondition",
+                _ => "TiranteAlarm",
+            },
             "site": message.site,
             "rod": message.rod,
             "kind": message.kind,

@@ -21,6 +21,11 @@ const BATCH: usize = 100;
 /// Interval at which the store is checked without notification.
 const LOOK_EVERY: Duration = Duration::from_secs(30);
 
+/// The name under which the store remembers how far a sink was told of the daemon's conditions. No id has a slash.
+fn notices_mark(sink: &str) -> String {
+    format!("{sink}/conditions")
+}
+
 /// Name under which the store records that a sink got the alarms active when it was added. No sink id has a
 /// slash.
 fn standing_mark(sink: &str) -> String {
@@ -70,6 +75,8 @@ pub(super) struct Courier {
     /// Alarms active when the sink was added that it still has to get; `None` until they were looked up.
     standing: Option<VecDeque<Message>>,
     refreshed: Option<Instant>,
+    /// Messages it told past the store: they are not told again when the store has them too.
+    told: HashSet<String>,
     backoff: Backoff,
     signal: Arc<Signal>,
 }
@@ -85,6 +92,7 @@ impl Courier {
             place,
             standing: None,
             refreshed: None,
+            told: HashSet::new(),
             backoff: Backoff::new(pace, seed),
             signal,
             errand,
@@ -143,6 +151,12 @@ impl Courier {
 
     /// Sends all that is due.
     fn round(&mut self) -> Result<(), Trouble> {
+        while let Some(message) = self.signal.direct() {
+            self.send(&message)?;
+            self.worked()?;
+            self.signal.delivered(&message.id);
+            self.told.insert(message.id);
+        }
         let reader = match self.reader.take() {
             Some(reader) => reader,
             None => Reader::open(&self.errand.store)?,
@@ -157,8 +171,11 @@ impl Courier {
         if !place.knows_standing {
             self.tell_standing(reader, &mut place)?;
         }
+        self.send_notices(reader, &mut place)?;
         loop {
-            let waiting = usize::try_from(reader.latest_news()? - place.through).unwrap_or(0);
+            let news = reader.latest_news()? - place.through;
+            let notices = reader.latest_notice()? - place.notices;
+            let waiting = usize::try_from(news + notices).unwrap_or(0);
             let (metrics, id) = (&self.errand.telemetry.metrics, &self.errand.settings.id);
             metrics.outbox(id, waiting);
             let news = reader.news_after(place.through, BATCH)?;
@@ -183,6 +200,26 @@ impl Courier {
         self.refresh(reader)
     }
 
+    /// Sends what there is to tell of the daemon's conditions: every sink hears of them.
+    fn send_notices(&mut self, reader: &Reader, place: &mut Place) -> Result<(), Trouble> {
+        loop {
+            let notices = reader.notices_after(place.notices, BATCH)?;
+            if notices.is_empty() {
+                return Ok(());
+            }
+            for notice in notices {
+                let message = Message::of_notice(&self.errand.site, &notice);
+                if !self.told.remove(&message.id) {
+                    self.send(&message)?;
+                    self.worked()?;
+                }
+                place.notices = notice.number;
+                self.arrive(*place);
+                self.report(&notices_mark(&self.errand.settings.id), place.notices)?;
+            }
+        }
+    }
+
     /// Position to continue from: as stored, or, for a new sink, after the present events.
     fn place(&mut self, reader: &Reader) -> Result<Place, Trouble> {
         if let Some(place) = self.place {
@@ -192,14 +229,17 @@ impl Courier {
         let place = match reader.delivered(id)? {
             Some(through) => Place {
                 through,
+                notices: reader.delivered(&notices_mark(id))?.unwrap_or(0),
                 knows_standing: reader.delivered(&standing_mark(id))?.is_some(),
             },
             None => {
                 let place = Place {
                     through: reader.latest_news()?,
+                    notices: reader.latest_notice()?,
                     knows_standing: false,
                 };
                 self.report(id, place.through)?;
+                self.report(&notices_mark(id), place.notices)?;
                 place
             }
         };
@@ -210,7 +250,7 @@ impl Courier {
     /// Sends a new sink the alarms active when it was added.
     fn tell_standing(&mut self, reader: &Reader, place: &mut Place) -> Result<(), Trouble> {
         if self.standing.is_none() {
-            self.standing = Some(self.standing_before(reader, place.through)?);
+            self.standing = Some(self.standing_before(reader, *place)?);
         }
         while let Some(message) = self.standing.as_ref().and_then(VecDeque::front).cloned() {
             self.send(&message)?;
@@ -224,9 +264,9 @@ impl Courier {
     }
 
     /// Active alarms, except those that later events will report.
-    fn standing_before(&self, reader: &Reader, through: i64) -> Result<VecDeque<Message>, Trouble> {
+    fn standing_before(&self, reader: &Reader, place: Place) -> Result<VecDeque<Message>, Trouble> {
         let mut later = HashSet::new();
-        let mut number = through;
+        let mut number = place.through;
         loop {
             let news = reader.news_after(number, BATCH)?;
             let Some(last) = news.last() else { break };
@@ -236,18 +276,22 @@ impl Courier {
                 .filter(|news| news.event.what == alarm::What::Raised);
             later.extend(raised.map(|news| news.event.alarm.id));
         }
+        let later_notices = reader.notices_after(place.notices, BATCH)?;
+        later.extend(later_notices.into_iter().map(|notice| notice.condition));
         let mut standing = self.messages_of_standing(reader)?;
         standing.retain(|message| !later.contains(&message.alarm));
         Ok(standing.into())
     }
 
     fn messages_of_standing(&self, reader: &Reader) -> Result<Vec<Message>, Trouble> {
-        let alarms = reader.alarms(&Filter::default())?;
-        Ok(alarms
+        let (alarms, site) = (reader.alarms(&Filter::default())?, &self.errand.site);
+        let alarms = alarms
             .iter()
             .filter(|alarm| !alarm.is_over() && self.errand.settings.wants(alarm.kind, &alarm.rod))
-            .map(|alarm| Message::standing(&self.errand.site, alarm))
-            .collect())
+            .map(|alarm| Message::standing(site, alarm));
+        let conditions = reader.standing_notices()?;
+        let conditions = conditions.iter().map(|begun| Message::lasting(site, begun));
+        Ok(alarms.chain(conditions).collect())
     }
 
     /// Sends the active alarms again to a sink that forgets.

@@ -1,11 +1,15 @@
 //! The couriers of a daemon: started, woken, reloaded and stopped together.
 
-use super::Pace;
 use super::courier::{Courier, Errand};
+use super::heartbeat::Heartbeat;
 use super::marks::{Delivered, Marks};
+use super::presence::Presence;
 use super::signal::{Place, Signal};
-use crate::config::settings::alert::SinkSettings;
+use super::{Message, Pace};
+use crate::analysis::signal::record::Timestamp;
+use crate::config::settings::alert::{AlertSettings, SinkKind, SinkSettings};
 use crate::service::telemetry::{Fault, Telemetry};
+use crate::site::store::ConditionEvent;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
@@ -23,13 +27,20 @@ pub struct Couriers {
     telemetry: Telemetry,
     pace: Pace,
     running: Vec<Running>,
+    alert: AlertSettings,
+    heartbeat: Option<Heartbeat>,
+    /// When the daily word was last looked at.
+    looked: Option<Timestamp>,
 }
+
+const DAY_S: f64 = 86_400.0;
 
 struct Running {
     settings: SinkSettings,
     site: String,
     signal: Arc<Signal>,
     ended: Receiver<()>,
+    _presence: Option<Presence>,
 }
 
 impl Couriers {
@@ -70,9 +81,67 @@ impl Couriers {
             telemetry,
             pace,
             running: Vec::new(),
+            alert: AlertSettings::default(),
+            heartbeat: None,
+            looked: None,
         };
         couriers.reload(sinks, site);
         couriers
+    }
+
+    /// Tells of the daemon itself as these settings say.
+    pub fn watch(&mut self, alert: &AlertSettings, site: &str) {
+        self.alert = alert.clone();
+        match &alert.heartbeat {
+            None => self.heartbeat = None,
+            Some(settings)
+                if self
+                    .heartbeat
+                    .as_ref()
+                    .is_some_and(|known| known.is_of(settings, site)) => {}
+            Some(settings) => {
+                self.heartbeat = None;
+                self.heartbeat = Heartbeat::start(settings, site, &self.telemetry);
+            }
+        }
+    }
+
+    /// Tells every sink of a condition that the store cannot keep now. When it has it, it is not sent again.
+    pub fn tell(&self, notice: &ConditionEvent) {
+        for courier in &self.running {
+            courier.signal.tell(Message::of_notice(&courier.site, notice));
+        }
+    }
+
+    /// Says once a day that the daemon is at work; called every second or so.
+    pub fn look_at_clock(&mut self, now: Timestamp) {
+        let days = |time: Timestamp| (time.as_nanos() as f64 * 1e-9 - 3600.0 * self.alert.daily_h) / DAY_S;
+        let before = self.looked.replace(now);
+        if self.alert.daily.is_empty()
+            || before.is_none_or(|before| days(before).floor() >= days(now).floor())
+        {
+            return;
+        }
+        let conditions = self.telemetry.health.conditions();
+        let said = match conditions.len() {
+            0 => "the daemon is at work, nothing is wrong".to_owned(),
+            count => {
+                let lines = conditions
+                    .iter()
+                    .map(|one| format!("{}: {}", one.fault.code(), one.detail));
+                let lines: Vec<String> = lines.collect();
+                format!(
+                    "the daemon is at work, {count} conditions last: {}",
+                    lines.join("; ")
+                )
+            }
+        };
+        let wanted = |courier: &&Running| self.alert.daily.contains(&courier.settings.id);
+        for courier in self.running.iter().filter(wanted) {
+            courier
+                .signal
+                .tell(Message::alive(&courier.site, said.clone(), now));
+        }
     }
 
     /// Notifies the couriers that there may be events in the store.
@@ -113,9 +182,9 @@ impl Couriers {
         self.running = kept;
     }
 
-    /// Ends them all within 100 ms, as dropping them does. One in the middle of a send is abandoned: if its
-    /// message arrives, it is sent again at the next start, with the same id. Deliveries are still reported
-    /// if the queue of jobs is read until it is disconnected.
+    /// Ends them all within 100 ms, as dropping them does (brokers that are told of the daemon's state: within a second). One in the middle of a send is left to itself: if its
+    /// message arrives, it is sent again at the next start, with the same id. What was delivered is still reported if
+    /// the queue of jobs is read on until it is disconnected.
     pub fn stop(self) {}
 
     fn spawn(&self, settings: &SinkSettings, site: &str, place: Option<Place>) -> Option<Running> {
@@ -140,11 +209,16 @@ impl Couriers {
                 .hold(Fault::Sink, &id, format!("sink {id}: no thread for it: {error}"));
             return None;
         }
+        let presence = match &settings.kind {
+            SinkKind::Mqtt(mqtt) => Presence::start(mqtt, site, &settings.id, self.pace, &self.telemetry),
+            _ => None,
+        };
         Some(Running {
             settings: settings.clone(),
             site: site.to_owned(),
             signal,
             ended,
+            _presence: presence,
         })
     }
 }

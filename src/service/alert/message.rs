@@ -5,7 +5,7 @@ use crate::analysis::track::AlarmEvent;
 use crate::analysis::track::alarm::change::Change;
 use crate::analysis::track::alarm::{self, Alarm};
 use crate::analysis::track::relative::Interval;
-use crate::site::store::News;
+use crate::site::store::{ConditionEvent, News};
 use serde::Serialize;
 use std::fmt::Write;
 
@@ -29,6 +29,8 @@ pub enum What {
     Standing,
     /// No alarm: a test of the delivery.
     Test,
+    /// Nothing: the daemon says once a day that it is at work, and what lasts.
+    Alive,
 }
 
 impl What {
@@ -41,6 +43,7 @@ impl What {
             Self::Cleared => "cleared",
             Self::Standing => "standing",
             Self::Test => "test",
+            Self::Alive => "alive",
         }
     }
 
@@ -67,7 +70,7 @@ pub struct Message {
     pub time: Timestamp,
     /// Name of the site.
     pub site: String,
-    /// Id of the rod.
+    /// The rod; empty for what concerns the daemon.
     pub rod: String,
     /// Id of the alarm: one for each condition, from its raising to its end.
     pub alarm: String,
@@ -85,6 +88,9 @@ pub struct Message {
     pub cleared: Option<Timestamp>,
     /// Onset, size and rate, for a drift.
     pub change: Option<Change>,
+    /// The sink, file or folder a condition of the daemon is about.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub about: Option<String>,
 }
 
 impl Message {
@@ -116,7 +122,62 @@ impl Message {
             acknowledged: alarm.acknowledged,
             cleared: alarm.cleared,
             change: alarm.change.clone(),
+            about: None,
         }
+    }
+
+    /// A condition of the daemon that began or ended.
+    pub fn of_notice(site: &str, notice: &ConditionEvent) -> Self {
+        let what = if notice.is_raised {
+            What::Raised
+        } else {
+            What::Cleared
+        };
+        Self::of_condition(site, what, notice)
+    }
+
+    /// A condition of the daemon that lasts.
+    pub fn lasting(site: &str, begun: &ConditionEvent) -> Self {
+        Self::of_condition(site, What::Standing, begun)
+    }
+
+    fn of_condition(site: &str, what: What, notice: &ConditionEvent) -> Self {
+        let (time, id) = (notice.time, &notice.condition);
+        Self {
+            version: VERSION,
+            id: format!("{id}-{}-{}", what.code(), time.as_nanos() / 1_000_000_000),
+            what,
+            time,
+            site: site.to_owned(),
+            rod: String::new(),
+            alarm: id.clone(),
+            kind: notice.fault.clone(),
+            raised: notice.raised,
+            message: notice.detail.clone(),
+            stands: notice.is_raised,
+            acknowledged: None,
+            cleared: (!notice.is_raised).then_some(time),
+            change: None,
+            about: Some(notice.about.clone()),
+        }
+    }
+
+    /// The daemon is at work: `said` tells what lasts.
+    pub fn alive(site: &str, said: String, now: Timestamp) -> Self {
+        Self {
+            what: What::Alive,
+            id: format!("alive-{}", now.as_nanos() / 1_000_000_000),
+            rod: String::new(),
+            alarm: "alive".to_owned(),
+            kind: "alive".to_owned(),
+            message: said,
+            ..Self::test(site, "", now)
+        }
+    }
+
+    /// Whether it is about the daemon, not about a rod.
+    pub fn is_of_daemon(&self) -> bool {
+        self.about.is_some()
     }
 
     /// Message that tests a sink.
@@ -136,6 +197,7 @@ impl Message {
             acknowledged: None,
             cleared: None,
             change: None,
+            about: None,
         }
     }
 
@@ -143,6 +205,11 @@ impl Message {
     pub fn subject(&self) -> String {
         match self.what {
             What::Test => format!("{}: test of an alarm sink", self.site),
+            What::Alive => format!("{}: {}", self.site, self.message),
+            What::Cleared if self.is_of_daemon() => {
+                format!("{}, monitoring: {} is over", self.site, self.kind)
+            }
+            _ if self.is_of_daemon() => format!("{}, monitoring: {}", self.site, self.kind),
             What::Standing => format!("{}, rod {}: {} stands", self.site, self.rod, self.kind),
             What::Repeated => format!(
                 "{}, rod {}: {} stands, not acknowledged",
@@ -160,7 +227,13 @@ impl Message {
             let _ = writeln!(text, "{:<14}{value}", format!("{name}:"));
         };
         line("Site", &self.site);
-        if self.what != What::Test {
+        if let Some(about) = &self.about {
+            line("Condition", &format!("{} ({about})", self.kind));
+            line("Since", &self.raised.to_string());
+            if let Some(time) = self.cleared {
+                line("Over", &time.to_string());
+            }
+        } else if !matches!(self.what, What::Test | What::Alive) {
             line("Rod", &self.rod);
             line("Alarm", &format!("{} ({})", self.kind, self.alarm));
             line("Raised", &self.raised.to_string());
@@ -186,7 +259,7 @@ impl Message {
                 ),
             );
         }
-        if self.stands && self.acknowledged.is_none() {
+        if self.stands && self.acknowledged.is_none() && !self.is_of_daemon() {
             text += &format!(
                 "\n`tirante ack --config FILE {}` says that somebody knows: it is then not told again.",
                 self.alarm
@@ -272,6 +345,28 @@ mod tests {
                 id
             )
         );
+    }
+
+    #[test]
+    fn a_condition_of_the_daemon_is_told_with_one_id_and_nothing_to_acknowledge() {
+        let begun = ConditionEvent::raised("disk-full", "site.db", RAISED, "no room on the disk");
+        let message = Message::of_notice("Duomo", &begun);
+        assert_eq!(message.subject(), "Duomo, monitoring: disk-full");
+        let text = message.text();
+        assert!(
+            text.contains("disk-full (site.db)") && !text.contains("tirante ack"),
+            "{text}"
+        );
+        let over = Message::of_notice("Duomo", &begun.cleared(RAISED.plus_seconds(60.0)));
+        assert_eq!(over.subject(), "Duomo, monitoring: disk-full is over");
+        assert!(message.stands && !over.stands && over.alarm == message.alarm);
+        assert!(
+            over.text().contains("Over:         2026-05-28T20:27:40.5Z"),
+            "{}",
+            over.text()
+        );
+        let json: serde_json::Value = serde_json::from_str(&over.json()).unwrap();
+        assert_eq!((&json["rod"], &json["about"]), (&"".into(), &"site.db".into()));
     }
 
     #[test]

@@ -9,11 +9,13 @@ pub mod backoff;
 mod courier;
 mod couriers;
 mod email;
+mod heartbeat;
 mod log;
 mod marks;
 pub mod message;
 mod mqtt;
 mod post;
+mod presence;
 mod signal;
 mod webhook;
 

@@ -38,7 +38,7 @@ impl Mqtt {
         }
     }
 
-    fn options(&self) -> Result<MqttOptions, Failure> {
+    pub(super) fn options(&self) -> Result<MqttOptions, Failure> {
         let settings = &self.settings;
         let mut options = MqttOptions::new(&self.client_id, &settings.host, settings.port);
         options
@@ -111,19 +111,17 @@ fn topic(template: &str, message: &Message) -> String {
     ];
     let mut topic = template.to_owned();
     for (place, value) in TOPIC_PLACES.iter().zip(values) {
-        let level: String = value
-            .chars()
-            .map(|c| {
-                if "/+#{}$".contains(c) || c.is_control() {
-                    '_'
-                } else {
-                    c
-                }
-            })
-            .collect();
-        topic = topic.replace(place, &level);
+        // What concerns the daemon has no rod.
+        let value = if value.is_empty() { "-" } else { value };
+        topic = topic.replace(place, &level(value));
     }
     topic
+}
+
+/// A name as one level of a topic, without wildcards.
+pub(super) fn level(name: &str) -> String {
+    let is_odd = |c: char| "/+#{}$".contains(c) || c.is_control();
+    name.chars().map(|c| if is_odd(c) { '_' } else { c }).collect()
 }
 
 fn tls(ca_file: Option<&CredentialPath>) -> Result<ClientConfig, Failure> {

@@ -1,5 +1,7 @@
 //! Signals to a courier: new events, and its end.
 
+use super::Message;
+use std::collections::VecDeque;
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -8,6 +10,8 @@ use std::time::{Duration, Instant};
 pub(super) struct Place {
     /// Number of the latest event delivered.
     pub(super) through: i64,
+    /// The number of the latest notice of the daemon's conditions the sink has.
+    pub(super) notices: i64,
     /// True if it got the alarms active when it was added.
     pub(super) knows_standing: bool,
 }
@@ -28,13 +32,40 @@ struct Inner {
     is_stopped: bool,
     is_woken: bool,
     place: Option<Place>,
+    /// What is told past the store, the oldest first.
+    direct: VecDeque<Message>,
 }
+
+/// Most messages that wait to be told past the store.
+const MOST_DIRECT: usize = 256;
 
 impl Signal {
     /// Notifies the courier that there may be events.
     pub(super) fn wake(&self) {
         self.lock().is_woken = true;
         self.changed.notify_all();
+    }
+
+    /// Hands on a message that does not come through the store: the store cannot be written, or it is not news.
+    pub(super) fn tell(&self, message: Message) {
+        let mut inner = self.lock();
+        if inner.direct.len() == MOST_DIRECT {
+            inner.direct.pop_front();
+        }
+        inner.direct.push_back(message);
+        inner.is_woken = true;
+        drop(inner);
+        self.changed.notify_all();
+    }
+
+    /// The first message that does not come through the store.
+    pub(super) fn direct(&self) -> Option<Message> {
+        self.lock().direct.front().cloned()
+    }
+
+    /// It was delivered.
+    pub(super) fn delivered(&self, id: &str) {
+        self.lock().direct.retain(|message| message.id != id);
     }
 
     /// Asks the courier to end.

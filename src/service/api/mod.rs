@@ -7,10 +7,12 @@
 //! * [`history`]  a rod's numbers over time, in columns
 //! * [`days`]     daily means, for histories of years
 //! * [`listing`]  records and alarms, page by page
+//! * [`monitoring`] whether the site is monitored, and what lasts around the daemon
 
 pub mod days;
 pub mod history;
 pub mod listing;
+pub mod monitoring;
 pub mod rod;
 pub mod site;
 pub mod standing;
@@ -18,6 +20,7 @@ pub mod standing;
 pub use days::Days;
 pub use history::{Frequencies, History};
 pub use listing::{Alarms, Records};
+pub use monitoring::{Lasting, Monitoring};
 pub use rod::{Chart, Looks, RodAnswer};
 pub use site::SiteAnswer;
 pub use standing::{Goals, RodStatus};

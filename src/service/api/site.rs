@@ -1,8 +1,10 @@
 //! All rods of a site at a glance.
 
 use super::days::{DAY_NS, Days};
+use super::monitoring::Monitoring;
 use super::standing::{Goals, RodStatus, latest_config};
 use crate::analysis::signal::record::{RodId, Timestamp};
+use crate::site::clock;
 use crate::site::store::{Reader, StoreError};
 use serde::Serialize;
 
@@ -21,6 +23,8 @@ pub struct SiteAnswer {
     pub version: &'static str,
     /// Silence that raises an alarm \[s\]; older data are stale.
     pub silence_s: Option<f64>,
+    /// Whether it is monitored; `null` if no daemon ever worked on the store.
+    pub monitoring: Option<Monitoring>,
     /// Its rods, in alphabetical order.
     pub rods: Vec<RodGlance>,
 }
@@ -79,6 +83,7 @@ impl SiteAnswer {
             site: config.map_or_else(|| "Site".to_owned(), |[_, site, _]| site),
             version: env!("CARGO_PKG_VERSION"),
             silence_s: latest_config(reader)?.map(|config| config.alarm.silence_s),
+            monitoring: Monitoring::of(reader, None, clock::now())?,
             rods,
         })
     }

@@ -53,6 +53,8 @@ pub struct RodStatus {
     pub alarms: Vec<Alarm>,
     /// Requests that wait.
     pub waiting: Vec<String>,
+    /// Since when a daemon has waited for the rod's first record; `null` once one has come.
+    pub never_seen_since: Option<Timestamp>,
 }
 
 /// Numbers of records and periods that learning takes.
@@ -130,6 +132,7 @@ impl RodStatus {
                     Asked::Rebaseline { .. } => "rebaseline".to_owned(),
                 })
                 .collect(),
+            never_seen_since: standing.awaited,
             rod: standing.rod,
         })
     }
@@ -145,6 +148,11 @@ impl RodStatus {
 
     /// Explanation of the state, if its name is not enough.
     pub fn why(&self) -> Option<String> {
+        if let Some(since) = self.never_seen_since.filter(|_| self.state_reason.is_none()) {
+            return Some(format!(
+                "never seen: no record since the rod was configured, {since}"
+            ));
+        }
         if let (Some(records), Some(periods)) = (self.baseline_records, self.learned_periods) {
             let of = |goal: fn(&Goals) -> usize| {
                 let goal = self.learning_takes.as_ref().map(goal);

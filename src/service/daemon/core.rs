@@ -1,11 +1,14 @@
 //! The one thread that owns trackers and store: takes the results of the pipeline, in order, and makes them
 //! durable.
 
+use super::guard::Guard;
 use super::opening::{open_site, warn_of_renewed};
 use super::retention::Retention;
 use super::silence::Silence;
+use super::vigil::Vigil;
 use crate::analysis::outcome::Outcome;
-use crate::analysis::signal::record::{Rejection, RodId};
+use crate::analysis::signal::record::{Rejection, RodId, Timestamp};
+use crate::recording::note;
 use crate::recording::read::Place;
 use crate::recording::read::{SourceError, Summary};
 use crate::service::telemetry::{Fault, Health};
@@ -13,7 +16,7 @@ use crate::site::analyse::{Analysed, LastSeen};
 use crate::site::clock;
 use crate::site::driver::{Done, Held, Job};
 use crate::site::prepared::Generation;
-use crate::site::store::{FileMark, Standing, StoreError};
+use crate::site::store::{ConditionEvent, FileMark, Standing, StoreError};
 use crate::site::trackers::{Note, Site, Taken};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -37,6 +40,8 @@ pub enum Notice<'a> {
     Alive,
     /// There are events in the outbox.
     News,
+    /// A condition that the store cannot keep now: it is told past it.
+    Untold(&'a ConditionEvent),
     /// A record is in the store already.
     Known(&'a RodId),
     /// A record was taken; its commit is durable.
@@ -75,26 +80,35 @@ pub enum CoreError {
 pub struct Core {
     /// `None` only while waiting for a full disk.
     site: Option<Site>,
+    guard: Guard,
+    /// Whether the store is not the file that is written: nothing is acknowledged while it is not.
+    halted: Arc<AtomicBool>,
     store: PathBuf,
     generation: Arc<Generation>,
     held: Held,
     passed: LastSeen,
     silence: Silence,
     retention: Retention,
+    vigil: Vigil,
     health: Arc<Health>,
     stopping: Arc<AtomicBool>,
     notify: Box<dyn Fn(Notice<'_>) + Send>,
 }
 
 impl Core {
-    /// A core for an open site. `stopping` ends the wait for a full disk.
+    /// A core for an open site. `stopping` ends the wait for a full disk; `halted` tells others that the store is lost.
+    ///
+    /// # Errors
+    /// The store cannot be read.
     pub fn new(
         site: Site,
         generation: Arc<Generation>,
         health: Arc<Health>,
-        stopping: Arc<AtomicBool>,
+        (stopping, halted): (Arc<AtomicBool>, Arc<AtomicBool>),
         notify: Box<dyn Fn(Notice<'_>) + Send>,
-    ) -> Self {
+    ) -> Result<Self, StoreError> {
+        let settle = Duration::from_secs_f64(generation.config.alert.settle_s);
+        let (vigil, silent_from) = Vigil::begin(site.store(), settle, Arc::clone(&health))?;
         let mut passed = LastSeen::default();
         for (rod, _) in site.latest() {
             // Every record before this start came before the next one. A rod whose record cannot be read has none.
@@ -103,6 +117,8 @@ impl Core {
             }
         }
         let mut core = Self {
+            guard: Guard::of(site.store().path()),
+            halted,
             store: site.store().path().to_owned(),
             site: Some(site),
             held: Held::new(generation.config.track.reorder_window_s),
@@ -110,12 +126,13 @@ impl Core {
             passed,
             silence: Silence::default(),
             retention: Retention::default(),
+            vigil,
             health,
             stopping,
             notify,
         };
-        core.listen();
-        core
+        core.listen(silent_from);
+        Ok(core)
     }
 
     /// Takes a group of results of the pipeline. Events are put in the order of their times; consecutive
@@ -194,6 +211,9 @@ impl Core {
     fn record(&mut self, outcome: &Outcome, place: &Place, taken: &Taken, took: Duration) {
         let rod = outcome.rod();
         self.silence.end(rod, Instant::now());
+        if let Some(start) = outcome.start() {
+            self.vigil.heard(start);
+        }
         if let Outcome::Rejected(rejected) = outcome {
             let fault = match rejected.rejection {
                 Rejection::Broken { .. } => Fault::Broken,
@@ -213,6 +233,11 @@ impl Core {
             Ok(summary) => {
                 for note in &summary.notes {
                     tracing::info!("{note}");
+                }
+                for (topic, held) in &summary.topics {
+                    if held.messages > 0 && topic != note::TOPIC && !self.generation.config.reads(topic) {
+                        self.health.strays().came(topic);
+                    }
                 }
                 for fault in summary.faults() {
                     self.health.fault(Fault::Recording, fault);
@@ -234,7 +259,8 @@ impl Core {
         let mut standings = None;
         if let Some(site) = self.site.take() {
             match site.reload(generation.track_plans.iter().cloned(), generation.provenance()) {
-                Ok(site) => {
+                Ok(mut site) => {
+                    site.expect_rods(clock::now())?;
                     warn_of_renewed(&site);
                     standings = Some(site.standings()?);
                     self.site = Some(site);
@@ -247,20 +273,23 @@ impl Core {
                 Err(error) => return Err(error.into()),
             }
         }
-        self.listen();
+        self.listen(clock::now());
+        let settle = Duration::from_secs_f64(generation.config.alert.settle_s);
+        self.vigil.set_settle(settle);
         (self.notify)(Notice::Reloaded(&generation, standings.as_deref()));
         Ok(())
     }
 
     /// Begins to count the silence of new rods.
-    fn listen(&mut self) {
-        let (wall, now) = (clock::now(), Instant::now());
-        for (rod, latest) in self.site.iter().flat_map(Site::latest) {
-            self.silence.begin(rod, latest, wall, now);
+    fn listen(&mut self, wall: Timestamp) {
+        let now = Instant::now();
+        for (rod, since) in self.site.iter().flat_map(Site::silent_since) {
+            self.silence.begin(rod, since, wall, now);
         }
     }
 
     fn tick(&mut self, is_caught_up: bool) -> Result<(), CoreError> {
+        self.look_at_files()?;
         let mut has_news = self.durable(Site::apply_requests)? > 0;
         if is_caught_up {
             let lasting: Vec<(RodId, f64)> = self
@@ -272,6 +301,14 @@ impl Core {
                 let events = self.durable(|site| site.look_at_clock(&rod, elapsed_s))?;
                 has_news |= !events.is_empty();
             }
+        }
+        let config = &self.generation.config;
+        self.vigil.tick(self.site.as_ref(), config, is_caught_up);
+        self.vigil.look();
+        if let Some((notices, stretch)) = self.vigil.due() {
+            self.durable(|site| site.watch(&notices, stretch))?;
+            self.vigil.kept(notices.len());
+            has_news |= !notices.is_empty();
         }
         if let Some(keep_s) = self.generation.config.store.keep_lines_s
             && let Some((rod, from)) = self.retention.next(&self.generation.plans)
@@ -328,6 +365,9 @@ impl Core {
                 return Err(CoreError::Stopping);
             }
             (self.notify)(Notice::Alive);
+            for notice in self.vigil.look() {
+                (self.notify)(Notice::Untold(&notice));
+            }
             thread::sleep(LOOK);
             looks -= 1;
             if looks > 0 {
@@ -341,6 +381,7 @@ impl Core {
                 // The reader does not know that the marks are gone: only a restart reads everything again.
                 Ok(site) if site.store().moved_aside().is_some() => return Err(CoreError::Damaged),
                 Ok(site) => {
+                    self.guard = Guard::of(&self.store);
                     self.site = Some(site);
                     self.silence.forgive(begun.elapsed());
                     return Ok(());
@@ -351,6 +392,39 @@ impl Core {
                 Err(error) => return Err(error.into()),
             }
         }
+    }
+
+    /// Looks whether the store is still the file that is written. If not, nothing is kept or acknowledged, and the sinks are told
+    /// past it, until the very file is back or somebody starts the daemon anew.
+    fn look_at_files(&mut self) -> Result<(), CoreError> {
+        let begun = Instant::now();
+        let mut is_lost = false;
+        while let Err((path, what)) = self.guard.look() {
+            self.halted.store(true, Ordering::Relaxed);
+            let detail = format!(
+                "{} {what} while it was written: nothing is kept or acknowledged. Bring the very file back and it goes on; or \
+                 start the daemon anew: it begins a new store if there is none, and reads again what folder and journal hold",
+                path.display()
+            );
+            self.health.hold(Fault::Files, &self.about(), detail);
+            is_lost = true;
+            if self.stopping.load(Ordering::Relaxed) {
+                // Closing it would remove, by its name, a write-ahead log that may be another store's.
+                std::mem::forget(self.site.take());
+                return Err(CoreError::Stopping);
+            }
+            (self.notify)(Notice::Alive);
+            for notice in self.vigil.look() {
+                (self.notify)(Notice::Untold(&notice));
+            }
+            thread::sleep(LOOK);
+        }
+        if is_lost {
+            self.halted.store(false, Ordering::Relaxed);
+            self.health.over(Fault::Files, &self.about());
+            self.silence.forgive(begun.elapsed());
+        }
+        Ok(())
     }
 
     /// Subject of a condition of the store.

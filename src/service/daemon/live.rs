@@ -2,13 +2,17 @@
 
 use super::LifecycleEvent;
 use super::reader::JournalSource;
+use crate::analysis::signal::record::Timestamp;
 use crate::config::{Config, RodConfig};
 use crate::recording::part;
 use crate::service::ingest::{self, Counts, Listener, Server, TopicSet};
-use crate::service::journal::{Bell, Journal};
+use crate::service::journal::retention::Kept;
+use crate::service::journal::{Around, Bell, Journal};
 use crate::service::telemetry::{Fault, Metrics, Telemetry};
+use crate::site::clock;
+use crate::site::store::{Reader as StoreReader, StoreError, Stretch};
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::sync::mpsc::Sender;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
@@ -58,7 +62,7 @@ impl Live {
         bound: Bound,
         runtime: &Runtime,
         telemetry: &Telemetry,
-        sender: &Sender<LifecycleEvent>,
+        (sender, halted): (&Sender<LifecycleEvent>, Arc<AtomicBool>),
     ) -> anyhow::Result<Self> {
         let health = &telemetry.health;
         let (topics, wanted) = watch::channel(Arc::new(ingest::topics_of(&config.rods)));
@@ -84,7 +88,12 @@ impl Live {
             }
         };
         let resume_s = config.ingest.resume_s;
-        let journal = Journal::start(&folder, &config.journal, resume_s, Arc::clone(health), failed)?;
+        let around = Around {
+            health: Arc::clone(health),
+            halted,
+            vouch: Box::new(vouch(store)),
+        };
+        let journal = Journal::start(&folder, &config.journal, resume_s, around, failed)?;
         telemetry.metrics.watch_disk("journal", folder.clone());
         if !bound.ingest.is_empty() {
             let server = Server::new(
@@ -166,6 +175,29 @@ fn folder_of(config: &Config, store: &Path) -> PathBuf {
         .folder
         .clone()
         .unwrap_or_else(|| store.parent().unwrap_or(Path::new(".")).join("journal"))
+}
+
+/// Says of the parts of a journal, the oldest first, how old they are in time that daemons lived \[s\]: as far as the store that is
+/// on disk under its name, opened anew, says that what is in them was read to its end.
+pub fn vouch(store: &Path) -> impl Fn(&[Kept]) -> Vec<f64> + Send + use<> {
+    let store = store.to_owned();
+    move |parts| {
+        let asked = || -> Result<Vec<f64>, StoreError> {
+            let reader = StoreReader::open(&store)?;
+            let (files, lived, now) = (reader.files()?, reader.stretches()?, clock::now());
+            let age_s = |kept: &Kept| {
+                let mark = files.get(&part::mark_name(kept.part))?;
+                let written = Timestamp::from_nanos(kept.modified_ns);
+                let is_same = (mark.size, mark.modified_ns) == (kept.bytes, kept.modified_ns);
+                is_same.then(|| Stretch::lived(&lived, written, now))
+            };
+            Ok(parts.iter().map_while(age_s).collect())
+        };
+        asked().unwrap_or_else(|error| {
+            tracing::warn!("parts of the journal stay: {error}");
+            Vec::new()
+        })
+    }
 }
 
 /// Counts of the sockets on their way to the metrics.

@@ -3,9 +3,12 @@
 //! docs/daemon.md shows the way of a record through it. [`run`] is its life cycle: prepare, open, run,
 //! reload, drain.
 
+mod conditions;
 pub mod core;
 mod folder;
+mod guard;
 mod live;
+mod misnamed;
 pub mod notify;
 mod opening;
 mod pipe;
@@ -17,9 +20,12 @@ mod running;
 mod signals;
 mod silence;
 pub mod steps;
+mod vigil;
+mod wall_clock;
 mod workers;
 
 use crate::site::prepared::Generation;
+pub use live::vouch;
 
 use crate::config::{Config, ConfigError, Setting};
 use crate::service::http;
@@ -27,7 +33,7 @@ use crate::service::ingest::Listener;
 use crate::service::telemetry::{Fault, Health, Phase, Telemetry};
 use crate::site::ordered_map::message_of;
 use crate::site::trackers::Site;
-use crate::site::{clock, store};
+use crate::site::{baselines, clock, store};
 use live::Bound;
 use notify::Watchdog;
 use running::Running;
@@ -54,6 +60,8 @@ pub struct Options {
     pub settings: Vec<Setting>,
     /// Number of threads that analyse; by default one per core.
     pub threads: Option<usize>,
+    /// Rods whose baselines may be dropped by settings that changed.
+    pub given_up: Vec<String>,
 }
 
 /// Lifecycle event of a daemon.
@@ -102,7 +110,12 @@ pub fn run(options: &Options) -> anyhow::Result<ExitCode> {
     };
     let mut bound = Some(bind().map_err(holder)?);
     let _watchdog = Watchdog::start(telemetry.clone())?;
-    open(config, Arc::clone(&telemetry.health), sender.clone())?;
+    open(
+        config,
+        Arc::clone(&telemetry.health),
+        options.given_up.clone(),
+        sender.clone(),
+    )?;
     let daemon = Daemon {
         options,
         runtime: &runtime,
@@ -138,7 +151,8 @@ fn show(
                 }
             };
             let access = http::Access::of(&config.http)?;
-            Some(http::Api::new(shown, access, ask, stopped.clone()))
+            let api = http::Api::new(shown, access, ask, stopped.clone());
+            Some(api.of_daemon(Arc::clone(&telemetry.health)))
         }
         None => None,
     };
@@ -208,10 +222,11 @@ impl Daemon<'_> {
                     match (prepared, &mut running) {
                         (Ok(generation), Some(running)) => {
                             running.reload(generation);
+                            health.over(Fault::Reload, &about(options));
                             notify::ready("the configuration was read again");
                         }
                         (Ok(_), None) => {}
-                        (Err(error), _) => keep_old(health, &error),
+                        (Err(error), _) => keep_old(options, health, &error),
                     }
                     is_preparing =
                         std::mem::take(&mut is_asked_again) && begin_reload(options, health, sender);
@@ -249,18 +264,29 @@ fn load(options: &Options) -> Result<Config, ConfigError> {
 
 /// Prepares the first configuration and opens the store, on a thread of its own: both may take long, and signals are
 /// answered meanwhile.
-fn open(config: Config, health: Arc<Health>, sender: Sender<LifecycleEvent>) -> io::Result<()> {
+fn open(
+    config: Config,
+    health: Arc<Health>,
+    given_up: Vec<String>,
+    sender: Sender<LifecycleEvent>,
+) -> io::Result<()> {
     let work = move || {
         let generation = prepared(config)?;
-        let site = opening::open_patiently(&generation, &health)?;
+        let site = opening::open_patiently(&generation, &health, &given_up)?;
         Ok((generation, Box::new(site)))
     };
     beside("open", sender, work, LifecycleEvent::Opened)
 }
 
-/// Prepares another configuration on a thread of its own.
-fn prepare(config: Config, sender: Sender<LifecycleEvent>) -> io::Result<()> {
-    beside("prepare", sender, || prepared(config), LifecycleEvent::Prepared)
+/// Prepares another configuration on a thread of its own; one that would drop a baseline is refused.
+fn prepare(config: Config, given_up: Vec<String>, sender: Sender<LifecycleEvent>) -> io::Result<()> {
+    let work = move || {
+        if let Some(store) = &config.store.path {
+            baselines::guard(&store::Reader::open(store)?, &config, &given_up)?;
+        }
+        prepared(config)
+    };
+    beside("prepare", sender, work, LifecycleEvent::Prepared)
 }
 
 /// Runs work on a thread called `name` and sends its result, even a panic.
@@ -295,24 +321,36 @@ fn begin_reload(options: &Options, health: &Health, sender: &Sender<LifecycleEve
     notify::reloading();
     let begun = load(options)
         .map_err(anyhow::Error::from)
-        .and_then(|config| Ok(prepare(config, sender.clone())?));
+        .and_then(|config| Ok(prepare(config, options.given_up.clone(), sender.clone())?));
     match begun {
         Ok(()) => true,
         Err(error) => {
-            keep_old(health, &error);
+            keep_old(options, health, &error);
             false
         }
     }
 }
 
-/// Ends a failed reload. All faults go to the log, one fault to health.
-fn keep_old(health: &Health, error: &anyhow::Error) {
+/// Subject of a condition of the configuration.
+fn about(options: &Options) -> String {
+    options.config.display().to_string()
+}
+
+/// Ends a failed reload. All faults go to the log; the condition lasts until a configuration is taken.
+fn keep_old(options: &Options, health: &Health, error: &anyhow::Error) {
     for line in error.to_string().lines() {
         tracing::error!("{line}");
     }
-    health.fault(
-        Fault::Reload,
-        "the new configuration is bad, the old one holds; `tirante check` lists its faults",
-    );
+    let what = match error.downcast_ref::<baselines::BaselineError>() {
+        Some(baselines::BaselineError::Refused(_)) => {
+            "the new configuration would drop a baseline, the old one holds; `tirante check --against STORE` says which and why"
+        }
+        _ => "the new configuration is bad, the old one holds; `tirante check` lists its faults",
+    };
+    if health.lasts(Fault::Reload, &about(options)) {
+        health.fault(Fault::Reload, what);
+    } else {
+        health.hold(Fault::Reload, &about(options), what);
+    }
     notify::ready("the new configuration is bad, the old one holds");
 }

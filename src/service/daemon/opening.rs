@@ -1,6 +1,8 @@
 //! Opening the store for a daemon: replaces a damaged one, waits for a full disk.
 
 use crate::service::telemetry::{Fault, Health};
+use crate::site::baselines::{self, BaselineError};
+use crate::site::clock;
 use crate::site::prepared::Generation;
 use crate::site::store::{Durability, Store, StoreError};
 use crate::site::trackers::{self, Site};
@@ -18,6 +20,10 @@ const PATIENCE: Duration = Duration::from_secs(2);
 /// # Errors
 /// As [`Store::open`] and [`Site::open`].
 pub fn open_site(path: &Path, generation: &Generation, health: &Health) -> Result<Site, StoreError> {
+    site_on(open_store(path, health)?, generation)
+}
+
+fn open_store(path: &Path, health: &Health) -> Result<Store, StoreError> {
     let store = Store::open(path, Durability::Full)?;
     if let Some(aside) = store.moved_aside() {
         health.hold(
@@ -30,20 +36,25 @@ pub fn open_site(path: &Path, generation: &Generation, health: &Health) -> Resul
             ),
         );
     }
+    Ok(store)
+}
+
+fn site_on(store: Store, generation: &Generation) -> Result<Site, StoreError> {
     let name = &generation.config.site;
     let others = trackers::others_in(&store, name)?;
     if !others.is_empty() {
         let others = others.join(", ");
         tracing::warn!(
             "{} holds records of {others}; those of {name} are added to it",
-            path.display()
+            store.path().display()
         );
     }
-    let site = Site::open(
+    let mut site = Site::open(
         generation.track_plans.iter().cloned(),
         store,
         generation.provenance(),
     )?;
+    site.expect_rods(clock::now())?;
     warn_of_renewed(&site);
     Ok(site)
 }
@@ -52,20 +63,30 @@ pub fn open_site(path: &Path, generation: &Generation, health: &Health) -> Resul
 /// process such as `tirante ack`.
 ///
 /// # Errors
-/// Another process keeps the store, or it cannot be opened.
-pub fn open_patiently(generation: &Generation, health: &Health) -> Result<Site, StoreError> {
+/// Another process keeps the store, it cannot be opened, or the configuration would drop a baseline of a rod that is not
+/// `given_up`.
+pub fn open_patiently(
+    generation: &Generation,
+    health: &Health,
+    given_up: &[String],
+) -> Result<Site, BaselineError> {
     // A daemon's configuration names one.
     let path = generation.config.store.path.clone().unwrap_or_default();
     let about = path.display().to_string();
     let deadline = Instant::now() + PATIENCE;
+    let open = || -> Result<Site, BaselineError> {
+        let store = open_store(&path, health)?;
+        baselines::guard(&store, &generation.config, given_up)?;
+        Ok(site_on(store, generation)?)
+    };
     loop {
-        match open_site(&path, generation, health) {
+        match open() {
             Ok(site) => {
                 health.over(Fault::DiskFull, &about);
                 return Ok(site);
             }
-            Err(StoreError::Held { .. }) if Instant::now() < deadline => {}
-            Err(error) if error.is_disk_full() => {
+            Err(BaselineError::Store(StoreError::Held { .. })) if Instant::now() < deadline => {}
+            Err(BaselineError::Store(error)) if error.is_disk_full() => {
                 let detail = format_args!("{about}: no room on the disk ({error}); waiting for it");
                 health.hold(Fault::DiskFull, &about, detail);
             }

@@ -11,6 +11,7 @@ use super::{LifecycleEvent, Options, restart};
 use crate::recording::part;
 use crate::service::alert::Couriers;
 use crate::service::telemetry::Telemetry;
+use crate::site::clock;
 use crate::site::driver::Job;
 use crate::site::ordered_map::message_of;
 use crate::site::prepared::Generation;
@@ -64,7 +65,15 @@ impl Running {
             carry: site.store().carry(reader::JOURNAL)?,
         };
         let health = &telemetry.health;
-        let live = Live::start(config, &store, bound, runtime, telemetry, sender)?;
+        let halted = Arc::<AtomicBool>::default();
+        let live = Live::start(
+            config,
+            &store,
+            bound,
+            runtime,
+            telemetry,
+            (sender, Arc::clone(&halted)),
+        )?;
         telemetry.metrics.watch_disk("store", store.clone());
         telemetry.metrics.standings(&site.standings()?);
 
@@ -73,7 +82,8 @@ impl Running {
             let jobs = jobs.clone();
             Box::new(move |sink, through| jobs.send(Job::Delivered { sink, through }).is_ok())
         };
-        let couriers = Couriers::start(&config.sinks, &config.site, &store, delivered, telemetry.clone());
+        let mut couriers = Couriers::start(&config.sinks, &config.site, &store, delivered, telemetry.clone());
+        couriers.watch(&config.alert, &config.site);
         let couriers = Arc::new(Mutex::new(couriers));
         let workers = Workers::new(
             site.store().all_known().clone(),
@@ -85,9 +95,9 @@ impl Running {
             site,
             Arc::clone(&generation),
             Arc::clone(health),
-            Arc::clone(&ending.drain),
+            (Arc::clone(&ending.drain), halted),
             Box::new(hear(telemetry.clone(), &live, Arc::clone(&couriers))),
-        );
+        )?;
         let threads = options
             .threads
             .unwrap_or_else(|| thread::available_parallelism().map_or(1, usize::from));
@@ -131,6 +141,7 @@ impl Running {
         let config = &generation.config;
         self.live.retarget(&config.rods);
         lock(&self.couriers).reload(&config.sinks, &config.site);
+        lock(&self.couriers).watch(&config.alert, &config.site);
         self.reader.reload(Arc::clone(&generation));
         // Without a thread for it, a rod's first record draws its table.
         let _ = draw_tables(&generation, &self.ending);
@@ -274,8 +285,10 @@ fn hear(
             Notice::Alive => {
                 telemetry.beat.pass();
                 gauges.show(metrics);
+                lock(&couriers).look_at_clock(clock::now());
             }
             Notice::News => lock(&couriers).wake(),
+            Notice::Untold(notice) => lock(&couriers).tell(notice),
             Notice::Known(rod) => metrics.known(rod),
             Notice::Taken { outcome, taken, took } => metrics.taken(outcome, &taken.verdict, took),
             Notice::File(mark) => {

@@ -7,8 +7,10 @@ use super::problem::{self, Problem};
 use super::shown::Shown;
 use crate::analysis::signal::record::{RodId, Timestamp};
 use crate::service::api::{
-    Alarms, Chart, Days, Frequencies, History, Looks, Records, RodAnswer, SiteAnswer, listing,
+    Alarms, Chart, Days, Frequencies, History, Looks, Monitoring, Records, RodAnswer, SiteAnswer, listing,
 };
+use crate::service::telemetry::Health;
+use crate::site::clock;
 use crate::site::store::{Asked, Reader, StoreError};
 use axum::extract::{Path, Query, State};
 use axum::http::{HeaderMap, header};
@@ -37,6 +39,8 @@ pub struct Api {
     pub(super) access: Access,
     /// Puts a request into the store.
     ask_writer: Arc<dyn Fn(RodId, Asked) -> Result<String, String> + Send + Sync>,
+    /// What lasts around the daemon that answers, if one does.
+    health: Option<Arc<Health>>,
     /// Channel that becomes true when the server ends.
     pub(super) stop: watch::Receiver<bool>,
     /// Places of clients that listen to events.
@@ -55,9 +59,16 @@ impl Api {
             shown,
             access,
             ask_writer: Arc::new(ask_writer),
+            health: None,
             stop,
             listeners: Arc::new(Semaphore::new(live::LISTENERS)),
         }
+    }
+
+    /// Of a daemon that runs: it says of itself what lasts.
+    pub fn of_daemon(mut self, health: Arc<Health>) -> Self {
+        self.health = Some(health);
+        self
     }
 
     /// Answers a query that needs the daily sums.
@@ -116,8 +127,16 @@ async fn description() -> impl IntoResponse {
 }
 
 async fn site(State(api): State<Api>) -> Result<Response, Problem> {
-    api.answer(|reader, days| Ok(Ok(SiteAnswer::of(reader, days)?)))
-        .await
+    let health = api.health.clone();
+    api.answer(move |reader, days| {
+        let mut answer = SiteAnswer::of(reader, days)?;
+        // What lasts now is in the store only once it has lasted for a while, and if the store can be written.
+        if let Some(health) = health {
+            answer.monitoring = Some(Monitoring::live(&health.conditions(), clock::now()));
+        }
+        Ok(Ok(answer))
+    })
+    .await
 }
 
 async fn rod(State(api): State<Api>, Path(rod): Path<String>) -> Result<Response, Problem> {
@@ -148,8 +167,11 @@ async fn history(
     let points = within("points", span.points, POINTS)?;
     api.answer(move |reader, days| {
         let rod = RodId(rod);
-        let Some((first, end)) = days.span(&rod) else {
-            return Ok(Err(no_rod(&rod.0)));
+        let (first, end) = match days.span(&rod) {
+            Some(span) => span,
+            // A rod of which nothing has come has a history: an empty one.
+            None if reader.standing(&rod)?.is_some() => (Timestamp::from_nanos(0), Timestamp::from_nanos(0)),
+            None => return Ok(Err(no_rod(&rod.0))),
         };
         let span = (from.unwrap_or(first), to.unwrap_or(end));
         Ok(Ok(History::of(reader, days, &rod, span, points)?))

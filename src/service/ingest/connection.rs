@@ -194,6 +194,10 @@ impl<I: Intake> Client<'_, I> {
                 };
             }
             let foreign = self.protocol.take_foreign();
+            if foreign > 0 {
+                let strays = self.server.health.strays();
+                self.protocol.strays().for_each(|topic| strays.came(topic));
+            }
             self.server.counts.add(|counts| &counts.foreign, foreign);
             self.server.counts.add(|counts| &counts.messages, foreign);
             if let Some(left_out) = self.protocol.take_left_out() {

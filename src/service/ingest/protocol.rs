@@ -150,6 +150,11 @@ impl Protocol {
         mem::take(&mut self.stream.foreign)
     }
 
+    /// The first topics of no rod on which messages came, of this stream.
+    pub fn strays(&self) -> impl Iterator<Item = &str> {
+        self.stream.strays.iter().map(String::as_str)
+    }
+
     /// Messages left out for the first time since the last call.
     pub fn take_left_out(&mut self) -> Option<LeftOut> {
         self.stream.take_news()
@@ -279,6 +284,7 @@ impl Protocol {
     fn end(&mut self) -> Step {
         let ended = mem::take(&mut self.stream);
         self.stream.foreign = ended.foreign;
+        self.stream.strays.clone_from(&ended.strays);
         Step::End {
             messages: ended.messages,
             left_out: ended.left_out(),

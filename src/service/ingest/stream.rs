@@ -7,7 +7,7 @@ use super::server::TopicSet;
 use crate::recording::note;
 use crate::recording::read::mcap::{Damage, Item, Progress, Reader};
 use crate::service::journal::{Batch, Definition, Entry, MAX_MESSAGE};
-use std::collections::{HashMap, VecDeque};
+use std::collections::{BTreeSet, HashMap, VecDeque};
 use std::mem;
 use std::sync::Arc;
 
@@ -23,6 +23,9 @@ const MAX_SCHEMA: usize = (1 << 20) + 1;
 
 /// Most channels of one stream on topics that rods read.
 const MAX_CHANNELS: usize = 1024;
+
+/// Most topics of no rod that are named of one connection.
+const MOST_STRAYS: usize = 16;
 
 /// State of a stream.
 #[derive(Default)]
@@ -47,6 +50,8 @@ pub(super) struct Stream {
     due: u64,
     /// Number of messages of no rod's topic since the last call.
     pub foreign: u64,
+    /// The first topics of no rod on which messages came.
+    pub strays: BTreeSet<String>,
     /// Number of messages of this connection that were kept, and of those too large.
     kept: u64,
     too_large: u64,
@@ -123,6 +128,7 @@ impl Stream {
             None if !is_wanted(&topic, topics) => {
                 self.count();
                 self.foreign += 1;
+                stray(&mut self.strays, &topic);
                 return Ok(());
             }
             None => {
@@ -145,9 +151,15 @@ impl Stream {
 
     fn message(&mut self, id: u16, log_time: u64, publish_time: u64, data: &[u8]) {
         self.count();
-        let Some(channel) = self.channels.get_mut(&id).filter(|channel| channel.is_wanted) else {
-            self.foreign += 1;
-            return;
+        let channel = match self.channels.get_mut(&id) {
+            Some(channel) if channel.is_wanted => channel,
+            other => {
+                self.foreign += 1;
+                if let Some(channel) = other {
+                    stray(&mut self.strays, &channel.topic);
+                }
+                return;
+            }
         };
         if data.len() > MAX_MESSAGE {
             self.too_large += 1;
@@ -238,6 +250,13 @@ impl Stream {
 /// True if messages of a topic are kept; the journal's own notes come from no client.
 fn is_wanted(topic: &str, topics: &TopicSet) -> bool {
     topics.contains(topic) && topic != note::TOPIC
+}
+
+/// Remembers a topic of no rod, among the first few.
+fn stray(strays: &mut BTreeSet<String>, topic: &str) {
+    if strays.len() < MOST_STRAYS && topic != note::TOPIC && !strays.contains(topic) {
+        strays.insert(topic.to_owned());
+    }
 }
 
 fn too_large(messages: u64) -> LeftOut {

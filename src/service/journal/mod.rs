@@ -51,6 +51,19 @@ pub enum JournalError {
     },
 }
 
+/// Says of some parts, the oldest first, how old they are \[s\], as far as what is in them is known to be kept elsewhere.
+pub type Vouch = Box<dyn Fn(&[retention::Kept]) -> Vec<f64> + Send>;
+
+/// Whom a journal works with.
+pub struct Around {
+    /// Who is told of faults.
+    pub health: Arc<Health>,
+    /// While this is true nothing is taken in or acknowledged.
+    pub halted: Arc<AtomicBool>,
+    /// Who is asked before a part is removed.
+    pub vouch: Vouch,
+}
+
 /// A journal and the thread that writes it.
 #[derive(Debug)]
 pub struct Journal {
@@ -73,7 +86,7 @@ impl Journal {
         folder: &Path,
         settings: &JournalSettings,
         resume_s: f64,
-        health: Arc<Health>,
+        around: Around,
         failed: impl FnOnce(JournalError) + Send + 'static,
     ) -> Result<Self, JournalError> {
         let wrong = |source| JournalError::Io {
@@ -95,7 +108,7 @@ impl Journal {
         })?;
         let found = start::look(folder).map_err(wrong)?;
         if let Some(damage) = found.damage {
-            health.fault(Fault::Recording, damage);
+            around.health.fault(Fault::Recording, damage);
         }
         let (sender, receiver) = mpsc::channel();
         let room = Arc::new(Semaphore::new(handle::QUEUE_KIB as usize));
@@ -108,7 +121,7 @@ impl Journal {
             streams: Streams::restored(found.streams),
             output: None,
             next: found.next,
-            health,
+            around,
             bell: Arc::clone(&bell),
             results_kept: Arc::clone(&results_kept),
             stopping: Arc::clone(&stopping),

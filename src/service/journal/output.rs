@@ -3,12 +3,13 @@
 use super::Definition;
 use crate::recording::note::{Note, TOPIC};
 use crate::recording::part;
+use crate::service::telemetry::owned::Owned;
 use crate::site::clock;
 use mcap::records::MessageHeader;
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{self, Write};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
@@ -54,6 +55,7 @@ impl Write for Made {
 /// The part being written.
 pub(super) struct Output {
     pub number: u32,
+    path: PathBuf,
     file: File,
     mcap: mcap::Writer<mcap::write::NoSeek<Made>>,
     made: Made,
@@ -104,6 +106,7 @@ impl Output {
             .map_err(other)?;
         let mut output = Self {
             number,
+            path,
             file,
             mcap,
             made,
@@ -120,6 +123,12 @@ impl Output {
         };
         output.close_chunk(note)?;
         Ok(output)
+    }
+
+    /// The file, by what it is.
+    pub fn owned(&self) -> Option<Owned> {
+        let data = self.file.metadata().ok()?;
+        Some(Owned::with(&self.path, &data))
     }
 
     /// True if this part has room for this many more channels.

@@ -1,7 +1,9 @@
 //! Selects the parts of a journal to remove.
 
+use super::Vouch;
 use crate::config::settings::journal::JournalSettings;
 use crate::recording::part;
+use crate::recording::read::series::modified_ns;
 use std::fs;
 use std::path::Path;
 use std::time::SystemTime;
@@ -13,17 +15,17 @@ pub struct Kept {
     pub part: u32,
     /// Size \[bytes\].
     pub bytes: u64,
-    /// Time since the last write \[s\].
-    pub age_s: f64,
+    /// When it was last written, by the machine's clock \[ns since 1970\].
+    pub modified_ns: i64,
 }
 
-/// Parts to remove, the oldest first: those too old, and the oldest while all together are too large. Never
-/// one after `done`, whose results are not all in the store. `parts` ascend.
-pub fn removable(parts: &[Kept], done: u32, settings: &JournalSettings) -> Vec<u32> {
+/// The parts that may go, the oldest first: those too old, and the oldest while all together are too large. `parts` ascend;
+/// `ages_s` are those of the first of them whose results are kept \[s\]: never one behind.
+pub fn removable(parts: &[Kept], ages_s: &[f64], settings: &JournalSettings) -> Vec<u32> {
     let mut bytes: u64 = parts.iter().map(|kept| kept.bytes).sum();
     let mut removable = Vec::new();
-    for kept in parts.iter().take_while(|kept| kept.part <= done) {
-        let is_old = settings.keep_s.is_some_and(|keep_s| kept.age_s > keep_s);
+    for (kept, age_s) in parts.iter().zip(ages_s) {
+        let is_old = settings.keep_s.is_some_and(|keep_s| *age_s > keep_s);
         let is_too_much = settings.keep_bytes.is_some_and(|keep_bytes| bytes > keep_bytes);
         // The oldest go first, so that the rest has no hole.
         if !is_old && !is_too_much {
@@ -35,24 +37,39 @@ pub fn removable(parts: &[Kept], done: u32, settings: &JournalSettings) -> Vec<u
     removable
 }
 
-/// Removes the parts to remove; returns their number.
-pub(super) fn apply(folder: &Path, done: u32, settings: &JournalSettings) -> std::io::Result<usize> {
+/// Removes what may go, of the parts up to `done`, whose results are said to be kept; the number of parts removed. Only what
+/// `vouch` speaks for goes, and at the age it says: the machine's clock may be wrong.
+pub(super) fn apply(
+    folder: &Path,
+    done: u32,
+    settings: &JournalSettings,
+    vouch: &Vouch,
+) -> std::io::Result<usize> {
     if settings.keep_s.is_none() && settings.keep_bytes.is_none() {
         return Ok(0);
     }
     let now = SystemTime::now();
-    let mut parts = Vec::new();
+    let (mut parts, mut ages_s) = (Vec::new(), Vec::new());
     for number in part::list(folder)? {
         let data = fs::metadata(part::path(folder, number))?;
-        // A clock that was set back makes a part young, not old.
-        let age = now.duration_since(data.modified()?).unwrap_or_default();
+        let modified = data.modified()?;
         parts.push(Kept {
             part: number,
             bytes: data.len(),
-            age_s: age.as_secs_f64(),
+            modified_ns: modified_ns(modified),
         });
+        if number <= done {
+            // A clock that was set back makes a part young, not old.
+            ages_s.push(now.duration_since(modified).unwrap_or_default().as_secs_f64());
+        }
     }
-    let removable = removable(&parts, done, settings);
+    // The store is asked only if its answer matters.
+    if removable(&parts, &ages_s, settings).is_empty() {
+        return Ok(0);
+    }
+    let mut vouched = vouch(parts.get(..ages_s.len()).unwrap_or_default());
+    vouched.truncate(ages_s.len());
+    let removable = removable(&parts, &vouched, settings);
     for number in &removable {
         fs::remove_file(part::path(folder, *number))?;
     }
@@ -64,13 +81,16 @@ mod tests {
     use super::*;
     use crate::analysis::signal::record::time::DAY_S;
 
-    fn parts(ages_d: &[f64]) -> Vec<Kept> {
-        let kept = |(at, age_d): (usize, &f64)| Kept {
-            part: at as u32 + 1,
+    /// Parts of these ages, and which of them may go if the results of so many are kept.
+    fn gone(ages_d: &[f64], done: usize, settings: &JournalSettings) -> Vec<u32> {
+        let kept = |part| Kept {
+            part,
             bytes: 100,
-            age_s: age_d * DAY_S,
+            modified_ns: 0,
         };
-        ages_d.iter().enumerate().map(kept).collect()
+        let parts: Vec<Kept> = (1..).take(ages_d.len()).map(kept).collect();
+        let ages_s: Vec<f64> = ages_d.iter().take(done).map(|age_d| age_d * DAY_S).collect();
+        removable(&parts, &ages_s, settings)
     }
 
     fn settings(keep_d: Option<f64>, keep_bytes: Option<u64>) -> JournalSettings {
@@ -83,20 +103,20 @@ mod tests {
 
     #[test]
     fn old_parts_go_once_their_results_are_kept() {
-        let parts = parts(&[40.0, 35.0, 20.0, 1.0]);
-        assert_eq!(removable(&parts, 4, &settings(Some(30.0), None)), [1, 2]);
-        assert_eq!(removable(&parts, 1, &settings(Some(30.0), None)), [1]);
-        assert!(removable(&parts, 0, &settings(Some(30.0), Some(0))).is_empty());
-        assert!(removable(&parts, 4, &settings(None, None)).is_empty());
+        let ages = [40.0, 35.0, 20.0, 1.0];
+        assert_eq!(gone(&ages, 4, &settings(Some(30.0), None)), [1, 2]);
+        assert_eq!(gone(&ages, 1, &settings(Some(30.0), None)), [1]);
+        assert!(gone(&ages, 0, &settings(Some(30.0), Some(0))).is_empty());
+        assert!(gone(&ages, 4, &settings(None, None)).is_empty());
     }
 
     #[test]
     fn too_much_goes_from_the_oldest_on_and_leaves_no_hole() {
-        let mixed = parts(&[5.0, 4.0, 3.0, 2.0]);
-        assert_eq!(removable(&mixed, 4, &settings(None, Some(250))), [1, 2]);
-        assert_eq!(removable(&mixed, 4, &settings(None, Some(0))), [1, 2, 3, 4]);
+        let mixed = [5.0, 4.0, 3.0, 2.0];
+        assert_eq!(gone(&mixed, 4, &settings(None, Some(250))), [1, 2]);
+        assert_eq!(gone(&mixed, 4, &settings(None, Some(0))), [1, 2, 3, 4]);
         // A part whose time is wrong keeps those behind it.
-        let odd = parts(&[1.0, 40.0, 40.0]);
-        assert!(removable(&odd, 3, &settings(Some(30.0), None)).is_empty());
+        let odd = [1.0, 40.0, 40.0];
+        assert!(gone(&odd, 3, &settings(Some(30.0), None)).is_empty());
     }
 }

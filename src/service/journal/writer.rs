@@ -3,10 +3,11 @@
 use super::handle::{Batch, Closed, Command, End, Entry};
 use super::output::{Channel, Output};
 use super::streams::{Streams, is_named};
-use super::{Bell, JournalError, retention};
+use super::{Around, Bell, JournalError, retention};
 use crate::config::settings::journal::JournalSettings;
 use crate::recording::note::{Begins, State};
-use crate::service::telemetry::{Fault, Health};
+use crate::service::telemetry::Fault;
+use crate::service::telemetry::owned::Owned;
 use std::collections::HashMap;
 use std::io;
 use std::path::PathBuf;
@@ -24,8 +25,13 @@ const CHUNK_BYTES: usize = 1 << 20;
 const SYNC_AFTER: Duration = Duration::from_millis(800);
 /// Pause before a full disk is tried again.
 const RETRY: Duration = Duration::from_secs(1);
+/// Pause between two looks at the file that is written.
+const LOOK_EVERY: Duration = Duration::from_secs(1);
 /// Pause between two removals of old parts.
 const CLEAN_EVERY: Duration = Duration::from_secs(60);
+
+/// What the conditions of the journal are about.
+const ABOUT: &str = "journal";
 
 /// Everything that the thread works with.
 pub(super) struct Writer {
@@ -37,7 +43,7 @@ pub(super) struct Writer {
     /// The part being written; `None` while there was no room to begin one.
     pub output: Option<Output>,
     pub next: u32,
-    pub health: Arc<Health>,
+    pub around: Around,
     pub bell: Arc<Bell>,
     pub results_kept: Arc<AtomicU32>,
     pub stopping: Arc<AtomicBool>,
@@ -56,6 +62,9 @@ pub(super) struct Work {
     /// Time since which written data is not durable.
     unsynced_since: Option<Instant>,
     ends: Vec<oneshot::Sender<()>>,
+    /// The file of the part that is written, and when it was last looked at.
+    owned: Option<Owned>,
+    looked: Option<Instant>,
     /// Time of the last removal of old parts, and the last part with results in the store then.
     cleaned: Option<Instant>,
     cleaned_through: u32,
@@ -86,7 +95,8 @@ impl Writer {
     fn work(&mut self, commands: &Receiver<Command>) -> Result<(), Stop> {
         self.begin_part()?;
         loop {
-            match commands.recv_timeout(self.patience()) {
+            self.look_at_files()?;
+            match commands.recv_timeout(self.patience().min(LOOK_EVERY)) {
                 Ok(command) => {
                     self.take(command)?;
                     // Commands already waiting go into the same chunk.
@@ -257,7 +267,7 @@ impl Writer {
                     data,
                 } => {
                     let Some((channel, known)) = line.channels.get_mut(&channel) else {
-                        self.health.fault(
+                        self.around.health.fault(
                             Fault::Client,
                             format!("{}: a message before its channel", line.stream),
                         );
@@ -331,7 +341,7 @@ impl Writer {
             match output.write() {
                 Ok(()) => {
                     self.state.unsynced_since.get_or_insert_with(Instant::now);
-                    self.health.over(Fault::DiskFull, "journal");
+                    self.around.health.over(Fault::DiskFull, ABOUT);
                     self.bell.ring();
                     return Ok(());
                 }
@@ -348,6 +358,9 @@ impl Writer {
             output.sync().map_err(|source| failed(&self.folder, source))?;
         }
         self.state.unsynced_since = None;
+        // What is acknowledged is in the file that has the part's name.
+        self.state.looked = None;
+        self.look_at_files()?;
         self.streams.publish();
         for done in self.state.ends.drain(..) {
             // The receiver may be gone.
@@ -387,8 +400,52 @@ impl Writer {
         self.sync()
     }
 
+    /// Waits while the file that is written is no longer the one of its name, or the store is lost: nothing is taken in or
+    /// acknowledged then.
+    fn look_at_files(&mut self) -> Result<(), Stop> {
+        if self
+            .state
+            .looked
+            .is_some_and(|looked| looked.elapsed() < LOOK_EVERY)
+            && !self.around.halted.load(Ordering::Relaxed)
+        {
+            return Ok(());
+        }
+        let mut is_lost = false;
+        loop {
+            let found = self.state.owned.as_mut().map_or(Ok(()), Owned::look);
+            if let Err(what) = found {
+                let path = self
+                    .state
+                    .owned
+                    .as_ref()
+                    .map(|owned| owned.path().display().to_string());
+                let detail = format!(
+                    "{} {what} while it was written: nothing is acknowledged. Bring the very file back and it goes on; or start \
+                     the daemon anew: senders then send again what is missing, as far as they have it",
+                    path.unwrap_or_default()
+                );
+                self.around.health.hold(Fault::Files, ABOUT, detail);
+                is_lost = true;
+            }
+            if found.is_ok() && !self.around.halted.load(Ordering::Relaxed) {
+                break;
+            }
+            if self.stopping.load(Ordering::Relaxed) {
+                return Err(Stop::Asked);
+            }
+            std::thread::sleep(RETRY / 10);
+        }
+        if is_lost {
+            self.around.health.over(Fault::Files, ABOUT);
+        }
+        self.state.looked = Some(Instant::now());
+        Ok(())
+    }
+
     /// Notes that a part was begun, with the first note in it.
     pub fn opened(&mut self, output: Output) {
+        self.state.owned = output.owned();
         self.streams.take_note();
         self.next = self.next.saturating_add(1);
         self.output = Some(output);
@@ -409,7 +466,7 @@ impl Writer {
     fn wait_for_room(&mut self) -> Result<(), Stop> {
         let folder = self.folder.display();
         let detail = format!("{folder}: no room for live data; senders wait until there is");
-        self.health.hold(Fault::DiskFull, "journal", detail);
+        self.around.health.hold(Fault::DiskFull, ABOUT, detail);
         self.clean();
         let since = Instant::now();
         while since.elapsed() < RETRY {
@@ -428,12 +485,13 @@ impl Writer {
             &self.folder,
             done.min(self.next.saturating_sub(2)),
             &self.settings,
+            &self.around.vouch,
         ) {
             Ok(0) => {}
             Ok(removed) => tracing::info!(removed, "old parts of the journal were removed"),
             Err(fault) => {
                 let detail = format!("{}: old parts cannot be removed: {fault}", self.folder.display());
-                self.health.fault(Fault::Write, detail);
+                self.around.health.fault(Fault::Write, detail);
             }
         }
     }

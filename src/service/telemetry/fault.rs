@@ -29,13 +29,23 @@ pub enum Fault {
     Reload,
     /// A watched folder cannot be read.
     Folder,
+    /// A topic comes that belongs to no rod, while nothing comes of a rod.
+    Topic,
+    /// Store or journal are no longer the files that are written, or cannot be written any more.
+    Files,
+    /// The clock of the machine jumped, or is not believed.
+    Clock,
+    /// Data come faster than they are analysed.
+    Behind,
+    /// No daemon was at work for a while.
+    Outage,
     /// The work loop is stalled.
     Stalled,
 }
 
 impl Fault {
     /// Every kind of fault.
-    pub const ALL: [Self; 14] = [
+    pub const ALL: [Self; 19] = [
         Self::Rejected,
         Self::Recording,
         Self::Client,
@@ -49,6 +59,11 @@ impl Fault {
         Self::Sink,
         Self::Reload,
         Self::Folder,
+        Self::Topic,
+        Self::Files,
+        Self::Clock,
+        Self::Behind,
+        Self::Outage,
         Self::Stalled,
     ];
 
@@ -68,6 +83,11 @@ impl Fault {
             Self::Sink => "sink",
             Self::Reload => "reload",
             Self::Folder => "folder",
+            Self::Topic => "topic",
+            Self::Files => "files",
+            Self::Clock => "clock",
+            Self::Behind => "behind",
+            Self::Outage => "outage",
             Self::Stalled => "stalled",
         }
     }
@@ -88,12 +108,17 @@ impl Fault {
             Self::Sink => "a sink cannot be reached, or refuses: alarms wait",
             Self::Reload => "a new configuration is bad: the old one holds",
             Self::Folder => "a watched folder cannot be read",
+            Self::Topic => "a topic comes that belongs to no rod, while nothing comes of a rod",
+            Self::Files => "store or journal were removed, replaced, cut short or made read-only",
+            Self::Clock => "the clock of the machine jumped, or is not believed",
+            Self::Behind => "data come faster than they are analysed",
+            Self::Outage => "no daemon was at work for a while: nothing was measured",
             Self::Stalled => "the work loop stands still",
         }
     }
 
     /// True if results are not kept, or not made, while it lasts.
     pub fn is_grave(self) -> bool {
-        matches!(self, Self::DiskFull | Self::Write | Self::Stalled)
+        matches!(self, Self::DiskFull | Self::Write | Self::Files | Self::Stalled)
     }
 }

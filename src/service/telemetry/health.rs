@@ -1,7 +1,7 @@
 //! Counts faults, holds conditions, and logs at most one line a minute of each kind.
 
 use super::ledger::Ledger;
-use super::{Condition, Fault, Phase, Report, State};
+use super::{Condition, Fault, Phase, Report, State, Strays};
 use std::fmt::Display;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
@@ -10,6 +10,7 @@ use std::time::Instant;
 #[derive(Debug, Default)]
 pub struct Health {
     ledger: Mutex<Ledger>,
+    strays: Strays,
 }
 
 impl Health {
@@ -25,6 +26,14 @@ impl Health {
             .ledger()
             .hold(fault, about, &detail.to_string(), Instant::now());
         log(fault, line);
+    }
+
+    /// Whether this lasts now.
+    pub fn lasts(&self, fault: Fault, about: &str) -> bool {
+        let conditions = self.conditions();
+        conditions
+            .iter()
+            .any(|lasting| lasting.fault == fault && lasting.about == about)
     }
 
     /// Ends a lasting fault, if present.
@@ -66,6 +75,11 @@ impl Health {
     /// Lasting faults.
     pub fn conditions(&self) -> Vec<Condition> {
         self.ledger().conditions()
+    }
+
+    /// Topics that came and belong to no rod.
+    pub fn strays(&self) -> &Strays {
+        &self.strays
     }
 
     /// Number of times a fault happened.

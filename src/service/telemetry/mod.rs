@@ -7,9 +7,11 @@ pub mod health;
 mod ledger;
 pub mod log;
 pub mod metrics;
+pub mod owned;
 mod process;
 pub mod report;
 mod rods;
+pub mod strays;
 
 pub use beat::Beat;
 pub use fault::Fault;
@@ -17,6 +19,7 @@ pub use health::Health;
 pub use ledger::Condition;
 pub use metrics::Metrics;
 pub use report::{Phase, Report, State};
+pub use strays::Strays;
 
 use std::sync::Arc;
 

@@ -6,6 +6,7 @@ use crate::analysis::outcome::Outcome;
 use crate::analysis::signal::record::{RodId, Timestamp};
 use crate::analysis::track::relative::Interval;
 use crate::analysis::track::{Alarm, Kind, RodState, Verdict};
+use crate::site::clock;
 use crate::site::store::Standing;
 use prometheus_client::encoding::EncodeLabelSet;
 use prometheus_client::metrics::family::Family;
@@ -39,6 +40,7 @@ pub(super) struct Rods {
     force_n: Family<OfRod, Quantity>,
     relative: Family<OfRod, Quantity>,
     last_record_s: Family<OfRod, Quantity>,
+    awaited_s: Family<OfRod, Quantity>,
 }
 
 impl Rods {
@@ -67,7 +69,12 @@ impl Rods {
             last_record_s: register.put(
                 "rod_last_record_timestamp",
                 Some(Unit::Seconds),
-                "Start of a rod's latest record, rejected or not, since 1970",
+                "Start of a rod's latest record, rejected or not, since 1970; none that lies ahead of the clock",
+            ),
+            awaited_s: register.put(
+                "rod_awaited_timestamp",
+                Some(Unit::Seconds),
+                "Since when the first record of a rod has been waited for, since 1970; gone once it has come",
             ),
         }
     }
@@ -76,7 +83,8 @@ impl Rods {
     pub(super) fn taken(&self, outcome: &Outcome, verdict: &Verdict) {
         let rod = outcome.rod();
         self.stands(rod, &verdict.state, &verdict.alarms);
-        if let Some(start) = start(outcome) {
+        put(&self.awaited_s, rod, None);
+        if let Some(start) = outcome.start().filter(|start| is_past(*start, clock::now())) {
             put(&self.last_record_s, rod, Some(seconds(start)));
         }
         if !matches!(outcome, Outcome::Rejected(_)) && verdict.set_aside.is_none() {
@@ -95,12 +103,20 @@ impl Rods {
         self.force_n.clear();
         self.relative.clear();
         self.last_record_s.clear();
+        self.awaited_s.clear();
+        let now = clock::now();
         for standing in standings {
             let rod = &standing.rod;
             self.stands(rod, &standing.state, &standing.alarms);
-            put(&self.last_record_s, rod, standing.latest_start.map(seconds));
-            // A record of an older segment is relative to another baseline.
-            if let Ok(Some(row)) = standing.latest_row()
+            put(&self.awaited_s, rod, standing.awaited.map(seconds));
+            // One record of the year 2100 must not hide that nothing has come since.
+            let row = standing.latest_row();
+            let used = row.as_ref().ok().and_then(|row| row.as_ref()?.start);
+            let latest = [standing.latest_start, used];
+            let latest = latest.into_iter().flatten().find(|start| is_past(*start, now));
+            put(&self.last_record_s, rod, latest.map(seconds));
+            // What an older segment's record says is relative to another baseline.
+            if let Ok(Some(row)) = row
                 && row.segment == Some(standing.segment)
             {
                 self.force(rod, row.force_n(), row.ratio());
@@ -145,13 +161,11 @@ fn put(gauges: &Family<OfRod, Quantity>, rod: &RodId, value: Option<f64>) {
     }
 }
 
-/// Time of a record's first sample, if known.
-fn start(outcome: &Outcome) -> Option<Timestamp> {
-    match outcome {
-        Outcome::Identified(identification) => measured(identification).map(|(start, _)| start),
-        Outcome::Tabulated(row) => Some(row.start),
-        Outcome::Rejected(rejected) => rejected.start,
-    }
+/// A record that begins later than this after now was dated by a wrong clock \[s\].
+const AHEAD_S: f64 = 86_400.0;
+
+fn is_past(start: Timestamp, now: Timestamp) -> bool {
+    start.seconds_since(now) <= AHEAD_S
 }
 
 /// End of a record that gave a force \[s since 1970\].

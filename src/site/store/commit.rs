@@ -182,10 +182,12 @@ fn write_standing(
     let (code, detail) = (stands.code(), kept("state", stands)?);
     let since = match &before {
         Some((before_code, before_detail, since, before_segment)) => {
-            if before_code == code && *before_detail == detail && *before_segment == segment {
+            let is_same = before_code == code && *before_detail == detail && *before_segment == segment;
+            if is_same && (since.is_some() || time.is_none()) {
                 return Ok(());
             }
-            if before_code == code {
+            // A rod of which nothing had come yet stood so since no time that can be told.
+            if before_code == code && since.is_some() {
                 since.clone()
             } else {
                 time.map(|time| time.to_string())

@@ -22,8 +22,10 @@ mod request;
 mod retention;
 mod row;
 mod schema;
+mod shelf;
 mod snapshot;
 mod state;
+mod vigil;
 
 pub use commit::{Commit, NewRecord, Position, RodRow};
 pub use error::StoreError;
@@ -35,6 +37,7 @@ pub use page::{Lines, Mark, Modes, Point};
 pub use read::{Filter, Listing, Reader, Standing};
 pub use request::{Asked, Request};
 pub use snapshot::{SnapshotRow, Snapshots};
+pub use vigil::{ConditionEvent, Stretch};
 
 use crate::analysis::signal::record::{RodId, Timestamp};
 use crate::analysis::track::State;
@@ -259,6 +262,16 @@ impl Store {
     pub fn request(&mut self, rod: &RodId, what: &Asked, asked: Timestamp) -> Result<i64, StoreError> {
         request::put(&self.reader.connection, rod, what, asked)
             .map_err(|error| self.reader.fault(Failure::Sql(error)))
+    }
+}
+
+/// Whether a process writes the store at `path`; `None` if that cannot be known.
+pub fn is_held(path: &Path) -> Option<bool> {
+    let path = std::fs::canonicalize(path).ok()?;
+    match Lock::take(&path) {
+        Ok(_) => Some(false),
+        Err(StoreError::Held { .. }) => Some(true),
+        Err(_) => None,
     }
 }
 

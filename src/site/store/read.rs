@@ -61,6 +61,8 @@ pub struct Standing {
     pub alarms: Vec<Alarm>,
     /// Requests that wait for the rod's next record.
     pub waiting: Vec<Request>,
+    /// Since when a daemon has waited for the rod's first record; `None` once it has come.
+    pub awaited: Option<Timestamp>,
 }
 
 impl Standing {
@@ -388,7 +390,9 @@ impl Reader {
                 (SELECT json FROM line WHERE line.record =
                     (SELECT id FROM record WHERE record.rod = rod.rod AND rejection IS NULL AND set_aside IS NULL
                      ORDER BY start_ns DESC, id DESC LIMIT 1)),
-                (SELECT max(start_ns) FROM record WHERE record.rod = rod.rod)
+                (SELECT max(start_ns) FROM record WHERE record.rod = rod.rod),
+                (SELECT since FROM expected WHERE expected.rod = rod.rod
+                    AND NOT EXISTS (SELECT 1 FROM record WHERE record.rod = rod.rod))
              FROM rod WHERE ?1 IS NULL OR rod = ?1 ORDER BY rod",
         )?;
         let mut rows = statement.query([rod.map(|rod| rod.0.as_str())])?;
@@ -397,6 +401,7 @@ impl Reader {
             let (rod, detail): (String, String) = (row.get(0)?, row.get(1)?);
             let since: Option<String> = row.get(2)?;
             let latest_start: Option<i64> = row.get(5)?;
+            let awaited: Option<String> = row.get(6)?;
             standings.push(Standing {
                 state: state::read(&rod, &detail)?,
                 since: since.as_deref().map(state::time).transpose()?,
@@ -405,6 +410,7 @@ impl Reader {
                 latest_start: latest_start.map(Timestamp::from_nanos),
                 alarms: self.standing_alarms(&rod)?,
                 waiting: Vec::new(),
+                awaited: awaited.as_deref().map(state::time).transpose()?,
                 rod: RodId(rod),
             });
         }

@@ -13,7 +13,7 @@ type Step = fn(&Transaction<'_>) -> rusqlite::Result<()>;
 
 /// The steps in order: a store of format `n` has undergone the first `n`. Steps are only ever added; the
 /// tests hold a golden store of each released format.
-const STEPS: [Step; 3] = [first, second, third];
+const STEPS: [Step; 4] = [first, second, third, fourth];
 
 /// Format written by this program.
 pub(super) const FORMAT: i64 = STEPS.len() as i64;
@@ -39,9 +39,9 @@ pub(super) fn definitions(connection: &Connection) -> rusqlite::Result<Vec<(Stri
 }
 
 /// Tables whose rows have a checksum, in an order in which rows can be inserted.
-pub(super) const TABLES: [&str; 16] = [
+pub(super) const TABLES: [&str; 20] = [
     "config", "rod", "segment", "state", "record", "line", "mode", "period", "snapshot", "alarm", "outbox",
-    "request", "source", "file", "carry", "delivery",
+    "request", "source", "file", "carry", "delivery", "expected", "notice", "alive", "shelf",
 ];
 
 /// True if a table exists: an older format has fewer.
@@ -146,6 +146,46 @@ fn third(transaction: &Transaction<'_>) -> rusqlite::Result<()> {
     drop(rows);
     drop(statement);
     transaction.execute_batch("DROP TABLE charted;")
+}
+
+/// What a daemon remembers of its own watch, and the states of rods whose settings may come back.
+fn fourth(transaction: &Transaction<'_>) -> rusqlite::Result<()> {
+    transaction.execute_batch(
+        "CREATE TABLE expected (
+            rod TEXT PRIMARY KEY,
+            since TEXT NOT NULL,
+            checksum INTEGER NOT NULL
+        ) STRICT;
+
+        CREATE TABLE notice (
+            number INTEGER PRIMARY KEY,
+            condition TEXT NOT NULL,
+            fault TEXT NOT NULL,
+            about TEXT NOT NULL,
+            what TEXT NOT NULL,
+            raised TEXT NOT NULL,
+            time TEXT NOT NULL,
+            detail TEXT NOT NULL,
+            checksum INTEGER NOT NULL
+        ) STRICT;
+        CREATE INDEX notice_of_condition ON notice (condition, what);
+
+        CREATE TABLE alive (
+            number INTEGER PRIMARY KEY,
+            from_ns INTEGER NOT NULL,
+            to_ns INTEGER NOT NULL,
+            checksum INTEGER NOT NULL
+        ) STRICT;
+
+        CREATE TABLE shelf (
+            rod TEXT NOT NULL,
+            segment INTEGER NOT NULL,
+            key TEXT NOT NULL,
+            json TEXT NOT NULL,
+            checksum INTEGER NOT NULL,
+            PRIMARY KEY (rod, segment)
+        ) STRICT;",
+    )
 }
 
 const PERIOD: &str = "

@@ -111,7 +111,8 @@ impl Kept {
             watches,
             plausibility,
             thermometer,
-            latest
+            latest,
+            opened
         );
         Ok(())
     }

@@ -95,6 +95,9 @@ pub struct State {
     pub thermometer: Thermometer,
     /// Start of the latest accepted record.
     pub latest: Option<Timestamp>,
+    /// The number of the segment that was opened last: one that was put aside may go on after it.
+    #[serde(default)]
+    pub opened: u32,
 }
 
 impl State {
@@ -123,7 +126,15 @@ impl State {
             plausibility: Plausibility::default(),
             thermometer: Thermometer::default(),
             latest: None,
+            opened: 1,
         }
+    }
+
+    /// True while nothing was ever learned of the rod: no record and no reading was taken, at most its absence was told.
+    pub fn is_untouched(&self) -> bool {
+        let mut blank = Self::new(self.rod.clone(), self.segment.key.clone());
+        blank.alarms.clone_from(&self.alarms);
+        blank == *self
     }
 
     /// True while the rods of the site are reported to move together, this one among them.
@@ -153,7 +164,8 @@ impl State {
     /// Next segment: everything is learned again; time and temperature continue, unless the clock was wrong.
     pub fn next_segment(&self, reason: Opening, key: String, anew_in_time: bool) -> Self {
         let mut next = Self::new(self.rod.clone(), key);
-        next.segment.number = self.segment.number + 1;
+        next.segment.number = self.opened.max(self.segment.number) + 1;
+        next.opened = next.segment.number;
         next.segment.reason = reason;
         if reason == Opening::Changed {
             next.thermometer = self.thermometer.clone();
@@ -166,6 +178,22 @@ impl State {
             next.latest = self.latest;
         }
         next
+    }
+
+    /// This state, put aside when its settings gave way to those of `now`, goes on: what was learned is as it was; time, temperature,
+    /// sensor and what nobody acknowledged are as they are now.
+    pub fn back_after(mut self, now: &Self) -> Self {
+        self.alarms = now.alarms.clone();
+        self.watches = Watches::default();
+        self.open = Vec::new();
+        self.readings = now.readings.clone();
+        self.filters = now.filters.clone();
+        self.plausibility = now.plausibility.clone();
+        self.thermometer = now.thermometer.clone();
+        self.closed = self.closed.max(now.closed);
+        self.latest = self.latest.max(now.latest);
+        self.opened = now.opened.max(now.segment.number);
+        self
     }
 
     /// True if the drift watch has seen this many periods: limits apply from then on.

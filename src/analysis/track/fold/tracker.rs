@@ -60,12 +60,28 @@ impl Tracker {
             early_shift: None,
             news: Vec::new(),
         };
-        if tracker.state.segment.key != tracker.plan.key() {
+        if tracker.state.is_untouched() {
+            tracker.state.segment.key = tracker.plan.key().to_owned();
+        } else if tracker.state.segment.key != tracker.plan.key() {
             tracker.open_segment(Opening::Changed, false, tracker.state.latest);
         } else {
             monitor::rewatch(&mut tracker);
         }
         let events = tracker.take_news();
+        (tracker, events)
+    }
+
+    /// Goes on where a state was put aside when other settings came, which give way to it again: the conditions of the present
+    /// alarms end; what nobody acknowledged goes on standing.
+    pub fn take_up(plan: Arc<TrackPlan>, shelved: State, now: State) -> (Self, Vec<AlarmEvent>) {
+        let mut present = now;
+        let mut board = Board::new(&present.rod, present.segment.number, &mut present.alarms);
+        if let Some(time) = present.latest {
+            board.clear_all(time);
+        }
+        let mut events = board.into_events();
+        let (tracker, more) = Self::resume(plan, shelved.back_after(&present));
+        events.extend(more);
         (tracker, events)
     }
 
@@ -102,8 +118,25 @@ impl Tracker {
     /// Checks the clock without a record: raises the alarm of missing data. The clock repeats unacknowledged
     /// alarms only in such a silence: while records come, they do it at their times, as in a replay.
     pub fn look_at_clock(&mut self, now: Timestamp) -> Vec<AlarmEvent> {
-        let repeat_s = self.plan.alarm.repeat_s;
         self.look_for_silence(now);
+        self.repeat_in_silence(now)
+    }
+
+    /// Looks at the clock before the first record, which has been waited for since `awaited`: tells when it does not come.
+    pub fn await_first(&mut self, now: Timestamp, awaited: Timestamp) -> Vec<AlarmEvent> {
+        let from = awaited.plus_seconds(self.plan.alarm.silence_s);
+        if now > from {
+            let message = format!(
+                "never seen: no usable record since the rod was configured, {awaited}; look at its sensor, its sender and the \
+                 topic of its channel"
+            );
+            self.on_board(|board| board.raise_late(Kind::NoData, from, now, message, Known::default()));
+        }
+        self.repeat_in_silence(now)
+    }
+
+    fn repeat_in_silence(&mut self, now: Timestamp) -> Vec<AlarmEvent> {
+        let repeat_s = self.plan.alarm.repeat_s;
         self.on_board(|board| {
             if board.holds(Kind::NoData) {
                 board.repeat(now, repeat_s, |_| ());

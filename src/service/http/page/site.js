@@ -73,6 +73,7 @@ async function draw() {
   const open = alarms.filter(({ alarm }) => !alarm.acknowledged).length;
   const uncompensated = site.rods.some((rod) => rod.relative_force && !rod.compensated);
   show(content,
+    site.monitoring?.stopped_since ? el("div", { class: "note", id: "stopped" }, el("strong", {}, `monitoring stopped since ${time(site.monitoring.stopped_since)} UTC: `), site.monitoring.why) : "",
     el("p", { class: "about", id: "summary" },
       `${counted(site.rods.length, "rod")}, ` +
       (alarms.length ? `${counted(alarms.length, "alarm")} standing, ${open} not acknowledged` : "no alarm stands")),

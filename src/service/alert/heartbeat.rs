@@ -1,0 +1,96 @@
+//! A sign of life to a dead-man switch: while it comes, the daemon is at work and results are kept.
+
+use super::Failure;
+use super::post::post;
+use crate::config::settings::alert::HeartbeatSettings;
+use crate::service::telemetry::{Fault, State, Telemetry};
+use crate::site::clock;
+use serde_json::json;
+use std::sync::mpsc::{RecvTimeoutError, SyncSender, sync_channel};
+use std::thread;
+use std::time::Duration;
+
+/// What the condition of a switch that cannot be reached is about.
+const ABOUT: &str = "heartbeat";
+/// The longest time one sign may take.
+const DEADLINE: Duration = Duration::from_secs(10);
+/// A work loop that has stood still for this long is dead.
+const ALIVE: Duration = Duration::from_secs(30);
+
+/// The thread that gives the sign, ended when it is dropped.
+pub(super) struct Heartbeat {
+    settings: HeartbeatSettings,
+    site: String,
+    telemetry: Telemetry,
+    _stop: SyncSender<()>,
+}
+
+impl Heartbeat {
+    /// Begins to give the sign; `None` if the system gives no thread for it.
+    pub(super) fn start(settings: &HeartbeatSettings, site: &str, telemetry: &Telemetry) -> Option<Self> {
+        let (stop, stopped) = sync_channel::<()>(0);
+        let (own, name, told) = (settings.clone(), site.to_owned(), telemetry.clone());
+        let work = move || {
+            // The work loop has a moment to begin.
+            let mut wait = Duration::from_secs_f64(own.every_s).min(Duration::from_secs(1));
+            while stopped.recv_timeout(wait) == Err(RecvTimeoutError::Timeout) {
+                wait = Duration::from_secs_f64(own.every_s);
+                match sign(&own, &name, &told) {
+                    None => {}
+                    Some(Ok(())) => told.health.over(Fault::Sink, ABOUT),
+                    Some(Err(failure)) => told
+                        .health
+                        .hold(Fault::Sink, ABOUT, format!("{ABOUT}: {failure}")),
+                }
+            }
+        };
+        let spawned = thread::Builder::new().name(ABOUT.to_owned()).spawn(work);
+        if let Err(error) = spawned {
+            telemetry
+                .health
+                .hold(Fault::Sink, ABOUT, format!("{ABOUT}: no thread for it: {error}"));
+            return None;
+        }
+        Some(Self {
+            settings: settings.clone(),
+            site: site.to_owned(),
+            telemetry: telemetry.clone(),
+            _stop: stop,
+        })
+    }
+
+    /// Whether it gives this sign.
+    pub(super) fn is_of(&self, settings: &HeartbeatSettings, site: &str) -> bool {
+        self.settings == *settings && self.site == site
+    }
+}
+
+impl Drop for Heartbeat {
+    fn drop(&mut self) {
+        self.telemetry.health.over(Fault::Sink, ABOUT);
+    }
+}
+
+/// Gives one sign, unless nothing is measured or kept.
+fn sign(settings: &HeartbeatSettings, site: &str, telemetry: &Telemetry) -> Option<Result<(), Failure>> {
+    let report = telemetry.health.report();
+    let is_alive = telemetry.beat.age() < ALIVE && report.phase.not_ready().is_none();
+    if !is_alive || report.state == State::Failing {
+        return None;
+    }
+    let conditions: Vec<_> = report
+        .conditions
+        .iter()
+        .map(|condition| json!({ "kind": condition.fault, "about": condition.about, "for_s": condition.for_s }))
+        .collect();
+    let body = json!({
+        "version": 1,
+        "what": "alive",
+        "time": clock::now().to_string(),
+        "site": site,
+        "state": report.state.code(),
+        "conditions": conditions,
+    });
+    let url = &settings.target.url;
+    Some(post(&settings.target, url, &[], &body.to_string(), DEADLINE))
+}

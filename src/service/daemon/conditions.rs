@@ -1,0 +1,145 @@
+//! What lasts around the daemon, as the sinks are told of it: begins and ends that lasted, each once.
+
+use crate::analysis::signal::record::Timestamp;
+use crate::service::telemetry::Condition;
+use crate::site::store::ConditionEvent;
+use std::collections::BTreeMap;
+use std::time::{Duration, Instant};
+
+/// The conditions that were told or are about to be.
+#[derive(Debug)]
+pub struct Conditions {
+    /// How long one must last, or be absent, before that is told.
+    settle: Duration,
+    open: BTreeMap<(String, String), Open>,
+}
+
+/// One condition.
+#[derive(Debug)]
+struct Open {
+    begun: ConditionEvent,
+    is_told: bool,
+    /// Since when it is no longer there.
+    absent: Option<Instant>,
+}
+
+impl Conditions {
+    /// Goes on from what the store says stands.
+    pub fn new(settle: Duration, standing: Vec<ConditionEvent>) -> Self {
+        let open = standing.into_iter().map(|begun| {
+            let key = (begun.fault.clone(), begun.about.clone());
+            let open = Open {
+                begun,
+                is_told: true,
+                absent: None,
+            };
+            (key, open)
+        });
+        Self {
+            settle,
+            open: open.collect(),
+        }
+    }
+
+    /// Another time to settle holds.
+    pub fn set_settle(&mut self, settle: Duration) {
+        self.settle = settle;
+    }
+
+    /// Looks at what lasts now; what is to be told of it. `wall` is the time by the machine's clock.
+    pub fn look(&mut self, lasting: &[Condition], now: Instant, wall: Timestamp) -> Vec<ConditionEvent> {
+        let mut told = Vec::new();
+        for condition in lasting {
+            let key = (condition.fault.code().to_owned(), condition.about.clone());
+            let lasted = now.saturating_duration_since(condition.since);
+            let open = self.open.entry(key).or_insert_with_key(|(fault, about)| Open {
+                begun: ConditionEvent::raised(
+                    fault,
+                    about,
+                    wall.plus_seconds(-lasted.as_secs_f64()),
+                    &condition.detail,
+                ),
+                is_told: false,
+                absent: None,
+            });
+            open.absent = None;
+            if !open.is_told && lasted >= self.settle {
+                open.is_told = true;
+                open.begun.detail.clone_from(&condition.detail);
+                told.push(open.begun.clone());
+            }
+        }
+        let settle = self.settle;
+        self.open.retain(|(fault, about), open| {
+            let mut lasting = lasting.iter();
+            if lasting.any(|condition| condition.fault.code() == fault && condition.about == *about) {
+                return true;
+            }
+            if !open.is_told {
+                return false;
+            }
+            let absent = *open.absent.get_or_insert(now);
+            let absent_for = now.saturating_duration_since(absent);
+            let is_over = absent_for >= settle;
+            if is_over {
+                told.push(open.begun.cleared(wall.plus_seconds(-absent_for.as_secs_f64())));
+            }
+            !is_over
+        });
+        told
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::service::telemetry::{Fault, Health};
+
+    const SETTLE: Duration = Duration::from_secs(60);
+
+    fn at(s: u64) -> Timestamp {
+        Timestamp::from_nanos(1_800_000_000_000_000_000).plus_seconds(s as f64)
+    }
+
+    /// What is told at each second of a condition that is there in some of them.
+    fn told(conditions: &mut Conditions, there: &[(u64, u64)], until: u64) -> Vec<(u64, bool, String)> {
+        let (health, begun) = (Health::default(), Instant::now());
+        let mut told = Vec::new();
+        let mut since = None;
+        for s in 0..until {
+            let is_there = there.iter().any(|(from, to)| (*from..*to).contains(&s));
+            since = is_there.then(|| since.unwrap_or(s));
+            health.over(Fault::Sink, "mail");
+            if is_there {
+                health.hold(Fault::Sink, "mail", "refused");
+            }
+            let mut lasting = health.conditions();
+            for condition in &mut lasting {
+                condition.since = begun + Duration::from_secs(since.unwrap_or(s));
+            }
+            for notice in conditions.look(&lasting, begun + Duration::from_secs(s), at(s)) {
+                told.push((s, notice.is_raised, notice.condition));
+            }
+        }
+        told
+    }
+
+    #[test]
+    fn what_lasts_is_told_once_and_what_flaps_is_not() {
+        let mut conditions = Conditions::new(SETTLE, Vec::new());
+        // Short ones are passed over; a short absence does not end one that lasts.
+        let told = told(&mut conditions, &[(0, 30), (100, 200), (230, 400)], 600);
+        let said: Vec<(u64, bool)> = told.iter().map(|(s, raised, _)| (*s, *raised)).collect();
+        assert_eq!(said, [(160, true), (460, false)]);
+        assert_eq!(told[0].2, told[1].2, "one id");
+    }
+
+    #[test]
+    fn what_stood_before_the_start_is_not_told_again_and_ends_if_it_is_gone() {
+        let begun = ConditionEvent::raised("sink", "mail", at(0), "refused");
+        let mut conditions = Conditions::new(SETTLE, vec![begun.clone()]);
+        assert!(told(&mut conditions, &[(0, 300)], 300).is_empty());
+        let mut conditions = Conditions::new(SETTLE, vec![begun.clone()]);
+        assert_eq!(told(&mut conditions, &[], 300), [(60, false, begun.condition)]);
+    }
+}

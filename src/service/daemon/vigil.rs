@@ -1,0 +1,147 @@
+//! The watch over the daemon itself: what lasts around it, its clock, topics that belong to no rod.
+
+use super::conditions::Conditions;
+use super::misnamed::Misnamed;
+use super::wall_clock::{Began, WallClock};
+use crate::analysis::signal::record::Timestamp;
+use crate::config::Config;
+use crate::service::telemetry::{Fault, Health};
+use crate::site::clock;
+use crate::site::store::{ConditionEvent, Reader, StoreError, Stretch};
+use crate::site::trackers::Site;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+/// How often the store is told that a daemon is at work.
+const ALIVE_EVERY: Duration = Duration::from_secs(300);
+/// For this long the sources may have more than is analysed.
+const BEHIND: Duration = Duration::from_secs(900);
+/// What the condition of the clock is about.
+const CLOCK: &str = "clock";
+/// A record of now began at most this long ago, by a clock that is at most the other ahead \[s\].
+const FRESH_S: f64 = 86_400.0;
+const AHEAD_S: f64 = 600.0;
+
+/// The watch.
+pub struct Vigil {
+    health: Arc<Health>,
+    conditions: Conditions,
+    /// What the store does not have yet.
+    unkept: Vec<ConditionEvent>,
+    clock: WallClock,
+    /// When the store was told last that a daemon is at work.
+    alive: Option<Instant>,
+    misnamed: Misnamed,
+    /// Since when the sources have more than is analysed; `None` before they were caught up for the first time.
+    behind: Option<Instant>,
+}
+
+impl Vigil {
+    /// Begins; `silent_from` is the time by which the rods' silence before the start is told: now, or when a daemon was last at
+    /// work, if the clock is not believed.
+    ///
+    /// # Errors
+    /// The store cannot be read.
+    pub fn begin(
+        store: &Reader,
+        settle: Duration,
+        health: Arc<Health>,
+    ) -> Result<(Self, Timestamp), StoreError> {
+        let (wall, now) = (clock::now(), Instant::now());
+        let last = store.stretches()?.last().copied();
+        let (clock, began) = WallClock::begin(last, wall, now);
+        let mut unkept = Vec::new();
+        let mut silent_from = wall;
+        match (began, last) {
+            (Began::Even, _) | (_, None) => {}
+            (Began::Outage(_), Some(last)) => {
+                let detail = format!(
+                    "no daemon was at work from {} to {wall}: nothing was measured",
+                    last.to
+                );
+                health.fault(Fault::Outage, &detail);
+                let begun = ConditionEvent::raised(Fault::Outage.code(), "daemon", last.to, &detail);
+                unkept.extend([begun.clone(), begun.cleared(wall)]);
+            }
+            (Began::Doubted(away_s), Some(last)) => {
+                silent_from = last.to;
+                let detail = format!(
+                    "the clock says {wall}, {:.1} days after a daemon was last at work ({}): look at the clock. Until records of \
+                     now arrive, silence counts from this start; no age counts time in which no daemon was at work",
+                    away_s / 86_400.0,
+                    last.to
+                );
+                health.hold(Fault::Clock, CLOCK, detail);
+            }
+        }
+        let vigil = Self {
+            conditions: Conditions::new(settle, store.standing_notices()?),
+            health,
+            unkept,
+            clock,
+            alive: None,
+            misnamed: Misnamed::default(),
+            behind: None,
+        };
+        Ok((vigil, silent_from))
+    }
+
+    /// Another time to settle holds.
+    pub fn set_settle(&mut self, settle: Duration) {
+        self.conditions.set_settle(settle);
+    }
+
+    /// A second went by, and everything there was to read had been read or not.
+    pub fn tick(&mut self, site: Option<&Site>, config: &Config, is_caught_up: bool) {
+        let now = Instant::now();
+        if let Some(step_s) = self.clock.look(clock::now(), now) {
+            let detail = format!("the clock was set by {step_s:+.0} s while the daemon ran; look at it");
+            self.health.hold(Fault::Clock, CLOCK, detail);
+            self.alive = None;
+        }
+        match (is_caught_up, self.behind) {
+            (true, _) => {
+                self.behind = Some(now);
+                self.health.over(Fault::Behind, "sources");
+            }
+            (false, Some(since)) if now.saturating_duration_since(since) >= BEHIND => {
+                let detail = "for a quarter of an hour there has been more to read than is analysed";
+                self.health.hold(Fault::Behind, "sources", detail);
+            }
+            (false, _) => {}
+        }
+        if let Some(site) = site {
+            let unheard = site.unheard().filter_map(|rod| config.rod(&rod.0));
+            self.misnamed
+                .look(&self.health, unheard, |topic| config.reads(topic));
+        }
+    }
+
+    /// A record that began at `start` was taken: one of now says that the clock is right.
+    pub fn heard(&self, start: Timestamp) {
+        if (-AHEAD_S..FRESH_S).contains(&clock::now().seconds_since(start)) {
+            self.health.over(Fault::Clock, CLOCK);
+        }
+    }
+
+    /// Looks at what lasts; what is new to tell of it.
+    pub fn look(&mut self) -> Vec<ConditionEvent> {
+        let told = self
+            .conditions
+            .look(&self.health.conditions(), Instant::now(), clock::now());
+        self.unkept.extend(told.iter().cloned());
+        told
+    }
+
+    /// What the store is to keep now, if anything.
+    pub fn due(&self) -> Option<(Vec<ConditionEvent>, Stretch)> {
+        let is_due = self.alive.is_none_or(|alive| alive.elapsed() >= ALIVE_EVERY);
+        (is_due || !self.unkept.is_empty()).then(|| (self.unkept.clone(), self.clock.stretch()))
+    }
+
+    /// The store has so many notices, and knows that a daemon is at work.
+    pub fn kept(&mut self, notices: usize) {
+        self.unkept.drain(..notices.min(self.unkept.len()));
+        self.alive = Some(Instant::now());
+    }
+}

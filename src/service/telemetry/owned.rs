@@ -1,0 +1,116 @@
+//! A file the daemon writes, watched by what it is: its name may come to mean another one.
+
+use std::fmt;
+use std::fs::{self, Metadata};
+use std::io;
+use std::os::unix::fs::MetadataExt;
+use std::path::{Path, PathBuf};
+
+/// Why a file is no longer the one that is written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Lost {
+    /// There is no file of that name.
+    Removed,
+    /// Another file has its name.
+    Replaced,
+    /// It is shorter than it was.
+    Truncated,
+    /// Its file system can only be read.
+    ReadOnly,
+    /// The system does not say.
+    Unknown,
+}
+
+impl fmt::Display for Lost {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Removed => "was removed",
+            Self::Replaced => "was replaced by another file",
+            Self::Truncated => "was cut short",
+            Self::ReadOnly => "is on a file system that was made read-only",
+            Self::Unknown => "cannot be looked at",
+        })
+    }
+}
+
+/// A file that is written, by device and inode.
+#[derive(Debug, Clone)]
+pub struct Owned {
+    path: PathBuf,
+    identity: (u64, u64),
+    /// The longest it has been \[bytes\].
+    length: u64,
+}
+
+impl Owned {
+    /// The file that has this name now; `None` for none.
+    pub fn of(path: &Path) -> Option<Self> {
+        let data = fs::metadata(path).ok()?;
+        Some(Self::with(path, &data))
+    }
+
+    /// The open file of these data, which is to have this name.
+    pub fn with(path: &Path, data: &Metadata) -> Self {
+        Self {
+            path: path.to_owned(),
+            identity: (data.dev(), data.ino()),
+            length: data.len(),
+        }
+    }
+
+    /// Where it is.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Looks whether its name still means this file, as long as it has been, where it can be written.
+    ///
+    /// # Errors
+    /// What became of it.
+    pub fn look(&mut self) -> Result<(), Lost> {
+        let data = fs::metadata(&self.path).map_err(|error| match error.kind() {
+            io::ErrorKind::NotFound => Lost::Removed,
+            _ => Lost::Unknown,
+        })?;
+        if (data.dev(), data.ino()) != self.identity {
+            return Err(Lost::Replaced);
+        }
+        if data.len() < self.length {
+            return Err(Lost::Truncated);
+        }
+        self.length = data.len();
+        let disk = rustix::fs::statvfs(&self.path).map_err(|_| Lost::Unknown)?;
+        if disk.f_flag.contains(rustix::fs::StatVfsMountFlags::RDONLY) {
+            return Err(Lost::ReadOnly);
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_is_missed_whatever_becomes_of_it_and_known_when_it_is_back() {
+        let folder = tempfile::tempdir().unwrap();
+        let [path, other] = ["file", "other"].map(|name| folder.path().join(name));
+        assert!(Owned::of(&path).is_none());
+        fs::write(&path, "1234").unwrap();
+        let mut owned = Owned::of(&path).unwrap();
+        assert_eq!(owned.look(), Ok(()));
+        fs::rename(&path, &other).unwrap();
+        assert_eq!(owned.look(), Err(Lost::Removed));
+        fs::write(&path, "1234").unwrap();
+        assert_eq!(owned.look(), Err(Lost::Replaced));
+        fs::rename(&other, &path).unwrap();
+        assert_eq!(owned.look(), Ok(()));
+        fs::File::options()
+            .write(true)
+            .open(&path)
+            .unwrap()
+            .set_len(3)
+            .unwrap();
+        assert_eq!(owned.look(), Err(Lost::Truncated));
+    }
+}

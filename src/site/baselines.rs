@@ -1,0 +1,165 @@
+//! What a configuration would do to the baselines of a store: half a year of learning is not dropped unasked.
+
+use crate::analysis::identify;
+use crate::analysis::signal::record::{RodId, Timestamp};
+use crate::analysis::track::Segment;
+use crate::config::Config;
+use crate::site::hex::hex;
+use crate::site::store::{Reader, StoreError};
+use std::fmt::Write;
+
+/// The hash of everything that gives a rod's numbers their meaning: its settings, and the version of the analysis.
+pub fn key(config: &Config, rod: &RodId) -> String {
+    let meaning = config.meaning_of(rod);
+    format!("{}-{}", identify::VERSION, hex(&meaning[..8]))
+}
+
+/// What becomes of a rod's baseline.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Fate {
+    /// There is none yet.
+    None,
+    /// It goes on.
+    Kept,
+    /// Settings of before hold again: the segment of this number goes on.
+    FoundAgain(u32),
+    /// Another version of the program measures otherwise: it must be learned anew.
+    Outdated,
+    /// The settings change what the numbers mean: it would be lost. The settings, as far as they are known.
+    Lost(Vec<String>),
+}
+
+/// One rod and its baseline.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Prospect {
+    /// The rod.
+    pub rod: RodId,
+    /// The segment it is in now.
+    pub segment: u32,
+    /// The records of its baseline, and when the first began.
+    pub learned: Option<(usize, Timestamp)>,
+    /// What becomes of it.
+    pub fate: Fate,
+}
+
+/// Settings that would drop baselines nobody gave up.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{0}")]
+pub struct Refused(String);
+
+/// Why a configuration was not taken, or could not be judged.
+#[derive(Debug, thiserror::Error)]
+pub enum BaselineError {
+    /// It would drop a baseline.
+    #[error(transparent)]
+    Refused(#[from] Refused),
+    /// The store cannot be read.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+}
+
+/// What becomes of the baselines of a store's rods with this configuration.
+///
+/// # Errors
+/// The store cannot be read.
+pub fn prospects(reader: &Reader, config: &Config) -> Result<Vec<Prospect>, StoreError> {
+    let states = reader.states()?;
+    let mut prospects = Vec::new();
+    for rod in config.rods.iter().map(|rod| &rod.analysis.rod) {
+        let Some(state) = states.get(rod) else {
+            continue;
+        };
+        let segment = &state.segment;
+        let learned = segment.baseline.as_ref();
+        let wanted = key(config, rod);
+        let shelved = reader.shelved(rod)?;
+        let found = shelved.iter().find(|(_, key)| *key == wanted);
+        let fate = match (learned, found) {
+            _ if segment.key == wanted => learned.map_or(Fate::None, |_| Fate::Kept),
+            (_, Some((segment, _))) => Fate::FoundAgain(*segment),
+            (None, None) => Fate::None,
+            (Some(_), None) if version(&segment.key) != version(&wanted) => Fate::Outdated,
+            (Some(_), None) => Fate::Lost(changes(reader, config, rod, segment)?),
+        };
+        prospects.push(Prospect {
+            rod: rod.clone(),
+            segment: segment.number,
+            learned: learned.map(|baseline| (baseline.records, baseline.first)),
+            fate,
+        });
+    }
+    Ok(prospects)
+}
+
+/// The version of the analysis in a key.
+fn version(key: &str) -> Option<&str> {
+    key.split_once('-').map(|(version, _)| version)
+}
+
+/// The settings that give a rod's numbers another meaning than in its segment.
+fn changes(
+    reader: &Reader,
+    config: &Config,
+    rod: &RodId,
+    segment: &Segment,
+) -> Result<Vec<String>, StoreError> {
+    let last = segment.baseline.as_ref().map(|baseline| baseline.last);
+    let before = match last {
+        Some(last) => reader.config_at(rod, last)?,
+        None => None,
+    };
+    let before = before.and_then(|[_, _, text]| Config::parse(&text, "the store").ok());
+    Ok(before.map_or_else(Vec::new, |before| config.changes_of(&before, rod)))
+}
+
+/// Refuses a configuration that would drop a baseline of a rod that is not among those `given_up`.
+///
+/// # Errors
+/// It would, or the store cannot be read.
+pub fn guard(reader: &Reader, config: &Config, given_up: &[String]) -> Result<(), BaselineError> {
+    let mut refusal = String::new();
+    for prospect in prospects(reader, config)? {
+        if let Fate::Lost(_) = prospect.fate
+            && !given_up.contains(&prospect.rod.0)
+        {
+            // Writing to a string cannot fail.
+            let _ = writeln!(refusal, "{prospect}");
+        }
+    }
+    if refusal.is_empty() {
+        return Ok(());
+    }
+    refusal += "say --accept-new-baseline ROD for each of them, or ask for it while the old configuration holds: tirante rebaseline ROD";
+    Err(Refused(refusal).into())
+}
+
+impl std::fmt::Display for Prospect {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Self { rod, segment, .. } = self;
+        let learned = self.learned.map_or_else(String::new, |(records, first)| {
+            format!(" (segment {segment}, {records} records from {first} on)")
+        });
+        match &self.fate {
+            Fate::None => write!(f, "rod {rod}: there is no baseline yet"),
+            Fate::Kept => write!(f, "rod {rod}: the baseline stays{learned}"),
+            Fate::FoundAgain(before) => write!(
+                f,
+                "rod {rod}: these are settings of before: the baseline of segment {before} goes on"
+            ),
+            Fate::Outdated => write!(
+                f,
+                "rod {rod}: the analysis changed with the program: a new baseline is learned{learned}"
+            ),
+            Fate::Lost(changes) if changes.is_empty() => {
+                write!(
+                    f,
+                    "rod {rod}: the baseline would be lost{learned}: its settings changed"
+                )
+            }
+            Fate::Lost(changes) => {
+                let changes = changes.join("; ");
+                write!(f, "rod {rod}: the baseline would be lost{learned}: {changes}")
+            }
+        }
+    }
+}

@@ -1,0 +1,79 @@
+//! States of rods whose settings gave way to others: if the settings come back, so does the state.
+
+use super::row::Row;
+use super::state::{self, Failure, kept};
+use super::{Reader, Store, StoreError, schema};
+use crate::analysis::signal::record::RodId;
+use crate::analysis::track::State;
+use rusqlite::{Connection, OptionalExtension, TransactionBehavior};
+
+/// States kept of one rod: the latest.
+const MOST: i64 = 8;
+
+impl Store {
+    /// Puts a state aside, for settings that may come back.
+    ///
+    /// # Errors
+    /// It cannot be written.
+    pub fn shelve(&mut self, state: &State) -> Result<(), StoreError> {
+        let mut bare = state.clone();
+        bare.periods = Vec::new();
+        let json = kept("state", &bare)?;
+        let write = |connection: &mut Connection| -> rusqlite::Result<()> {
+            let transaction = connection.transaction_with_behavior(TransactionBehavior::Immediate)?;
+            let rod = &state.rod.0;
+            transaction.execute(
+                "DELETE FROM shelf WHERE rod = ?1 AND (key = ?2 OR segment NOT IN
+                    (SELECT segment FROM shelf WHERE rod = ?1 ORDER BY segment DESC LIMIT ?3))",
+                (rod, &state.segment.key, MOST - 1),
+            )?;
+            Row::of("shelf")
+                .with("rod", rod.clone())
+                .with("segment", i64::from(state.segment.number))
+                .with("key", state.segment.key.clone())
+                .with("json", json)
+                .upsert(&transaction, &["rod", "segment"])?;
+            transaction.commit()
+        };
+        write(&mut self.reader.connection).map_err(|error| self.reader.fault(Failure::Sql(error)))
+    }
+}
+
+impl Reader {
+    /// The segments of a rod whose states are put aside, with the keys of their settings.
+    ///
+    /// # Errors
+    /// They cannot be read.
+    pub fn shelved(&self, rod: &RodId) -> Result<Vec<(u32, String)>, StoreError> {
+        let read = || -> rusqlite::Result<Vec<(u32, String)>> {
+            // A store of an older format, which is only read.
+            if !schema::has(&self.connection, "shelf")? {
+                return Ok(Vec::new());
+            }
+            let sql = "SELECT segment, key FROM shelf WHERE rod = ? ORDER BY segment";
+            let mut statement = self.connection.prepare_cached(sql)?;
+            let rows = statement.query_map([&rod.0], |row| Ok((row.get(0)?, row.get(1)?)))?;
+            rows.collect()
+        };
+        read().map_err(|error| self.fault(Failure::Sql(error)))
+    }
+
+    /// The state of a rod under settings of before, with the periods of its segment.
+    ///
+    /// # Errors
+    /// It cannot be read, or not be understood.
+    pub fn off_the_shelf(&self, rod: &RodId, key: &str) -> Result<Option<State>, StoreError> {
+        let read = || -> Result<Option<State>, Failure> {
+            let json: Option<String> = self
+                .connection
+                .prepare_cached("SELECT json FROM shelf WHERE rod = ? AND key = ?")?
+                .query_row((&rod.0, key), |row| row.get(0))
+                .optional()?;
+            let Some(json) = json else { return Ok(None) };
+            let mut state: State = state::read(&rod.0, &json)?;
+            state.periods = state::periods(&self.connection, rod, state.segment.number)?;
+            Ok(Some(state))
+        };
+        read().map_err(|trouble| self.fault(trouble))
+    }
+}

@@ -57,6 +57,7 @@ pub struct Args {
 pub enum AnyFormat {
     /// Aligned columns.
     #[default]
+    #[value(alias = "text")]
     Table,
     /// One JSON object per line.
     Json,

@@ -50,8 +50,8 @@ const HIGHEST_HZ: f64 = 1e5;
   tirante identify camera.npy --config site.toml --rate 250 --channel '[7,:,1]'
   tirante identify --frequencies 4.492,9.288,13.252
   tirante identify --frequencies 4.492,-,13.252 \\
-      --sd 0.005,-,0.01    (mode 2 not measured)
-  tirante identify pull.mcap --load 300N@0.5L=1.1mm+-3%    (same day)
+      --sd 0.005,-,0.01    # mode 2 not measured
+  tirante identify pull.mcap --load 300N@0.5L=1.1mm+-3%    # same day
   tirante identify bare.mcap --mass 20kg@0.3L --with-mass heavy.mcap
   tirante identify --frequencies 4.492,9.288 \\
       --measured side=70.1,70.4,69.9mm+-0.2mm")]
@@ -215,18 +215,20 @@ fn tests_of(args: &Args, config: &Config, plans: &Arc<Plans>, plan: &Plan) -> an
         tests.add_loaded(&modes, prior)?;
     }
     if let Some(path) = &args.tests.with_mass {
-        let mut loaded = Vec::new();
+        let (mut loaded, mut refusals) = (Vec::new(), Vec::new());
         let others = args.foreign.among(&args.setup, true);
         let paths = std::slice::from_ref(path);
         let on_event = |analysed: &Analysed, _: Position<'_>, _: Option<[u8; 32]>, _: &Progress| {
-            if let Analysed::Record(outcome) = analysed
-                && let Outcome::Identified(found) = outcome.as_ref()
-            {
-                loaded.push(found.modes.clone());
+            if let Analysed::Record(outcome) = analysed {
+                match outcome.as_ref() {
+                    Outcome::Identified(found) => loaded.push(found.modes.clone()),
+                    Outcome::Rejected(refused) => refusals.push(refused.rejection.to_string()),
+                    Outcome::Tabulated(_) => {}
+                }
             }
             Ok(true)
         };
-        campaign::run(
+        let tally = campaign::run(
             paths,
             config,
             plans,
@@ -235,12 +237,16 @@ fn tests_of(args: &Args, config: &Config, plans: &Arc<Plans>, plan: &Plan) -> an
             &Known::new(),
             on_event,
         )?;
+        if let Some(tally) = tally {
+            tell!("--with-mass {}: {tally}", path.display());
+        }
         match loaded.as_slice() {
             [modes] => tests.add_loaded(modes, prior)?,
             [] => {
                 let message = format!(
-                    "--with-mass {}: no record of it gives frequencies",
-                    path.display()
+                    "--with-mass {}: no record of it gives frequencies: {}",
+                    path.display(),
+                    refusals.first().map_or("it has none of the rod", String::as_str)
                 );
                 return Err(BadArguments(message).into());
             }

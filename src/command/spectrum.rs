@@ -43,25 +43,21 @@ const PAGE_RECORDS: usize = 100;
 #[command(after_help = "Examples:
   tirante spectrum recordings/todi-pull.mcap
   tirante spectrum laser.mcap --topic /nave-3/displacement --band 2..40
-  tirante spectrum laser.csv \\
-      --unit mm                 any format that import reads
-  tirante spectrum laser.mcap \\
-      --html laser.html        waveform and spectrum of every record
-  tirante spectrum /data/2026 --format json > peaks.jsonl     one object per \\
-      record and channel
-  tirante spectrum laser.mcap \\
-      --config site.toml       with the orders of the modes
+  tirante spectrum laser.csv --unit mm             # any format of import
+  tirante spectrum laser.mcap --html laser.html    # waveform and spectrum
+  tirante spectrum /data/2026 --format json > peaks.jsonl
+  tirante spectrum laser.mcap --config site.toml   # with the modes' orders
 
 What a peak is taken for:
   mode 2      with --config alone: the rod's second mode
-  candidate   a resonance, which may be a mode; '2 x 4.492' if it is a \\
-      multiple of another peak, as the
-              modes of a taut rod nearly are
+  candidate   a resonance, which may be a mode; '2 x 4.492' if it is a
+              multiple of another peak, as the modes of a taut rod
+              nearly are
   doubtful    a resonance whose shape or level speaks against a mode
-  tone        a pure sine: mains, a motor, a pump; harmonic: a multiple of a \\
-      tone
-  broad       wider than any rod vibrates (damping above 10 %); drift: the \\
-      same at the low end
+  tone        a pure sine: mains, a motor, a pump; harmonic: a multiple of
+              a tone
+  broad       wider than any rod vibrates (damping above 10 %); drift: the
+              same at the low end
 
 The level is the height of the fitted peak over the noise floor. Without --band,
 peaks are looked for from 15 periods in the record up to 0.48 of the sample

@@ -23,6 +23,7 @@ pub struct WhichStore {
 pub enum Format {
     /// Aligned columns.
     #[default]
+    #[value(alias = "text")]
     Table,
     /// One JSON object per line.
     Json,

@@ -2,7 +2,7 @@
 
 use crate::analysis::identify;
 use crate::analysis::signal::record::{RodId, Timestamp};
-use crate::analysis::track::Segment;
+use crate::analysis::track::{Segment, State};
 use crate::config::Config;
 use crate::site::hex::hex;
 use crate::site::store::{Reader, StoreError};
@@ -12,6 +12,26 @@ use std::fmt::Write;
 pub fn key(config: &Config, rod: &RodId) -> String {
     let meaning = config.meaning_of(rod);
     format!("{}-{}", identify::VERSION, hex(&meaning[..8]))
+}
+
+/// True if a rod's segment was measured with settings that have the key `wanted` by the rules of this program: an earlier one of the
+/// same analysis hashed other settings, too.
+///
+/// # Errors
+/// The store cannot be read.
+pub fn has_same_settings(reader: &Reader, state: &State, wanted: &str) -> Result<bool, StoreError> {
+    if state.segment.key == wanted {
+        return Ok(true);
+    }
+    let Some(latest) = state
+        .latest
+        .filter(|_| version(&state.segment.key) == version(wanted))
+    else {
+        return Ok(false);
+    };
+    let before = reader.config_at(&state.rod, latest)?;
+    let before = before.and_then(|[_, _, text]| Config::parse(&text, "the store").ok());
+    Ok(before.is_some_and(|before| key(&before, &state.rod) == wanted))
 }
 
 /// What becomes of a rod's baseline.
@@ -75,7 +95,7 @@ pub fn prospects(reader: &Reader, config: &Config) -> Result<Vec<Prospect>, Stor
         let shelved = reader.shelved(rod)?;
         let found = shelved.iter().find(|(_, key)| *key == wanted);
         let fate = match (learned, found) {
-            _ if segment.key == wanted => learned.map_or(Fate::None, |_| Fate::Kept),
+            _ if has_same_settings(reader, state, &wanted)? => learned.map_or(Fate::None, |_| Fate::Kept),
             (_, Some((segment, _))) => Fate::FoundAgain(*segment),
             (None, None) => Fate::None,
             (Some(_), None) if version(&segment.key) != version(&wanted) => Fate::Outdated,

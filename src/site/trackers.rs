@@ -6,6 +6,7 @@ use crate::analysis::signal::record::{Reading, RodId, Timestamp};
 use crate::analysis::track::alarm::Board;
 use crate::analysis::track::{AlarmEvent, Kind, Others, Peer, RodState, State, TrackPlan, Tracker, Verdict};
 use crate::site::analyse::Analysed;
+use crate::site::baselines;
 use crate::site::record_row::RecordRow;
 use crate::site::store::{
     Asked, Carry, Commit, ConditionEvent, FileMark, NewRecord, Position, RodRow, SnapshotRow, Standing,
@@ -95,7 +96,10 @@ impl Site {
                     fresh.push(rod.clone());
                     Tracker::new(plan)
                 }
-                Some(state) => {
+                Some(mut state) => {
+                    if baselines::has_same_settings(&store, &state, plan.key())? {
+                        plan.key().clone_into(&mut state.segment.key);
+                    }
                     let before = state.segment.number;
                     let has_changed = state.segment.key != plan.key();
                     let shelved = if has_changed {

@@ -177,11 +177,11 @@ impl Looked {
         }
         if self.stamps.len() == 1 {
             match self.decoders.first() {
-                Some((field, _)) => self.stamp = self.definition.stamp(field, data),
+                Some((field, _)) => self.stamp = self.definition.stamp(field, data, log_time),
                 None => {
                     self.numbers = self.definition.numbers(data);
                     let first = self.numbers.first();
-                    self.stamp = first.and_then(|field| self.definition.stamp(field, data));
+                    self.stamp = first.and_then(|field| self.definition.stamp(field, data, log_time));
                 }
             }
         }

@@ -11,6 +11,8 @@ const NOBODY: &str = "no_such_field_here";
 const MOST: usize = 24;
 /// Number of levels of nested messages that are searched.
 const DEPTH: usize = 3;
+/// Greatest distance of a message's own time from its log time \[ns\]: a day.
+const NEAR_NS: u64 = 86_400_000_000_000;
 
 /// A channel's encoding and schema.
 #[derive(Debug, Default)]
@@ -62,14 +64,16 @@ impl Definition {
         found
     }
 
-    /// Field of a message's own time, if it has one and it is set.
-    pub(super) fn stamp(&self, field: &str, message: &[u8]) -> Option<String> {
+    /// Field of a message's own time, if it has one and it is near the log time \[ns\]: a clock that counts from boot is none.
+    pub(super) fn stamp(&self, field: &str, message: &[u8], log_time: u64) -> Option<String> {
         let source = TimeSource::Field(STAMP.to_owned());
         match self.read(field, &source, message) {
             Ok(Decoded {
                 time: Time::Nanos(nanos),
                 ..
-            }) if nanos > 0 => Some(STAMP.to_owned()),
+            }) if nanos.abs_diff(i64::try_from(log_time).unwrap_or(i64::MAX)) < NEAR_NS => {
+                Some(STAMP.to_owned())
+            }
             _ => None,
         }
     }
@@ -79,16 +83,21 @@ impl Definition {
 mod tests {
     use super::*;
 
+    const LOGGED: u64 = 1_772_344_801_000_000_000;
+
     #[test]
     fn a_message_tells_its_numbers_and_its_stamp() {
         let point = br#"{"header":{"stamp":{"sec":1772344800,"nanosec":5},"frame_id":"laser"},"point":{"x":1.5,"y":0,"z":-2e-3},"ok":"yes"}"#;
         let json = Definition::of("json", None);
         assert_eq!(json.numbers(point), ["point.x", "point.y", "point.z"]);
-        assert_eq!(json.stamp("point.z", point).as_deref(), Some(STAMP));
+        assert_eq!(json.stamp("point.z", point, LOGGED).as_deref(), Some(STAMP));
         // A stamp that nobody set, and none at all.
         let unset = br#"{"header":{"stamp":{"sec":0,"nanosec":0}},"value":1}"#;
-        assert_eq!(json.stamp("value", unset), None);
-        assert_eq!(json.stamp("value", br#"{"value":1}"#), None);
+        assert_eq!(json.stamp("value", unset, LOGGED), None);
+        assert_eq!(json.stamp("value", br#"{"value":1}"#, LOGGED), None);
+        // A clock that counts from boot.
+        let booted = br#"{"header":{"stamp":{"sec":35,"nanosec":0}},"value":1}"#;
+        assert_eq!(json.stamp("value", booted, LOGGED), None);
         let ros = Definition::of(
             "cdr",
             Some(SchemaRef {
@@ -112,6 +121,6 @@ mod tests {
             message.extend(value.to_le_bytes());
         }
         assert_eq!(ros.numbers(&message), ["point.x", "point.y", "point.z"]);
-        assert_eq!(ros.stamp("point.z", &message).as_deref(), Some(STAMP));
+        assert_eq!(ros.stamp("point.z", &message, LOGGED).as_deref(), Some(STAMP));
     }
 }

@@ -29,6 +29,8 @@ struct Blame {
 /// Takes a source's steps under watch: a file whose reading crashes the program is quarantined.
 #[derive(Debug, Default)]
 pub(super) struct Guard {
+    /// File of the steps.
+    file: Option<Arc<str>>,
     steps: Steps,
     /// Quarantined file, and the reason.
     quarantined: Option<(Arc<str>, String)>,
@@ -37,7 +39,13 @@ pub(super) struct Guard {
 impl Guard {
     /// Takes the next step of a source.
     pub fn poll<S: Source>(&mut self, source: &mut S, watch: &mut Watch, health: &Health) -> Step<S::File> {
-        if let Some((name, offset)) = source.position()
+        let position = source.position();
+        if let Some((name, _)) = &position
+            && self.file.as_ref() != Some(name)
+        {
+            (self.file, self.steps) = (Some(Arc::clone(name)), Steps::default());
+        }
+        if let Some((name, offset)) = position
             && self.quarantined.as_ref().is_none_or(|(aside, _)| *aside != name)
             && let Some(Blame { why, is_whole }) = watch.begin(&name, offset, &mut self.steps)
         {

@@ -194,7 +194,11 @@ async fn frequencies(
             from.unwrap_or(Timestamp::from_nanos(i64::MIN)),
             to.unwrap_or(Timestamp::MAX),
         );
-        Ok(Ok(Frequencies::of(reader, &RodId(rod), span, points)?))
+        let rod = RodId(rod);
+        if !reader.standings()?.iter().any(|standing| standing.rod == rod) {
+            return Ok(Err(no_rod(&rod.0)));
+        }
+        Ok(Ok(Frequencies::of(reader, &rod, span, points)?))
     })
     .await
 }

@@ -28,14 +28,15 @@ pub(super) fn gzip(plain: &[u8], level: Compression) -> Vec<u8> {
 pub(super) fn tag(plain: &[u8]) -> String {
     let hash = Sha256::digest(plain);
     let digits = hex(&hash[..8]);
-    format!("\"{digits}\"")
+    // Weak: it stands for the plain and for the compressed answer.
+    format!("W/\"{digits}\"")
 }
 
 /// True if the client has the answer with this tag.
 pub(super) fn has(asked: &HeaderMap, tag: &str) -> bool {
     said(asked, header::IF_NONE_MATCH).is_some_and(|tags| {
-        tags.split(',')
-            .any(|one| one.trim().trim_start_matches("W/") == tag)
+        let of = |one: &str| one.trim().trim_start_matches("W/").to_owned();
+        tags.split(',').any(|one| of(one) == of(tag))
     })
 }
 
@@ -83,14 +84,11 @@ pub(super) async fn pack(request: Request, next: Next) -> Response {
         return Response::from_parts(parts, Body::empty());
     }
     let body = if plain.len() >= SHORTEST && takes_gzip(&asked) {
-        let (kept, packed) = tokio::task::spawn_blocking(move || {
-            let packed = gzip(&plain, Compression::fast());
-            (plain, packed)
-        })
-        .await
-        .unwrap_or_default();
+        let whole = plain.clone();
+        let packed = tokio::task::spawn_blocking(move || gzip(&whole, Compression::fast())).await;
+        let packed = packed.unwrap_or_default();
         if packed.is_empty() {
-            kept
+            plain
         } else {
             parts
                 .headers

@@ -17,7 +17,7 @@ use std::time::{Duration, Instant};
 const ALIVE: Duration = Duration::from_secs(30);
 
 /// Longest path with its query \[bytes\].
-const LONGEST_PATH: usize = 1024;
+const LONGEST_PATH: usize = 4096;
 
 const JSON: &str = "application/json";
 const OPEN_METRICS: &str = "application/openmetrics-text; version=1.0.0; charset=utf-8";

@@ -71,15 +71,20 @@ impl Standing {
     /// # Errors
     /// Its line cannot be understood.
     pub fn latest_row(&self) -> Result<Option<RecordRow>, StoreError> {
-        self.latest.as_deref().map(parse).transpose()
+        let latest = self.latest.as_deref();
+        latest.map(parse).transpose()
     }
 }
 
 /// Parses a JSON line of the store.
 pub(super) fn parse(line: &str) -> Result<RecordRow, StoreError> {
-    RecordRow::parse(line).map_err(|error| StoreError::Unreadable {
-        what: "a record's line".to_owned(),
-        detail: error.to_string(),
+    RecordRow::parse(line).map_err(|error| {
+        let known: serde_json::Value = serde_json::from_str(line).unwrap_or_default();
+        let text = |name: &str| known[name].as_str().unwrap_or("unknown").to_owned();
+        StoreError::Unreadable {
+            what: format!("the record of rod {} of {}", text("rod"), text("start")),
+            detail: error.to_string(),
+        }
     })
 }
 

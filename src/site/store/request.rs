@@ -98,11 +98,12 @@ pub(super) fn waiting(connection: &Connection, rod: &RodId) -> Result<Vec<Reques
     )
 }
 
-/// The first non-empty words with which an alarm was acknowledged.
+/// The words with which an alarm was acknowledged, if any.
 pub(super) fn said_of(connection: &Connection, alarm: &str) -> Result<Option<String>, Failure> {
     let found = select(
         connection,
-        "SELECT number, rod, what, alarm, reason, asked FROM request WHERE what = 'acknowledge' AND alarm = ? ORDER BY number",
+        "SELECT number, rod, what, alarm, reason, asked FROM request \
+         WHERE applied = 1 AND what = 'acknowledge' AND alarm = ? ORDER BY number LIMIT 1",
         &alarm,
     )?;
     Ok(found.into_iter().find_map(|request| match request.what {

@@ -72,15 +72,19 @@ impl<T> Packed<T> {
     /// Returns the value as JSON. Postcard keeps every bit of a number, finite or not, so that it need not be read back.
     ///
     /// # Errors
-    /// The value cannot be serialized.
+    /// The value cannot be serialized, or holds a number that is none.
     pub fn json(&self) -> Result<String, postcard::Error>
     where
-        T: Serialize,
+        T: Serialize + PartialEq,
     {
         // A number, a colon and base64 need no escapes.
         let Some(value) = self.get() else {
             return Ok("null".to_owned());
         };
+        #[allow(clippy::eq_op, reason = "NaN differs from itself")]
+        if *value != *value {
+            return Err(postcard::Error::SerdeSerCustom);
+        }
         let mut json = "\"".to_owned();
         pack(value, &mut json)?;
         json.push('"');
@@ -133,6 +137,7 @@ mod tests {
         let text = serde_json::to_string(&kept).unwrap();
         assert_eq!(kept.json().unwrap(), text);
         assert_eq!(Packed::<Vec<f64>>::default().json().unwrap(), "null");
+        assert!(Packed::new(vec![f64::NAN]).json().is_err());
         let read = |text: &str| serde_json::from_str::<Packed<Vec<f64>>>(text);
         assert_eq!(read(&text).unwrap(), kept);
         let bytes = postcard::to_stdvec(&kept).unwrap();

@@ -82,7 +82,10 @@ export function frequencies(plot, answer, axis) {
 // Force at each record's own temperature over that temperature, with the relation learned.
 export function thermal(plot, rod, history, alarms) {
   const force = history.tracked_force_n.mean, { temperature_c: t, relative_force: ratio } = history;
-  const there = force.map((_, i) => i).filter((i) => force[i] !== null && t[i] !== null && !history.set_aside[i]);
+  // The relation is that of the present baseline.
+  const learned = rod.segments?.at(-1)?.baseline?.[0];
+  const counts = (i) => force[i] !== null && t[i] !== null && !history.set_aside[i] && learned && Date.parse(history.time[i]) >= Date.parse(learned);
+  const there = force.map((_, i) => i).filter(counts);
   if (there.length < 2 || !rod.thermal || rod.reference_temperature_c === null) return false;
   const onset = alarms.find((alarm) => alarm.stands && alarm.change)?.change.onset;
   const part = (name, shade, picked) => ({ name, shade, line: false, points: true, x: picked.map((i) => t[i]), y: picked.map((i) => kN(force[i])), notes: picked.map((i) => time(history.time[i])) });

@@ -343,7 +343,7 @@ export class Plot {
     const digits = this.spec.y.digits ?? 3;
     const said = (value) => (Math.abs(value) >= 1e5 || (value && Math.abs(value) < 1e-3) ? value.toPrecision(3) : fixed(value, digits));
     const rows = this.spec.isClosest ? [[best.one, best.i]]
-      : this.shown().map((one) => [one, one.x.findIndex((x, i) => Math.abs(X(x) - X(best.at)) < 1 && one.y[i] !== null)]).filter(([, i]) => i >= 0);
+      : this.shown().map((one) => [one, one === best.one ? best.i : one.x.findIndex((x, i) => x === best.at && one.y[i] !== null)]).filter(([, i]) => i >= 0);
     this.tip.replaceChildren(
       el("strong", {}, this.spec.x.isTime ? `${stamp(best.at)} UTC` : `${fixed(best.at, this.spec.x.digits ?? 3)} ${this.spec.x.unit ?? ""}`),
       ...rows.map(([one, i]) => el("div", { class: `s-${one.shade}` }, `${one.name}: ${said(one.y[i])}`,
@@ -363,9 +363,11 @@ export class Plot {
     // `saved`: the same values in another unit.
     const saved = shown.map((one) => ({ unit, ...one, ...one.saved }));
     const heads = saved.flatMap((one) => [...["", ...(one.low ? [" 2.5 %", " 97.5 %"] : [])].map((end) => `${one.name}${end} ${one.unit}`.trim()), ...(one.notes ? [`${one.name}: note`] : [])]);
-    const found = shown.map((one) => new Map(one.x.map((at, i) => [at, i])));
-    const rows = places.map((at) => [x.isTime ? new Date(at).toISOString() : at, ...saved.flatMap((one, n) => {
-      const i = found[n].get(at);
+    // Points without a line share places: each has a row of its own.
+    const found = shown.map((one) => Map.groupBy(one.x.map((_, i) => i).filter((i) => one.y[i] !== null), (i) => one.x[i]));
+    const turns = (at) => [...Array(Math.max(...found.map((of) => of.get(at)?.length ?? 0))).keys()];
+    const rows = places.flatMap((at) => turns(at).map((turn) => [at, turn])).map(([at, turn]) => [x.isTime ? new Date(at).toISOString() : at, ...saved.flatMap((one, n) => {
+      const i = found[n].get(at)?.[turn];
       const columns = [one.y, ...(one.low ? [one.low, one.high] : []), ...(one.notes ? [one.notes] : [])];
       return columns.map((column) => (i === undefined ? "" : column[i] ?? ""));
     })]);

@@ -91,7 +91,8 @@ async function draw() {
     coming(),
     uncompensated ? el("p", { class: "about" }, "~ not compensated: at the temperature of the latest record.") : "");
   const latest = site.rods.map((rod) => rod.latest_record).filter(Boolean).sort().at(-1);
-  newest(latest, Math.max(...site.rods.map(stale_s), 0));
+  const stale = site.rods.map(stale_s).filter((s) => s !== null);
+  newest(latest, stale.length ? Math.max(...stale) : null);
 }
 
 live(draw);

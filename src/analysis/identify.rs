@@ -257,7 +257,8 @@ impl Plan {
     /// # Errors
     /// The reason why they give no force.
     pub fn run_with(&self, modes: Vec<Mode>, data: &[Datum]) -> Result<Identification, Rejection> {
-        let seed = self.seed_with(&modes, data);
+        // The seed of the frequencies alone: what these give without the data stands beside the result.
+        let seed = self.seed_of(&identity_of(&modes));
         self.infer_with(modes, data, &self.other_tests(), seed)
     }
 
@@ -275,16 +276,6 @@ impl Plan {
             labels: found.labels.clone(),
             ..self.run_with(found.modes.clone(), data)?
         })
-    }
-
-    fn seed_with(&self, modes: &[Mode], data: &[Datum]) -> u64 {
-        let mut identity = identity_of(modes);
-        for datum in data {
-            identity.extend_from_slice(datum.query.said().as_bytes());
-            identity.extend_from_slice(&datum.value.to_bits().to_le_bytes());
-            identity.extend_from_slice(&datum.sd.to_bits().to_le_bytes());
-        }
-        self.seed_of(&identity)
     }
 
     /// Distance of frequencies from everything the model can produce.

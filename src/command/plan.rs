@@ -84,6 +84,14 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         bar.add(1, u64::from(args.rods))
     })?;
     drop(bar);
+    for candidate in &candidates {
+        if !worth.iter().any(|one| one.key == candidate.key) {
+            tell!(
+                "{}: left out, its posteriors are too thin for the sampler in most of the simulated rods",
+                candidate.key
+            );
+        }
+    }
     let mut rows: Vec<Row<'_>> = worth
         .into_iter()
         .map(|worth| {

@@ -23,13 +23,12 @@ pub fn has_same_settings(reader: &Reader, state: &State, wanted: &str) -> Result
     if state.segment.key == wanted {
         return Ok(true);
     }
-    let Some(latest) = state
-        .latest
-        .filter(|_| version(&state.segment.key) == version(wanted))
-    else {
+    let is_of_this_analysis = version(&state.segment.key) == version(wanted);
+    let learned = state.segment.baseline.as_ref().map(|baseline| baseline.last);
+    let Some(last) = learned.filter(|_| is_of_this_analysis) else {
         return Ok(false);
     };
-    let before = reader.config_at(&state.rod, latest)?;
+    let before = reader.config_at(&state.rod, last)?;
     let before = before.and_then(|[_, _, text]| Config::parse(&text, "the store").ok());
     Ok(before.is_some_and(|before| key(&before, &state.rod) == wanted))
 }

@@ -127,7 +127,9 @@ fn open_of_others(path: &Path, flags: OpenFlags) -> Result<(Connection, PathBuf)
     let was_store = beside(&path, ".lock").exists();
     let opened = begins_like_one(&path, was_store).and_then(|()| {
         let connection = connect(&path, flags).map_err(|error| judge(&path, error))?;
-        check_format(&connection, &path)?;
+        if check_format(&connection, &path)? < schema::FORMAT {
+            stand_in(&connection).map_err(|error| judge(&path, error))?;
+        }
         Ok(connection)
     });
     match opened {
@@ -135,6 +137,17 @@ fn open_of_others(path: &Path, flags: OpenFlags) -> Result<(Connection, PathBuf)
         Err(Finding::Refused(error)) => Err(error),
         Err(Finding::Damaged(detail)) => Err(StoreError::Damaged { path, detail }),
     }
+}
+
+/// Stands in for the tables that a store of an older format lacks: empty ones, for this connection alone.
+fn stand_in(connection: &Connection) -> rusqlite::Result<()> {
+    let definitions = in_memory().and_then(|fresh| schema::definitions(&fresh))?;
+    for (name, sql) in definitions {
+        if schema::TABLES.contains(&name.as_str()) && !schema::has(connection, &name)? {
+            connection.execute_batch(&sql.replacen("CREATE TABLE", "CREATE TEMP TABLE", 1))?;
+        }
+    }
+    Ok(())
 }
 
 /// Checks every page, index and row of a copy.

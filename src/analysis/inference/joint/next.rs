@@ -184,7 +184,7 @@ pub fn usual(prior: &RodPrior, modes: usize) -> Vec<Candidate> {
         .collect()
 }
 
-/// The worth of each candidate, in their order; `done` is called for every rod.
+/// The worth of each candidate, in their order, without those that the sampler cannot follow in half of the rods; `done` is called for every rod.
 ///
 /// # Errors
 /// Tests already done that give no posterior, or a prior whose rods cannot be measured.
@@ -195,7 +195,7 @@ pub fn worth(
     done: &(dyn Fn() + Sync),
 ) -> Result<Vec<Worth>, JointError> {
     let truths = truths(campaign, seed)?;
-    let shares: Vec<Vec<f64>> = truths
+    let shares: Vec<Vec<Option<f64>>> = truths
         .par_iter()
         .enumerate()
         .map(|(rod, truth)| {
@@ -208,31 +208,32 @@ pub fn worth(
             done();
             shares
         })
-        // A rod whose data the sampler cannot follow says nothing of any candidate.
-        .filter_map(Result::ok)
-        .collect();
-    let rods = shares.len();
-    if rods < 2 || rods < campaign.rods / 2 {
+        .collect::<Result<_, JointError>>()?;
+    let of_candidate = |(i, candidate): (usize, &Candidate)| {
+        // A rod whose data the sampler cannot follow with a candidate contributes nothing to that candidate.
+        let known: Vec<f64> = shares.iter().filter_map(|rod| rod[i]).collect();
+        let rods = known.len();
+        if rods < 2 || rods < campaign.rods / 2 {
+            return None;
+        }
+        let left = known.iter().sum::<f64>() / rods as f64;
+        let square: f64 = known.iter().map(|share| (share - left).powi(2)).sum();
+        Some(Worth {
+            key: candidate.key,
+            measurement: candidate.said.clone(),
+            left,
+            error: (square / (rods as f64 * (rods as f64 - 1.0))).sqrt(),
+            rods,
+        })
+    };
+    let found: Vec<Worth> = candidates.iter().enumerate().filter_map(of_candidate).collect();
+    if found.is_empty() {
         return Err(JointError::TooFew {
-            effective: rods as f64,
+            effective: 0.0,
             suspect: "the prior: most of its rods cannot be inferred".to_owned(),
         });
     }
-    Ok(candidates
-        .iter()
-        .enumerate()
-        .map(|(i, candidate)| {
-            let left = shares.iter().map(|s| s[i]).sum::<f64>() / rods as f64;
-            let square: f64 = shares.iter().map(|s| (s[i] - left).powi(2)).sum();
-            Worth {
-                key: candidate.key,
-                measurement: candidate.said.clone(),
-                left,
-                error: (square / (rods as f64 * (rods as f64 - 1.0))).sqrt(),
-                rods,
-            }
-        })
-        .collect())
+    Ok(found)
 }
 
 /// Parameters of the rods to be measured.
@@ -270,13 +271,13 @@ fn truths(campaign: &Campaign<'_>, seed: u64) -> Result<Vec<Vec<f64>>, JointErro
         .collect())
 }
 
-/// Shares of one rod.
+/// Shares of one rod; `None` where the sampler cannot follow the data.
 fn of_rod(
     campaign: &Campaign<'_>,
     candidates: &[Candidate],
     truth: &[f64],
     seed: u64,
-) -> Result<Vec<f64>, JointError> {
+) -> Result<Vec<Option<f64>>, JointError> {
     let mut generator = random::stream(seed, 0);
     let mut normal = || -> f64 { StandardNormal.sample(&mut generator) };
     let discrepancies: Vec<f64> = (0..MAX_MODES)
@@ -314,20 +315,22 @@ fn of_rod(
     for candidate in candidates {
         sets.push([now.clone(), measured(&candidate.queries)?].concat());
     }
-    let sds = sets
-        .into_iter()
-        .map(|set| {
-            let mut moments = vec![set];
-            moments.extend(campaign.done.iter().cloned());
-            let joint = Joint {
-                prior: campaign.prior,
-                discrepancy: campaign.discrepancy,
-                moments: &moments,
-                settings: SETTINGS,
-            };
-            let found = joint.posterior_alone(seed)?;
-            Ok(found.posterior.sd(Quantity::AxialForce).unwrap_or(f64::NAN))
-        })
-        .collect::<Result<Vec<f64>, JointError>>()?;
-    Ok(sds[1..].iter().map(|sd| sd / sds[0]).collect())
+    let sd_of = |set: Vec<Datum>| {
+        let mut moments = vec![set];
+        moments.extend(campaign.done.iter().cloned());
+        let joint = Joint {
+            prior: campaign.prior,
+            discrepancy: campaign.discrepancy,
+            moments: &moments,
+            settings: SETTINGS,
+        };
+        joint
+            .posterior_alone(seed)
+            .ok()?
+            .posterior
+            .sd(Quantity::AxialForce)
+    };
+    let mut sds = sets.into_iter().map(sd_of);
+    let now = sds.next().flatten();
+    Ok(sds.map(|sd| Some(sd? / now?)).collect())
 }

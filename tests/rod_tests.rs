@@ -445,7 +445,7 @@ fn what_a_test_fixes_holds_at_another_moment_and_the_force_does_not() {
             .marginal(Quantity::AxialForce)
             .unwrap()
     };
-    let alone = joint(&[record.clone()]);
+    let alone = joint(std::slice::from_ref(&record));
     let after = joint(&[record, test]);
     // The force of the record, not of the test; and known far better than by its own frequencies.
     assert!(after.cv < 0.3 * alone.cv, "{} of {}", after.cv, alone.cv);

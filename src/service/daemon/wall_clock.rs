@@ -37,7 +37,7 @@ impl WallClock {
             begun: now,
         };
         let away_s = last.map_or(0.0, |last| wall.seconds_since(last.to));
-        let began = if away_s > DOUBTED_S || away_s < -STEP_S {
+        let began = if !(-STEP_S..=DOUBTED_S).contains(&away_s) {
             Began::Doubted(away_s)
         } else if away_s > RESTART_S {
             Began::Outage(away_s)

@@ -314,8 +314,8 @@ fn a_reload_takes_a_good_configuration_and_keeps_the_old_one_for_a_bad() {
     assert_eq!(site.alarms("site.db"), ["north drift"]);
 }
 
-/// Settings that would drop a baseline are refused, at a reload and at a start, with the reason; given up by name they hold; and
-/// when the old ones come back, so does the baseline.
+/// Settings that would drop a baseline are refused, at a reload and at a start, with the reason. They are
+/// accepted if the baseline is given up by name, and when the old settings come back, so does the baseline.
 #[test]
 fn a_baseline_is_not_dropped_unasked_and_comes_back_with_its_settings() {
     let site = daemon_site();

@@ -383,8 +383,8 @@ fn a_rod_that_is_no_longer_configured_has_no_gauges() {
     assert_eq!(has(&daemon, "south"), [true; 3]);
 }
 
-/// A rod of which nothing comes has its row from the first second on, in every answer; its silence is told, and the topic that
-/// came instead of its own is named.
+/// A rod without data has its row from the first second on, in every answer; its silence is reported, and the
+/// topic that came in place of its own is named.
 #[test]
 fn a_rod_that_is_never_seen_is_missed() {
     let site = daemon_site();
@@ -465,7 +465,7 @@ fn a_rod_that_is_never_seen_is_missed() {
     );
 }
 
-/// A rod that was configured by mistake, and of which nothing ever came, leaves nothing behind.
+/// A rod that was configured by mistake and never had data leaves nothing behind.
 #[test]
 fn a_rod_that_never_was_is_forgotten() {
     let site = daemon_site();
@@ -499,7 +499,7 @@ fn folder() {
     daemon.expect("folder", 1.0, "degraded");
 }
 
-/// Puts a webhook and a sign of life into the configuration; conditions are told after half a second.
+/// Adds a webhook and a heartbeat to the configuration; conditions are reported after half a second.
 fn with_sink(site: &Site, fake: &Fake) {
     let config = fs::read_to_string(site.path("site.toml")).unwrap();
     let url = fake.url();
@@ -510,7 +510,7 @@ fn with_sink(site: &Site, fake: &Fake) {
     fs::write(site.path("site.toml"), config + &sink).unwrap();
 }
 
-/// The bodies that came at a path.
+/// Bodies received at a path.
 fn came(fake: &Fake, path: &str) -> Vec<Value> {
     let requests = fake.requests().into_iter();
     requests
@@ -519,7 +519,7 @@ fn came(fake: &Fake, path: &str) -> Vec<Value> {
         .collect()
 }
 
-/// What a sink was told of a kind of condition: what happened, and the id of the condition.
+/// Messages to a sink about a kind of condition: event, and id of the condition.
 fn told_of(fake: &Fake, kind: &str) -> Vec<(String, String)> {
     let messages = came(fake, "/sink").into_iter().filter(|one| one["kind"] == kind);
     let word = |one: &Value, key: &str| one[key].as_str().unwrap().to_owned();
@@ -528,7 +528,8 @@ fn told_of(fake: &Fake, kind: &str) -> Vec<(String, String)> {
         .collect()
 }
 
-/// What lasts around the daemon is told to every sink, whatever alarms it wants: begin and end, once each, over kills.
+/// The daemon's conditions are sent to every sink, whatever alarms it wants: begin and end, once each, across
+/// kills.
 #[test]
 fn a_condition_is_a_message_through_every_sink() {
     let (site, fake) = (daemon_site(), Fake::new(&[]));
@@ -570,7 +571,7 @@ fn a_condition_is_a_message_through_every_sink() {
     );
 }
 
-/// The broker itself says that the daemon is gone when it dies, and keeps its state for whoever comes later.
+/// The broker itself reports that the daemon is gone when it dies, and keeps its state for later subscribers.
 #[test]
 fn a_broker_knows_that_the_daemon_died() {
     let Some(program) = peers::program("mosquitto", "mosquitto") else {
@@ -670,8 +671,9 @@ fn disk_full() {
     daemon.wait("signs of life again", |_| came(&fake, "/alive").len() > signs + 1);
 }
 
-/// Store and journal are watched by what they are: while they are not the files of their names nothing is acknowledged, and the
-/// sinks hear of it; when the very files are back, everything goes on and nothing was lost.
+/// Store and journal are watched by their identity: while their names belong to other files nothing is
+/// acknowledged, and the sinks are notified; when the same files are back, work continues and nothing is
+/// lost.
 #[test]
 fn files_that_are_taken_away_are_missed() {
     let (site, fake) = (daemon_site(), Fake::new(&[]));
@@ -730,8 +732,9 @@ fn files_that_are_taken_away_are_missed() {
     assert!(daemon.log().contains("damaged"), "{}", daemon.log());
 }
 
-/// A part of the journal goes only if the store that is on disk says that it was read, and at the age it has in time that was
-/// lived: here the clock says that a month went by since the last daemon was at work, minutes after the part was written.
+/// A part of the journal is removed only if it was read according to the store on disk, and by its age in
+/// working time: here the clock jumps ahead by a month since the last daemon's work, minutes after the part
+/// was written.
 #[test]
 fn a_part_goes_by_what_the_store_on_disk_says_and_not_by_a_clock_that_jumped() {
     let site = daemon_site();

@@ -37,7 +37,7 @@ fn start_with(folder: &Path, settings: &JournalSettings, resume_s: f64) -> (Jour
     (journal, health)
 }
 
-/// Whoever is asked says that everything is kept, and as old as the machine's clock says.
+/// Partners of a journal that confirm every part, with its age by the machine's clock.
 fn around(health: &Arc<Health>) -> Around {
     let age_s = |kept: &Kept| {
         let now = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap();

@@ -65,7 +65,7 @@ pub struct Rejected {
 }
 
 impl Outcome {
-    /// The time of its first sample, if known.
+    /// Time of the first sample, if known.
     pub fn start(&self) -> Option<Timestamp> {
         match self {
             Self::Identified(identification) => identification.measurement.as_ref().map(|m| m.start),

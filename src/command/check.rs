@@ -28,7 +28,8 @@ pub struct Args {
     /// Print only faults and set the exit code; no effective configuration.
     #[arg(long, short)]
     pub quiet: bool,
-    /// A store: says of each of its rods whether its baseline would stay, and if not, why. Exit code 3 if one would be lost.
+    /// Store to check against: prints for each of its rods if the baseline would be kept, and the reason if
+    /// not. Exit code 3 if one would be lost.
     #[arg(long, value_name = "STORE")]
     pub against: Option<PathBuf>,
 }
@@ -54,7 +55,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     }
 }
 
-/// Says what the configuration would do to the baselines of a store.
+/// Reports the effect of the configuration on the baselines of a store.
 fn against(config: &Config, store: &Path) -> anyhow::Result<ExitCode> {
     let prospects = baselines::prospects(&Reader::open(store)?, config)?;
     let lines: Vec<String> = prospects.iter().map(|prospect| format!("{prospect}\n")).collect();

@@ -31,7 +31,7 @@ pub struct Args {
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub settings: Vec<Setting>,
 
-    /// Rods whose baselines may go.
+    /// Rods whose baselines may be dropped.
     #[command(flatten)]
     pub given_up: GivenUp,
 

@@ -84,11 +84,11 @@ fn solves_of(_rod: &RodId) -> impl Fn(usize, usize) + Sync + use<> {
     move |more, all| bar.add(more as u64, all as u64)
 }
 
-/// Baselines that may go.
+/// Baselines that may be dropped.
 #[derive(Debug, Clone, Default, Args)]
 pub struct GivenUp {
-    /// A rod whose baseline may be dropped if its settings changed what its numbers mean; may be repeated. Without it, such settings
-    /// are refused.
+    /// Rod whose baseline may be dropped if its settings changed the meaning of its numbers; may be repeated.
+    /// Without it, such settings are refused.
     #[arg(long = "accept-new-baseline", value_name = "ROD")]
     rods: Vec<String>,
 }
@@ -111,7 +111,8 @@ pub struct Prepared {
 /// Prepares a whole site. `store` overrides the configuration's; without either, a store in memory.
 ///
 /// # Errors
-/// Plans that cannot be made, a store that cannot be opened, settings that would drop a baseline nobody gave up.
+/// Plans that cannot be made, a store that cannot be opened, settings that would drop a baseline not given
+/// up.
 pub fn site(config: Config, store: Option<&Path>, given_up: &GivenUp) -> anyhow::Result<Prepared> {
     let store = match store.or(config.store.path.as_deref()) {
         Some(path) => Store::open(path, Durability::Replay)?,

@@ -13,8 +13,7 @@ use std::process::ExitCode;
 /// Show the state of every rod: force, change, alarms.
 ///
 /// The state comes with its time, the force with its 95 % interval. A running `replay` or `run` is not
-/// disturbed. On stderr it says if monitoring has stopped, since when and why, and what lasts
-/// around the daemon.
+/// disturbed. Stderr reports a stop of monitoring, with time and reason, and the daemon's present conditions.
 #[derive(Debug, Clone, clap::Args)]
 #[command(after_help = "Examples:
   tirante status --store site.db

@@ -73,7 +73,7 @@ pub struct Args {
     #[command(flatten)]
     pub setup: Setup,
 
-    /// Baselines that may go.
+    /// Baselines that may be dropped.
     #[command(flatten)]
     pub given_up: GivenUp,
 }

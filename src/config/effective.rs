@@ -91,7 +91,7 @@ impl Node {
         }
     }
 
-    /// Puts every key that has an effect, by its full name, and its value into `settings`.
+    /// Adds every key that has an effect, by its full name, with its value to `settings`.
     pub(super) fn collect(&self, settings: &mut BTreeMap<String, String>) {
         for line in self.lines.iter().filter(|line| line.shown) {
             if let Some(value) = &line.value {

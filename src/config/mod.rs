@@ -90,7 +90,7 @@ pub struct Config {
     pub http: HttpSettings,
     /// Destinations of alarms.
     pub sinks: Vec<SinkSettings>,
-    /// How the sinks are told of the daemon itself.
+    /// Settings of messages about the daemon itself.
     pub alert: AlertSettings,
     /// Simulation that `simulate` writes; `None` without a `[simulation]`.
     pub simulation: Option<SimulationConfig>,
@@ -264,7 +264,7 @@ impl Config {
         self.rods.iter().find(|rod| rod.analysis.rod.0 == id)
     }
 
-    /// Whether a rod reads this topic.
+    /// True if a rod reads this topic.
     pub fn reads(&self, topic: &str) -> bool {
         self.rods.iter().any(|rod| {
             let channels = &rod.channels;
@@ -280,8 +280,9 @@ impl Config {
         text
     }
 
-    /// SHA-256 of the effective configuration without comments and without what no result depends on (`[simulation]`,
-    /// `[ingest]`, `[journal]`, `[http]`, `[[sink]]`, `[alert]`): equal for texts that mean the same for measured data.
+    /// SHA-256 of the effective configuration without comments and without the sections that affect no result
+    /// (`[simulation]`, `[ingest]`, `[journal]`, `[http]`, `[[sink]]`, `[alert]`): equal for texts that mean
+    /// the same for measured data.
     pub fn hash(&self) -> [u8; 32] {
         let mut text = String::new();
         let mut effective = self.effective.clone();
@@ -292,8 +293,9 @@ impl Config {
         Sha256::digest(text.as_bytes()).into()
     }
 
-    /// A hash of everything that gives one rod's numbers their meaning: the sections its analysis and tracking read, and
-    /// the rod itself. Names, alarms, other rods, and where its samples stand in recordings do not change it.
+    /// Hash of everything that determines the meaning of one rod's numbers: the sections its analysis and
+    /// tracking read, and the rod itself. Names, alarms, other rods, and the place of its samples in
+    /// recordings do not change it.
     pub fn meaning_of(&self, rod: &RodId) -> [u8; 32] {
         let mut text = format!("seed = {}\n", self.seed);
         for section in self.sections_of(rod) {
@@ -302,7 +304,7 @@ impl Config {
         Sha256::digest(text.as_bytes()).into()
     }
 
-    /// The settings that give a rod's numbers another meaning here than in `before`, each as `key: old -> new`.
+    /// Settings that change the meaning of a rod's numbers from that in `before`, each as `key: old -> new`.
     pub fn changes_of(&self, before: &Self, rod: &RodId) -> Vec<String> {
         let settings = |config: &Self| {
             let mut settings = BTreeMap::from([("site.seed".to_owned(), config.seed.to_string())]);
@@ -320,7 +322,7 @@ impl Config {
             .collect()
     }
 
-    /// What gives a rod's numbers their meaning.
+    /// Sections that determine the meaning of a rod's numbers.
     fn sections_of(&self, rod: &RodId) -> Vec<effective::Node> {
         let mut sections = self.effective.children.clone();
         sections.retain(|section| match section.name() {

@@ -1,6 +1,6 @@
 //! "Did you mean …?" for an unknown key.
 
-/// Characters of a name that are compared: names may come from outside.
+/// Number of characters of a name that are compared, because names may come from outside.
 const LONGEST: usize = 80;
 
 /// The tail of the sentence "unknown key": the nearest known key, or all of them.
@@ -14,7 +14,7 @@ pub(super) fn hint(unknown: &str, known: &[&str]) -> String {
     }
 }
 
-/// The candidate that takes the fewest edits, and their number.
+/// Candidate with the fewest edits, and their number.
 pub fn nearest<'c>(unknown: &str, candidates: impl Iterator<Item = &'c str>) -> Option<(usize, &'c str)> {
     candidates
         .map(|candidate| (distance(unknown, candidate), candidate))

@@ -1,4 +1,5 @@
-//! What a configuration would do to the baselines of a store: half a year of learning is not dropped unasked.
+//! Effect of a configuration on the baselines of a store: half a year of learning is not dropped without a
+//! request.
 
 use crate::analysis::identify;
 use crate::analysis::signal::record::{RodId, Timestamp};
@@ -8,7 +9,8 @@ use crate::site::hex::hex;
 use crate::site::store::{Reader, StoreError};
 use std::fmt::Write;
 
-/// The hash of everything that gives a rod's numbers their meaning: its settings, and the version of the analysis.
+/// Hash of everything that determines the meaning of a rod's numbers: its settings, and the version of the
+/// analysis.
 pub fn key(config: &Config, rod: &RodId) -> String {
     let meaning = config.meaning_of(rod);
     format!("{}-{}", identify::VERSION, hex(&meaning[..8]))
@@ -33,18 +35,19 @@ pub fn has_same_settings(reader: &Reader, state: &State, wanted: &str) -> Result
     Ok(before.is_some_and(|before| key(&before, &state.rod) == wanted))
 }
 
-/// What becomes of a rod's baseline.
+/// Effect on a rod's baseline.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Fate {
-    /// There is none yet.
+    /// There is no baseline yet.
     None,
-    /// It goes on.
+    /// The baseline is kept.
     Kept,
-    /// Settings of before hold again: the segment of this number goes on.
+    /// Earlier settings are back: the segment of this number continues.
     FoundAgain(u32),
-    /// Another version of the program measures otherwise: it must be learned anew.
+    /// Another version of the program measures differently: the baseline must be learned again.
     Outdated,
-    /// The settings change what the numbers mean: it would be lost. The settings, as far as they are known.
+    /// The settings change the meaning of the numbers: the baseline would be lost. Holds these settings, as
+    /// far as known.
     Lost(Vec<String>),
 }
 
@@ -53,20 +56,20 @@ pub enum Fate {
 pub struct Prospect {
     /// The rod.
     pub rod: RodId,
-    /// The segment it is in now.
+    /// Present segment.
     pub segment: u32,
-    /// The records of its baseline, and when the first began.
+    /// Number of records of its baseline, and start of the first.
     pub learned: Option<(usize, Timestamp)>,
-    /// What becomes of it.
+    /// Effect on the baseline.
     pub fate: Fate,
 }
 
-/// Settings that would drop baselines nobody gave up.
+/// Settings that would drop baselines not given up.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{0}")]
 pub struct Refused(String);
 
-/// Why a configuration was not taken, or could not be judged.
+/// Reason why a configuration was refused, or could not be checked.
 #[derive(Debug, thiserror::Error)]
 pub enum BaselineError {
     /// It would drop a baseline.
@@ -77,7 +80,7 @@ pub enum BaselineError {
     Store(#[from] StoreError),
 }
 
-/// What becomes of the baselines of a store's rods with this configuration.
+/// Effect of this configuration on the baselines of a store's rods.
 ///
 /// # Errors
 /// The store cannot be read.
@@ -110,12 +113,12 @@ pub fn prospects(reader: &Reader, config: &Config) -> Result<Vec<Prospect>, Stor
     Ok(prospects)
 }
 
-/// The version of the analysis in a key.
+/// Version of the analysis in a key.
 fn version(key: &str) -> Option<&str> {
     key.split_once('-').map(|(version, _)| version)
 }
 
-/// The settings that give a rod's numbers another meaning than in its segment.
+/// Settings that give a rod's numbers another meaning than in its segment.
 fn changes(
     reader: &Reader,
     config: &Config,
@@ -134,7 +137,7 @@ fn changes(
 /// Refuses a configuration that would drop a baseline of a rod that is not among those `given_up`.
 ///
 /// # Errors
-/// It would, or the store cannot be read.
+/// The configuration would drop one, or the store cannot be read.
 pub fn guard(reader: &Reader, config: &Config, given_up: &[String]) -> Result<(), BaselineError> {
     let mut refusal = String::new();
     for prospect in prospects(reader, config)? {

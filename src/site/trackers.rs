@@ -22,7 +22,7 @@ pub struct Site {
     store: Store,
     config_hash: String,
     renewed: Vec<(RodId, u32)>,
-    /// Since when each rod has been waited for, if a daemon does.
+    /// Time since which each rod has been expected, by a daemon.
     expected: BTreeMap<RodId, Timestamp>,
 }
 
@@ -150,7 +150,7 @@ impl Site {
         })
     }
 
-    /// Waits for records of its rods from now on, by the machine's clock, or goes on waiting.
+    /// Expects records of its rods from now on, by the machine's clock, or continues to.
     ///
     /// # Errors
     /// The store cannot be written.
@@ -184,13 +184,13 @@ impl Site {
             .map(|(rod, tracker)| (rod, tracker.state().latest))
     }
 
-    /// The rods, and since when each is silent: since its latest record, or since it is waited for.
+    /// Rods with the time since which each is silent: since its latest record, or since it is expected.
     pub fn silent_since(&self) -> impl Iterator<Item = (&RodId, Option<Timestamp>)> {
         self.latest()
             .map(|(rod, latest)| (rod, latest.or_else(|| self.expected.get(rod).copied())))
     }
 
-    /// The rods of which no record was ever believed, or none for too long.
+    /// Rods without any accepted record, or without one for too long.
     pub fn unheard(&self) -> impl Iterator<Item = &RodId> {
         let is_unheard = |state: &State| {
             let is_silent = |kind: Kind| kind == Kind::NoData;
@@ -354,7 +354,7 @@ impl Site {
         Ok(true)
     }
 
-    /// Looks at the clock for a rod that has been silent for `elapsed_s` \[s\]: tells when there is no data. The news.
+    /// Checks for missing data of a rod that has been silent for `elapsed_s` \[s\]; returns the alarm events.
     ///
     /// # Errors
     /// The store refuses: nothing of it was kept.
@@ -380,7 +380,7 @@ impl Site {
         Ok(events)
     }
 
-    /// Keeps what is to be told of the daemon itself, and that it is at work.
+    /// Stores notices about the daemon itself, and that it is working.
     ///
     /// # Errors
     /// The store refuses: nothing of it was kept.
@@ -456,7 +456,7 @@ impl Site {
     }
 }
 
-/// What changed for a rod outside of a record.
+/// Change of a rod without a record.
 fn row<'a>(tracker: &'a Tracker, stands: &'a RodState, events: &'a [AlarmEvent]) -> RodRow<'a> {
     RodRow {
         state: tracker.state(),
@@ -466,7 +466,8 @@ fn row<'a>(tracker: &'a Tracker, stands: &'a RodState, events: &'a [AlarmEvent])
     }
 }
 
-/// Takes a rod that is no longer configured, and of which nothing ever came, out of the store; that it was missed is over.
+/// Removes a rod from the store that is no longer configured and never had data; its alarm of missing data
+/// ends.
 fn forget(store: &mut Store, mut state: State) -> Result<(), StoreError> {
     let rod = state.rod.clone();
     if let Some(told) = state.alarms.iter().map(|alarm| alarm.told).max() {

@@ -10,16 +10,16 @@ pub const LOG: &str = "log";
 /// Names in braces that a topic may hold.
 pub const TOPIC_PLACES: [&str; 5] = ["{site}", "{rod}", "{kind}", "{what}", "{alarm}"];
 
-/// How the sinks are told of the daemon itself.
+/// Settings of messages about the daemon itself.
 #[derive(Debug, Clone, PartialEq)]
 pub struct AlertSettings {
-    /// How long a condition must last, or be absent, to be told \[s\].
+    /// Time for which a condition must last, or be absent, before it is reported \[s\].
     pub settle_s: f64,
-    /// Ids of the sinks that are told every day that the daemon is at work.
+    /// Ids of the sinks that get a daily message that the daemon is working.
     pub daily: Vec<String>,
-    /// The hour at which they are, UTC \[h\].
+    /// Hour of the daily message, UTC \[h\].
     pub daily_h: f64,
-    /// The sign of life.
+    /// Heartbeat to a dead-man switch.
     pub heartbeat: Option<HeartbeatSettings>,
 }
 
@@ -34,12 +34,12 @@ impl Default for AlertSettings {
     }
 }
 
-/// A sign of life to a dead-man switch.
+/// Heartbeat to a dead-man switch.
 #[derive(Debug, Clone, PartialEq)]
 pub struct HeartbeatSettings {
-    /// The switch.
+    /// Address of the switch.
     pub target: HttpTarget,
-    /// From one sign to the next \[s\].
+    /// Interval between heartbeats \[s\].
     pub every_s: f64,
 }
 
@@ -131,7 +131,7 @@ pub struct MqttSettings {
     pub topic: String,
     /// True if the broker keeps the latest message of each topic for later subscribers.
     pub is_retained: bool,
-    /// The topic of the daemon's state, with `{site}` in it.
+    /// Topic of the daemon's state; may hold `{site}`.
     pub status_topic: Option<String>,
     /// User name and password file, if the broker requires a login.
     pub login: Option<Login>,

@@ -1,4 +1,4 @@
-//! `[alert]`: how the sinks are told of the daemon itself, and its sign of life.
+//! `[alert]`: messages about the daemon itself, and its heartbeat.
 
 use super::text::address;
 use super::{Kind, check_secrets, file, list, strings};
@@ -8,7 +8,7 @@ use crate::config::settings::alert::{AlertSettings, HeartbeatSettings, HttpTarge
 
 const MINUTE_S: f64 = 60.0;
 
-/// The section; `sinks` are those of the site.
+/// Reads the section; `sinks` are those of the site.
 pub(in crate::config) fn read(table: &mut Table<'_>, sinks: Option<&[SinkSettings]>) -> AlertSettings {
     let default = AlertSettings::default();
     let settle_s = table.number(

@@ -21,7 +21,7 @@ const BATCH: usize = 100;
 /// Interval at which the store is checked without notification.
 const LOOK_EVERY: Duration = Duration::from_secs(30);
 
-/// The name under which the store remembers how far a sink was told of the daemon's conditions. No id has a slash.
+/// Name under which the store keeps the number of the last notice that a sink has. No id has a slash.
 fn notices_mark(sink: &str) -> String {
     format!("{sink}/conditions")
 }
@@ -75,7 +75,7 @@ pub(super) struct Courier {
     /// Alarms active when the sink was added that it still has to get; `None` until they were looked up.
     standing: Option<VecDeque<Message>>,
     refreshed: Option<Instant>,
-    /// Messages it told past the store: they are not told again when the store has them too.
+    /// Messages sent past the store: they are not sent again when the store has them.
     told: HashSet<String>,
     backoff: Backoff,
     signal: Arc<Signal>,
@@ -200,7 +200,7 @@ impl Courier {
         self.refresh(reader)
     }
 
-    /// Sends what there is to tell of the daemon's conditions: every sink hears of them.
+    /// Sends the notices of the daemon's conditions, which go to every sink.
     fn send_notices(&mut self, reader: &Reader, place: &mut Place) -> Result<(), Trouble> {
         loop {
             let notices = reader.notices_after(place.notices, BATCH)?;

@@ -29,7 +29,7 @@ pub struct Couriers {
     running: Vec<Running>,
     alert: AlertSettings,
     heartbeat: Option<Heartbeat>,
-    /// When the daily word was last looked at.
+    /// Time of the last check for the daily message.
     looked: Option<Timestamp>,
 }
 
@@ -89,7 +89,7 @@ impl Couriers {
         couriers
     }
 
-    /// Tells of the daemon itself as these settings say.
+    /// Sets the messages about the daemon itself.
     pub fn watch(&mut self, alert: &AlertSettings, site: &str) {
         self.alert = alert.clone();
         match &alert.heartbeat {
@@ -106,14 +106,15 @@ impl Couriers {
         }
     }
 
-    /// Tells every sink of a condition that the store cannot keep now. When it has it, it is not sent again.
+    /// Sends every sink a condition that the store cannot keep now. It is not sent again when the store has
+    /// it.
     pub fn tell(&self, notice: &ConditionEvent) {
         for courier in &self.running {
             courier.signal.tell(Message::of_notice(&courier.site, notice));
         }
     }
 
-    /// Says once a day that the daemon is at work; called every second or so.
+    /// Sends the daily message that the daemon is working; called about every second.
     pub fn look_at_clock(&mut self, now: Timestamp) {
         let days = |time: Timestamp| (time.as_nanos() as f64 * 1e-9 - 3600.0 * self.alert.daily_h) / DAY_S;
         let before = self.looked.replace(now);
@@ -182,9 +183,10 @@ impl Couriers {
         self.running = kept;
     }
 
-    /// Ends them all within 100 ms, as dropping them does (brokers that are told of the daemon's state: within a second). One in the middle of a send is left to itself: if its
-    /// message arrives, it is sent again at the next start, with the same id. What was delivered is still reported if
-    /// the queue of jobs is read on until it is disconnected.
+    /// Ends them all within 100 ms, as dropping them does (brokers that hold the daemon's state: within a
+    /// second). One in the middle of a send is left to itself: if its message arrives, it is sent again at
+    /// the next start, with the same id. What was delivered is still reported if the queue of jobs is read on
+    /// until it is disconnected.
     pub fn stop(self) {}
 
     fn spawn(&self, settings: &SinkSettings, site: &str, place: Option<Place>) -> Option<Running> {

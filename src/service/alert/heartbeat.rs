@@ -1,4 +1,4 @@
-//! A sign of life to a dead-man switch: while it comes, the daemon is at work and results are kept.
+//! Heartbeat to a dead-man switch: while it comes, the daemon is working and results are stored.
 
 use super::Failure;
 use super::post::post;
@@ -10,14 +10,14 @@ use std::sync::mpsc::{RecvTimeoutError, SyncSender, sync_channel};
 use std::thread;
 use std::time::Duration;
 
-/// What the condition of a switch that cannot be reached is about.
+/// Subject of the condition of a switch that cannot be reached.
 const ABOUT: &str = "heartbeat";
-/// The longest time one sign may take.
+/// Time limit of one heartbeat.
 const DEADLINE: Duration = Duration::from_secs(10);
-/// A work loop that has stood still for this long is dead.
+/// Time without progress after which the work loop counts as dead.
 const ALIVE: Duration = Duration::from_secs(30);
 
-/// The thread that gives the sign, ended when it is dropped.
+/// Thread that sends heartbeats, ended on drop.
 pub(super) struct Heartbeat {
     settings: HeartbeatSettings,
     site: String,
@@ -26,7 +26,7 @@ pub(super) struct Heartbeat {
 }
 
 impl Heartbeat {
-    /// Begins to give the sign; `None` if the system gives no thread for it.
+    /// Starts the heartbeat; `None` if the system gives no thread for it.
     pub(super) fn start(settings: &HeartbeatSettings, site: &str, telemetry: &Telemetry) -> Option<Self> {
         let (stop, stopped) = sync_channel::<()>(0);
         let (own, name, told) = (settings.clone(), site.to_owned(), telemetry.clone());
@@ -59,7 +59,7 @@ impl Heartbeat {
         })
     }
 
-    /// Whether it gives this sign.
+    /// True if it has these settings.
     pub(super) fn is_of(&self, settings: &HeartbeatSettings, site: &str) -> bool {
         self.settings == *settings && self.site == site
     }
@@ -71,7 +71,7 @@ impl Drop for Heartbeat {
     }
 }
 
-/// Gives one sign, unless nothing is measured or kept.
+/// Sends one heartbeat, unless nothing is measured or stored.
 fn sign(settings: &HeartbeatSettings, site: &str, telemetry: &Telemetry) -> Option<Result<(), Failure>> {
     let report = telemetry.health.report();
     let is_alive = telemetry.beat.age() < ALIVE && report.phase.not_ready().is_none();

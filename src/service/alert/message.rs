@@ -29,7 +29,7 @@ pub enum What {
     Standing,
     /// No alarm: a test of the delivery.
     Test,
-    /// Nothing: the daemon says once a day that it is at work, and what lasts.
+    /// Daily message that the daemon is working, with the present conditions.
     Alive,
 }
 
@@ -70,7 +70,7 @@ pub struct Message {
     pub time: Timestamp,
     /// Name of the site.
     pub site: String,
-    /// The rod; empty for what concerns the daemon.
+    /// Id of the rod; empty for messages about the daemon.
     pub rod: String,
     /// Id of the alarm: one for each condition, from its raising to its end.
     pub alarm: String,
@@ -88,7 +88,7 @@ pub struct Message {
     pub cleared: Option<Timestamp>,
     /// Onset, size and rate, for a drift.
     pub change: Option<Change>,
-    /// The sink, file or folder a condition of the daemon is about.
+    /// Sink, file or folder concerned by a condition of the daemon.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub about: Option<String>,
 }
@@ -126,7 +126,7 @@ impl Message {
         }
     }
 
-    /// A condition of the daemon that began or ended.
+    /// Message about a condition of the daemon that began or ended.
     pub fn of_notice(site: &str, notice: &ConditionEvent) -> Self {
         let what = if notice.is_raised {
             What::Raised
@@ -136,7 +136,7 @@ impl Message {
         Self::of_condition(site, what, notice)
     }
 
-    /// A condition of the daemon that lasts.
+    /// Message about a condition of the daemon that lasts.
     pub fn lasting(site: &str, begun: &ConditionEvent) -> Self {
         Self::of_condition(site, What::Standing, begun)
     }
@@ -162,7 +162,7 @@ impl Message {
         }
     }
 
-    /// The daemon is at work: `said` tells what lasts.
+    /// Daily message; `said` lists the present conditions.
     pub fn alive(site: &str, said: String, now: Timestamp) -> Self {
         Self {
             what: What::Alive,
@@ -175,7 +175,7 @@ impl Message {
         }
     }
 
-    /// Whether it is about the daemon, not about a rod.
+    /// True if it is about the daemon, not about a rod.
     pub fn is_of_daemon(&self) -> bool {
         self.about.is_some()
     }

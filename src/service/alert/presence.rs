@@ -15,21 +15,22 @@ use std::sync::mpsc::{Receiver, sync_channel};
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// How often the state is looked at.
+/// Interval between checks of the state.
 const LOOK: Duration = Duration::from_secs(1);
-/// How long the goodbye may take.
+/// Time limit for the last message.
 const FAREWELL: Duration = Duration::from_millis(600);
-/// It is told again after this time though it is the same.
+/// Time after which an unchanged state is sent again.
 const AGAIN: Duration = Duration::from_secs(60);
 
-/// The thread that holds a connection to a broker; the broker is told that the daemon stopped when this is dropped.
+/// Thread with a connection to a broker. On drop it reports to the broker that the daemon stopped.
 pub(super) struct Presence {
     stop: Arc<AtomicBool>,
     ended: Receiver<()>,
 }
 
 impl Presence {
-    /// Begins to tell a broker of the state; `None` if it is not to be told, or the system gives no thread for it.
+    /// Starts sending the state to a broker; `None` if it is not configured, or the system gives no thread
+    /// for it.
     pub(super) fn start(
         settings: &MqttSettings,
         site: &str,
@@ -96,7 +97,7 @@ impl Work {
         self.stop.load(Ordering::Relaxed)
     }
 
-    /// One connection, from its begin to its end; ends well only when it is told to stop.
+    /// Runs one connection; returns without error only after a request to stop.
     fn connection(&mut self) -> Result<(), Failure> {
         let mut options = self.broker.options()?;
         let will = LastWill::new(
@@ -133,7 +134,7 @@ impl Work {
         Ok(())
     }
 
-    /// Works on the connection for a while; whether the broker let us in.
+    /// Works on the connection for a while; returns true if the broker accepted it.
     fn wait(&self, connection: &mut Connection, time: Duration) -> Result<bool, Failure> {
         let until = Instant::now() + time;
         let mut is_connected = false;

@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 pub(super) struct Place {
     /// Number of the latest event delivered.
     pub(super) through: i64,
-    /// The number of the latest notice of the daemon's conditions the sink has.
+    /// Number of the latest notice of the daemon's conditions that the sink has.
     pub(super) notices: i64,
     /// True if it got the alarms active when it was added.
     pub(super) knows_standing: bool,
@@ -32,11 +32,11 @@ struct Inner {
     is_stopped: bool,
     is_woken: bool,
     place: Option<Place>,
-    /// What is told past the store, the oldest first.
+    /// Messages sent past the store, the oldest first.
     direct: VecDeque<Message>,
 }
 
-/// Most messages that wait to be told past the store.
+/// Largest number of waiting messages that go past the store.
 const MOST_DIRECT: usize = 256;
 
 impl Signal {
@@ -46,7 +46,8 @@ impl Signal {
         self.changed.notify_all();
     }
 
-    /// Hands on a message that does not come through the store: the store cannot be written, or it is not news.
+    /// Queues a message that does not come through the store, because the store cannot be written or does not
+    /// hold such messages.
     pub(super) fn tell(&self, message: Message) {
         let mut inner = self.lock();
         if inner.direct.len() == MOST_DIRECT {
@@ -58,12 +59,12 @@ impl Signal {
         self.changed.notify_all();
     }
 
-    /// The first message that does not come through the store.
+    /// First of the messages that do not come through the store.
     pub(super) fn direct(&self) -> Option<Message> {
         self.lock().direct.front().cloned()
     }
 
-    /// It was delivered.
+    /// Removes a delivered message.
     pub(super) fn delivered(&self, id: &str) {
         self.lock().direct.retain(|message| message.id != id);
     }

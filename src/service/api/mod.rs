@@ -7,7 +7,7 @@
 //! * [`history`]  a rod's numbers over time, in columns
 //! * [`days`]     daily means, for histories of years
 //! * [`listing`]  records and alarms, page by page
-//! * [`monitoring`] whether the site is monitored, and what lasts around the daemon
+//! * [`monitoring`] state of the monitoring, and the daemon's present conditions
 
 pub mod days;
 pub mod history;

@@ -1,4 +1,4 @@
-//! Whether a site is monitored at all, and what lasts around the daemon.
+//! State of a site's monitoring, and the daemon's present conditions.
 
 use crate::analysis::signal::record::Timestamp;
 use crate::service::telemetry::{Condition, Fault};
@@ -6,36 +6,36 @@ use crate::site::store::{Reader, StoreError};
 use serde::Serialize;
 use std::time::Instant;
 
-/// A daemon tells the store at least this often that it is at work, three times over \[s\].
+/// Three times the longest interval at which a daemon records in the store that it is working \[s\].
 const ALIVE_S: f64 = 900.0;
 
-/// Whether a site is monitored.
+/// State of a site's monitoring.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Monitoring {
-    /// Since when nothing is measured or kept; `null` while it is.
+    /// Time since which nothing is measured or stored; `null` while monitoring works.
     pub stopped_since: Option<Timestamp>,
-    /// Why, in one sentence.
+    /// Reason in one sentence.
     pub why: Option<String>,
-    /// What lasts.
+    /// Present conditions.
     pub conditions: Vec<Lasting>,
 }
 
-/// A condition of the daemon that lasts.
+/// A present condition of the daemon.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Lasting {
-    /// Its kind, as `/healthz` names it.
+    /// Kind of the condition, as in `/healthz`.
     pub kind: String,
-    /// The sink, file or folder it is about.
+    /// Sink, file or folder concerned.
     pub about: String,
     /// One sentence.
     pub detail: String,
-    /// Since when, by the machine's clock.
+    /// Time of its begin, by the machine's clock.
     pub since: Timestamp,
 }
 
 impl Monitoring {
-    /// By what a store says at `now`; `None` if no daemon ever worked on it. `is_held`: whether a process writes to it now, if
-    /// that is known.
+    /// State by the store at `now`; `None` if no daemon ever worked on it. `is_held`: true if a process
+    /// writes to it now, if known.
     ///
     /// # Errors
     /// The store cannot be read, or a row is damaged.
@@ -58,7 +58,7 @@ impl Monitoring {
         Ok(Some(monitoring))
     }
 
-    /// By what a daemon that runs says of itself.
+    /// State by the conditions of a running daemon.
     pub fn live(conditions: &[Condition], now: Timestamp) -> Self {
         let (instant, lasting) = (Instant::now(), conditions.iter());
         let lasting = lasting.map(|condition| Lasting {
@@ -92,7 +92,7 @@ impl Monitoring {
         self.why = Some(why.to_owned());
     }
 
-    /// Sentences for people: that it stopped, and what lasts.
+    /// Sentences about a stop and the present conditions.
     pub fn sentences(&self) -> Vec<String> {
         let stopped = self.stopped_since.map(|since| {
             let why = self.why.as_deref().unwrap_or_default();

@@ -23,7 +23,7 @@ pub struct SiteAnswer {
     pub version: &'static str,
     /// Silence that raises an alarm \[s\]; older data are stale.
     pub silence_s: Option<f64>,
-    /// Whether it is monitored; `null` if no daemon ever worked on the store.
+    /// State of the monitoring; `null` if no daemon ever worked on the store.
     pub monitoring: Option<Monitoring>,
     /// Its rods, in alphabetical order.
     pub rods: Vec<RodGlance>,

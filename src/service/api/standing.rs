@@ -53,7 +53,7 @@ pub struct RodStatus {
     pub alarms: Vec<Alarm>,
     /// Requests that wait.
     pub waiting: Vec<String>,
-    /// Since when a daemon has waited for the rod's first record; `null` once one has come.
+    /// Time since which a daemon has expected the rod's first record; `null` once one has come.
     pub never_seen_since: Option<Timestamp>,
 }
 

@@ -1,4 +1,4 @@
-//! What lasts around the daemon, as the sinks are told of it: begins and ends that lasted, each once.
+//! Conditions of the daemon for the sinks: each begin and end is reported once, after it has lasted.
 
 use crate::analysis::signal::record::Timestamp;
 use crate::service::telemetry::Condition;
@@ -6,10 +6,10 @@ use crate::site::store::ConditionEvent;
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
-/// The conditions that were told or are about to be.
+/// Conditions that were reported or are about to be.
 #[derive(Debug)]
 pub struct Conditions {
-    /// How long one must last, or be absent, before that is told.
+    /// Time for which a condition must last, or be absent, before it is reported.
     settle: Duration,
     open: BTreeMap<(String, String), Open>,
 }
@@ -19,12 +19,12 @@ pub struct Conditions {
 struct Open {
     begun: ConditionEvent,
     is_told: bool,
-    /// Since when it is no longer there.
+    /// Time since which it is absent.
     absent: Option<Instant>,
 }
 
 impl Conditions {
-    /// Goes on from what the store says stands.
+    /// Continues with the active conditions in the store.
     pub fn new(settle: Duration, standing: Vec<ConditionEvent>) -> Self {
         let open = standing.into_iter().map(|begun| {
             let key = (begun.fault.clone(), begun.about.clone());
@@ -41,12 +41,13 @@ impl Conditions {
         }
     }
 
-    /// Another time to settle holds.
+    /// Sets another settling time.
     pub fn set_settle(&mut self, settle: Duration) {
         self.settle = settle;
     }
 
-    /// Looks at what lasts now; what is to be told of it. `wall` is the time by the machine's clock.
+    /// Takes the present conditions and returns the notices to send. `wall` is the time by the machine's
+    /// clock.
     pub fn look(&mut self, lasting: &[Condition], now: Instant, wall: Timestamp) -> Vec<ConditionEvent> {
         let mut told = Vec::new();
         for condition in lasting {
@@ -101,7 +102,7 @@ mod tests {
         Timestamp::from_nanos(1_800_000_000_000_000_000).plus_seconds(s as f64)
     }
 
-    /// What is told at each second of a condition that is there in some of them.
+    /// Notices at each second of a condition that is present in some of them.
     fn told(conditions: &mut Conditions, there: &[(u64, u64)], until: u64) -> Vec<(u64, bool, String)> {
         let (health, begun) = (Health::default(), Instant::now());
         let mut told = Vec::new();

@@ -40,7 +40,7 @@ pub enum Notice<'a> {
     Alive,
     /// There are events in the outbox.
     News,
-    /// A condition that the store cannot keep now: it is told past it.
+    /// A condition that the store cannot keep now, to be sent past it.
     Untold(&'a ConditionEvent),
     /// A record is in the store already.
     Known(&'a RodId),
@@ -81,7 +81,7 @@ pub struct Core {
     /// `None` only while waiting for a full disk.
     site: Option<Site>,
     guard: Guard,
-    /// Whether the store is not the file that is written: nothing is acknowledged while it is not.
+    /// True while the store is not the file that is written: nothing is acknowledged then.
     halted: Arc<AtomicBool>,
     store: PathBuf,
     generation: Arc<Generation>,
@@ -96,7 +96,8 @@ pub struct Core {
 }
 
 impl Core {
-    /// A core for an open site. `stopping` ends the wait for a full disk; `halted` tells others that the store is lost.
+    /// A core for an open site. `stopping` ends the wait for a full disk; `halted` is true while the store is
+    /// lost.
     ///
     /// # Errors
     /// The store cannot be read.
@@ -394,8 +395,8 @@ impl Core {
         }
     }
 
-    /// Looks whether the store is still the file that is written. If not, nothing is kept or acknowledged, and the sinks are told
-    /// past it, until the very file is back or somebody starts the daemon anew.
+    /// Checks if the store is still the file that is written. If not, nothing is stored or acknowledged, and
+    /// messages go past the store, until the same file is back or the daemon is restarted.
     fn look_at_files(&mut self) -> Result<(), CoreError> {
         let begun = Instant::now();
         let mut is_lost = false;

@@ -1,19 +1,19 @@
-//! The store's files, watched while the daemon writes them.
+//! Watches the store's files while the daemon writes them.
 
 use crate::service::telemetry::owned::{Lost, Owned};
 use std::path::{Path, PathBuf};
 
-/// The store and its write-ahead log as they are written.
+/// The store and its write-ahead log.
 #[derive(Debug)]
 pub struct Guard {
     store: Option<Owned>,
     log_path: PathBuf,
-    /// Known from the first commit on; it stays the same while the store is open.
+    /// Write-ahead log, known from the first commit on; it stays the same while the store is open.
     log: Option<Owned>,
 }
 
 impl Guard {
-    /// The files of the store that was opened at `path`.
+    /// Files of the store opened at `path`.
     pub fn of(path: &Path) -> Self {
         let mut log = path.as_os_str().to_owned();
         log.push("-wal");
@@ -25,10 +25,10 @@ impl Guard {
         }
     }
 
-    /// Looks at them.
+    /// Checks them.
     ///
     /// # Errors
-    /// The first that is no longer what is written, and what became of it.
+    /// First file that is no longer the one written, and the reason.
     pub fn look(&mut self) -> Result<(), (PathBuf, Lost)> {
         if let Some(store) = &mut self.store {
             store.look().map_err(|lost| (store.path().to_owned(), lost))?;

@@ -177,8 +177,8 @@ fn folder_of(config: &Config, store: &Path) -> PathBuf {
         .unwrap_or_else(|| store.parent().unwrap_or(Path::new(".")).join("journal"))
 }
 
-/// Says of the parts of a journal, the oldest first, how old they are in time that daemons lived \[s\]: as far as the store that is
-/// on disk under its name, opened anew, says that what is in them was read to its end.
+/// Returns a function that gives the ages of a journal's parts, the oldest first, in working time of daemons
+/// \[s\]: of the parts that were read to their end according to the store on disk, opened again by its name.
 pub fn vouch(store: &Path) -> impl Fn(&[Kept]) -> Vec<f64> + Send + use<> {
     let store = store.to_owned();
     move |parts| {

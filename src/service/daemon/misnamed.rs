@@ -1,18 +1,18 @@
-//! Topics that came and belong to no rod, beside rods of which nothing comes: most likely one is the other, mistyped.
+//! Topics that belong to no rod, while a rod gets no data: most likely one is a misspelling of the other.
 
 use crate::config::{RodConfig, nearest};
 use crate::service::telemetry::{Fault, Health};
 use std::collections::BTreeSet;
 
-/// The topics that are conditions now.
+/// Topics that are conditions at present.
 #[derive(Debug, Default)]
 pub struct Misnamed {
     held: BTreeSet<String>,
 }
 
 impl Misnamed {
-    /// Looks at the topics that came; `unheard` are the rods of which nothing comes, `is_wanted` tells whether a topic is read. While
-    /// every rod is heard, other topics are nobody's business.
+    /// Checks the topics received; `unheard`: rods without data, `is_wanted`: true if a topic is read. While
+    /// every rod has data, other topics are ignored.
     pub fn look<'r>(
         &mut self,
         health: &Health,

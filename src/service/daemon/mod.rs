@@ -278,7 +278,7 @@ fn open(
     beside("open", sender, work, LifecycleEvent::Opened)
 }
 
-/// Prepares another configuration on a thread of its own; one that would drop a baseline is refused.
+/// Prepares another configuration on its own thread; one that would drop a baseline is refused.
 fn prepare(config: Config, given_up: Vec<String>, sender: Sender<LifecycleEvent>) -> io::Result<()> {
     let work = move || {
         if let Some(store) = &config.store.path {

@@ -63,8 +63,8 @@ fn site_on(store: Store, generation: &Generation) -> Result<Site, StoreError> {
 /// process such as `tirante ack`.
 ///
 /// # Errors
-/// Another process keeps the store, it cannot be opened, or the configuration would drop a baseline of a rod that is not
-/// `given_up`.
+/// Another process holds the store, it cannot be opened, or the configuration would drop a baseline of a rod
+/// that is not `given_up`.
 pub fn open_patiently(
     generation: &Generation,
     health: &Health,

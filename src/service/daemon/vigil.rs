@@ -1,4 +1,4 @@
-//! The watch over the daemon itself: what lasts around it, its clock, topics that belong to no rod.
+//! The watch over the daemon itself: its conditions, its clock, topics that belong to no rod.
 
 use super::conditions::Conditions;
 use super::misnamed::Misnamed;
@@ -12,13 +12,13 @@ use crate::site::trackers::Site;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// How often the store is told that a daemon is at work.
+/// Interval at which the store records that a daemon is working.
 const ALIVE_EVERY: Duration = Duration::from_secs(300);
-/// For this long the sources may have more than is analysed.
+/// Time for which the sources may be ahead of the analysis.
 const BEHIND: Duration = Duration::from_secs(900);
-/// What the condition of the clock is about.
+/// Subject of the condition of the clock.
 const CLOCK: &str = "clock";
-/// A record of now began at most this long ago, by a clock that is at most the other ahead \[s\].
+/// Largest age of a present record, and largest lead of its clock \[s\].
 const FRESH_S: f64 = 86_400.0;
 const AHEAD_S: f64 = 600.0;
 
@@ -26,19 +26,19 @@ const AHEAD_S: f64 = 600.0;
 pub struct Vigil {
     health: Arc<Health>,
     conditions: Conditions,
-    /// What the store does not have yet.
+    /// Notices that the store does not have yet.
     unkept: Vec<ConditionEvent>,
     clock: WallClock,
-    /// When the store was told last that a daemon is at work.
+    /// Last time at which the store recorded that a daemon is working.
     alive: Option<Instant>,
     misnamed: Misnamed,
-    /// Since when the sources have more than is analysed; `None` before they were caught up for the first time.
+    /// Time since which the sources are ahead of the analysis; `None` before the analysis first caught up.
     behind: Option<Instant>,
 }
 
 impl Vigil {
-    /// Begins; `silent_from` is the time by which the rods' silence before the start is told: now, or when a daemon was last at
-    /// work, if the clock is not believed.
+    /// Begins the watch; `silent_from` is the time up to which the rods' silence before the start counts:
+    /// now, or the end of the last daemon's work if the clock is in doubt.
     ///
     /// # Errors
     /// The store cannot be read.
@@ -86,12 +86,12 @@ impl Vigil {
         Ok((vigil, silent_from))
     }
 
-    /// Another time to settle holds.
+    /// Sets another settling time.
     pub fn set_settle(&mut self, settle: Duration) {
         self.conditions.set_settle(settle);
     }
 
-    /// A second went by, and everything there was to read had been read or not.
+    /// Takes a tick of one second; `is_caught_up`: true if all data has been read.
     pub fn tick(&mut self, site: Option<&Site>, config: &Config, is_caught_up: bool) {
         let now = Instant::now();
         if let Some(step_s) = self.clock.look(clock::now(), now) {
@@ -117,14 +117,14 @@ impl Vigil {
         }
     }
 
-    /// A record that began at `start` was taken: one of now says that the clock is right.
+    /// Takes the start of a record: a present one confirms the clock.
     pub fn heard(&self, start: Timestamp) {
         if (-AHEAD_S..FRESH_S).contains(&clock::now().seconds_since(start)) {
             self.health.over(Fault::Clock, CLOCK);
         }
     }
 
-    /// Looks at what lasts; what is new to tell of it.
+    /// Checks the present conditions; returns new notices.
     pub fn look(&mut self) -> Vec<ConditionEvent> {
         let told = self
             .conditions
@@ -133,13 +133,13 @@ impl Vigil {
         told
     }
 
-    /// What the store is to keep now, if anything.
+    /// Data for the store to keep now, if any.
     pub fn due(&self) -> Option<(Vec<ConditionEvent>, Stretch)> {
         let is_due = self.alive.is_none_or(|alive| alive.elapsed() >= ALIVE_EVERY);
         (is_due || !self.unkept.is_empty()).then(|| (self.unkept.clone(), self.clock.stretch()))
     }
 
-    /// The store has so many notices, and knows that a daemon is at work.
+    /// Records that the store has so many notices, and the mark that a daemon is working.
     pub fn kept(&mut self, notices: usize) {
         self.unkept.drain(..notices.min(self.unkept.len()));
         self.alive = Some(Instant::now());

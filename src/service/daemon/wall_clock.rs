@@ -1,28 +1,29 @@
-//! The clock of the machine beside one that nobody sets: steps of it are seen, and time that was not lived is not believed.
+//! Compares the machine's clock with a monotonic one: detects steps, and doubts time in which no daemon
+//! worked.
 
 use crate::analysis::signal::record::Timestamp;
 use crate::site::store::Stretch;
 use std::time::Instant;
 
-/// A step of the clock worth telling \[s\].
+/// Least step of the clock that is reported \[s\].
 const STEP_S: f64 = 60.0;
-/// The time between two daemons that needs no word \[s\].
+/// Time between two daemons that is not reported \[s\].
 const RESTART_S: f64 = 900.0;
-/// After an outage said to be longer than this the clock itself is in doubt \[s\].
+/// Longest credible outage; beyond, the clock itself is in doubt \[s\].
 const DOUBTED_S: f64 = 7.0 * 86_400.0;
 
-/// How the clock stood when the daemon began.
+/// State of the clock at the start of the daemon.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Began {
-    /// As it should.
+    /// No fault.
     Even,
-    /// Nothing was at work for so long \[s\].
+    /// No daemon worked for so long \[s\].
     Outage(f64),
-    /// It says that so much time went by since the last daemon was at work \[s\]: too much to be believed, or less than nothing.
+    /// The clock gives a doubtful time since the last daemon's work \[s\]: too long, or negative.
     Doubted(f64),
 }
 
-/// The clock of the machine while a daemon runs.
+/// The machine's clock while a daemon runs.
 #[derive(Debug)]
 pub struct WallClock {
     stretch: Stretch,
@@ -30,7 +31,7 @@ pub struct WallClock {
 }
 
 impl WallClock {
-    /// A daemon begins at `wall` by the machine's clock; `last` is when one was at work before.
+    /// Begins at `wall` by the machine's clock; `last`: latest stretch of a daemon's work.
     pub fn begin(last: Option<Stretch>, wall: Timestamp, now: Instant) -> (Self, Began) {
         let clock = Self {
             stretch: Stretch { from: wall, to: wall },
@@ -47,7 +48,8 @@ impl WallClock {
         (clock, began)
     }
 
-    /// The clock says `wall` now; by how much it stepped since the last look, if it did \[s\]. A step begins a new stretch.
+    /// Takes the clock's time `wall`; returns its step since the last call, if any \[s\]. A step begins a new
+    /// stretch.
     pub fn look(&mut self, wall: Timestamp, now: Instant) -> Option<f64> {
         let lived_s = now.saturating_duration_since(self.begun).as_secs_f64();
         let step_s = wall.seconds_since(self.stretch.from.plus_seconds(lived_s));
@@ -60,7 +62,7 @@ impl WallClock {
         Some(step_s)
     }
 
-    /// The stretch of time lived since the begin or the last step.
+    /// Stretch of time since the begin or the last step.
     pub fn stretch(&self) -> Stretch {
         self.stretch
     }

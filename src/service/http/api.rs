@@ -39,7 +39,7 @@ pub struct Api {
     pub(super) access: Access,
     /// Puts a request into the store.
     ask_writer: Arc<dyn Fn(RodId, Asked) -> Result<String, String> + Send + Sync>,
-    /// What lasts around the daemon that answers, if one does.
+    /// Conditions of the daemon that answers, if one does.
     health: Option<Arc<Health>>,
     /// Channel that becomes true when the server ends.
     pub(super) stop: watch::Receiver<bool>,
@@ -65,7 +65,7 @@ impl Api {
         }
     }
 
-    /// Of a daemon that runs: it says of itself what lasts.
+    /// Adds the conditions of a running daemon.
     pub fn of_daemon(mut self, health: Arc<Health>) -> Self {
         self.health = Some(health);
         self

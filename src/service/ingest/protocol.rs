@@ -150,7 +150,7 @@ impl Protocol {
         mem::take(&mut self.stream.foreign)
     }
 
-    /// The first topics of no rod on which messages came, of this stream.
+    /// First topics of this stream that belong to no rod.
     pub fn strays(&self) -> impl Iterator<Item = &str> {
         self.stream.strays.iter().map(String::as_str)
     }

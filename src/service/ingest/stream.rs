@@ -24,7 +24,7 @@ const MAX_SCHEMA: usize = (1 << 20) + 1;
 /// Most channels of one stream on topics that rods read.
 const MAX_CHANNELS: usize = 1024;
 
-/// Most topics of no rod that are named of one connection.
+/// Largest number of topics of no rod that are kept per connection.
 const MOST_STRAYS: usize = 16;
 
 /// State of a stream.
@@ -50,7 +50,7 @@ pub(super) struct Stream {
     due: u64,
     /// Number of messages of no rod's topic since the last call.
     pub foreign: u64,
-    /// The first topics of no rod on which messages came.
+    /// First topics of messages that belong to no rod.
     pub strays: BTreeSet<String>,
     /// Number of messages of this connection that were kept, and of those too large.
     kept: u64,
@@ -252,7 +252,7 @@ fn is_wanted(topic: &str, topics: &TopicSet) -> bool {
     topics.contains(topic) && topic != note::TOPIC
 }
 
-/// Remembers a topic of no rod, among the first few.
+/// Keeps a topic of no rod, up to the limit.
 fn stray(strays: &mut BTreeSet<String>, topic: &str) {
     if strays.len() < MOST_STRAYS && topic != note::TOPIC && !strays.contains(topic) {
         strays.insert(topic.to_owned());

@@ -51,16 +51,17 @@ pub enum JournalError {
     },
 }
 
-/// Says of some parts, the oldest first, how old they are \[s\], as far as what is in them is known to be kept elsewhere.
+/// Gives the ages of some parts, the oldest first \[s\], as far as their content is known to be stored
+/// elsewhere.
 pub type Vouch = Box<dyn Fn(&[retention::Kept]) -> Vec<f64> + Send>;
 
-/// Whom a journal works with.
+/// Partners of a journal.
 pub struct Around {
-    /// Who is told of faults.
+    /// Receiver of faults.
     pub health: Arc<Health>,
-    /// While this is true nothing is taken in or acknowledged.
+    /// While true, nothing is accepted or acknowledged.
     pub halted: Arc<AtomicBool>,
-    /// Who is asked before a part is removed.
+    /// Function that is asked before a part is removed.
     pub vouch: Vouch,
 }
 

@@ -125,7 +125,7 @@ impl Output {
         Ok(output)
     }
 
-    /// The file, by what it is.
+    /// The file, by its identity.
     pub fn owned(&self) -> Option<Owned> {
         let data = self.file.metadata().ok()?;
         Some(Owned::with(&self.path, &data))

@@ -15,12 +15,13 @@ pub struct Kept {
     pub part: u32,
     /// Size \[bytes\].
     pub bytes: u64,
-    /// When it was last written, by the machine's clock \[ns since 1970\].
+    /// Time of the last write, by the machine's clock \[ns since 1970\].
     pub modified_ns: i64,
 }
 
-/// The parts that may go, the oldest first: those too old, and the oldest while all together are too large. `parts` ascend;
-/// `ages_s` are those of the first of them whose results are kept \[s\]: never one behind.
+/// Parts that may be removed, the oldest first: those too old, and the oldest while all together are too
+/// large. `parts` ascend; `ages_s` are those of the first of them whose results are kept \[s\]: never one
+/// behind.
 pub fn removable(parts: &[Kept], ages_s: &[f64], settings: &JournalSettings) -> Vec<u32> {
     let mut bytes: u64 = parts.iter().map(|kept| kept.bytes).sum();
     let mut removable = Vec::new();
@@ -37,8 +38,8 @@ pub fn removable(parts: &[Kept], ages_s: &[f64], settings: &JournalSettings) -> 
     removable
 }
 
-/// Removes what may go, of the parts up to `done`, whose results are said to be kept; the number of parts removed. Only what
-/// `vouch` speaks for goes, and at the age it says: the machine's clock may be wrong.
+/// Removes parts up to `done`, whose results are reported stored; returns the number removed. Only parts
+/// confirmed by `vouch` go, by the ages that it gives, because the machine's clock may be wrong.
 pub(super) fn apply(
     folder: &Path,
     done: u32,
@@ -81,7 +82,7 @@ mod tests {
     use super::*;
     use crate::analysis::signal::record::time::DAY_S;
 
-    /// Parts of these ages, and which of them may go if the results of so many are kept.
+    /// Removable parts of those with these ages, if the results of so many are stored.
     fn gone(ages_d: &[f64], done: usize, settings: &JournalSettings) -> Vec<u32> {
         let kept = |part| Kept {
             part,

@@ -25,12 +25,12 @@ const CHUNK_BYTES: usize = 1 << 20;
 const SYNC_AFTER: Duration = Duration::from_millis(800);
 /// Pause before a full disk is tried again.
 const RETRY: Duration = Duration::from_secs(1);
-/// Pause between two looks at the file that is written.
+/// Interval between checks of the file that is written.
 const LOOK_EVERY: Duration = Duration::from_secs(1);
 /// Pause between two removals of old parts.
 const CLEAN_EVERY: Duration = Duration::from_secs(60);
 
-/// What the conditions of the journal are about.
+/// Subject of the journal's conditions.
 const ABOUT: &str = "journal";
 
 /// Everything that the thread works with.
@@ -62,7 +62,7 @@ pub(super) struct Work {
     /// Time since which written data is not durable.
     unsynced_since: Option<Instant>,
     ends: Vec<oneshot::Sender<()>>,
-    /// The file of the part that is written, and when it was last looked at.
+    /// File of the part that is written, and the time of its last check.
     owned: Option<Owned>,
     looked: Option<Instant>,
     /// Time of the last removal of old parts, and the last part with results in the store then.
@@ -400,8 +400,8 @@ impl Writer {
         self.sync()
     }
 
-    /// Waits while the file that is written is no longer the one of its name, or the store is lost: nothing is taken in or
-    /// acknowledged then.
+    /// Waits while the file that is written is no longer the one with its name, or the store is lost: nothing
+    /// is accepted or acknowledged then.
     fn look_at_files(&mut self) -> Result<(), Stop> {
         if self
             .state

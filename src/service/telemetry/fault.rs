@@ -29,15 +29,15 @@ pub enum Fault {
     Reload,
     /// A watched folder cannot be read.
     Folder,
-    /// A topic comes that belongs to no rod, while nothing comes of a rod.
+    /// Messages come on a topic of no rod, while a rod gets none.
     Topic,
-    /// Store or journal are no longer the files that are written, or cannot be written any more.
+    /// Store or journal are no longer the files that are written, or can no longer be written.
     Files,
-    /// The clock of the machine jumped, or is not believed.
+    /// The machine's clock jumped, or is in doubt.
     Clock,
     /// Data come faster than they are analysed.
     Behind,
-    /// No daemon was at work for a while.
+    /// No daemon worked for a while.
     Outage,
     /// The work loop is stalled.
     Stalled,

@@ -28,7 +28,7 @@ impl Health {
         log(fault, line);
     }
 
-    /// Whether this lasts now.
+    /// True if this condition holds now.
     pub fn lasts(&self, fault: Fault, about: &str) -> bool {
         let conditions = self.conditions();
         conditions
@@ -77,7 +77,7 @@ impl Health {
         self.ledger().conditions()
     }
 
-    /// Topics that came and belong to no rod.
+    /// Received topics that belong to no rod.
     pub fn strays(&self) -> &Strays {
         &self.strays
     }

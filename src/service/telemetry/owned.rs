@@ -1,4 +1,4 @@
-//! A file the daemon writes, watched by what it is: its name may come to mean another one.
+//! A file that the daemon writes, watched by its identity, because its name may be given to another file.
 
 use std::fmt;
 use std::fs::{self, Metadata};
@@ -6,18 +6,18 @@ use std::io;
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
-/// Why a file is no longer the one that is written.
+/// Reason why a file is no longer the one that is written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Lost {
-    /// There is no file of that name.
+    /// No file has that name.
     Removed,
     /// Another file has its name.
     Replaced,
     /// It is shorter than it was.
     Truncated,
-    /// Its file system can only be read.
+    /// Its file system is read-only.
     ReadOnly,
-    /// The system does not say.
+    /// The system gives no information.
     Unknown,
 }
 
@@ -38,18 +38,18 @@ impl fmt::Display for Lost {
 pub struct Owned {
     path: PathBuf,
     identity: (u64, u64),
-    /// The longest it has been \[bytes\].
+    /// Greatest length so far \[bytes\].
     length: u64,
 }
 
 impl Owned {
-    /// The file that has this name now; `None` for none.
+    /// File with this name at present; `None` if there is none.
     pub fn of(path: &Path) -> Option<Self> {
         let data = fs::metadata(path).ok()?;
         Some(Self::with(path, &data))
     }
 
-    /// The open file of these data, which is to have this name.
+    /// Open file with this metadata, expected under this name.
     pub fn with(path: &Path, data: &Metadata) -> Self {
         Self {
             path: path.to_owned(),
@@ -58,15 +58,16 @@ impl Owned {
         }
     }
 
-    /// Where it is.
+    /// Path of the file.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Looks whether its name still means this file, as long as it has been, where it can be written.
+    /// Checks that the name still belongs to this file, that it is not shorter than before, and that it can
+    /// be written.
     ///
     /// # Errors
-    /// What became of it.
+    /// Reason if not.
     pub fn look(&mut self) -> Result<(), Lost> {
         let data = fs::metadata(&self.path).map_err(|error| match error.kind() {
             io::ErrorKind::NotFound => Lost::Removed,

@@ -161,7 +161,7 @@ fn put(gauges: &Family<OfRod, Quantity>, rod: &RodId, value: Option<f64>) {
     }
 }
 
-/// A record that begins later than this after now was dated by a wrong clock \[s\].
+/// Lead over the present beyond which a record was dated by a wrong clock \[s\].
 const AHEAD_S: f64 = 86_400.0;
 
 fn is_past(start: Timestamp, now: Timestamp) -> bool {

@@ -1,20 +1,20 @@
-//! Topics that came and belong to no rod: a bounded list, the latest first to stay.
+//! Received topics that belong to no rod: a bounded list of the latest.
 
 use std::collections::BTreeMap;
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
-/// Most topics remembered: their names come from outside.
+/// Largest number of topics kept, because their names come from outside.
 const MOST: usize = 64;
-/// Longest name remembered, in characters.
+/// Longest name kept, in characters.
 const LONGEST: usize = 255;
 
-/// Topics of no rod, and when each came last.
+/// Topics of no rod, with the time of each one's latest message.
 #[derive(Debug, Default)]
 pub struct Strays(Mutex<BTreeMap<String, Instant>>);
 
 impl Strays {
-    /// A topic came that belongs to no rod.
+    /// Adds a topic that belongs to no rod.
     pub fn came(&self, topic: &str) {
         self.came_at(topic, Instant::now());
     }
@@ -31,7 +31,7 @@ impl Strays {
         }
     }
 
-    /// Their names.
+    /// Names of the topics.
     pub fn topics(&self) -> Vec<String> {
         let topics = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         topics.keys().cloned().collect()

@@ -265,7 +265,7 @@ impl Store {
     }
 }
 
-/// Whether a process writes the store at `path`; `None` if that cannot be known.
+/// True if a process writes the store at `path`; `None` if that is unknown.
 pub fn is_held(path: &Path) -> Option<bool> {
     let path = std::fs::canonicalize(path).ok()?;
     match Lock::take(&path) {

@@ -61,7 +61,7 @@ pub struct Standing {
     pub alarms: Vec<Alarm>,
     /// Requests that wait for the rod's next record.
     pub waiting: Vec<Request>,
-    /// Since when a daemon has waited for the rod's first record; `None` once it has come.
+    /// Time since which a daemon has expected the rod's first record; `None` once it has come.
     pub awaited: Option<Timestamp>,
 }
 

@@ -148,7 +148,7 @@ fn third(transaction: &Transaction<'_>) -> rusqlite::Result<()> {
     transaction.execute_batch("DROP TABLE charted;")
 }
 
-/// What a daemon remembers of its own watch, and the states of rods whose settings may come back.
+/// Fourth format: a daemon's own watch, and the states of rods whose settings may come back.
 fn fourth(transaction: &Transaction<'_>) -> rusqlite::Result<()> {
     transaction.execute_batch(
         "CREATE TABLE expected (

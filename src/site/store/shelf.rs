@@ -1,4 +1,4 @@
-//! States of rods whose settings gave way to others: if the settings come back, so does the state.
+//! States of rods whose settings were replaced: if the settings come back, so does the state.
 
 use super::row::Row;
 use super::state::{self, Failure, kept};
@@ -7,11 +7,11 @@ use crate::analysis::signal::record::RodId;
 use crate::analysis::track::State;
 use rusqlite::{Connection, OptionalExtension, TransactionBehavior};
 
-/// States kept of one rod: the latest.
+/// Number of states kept per rod, the latest ones.
 const MOST: i64 = 8;
 
 impl Store {
-    /// Puts a state aside, for settings that may come back.
+    /// Shelves a state, for settings that may come back.
     ///
     /// # Errors
     /// It cannot be written.
@@ -40,7 +40,7 @@ impl Store {
 }
 
 impl Reader {
-    /// The segments of a rod whose states are put aside, with the keys of their settings.
+    /// Segments of a rod whose states are shelved, with the keys of their settings.
     ///
     /// # Errors
     /// They cannot be read.
@@ -58,7 +58,7 @@ impl Reader {
         read().map_err(|error| self.fault(Failure::Sql(error)))
     }
 
-    /// The state of a rod under settings of before, with the periods of its segment.
+    /// State of a rod under earlier settings, with the periods of its segment.
     ///
     /// # Errors
     /// It cannot be read, or not be understood.

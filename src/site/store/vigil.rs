@@ -1,4 +1,4 @@
-//! What a daemon remembers of its own watch: rods it waits for, conditions told to the sinks, and when it was at work.
+//! A daemon's own watch in the store: rods it expects, conditions sent to the sinks, and its times of work.
 
 use super::row::Row;
 use super::state::{Failure, time};
@@ -8,34 +8,34 @@ use crate::analysis::signal::record::{RodId, Timestamp};
 use rusqlite::{Connection, TransactionBehavior};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Two stretches of work with less between them are one \[s\].
+/// Gap below which two stretches of work are one \[s\].
 const JOINED_S: f64 = 900.0;
-/// The most stretches kept: the oldest go.
+/// Largest number of stretches kept; the oldest are removed.
 const MOST_STRETCHES: i64 = 1000;
 
-/// A condition of the daemon that began or ended: what the sinks are told beside the rods' alarms.
+/// A condition of the daemon that began or ended, sent to the sinks in addition to the rods' alarms.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ConditionEvent {
-    /// Its place in the order of all notices, from 1; 0 while it is not kept.
+    /// Number in the order of all notices, from 1; 0 while it is not stored.
     pub number: i64,
-    /// The condition's id: the same for its begin and its end.
+    /// Id of the condition, the same for its begin and its end.
     pub condition: String,
-    /// The kind of fault, as health and log name it.
+    /// Kind of fault, as in health and log.
     pub fault: String,
-    /// The sink, file or folder it is about.
+    /// Sink, file or folder concerned.
     pub about: String,
     /// True for the begin of the condition, false for its end.
     pub is_raised: bool,
-    /// When it began, by the machine's clock.
+    /// Begin of the condition, by the machine's clock.
     pub raised: Timestamp,
-    /// When this happened, by the machine's clock.
+    /// Time of this notice, by the machine's clock.
     pub time: Timestamp,
     /// One sentence.
     pub detail: String,
 }
 
 impl ConditionEvent {
-    /// The begin of a condition; fault, subject and time make its id.
+    /// Notice of the begin of a condition; fault, subject and time form its id.
     pub fn raised(fault: &str, about: &str, raised: Timestamp, detail: &str) -> Self {
         let seed = random::seed(&[
             b"condition",
@@ -55,7 +55,7 @@ impl ConditionEvent {
         }
     }
 
-    /// The end of this condition.
+    /// Notice of the end of this condition.
     pub fn cleared(&self, time: Timestamp) -> Self {
         Self {
             number: 0,
@@ -66,18 +66,18 @@ impl ConditionEvent {
     }
 }
 
-/// A stretch of the machine's time in which a daemon was at work and its clock ran evenly.
+/// A stretch of the machine's time in which a daemon worked and the clock had no step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Stretch {
-    /// Its begin.
+    /// Begin of the stretch.
     pub from: Timestamp,
-    /// Its end.
+    /// End of the stretch.
     pub to: Timestamp,
 }
 
 impl Stretch {
-    /// The part of `stretches` that lies between two moments \[s\], each instant counted once: the time that really went by
-    /// for a daemon, whatever its clock was set to in between.
+    /// Total length of `stretches` between two moments \[s\], each instant counted once: the real working
+    /// time of a daemon, independent of changes of the clock.
     pub fn lived(stretches: &[Self], from: Timestamp, to: Timestamp) -> f64 {
         let mut parts: Vec<(Timestamp, Timestamp)> = stretches
             .iter()
@@ -142,8 +142,8 @@ fn write_stretch(connection: &Connection, latest: Option<Stretch>, stretch: Stre
 }
 
 impl Store {
-    /// Waits for these rods and no others; since when for each of which no record has come. One that is new is waited for from
-    /// `now` on, and so is one that a wrong clock dated in the future.
+    /// Expects these rods and no others; returns the time since which each rod without a record has been
+    /// expected. A new rod is expected from `now` on, and so is one dated in the future by a wrong clock.
     ///
     /// # Errors
     /// It cannot be written.
@@ -176,7 +176,7 @@ impl Store {
         write(&mut self.reader.connection).map_err(|error| self.reader.fault(Failure::Sql(error)))
     }
 
-    /// Takes out the row of a rod of which there is no record.
+    /// Removes the row of a rod without records.
     ///
     /// # Errors
     /// It cannot be written.
@@ -192,8 +192,8 @@ impl Store {
         write(&mut self.reader.connection).map_err(|error| self.reader.fault(Failure::Sql(error)))
     }
 
-    /// Keeps at once notices, behind those already there, and that a daemon was at work in a stretch: it goes on from the latest
-    /// one if little lies between.
+    /// Stores notices after those already there, together with a stretch of a daemon's work, which extends
+    /// the latest stretch if the gap is small.
     ///
     /// # Errors
     /// They cannot be written.
@@ -214,7 +214,7 @@ impl Store {
 }
 
 impl Reader {
-    /// The rods a daemon waits for, and since when.
+    /// Rods that a daemon expects, with the time since which it does.
     ///
     /// # Errors
     /// They cannot be read.
@@ -234,7 +234,7 @@ impl Reader {
         read().map_err(|trouble| self.fault(trouble))
     }
 
-    /// The notices behind `number`, in order, at most `limit` of them.
+    /// Notices after `number`, in order, at most `limit` of them.
     ///
     /// # Errors
     /// They cannot be read.
@@ -243,7 +243,7 @@ impl Reader {
         self.notices("number > ? ORDER BY number LIMIT ?", &[&number, &limit])
     }
 
-    /// The begins of the conditions that last, in order.
+    /// Notices of begin of the active conditions, in order.
     ///
     /// # Errors
     /// They cannot be read.
@@ -283,7 +283,7 @@ impl Reader {
         read().map_err(|trouble| self.fault(trouble))
     }
 
-    /// The number of the latest notice there is, 0 without any.
+    /// Number of the latest notice; 0 if there is none.
     ///
     /// # Errors
     /// It cannot be read.
@@ -296,7 +296,7 @@ impl Reader {
         latest().map_err(|error| self.fault(Failure::Sql(error)))
     }
 
-    /// The stretches in which a daemon was at work, in the order they were lived.
+    /// Stretches of daemons' work, in their order.
     ///
     /// # Errors
     /// They cannot be read.

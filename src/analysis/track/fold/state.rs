@@ -95,7 +95,7 @@ pub struct State {
     pub thermometer: Thermometer,
     /// Start of the latest accepted record.
     pub latest: Option<Timestamp>,
-    /// The number of the segment that was opened last: one that was put aside may go on after it.
+    /// Number of the segment that was opened last: a shelved one may continue after it.
     #[serde(default)]
     pub opened: u32,
 }
@@ -130,7 +130,8 @@ impl State {
         }
     }
 
-    /// True while nothing was ever learned of the rod: no record and no reading was taken, at most its absence was told.
+    /// True while nothing is known of the rod: no record or reading has been taken; at most its absence was
+    /// reported.
     pub fn is_untouched(&self) -> bool {
         let mut blank = Self::new(self.rod.clone(), self.segment.key.clone());
         blank.alarms.clone_from(&self.alarms);
@@ -180,8 +181,8 @@ impl State {
         next
     }
 
-    /// This state, put aside when its settings gave way to those of `now`, goes on: what was learned is as it was; time, temperature,
-    /// sensor and what nobody acknowledged are as they are now.
+    /// Continues this shelved state after its settings replaced those of `now` again: it keeps its own
+    /// learned data, and takes time, temperature, sensor and unacknowledged alarms of `now`.
     pub fn back_after(mut self, now: &Self) -> Self {
         self.alarms = now.alarms.clone();
         self.watches = Watches::default();

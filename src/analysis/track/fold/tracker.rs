@@ -71,8 +71,8 @@ impl Tracker {
         (tracker, events)
     }
 
-    /// Goes on where a state was put aside when other settings came, which give way to it again: the conditions of the present
-    /// alarms end; what nobody acknowledged goes on standing.
+    /// Continues a state that was shelved for other settings, now that its own settings are back: the
+    /// conditions of the present alarms end; unacknowledged alarms stay active.
     pub fn take_up(plan: Arc<TrackPlan>, shelved: State, now: State) -> (Self, Vec<AlarmEvent>) {
         let mut present = now;
         let mut board = Board::new(&present.rod, present.segment.number, &mut present.alarms);
@@ -122,7 +122,8 @@ impl Tracker {
         self.repeat_in_silence(now)
     }
 
-    /// Looks at the clock before the first record, which has been waited for since `awaited`: tells when it does not come.
+    /// Checks the clock before the first record, which has been expected since `awaited`: raises the alarm of
+    /// missing data if it does not come.
     pub fn await_first(&mut self, now: Timestamp, awaited: Timestamp) -> Vec<AlarmEvent> {
         let from = awaited.plus_seconds(self.plan.alarm.silence_s);
         if now > from {

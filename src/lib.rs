@@ -19,7 +19,9 @@
 //!
 //! Units are SI throughout; where no documentation is at hand, the unit is a suffix of the name.
 
-pub mod analysis;
+#[doc(inline)]
+pub use tirante_analysis as analysis;
+
 pub mod command;
 pub mod config;
 pub mod recording;

@@ -1,8 +1,8 @@
 //! Findings of a record besides its force: its peaks with their nature, the motion, the assignments of peaks
 //! to modes. JSON lines, figures, pages and `spectrum` show the same.
 
-use crate::analysis::identify::Measurement;
-use crate::analysis::signal::modes::{Labels, Mode, Motion, MotionKind, Resonance};
+use crate::identify::Measurement;
+use crate::signal::modes::{Labels, Mode, Motion, MotionKind, Resonance};
 use serde::{Deserialize, Serialize};
 
 /// Largest damping ratio of a rod's vibration, support losses included; above it lie filtered noise or a

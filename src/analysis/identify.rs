@@ -1,19 +1,17 @@
 //! A plan once per rod, then one pure `run` per record: displacement to axial force.
 
-use crate::analysis::inference::joint::Datum;
-use crate::analysis::inference::{
+use crate::inference::joint::Datum;
+use crate::inference::{
     AbcSettings, Conflict, Inference, Observation, PlanError, Posterior, Table, Tables, Tested,
     VarianceShares,
 };
-use crate::analysis::numerics::random;
-use crate::analysis::rod::beam::forward::ForwardModel;
-use crate::analysis::rod::emulator::ModelSettings;
-use crate::analysis::rod::prior::RodPrior;
-use crate::analysis::signal::modes::{
-    Evidence, LabelPlan, Labels, ModalPlan, Mode, ModeSettings, Motion, Resonance,
-};
-use crate::analysis::signal::record::{Envelope, Flag, Reading, Record, Rejection, RodId, Timestamp};
-use crate::analysis::signal::spectrum::{PeakSettings, Spectrum, WelchSettings};
+use crate::numerics::random;
+use crate::rod::beam::forward::ForwardModel;
+use crate::rod::emulator::ModelSettings;
+use crate::rod::prior::RodPrior;
+use crate::signal::modes::{Evidence, LabelPlan, Labels, ModalPlan, Mode, ModeSettings, Motion, Resonance};
+use crate::signal::record::{Envelope, Flag, Reading, Record, Rejection, RodId, Timestamp};
+use crate::signal::spectrum::{PeakSettings, Spectrum, WelchSettings};
 use std::sync::Arc;
 
 /// Version of the numbers: raised whenever the same record and configuration may give others.

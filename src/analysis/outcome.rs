@@ -1,10 +1,10 @@
 //! Result of one record: a force, or a reason why there is none.
 
-use crate::analysis::identify::{Identification, Measurement};
-use crate::analysis::inference::Conflict;
-use crate::analysis::signal::modes::{Labels, Mode};
-use crate::analysis::signal::record::{Envelope, Reading, Rejection, RodId, Timestamp};
-use crate::analysis::track::{Input, LogMode, Observation};
+use crate::identify::{Identification, Measurement};
+use crate::inference::Conflict;
+use crate::signal::modes::{Labels, Mode};
+use crate::signal::record::{Envelope, Reading, Rejection, RodId, Timestamp};
+use crate::track::{Input, LogMode, Observation};
 use sha2::{Digest, Sha256};
 
 /// Result of one record.

@@ -1,15 +1,15 @@
 //! Picture of one record: its waveform, its spectrum with the peaks found and, if it gave a force, prior against posterior
 //! of each uncertain quantity; small enough to be kept for the report.
 
-use crate::analysis::findings::{self, CERTAIN, Candidate, Multiple, Nature, Peak};
-use crate::analysis::identify::{Identification, Measurement};
-use crate::analysis::inference::{Posterior, VarianceShares};
-use crate::analysis::outcome::{Outcome, Rejected};
-use crate::analysis::rod::beam::Quantity;
-use crate::analysis::rod::prior::{Prior, RodPrior};
-use crate::analysis::signal::modes::{Labels, Mode, Motion};
-use crate::analysis::signal::record::{Envelope, Rejection, Timestamp};
-use crate::analysis::signal::spectrum::Spectrum;
+use crate::findings::{self, CERTAIN, Candidate, Multiple, Nature, Peak};
+use crate::identify::{Identification, Measurement};
+use crate::inference::{Posterior, VarianceShares};
+use crate::outcome::{Outcome, Rejected};
+use crate::rod::beam::Quantity;
+use crate::rod::prior::{Prior, RodPrior};
+use crate::signal::modes::{Labels, Mode, Motion};
+use crate::signal::record::{Envelope, Rejection, Timestamp};
+use crate::signal::spectrum::Spectrum;
 use serde::{Deserialize, Serialize};
 
 /// Most points of a kept spectrum.
@@ -431,7 +431,7 @@ fn scaled(values: impl Iterator<Item = f64>) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::analysis::numerics::random;
+    use crate::numerics::random;
     use rand_distr::{Distribution, Normal};
 
     #[test]

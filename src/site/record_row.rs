@@ -237,17 +237,6 @@ fn parameters(posterior: &Posterior) -> BTreeMap<String, ParameterRow> {
         .collect()
 }
 
-impl From<&Marginal> for Interval {
-    fn from(of: &Marginal) -> Self {
-        Self {
-            mean: of.mean,
-            sd: of.sd,
-            q025: of.q025,
-            q975: of.q975,
-        }
-    }
-}
-
 impl ModeRow {
     fn of(mode: &Mode, misfit: Option<f64>) -> Self {
         Self {

@@ -10,7 +10,7 @@
 //! and the line extrapolates. A little of that is still far better than no adjustment, much of it is
 //! not (docs/abc.md): see [`REACH`].
 
-use crate::analysis::rod::prior::Prior;
+use crate::rod::prior::Prior;
 use nalgebra::{DMatrix, SymmetricEigen};
 use thiserror::Error;
 
@@ -169,8 +169,8 @@ fn centred(matrix: &DMatrix<f64>, weights: &[f64]) -> (DMatrix<f64>, Vec<f64>) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::analysis::rod::beam::{Parameterisation, Section};
-    use crate::analysis::rod::prior::RodPrior;
+    use crate::rod::beam::{Parameterisation, Section};
+    use crate::rod::prior::RodPrior;
 
     /// Direct section with an uncertain force and rigidity, everything else fixed.
     fn prior(force: Prior, rigidity: Prior) -> RodPrior {

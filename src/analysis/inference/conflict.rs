@@ -11,8 +11,8 @@
 //! at most the root of a chi-square with as many degrees of freedom as modes. The search is global: the best
 //! patterns of a fixed grid, each refined by Levenberg's method on exact frequencies.
 
-use crate::analysis::rod::beam::exact::{self, Support};
-use crate::analysis::rod::beam::forward::MAX_MODES;
+use crate::rod::beam::exact::{self, Support};
+use crate::rod::beam::forward::MAX_MODES;
 use serde::Serialize;
 use std::f64::consts::PI;
 use std::fmt;
@@ -433,7 +433,7 @@ mod tests {
 
     #[test]
     fn what_the_model_produces_is_no_conflict() {
-        let mut generator = crate::analysis::numerics::random::stream(3, 0);
+        let mut generator = crate::numerics::random::stream(3, 0);
         for _ in 0..30 {
             let all = rod(&mut generator);
             for orders in subsets() {
@@ -450,7 +450,7 @@ mod tests {
     #[test]
     fn noise_alone_stays_below_its_own_length() {
         use rand_distr::{Distribution, StandardNormal};
-        let mut generator = crate::analysis::numerics::random::stream(4, 0);
+        let mut generator = crate::numerics::random::stream(4, 0);
         for _ in 0..100 {
             let all = rod(&mut generator);
             let z: [f64; MAX_MODES] = std::array::from_fn(|_| StandardNormal.sample(&mut generator));
@@ -465,7 +465,7 @@ mod tests {
     #[test]
     fn the_search_finds_what_a_random_search_finds() {
         use rand::RngExt;
-        let mut generator = crate::analysis::numerics::random::stream(5, 0);
+        let mut generator = crate::numerics::random::stream(5, 0);
         for orders in [vec![1, 2, 3], vec![1, 3], vec![2, 3, 5], vec![1, 2, 3, 4, 5]] {
             for case in 0..6 {
                 // Distorted by up to 5 %: mostly not reproducible.

@@ -6,8 +6,8 @@
 
 use super::table::{NoiseTable, Table};
 use super::{Distance, Noise, Observation};
-use crate::analysis::numerics::random::BLOCK;
-use crate::analysis::numerics::simd::{Kernel, vectorised};
+use crate::numerics::random::BLOCK;
+use crate::numerics::simd::{Kernel, vectorised};
 
 /// Blocks of draws examined first, to bound the nearest share before the full pass.
 const PILOT_BLOCKS: usize = 16;
@@ -291,10 +291,10 @@ impl<const M: usize, const PLAIN: bool> Kernel for ScanBlock<'_, M, PLAIN> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::analysis::inference::Tables;
-    use crate::analysis::rod::beam::exact::Exact;
-    use crate::analysis::rod::beam::forward::MAX_MODES;
-    use crate::analysis::rod::prior::RodPrior;
+    use crate::inference::Tables;
+    use crate::rod::beam::exact::Exact;
+    use crate::rod::beam::forward::MAX_MODES;
+    use crate::rod::prior::RodPrior;
 
     fn target(orders: &[usize], discrepancy: f64) -> Target {
         let all = [5.1, 10.4, 16.1, 22.3, 29.0];

@@ -145,7 +145,7 @@ mod tests {
     #[test]
     fn independent_sources_explain_their_own_part() {
         use rand_distr::{Distribution, StandardNormal};
-        let mut generator = crate::analysis::numerics::random::stream(8, 0);
+        let mut generator = crate::numerics::random::stream(8, 0);
         let count = 20_000;
         let mut columns = [vec![0.0; count], vec![0.0; count], vec![0.0; count]];
         columns

@@ -1,6 +1,6 @@
 //! The observed natural frequencies, and the checks that a set of them is usable.
 
-use crate::analysis::rod::beam::forward::MAX_MODES;
+use crate::rod::beam::forward::MAX_MODES;
 use thiserror::Error;
 
 /// Highest natural frequency accepted \[Hz\]; far above any rod, far below the range of `f32`.

@@ -10,10 +10,10 @@ use super::sequential::{self, SequentialSettings};
 use super::table::{LaterTable, NoiseTable, Statics, Table, Tables};
 use super::variance_shares::{VarianceShares, variance_shares};
 use super::{AbcSettings, Accept, Adjustment, Distance, Method, Noise, Observation, adjust};
-use crate::analysis::numerics::diagnostics;
-use crate::analysis::rod::beam::forward::{ForwardModel, MAX_MODES};
-use crate::analysis::rod::prior::RodPrior;
-use crate::analysis::signal::record::Rejection;
+use crate::numerics::diagnostics;
+use crate::rod::beam::forward::{ForwardModel, MAX_MODES};
+use crate::rod::prior::RodPrior;
+use crate::signal::record::Rejection;
 use std::sync::Arc;
 use thiserror::Error;
 
@@ -441,11 +441,7 @@ fn check(
             });
         }
     }
-    if prior
-        .priors()
-        .iter()
-        .all(crate::analysis::rod::prior::Prior::is_fixed)
-    {
+    if prior.priors().iter().all(crate::rod::prior::Prior::is_fixed) {
         return Err(PlanError::NothingUncertain);
     }
     if modes == 0 || modes > model.modes().min(MAX_MODES) {

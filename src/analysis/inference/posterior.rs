@@ -1,9 +1,9 @@
 //! A posterior as a weighted sample of parameter vectors, with the figures to judge and repeat it.
 
 use super::{Adjustment, Method, Withheld};
-use crate::analysis::numerics::diagnostics;
-use crate::analysis::numerics::json_number::nan_if_null;
-use crate::analysis::rod::beam::{Parameterisation, Quantity};
+use crate::numerics::diagnostics;
+use crate::numerics::json_number::nan_if_null;
+use crate::rod::beam::{Parameterisation, Quantity};
 use serde::{Deserialize, Serialize};
 
 /// Reason why a sequence of populations ended.

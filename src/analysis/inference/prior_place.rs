@@ -2,7 +2,7 @@
 
 use super::distance::Target;
 use super::table::{NoiseTable, Table};
-use crate::analysis::rod::beam::forward::MAX_MODES;
+use crate::rod::beam::forward::MAX_MODES;
 use nalgebra::{SMatrix, SVector};
 
 /// Number of draws with which the observation is compared.

@@ -1,7 +1,7 @@
 //! Maps of a prior's support to the real line, for methods that must not leave the support: regression
 //! adjustment, Markov chains, random walks.
 
-use crate::analysis::rod::prior::Prior;
+use crate::rod::prior::Prior;
 
 impl Prior {
     /// Share of the distribution below a value, for the families that end on both sides; `None` for the others.
@@ -91,7 +91,7 @@ impl Prior {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::analysis::rod::fixity::Fixity;
+    use crate::rod::fixity::Fixity;
 
     /// Every family maps to the real line and back, and its density there integrates to a constant times its
     /// own.

@@ -2,9 +2,9 @@
 //! and reused for every record, and the standard normal noise every record reuses with it.
 
 use super::joint::JointPosterior;
-use crate::analysis::numerics::random::{self, BLOCK};
-use crate::analysis::rod::beam::forward::ForwardModel;
-use crate::analysis::rod::prior::RodPrior;
+use crate::numerics::random::{self, BLOCK};
+use crate::rod::beam::forward::ForwardModel;
+use crate::rod::prior::RodPrior;
 use rand::RngExt;
 use rand_distr::{Distribution, StandardNormal};
 use rayon::prelude::*;

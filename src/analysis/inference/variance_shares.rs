@@ -15,10 +15,10 @@
 
 use super::explained::{Source, Terms, shapley};
 use super::{Observation, Posterior};
-use crate::analysis::numerics::random;
-use crate::analysis::rod::beam::Quantity;
-use crate::analysis::rod::beam::forward::ForwardModel;
-use crate::analysis::rod::prior::{Prior, RodPrior};
+use crate::numerics::random;
+use crate::rod::beam::Quantity;
+use crate::rod::beam::forward::ForwardModel;
+use crate::rod::prior::{Prior, RodPrior};
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 

@@ -2,7 +2,7 @@
 
 use super::joint::{Datum, DatumConflict, Joint, JointError, JointPosterior, JointSettings, Sampler};
 use super::{Distance, Inference, Observation, Posterior, distance};
-use crate::analysis::signal::record::Rejection;
+use crate::signal::record::Rejection;
 use serde::{Deserialize, Serialize};
 
 /// Conflict score above which frequencies enter with the tolerance of rejection: no beam has them, and the exact posterior of a model
@@ -91,7 +91,7 @@ impl Inference {
         tolerance_hz: Option<f64>,
         moments: &[Vec<Datum>],
     ) -> Tested {
-        use crate::analysis::rod::beam::Quantity::AxialForce;
+        use crate::rod::beam::Quantity::AxialForce;
         let parameterisation = self.prior().parameterisation();
         let centre: Vec<f64> = parameterisation
             .quantities()

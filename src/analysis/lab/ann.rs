@@ -6,16 +6,16 @@
 
 mod network;
 
-use crate::analysis::numerics::random;
-use crate::analysis::numerics::simd::{Kernel, vectorised};
-use crate::analysis::rod::beam::forward::{ForwardModel, MAX_MODES};
-use crate::analysis::rod::beam::{Exact, OutsideRange, Parameterisation};
-use crate::analysis::rod::emulator::design::Design;
-use crate::analysis::rod::emulator::domain::Domain;
-use crate::analysis::rod::emulator::expansion::LANES;
-use crate::analysis::rod::emulator::training::Training;
-use crate::analysis::rod::emulator::validate::{self, ErrorReport};
-use crate::analysis::rod::prior::RodPrior;
+use crate::numerics::random;
+use crate::numerics::simd::{Kernel, vectorised};
+use crate::rod::beam::forward::{ForwardModel, MAX_MODES};
+use crate::rod::beam::{Exact, OutsideRange, Parameterisation};
+use crate::rod::emulator::design::Design;
+use crate::rod::emulator::domain::Domain;
+use crate::rod::emulator::expansion::LANES;
+use crate::rod::emulator::training::Training;
+use crate::rod::emulator::validate::{self, ErrorReport};
+use crate::rod::prior::RodPrior;
 use network::{Adam, BATCH, Network};
 use rand::RngExt;
 use rand::rngs::ChaCha8Rng;

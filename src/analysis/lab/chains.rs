@@ -1,8 +1,8 @@
 //! Draws of Markov chains and their convergence: split R-hat, effective sample size, autocorrelation.
 
-use crate::analysis::inference::Marginal;
-use crate::analysis::numerics::diagnostics;
-use crate::analysis::rod::beam::{Parameterisation, Quantity};
+use crate::inference::Marginal;
+use crate::numerics::diagnostics;
+use crate::rod::beam::{Parameterisation, Quantity};
 
 /// Draws of several chains after their burn-in.
 #[derive(Debug, Clone, PartialEq)]
@@ -180,7 +180,7 @@ impl Correlations {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::analysis::numerics::random;
+    use crate::numerics::random;
     use rand_distr::{Distribution, StandardNormal};
 
     /// Chains x_t = phi x_(t-1) + z_t, stationary from the start.

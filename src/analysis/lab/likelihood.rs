@@ -1,7 +1,7 @@
 //! The exact likelihood of observed frequencies: normal errors and a normal model discrepancy, independent
 //! between modes (paper, section 3, where the discrepancy is taken as zero).
 
-use crate::analysis::inference::Observation;
+use crate::inference::Observation;
 use thiserror::Error;
 
 /// Reason why an observation has no likelihood.

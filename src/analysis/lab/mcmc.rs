@@ -12,10 +12,10 @@ mod proposal;
 
 use super::chains::Chains;
 use super::likelihood::{Likelihood, NoLikelihood};
-use crate::analysis::inference::{InvalidObservation, Observation};
-use crate::analysis::numerics::random;
-use crate::analysis::rod::beam::forward::{ForwardModel, MAX_MODES};
-use crate::analysis::rod::prior::{Prior, RodPrior};
+use crate::inference::{InvalidObservation, Observation};
+use crate::numerics::random;
+use crate::rod::beam::forward::{ForwardModel, MAX_MODES};
+use crate::rod::prior::{Prior, RodPrior};
 use proposal::Adapted;
 use rand::rngs::ChaCha8Rng;
 use rand_distr::{Distribution, Exp1, StandardNormal};
@@ -332,7 +332,7 @@ impl<'a> Walk<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::analysis::rod::beam::Exact;
+    use crate::rod::beam::Exact;
 
     fn paper() -> (RodPrior, Exact, Observation) {
         let prior = RodPrior::todi();

@@ -132,7 +132,7 @@ impl Fixity {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::analysis::numerics::random;
+    use crate::numerics::random;
 
     const EVEN: Fixity = Fixity {
         low: 0.0,

@@ -323,7 +323,7 @@ mod tests {
                 mass += density;
                 moment += density * x;
             }
-            let mut generator = crate::analysis::numerics::random::stream(9, 0);
+            let mut generator = crate::numerics::random::stream(9, 0);
             let count = 200_000;
             let mean = (0..count).map(|_| prior.sample(&mut generator)).sum::<f64>() / f64::from(count);
             let claimed = prior.mean_and_sd().0;

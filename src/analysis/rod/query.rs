@@ -170,8 +170,8 @@ impl Queries {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::analysis::rod::beam::Section;
-    use crate::analysis::rod::prior::RodPrior;
+    use crate::rod::beam::Section;
+    use crate::rod::prior::RodPrior;
 
     fn answers(theta: &[f64], queries: Vec<Query>) -> Vec<f64> {
         let queries = Queries::new(Parameterisation::new(Section::Square), queries).unwrap();
@@ -215,7 +215,7 @@ mod tests {
 
     #[test]
     fn shapes_and_strains_are_those_of_finite_elements() {
-        use crate::analysis::rod::beam::element::{BENDING, GEOMETRIC, MASS};
+        use crate::rod::beam::element::{BENDING, GEOMETRIC, MASS};
         use nalgebra::{DMatrix, SymmetricEigen};
         let theta = RodPrior::todi().centre();
         let beam = Parameterisation::new(Section::Square).beam(&theta);

@@ -6,10 +6,10 @@ pub(super) mod particles;
 use super::baseline::levels::{Column, LEAST_LOG_SD, Slopes, Square};
 use super::baseline::particles::{Population, Target};
 use super::observation::Observation;
-use crate::analysis::numerics::random;
-use crate::analysis::rod::beam::forward::{ForwardModel, MAX_MODES};
-use crate::analysis::rod::prior::RodPrior;
-use crate::analysis::signal::record::Timestamp;
+use crate::numerics::random;
+use crate::rod::beam::forward::{ForwardModel, MAX_MODES};
+use crate::rod::prior::RodPrior;
+use crate::signal::record::Timestamp;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 

@@ -1,8 +1,8 @@
 //! Input of tracking from one record.
 
-use crate::analysis::identify::Identification;
-use crate::analysis::signal::modes::Mode;
-use crate::analysis::signal::record::{Reading, Timestamp};
+use crate::identify::Identification;
+use crate::signal::modes::Mode;
+use crate::signal::record::{Reading, Timestamp};
 use serde::{Deserialize, Serialize};
 
 /// One natural frequency as input of tracking.

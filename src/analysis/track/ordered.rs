@@ -5,7 +5,7 @@
 //! rod without waiting items, not yet read beyond the item's time, and not further behind than the window. So
 //! the order depends only on the rods' own histories, not on the progress of reading.
 
-use crate::analysis::signal::record::{RodId, Timestamp};
+use crate::signal::record::{RodId, Timestamp};
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 

@@ -4,7 +4,7 @@ mod exchange;
 
 use super::observation::{LogMode, Observation};
 use super::plausibility::exchange::{Channel, Pair};
-use crate::analysis::signal::record::{RodId, Timestamp};
+use crate::signal::record::{RodId, Timestamp};
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 

@@ -10,7 +10,8 @@ use super::relative::bend::Bend;
 use super::relative::shift::{
     Draws, HIGH, LANES, LOW, Lanes, Polynomials, Proposal, Seen, TERMS, mean_and_slope,
 };
-use crate::analysis::rod::beam::forward::{ForwardModel, MAX_MODES};
+use crate::inference::Marginal;
+use crate::rod::beam::forward::{ForwardModel, MAX_MODES};
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 use std::f64::consts::{FRAC_1_SQRT_2, PI};
@@ -47,6 +48,17 @@ pub struct Interval {
     pub q025: f64,
     /// 97.5 % quantile.
     pub q975: f64,
+}
+
+impl From<&Marginal> for Interval {
+    fn from(of: &Marginal) -> Self {
+        Self {
+            mean: of.mean,
+            sd: of.sd,
+            q025: of.q025,
+            q975: of.q975,
+        }
+    }
 }
 
 /// Deviation of one mode from the best change of axial force.

@@ -5,7 +5,7 @@
 
 mod standstill;
 
-use crate::analysis::signal::record::{Reading, Timestamp};
+use crate::signal::record::{Reading, Timestamp};
 use serde::{Deserialize, Serialize};
 use standstill::{Standstill, Still};
 

@@ -2,7 +2,7 @@
 
 use super::density::Problem;
 use super::{Joint, JointSettings, Pilot};
-use crate::analysis::rod::query::Query;
+use crate::rod::query::Query;
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 use statrs::distribution::{ChiSquared, ContinuousCDF, Normal};

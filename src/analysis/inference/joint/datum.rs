@@ -1,11 +1,11 @@
 //! One measurement of a rod besides its records: the query, the value, its standard error, and the faults
 //! that make it invalid.
 
-use crate::analysis::rod::beam::forward::MAX_MODES;
-use crate::analysis::rod::beam::receptance::stiffening;
-use crate::analysis::rod::beam::{Parameterisation, Quantity};
-use crate::analysis::rod::prior::RodPrior;
-use crate::analysis::rod::query::{Queries, Query};
+use crate::rod::beam::forward::MAX_MODES;
+use crate::rod::beam::receptance::stiffening;
+use crate::rod::beam::{Parameterisation, Quantity};
+use crate::rod::prior::RodPrior;
+use crate::rod::query::{Queries, Query};
 use thiserror::Error;
 
 /// Heaviest credible added mass, in masses of the rod: above it the rod is the smaller part of the vibrating
@@ -288,7 +288,7 @@ pub(super) fn queries(parameterisation: Parameterisation, data: &[Datum]) -> Opt
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::analysis::rod::beam::receptance::{PointLoad, PointMass};
+    use crate::rod::beam::receptance::{PointLoad, PointMass};
 
     fn fault(query: Query, value: f64, sd: f64) -> String {
         Datum { query, value, sd }

@@ -6,8 +6,8 @@
 
 use super::Datum;
 use super::datum::queries;
-use crate::analysis::rod::prior::{Prior, RodPrior};
-use crate::analysis::rod::query::Queries;
+use crate::rod::prior::{Prior, RodPrior};
+use crate::rod::query::Queries;
 
 /// Least standard error, as a share of the value: a density needs a width.
 const LEAST_ERROR: f64 = 1e-9;
@@ -90,7 +90,7 @@ impl Problem {
     pub(super) fn log_density(&self, answers: &[f64], mask: &Mask) -> f64 {
         let mut sum = 0.0;
         // Per order: sum y r / v, sum y^2 / v, and the discrepancy.
-        let mut modes = [(0.0, 0.0, 0.0); crate::analysis::rod::beam::forward::MAX_MODES];
+        let mut modes = [(0.0, 0.0, 0.0); crate::rod::beam::forward::MAX_MODES];
         for ((datum, &answer), &counts) in self.data.iter().zip(answers).zip(mask) {
             if !counts {
                 continue;

@@ -17,8 +17,8 @@ pub use conflict::DatumConflict;
 pub use datum::{Datum, DatumFault};
 
 use super::{Adjustment, Method, Posterior, Stop, adjust};
-use crate::analysis::numerics::random;
-use crate::analysis::rod::prior::RodPrior;
+use crate::numerics::random;
+use crate::rod::prior::RodPrior;
 use density::{Mask, Problem};
 use population::{Mixture, Population, effective, resampled};
 use rand::rngs::ChaCha8Rng;

@@ -5,12 +5,12 @@
 //! of all errors. A share is the ratio of the posterior standard deviations, averaged over the rods.
 
 use super::{Datum, Joint, JointError, JointSettings};
-use crate::analysis::numerics::random;
-use crate::analysis::rod::beam::forward::MAX_MODES;
-use crate::analysis::rod::beam::receptance::{PointLoad, PointMass};
-use crate::analysis::rod::beam::{Quantity, Section};
-use crate::analysis::rod::prior::RodPrior;
-use crate::analysis::rod::query::{Queries, Query};
+use crate::numerics::random;
+use crate::rod::beam::forward::MAX_MODES;
+use crate::rod::beam::receptance::{PointLoad, PointMass};
+use crate::rod::beam::{Quantity, Section};
+use crate::rod::prior::RodPrior;
+use crate::rod::query::{Queries, Query};
 use rand::RngExt;
 use rand_distr::{Distribution, StandardNormal};
 use rayon::prelude::*;

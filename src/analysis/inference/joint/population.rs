@@ -4,8 +4,8 @@
 //! density of the population plus one wide t about its mean, so that no region the population missed has weights without bound.
 
 use super::density::{Mask, Problem};
-use crate::analysis::numerics::random;
-use crate::analysis::rod::prior::Prior;
+use crate::numerics::random;
+use crate::rod::prior::Prior;
 use nalgebra::{DMatrix, DVector};
 use rand::RngExt;
 use rand::rngs::ChaCha8Rng;

@@ -1,6 +1,6 @@
 //! Layers of a perceptron, the gradient of its error, and the optimiser that follows it.
 
-use crate::analysis::numerics::simd::{Kernel, vectorised};
+use crate::numerics::simd::{Kernel, vectorised};
 use rand::rngs::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use rayon::prelude::*;
@@ -224,7 +224,7 @@ impl Adam {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::analysis::numerics::random;
+    use crate::numerics::random;
 
     #[test]
     fn the_gradient_is_that_of_differences() {

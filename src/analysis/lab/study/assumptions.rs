@@ -4,12 +4,10 @@
 use super::estimate::{Comparison, DISAGREE, Estimate};
 use super::paper::{self, INFERRED, Table2Column};
 use super::{Effort, StudyError, table2};
-use crate::analysis::inference::{
-    AbcSettings, Distance, Inference, Method, Noise, Observation, Tables, conflict,
-};
-use crate::analysis::lab::mcmc::{self, McmcSettings, Problem};
-use crate::analysis::numerics::random;
-use crate::analysis::rod::emulator::ReducedModel;
+use crate::inference::{AbcSettings, Distance, Inference, Method, Noise, Observation, Tables, conflict};
+use crate::lab::mcmc::{self, McmcSettings, Problem};
+use crate::numerics::random;
+use crate::rod::emulator::ReducedModel;
 use rayon::prelude::*;
 use serde::Serialize;
 use std::sync::Arc;

@@ -5,7 +5,7 @@ use super::estimate::{Comparison, Estimate};
 use super::paper::{self, INFERRED, Printed};
 use super::setting::Setting;
 use super::table2::{Column, Run, Sampler, Which};
-use crate::analysis::rod::prior::RodPrior;
+use crate::rod::prior::RodPrior;
 use serde::Serialize;
 
 /// A comparison of two columns.

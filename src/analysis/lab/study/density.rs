@@ -1,6 +1,6 @@
 //! Posterior densities on a common grid, and the Kullback-Leibler divergence between two of them.
 
-use crate::analysis::rod::prior::Prior;
+use crate::rod::prior::Prior;
 
 /// Points of a grid.
 pub const POINTS: usize = 512;
@@ -90,7 +90,7 @@ impl Grid {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::analysis::numerics::random;
+    use crate::numerics::random;
     use rand_distr::{Distribution, Normal};
 
     #[test]

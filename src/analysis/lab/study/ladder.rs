@@ -3,15 +3,15 @@
 
 use super::estimate::Estimate;
 use super::{Effort, StudyError, paper, table2};
-use crate::analysis::inference::{AbcSettings, Accept, Inference, Method, Observation, Tables};
-use crate::analysis::lab::likelihood::Likelihood;
-use crate::analysis::lab::mcmc::{self, McmcSettings, Problem};
-use crate::analysis::numerics::diagnostics;
-use crate::analysis::numerics::random::{self, BLOCK};
-use crate::analysis::rod::beam::forward::ForwardModel;
-use crate::analysis::rod::beam::{Exact, Quantity};
-use crate::analysis::rod::emulator::ReducedModel;
-use crate::analysis::rod::prior::RodPrior;
+use crate::inference::{AbcSettings, Accept, Inference, Method, Observation, Tables};
+use crate::lab::likelihood::Likelihood;
+use crate::lab::mcmc::{self, McmcSettings, Problem};
+use crate::numerics::diagnostics;
+use crate::numerics::random::{self, BLOCK};
+use crate::rod::beam::forward::ForwardModel;
+use crate::rod::beam::{Exact, Quantity};
+use crate::rod::emulator::ReducedModel;
+use crate::rod::prior::RodPrior;
 use rand_distr::{Distribution, StandardNormal};
 use rayon::prelude::*;
 use serde::Serialize;

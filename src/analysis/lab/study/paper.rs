@@ -1,7 +1,7 @@
 //! The paper's printed figures: its case study, Tables 1 to 3 and the figures in its text.
 
-use crate::analysis::rod::beam::Quantity;
-use crate::analysis::rod::prior::{Prior, RodPrior};
+use crate::rod::beam::Quantity;
+use crate::rod::prior::{Prior, RodPrior};
 use serde::Serialize;
 
 /// The quantities the paper infers, in the order of `theta`; the springs are latent.

@@ -2,11 +2,11 @@
 
 use super::StudyError;
 use super::estimate::{Comparison, Estimate};
-use crate::analysis::rod::beam::forward::ForwardModel;
-use crate::analysis::rod::beam::{Exact, Quantity};
-use crate::analysis::rod::emulator::Pce;
-use crate::analysis::rod::emulator::sobol::{self, Indices, Problem};
-use crate::analysis::rod::prior::RodPrior;
+use crate::rod::beam::forward::ForwardModel;
+use crate::rod::beam::{Exact, Quantity};
+use crate::rod::emulator::Pce;
+use crate::rod::emulator::sobol::{self, Indices, Problem};
+use crate::rod::prior::RodPrior;
 use serde::Serialize;
 
 /// Number of modes.

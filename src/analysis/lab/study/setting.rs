@@ -1,7 +1,7 @@
 //! The two settings of the study: as the paper prints them, and as its numbers require.
 
 use super::paper;
-use crate::analysis::rod::prior::RodPrior;
+use crate::rod::prior::RodPrior;
 use serde::Serialize;
 
 /// Choice where the paper is open or contradicts itself.

@@ -6,13 +6,13 @@ use super::estimate::{Comparison, Estimate};
 use super::paper::{self, INFERRED, Table2Column};
 use super::setting::Setting;
 use super::{Effort, StudyError};
-use crate::analysis::inference::{
+use crate::inference::{
     AbcSettings, Accept, Adjustment, Distance, Inference, Method, Noise, Observation, Tables,
 };
-use crate::analysis::lab::mcmc::{self, McmcSettings, Problem};
-use crate::analysis::numerics::{diagnostics, random};
-use crate::analysis::rod::beam::forward::ForwardModel;
-use crate::analysis::rod::prior::RodPrior;
+use crate::lab::mcmc::{self, McmcSettings, Problem};
+use crate::numerics::{diagnostics, random};
+use crate::rod::beam::forward::ForwardModel;
+use crate::rod::prior::RodPrior;
 use rayon::prelude::*;
 use serde::Serialize;
 use std::sync::Arc;

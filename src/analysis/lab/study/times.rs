@@ -4,13 +4,13 @@
 use super::setting::Setting;
 use super::table2::{self, Plan, Sampler, Which};
 use super::{Effort, Emulators, ORDER, StudyError, models};
-use crate::analysis::lab::ann::Ann;
-use crate::analysis::numerics::random::{self, BLOCK};
-use crate::analysis::rod::beam::finite_elements;
-use crate::analysis::rod::beam::forward::ForwardModel;
-use crate::analysis::rod::emulator::fit::Weighting;
-use crate::analysis::rod::emulator::{Reduced, Training};
-use crate::analysis::rod::prior::RodPrior;
+use crate::lab::ann::Ann;
+use crate::numerics::random::{self, BLOCK};
+use crate::rod::beam::finite_elements;
+use crate::rod::beam::forward::ForwardModel;
+use crate::rod::emulator::fit::Weighting;
+use crate::rod::emulator::{Reduced, Training};
+use crate::rod::prior::RodPrior;
 use serde::Serialize;
 use std::sync::Arc;
 
@@ -53,7 +53,7 @@ fn on_this_thread(effort: &Effort, seed: u64, clock: &dyn Fn() -> f64) -> Result
     let training = Training::solve(&prior, ORDER, finite_elements::ELEMENTS, &|_, _| ())?;
     time("solves of the design", "finite-elements", begun);
     let begun = clock();
-    training.fit(crate::analysis::rod::beam::forward::MAX_MODES, Weighting::Equal);
+    training.fit(crate::rod::beam::forward::MAX_MODES, Weighting::Equal);
     time("training", "pce", begun);
     let begun = clock();
     Ann::train(&prior, &training, effort.epochs, seed);

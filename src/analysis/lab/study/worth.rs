@@ -2,13 +2,13 @@
 
 use super::estimate::Estimate;
 use super::{Effort, StudyError, table2};
-use crate::analysis::inference::Observation;
-use crate::analysis::lab::mcmc::{self, McmcSettings, Problem};
-use crate::analysis::numerics::random;
-use crate::analysis::rod::beam::forward::{ForwardModel, MAX_MODES};
-use crate::analysis::rod::beam::{Exact, Quantity};
-use crate::analysis::rod::emulator::ReducedModel;
-use crate::analysis::rod::prior::{Prior, RodPrior};
+use crate::inference::Observation;
+use crate::lab::mcmc::{self, McmcSettings, Problem};
+use crate::numerics::random;
+use crate::rod::beam::forward::{ForwardModel, MAX_MODES};
+use crate::rod::beam::{Exact, Quantity};
+use crate::rod::emulator::ReducedModel;
+use crate::rod::prior::{Prior, RodPrior};
 use rand_distr::{Distribution, StandardNormal};
 use rayon::prelude::*;
 use serde::Serialize;

@@ -2,9 +2,9 @@
 
 use super::oscillator::normal;
 use super::settings::Climate;
-use crate::analysis::numerics::random;
-use crate::analysis::signal::record::Timestamp;
-use crate::analysis::signal::record::time::DAY_S;
+use crate::numerics::random;
+use crate::signal::record::Timestamp;
+use crate::signal::record::time::DAY_S;
 use std::f64::consts::PI;
 
 const HOUR: f64 = 3600.0;

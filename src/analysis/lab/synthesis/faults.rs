@@ -2,7 +2,7 @@
 
 use super::oscillator::normal;
 use super::settings::FaultKind;
-use crate::analysis::signal::record::Timestamp;
+use crate::signal::record::Timestamp;
 use rand::{Rng, RngExt};
 
 /// One message of a simulated recording.

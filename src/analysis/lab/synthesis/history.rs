@@ -4,9 +4,9 @@ use super::climate::Weather;
 use super::oscillator::normal;
 use super::rod::Rod;
 use super::{SimulatedRod, Simulation, SynthesisError};
-use crate::analysis::numerics::random;
-use crate::analysis::signal::record::{Reading, Timestamp};
-use crate::analysis::track::{LogMode, Observation};
+use crate::numerics::random;
+use crate::signal::record::{Reading, Timestamp};
+use crate::track::{LogMode, Observation};
 
 /// Errors of the measured frequencies.
 #[derive(Debug, Clone, PartialEq)]

@@ -53,7 +53,7 @@ pub(super) fn knocks<R: Rng>(knocks: &Knocks, duration_s: f64, generator: &mut R
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::analysis::numerics::random;
+    use crate::numerics::random;
 
     #[test]
     fn amplitudes_have_the_spread_and_the_memory_asked_for() {

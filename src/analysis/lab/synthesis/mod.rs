@@ -17,7 +17,7 @@ mod settings;
 mod site_years;
 mod world;
 
-pub use crate::analysis::rod::beam::shape::Shape;
+pub use crate::rod::beam::shape::Shape;
 pub use climate::{Lagged, Weather};
 pub use faults::Message;
 pub use history::{FrequencyErrors, Measured, history};
@@ -33,8 +33,8 @@ pub use settings::{
 pub use site_years::{Fate, Moment, SiteYears};
 pub use world::{FAULT_D, Thermometer, World};
 
-use crate::analysis::numerics::random;
-use crate::analysis::signal::record::{RodId, Timestamp};
+use crate::numerics::random;
+use crate::signal::record::{RodId, Timestamp};
 use faults::{spoil_messages, spoil_samples};
 use oscillator::normal;
 use rod::Rod;

@@ -75,7 +75,7 @@ pub fn quantised(value: f64, resolution: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::analysis::numerics::random;
+    use crate::numerics::random;
 
     #[test]
     fn pink_noise_has_its_variance_and_falls_as_one_over_f() {

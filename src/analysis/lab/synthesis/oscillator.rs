@@ -100,7 +100,7 @@ pub(super) fn normal<R: Rng>(generator: &mut R) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::analysis::numerics::random;
+    use crate::numerics::random;
 
     #[test]
     fn free_decay_solves_the_equation_of_motion() {

@@ -4,13 +4,11 @@ use super::Change;
 use super::oscillator::normal;
 use super::site_years::{Fate, Moment, SiteYears};
 use super::world::World;
-use crate::analysis::numerics::random;
-use crate::analysis::signal::record::Timestamp;
-use crate::analysis::signal::record::time::{DAY_S, YEAR_D};
-use crate::analysis::track::drift::companions::InPeriod;
-use crate::analysis::track::drift::{
-    BankPrior, Companions, Detector, Filters, Regressors, Seen, Shape, ThermalPrior,
-};
+use crate::numerics::random;
+use crate::signal::record::Timestamp;
+use crate::signal::record::time::{DAY_S, YEAR_D};
+use crate::track::drift::companions::InPeriod;
+use crate::track::drift::{BankPrior, Companions, Detector, Filters, Regressors, Seen, Shape, ThermalPrior};
 
 /// Days for which steps and ramps are followed after they begin.
 pub const HORIZON_D: [usize; 2] = [60, 730];

@@ -4,15 +4,13 @@ use super::oscillator::normal;
 use super::site_years::{Fate, Moment, SiteYears};
 use super::world::World;
 use super::{Change, SynthesisError};
-use crate::analysis::numerics::random;
-use crate::analysis::rod::beam::Exact;
-use crate::analysis::rod::beam::forward::ForwardModel;
-use crate::analysis::rod::prior::RodPrior;
-use crate::analysis::signal::record::time::DAY_S;
-use crate::analysis::signal::record::{Reading, Timestamp};
-use crate::analysis::track::{
-    Input, Kind, LogMode, Observation, Others, RodState, TrackPlan, Tracker, What, Witness,
-};
+use crate::numerics::random;
+use crate::rod::beam::Exact;
+use crate::rod::beam::forward::ForwardModel;
+use crate::rod::prior::RodPrior;
+use crate::signal::record::time::DAY_S;
+use crate::signal::record::{Reading, Timestamp};
+use crate::track::{Input, Kind, LogMode, Observation, Others, RodState, TrackPlan, Tracker, What, Witness};
 use serde::Serialize;
 use std::sync::Arc;
 
@@ -255,7 +253,7 @@ impl Trial {
         model
             .frequencies(&theta, &mut frequency_hz)
             .map_err(|reason| SynthesisError::Beam {
-                rod: crate::analysis::signal::record::RodId(String::from("proof")),
+                rod: crate::signal::record::RodId(String::from("proof")),
                 reason,
             })?;
         let mode = |(n, frequency_hz): (usize, &f64)| {

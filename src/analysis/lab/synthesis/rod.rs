@@ -3,9 +3,9 @@
 use super::Shape;
 use super::climate::{Lagged, Weather};
 use super::settings::{SimulatedRod, Simulation, Truth};
-use crate::analysis::rod::beam::{OutsideRange, Parameterisation, Quantity, exact};
-use crate::analysis::signal::record::time::DAY_S;
-use crate::analysis::signal::record::{RodId, Timestamp};
+use crate::rod::beam::{OutsideRange, Parameterisation, Quantity, exact};
+use crate::signal::record::time::DAY_S;
+use crate::signal::record::{RodId, Timestamp};
 use thiserror::Error;
 
 /// Reason why a simulation is impossible.

@@ -1,7 +1,7 @@
 //! Settings of a simulation: the campaign, the rods and their truth, the weather, the sensors, the faults.
 
-use crate::analysis::rod::beam::Section;
-use crate::analysis::signal::record::{Channel, RodId, Timestamp};
+use crate::rod::beam::Section;
+use crate::signal::record::{Channel, RodId, Timestamp};
 
 /// A whole simulation: the same records of every rod.
 #[derive(Debug, Clone, PartialEq)]

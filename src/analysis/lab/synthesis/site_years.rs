@@ -11,9 +11,9 @@
 use super::Change;
 use super::oscillator::normal;
 use super::world::{FAULT_D, Thermometer, World};
-use crate::analysis::numerics::random;
-use crate::analysis::signal::record::time::{DAY_S, YEAR_D};
-use crate::analysis::signal::record::{Reading, Timestamp};
+use crate::numerics::random;
+use crate::signal::record::time::{DAY_S, YEAR_D};
+use crate::signal::record::{Reading, Timestamp};
 use rand::{Rng, RngExt};
 use std::f64::consts::TAU;
 

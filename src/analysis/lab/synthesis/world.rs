@@ -215,7 +215,7 @@ impl World {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::analysis::numerics::random;
+    use crate::numerics::random;
 
     #[test]
     fn every_name_is_a_world_and_a_mixture_is_drawn() {

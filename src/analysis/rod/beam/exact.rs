@@ -240,7 +240,7 @@ impl ForwardModel for Exact {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::analysis::rod::beam::hinged_frequency;
+    use crate::rod::beam::hinged_frequency;
     use proptest::prelude::*;
 
     fn beam(n: f64, k: [f64; 2]) -> Beam {
@@ -354,7 +354,7 @@ mod tests {
     }
 
     proptest! {
-        #![proptest_config(crate::analysis::rod::beam::seeded(500))]
+        #![proptest_config(crate::rod::beam::seeded(500))]
 
         #[test]
         fn roots_are_zeros_of_the_full_determinant_and_one_per_interval(

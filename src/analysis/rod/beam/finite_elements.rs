@@ -88,7 +88,7 @@ impl ForwardModel for FiniteElements {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::analysis::rod::beam::{exact, hinged_frequency};
+    use crate::rod::beam::{exact, hinged_frequency};
     use nalgebra::{DMatrix, SymmetricEigen};
     use proptest::prelude::*;
 
@@ -182,7 +182,7 @@ mod tests {
     }
 
     proptest! {
-        #![proptest_config(crate::analysis::rod::beam::seeded(48))]
+        #![proptest_config(crate::rod::beam::seeded(48))]
 
         #[test]
         fn the_dense_solver_finds_the_same_eigenvalues(
@@ -210,7 +210,7 @@ mod tests {
     }
 
     proptest! {
-        #![proptest_config(crate::analysis::rod::beam::seeded(400))]
+        #![proptest_config(crate::rod::beam::seeded(400))]
 
         #[test]
         fn no_mode_is_missed_or_swapped(
@@ -239,7 +239,7 @@ mod tests {
         #[test]
         fn slopes_agree_with_the_exact_model(log_n in 3.0f64..6.5, log_k in 3.0f64..8.0) {
             let theta = [10f64.powf(log_n), 2e11, 7500.0, 0.07, 10f64.powf(log_k), 4e5, 14.0];
-            let square = Parameterisation::new(crate::analysis::rod::beam::Section::Square);
+            let square = Parameterisation::new(crate::rod::beam::Section::Square);
             let (mut fe, mut closed) = ([0.0; 5], [0.0; 5]);
             FiniteElements::new(square, 50).log_slopes(&theta, &mut fe).unwrap();
             exact::Exact::new(square).log_slopes(&theta, &mut closed).unwrap();

@@ -164,7 +164,7 @@ fn response(phi: f64, t: f64, supports: &[Support; 2], at: f64, x: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::analysis::rod::beam::element::{BENDING, GEOMETRIC, MASS};
+    use crate::rod::beam::element::{BENDING, GEOMETRIC, MASS};
     use nalgebra::{DMatrix, DVector, SymmetricEigen};
     use std::f64::consts::PI;
 
@@ -329,7 +329,7 @@ mod tests {
 
     #[test]
     fn the_first_order_ratio_is_the_limit_of_small_masses() {
-        use crate::analysis::rod::beam::shape::Shape;
+        use crate::rod::beam::shape::Shape;
         let beam = beam(8e5, [4e5, 1e5]);
         let mut free = [0.0; 3];
         exact::frequencies(&beam, &mut free).unwrap();

@@ -124,7 +124,7 @@ impl Shape {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::analysis::rod::beam::exact;
+    use crate::rod::beam::exact;
 
     fn beam(axial_force_n: f64, end_stiffness_n_m: [f64; 2]) -> Beam {
         Beam {

@@ -6,8 +6,8 @@
 //! the right ones for the measure the prior really has. The paper's rod at order 5 is not affected.
 
 use super::germ::Germ;
-use crate::analysis::numerics::orthogonal::Recurrence;
-use crate::analysis::rod::prior::RodPrior;
+use crate::numerics::orthogonal::Recurrence;
+use crate::rod::prior::RodPrior;
 
 /// Design points of one germ.
 #[derive(Debug, Clone, PartialEq)]

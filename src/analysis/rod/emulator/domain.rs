@@ -3,9 +3,9 @@
 
 use super::design::{Axis, Design};
 use super::expansion::LANES;
-use crate::analysis::rod::beam::forward::{FEW, ForwardModel, MAX_MODES};
-use crate::analysis::rod::beam::{OutsideRange, Quantity};
-use crate::analysis::rod::prior::RodPrior;
+use crate::rod::beam::forward::{FEW, ForwardModel, MAX_MODES};
+use crate::rod::beam::{OutsideRange, Quantity};
+use crate::rod::prior::RodPrior;
 
 /// The trained range of an emulator.
 #[derive(Debug, Clone)]

@@ -83,7 +83,7 @@ impl Expansion {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::analysis::numerics::simd::{Kernel, vectorised};
+    use crate::numerics::simd::{Kernel, vectorised};
 
     #[test]
     fn nested_sums_are_the_plain_sum_and_lanes_do_not_matter() {

@@ -4,8 +4,8 @@
 //! would cut the prior; extrapolating would invent frequencies. The exact model costs under a microsecond,
 //! so it answers, and only parameters that describe no beam are refused.
 
-use crate::analysis::rod::beam::forward::ForwardModel;
-use crate::analysis::rod::beam::{Exact, OutsideRange, Parameterisation};
+use crate::rod::beam::forward::ForwardModel;
+use crate::rod::beam::{Exact, OutsideRange, Parameterisation};
 
 /// An emulator inside its trained range, the exact model outside.
 #[derive(Debug, Clone)]

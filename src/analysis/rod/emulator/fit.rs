@@ -12,7 +12,7 @@
 //! the grid as much as its middle.
 
 use super::design::{Axis, Design};
-use crate::analysis::numerics::orthogonal::Recurrence;
+use crate::numerics::orthogonal::Recurrence;
 
 /// Weights of the design points in the fit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -114,9 +114,9 @@ fn contract(matrix: &[Vec<f64>], tensor: Vec<f64>) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::analysis::numerics::orthogonal::total_degree;
-    use crate::analysis::rod::beam::{Parameterisation, Section};
-    use crate::analysis::rod::prior::{Prior, RodPrior};
+    use crate::numerics::orthogonal::total_degree;
+    use crate::rod::beam::{Parameterisation, Section};
+    use crate::rod::prior::{Prior, RodPrior};
     use nalgebra::{DMatrix, DVector};
 
     fn three_germs() -> RodPrior {

@@ -1,7 +1,7 @@
 //! Germs: the standard normal variables in which the Hermite chaos expands the uncertain quantities.
 
-use crate::analysis::rod::beam::Quantity;
-use crate::analysis::rod::prior::{Prior, RodPrior};
+use crate::rod::beam::Quantity;
+use crate::rod::prior::{Prior, RodPrior};
 use statrs::distribution::{Continuous, ContinuousCDF, Normal};
 
 /// One uncertain quantity of a rod and its map to a standard normal variable z.
@@ -96,7 +96,7 @@ mod tests {
             },
             Prior::Uniform { low: 2.0, high: 5.0 },
             Prior::LogUniform { low: 2.0, high: 50.0 },
-            Prior::Fixity(crate::analysis::rod::fixity::Fixity {
+            Prior::Fixity(crate::rod::fixity::Fixity {
                 low: 0.1,
                 high: 0.99,
                 ends: 3.0,

@@ -45,7 +45,7 @@ pub enum ModelSettings {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::analysis::rod::beam::{Beam, exact, finite_elements};
+    use crate::rod::beam::{Beam, exact, finite_elements};
 
     #[test]
     fn no_model_overflows_anywhere_in_the_range() {

@@ -11,11 +11,11 @@ use super::fit::Weighting;
 use super::sobol::{self, Indices};
 use super::training::split;
 use super::validate::{self, ErrorReport, GridErrors};
-use crate::analysis::numerics::orthogonal::Recurrence;
-use crate::analysis::numerics::simd::{Kernel, vectorised};
-use crate::analysis::rod::beam::forward::{ForwardModel, MAX_MODES};
-use crate::analysis::rod::beam::{Exact, OutsideRange, Parameterisation, Quantity};
-use crate::analysis::rod::prior::RodPrior;
+use crate::numerics::orthogonal::Recurrence;
+use crate::numerics::simd::{Kernel, vectorised};
+use crate::rod::beam::forward::{ForwardModel, MAX_MODES};
+use crate::rod::beam::{Exact, OutsideRange, Parameterisation, Quantity};
+use crate::rod::prior::RodPrior;
 use serde::{Deserialize, Serialize};
 
 pub use super::training::{FitError, MAX_ORDER, MAX_POINTS, Training};
@@ -346,10 +346,10 @@ impl ForwardModel for Pce {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::analysis::numerics::random;
-    use crate::analysis::rod::beam::Section;
-    use crate::analysis::rod::emulator::OrExact;
-    use crate::analysis::rod::prior::Prior;
+    use crate::numerics::random;
+    use crate::rod::beam::Section;
+    use crate::rod::emulator::OrExact;
+    use crate::rod::prior::Prior;
     use std::sync::LazyLock;
 
     static TODI: LazyLock<(Training, Pce)> = LazyLock::new(|| {

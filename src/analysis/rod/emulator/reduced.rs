@@ -20,10 +20,10 @@
 
 use super::expansion::{Expansion, LANES};
 use super::reduced_fit::{DEGREES_S, INNER};
-use crate::analysis::numerics::orthogonal::Recurrence;
-use crate::analysis::numerics::simd::{Kernel, vectorised};
-use crate::analysis::rod::beam::forward::{FEW, ForwardModel, MAX_MODES};
-use crate::analysis::rod::beam::{Beam, OutsideRange, Parameterisation};
+use crate::numerics::orthogonal::Recurrence;
+use crate::numerics::simd::{Kernel, vectorised};
+use crate::rod::beam::forward::{FEW, ForwardModel, MAX_MODES};
+use crate::rod::beam::{Beam, OutsideRange, Parameterisation};
 use std::f64::consts::PI;
 use std::sync::{Arc, LazyLock};
 
@@ -245,10 +245,10 @@ impl ForwardModel for ReducedModel {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::analysis::numerics::random;
-    use crate::analysis::rod::beam::{Section, exact, hinged_frequency};
-    use crate::analysis::rod::emulator::validate;
-    use crate::analysis::rod::prior::RodPrior;
+    use crate::numerics::random;
+    use crate::rod::beam::{Section, exact, hinged_frequency};
+    use crate::rod::emulator::validate;
+    use crate::rod::prior::RodPrior;
     use proptest::prelude::*;
 
     fn beam(tension: f64, ends: [f64; 2]) -> Beam {
@@ -302,7 +302,7 @@ mod tests {
     }
 
     proptest! {
-        #![proptest_config(crate::analysis::rod::beam::seeded(2000))]
+        #![proptest_config(crate::rod::beam::seeded(2000))]
 
         #[test]
         fn the_error_is_below_three_millionths_for_every_beam(

@@ -2,9 +2,9 @@
 
 use super::expansion::Expansion;
 use super::reduced::{BENDING, LAMBDA, Reduced};
-use crate::analysis::numerics::orthogonal::Recurrence;
-use crate::analysis::rod::beam::exact::{Support, wavenumber};
-use crate::analysis::rod::beam::forward::MAX_MODES;
+use crate::numerics::orthogonal::Recurrence;
+use crate::rod::beam::exact::{Support, wavenumber};
+use crate::rod::beam::forward::MAX_MODES;
 use rayon::prelude::*;
 use std::f64::consts::PI;
 

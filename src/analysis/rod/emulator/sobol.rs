@@ -4,7 +4,7 @@
 //! The first-order index of a variable is the share of the variance that it explains alone, its total index
 //! the share that is gone when it is known last (Saltelli et al. 2008).
 
-use crate::analysis::numerics::random;
+use crate::numerics::random;
 use rand::rngs::ChaCha8Rng;
 use rayon::prelude::*;
 use serde::Serialize;
@@ -152,7 +152,7 @@ impl Sums {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::analysis::numerics::orthogonal::{Recurrence, total_degree};
+    use crate::numerics::orthogonal::{Recurrence, total_degree};
     use rand::RngExt;
     use std::f64::consts::PI;
 

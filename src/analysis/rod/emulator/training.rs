@@ -3,10 +3,10 @@
 use super::design::Design;
 use super::expansion::Expansion;
 use super::fit::{Weighting, coefficients};
-use crate::analysis::numerics::orthogonal::total_degree;
-use crate::analysis::rod::beam::forward::{ForwardModel, MAX_MODES};
-use crate::analysis::rod::beam::{FiniteElements, OutsideRange};
-use crate::analysis::rod::prior::RodPrior;
+use crate::numerics::orthogonal::total_degree;
+use crate::rod::beam::forward::{ForwardModel, MAX_MODES};
+use crate::rod::beam::{FiniteElements, OutsideRange};
+use crate::rod::prior::RodPrior;
 use rayon::prelude::*;
 use thiserror::Error;
 

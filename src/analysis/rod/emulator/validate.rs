@@ -1,9 +1,9 @@
 //! Errors of an emulator, in value and slope, on an independent sample from the prior.
 
-use crate::analysis::numerics::random;
-use crate::analysis::rod::beam::OutsideRange;
-use crate::analysis::rod::beam::forward::{ForwardModel, MAX_MODES};
-use crate::analysis::rod::prior::RodPrior;
+use crate::numerics::random;
+use crate::rod::beam::OutsideRange;
+use crate::rod::beam::forward::{ForwardModel, MAX_MODES};
+use crate::rod::prior::RodPrior;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -238,7 +238,7 @@ impl Errors {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::analysis::rod::beam::Exact;
+    use crate::rod::beam::Exact;
 
     #[test]
     fn the_spread_is_of_sizes() {

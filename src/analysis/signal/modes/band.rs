@@ -1,9 +1,9 @@
 //! The Fourier coefficients of a whole record, and a band of them around one peak.
 
 use super::Mask;
-use crate::analysis::signal::spectrum::welch::transform;
-use crate::analysis::signal::spectrum::window::line;
-use crate::analysis::signal::spectrum::{Transforms, fast_length};
+use crate::signal::spectrum::welch::transform;
+use crate::signal::spectrum::window::line;
+use crate::signal::spectrum::{Transforms, fast_length};
 use rustfft::num_complex::Complex;
 
 /// The Fourier coefficients `J_k = dt / sqrt(T) sum_t x_t e^(-2 pi i k t / n)` of a record less its

@@ -10,8 +10,8 @@ use super::softening::Softening;
 use super::subband::{Pole, Subband};
 use super::tone::{Tone, tone};
 use super::{Mask, Resonance};
-use crate::analysis::numerics::optimum::golden;
-use crate::analysis::signal::spectrum::Transforms;
+use crate::numerics::optimum::golden;
+use crate::signal::spectrum::Transforms;
 use rustfft::num_complex::Complex;
 
 /// Half width of a band in half-power half-widths of its peak: beyond 8 the band holds less than a

@@ -4,9 +4,9 @@ use super::label::{LabelPlan, Labelling, Unlabelled};
 use super::parts::Parts;
 use super::refine::{Search, refine};
 use super::{Labels, Mask, Mode, Motion, Resonance};
-use crate::analysis::signal::record::rejection::UNDERSAMPLED;
-use crate::analysis::signal::record::{Record, Rejection};
-use crate::analysis::signal::spectrum::{
+use crate::signal::record::rejection::UNDERSAMPLED;
+use crate::signal::record::{Record, Rejection};
+use crate::signal::spectrum::{
     Peak, PeakSettings, Spectrum, Transforms, Welch, WelchError, WelchSettings, Window, pick_peaks,
 };
 

@@ -25,7 +25,7 @@
 use super::band::{Band, Block, LANES};
 use super::logarithm::ln;
 use super::softened::Softened;
-use crate::analysis::numerics::simd::{Kernel, vectorised};
+use crate::numerics::simd::{Kernel, vectorised};
 use rustfft::num_complex::Complex;
 use std::f64::consts::TAU;
 
@@ -508,7 +508,7 @@ fn reduce(m: &Moments) -> Option<Reduced> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::analysis::signal::modes::band::Coefficients;
+    use crate::signal::modes::band::Coefficients;
 
     #[test]
     fn wide_and_narrow_vectors_give_the_same_bits() {

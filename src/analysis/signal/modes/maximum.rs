@@ -6,7 +6,7 @@ use super::likelihood::{self, Parameters, Start};
 use super::parts::Beginning;
 use super::posterior::moments;
 use super::softening::{FIT_SD, Softening};
-use crate::analysis::numerics::optimum::{Optimum, golden, maximise, maximise_from};
+use crate::numerics::optimum::{Optimum, golden, maximise, maximise_from};
 use nalgebra::Matrix4;
 
 /// Width of a cell of lines as a share of its distance from the peak (at least the core's half width):

@@ -134,7 +134,7 @@ pub struct ModeWindow {
 /// Natural frequencies searched for, and where.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ModeSettings {
-    /// Mode orders used, 1 to this number; at most [`crate::analysis::rod::beam::forward::MAX_MODES`]. With 1 the first mode is
+    /// Mode orders used, 1 to this number; at most [`crate::rod::beam::forward::MAX_MODES`]. With 1 the first mode is
     /// declared to be among the peaks, so that one peak is enough.
     pub count: usize,
     /// Bands in which peaks are ignored.

@@ -6,7 +6,7 @@
 //! anyway is taken out.
 
 use super::subband::{Pole, Subband};
-use crate::analysis::signal::record::slope::Slope;
+use crate::signal::record::slope::Slope;
 
 /// Half width of the smoothed slope, in periods of the strongest peak.
 const HALF: f64 = 0.12;

@@ -2,7 +2,7 @@
 
 use super::likelihood::Start;
 use super::onsets::{Release, releases};
-use crate::analysis::signal::record::{Excitation, Record};
+use crate::signal::record::{Excitation, Record};
 
 /// Shortest part that is fitted, in periods of the strongest peak: its band then holds two dozen lines.
 const LEAST_PERIODS: f64 = 36.0;

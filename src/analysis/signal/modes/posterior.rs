@@ -1,6 +1,6 @@
 //! Mean and covariance of a four-parameter posterior, beyond the curvature at its maximum.
 
-use crate::analysis::numerics::optimum::Optimum;
+use crate::numerics::optimum::Optimum;
 use nalgebra::{Matrix4, Vector4};
 use statrs::distribution::{ContinuousCDF, Normal};
 use std::sync::LazyLock;
@@ -135,8 +135,7 @@ mod tests {
             let s = p[1];
             Some(-0.5 * p[0] * p[0] * (-s).exp() - 0.5 * s - 0.5 * (s * s + p[2] * p[2] + p[3] * p[3]))
         };
-        let start =
-            crate::analysis::numerics::optimum::maximise(log, [0.1, 0.0, 0.1, 0.0], [1.0; 4]).unwrap();
+        let start = crate::numerics::optimum::maximise(log, [0.1, 0.0, 0.1, 0.0], [1.0; 4]).unwrap();
         let found = moments(log, &start, f64::INFINITY).unwrap();
         assert!(start.covariance[(0, 0)] < 0.7);
         // 240 points: about 10 % in a standard deviation.
@@ -151,8 +150,7 @@ mod tests {
     fn a_skewed_neighbour_does_not_move_the_frequency() {
         let log =
             |p: &[f64; 4]| Some(3.0 * (p[1] - p[1].exp()) - 0.5 * (p[0] * p[0] + p[2] * p[2] + p[3] * p[3]));
-        let start =
-            crate::analysis::numerics::optimum::maximise(log, [0.1, 0.0, 0.1, 0.0], [1.0; 4]).unwrap();
+        let start = crate::numerics::optimum::maximise(log, [0.1, 0.0, 0.1, 0.0], [1.0; 4]).unwrap();
         let found = moments(log, &start, f64::INFINITY).unwrap();
         // The maximum is exact to rounding for a quadratic, and so is the symmetry of the points about it.
         assert!(found.mean[0].abs() < 1e-3, "{}", found.mean[0]);

@@ -11,8 +11,8 @@ use super::onsets::{Blow, blows};
 use super::parts::{Beginning, Part, Parts};
 use super::softening::Scale;
 use super::{Mask, Motion, MotionKind, Resonance};
-use crate::analysis::signal::record::{Excitation, Record};
-use crate::analysis::signal::spectrum::{Peak, Transforms};
+use crate::signal::record::{Excitation, Record};
+use crate::signal::spectrum::{Peak, Transforms};
 
 /// Relative error of the model itself (sums for integrals, the negative-frequency pole): the floor of the
 /// errors of a decay 140 dB above its noise.

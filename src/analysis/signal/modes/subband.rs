@@ -13,7 +13,7 @@
 //! Whatever is flat across the band (the record's ends, leakage) is an impulse at `m = 0`.
 
 use super::band::Coefficients;
-use crate::analysis::signal::spectrum::{Transforms, fast_length};
+use crate::signal::spectrum::{Transforms, fast_length};
 use rustfft::num_complex::Complex;
 use std::f64::consts::TAU;
 

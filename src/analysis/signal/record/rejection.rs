@@ -1,6 +1,6 @@
 //! Reasons why a record was refused, and faults noticed about one that was not: data, not errors.
 
-use crate::analysis::numerics::json_number::nan_if_null;
+use crate::numerics::json_number::nan_if_null;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 

@@ -2,7 +2,7 @@
 
 /// For `#[serde(with)]`: records as plain fields, flags as JSON because they carry their name inside.
 pub(super) mod records {
-    use crate::analysis::signal::record::{Excitation, Flag, Reading, Record, RodId, Timestamp};
+    use crate::signal::record::{Excitation, Flag, Reading, Record, RodId, Timestamp};
     use serde::{Deserialize, Deserializer, Serialize, Serializer, de, ser};
     use std::collections::VecDeque;
 

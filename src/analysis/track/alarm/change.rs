@@ -1,8 +1,8 @@
 //! A reported change of force: onset, size and rate, with credible intervals.
 
-use crate::analysis::signal::record::Timestamp;
-use crate::analysis::track::drift;
-use crate::analysis::track::relative::Interval;
+use crate::signal::record::Timestamp;
+use crate::track::drift;
+use crate::track::relative::Interval;
 use serde::{Deserialize, Serialize};
 
 /// Standard normal quantile of a 95 % interval.

@@ -1,9 +1,9 @@
 //! The evidence of one kind of change, and its size.
 
 use super::response::{Alternatives, Curve, Modes};
-use crate::analysis::numerics::tail::ln_upper;
-use crate::analysis::rod::beam::forward::MAX_MODES;
-use crate::analysis::track::relative::Interval;
+use crate::numerics::tail::ln_upper;
+use crate::rod::beam::forward::MAX_MODES;
+use crate::track::relative::Interval;
 use nalgebra::{DMatrix, DVector};
 use std::f64::consts::{PI, SQRT_2};
 

@@ -1,9 +1,9 @@
 //! The mean shift of the modes since an onset, and its covariance.
 
 use super::response::Alternatives;
-use crate::analysis::rod::beam::forward::MAX_MODES;
-use crate::analysis::track::baseline::Baseline;
-use crate::analysis::track::observation::LogMode;
+use crate::rod::beam::forward::MAX_MODES;
+use crate::track::baseline::Baseline;
+use crate::track::observation::LogMode;
 use nalgebra::{DMatrix, DVector};
 
 /// Degrees of freedom with which the baseline's overdispersion counts beside the scatter since the onset.

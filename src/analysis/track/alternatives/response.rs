@@ -1,8 +1,8 @@
 //! Responses of every particle's frequencies to changes of every kind and size.
 
 use super::kind::{Kind, probability_below};
-use crate::analysis::rod::beam::Quantity;
-use crate::analysis::rod::beam::forward::{ForwardModel, MAX_MODES};
+use crate::rod::beam::Quantity;
+use crate::rod::beam::forward::{ForwardModel, MAX_MODES};
 use nalgebra::{DMatrix, DVector};
 
 /// Most particles kept, evenly from those of the baseline.

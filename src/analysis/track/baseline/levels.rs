@@ -12,8 +12,8 @@
 //! `1 / (var(delta_t) + SWING^2)`: equally, if they are equally good. The model's slopes are uncertain: they
 //! are corrected by the records' own swing, the particles' covariance being their prior.
 
-use crate::analysis::rod::beam::forward::MAX_MODES;
-use crate::analysis::track::observation::Observation;
+use crate::rod::beam::forward::MAX_MODES;
+use crate::track::observation::Observation;
 use nalgebra::{SMatrix, SVector};
 
 /// Prior standard deviation of a record's ln(N_t / N_0).
@@ -234,9 +234,9 @@ fn correct(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::analysis::numerics::random;
-    use crate::analysis::signal::record::Timestamp;
-    use crate::analysis::track::observation::LogMode;
+    use crate::numerics::random;
+    use crate::signal::record::Timestamp;
+    use crate::track::observation::LogMode;
     use rand::rngs::ChaCha8Rng;
     use rand_distr::{Distribution, StandardNormal};
 

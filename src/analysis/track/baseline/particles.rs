@@ -6,9 +6,9 @@
 //! effective draws, and resampled; the power is raised to one in as many stages as that takes, and after each one
 //! the particles move by Metropolis steps that leave their distribution as it is (Del Moral et al. 2006).
 
-use crate::analysis::numerics::random::{self, BLOCK};
-use crate::analysis::rod::beam::forward::{ForwardModel, MAX_MODES};
-use crate::analysis::rod::prior::RodPrior;
+use crate::numerics::random::{self, BLOCK};
+use crate::rod::beam::forward::{ForwardModel, MAX_MODES};
+use crate::rod::prior::RodPrior;
 use nalgebra::{DMatrix, DVector};
 use rand::RngExt;
 use rand::rngs::ChaCha8Rng;

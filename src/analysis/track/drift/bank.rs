@@ -20,7 +20,7 @@
 //! The largest decides: the first is learned as it is, the second not at all, the third after P_uu grew by 24 r (1 - f^2).
 
 use super::prior::{BankPrior, Fluctuation};
-use crate::analysis::numerics::simd::{Kernel, vectorised};
+use crate::numerics::simd::{Kernel, vectorised};
 use rand::{Rng, RngExt};
 use rand_distr::{ChiSquared, Distribution, StandardNormal};
 use serde::{Deserialize, Serialize};
@@ -587,7 +587,7 @@ impl Gammas {
 mod tests {
     use super::super::Coefficient;
     use super::*;
-    use crate::analysis::numerics::random;
+    use crate::numerics::random;
     use nalgebra::{DMatrix, DVector};
 
     /// A prior of two columns and a single member with memory.

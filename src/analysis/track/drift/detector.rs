@@ -267,7 +267,7 @@ impl Detector {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::analysis::numerics::random;
+    use crate::numerics::random;
     use rand_distr::{Distribution, StandardNormal};
 
     const NOISE: f64 = 0.002;

@@ -54,7 +54,7 @@ impl Detector {
 mod tests {
     use super::super::BankPrior;
     use super::*;
-    use crate::analysis::numerics::random;
+    use crate::numerics::random;
 
     const LIMIT: f64 = 3652.0;
     const NOISE: f64 = 0.002;

@@ -2,9 +2,9 @@
 
 use super::Filters;
 use super::regressors::FILTERS_D;
-use crate::analysis::signal::record::{Reading, Timestamp};
-use crate::analysis::track::observation::Observation;
-use crate::analysis::track::relative::{Misfit, Relative};
+use crate::signal::record::{Reading, Timestamp};
+use crate::track::observation::Observation;
+use crate::track::relative::{Misfit, Relative};
 use serde::{Deserialize, Serialize};
 
 /// A record of a period that is still open.

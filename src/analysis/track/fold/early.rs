@@ -8,16 +8,16 @@ use super::monitor::change_told;
 use super::packed::Packed;
 use super::plan::TrackPlan;
 use super::tracker::Tracker;
-use crate::analysis::signal::record::{Reading, Timestamp};
-use crate::analysis::track::alarm::change::Change;
-use crate::analysis::track::alarm::{Kind, Known};
-use crate::analysis::track::baseline::Baseline;
-use crate::analysis::track::drift::Filters;
-use crate::analysis::track::drift::others::Others;
-use crate::analysis::track::drift::period::{self, Pending};
-use crate::analysis::track::drift::watch::{DriftWatch, Finding};
-use crate::analysis::track::observation::Observation;
-use crate::analysis::track::relative::Shift;
+use crate::signal::record::{Reading, Timestamp};
+use crate::track::alarm::change::Change;
+use crate::track::alarm::{Kind, Known};
+use crate::track::baseline::Baseline;
+use crate::track::drift::Filters;
+use crate::track::drift::others::Others;
+use crate::track::drift::period::{self, Pending};
+use crate::track::drift::watch::{DriftWatch, Finding};
+use crate::track::observation::Observation;
+use crate::track::relative::Shift;
 use serde::{Deserialize, Serialize};
 
 /// Number of records of the provisional baseline.

@@ -1,11 +1,11 @@
 //! Explanations of an alarm: the kinds of change that explain the modes' mean shift since an onset.
 
 use super::tracker::Tracker;
-use crate::analysis::signal::record::Timestamp;
-use crate::analysis::track::alarm::change::Change;
-use crate::analysis::track::alternatives::{Explained, Shifted};
-use crate::analysis::track::drift::period::Period;
-use crate::analysis::track::observation::LogMode;
+use crate::signal::record::Timestamp;
+use crate::track::alarm::change::Change;
+use crate::track::alternatives::{Explained, Shifted};
+use crate::track::drift::period::Period;
+use crate::track::observation::LogMode;
 
 /// Weighs the kinds of change over the periods since an onset, `last` the one that is being closed. The mean change of force that
 /// the drift watch found is kept (a ramp's mean is half of its final size); other effects on the force since

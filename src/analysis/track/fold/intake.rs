@@ -5,14 +5,14 @@ use super::state::{Opening, State};
 use super::tracker::Tracker;
 use super::verdict::{SetAside, Verdict};
 use super::{monitor, reference};
-use crate::analysis::signal::record::{Reading, Timestamp};
-use crate::analysis::track::alarm::Cause;
-use crate::analysis::track::drift::others::Others;
-use crate::analysis::track::drift::period::{self, Pending, Period};
-use crate::analysis::track::drift::watch::DriftWatch;
-use crate::analysis::track::observation::Observation;
-use crate::analysis::track::plausibility::{JUMP_S, Peer};
-use crate::analysis::track::relative::{NoRelative, Relative};
+use crate::signal::record::{Reading, Timestamp};
+use crate::track::alarm::Cause;
+use crate::track::drift::others::Others;
+use crate::track::drift::period::{self, Pending, Period};
+use crate::track::drift::watch::DriftWatch;
+use crate::track::observation::Observation;
+use crate::track::plausibility::{JUMP_S, Peer};
+use crate::track::relative::{NoRelative, Relative};
 
 /// Largest age of a temperature at the end of a record \[s\].
 const STALE_S: f64 = 3.0 * 3600.0;
@@ -99,7 +99,7 @@ impl Tracker {
         if self.state.usual_s().is_some() {
             self.look_for_silence(time);
         }
-        self.on_board(|board| board.clear(crate::analysis::track::alarm::Kind::NoData, time));
+        self.on_board(|board| board.clear(crate::track::alarm::Kind::NoData, time));
         // A baseline with such a hole is none; most likely the clock was wrong before.
         if self.shift.is_none() && latest.is_some_and(|latest| time.seconds_since(latest) > JUMP_S) {
             self.state.learning.clear();

@@ -6,9 +6,9 @@
 
 use super::tracker::Tracker;
 use super::verdict::AtReference;
-use crate::analysis::track::baseline::Baseline;
-use crate::analysis::track::observation::Observation;
-use crate::analysis::track::relative::Relative;
+use crate::track::baseline::Baseline;
+use crate::track::observation::Observation;
+use crate::track::relative::Relative;
 
 /// A loss is sudden and certain if it exceeds the limit by this factor, or by this much.
 const TIMES_LIMIT: f64 = 2.0;

@@ -3,14 +3,14 @@
 use super::explain::{explain, since};
 use super::state::State;
 use super::tracker::Tracker;
-use crate::analysis::signal::record::Timestamp;
-use crate::analysis::track::alarm::change::Change;
-use crate::analysis::track::alarm::{Alarm, Cause, Finding, Kind, Known};
-use crate::analysis::track::alternatives::Explained;
-use crate::analysis::track::drift::others::{MOVING, Neighbour as _, Others};
-use crate::analysis::track::drift::period::{Period, combined_misfit};
-use crate::analysis::track::drift::watch::{self, DriftWatch, Witness};
-use crate::analysis::track::relative::Shift;
+use crate::signal::record::Timestamp;
+use crate::track::alarm::change::Change;
+use crate::track::alarm::{Alarm, Cause, Finding, Kind, Known};
+use crate::track::alternatives::Explained;
+use crate::track::drift::others::{MOVING, Neighbour as _, Others};
+use crate::track::drift::period::{Period, combined_misfit};
+use crate::track::drift::watch::{self, DriftWatch, Witness};
+use crate::track::relative::Shift;
 use statrs::distribution::{ContinuousCDF, Normal};
 
 /// Least probability of the misfit since its onset, by a change of axial force, for a drift.

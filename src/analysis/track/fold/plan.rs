@@ -1,18 +1,18 @@
 //! Settings and prepared data of the tracking of one rod, besides its records.
 
 use super::state::State;
-use crate::analysis::identify::AnalysisSettings;
-use crate::analysis::numerics::random;
-use crate::analysis::rod::beam::forward::ForwardModel;
-use crate::analysis::rod::prior::RodPrior;
-use crate::analysis::signal::record::{RodId, Timestamp};
-use crate::analysis::track::alternatives::Alternatives;
-use crate::analysis::track::baseline::{Baseline, BaselineFault};
-use crate::analysis::track::drift::ThermalPrior;
-use crate::analysis::track::drift::watch::Terms;
-use crate::analysis::track::observation::Observation;
-use crate::analysis::track::relative::Shift;
-use crate::analysis::track::settings::{AlarmSettings, TemperatureUse, TrackSettings};
+use crate::identify::AnalysisSettings;
+use crate::numerics::random;
+use crate::rod::beam::forward::ForwardModel;
+use crate::rod::prior::RodPrior;
+use crate::signal::record::{RodId, Timestamp};
+use crate::track::alternatives::Alternatives;
+use crate::track::baseline::{Baseline, BaselineFault};
+use crate::track::drift::ThermalPrior;
+use crate::track::drift::watch::Terms;
+use crate::track::observation::Observation;
+use crate::track::relative::Shift;
+use crate::track::settings::{AlarmSettings, TemperatureUse, TrackSettings};
 use std::sync::Arc;
 
 /// Standard deviations of the static parameters allowed for by the bend of the ratio: they may be wrong

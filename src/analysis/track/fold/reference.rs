@@ -4,10 +4,10 @@
 use super::state::State;
 use super::tracker::Tracker;
 use super::verdict::AtReference;
-use crate::analysis::signal::record::Timestamp;
-use crate::analysis::track::drift::Filters;
-use crate::analysis::track::observation::Observation;
-use crate::analysis::track::relative::{Interval, Relative};
+use crate::signal::record::Timestamp;
+use crate::track::drift::Filters;
+use crate::track::observation::Observation;
+use crate::track::relative::{Interval, Relative};
 
 /// Low passes up to a time, those of the last closed period, updated with the readings since.
 pub(crate) fn filters_until(state: &State, time: Timestamp) -> Filters {

@@ -2,16 +2,16 @@
 
 use super::early::EarlyWatch;
 use super::packed::Packed;
-use crate::analysis::signal::record::{Reading, RodId, Timestamp};
-use crate::analysis::track::alarm::{Alarm, Cause, Kind, Watches};
-use crate::analysis::track::baseline::Baseline;
-use crate::analysis::track::drift::Filters;
-use crate::analysis::track::drift::others::Neighbour;
-use crate::analysis::track::drift::period::{self, Pending, Period};
-use crate::analysis::track::drift::watch::{DriftWatch, Witness};
-use crate::analysis::track::observation::Observation;
-use crate::analysis::track::plausibility::Plausibility;
-use crate::analysis::track::thermometer::Thermometer;
+use crate::signal::record::{Reading, RodId, Timestamp};
+use crate::track::alarm::{Alarm, Cause, Kind, Watches};
+use crate::track::baseline::Baseline;
+use crate::track::drift::Filters;
+use crate::track::drift::others::Neighbour;
+use crate::track::drift::period::{self, Pending, Period};
+use crate::track::drift::watch::{DriftWatch, Witness};
+use crate::track::observation::Observation;
+use crate::track::plausibility::Plausibility;
+use crate::track::thermometer::Thermometer;
 use serde::{Deserialize, Serialize};
 
 /// A stretch of history with one baseline.

@@ -5,12 +5,12 @@ use super::monitor;
 use super::plan::TrackPlan;
 use super::state::{Opening, State};
 use super::verdict::{Input, RodState, Verdict};
-use crate::analysis::signal::record::{Reading, Timestamp};
-use crate::analysis::track::alarm::{AlarmEvent, Board, Cause, Finding, Kind, Known};
-use crate::analysis::track::drift::others::Others;
-use crate::analysis::track::drift::watch::Witness;
-use crate::analysis::track::plausibility::{JUMP_S, Peer};
-use crate::analysis::track::relative::Shift;
+use crate::signal::record::{Reading, Timestamp};
+use crate::track::alarm::{AlarmEvent, Board, Cause, Finding, Kind, Known};
+use crate::track::drift::others::Others;
+use crate::track::drift::watch::Witness;
+use crate::track::plausibility::{JUMP_S, Peer};
+use crate::track::relative::Shift;
 use std::sync::Arc;
 
 /// Number of records in a row that show a certain loss.

@@ -1,11 +1,11 @@
 //! Result of one record, and the changes it made.
 
-use crate::analysis::signal::record::{Reading, Timestamp};
-use crate::analysis::track::alarm::{Alarm, AlarmEvent};
-use crate::analysis::track::drift::period::Period;
-use crate::analysis::track::observation::Observation;
-use crate::analysis::track::plausibility::Doubt;
-use crate::analysis::track::relative::{Interval, Relative};
+use crate::signal::record::{Reading, Timestamp};
+use crate::track::alarm::{Alarm, AlarmEvent};
+use crate::track::drift::period::Period;
+use crate::track::observation::Observation;
+use crate::track::plausibility::Doubt;
+use crate::track::relative::{Interval, Relative};
 use serde::{Deserialize, Serialize};
 
 /// Input of tracking from one record.

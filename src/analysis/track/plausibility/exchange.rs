@@ -18,7 +18,7 @@
 //! `one rod on both` at most, which a change of force explains as well, however unlikely a fall by just that
 //! amount.
 
-use crate::analysis::track::observation::LogMode;
+use crate::track::observation::LogMode;
 
 /// Prior odds of each explanation against `as before`; a change of both rods at once has its square.
 const RARE: f64 = 1e-3;

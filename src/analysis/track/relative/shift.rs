@@ -1,8 +1,8 @@
 //! Shifts of a particle's log-frequencies by u = ln(N / N_0) as polynomials, and their use for one record.
 
-use crate::analysis::numerics::simd::{Kernel, vectorised};
-use crate::analysis::rod::beam::forward::ForwardModel;
-use crate::analysis::track::baseline::particles::log_frequencies_of;
+use crate::numerics::simd::{Kernel, vectorised};
+use crate::rod::beam::forward::ForwardModel;
+use crate::track::baseline::particles::log_frequencies_of;
 use std::f64::consts::PI;
 
 /// Lower end of the prepared range of u: from a loss of 55 % to a gain of 82 %.
@@ -319,9 +319,9 @@ impl Kernel for Draws<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::analysis::numerics::random;
-    use crate::analysis::rod::emulator::ReducedModel;
-    use crate::analysis::rod::prior::RodPrior;
+    use crate::numerics::random;
+    use crate::rod::emulator::ReducedModel;
+    use crate::rod::prior::RodPrior;
 
     #[test]
     fn polynomials_follow_the_model_over_the_whole_range() {

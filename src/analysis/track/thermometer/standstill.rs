@@ -13,7 +13,7 @@
 //! p_1 ... p_(n-1) times a year at most: one that should come less than [`DEAD_A_YEAR`] times is a dead thermometer, one that should come
 //! less than [`HELD_A_YEAR`] times waits for later readings.
 
-use crate::analysis::signal::record::{Reading, Timestamp};
+use crate::signal::record::{Reading, Timestamp};
 use serde::{Deserialize, Serialize};
 
 /// Least time between looks \[s\].
@@ -184,7 +184,7 @@ impl Standstill {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::analysis::numerics::random;
+    use crate::numerics::random;
     use rand_distr::{Distribution, StandardNormal};
     use std::f64::consts::TAU;
 

@@ -1,8 +1,8 @@
 //! The models: the chaos's errors, frequencies that no beam has, and the springs.
 
 use super::{Claim, EARLIER, PAPER, claim, printed_as};
-use crate::analysis::lab::study::estimate::{CLOSE, DISAGREE};
-use crate::analysis::lab::study::{Study, paper};
+use crate::lab::study::estimate::{CLOSE, DISAGREE};
+use crate::lab::study::{Study, paper};
 
 pub(super) fn chaos(study: &Study) -> Vec<Claim> {
     let Some((report, grid)) = study
@@ -61,9 +61,8 @@ pub(super) fn beam(study: &Study) -> Vec<Claim> {
     let smallest = posterior
         .map(|check| check.smallest_ratio)
         .fold(smallest, f64::min);
-    let printed = |a: &&crate::analysis::lab::study::assumptions::Assumed| {
-        (a.error_sd_hz - paper::error_sd_hz()).abs() < 1e-12
-    };
+    let printed =
+        |a: &&crate::lab::study::assumptions::Assumed| (a.error_sd_hz - paper::error_sd_hz()).abs() < 1e-12;
     let conflict = study
         .assumptions
         .iter()

@@ -1,10 +1,10 @@
 //! Table 2: its columns that we reproduce, and the settings that reproduce those of MCMC.
 
 use super::{Claim, EARLIER, OURS, agreement, claim, column, printed_as};
-use crate::analysis::lab::study::estimate::{Comparison, DISAGREE};
-use crate::analysis::lab::study::paper::{self, INFERRED, Table2Column};
-use crate::analysis::lab::study::table2::{Column, Sampler};
-use crate::analysis::lab::study::{Part, Study};
+use crate::lab::study::estimate::{Comparison, DISAGREE};
+use crate::lab::study::paper::{self, INFERRED, Table2Column};
+use crate::lab::study::table2::{Column, Sampler};
+use crate::lab::study::{Part, Study};
 
 pub(super) fn table_2(printed: &Part, inferred: &Part) -> Vec<Claim> {
     let mut claims = Vec::new();

@@ -1,10 +1,10 @@
 //! Figure 6 and the statements of section 5.1 about it: distances between the columns of Table 2.
 
 use super::{Claim, PAPER, claim};
-use crate::analysis::lab::study::Part;
-use crate::analysis::lab::study::cases::{self, Case};
-use crate::analysis::lab::study::estimate::DISAGREE;
-use crate::analysis::lab::study::verdict::positive;
+use crate::lab::study::Part;
+use crate::lab::study::cases::{self, Case};
+use crate::lab::study::estimate::DISAGREE;
+use crate::lab::study::verdict::positive;
 
 pub(super) fn figure_6(part: &Part) -> Vec<Claim> {
     let find = |name: &str| part.cases.iter().find(|case| case.name == name);

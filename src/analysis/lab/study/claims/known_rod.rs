@@ -1,12 +1,12 @@
 //! Table 3, figures 7 and 8: gain by more frequencies for a rod whose truth is known.
 
 use super::{Claim, EARLIER, PAPER, agreement, claim, printed_as};
-use crate::analysis::lab::study::estimate::{CLOSE, Comparison, Estimate};
-use crate::analysis::lab::study::paper::{self, INFERRED};
-use crate::analysis::lab::study::verdict::larger;
-use crate::analysis::lab::study::{Part, Study, table3};
-use crate::analysis::rod::beam::Exact;
-use crate::analysis::rod::beam::forward::ForwardModel;
+use crate::lab::study::estimate::{CLOSE, Comparison, Estimate};
+use crate::lab::study::paper::{self, INFERRED};
+use crate::lab::study::verdict::larger;
+use crate::lab::study::{Part, Study, table3};
+use crate::rod::beam::Exact;
+use crate::rod::beam::forward::ForwardModel;
 
 pub(super) fn table_3(study: &Study) -> Vec<Claim> {
     let mut evidence = Vec::new();
@@ -122,7 +122,7 @@ pub(super) fn enough(part: &Part) -> Vec<Claim> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::analysis::lab::study::claims::Verdict;
+    use crate::lab::study::claims::Verdict;
 
     #[test]
     fn the_papers_own_table_3_does_not_come_nearer_with_every_frequency() {

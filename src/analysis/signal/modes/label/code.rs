@@ -1,7 +1,7 @@
 //! Assignments of peaks to mode orders as numbers.
 
 use super::visibility::Orders;
-use crate::analysis::rod::beam::forward::MAX_ORDERS;
+use crate::rod::beam::forward::MAX_ORDERS;
 
 /// Assignment packed into four bits an order, from the first: the number of its peak counted from 1, or
 /// 0 for an order not seen.

@@ -14,7 +14,7 @@ use super::likeness::Likeness;
 use super::peak::Peak;
 use super::rod::{COORDINATES, Guesses, NO_GUESSES, Place, Point, Rod};
 use super::visibility::{self, Orders};
-use crate::analysis::rod::beam::forward::MAX_ORDERS;
+use crate::rod::beam::forward::MAX_ORDERS;
 use nalgebra::{Cholesky, SMatrix, SVector};
 use std::f64::consts::TAU;
 

@@ -8,8 +8,8 @@ use super::peak::{Peak, peaks};
 use super::posterior::Posterior;
 use super::rod::Rod;
 use super::search::Grid;
-use crate::analysis::rod::prior::RodPrior;
-use crate::analysis::signal::record::Rejection;
+use crate::rod::prior::RodPrior;
+use crate::signal::record::Rejection;
 
 /// Largest probability allowed that a reported peak has another order: worse than a foreign peak beside right
 /// ones, since the force is then entirely wrong.

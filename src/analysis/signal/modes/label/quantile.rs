@@ -1,6 +1,6 @@
 //! Quantities as smooth, rising functions of a coordinate that is standard normal beforehand.
 
-use crate::analysis::rod::prior::Prior;
+use crate::rod::prior::Prior;
 use statrs::distribution::{ContinuousCDF, Normal};
 
 /// Outermost coordinate of the table; beyond it the function continues as a straight line.
@@ -218,7 +218,7 @@ mod tests {
             Prior::Uniform { low: 0.0, high: 3.0 },
             Prior::LogUniform { low: 0.1, high: 3.0 },
         ] {
-            let mut generator = crate::analysis::numerics::random::stream(4, 0);
+            let mut generator = crate::numerics::random::stream(4, 0);
             let draws: Vec<f64> = (0..20_000).map(|_| prior.sample(&mut generator)).collect();
             for q in [-1.5, -0.3, 0.8, 2.0] {
                 let limit = quantile(&prior, q);

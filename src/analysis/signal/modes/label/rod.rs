@@ -7,9 +7,9 @@
 
 use super::quantile::{Quantile, log_moments};
 use super::wavenumber::frequency;
-use crate::analysis::rod::beam::Quantity;
-use crate::analysis::rod::beam::forward::MAX_ORDERS;
-use crate::analysis::rod::prior::RodPrior;
+use crate::rod::beam::Quantity;
+use crate::rod::beam::forward::MAX_ORDERS;
+use crate::rod::prior::RodPrior;
 use std::f64::consts::TAU;
 
 /// Coordinates of a rod: level `c`, rest of `e`, axial force, left and right spring.
@@ -169,8 +169,8 @@ fn powers(quantity: Quantity) -> Option<(f64, f64)> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::analysis::rod::beam::{Parameterisation, Section, exact};
-    use crate::analysis::rod::prior::Prior;
+    use crate::rod::beam::{Parameterisation, Section, exact};
+    use crate::rod::prior::Prior;
 
     #[test]
     fn the_centre_is_the_configured_rods_and_gradients_are_its_derivatives() {

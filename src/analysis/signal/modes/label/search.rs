@@ -7,7 +7,7 @@
 use super::code::Code;
 use super::peak::Peak;
 use super::rod::{FORCE, LEFT, NO_GUESSES, Point, RIGHT, Rod};
-use crate::analysis::rod::beam::forward::MAX_ORDERS;
+use crate::rod::beam::forward::MAX_ORDERS;
 use std::f64::consts::TAU;
 
 /// Width of a bin of ln f.

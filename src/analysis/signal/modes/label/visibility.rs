@@ -1,6 +1,6 @@
 //! Prior probabilities of the orders that a sensor sees, averaged over its possible places.
 
-use crate::analysis::rod::beam::forward::MAX_ORDERS;
+use crate::rod::beam::forward::MAX_ORDERS;
 use std::f64::consts::PI;
 use std::sync::LazyLock;
 

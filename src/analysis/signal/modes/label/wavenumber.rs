@@ -1,7 +1,7 @@
 //! Natural frequencies of the dimensionless rod with their derivatives: one Newton step where the last
 //! answer is near.
 //!
-//! The equation is that of [`crate::analysis::rod::beam::exact`]; its supports are given by fixities `y = k / (k + EI/l)`
+//! The equation is that of [`crate::rod::beam::exact`]; its supports are given by fixities `y = k / (k + EI/l)`
 //! (0 hinged, 1 clamped). Good to 1e-7, which is far below what labels need.
 
 use std::f64::consts::PI;
@@ -198,8 +198,8 @@ fn end_phases(order: usize, phi: f64, t: f64, fixities: [f64; 2]) -> Dual {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::analysis::rod::beam::forward::MAX_ORDERS;
-    use crate::analysis::rod::beam::{Beam, exact};
+    use crate::rod::beam::forward::MAX_ORDERS;
+    use crate::rod::beam::{Beam, exact};
     use proptest::prelude::*;
 
     /// Frequencies in units of sqrt(EI / m) / (2 pi l^2).
@@ -217,7 +217,7 @@ mod tests {
     }
 
     proptest! {
-        #![proptest_config(crate::analysis::rod::beam::seeded(400))]
+        #![proptest_config(crate::rod::beam::seeded(400))]
 
         #[test]
         fn twelve_orders_and_their_slopes_are_the_exact_ones(

@@ -1,7 +1,7 @@
 //! Puts messages in order: duplicates, late ones, and those stamped late.
 
 use super::{Ahead, Assembler, LATE, MAX_ASIDE, Message, bytes_of};
-use crate::analysis::signal::record::{clock, timing};
+use crate::signal::record::{clock, timing};
 use std::collections::VecDeque;
 
 /// Messages needed to measure the sample interval.

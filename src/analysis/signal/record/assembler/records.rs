@@ -1,11 +1,9 @@
 //! Turns a finished stretch into records, or into the reason why it is none.
 
 use super::{Assembler, Event, MAX_SAMPLES, Short};
-use crate::analysis::signal::record::onset::{self, UnderWay};
-use crate::analysis::signal::record::timing::{self, Even, Stray, Stretch};
-use crate::analysis::signal::record::{
-    Cut, Envelope, Excitation, Flag, Record, Rejection, Timestamp, quality,
-};
+use crate::signal::record::onset::{self, UnderWay};
+use crate::signal::record::timing::{self, Even, Stray, Stretch};
+use crate::signal::record::{Cut, Envelope, Excitation, Flag, Record, Rejection, Timestamp, quality};
 
 /// Most records that wait for their temperature.
 const WAITING: usize = 4;

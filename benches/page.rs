@@ -4,7 +4,7 @@
 //! Ids: `page::first` (all days taken up, once after a start; questions are told so), `page::site`, `page::history` of all years, `page::records`, `page::chart`,
 //! `page::rejected`.
 
-#[path = "../tests/archive/mod.rs"]
+#[path = "../tests/harness/archive/mod.rs"]
 mod archive;
 
 use archive::{CONFIG, identified, new_record, period, rejected, row, state};

@@ -13,7 +13,7 @@ use tirante::analysis::signal::spectrum::{
     PeakSettings, Spectrum, Transforms, Welch, WelchSettings, Window, pick_peaks,
 };
 
-#[path = "../tests/simulator/mod.rs"]
+#[path = "../tests/harness/simulator/mod.rs"]
 mod simulator;
 use simulator::{SimulatedMode, ambient_sd, simulate};
 

@@ -2,7 +2,7 @@
 //!
 //! Ids: `store::commits` with the number of records; `store::open`, `store::reader` with the records in the store.
 
-#[path = "../tests/archive/mod.rs"]
+#[path = "../tests/harness/archive/mod.rs"]
 mod archive;
 
 use archive::fill;

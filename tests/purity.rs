@@ -258,12 +258,16 @@ fn expand<'t>(
     at + 1
 }
 
-/// A path seen from a module: `super`, `self` and `crate` taken out, `crate` in front of what lies in this crate.
+/// A path seen from a module: `super`, `self` and `crate` taken out, `crate` in front of what lies below `src`. The pure
+/// wing is a crate of its own: its `crate` is `crate::analysis`.
 fn absolute(here: &[&str], path: &[&str]) -> Vec<String> {
     let mut at: Vec<&str> = vec!["crate"];
     let mut rest = path;
     match path[0] {
-        "crate" => rest = &path[1..],
+        "crate" => {
+            at.extend(here.first().filter(|wing| **wing == "analysis"));
+            rest = &path[1..];
+        }
         "super" | "self" => {
             at.extend(here);
             while let Some((first, tail)) = rest.split_first()
@@ -423,30 +427,41 @@ fn the_pure_wing_knows_no_file_clock_generator_or_thread() {
 
 #[test]
 fn every_way_to_write_an_upward_import_is_seen() {
-    let module: Vec<String> = ["analysis", "rod", "prior"].map(str::to_owned).to_vec();
-    for text in [
-        "use crate::site::store::Store;",
-        "use super::super::super::site::store::Store;",
-        "use crate::{analysis::numerics::random, site::store::{Store as S, }};",
-        "pub(crate) use crate::analysis::{signal::record::RodId as Id};",
-        "fn f(x: &crate::config::Config) {}",
-        "mod tests { use super::super::super::signal::modes; }",
-        "use super::super::inference;",
-        "use crate::analysis::track::State;",
-        "use crate::analysis::track;",
-        "use super::Prior;",
-        "let text = \"// \\\" {\"; // {\nlet c = '\"'; crate::service::http::now();",
+    let pure = ["analysis", "rod", "prior"].map(str::to_owned);
+    let shell = ["recording", "read", "json"].map(str::to_owned);
+    for (module, text) in [
+        (&shell, "use crate::site::store::Store;"),
+        (&shell, "use super::super::super::site::store::Store;"),
+        (
+            &shell,
+            "use crate::{analysis::numerics::random, site::store::{Store as S, }};",
+        ),
+        (&pure, "pub(crate) use crate::{signal::record::RodId as Id};"),
+        (&shell, "fn f(x: &crate::config::Config) {}"),
+        (&pure, "mod tests { use super::super::super::signal::modes; }"),
+        (&pure, "use super::super::inference;"),
+        (&pure, "use crate::track::State;"),
+        (&pure, "use crate::track;"),
+        (&pure, "use super::Prior;"),
+        (
+            &shell,
+            "let text = \"// \\\" {\"; // {\nlet c = '\"'; crate::service::http::now();",
+        ),
     ] {
-        assert_eq!(upward(&module, text).len(), 1, "{text}");
+        assert_eq!(upward(module, text).len(), 1, "{text}");
     }
-    for text in [
-        "use crate::analysis::numerics::random;",
-        "use super::beam::Section;",
-        "mod tests { use super::*; }",
-        "// crate::site::store::Store\nlet s = \"crate::site::store\";",
-        "let s = r#\"crate::site::\"store\"#;",
+    for (module, text) in [
+        (&pure, "use crate::numerics::random;"),
+        (&pure, "use super::beam::Section;"),
+        (&shell, "use crate::analysis::track::State;"),
+        (&shell, "mod tests { use super::*; }"),
+        (
+            &shell,
+            "// crate::site::store::Store\nlet s = \"crate::site::store\";",
+        ),
+        (&shell, "let s = r#\"crate::site::\"store\"#;"),
     ] {
-        assert_eq!(upward(&module, text), Vec::<String>::new(), "{text}");
+        assert_eq!(upward(module, text), Vec::<String>::new(), "{text}");
     }
     let nowhere = ["cellar".to_owned()];
     assert_eq!(upward(&nowhere, "").len(), 1);

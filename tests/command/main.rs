@@ -1,0 +1,18 @@
+//! The program as users run it.
+#![allow(clippy::unwrap_used)] // helpers of tests are tests
+
+#[path = "../harness/archive/mod.rs"]
+mod archive;
+#[path = "../harness/site/mod.rs"]
+mod site;
+
+mod agreement;
+mod cli;
+mod exports;
+mod import_cli;
+mod measure;
+mod report;
+mod spectrum_cli;
+mod synthetic;
+mod tracking_cli;
+mod unit_files;

@@ -1,0 +1,12 @@
+//! The daemon as a process: killed, confined, weighed, under load.
+#![allow(clippy::unwrap_used)] // helpers of tests are tests
+
+#[path = "../harness/archive/mod.rs"]
+mod archive;
+#[path = "../harness/site/mod.rs"]
+mod site;
+
+mod daemon;
+mod load;
+mod survival;
+mod weighed;

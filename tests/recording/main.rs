@@ -1,0 +1,13 @@
+//! Recordings in and out, measurements of other programs, simulated recordings, any packaging.
+#![allow(clippy::unwrap_used)] // helpers of tests are tests
+
+#[path = "../harness/common/mod.rs"]
+mod common;
+#[path = "../harness/site/mod.rs"]
+mod site;
+
+mod import;
+mod mcap;
+mod mutation;
+mod packaging;
+mod simulate;

@@ -1,0 +1,190 @@
+//! A real SMTP server (aiosmtpd): every kind of encryption, login, refusals.
+
+use super::desk::*;
+use super::peers::missing;
+use serde_json::Value;
+use std::fs;
+use std::io::{BufRead, BufReader};
+use std::process::{Child, Command, Stdio};
+use std::sync::{Arc, Mutex};
+use std::time::Instant;
+use tirante::analysis::track::{Kind, What};
+use tirante::service::alert::{self, Failure, Message, Pace};
+
+struct Mailer {
+    child: Child,
+    port: u16,
+    mails: Arc<Mutex<Vec<Value>>>,
+}
+
+impl Drop for Mailer {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// A Python that has aiosmtpd.
+fn python() -> Option<&'static str> {
+    let found = ["/usr/bin/python3", "python3"].into_iter().find(|python| {
+        Command::new(python)
+            .args(["-c", "import aiosmtpd"])
+            .stderr(Stdio::null())
+            .status()
+            .is_ok_and(|status| status.success())
+    });
+    if found.is_none() {
+        missing("python3-aiosmtpd");
+    }
+    found
+}
+
+impl Mailer {
+    fn start(desk: &Desk, mode: &str, refused: usize) -> Option<Self> {
+        let python = python()?;
+        let own = rcgen::generate_simple_self_signed(["localhost".to_owned()]).unwrap();
+        fs::write(desk.path("mail.pem"), own.cert.pem()).unwrap();
+        fs::write(desk.path("mail.key"), own.signing_key.serialize_pem()).unwrap();
+        fs::write(desk.path("password"), "secret\n").unwrap();
+        let mut child = Command::new(python)
+            .args(["-c", include_str!("mail.py")])
+            .args([desk.path("mail.pem"), desk.path("mail.key")])
+            .args([mode, &refused.to_string()])
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap();
+        let mut lines = BufReader::new(child.stdout.take().unwrap()).lines();
+        let port = lines.next().unwrap().unwrap().parse().unwrap();
+        let mails = Arc::new(Mutex::new(Vec::new()));
+        let kept = Arc::clone(&mails);
+        std::thread::spawn(move || {
+            for line in lines.map_while(Result::ok) {
+                kept.lock().unwrap().push(serde_json::from_str(&line).unwrap());
+            }
+        });
+        Some(Self { child, port, mails })
+    }
+
+    fn sink(&self, desk: &Desk, scheme: &str, to: &str, more: &str) -> String {
+        let password = desk.path("password");
+        format!(
+            "[[sink]]\nid = \"mail\"\nkind = \"email\"\nurl = \"{scheme}://localhost:{}\"\nfrom = \"Duomo <rods@example.org>\"\n\
+             to = [{to}]\nuser = \"tirante\"\npassword_file = {password:?}\n{more}",
+            self.port
+        )
+    }
+
+    fn ca(desk: &Desk) -> String {
+        format!("ca_file = {:?}\n", desk.path("mail.pem"))
+    }
+
+    fn mails(&self) -> Vec<Value> {
+        self.mails.lock().unwrap().clone()
+    }
+}
+
+fn deliver(text: &str) -> Result<(), Failure> {
+    let mut sink = alert::open(&sinks(text)[0], SITE, Pace::default().deadline);
+    sink.deliver(&Message::test(SITE, "mail", at(0)))
+}
+
+#[test]
+fn every_kind_of_encryption_carries_a_mail() {
+    for (mode, scheme) in [
+        ("plain", "smtp"),
+        ("starttls", "smtp+starttls"),
+        ("smtps", "smtps"),
+    ] {
+        let desk = Desk::new();
+        let Some(server) = Mailer::start(&desk, mode, 0) else {
+            return;
+        };
+        let is_encrypted = mode != "plain";
+        let ca = if is_encrypted {
+            Mailer::ca(&desk)
+        } else {
+            String::new()
+        };
+        let text = server.sink(&desk, scheme, "\"a@example.org\", \"B <b@example.org>\"", &ca);
+        assert_eq!(deliver(&text), Ok(()), "{mode}");
+        eventually("the mail", || server.mails().len() == 1);
+        let mail = &server.mails()[0];
+        assert_eq!(mail["encrypted"], is_encrypted);
+        assert_eq!(mail["authenticated"], true);
+        assert_eq!(
+            mail["recipients"],
+            serde_json::json!(["a@example.org", "b@example.org"])
+        );
+        assert_eq!(mail["from"], "Duomo <rods@example.org>");
+        assert_eq!(mail["subject"], "Duomo: test of an alarm sink");
+        if is_encrypted {
+            let refused = deliver(&text.replace(&ca, "")).unwrap_err();
+            assert!(refused.reason.contains("certificate"), "{refused}");
+        }
+    }
+}
+
+#[test]
+fn a_server_that_cannot_encrypt_gets_no_password() {
+    let desk = Desk::new();
+    let Some(server) = Mailer::start(&desk, "plain", 0) else {
+        return;
+    };
+    let text = server.sink(&desk, "smtp+starttls", "\"a@example.org\"", &Mailer::ca(&desk));
+    let refused = deliver(&text).unwrap_err();
+    assert!(refused.reason.to_lowercase().contains("starttls"), "{refused}");
+    assert_eq!(server.mails().len(), 0);
+}
+
+#[test]
+fn refusals_are_told_and_tried_again() {
+    let desk = Desk::new();
+    let Some(server) = Mailer::start(&desk, "starttls", 2) else {
+        return;
+    };
+    let text = server.sink(&desk, "smtp+starttls", "\"a@example.org\"", &Mailer::ca(&desk));
+    let unknown = text.replace("a@example.org", "nobody@example.org");
+    let refused = deliver(&unknown).unwrap_err();
+    assert!(refused.reason.contains("no such user"), "{refused}");
+    fs::write(desk.path("password"), "wrong\n").unwrap();
+    let refused = deliver(&text).unwrap_err();
+    assert!(refused.reason.contains("535"), "{refused}");
+    fs::write(desk.path("password"), "secret\n").unwrap();
+
+    let couriers = desk.start(&sinks(&text));
+    eventually("the sink is known", || desk.delivered("mail") == Some(0));
+    let alarm = desk.tell("north", Kind::Limit, 3, What::Raised);
+    couriers.wake();
+    eventually("it is marked", || desk.delivered("mail") == Some(1));
+    couriers.stop();
+    eventually("three tries", || server.mails().len() == 3);
+    let mails = server.mails();
+    let taken: Vec<bool> = mails
+        .iter()
+        .map(|mail| mail["taken"].as_bool().unwrap())
+        .collect();
+    assert_eq!(taken, [false, false, true]);
+    let seconds = alarm.raised.as_nanos() / 1_000_000_000;
+    let id = format!("<{}-raised-{seconds}@example.org>", alarm.id);
+    for mail in &mails {
+        assert_eq!(mail["id"], id.as_str(), "the same mail again");
+        assert_eq!(mail["references"], format!("<{}@example.org>", alarm.id));
+        assert_eq!(mail["subject"], "Duomo, rod north: limit raised");
+        assert!(mail["body"].as_str().unwrap().starts_with("Alarm 3.\n"));
+    }
+}
+
+#[test]
+fn a_server_that_says_nothing_is_left_after_the_deadline() {
+    let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let url = format!("smtp://{}", listener.local_addr().unwrap());
+    let text = format!(
+        "[[sink]]\nid = \"mail\"\nkind = \"email\"\nurl = \"{url}\"\nfrom = \"a@b.org\"\nto = [\"c@d.org\"]\n"
+    );
+    let mut sink = alert::open(&sinks(&text)[0], SITE, FAST.deadline);
+    let begun = Instant::now();
+    let failure = sink.deliver(&Message::test(SITE, "mail", at(0))).unwrap_err();
+    assert!(failure.reason.contains("no answer within"), "{failure}");
+    assert!(begun.elapsed() < 5 * FAST.deadline, "{:?}", begun.elapsed());
+}

@@ -1,0 +1,28 @@
+//! Parts of the daemon: streams, journal, sinks, servers, page.
+#![allow(clippy::unwrap_used)] // helpers of tests are tests
+
+#[path = "../harness/archive/mod.rs"]
+mod archive;
+#[path = "../harness/common/mod.rs"]
+mod common;
+#[path = "../harness/listeners/mod.rs"]
+mod listeners;
+#[path = "../harness/server/mod.rs"]
+mod server;
+#[path = "../harness/site/mod.rs"]
+mod site;
+
+mod alerts;
+mod browser;
+mod fault_kinds;
+mod folder;
+mod http;
+mod journal;
+mod log;
+mod metrics;
+mod notify;
+mod page;
+mod protocol;
+mod send;
+mod sockets;
+mod viewer;

@@ -1,0 +1,11 @@
+//! A rod over months and years: baseline, relative force, drift, alternatives, trouble.
+#![allow(clippy::unwrap_used)] // helpers of tests are tests
+
+#[path = "../harness/scenario/mod.rs"]
+mod scenario;
+
+mod alternatives;
+mod months;
+mod relative;
+mod tracking_coverage;
+mod tracking_trouble;

@@ -12,6 +12,7 @@ mod exports;
 mod import_cli;
 mod measure;
 mod report;
+mod same_numbers;
 mod spectrum_cli;
 mod synthetic;
 mod tracking_cli;

@@ -7,7 +7,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// From the ground up. A module is on the floor with the longest name that it begins with.
-const FLOORS: [&str; 60] = [
+const FLOORS: [&str; 64] = [
     "analysis::numerics",
     "analysis::rod::beam",
     "analysis::rod::fixity",
@@ -52,12 +52,16 @@ const FLOORS: [&str; 60] = [
     "site::ordered_map",
     "site::emulator_cache",
     "site::record_row",
+    "site::found",
     "site::store",
     "site::baselines",
+    "site::pictures",
     "site::analyse",
     "site::trackers",
     "site::prepared",
     "site::driver",
+    "site::reanalysis",
+    "site::fleet",
     "service::telemetry",
     "service::journal",
     "service::ingest",

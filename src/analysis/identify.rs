@@ -54,6 +54,14 @@ pub struct RodTest {
     pub data: Vec<Datum>,
 }
 
+impl AnalysisSettings {
+    /// Band in which records are searched for the rod's peaks \[Hz\]; `None` if the prior holds no tensioned rod.
+    pub fn band_hz(&self) -> Option<(f64, f64)> {
+        let labels = LabelPlan::new(&self.prior, &self.discrepancy, self.modes.clone())?;
+        Some(labels.band_hz())
+    }
+}
+
 impl RodTest {
     fn is_of(&self, start: Timestamp) -> bool {
         start.seconds_since(self.time).abs() <= self.pairs_within_s
@@ -225,17 +233,53 @@ impl Plan {
             measurement: found.evidence.map(|evidence| Box::new(measured(*evidence))),
             labels: found.labels,
         })?;
-        let measurement = measured(estimate.evidence);
-        match self.infer_at(record.start, estimate.modes, self.seed_of(&identity)) {
+        self.inferred(measured(estimate.evidence), estimate.modes, estimate.labels)
+    }
+
+    /// Analyses a record again from what its search found, without samples: labels and inference alone. Equal to
+    /// [`Plan::run`] of the record if `measurement` was found in the same [band](Plan::band_hz) with the same settings
+    /// of the search; its waveform and spectrum play no part.
+    ///
+    /// # Errors
+    /// The reason why the record gives no force, with its findings.
+    pub fn run_again(&self, measurement: Measurement) -> Result<Identification, Refusal> {
+        let found = self.modal.label(
+            &measurement.resonances,
+            measurement.motion.kind,
+            measurement.duration_s,
+            measurement.fs_hz,
+        );
+        match found {
+            Ok(found) => self.inferred(measurement, found.modes, found.labels),
+            Err((rejection, labels)) => Err(Refusal {
+                rejection,
+                measurement: Some(Box::new(measurement)),
+                labels,
+            }),
+        }
+    }
+
+    /// Band in which records are searched for the rod's peaks \[Hz\].
+    pub fn band_hz(&self) -> (f64, f64) {
+        self.modal.labels().band_hz()
+    }
+
+    fn inferred(
+        &self,
+        measurement: Measurement,
+        modes: Vec<Mode>,
+        labels: Labels,
+    ) -> Result<Identification, Refusal> {
+        match self.infer_at(measurement.start, modes, self.seed_of(&measurement.identity)) {
             Ok(identification) => Ok(Identification {
                 measurement: Some(measurement),
-                labels: Some(estimate.labels),
+                labels: Some(labels),
                 ..identification
             }),
             Err(rejection) => Err(Refusal {
                 rejection,
                 measurement: Some(Box::new(measurement)),
-                labels: Some(estimate.labels),
+                labels: Some(labels),
             }),
         }
     }

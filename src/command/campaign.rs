@@ -43,6 +43,14 @@ pub struct Reading {
     pub follow: bool,
 }
 
+impl Reading {
+    /// Number of threads that analyse records.
+    pub fn workers(&self) -> usize {
+        let of_machine = || thread::available_parallelism().map_or(1, usize::from);
+        self.threads.map_or_else(of_machine, usize::from)
+    }
+}
+
 /// Reports the result of a campaign on stderr and returns the exit code.
 pub fn conclude(tally: Option<Tally>) -> ExitCode {
     tally.map_or(ExitCode::SUCCESS, |tally| {
@@ -58,8 +66,12 @@ pub struct Tally {
     rejected: BTreeMap<&'static str, usize>,
     repeated: usize,
     broken: usize,
+    /// Events of which nothing is known but that the program broke on them.
+    lost: usize,
     files: usize,
     unreadable: usize,
+    /// Files that the file system refused, among those that could not be read.
+    refused: usize,
     with_losses: usize,
 }
 
@@ -80,11 +92,11 @@ impl Display for Tally {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let rejected: usize = self.rejected.values().sum();
         let records = self.identified + rejected + self.repeated + self.broken;
-        write!(
-            f,
-            "{records} records from {} files: {} identified",
-            self.files, self.identified
-        )?;
+        write!(f, "{records} records")?;
+        if self.files > 0 {
+            write!(f, " from {} files", self.files)?;
+        }
+        write!(f, ": {} identified", self.identified)?;
         if rejected > 0 {
             let reasons: Vec<String> = self
                 .rejected
@@ -124,15 +136,15 @@ pub struct Others {
     pub any_start: bool,
 }
 
-/// Takes the result of an event, its position in the recording, and the record of its rod that passed before.
-/// Returns true if it is new.
+/// Takes the result of an event, its position in the recording if it has one, and the record of its rod that passed
+/// before. Returns true if it is new.
 pub trait OnEvent:
-    FnMut(&Analysed, Position<'_>, Option<[u8; 32]>, &Progress) -> anyhow::Result<bool>
+    FnMut(&Analysed, Option<Position<'_>>, Option<[u8; 32]>, &Progress) -> anyhow::Result<bool>
 {
 }
 
 impl<F> OnEvent for F where
-    F: FnMut(&Analysed, Position<'_>, Option<[u8; 32]>, &Progress) -> anyhow::Result<bool>
+    F: FnMut(&Analysed, Option<Position<'_>>, Option<[u8; 32]>, &Progress) -> anyhow::Result<bool>
 {
 }
 
@@ -173,10 +185,7 @@ pub fn run(
     let open = opener(others, channels.clone(), config.record);
     let input =
         Recordings::new(files, channels, config.record, reading.follow, Arc::clone(&done)).opened_by(open);
-    let workers = reading.threads.map_or_else(
-        || thread::available_parallelism().map_or(1, usize::from),
-        usize::from,
-    );
+    let workers = reading.workers();
 
     let held = Held::new(config.track.reorder_window_s);
     let mut delivery = Delivery {
@@ -250,6 +259,7 @@ impl<F: OnEvent> Taker for Delivery<'_, F> {
 
     fn lost(&mut self, panic: &str) {
         self.tally.broken += 1;
+        self.tally.lost += 1;
         self.bar
             .say(&format!("error: the program broke on one event ({panic})"));
     }
@@ -275,7 +285,7 @@ impl<F: OnEvent> Delivery<'_, F> {
         };
         let is_new = match is_repeated {
             true => false,
-            false => match (self.on_event)(&analysed, place.position(), before, self.bar) {
+            false => match (self.on_event)(&analysed, Some(place.position()), before, self.bar) {
                 Ok(is_new) => is_new,
                 Err(error) => {
                     self.failure = Some(error);
@@ -286,7 +296,7 @@ impl<F: OnEvent> Delivery<'_, F> {
         match &analysed {
             Analysed::Readings(..) => {}
             Analysed::Record(outcome) if is_new => self.tally.count(outcome, self.bar),
-            Analysed::Record(_) | Analysed::Known(..) => self.tally.repeated += 1,
+            Analysed::Record(_) | Analysed::Known(..) => self.tally.repeat(),
         }
         ControlFlow::Continue(())
     }
@@ -334,7 +344,7 @@ fn opener(others: Others, rods: Vec<RodChannels>, settings: RecordSettings) -> O
 
 impl Tally {
     /// Counts a new record.
-    fn count(&mut self, outcome: &Outcome, bar: &Progress) {
+    pub fn count(&mut self, outcome: &Outcome, bar: &Progress) {
         match outcome {
             Outcome::Identified(_) | Outcome::Tabulated(_) => self.identified += 1,
             Outcome::Rejected(rejected) if matches!(rejected.rejection, Rejection::Broken { .. }) => {
@@ -347,6 +357,31 @@ impl Tally {
         }
     }
 
+    /// True if another attempt may find more: the file system refused a file, or an event was lost.
+    pub fn is_incomplete(&self) -> bool {
+        self.refused > 0 || self.lost > 0
+    }
+
+    /// Losses in words that begin with a comma; empty without any.
+    pub fn losses(&self) -> String {
+        let mut text = String::new();
+        for (count, what) in [
+            (self.unreadable, "files that could not be read"),
+            (self.with_losses, "files with lost data"),
+            (self.broken, "records that broke the analysis"),
+        ] {
+            if count > 0 {
+                text += &format!(", {count} {what}");
+            }
+        }
+        text
+    }
+
+    /// Counts a record that is known already.
+    pub fn repeat(&mut self) {
+        self.repeated += 1;
+    }
+
     /// Counts a file and reports its faults; without `is_meant` the rod searched for was the built-in one.
     fn file(&mut self, result: &Result<Summary, SourceError>, is_meant: bool, bar: &Progress) {
         self.files += 1;
@@ -354,6 +389,7 @@ impl Tally {
             Ok(summary) => summary,
             Err(error) => {
                 self.unreadable += 1;
+                self.refused += usize::from(matches!(error, SourceError::Io { .. }));
                 return bar.say(&format!("error: {error}"));
             }
         };
@@ -383,7 +419,8 @@ impl Tally {
     }
 }
 
-fn is_broken_pipe(error: &anyhow::Error) -> bool {
+/// True if the reader of stdout has seen enough.
+pub fn is_broken_pipe(error: &anyhow::Error) -> bool {
     error
         .downcast_ref::<io::Error>()
         .is_some_and(|error| error.kind() == io::ErrorKind::BrokenPipe)

@@ -189,7 +189,7 @@ fn from_recording(args: &Args, path: &PathBuf) -> anyhow::Result<ExitCode> {
             .ok_or_else(|| anyhow!("the rod {rod} has no plan"))?;
         tests_of(args, &config, &plans, plan)?
     };
-    let on_event = |analysed: &Analysed, _: Position<'_>, _: Option<[u8; 32]>, bar: &Progress| {
+    let on_event = |analysed: &Analysed, _: Option<Position<'_>>, _: Option<[u8; 32]>, bar: &Progress| {
         if let Analysed::Record(outcome) = analysed {
             let tested = tests
                 .as_ref()
@@ -218,7 +218,7 @@ fn tests_of(args: &Args, config: &Config, plans: &Arc<Plans>, plan: &Plan) -> an
         let (mut loaded, mut refusals) = (Vec::new(), Vec::new());
         let others = args.foreign.among(&args.setup, true);
         let paths = std::slice::from_ref(path);
-        let on_event = |analysed: &Analysed, _: Position<'_>, _: Option<[u8; 32]>, _: &Progress| {
+        let on_event = |analysed: &Analysed, _: Option<Position<'_>>, _: Option<[u8; 32]>, _: &Progress| {
             if let Analysed::Record(outcome) = analysed {
                 match outcome.as_ref() {
                     Outcome::Identified(found) => loaded.push(found.modes.clone()),

@@ -10,6 +10,7 @@ macro_rules! tell {
 }
 
 pub mod ack;
+mod again;
 pub mod alarm;
 pub mod backup;
 mod campaign;
@@ -18,6 +19,7 @@ pub mod cli;
 pub mod completions;
 pub mod emulator;
 mod findings;
+pub mod fleet;
 mod foreign;
 pub mod frequencies;
 pub mod history;
@@ -90,6 +92,7 @@ pub fn run(command: &Command) -> anyhow::Result<ExitCode> {
         Command::Backup(args) => backup::run(args),
         Command::Study(args) => study::run(args),
         Command::Track(args) => track::run(args),
+        Command::Fleet(args) => fleet::run(args),
         Command::Run(args) => run::run(args),
         Command::Serve(args) => serve::run(args),
         Command::Send(args) => send::run(args),

@@ -9,6 +9,7 @@ mod site;
 mod agreement;
 mod cli;
 mod exports;
+mod fleet;
 mod import_cli;
 mod measure;
 mod report;

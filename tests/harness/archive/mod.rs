@@ -134,6 +134,7 @@ pub fn new_record<'a>(outcome: &Outcome, row: &'a RecordRow) -> NewRecord<'a> {
     NewRecord {
         row,
         identity: outcome.identity().unwrap(),
+        found: None,
         rms: outcome.rms(),
         emulator: "reduced",
     }

@@ -13,7 +13,7 @@ type Step = fn(&Transaction<'_>) -> rusqlite::Result<()>;
 
 /// The steps in order: a store of format `n` has undergone the first `n`. Steps are only ever added; the
 /// tests hold a golden store of each released format.
-const STEPS: [Step; 4] = [first, second, third, fourth];
+const STEPS: [Step; 5] = [first, second, third, fourth, fifth];
 
 /// Format written by this program.
 pub(super) const FORMAT: i64 = STEPS.len() as i64;
@@ -39,9 +39,9 @@ pub(super) fn definitions(connection: &Connection) -> rusqlite::Result<Vec<(Stri
 }
 
 /// Tables whose rows have a checksum, in an order in which rows can be inserted.
-pub(super) const TABLES: [&str; 20] = [
+pub(super) const TABLES: [&str; 21] = [
     "config", "rod", "segment", "state", "record", "line", "mode", "period", "snapshot", "alarm", "outbox",
-    "request", "source", "file", "carry", "delivery", "expected", "notice", "alive", "shelf",
+    "request", "source", "file", "carry", "delivery", "expected", "notice", "alive", "shelf", "origin",
 ];
 
 /// True if a table exists: an older format has fewer.
@@ -184,6 +184,18 @@ fn fourth(transaction: &Transaction<'_>) -> rusqlite::Result<()> {
             json TEXT NOT NULL,
             checksum INTEGER NOT NULL,
             PRIMARY KEY (rod, segment)
+        ) STRICT;",
+    )
+}
+
+/// Fifth format: the file each record came from.
+fn fifth(transaction: &Transaction<'_>) -> rusqlite::Result<()> {
+    transaction.execute_batch(
+        "CREATE TABLE origin (
+            record INTEGER PRIMARY KEY,
+            file TEXT NOT NULL,
+            checksum INTEGER NOT NULL,
+            FOREIGN KEY (record) REFERENCES record (id)
         ) STRICT;",
     )
 }

@@ -12,11 +12,14 @@ use std::time::{SystemTime, UNIX_EPOCH};
 /// Widths \[px\] of a phone, a tablet and a desk.
 const WIDTHS: [u32; 3] = [390, 800, 1400];
 
-/// A state of a site: name, store, and what a page says when it is there: path, name, condition, words.
+/// A page: path, name, condition that it is there, and its words.
+type Page = (&'static str, &'static str, &'static str, &'static [&'static str]);
+
+/// A state of a site, with the pages that show it.
 struct State {
     name: &'static str,
     site: Site,
-    pages: Vec<(&'static str, &'static str, &'static str, &'static [&'static str])>,
+    pages: Vec<Page>,
 }
 
 const ROWS: &str = "return document.querySelectorAll('tr[data-rod]').length === 2";

@@ -81,7 +81,7 @@ fn pages_of_records_are_the_history() {
         shown.reverse();
         for record in &mut shown {
             // Eight days a file, from 1 January on.
-            let start: Timestamp = record["start"].as_str().unwrap().parse().unwrap();
+            let start = Timestamp::as_written(record["start"].as_str().unwrap()).unwrap();
             let week = (start.seconds_since(noon(0)) / 86_400.0 / 8.0) as u32;
             let file = record.as_object_mut().unwrap().remove("file").unwrap();
             assert_eq!(file, json!(format!("archive/week-{week}.mcap")), "{record}");

@@ -598,7 +598,7 @@ fn number(value: f64) -> Json {
 }
 
 fn as_json(message: &prost_reflect::DynamicMessage) -> Json {
-    use prost_reflect::Value;
+    use prost_reflect::{ReflectMessage, Value};
     fn one(value: &Value) -> Json {
         match value {
             Value::F64(value) => number(*value),

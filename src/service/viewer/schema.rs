@@ -52,6 +52,9 @@ pub enum Kind {
     Many(&'static Type),
 }
 
+/// File of protobuf's own type of a time.
+const STAMP: &str = "google/protobuf/timestamp.proto";
+
 const fn field(name: &'static str, kind: Kind, about: &'static str) -> Field {
     Field { name, kind, about }
 }
@@ -446,7 +449,6 @@ fn descriptors(of: &'static Type, package: &str) -> Vec<u8> {
         field: vec![proto("seconds", 1, Proto::Int64), proto("nanos", 2, Proto::Int32)],
         ..Default::default()
     };
-    const STAMP: &str = "google/protobuf/timestamp.proto";
     let own = FileDescriptorProto {
         dependency: vec![STAMP.to_owned()],
         source_code_info: Some(SourceCodeInfo { location: comments }),

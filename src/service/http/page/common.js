@@ -49,8 +49,8 @@ export const degrees = (celsius) => `${fixed(celsius, 1)} \u00b0C`;
 // A probability in percent, never rounded to certainty.
 export function share(probability) {
   const percent = 100 * probability;
-  if (percent > 99.9 && probability < 1) return "over 99.9 %";
-  if (percent < 0.1 && probability > 0) return "under 0.1 %";
+  if (percent > 99.9) return "over 99.9 %";
+  if (percent < 0.1) return "under 0.1 %";
   return `${fixed(percent, percent >= 1 && percent <= 99 ? 0 : 1)} %`;
 }
 

@@ -173,7 +173,7 @@ function drawFacts() {
     fact("baseline", segment?.baseline ? time(segment.baseline[0]) : "not yet", small(segment
       ? `segment ${segment.number} (${segment.reason})${segment.baseline ? `, ${segment.baseline_records} records` : ""}${segment.fault ? `; ${segment.fault}` : ""}` : "")),
     fact("temperature", rod.thermal ? `${fixed(rod.thermal.slope_per_k * 100, 3)} % per K` : rod.compensated ? `compensated, ${figures.atReference(rod)}` : "not compensated", rod.thermal
-      ? small(`\u00b1 ${fixed(rod.thermal.slope_sd_per_k * 100, 3)}${rod.reference_temperature_c === null ? "" : `, reference ${degrees(rod.reference_temperature_c)}`}`) : null));
+      ? small(`\u00b1 ${fixed(196 * rod.thermal.slope_sd_per_k, 3)} (95 %)${rod.reference_temperature_c === null ? "" : `, reference ${degrees(rod.reference_temperature_c)}`}`) : null));
   newest(rod.latest_record, stale_s());
 }
 

@@ -88,13 +88,18 @@ impl Tally {
     }
 }
 
+/// A number with its noun: `1 record`, `2 records`.
+fn counted(number: usize, noun: &str) -> String {
+    format!("{number} {noun}{}", if number == 1 { "" } else { "s" })
+}
+
 impl Display for Tally {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let rejected: usize = self.rejected.values().sum();
         let records = self.identified + rejected + self.repeated + self.broken;
-        write!(f, "{records} records")?;
+        write!(f, "{}", counted(records, "record"))?;
         if self.files > 0 {
-            write!(f, " from {} files", self.files)?;
+            write!(f, " from {}", counted(self.files, "file"))?;
         }
         write!(f, ": {} identified", self.identified)?;
         if rejected > 0 {
@@ -116,10 +121,10 @@ impl Display for Tally {
             write!(f, ", {} broke the program (please report)", self.broken)?;
         }
         if self.unreadable > 0 {
-            write!(f, ", {} files could not be read", self.unreadable)?;
+            write!(f, ", {} could not be read", counted(self.unreadable, "file"))?;
         }
         if self.with_losses > 0 {
-            write!(f, ", {} files with lost data", self.with_losses)?;
+            write!(f, ", {} with lost data", counted(self.with_losses, "file"))?;
         }
         Ok(())
     }

@@ -45,7 +45,7 @@ const HIGHEST_HZ: f64 = 1e5;
 #[command(after_help = "Examples:
   tirante identify recordings/todi-pull.mcap
   tirante identify laser.csv \\
-      --config site.toml          (UFF, WAV, MATLAB, .lvm, .tdms alike)
+      --config site.toml          # UFF, WAV, MATLAB, .lvm, .tdms alike
   tirante identify hammer.tdms --config site.toml --channel 'Acc 3'
   tirante identify camera.npy --config site.toml --rate 250 --channel '[7,:,1]'
   tirante identify --frequencies 4.492,9.288,13.252

@@ -4,6 +4,7 @@ use super::BadArguments;
 use super::again;
 use super::campaign::{self, Reading};
 use super::foreign::Foreign;
+use super::import::MessageEncoding;
 use super::progress::Progress;
 use super::render::Table;
 use super::report;
@@ -17,6 +18,7 @@ use crate::analysis::signal::record::RodId;
 use crate::analysis::track::Verdict;
 use crate::config::Config;
 use crate::recording::atomic::AtomicFile;
+use crate::recording::write::Encoding;
 use crate::service::viewer::{Message, ResultsWriter};
 use crate::site::analyse::Analysed;
 use crate::site::pictures::Pictures;
@@ -38,6 +40,8 @@ use std::process::ExitCode;
   tirante replay recordings/campaign-2025.mcap --config config/campaign.toml \\
       --store site.db --report .
   tirante replay recordings/todi-pull.mcap --results todi-results.mcap
+  tirante replay recordings/todi-pull.mcap --results todi-ros2.mcap \\
+      --results-encoding cdr
   tirante replay /data/2026 --config site.toml --format json > forces.jsonl
   tirante replay --from-store site.db --config new-prior.toml --store new.db
   tirante replay monday.csv tuesday.tdms --config site.toml --store site.db
@@ -45,13 +49,15 @@ use std::process::ExitCode;
 The force (mean ± standard deviation) is what one record says by itself. The
 change is that of the force since the rod's baseline, at the reference
 temperature; '~' marks one that is not compensated for temperature; '-' stands
-while the baseline is learned. `! conflict` says by how many standard deviations
-the frequencies lie outside everything the model can produce: the force may be
-wrong by more than it says. `? hardly in the prior`: check length, section,
-material and expected force. Behind the state, `decay`, `decays` and `blow` say
-what motion was recognised (nothing: ambient vibration), `? orders 0.93` that
-the orders of the modes are not certain: `tirante identify` shows what else the
-peaks may be. --format json has everything else.
+while the baseline is learned. The state is empty for a rod that is monitored
+and shows no alarm. `! conflict` says by how many standard deviations the
+frequencies lie outside everything the model can produce: the force may be wrong
+by more than it says. `? hardly in the prior`: check length, section, material
+and expected force. Behind the state, `decay`, `decays` and `blow` say what
+motion was recognised (nothing: ambient vibration), `? orders 0.93` that the
+orders of the modes are not certain: `tirante identify` shows what else the
+peaks may be. --format json has everything else, the errors of the frequencies
+among them.
 
 Alarms are results, not failures: a replay that raises some still ends with 0
 (or 3 with rejected records or lost data). Ask `tirante status --format json`
@@ -90,6 +96,10 @@ pub struct Args {
     /// not in it.
     #[arg(long, value_name = "FILE")]
     pub results: Option<PathBuf>,
+
+    /// Encoding of the messages in --results.
+    #[arg(long, value_name = "ENCODING", value_enum, default_value_t = MessageEncoding::Json, requires = "results")]
+    pub results_encoding: MessageEncoding,
 
     /// Options for reading recordings.
     #[command(flatten)]
@@ -144,7 +154,12 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         site = site.without_samples(Pictures::of(from)?);
     }
 
-    let mut results = args.results.as_deref().map(Results::create).transpose()?;
+    let encoding = args.results_encoding.encoding();
+    let results = args
+        .results
+        .as_deref()
+        .map(|path| Results::create(path, encoding));
+    let mut results = results.transpose()?;
     let mut output = io::stdout().lock();
     let mut header_due = !args.output.is_json();
     let on_event =
@@ -185,8 +200,11 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let has_seen_all = tally.is_some();
     let code = campaign::conclude(tally);
     if has_seen_all {
-        let standing = status::text(site.store(), None, Format::Table)?;
-        tell!("{}", standing.trim_end());
+        // Of a store without any record there is nothing to tell.
+        if site.store().last_record()? > 0 {
+            let standing = status::text(site.store(), None, Format::Table)?;
+            tell!("{}", standing.trim_end());
+        }
         if let Some(width) = args.plot.width().filter(|_| !args.output.is_json()) {
             for rod in site.store().rods()? {
                 write!(output, "\n{}", sketch::force(site.store(), &rod, width)?)?;
@@ -214,7 +232,7 @@ struct Results<'p> {
 }
 
 impl<'p> Results<'p> {
-    fn create(path: &'p Path) -> anyhow::Result<Self> {
+    fn create(path: &'p Path, encoding: Encoding) -> anyhow::Result<Self> {
         if path.exists() {
             let why = format!(
                 "--results {}: exists, and holds what another replay wrote; name another file",
@@ -224,7 +242,7 @@ impl<'p> Results<'p> {
         }
         let file = AtomicFile::create(path).with_context(|| format!("--results {}", path.display()))?;
         Ok(Self {
-            writer: ResultsWriter::new(file)?,
+            writer: ResultsWriter::new(file, encoding)?,
             path,
             records: 0,
             failure: None,

@@ -8,6 +8,7 @@ mod site;
 
 mod agreement;
 mod cli;
+mod examples;
 mod exports;
 mod fleet;
 mod import_cli;

@@ -19,6 +19,7 @@ mod folder;
 mod http;
 mod journal;
 mod log;
+mod looks;
 mod metrics;
 mod notify;
 mod page;

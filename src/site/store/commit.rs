@@ -80,7 +80,7 @@ impl Commit<'_> {
     /// Writes everything into the tables of an open transaction.
     pub(super) fn write(&self, connection: &Connection, kept: &mut Kept) -> Result<(), Failure> {
         if let Some(record) = &self.record {
-            record.write(connection)?;
+            record.write(connection, self.source.map(|source| source.name))?;
         }
         if let Some((rod, first_ns, found)) = self.readings {
             resonance::write_readings(connection, rod, first_ns, found)?;
@@ -117,7 +117,8 @@ impl Commit<'_> {
 }
 
 impl NewRecord<'_> {
-    fn write(&self, connection: &Connection) -> Result<(), Failure> {
+    /// Writes the record, which came from `file`.
+    fn write(&self, connection: &Connection, file: Option<&str>) -> Result<(), Failure> {
         let json = self.row.to_json().map_err(|error| StoreError::NotStorable {
             what: format!("a record of rod {}", self.row.rod),
             detail: error.to_string(),
@@ -140,6 +141,12 @@ impl NewRecord<'_> {
             .with("record", id)
             .with("json", json)
             .insert(connection)?;
+        if let Some(file) = file {
+            Row::of("origin")
+                .with("record", id)
+                .with("file", file.to_owned())
+                .insert(connection)?;
+        }
         for mode in &self.row.modes {
             Row::of("mode")
                 .with("record", id)

@@ -34,7 +34,7 @@ pub use file_id::FileId;
 pub use kinds::ColumnKind;
 pub use open::Durability;
 pub use operation::{Carry, FileMark, FileState, News};
-pub use page::{Lines, Mark, Modes, Point};
+pub use page::{Line, Lines, Mark, Modes, Point, Sampling};
 pub use read::{Filter, Listing, Reader, Standing};
 pub use request::{Asked, Request};
 pub use resonance::{FoundRow, Made};

@@ -39,7 +39,7 @@ pub(super) fn definitions(connection: &Connection) -> rusqlite::Result<Vec<(Stri
 }
 
 /// Tables whose rows have a checksum, in an order in which rows can be inserted.
-pub(super) const TABLES: [&str; 21] = [
+pub(super) const TABLES: [&str; 22] = [
     "config",
     "rod",
     "segment",
@@ -61,6 +61,7 @@ pub(super) const TABLES: [&str; 21] = [
     "notice",
     "alive",
     "shelf",
+    "origin",
 ];
 
 /// True if a table exists: an older format has fewer.
@@ -218,7 +219,7 @@ fn fourth(transaction: &Transaction<'_>) -> rusqlite::Result<()> {
     )
 }
 
-/// Fifth format: findings of every record's samples, for an analysis without them.
+/// Fifth format: findings of every record's samples, for an analysis without them, and the file each record came from.
 fn fifth(transaction: &Transaction<'_>) -> rusqlite::Result<()> {
     transaction.execute_batch(
         "CREATE TABLE resonance (
@@ -229,7 +230,13 @@ fn fifth(transaction: &Transaction<'_>) -> rusqlite::Result<()> {
             body BLOB NOT NULL,
             checksum INTEGER NOT NULL
         ) STRICT;
-        CREATE UNIQUE INDEX resonance_readings ON resonance (rod, record, part) WHERE part > 0;",
+        CREATE UNIQUE INDEX resonance_readings ON resonance (rod, record, part) WHERE part > 0;
+        CREATE TABLE origin (
+            record INTEGER PRIMARY KEY,
+            file TEXT NOT NULL,
+            checksum INTEGER NOT NULL,
+            FOREIGN KEY (record) REFERENCES record (id)
+        ) STRICT;",
     )
 }
 

@@ -28,7 +28,7 @@ use std::thread;
 use std::time::Instant;
 
 /// Most samples of records in memory between reading and analysis (8 bytes each).
-const SAMPLES_IN_FLIGHT: usize = 4 << 20;
+const SAMPLES_IN_FLIGHT: usize = 2 << 20;
 
 /// Options for reading recordings.
 #[derive(Debug, Clone, Copy, Default, clap::Args)]

@@ -42,6 +42,7 @@ mod rod_flags;
 pub mod run;
 pub mod send;
 mod sensor;
+mod sensors;
 pub mod serve;
 mod setup;
 pub mod simulate;

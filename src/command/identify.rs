@@ -4,6 +4,7 @@ use super::campaign::{self, Reading};
 use super::findings;
 use super::foreign::Foreign;
 use super::progress::Progress;
+use super::sensors;
 use super::setup::{self, Setup};
 use super::sketch::{self, When};
 use super::tests_of_rod::{self, TestFlags, Tests};
@@ -189,6 +190,30 @@ fn from_recording(args: &Args, path: &PathBuf) -> anyhow::Result<ExitCode> {
             .ok_or_else(|| anyhow!("the rod {rod} has no plan"))?;
         tests_of(args, &config, &plans, plan)?
     };
+    if let [rod] = &config.rods[..]
+        && !rod.sensors.is_empty()
+    {
+        let id = &rod.analysis.rod;
+        let plan = plans.get(id).ok_or_else(|| anyhow!("the rod {id} has no plan"))?;
+        let data = tests.as_ref().map_or(&[][..], |tests| &tests.data);
+        let found = sensors::identify(path, &config, rod, plan, &others, data)?;
+        for outcome in &found.outcomes {
+            show(args, &config, &plans, outcome)?;
+        }
+        let is_good = |outcome: &Outcome| matches!(outcome, Outcome::Identified(_));
+        let all_good = !found.has_losses && found.outcomes.iter().all(is_good);
+        return Ok(match all_good {
+            true => ExitCode::SUCCESS,
+            false => ExitCode::from(WITH_LOSSES),
+        });
+    }
+    for rod in config.rods.iter().filter(|rod| !rod.sensors.is_empty()) {
+        let id = &rod.analysis.rod;
+        tell!(
+            "{id}: {} sensors, of which only that of [rod.channel] is used: --rod {id} identifies all of them jointly",
+            rod.sensors.len()
+        );
+    }
     let on_event = |analysed: &Analysed, _: Option<Position<'_>>, _: Option<[u8; 32]>, bar: &Progress| {
         if let Analysed::Record(outcome) = analysed {
             let tested = tests

@@ -6,6 +6,7 @@
 use super::decode::{DecodeError, Decoded, MAX_VALUES, Time};
 use super::path::{FieldPath, Found, Step, into_field, into_item};
 use super::stamp;
+use serde::Deserialize;
 
 /// Deepest nesting accepted, so that no message can exhaust the stack.
 const MAX_DEPTH: usize = 128;
@@ -500,17 +501,22 @@ const POWERS: [f64; 23] = [
     1e19, 1e20, 1e21, 1e22,
 ];
 
+/// A time of parts, by the names that messages use.
+#[derive(Deserialize)]
+struct Parts {
+    #[serde(alias = "seconds", alias = "secs", alias = "s")]
+    sec: i64,
+    #[serde(alias = "nanos", alias = "nsec", alias = "ns")]
+    nanosec: i64,
+}
+
 /// Nanoseconds from `{"sec": …, "nanosec": …}` or `{"seconds": …, "nanos": …}`.
 fn stamp_object(text: &str) -> Option<i64> {
     if text.len() > MAX_TIME {
         return None;
     }
-    let fields: serde_json::Map<String, serde_json::Value> = serde_json::from_str(text).ok()?;
-    let get = |names: [&str; 4]| names.iter().find_map(|name| fields.get(*name)?.as_i64());
-    stamp::from_parts(
-        get(["sec", "seconds", "secs", "s"])?,
-        get(["nanosec", "nanos", "nsec", "ns"])?,
-    )
+    let parts: Parts = serde_json::from_str(text).ok()?;
+    stamp::from_parts(parts.sec, parts.nanosec)
 }
 
 #[cfg(test)]

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 /// file stays, since removing it could break another process's lock.
 #[derive(Debug)]
 pub(super) struct Lock {
-    _file: File,
+    file: File,
 }
 
 impl Lock {
@@ -44,7 +44,15 @@ impl Lock {
         file.seek(SeekFrom::Start(0)).map_err(io)?;
         writeln!(file, "{}", std::process::id()).map_err(io)?;
         file.flush().map_err(io)?;
-        Ok(Self { _file: file })
+        Ok(Self { file })
+    }
+}
+
+impl Drop for Lock {
+    /// Unlocks for every copy of the descriptor: a process that another thread is just starting holds one until its program
+    /// is loaded, and closing ours would not release the lock before.
+    fn drop(&mut self) {
+        let _ = self.file.unlock();
     }
 }
 

@@ -175,6 +175,9 @@ fn look_at_finding(tracker: &mut Tracker, period: &Period, others: &Others, time
         watch.restart();
         return;
     }
+    if finding == watch::Finding::Quiet {
+        return;
+    }
     let Some(change) = change_now(tracker) else { return };
     let state = &tracker.state;
     match finding {

@@ -101,9 +101,7 @@ fn shipped_recordings_give_the_archived_rows() {
             continue;
         }
         let lines = |bytes: &[u8]| -> Vec<Value> {
-            let lines = bytes
-                .split(|byte| *byte == b'\n')
-                .filter(|line| !line.is_empty());
+            let lines = bytes.split(|byte| *byte == b'\n').filter(|line| !line.is_empty());
             lines.map(|line| serde_json::from_slice(line).unwrap()).collect()
         };
         let (now, before) = (lines(&now), lines(&before));

@@ -363,7 +363,8 @@ const REFUSED: f64 = 6.0;
 fn refuse_contradiction(problem: &Problem, mask: &Mask, sample: &Population) -> Result<(), JointError> {
     let count = problem.data.len();
     let used: Vec<usize> = (0..count).filter(|&i| mask[i]).collect();
-    let away = |answers: &[f64], i: usize| (problem.data[i].value - answers[i]) / problem.spread(i, answers[i]);
+    let away =
+        |answers: &[f64], i: usize| (problem.data[i].value - answers[i]) / problem.spread(i, answers[i]);
     let square = |answers: &[f64]| -> f64 { used.iter().map(|&i| away(answers, i).powi(2)).sum() };
     let rows = sample.answers.chunks_exact(count);
     let Some(nearest) = rows.min_by(|a, b| square(a).total_cmp(&square(b))) else {

@@ -3,6 +3,7 @@
 use super::campaign::{self, Reading};
 use super::findings;
 use super::foreign::Foreign;
+use super::listing::folded;
 use super::progress::Progress;
 use super::sensors;
 use super::setup::{self, Setup};
@@ -329,6 +330,11 @@ fn show(args: &Args, config: &Config, plans: &Plans, outcome: &Outcome) -> io::R
         Outcome::Rejected(rejected) => {
             findings::refused(rejected) + &plot(args, || Snapshot::of_rejected(rejected))
         }
+    };
+    let text = if args.output.is_json() {
+        text
+    } else {
+        folded(&text)
     };
     io::stdout().lock().write_all(text.as_bytes())
 }

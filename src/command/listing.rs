@@ -164,6 +164,20 @@ pub(super) fn hanging(text: &str, first: usize, others: usize) -> Vec<String> {
     lines
 }
 
+/// Text with its lines of more than [`WIDTH`] columns broken between words, as far in as they begin.
+pub(super) fn folded(text: &str) -> String {
+    text.lines()
+        .flat_map(|line| {
+            let begin = line.chars().take_while(|c| *c == ' ').count();
+            match line.chars().count() > WIDTH {
+                true => hanging(line, begin, begin + 2),
+                false => vec![line.to_owned()],
+            }
+        })
+        .map(|line| line + "\n")
+        .collect()
+}
+
 /// A line of comma-separated values (RFC 4180), with its line end.
 pub fn csv<'a>(cells: impl IntoIterator<Item = &'a str>) -> String {
     let mut line = String::new();

@@ -117,7 +117,15 @@ pub fn report(error: &anyhow::Error) -> ExitCode {
     if error.downcast_ref().is_some_and(seen_enough) {
         return ExitCode::SUCCESS;
     }
-    tell!("error: {error:#}");
+    // A cause that the words before it name already is not named again.
+    let words = error.chain().skip(1).fold(error.to_string(), |words, cause| {
+        let cause = cause.to_string();
+        match words.contains(&cause) {
+            true => words,
+            false => format!("{words}: {cause}"),
+        }
+    });
+    tell!("error: {words}");
     let is_refused = matches!(error.downcast_ref(), Some(BaselineError::Refused(_)));
     if is_refused || error.is::<BadArguments>() || error.is::<PlanError>() {
         ExitCode::from(USAGE)

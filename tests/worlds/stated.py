@@ -8,7 +8,8 @@ this folder; `tirante identify --frequencies` gets the first five. Rows of the t
 - as stated: force, dimensions, modulus, density, supports and model error drawn from the configuration itself. The intervals must hold
   95 % of these forces: it is the definition of a stated probability.
 - users, 0 / 0.5 / 1 %: the rods of users.py, with a model error of so much. Their forces are those of rods that do their work (12 to
-  240 MPa), while the configuration must also allow slack ones.
+  240 MPa) and their supports lie between hinge and clamp, while the configuration must also allow slack rods and gives hinge and clamp
+  more weight.
 """
 
 import argparse
@@ -47,9 +48,10 @@ def as_stated(rng, nominal, force_n):
     z = rng.standard_normal(3)
     area, inertia = nominal.area_and_inertia(1 + rods.DIMENSION_CV * z[0])
     rigidity = modulus * (1 + modulus_cv * z[1]) * inertia
-    # `fixity_low = 0, fixity_high = 0.99, ends = 2`
-    shares = [rods.between(rng, 0.0, 0.99) for _ in range(2)]
-    springs = tuple(2 * rigidity / nominal.length_m * share / (1 - share) for share in shares)
+    # `fixity_low = 0, fixity_high = 0.99, ends = 2`: v = 1 / (1 + (3 EI / (k l))^(1/2)) is uniform.
+    most = 1 / (1 + 99**-0.5)
+    shares = [rods.between(rng, 0.0, most) for _ in range(2)]
+    springs = tuple(3 * rigidity / nominal.length_m * (share / (1 - share)) ** 2 for share in shares)
     return beam.Beam(nominal.length_m, rigidity, density * (1 + density_cv * z[2]) * area, force_n, springs)
 
 

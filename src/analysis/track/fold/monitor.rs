@@ -57,13 +57,13 @@ const SUSPECT_SD: f64 = 3.0;
 const SUSPECT_EVIDENCE: f64 = 0.05;
 
 /// Reports a change with the record that shows it, as the end of the open period would, because the next record may be a day
-/// away. Nothing else advances.
+/// away. Nothing else advances. Unusually equal readings wait for the end of the period: the thermometer may have died.
 pub(crate) fn tell_ahead(tracker: &mut Tracker, others: &Others, time: Timestamp) {
     let last = tracker.state.periods.last().and_then(|period| period.charted);
     let is_suspect = last.is_some_and(|charted| {
         charted.residual.abs() > SUSPECT_SD || charted.evidence.best_informed() > SUSPECT_EVIDENCE
     });
-    if !is_suspect || tracker.state.drifts() {
+    if !is_suspect || tracker.state.drifts() || tracker.state.thermometer.may_have_died() {
         return;
     }
     let mut ahead = tracker.clone();

@@ -5,7 +5,7 @@ mod cause;
 pub mod change;
 
 pub use board::{Board, Known};
-pub use cause::{Cause, Finding, Run, Watches};
+pub use cause::{Cause, Run, Standing, Watches};
 
 use super::alarm::change::Change;
 use super::alternatives::Explained;

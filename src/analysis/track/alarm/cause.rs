@@ -69,7 +69,7 @@ pub struct Run {
 
 /// State of a condition by its run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Finding {
+pub enum Standing {
     /// It holds.
     Holds,
     /// It has ended, and so has every other cause of its kind of alarm.
@@ -85,7 +85,7 @@ pub struct Watches(BTreeMap<Cause, Run>);
 impl Watches {
     /// Adds one check of a condition: it holds (`Some(true)`), it is absent (`Some(false)`), or it lies
     /// between the raising and the clearing level (`None`), which breaks both runs.
-    pub fn look(&mut self, cause: Cause, holds: Option<bool>, raise: usize, clear: usize) -> Finding {
+    pub fn look(&mut self, cause: Cause, holds: Option<bool>, raise: usize, clear: usize) -> Standing {
         let run = self.0.entry(cause).or_default();
         (run.held, run.absent) = match holds {
             Some(true) => (run.held.saturating_add(1), 0),
@@ -94,16 +94,16 @@ impl Watches {
         };
         if run.held >= raise {
             run.stands = true;
-            Finding::Holds
+            Standing::Holds
         } else if run.absent >= clear {
             run.stands = false;
             if self.any_stands(cause.kind()) {
-                Finding::Undecided
+                Standing::Undecided
             } else {
-                Finding::Over
+                Standing::Over
             }
         } else {
-            Finding::Undecided
+            Standing::Undecided
         }
     }
 
@@ -145,36 +145,36 @@ mod tests {
     fn a_condition_needs_a_run_to_raise_and_a_run_to_clear() {
         let mut watches = Watches::default();
         let mut look = |holds| watches.look(Cause::Limit, holds, 2, 3);
-        assert_eq!(look(Some(true)), Finding::Undecided);
-        assert_eq!(look(None), Finding::Undecided);
-        assert_eq!(look(Some(true)), Finding::Undecided);
-        assert_eq!(look(Some(true)), Finding::Holds);
-        assert_eq!(look(Some(false)), Finding::Undecided);
-        assert_eq!(look(Some(false)), Finding::Undecided);
-        assert_eq!(look(Some(false)), Finding::Over);
+        assert_eq!(look(Some(true)), Standing::Undecided);
+        assert_eq!(look(None), Standing::Undecided);
+        assert_eq!(look(Some(true)), Standing::Undecided);
+        assert_eq!(look(Some(true)), Standing::Holds);
+        assert_eq!(look(Some(false)), Standing::Undecided);
+        assert_eq!(look(Some(false)), Standing::Undecided);
+        assert_eq!(look(Some(false)), Standing::Over);
     }
 
     #[test]
     fn an_alarm_of_two_causes_ends_with_the_last_of_them() {
         let mut watches = Watches::default();
-        assert_eq!(watches.look(Cause::Unusable, Some(true), 1, 2), Finding::Holds);
+        assert_eq!(watches.look(Cause::Unusable, Some(true), 1, 2), Standing::Holds);
         assert_eq!(
             watches.look(Cause::NoTemperature, Some(true), 1, 2),
-            Finding::Holds
+            Standing::Holds
         );
         for _ in 0..2 {
             assert_eq!(
                 watches.look(Cause::Unusable, Some(false), 1, 2),
-                Finding::Undecided
+                Standing::Undecided
             );
         }
         assert_eq!(
             watches.look(Cause::NoTemperature, Some(false), 1, 2),
-            Finding::Undecided
+            Standing::Undecided
         );
         assert_eq!(
             watches.look(Cause::NoTemperature, Some(false), 1, 2),
-            Finding::Over
+            Standing::Over
         );
     }
 }

@@ -18,10 +18,10 @@
 //! ```
 //!
 
+use super::densities::{Densities, Gammas, KICK, Term, WILD, WILD_SD, WILD_SHAPE, WILD_WIDER};
 use super::member::{Member, Passage, place, quadratic};
 use super::prior::BankPrior;
 use super::row::{Law, Row};
-use super::terms::{Gammas, KICK, Term, Terms, WILD, WILD_SD, WILD_SHAPE, WILD_WIDER};
 use crate::numerics::simd::{Kernel, vectorised};
 use rand::{Rng, RngExt};
 use rand_distr::{ChiSquared, Distribution, StandardNormal};
@@ -212,7 +212,7 @@ impl Kernel for Learn<'_> {
         for member in self.members {
             let ahead = member.ahead(self.row, &mut along);
             let (scale2, kicked) = (member.scale2(), KICK * self.passage.of(member).added);
-            let terms = Terms::new(&ahead, kicked, scale2, member.shape, gammas.of(member.shape));
+            let terms = Densities::new(&ahead, kicked, scale2, member.shape, gammas.of(member.shape));
             let weighed = [
                 (Term::Usual, usual_share * terms.usual),
                 (Term::Wild, WILD * terms.wild),

@@ -2,15 +2,15 @@
 //!
 //! * [`prior`]      laws of the coefficients, members of a bank
 //! * [`row`]        one period as a bank takes it
-//! * `member`     one conjugate filter
-//! * `terms`      its predictive densities of a reading
+//! * `member`       one conjugate filter
+//! * `densities`    its predictive densities of a reading
 //! * [`bank`]       filters side by side, their predictive law
 //! * [`detector`]   onset particles and R
 //! * `level`        change of a period from the level of commissioning
 //! * [`change`]     onset, size and shape of a change
-//! * `compensated` a detector with temperature, and the level of commissioning
+//! * `compensated`  a detector with temperature, and the level of commissioning
 //! * [`companions`] the other rods' median, steady while some are missing
-//! * `onset`      onsets that a particle stands for
+//! * `onset`        onsets that a particle stands for
 //! * `least`        smallest change that would be detected by a given day
 //! * [`regressors`] filters of temperature readings, curvature, transients, a yearly cycle, other rods
 //! * [`period`]     the records of one period as one statistic
@@ -21,6 +21,7 @@ pub mod bank;
 pub mod change;
 pub mod companions;
 mod compensated;
+mod densities;
 pub mod detector;
 mod least;
 mod level;
@@ -31,7 +32,6 @@ pub mod period;
 pub mod prior;
 pub mod regressors;
 pub mod row;
-mod terms;
 pub mod watch;
 
 pub use change::Change;

@@ -20,13 +20,13 @@ pub(super) enum Term {
 }
 
 /// The three predictive densities of a member at a reading.
-pub(super) struct Terms {
+pub(super) struct Densities {
     pub usual: f64,
     pub wild: f64,
     pub kick: f64,
 }
 
-impl Terms {
+impl Densities {
     /// Student's t densities with 2 `shape` degrees of freedom, that of a wild reading with three; `ln_gamma` as [`ln_gammas`].
     #[inline(always)]
     pub fn new(ahead: &Ahead, kicked: f64, scale2: f64, shape: f64, ln_gamma: f64) -> Self {

@@ -23,35 +23,77 @@ const GROUP: usize = 65_536;
 /// The store cannot be read, or `out` cannot be written.
 pub fn write(reader: &Reader, filter: &Filter, what: What, out: impl Write + Send) -> anyhow::Result<()> {
     let listing = what.listing();
-    let kinds = reader.column_kinds(listing)?;
-    let fields: String = kinds
+    let mut table = Table::begin(&reader.column_kinds(listing)?, out)?;
+    reader.list(listing, filter, |names, values| table.push(names, values))?;
+    table.finish()
+}
+
+/// Writes columns of numbers.
+///
+/// # Errors
+/// `out` cannot be written.
+pub fn write_numbers(
+    names: &[&str],
+    rows: impl Iterator<Item = impl Iterator<Item = f64>>,
+    out: impl Write + Send,
+) -> anyhow::Result<()> {
+    let names: Vec<String> = names.iter().map(|name| (*name).to_owned()).collect();
+    let kinds: Vec<(String, ColumnKind)> = names
         .iter()
-        .map(|(name, kind)| format!("OPTIONAL {};\n", field(name, *kind)))
+        .map(|name| (name.clone(), ColumnKind::Real))
         .collect();
-    let schema = parse_message_type(&format!("message history {{\n{fields}}}"))?;
-    let properties = WriterProperties::builder()
-        .set_created_by(concat!("tirante ", env!("CARGO_PKG_VERSION")).to_owned())
-        .set_compression(Compression::SNAPPY)
-        .build();
-    let mut file = SerializedFileWriter::new(out, Arc::new(schema), Arc::new(properties))?;
-    let mut columns: Vec<Column> = kinds.iter().map(|(_, kind)| Column::new(*kind)).collect();
-    let mut rows = 0;
-    reader.list(listing, filter, |names, values| -> anyhow::Result<()> {
-        for ((column, value), name) in columns.iter_mut().zip(values).zip(names) {
+    let mut table = Table::begin(&kinds, out)?;
+    for row in rows {
+        let values: Vec<Value> = row.map(Value::Real).collect();
+        table.push(&names, &values)?;
+    }
+    table.finish()
+}
+
+/// A table being written.
+struct Table<W: Write + Send> {
+    file: SerializedFileWriter<W>,
+    columns: Vec<Column>,
+    rows: usize,
+}
+
+impl<W: Write + Send> Table<W> {
+    fn begin(kinds: &[(String, ColumnKind)], out: W) -> anyhow::Result<Self> {
+        let fields: String = kinds
+            .iter()
+            .map(|(name, kind)| format!("OPTIONAL {};\n", field(name, *kind)))
+            .collect();
+        let schema = parse_message_type(&format!("message history {{\n{fields}}}"))?;
+        let properties = WriterProperties::builder()
+            .set_created_by(concat!("tirante ", env!("CARGO_PKG_VERSION")).to_owned())
+            .set_compression(Compression::SNAPPY)
+            .build();
+        Ok(Self {
+            file: SerializedFileWriter::new(out, Arc::new(schema), Arc::new(properties))?,
+            columns: kinds.iter().map(|(_, kind)| Column::new(*kind)).collect(),
+            rows: 0,
+        })
+    }
+
+    fn push(&mut self, names: &[String], values: &[Value]) -> anyhow::Result<()> {
+        for ((column, value), name) in self.columns.iter_mut().zip(values).zip(names) {
             column.push(value).with_context(|| format!("column {name}"))?;
         }
-        rows += 1;
-        if rows == GROUP {
-            flush(&mut file, &mut columns)?;
-            rows = 0;
+        self.rows += 1;
+        if self.rows == GROUP {
+            flush(&mut self.file, &mut self.columns)?;
+            self.rows = 0;
         }
         Ok(())
-    })?;
-    if rows > 0 {
-        flush(&mut file, &mut columns)?;
     }
-    file.close()?;
-    Ok(())
+
+    fn finish(mut self) -> anyhow::Result<()> {
+        if self.rows > 0 {
+            flush(&mut self.file, &mut self.columns)?;
+        }
+        self.file.close()?;
+        Ok(())
+    }
 }
 
 /// A column in Parquet's schema language.

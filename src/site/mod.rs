@@ -1,6 +1,7 @@
 //! A site: its prepared configuration, the analysis of each record, the trackers of its rods, the store they commit to.
 //!
 //! * [`prepared`]       a configuration with the plans of its rods
+//! * [`records`]        records of files, in the order in which a replay takes them
 //! * [`analyse`]        one record through its rod's plan, the same for `replay` and daemon
 //! * [`driver`]         jobs of a source through analysis and into the order of event time
 //! * [`ordered_map`]    reading and computing at once, results in order
@@ -12,13 +13,19 @@
 //! * [`clock`]          the time people's requests carry
 
 pub mod analyse;
+#[cfg(feature = "daemon")]
 pub mod baselines;
+#[cfg(feature = "daemon")]
 pub mod clock;
+#[cfg(feature = "daemon")]
 pub mod driver;
 pub mod emulator_cache;
 pub mod hex;
 pub mod ordered_map;
 pub mod prepared;
 pub mod record_row;
+pub mod records;
+#[cfg(feature = "daemon")]
 pub mod store;
+#[cfg(feature = "daemon")]
 pub mod trackers;

@@ -6,7 +6,7 @@ pub use array::{ArrayResult, Sensed};
 
 use crate::inference::joint::Datum;
 use crate::inference::{
-    AbcSettings, Conflict, Inference, Observation, PlanError, Posterior, Table, Tables, Tested,
+    AbcSettings, Conflict, Inference, Marginal, Observation, PlanError, Posterior, Table, Tables, Tested,
     VarianceShares,
 };
 use crate::numerics::random;
@@ -45,6 +45,18 @@ pub struct AnalysisSettings {
     pub model: ModelSettings,
     /// Seed of the whole site; each record's seed follows from it, the rod and the record.
     pub seed: u64,
+}
+
+impl AnalysisSettings {
+    /// Settings for frequencies measured elsewhere, the highest of order `highest`: the plan covers these, not
+    /// the modes searched for in records.
+    #[must_use]
+    pub fn for_orders(mut self, highest: usize) -> Self {
+        let last = self.discrepancy.last().copied().unwrap_or(0.0);
+        self.modes.count = highest;
+        self.discrepancy.resize(highest, last);
+        self
+    }
 }
 
 /// Tests of a rod at one moment.
@@ -293,7 +305,8 @@ impl Plan {
         }
     }
 
-    /// Infers the posterior of the axial force from frequencies measured elsewhere.
+    /// Infers the posterior of the axial force from frequencies measured elsewhere. Equal frequencies and settings give
+    /// equal bits.
     ///
     /// # Errors
     /// The reason why they give no force.
@@ -390,6 +403,13 @@ impl Plan {
             self.settings.rod.0.as_bytes(),
             identity,
         ])
+    }
+}
+
+impl Identification {
+    /// Axial force \[N\]: the first of a rod's quantities, whatever its section.
+    pub fn axial_force(&self) -> Marginal {
+        self.posterior.marginal_at(0)
     }
 }
 

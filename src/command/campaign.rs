@@ -5,19 +5,17 @@ use super::foreign;
 use super::progress::Progress;
 use super::{BadArguments, WITH_LOSSES};
 use crate::analysis::outcome::Outcome;
-use crate::analysis::signal::record::{RecordSettings, Rejection, RodChannels};
+use crate::analysis::signal::record::{Rejection, RodChannels};
 use crate::config::Config;
-use crate::recording::import::{self, How, Whose};
-use crate::recording::read::folder::first_time;
-use crate::recording::read::{self, Opener, Recordings, SourceError, Step, Summary};
+use crate::recording::read::{self, Recordings, SourceError, Step, Summary};
 use crate::site::analyse::{Analysed, Known, LastSeen};
 use crate::site::driver::{self, Done, Held, Job, Taker};
 use crate::site::ordered_map::Limits;
 use crate::site::prepared::Plans;
+use crate::site::records::{Others, in_order, opener};
 use crate::site::store::Position;
 use std::collections::{BTreeMap, HashSet};
 use std::fmt::{self, Display};
-use std::fs::File;
 use std::io;
 use std::ops::ControlFlow;
 use std::path::PathBuf;
@@ -130,17 +128,6 @@ impl Display for Tally {
     }
 }
 
-/// Options for other programs' files among the recordings.
-#[derive(Debug)]
-pub struct Others {
-    /// Options for reading them.
-    pub how: How,
-    /// True if the configuration was named for them.
-    pub is_meant: bool,
-    /// True if one without a start is accepted.
-    pub any_start: bool,
-}
-
 /// Takes the result of an event, its position in the recording if it has one, and the record of its rod that passed
 /// before. Returns true if it is new.
 pub trait OnEvent:
@@ -187,7 +174,7 @@ pub fn run(
     let done = Arc::new(AtomicU64::new(0));
     let channels: Vec<RodChannels> = config.rods.iter().map(|rod| rod.channels.clone()).collect();
     let is_meant = others.is_meant;
-    let open = opener(others, channels.clone(), config.record);
+    let open = opener(others, channels.clone(), config.record, foreign::watch);
     let input =
         Recordings::new(files, channels, config.record, reading.follow, Arc::clone(&done)).opened_by(open);
     let workers = reading.workers();
@@ -305,46 +292,6 @@ impl<F: OnEvent> Delivery<'_, F> {
         }
         ControlFlow::Continue(())
     }
-}
-
-/// Sorts other programs' files among the recordings by the time of their first sample; those without a start
-/// stay last.
-fn in_order(files: Vec<Result<PathBuf, SourceError>>, how: &How) -> Vec<Result<PathBuf, SourceError>> {
-    if files.len() < 2 {
-        return files;
-    }
-    let first = |path: &PathBuf| {
-        let recorded = File::open(path).ok().and_then(|file| first_time(&file));
-        let time = || Some(import::begins(path, how)?.as_nanos());
-        recorded
-            .or_else(|| u64::try_from(time()?).ok())
-            .unwrap_or(u64::MAX)
-    };
-    let mut timed: Vec<_> = files
-        .into_iter()
-        .map(|file| (file.as_ref().map_or(0, first), file))
-        .collect();
-    timed.sort_by_key(|(time, _)| *time);
-    timed.into_iter().map(|(_, file)| file).collect()
-}
-
-/// Opens recordings and other programs' files.
-fn opener(others: Others, rods: Vec<RodChannels>, settings: RecordSettings) -> Opener {
-    Box::new(move |path, options| {
-        let whose = Whose {
-            rods: &rods,
-            is_meant: others.is_meant,
-            any_start: others.any_start,
-        };
-        import::open(
-            path,
-            &others.how,
-            whose,
-            &settings,
-            options.clone(),
-            &foreign::watch,
-        )
-    })
 }
 
 impl Tally {

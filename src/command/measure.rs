@@ -20,6 +20,7 @@ use crate::config::Config;
 use crate::recording::import::{self, Format, How};
 use crate::recording::read::contents::Content;
 use crate::site::analyse::Analysed;
+use crate::site::records::Others;
 use crate::site::store::Position;
 use crate::site::trackers::Site;
 use anyhow::Context;
@@ -145,7 +146,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let config = Config::parse(&text, &toml.display().to_string())?;
     let how = as_read(&args.file, how, &sensor)?;
     let Prepared { generation, mut site } = setup::site(config, None, &GivenUp::default())?;
-    let others = campaign::Others {
+    let others = Others {
         how,
         is_meant: true,
         any_start: true,

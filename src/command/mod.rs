@@ -17,6 +17,7 @@ mod campaign;
 pub mod check;
 pub mod cli;
 pub mod completions;
+mod draws;
 pub mod emulator;
 mod findings;
 pub mod fleet;

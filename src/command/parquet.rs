@@ -121,6 +121,24 @@ pub fn write_resonances(stores: &[(String, PathBuf)], out: impl Write + Send) ->
     sheet.close()
 }
 
+/// Writes columns of numbers.
+///
+/// # Errors
+/// `out` cannot be written.
+pub fn write_numbers(
+    names: &[&str],
+    rows: impl Iterator<Item = impl Iterator<Item = f64>>,
+    out: impl Write + Send,
+) -> anyhow::Result<()> {
+    let columns = names.iter().map(|name| ((*name).to_owned(), ColumnKind::Real));
+    let mut sheet = Sheet::new(columns.collect(), out)?;
+    for row in rows {
+        let values: Vec<Value> = row.map(Value::Real).collect();
+        sheet.push(&values)?;
+    }
+    sheet.close()
+}
+
 /// A file of rows under way.
 struct Sheet<W: Write + Send> {
     file: SerializedFileWriter<W>,

@@ -1,6 +1,7 @@
 //! A site: its prepared configuration, the analysis of each record, the trackers of its rods, the store they commit to.
 //!
 //! * [`prepared`]       a configuration with the plans of its rods
+//! * [`records`]        records of files, in the order in which a replay takes them
 //! * [`analyse`]        one record through its rod's plan, the same for `replay` and daemon
 //! * [`driver`]         jobs of a source through analysis and into the order of event time
 //! * [`ordered_map`]    reading and computing at once, results in order
@@ -16,17 +17,27 @@
 //! * [`clock`]          the time people's requests carry
 
 pub mod analyse;
+#[cfg(feature = "daemon")]
 pub mod baselines;
+#[cfg(feature = "daemon")]
 pub mod clock;
+#[cfg(feature = "daemon")]
 pub mod driver;
 pub mod emulator_cache;
+#[cfg(feature = "daemon")]
 pub mod fleet;
+#[cfg(feature = "daemon")]
 pub mod found;
 pub mod hex;
 pub mod ordered_map;
+#[cfg(feature = "daemon")]
 pub mod pictures;
 pub mod prepared;
+#[cfg(feature = "daemon")]
 pub mod reanalysis;
 pub mod record_row;
+pub mod records;
+#[cfg(feature = "daemon")]
 pub mod store;
+#[cfg(feature = "daemon")]
 pub mod trackers;

@@ -4,11 +4,12 @@ use crate::analysis::outcome::Outcome;
 use crate::analysis::record_view::Snapshot;
 use crate::analysis::signal::record::{Reading, RodId, Timestamp};
 use crate::analysis::track::alarm::Board;
-use crate::analysis::track::{AlarmEvent, Kind, Others, Peer, RodState, State, TrackPlan, Tracker, Verdict};
+use crate::analysis::track::{AlarmEvent, Kind, RodState, State, TrackPlan, Tracker, Verdict};
 use crate::site::analyse::Analysed;
 use crate::site::baselines;
 use crate::site::found::Found;
 use crate::site::pictures::Pictures;
+use crate::site::prepared::Provenance;
 use crate::site::record_row::RecordRow;
 use crate::site::store::{
     Asked, Carry, Commit, ConditionEvent, FileMark, NewRecord, Position, RodRow, SnapshotRow, Standing,
@@ -46,17 +47,6 @@ const PICTURE_S: i64 = 600;
 fn keeps_snapshot(before: Option<Timestamp>, start: Timestamp) -> bool {
     let stretch = |time: Timestamp| time.as_nanos().div_euclid(PICTURE_S * 1_000_000_000);
     before.is_none_or(|before| stretch(start) != stretch(before))
-}
-
-/// The configuration of a site, in the form of the store.
-#[derive(Debug, Clone, Copy)]
-pub struct Provenance<'a> {
-    /// Name of the site.
-    pub site: &'a str,
-    /// Hash by which records refer to it.
-    pub hash: &'a str,
-    /// Text with every default filled in.
-    pub effective: &'a str,
 }
 
 /// State of a daemon besides records.
@@ -264,20 +254,13 @@ impl Site {
             return Ok(None);
         }
         self.do_as_asked(rod)?;
-        let peers: Vec<Peer> = self
-            .trackers
-            .iter()
-            .filter(|(other, _)| *other != rod)
-            .map(|(_, tracker)| tracker.as_peer())
-            .collect();
-        let Some((rod, mut tracker)) = self.trackers.remove_entry(rod) else {
+        let before = self.trackers.get(rod).and_then(|tracker| tracker.state().latest);
+        let Some(verdict) = Tracker::step_among(&mut self.trackers, rod, &input) else {
             return Ok(None);
         };
-        let before = tracker.state().latest;
-        let others = Others::new(self.trackers.values().map(Tracker::state));
-        let verdict = tracker.step_beside(&input, &peers, &others);
-        let tracker = self.trackers.entry(rod.clone()).or_insert(tracker);
-        let rod = &rod;
+        let Some(tracker) = self.trackers.get(rod) else {
+            return Ok(None);
+        };
         // Only of the latest record in use: a snapshot with a wrong clock would stay for years.
         let snapshot = match outcome {
             Outcome::Identified(identification) => identification

@@ -1,7 +1,7 @@
 //! `tirante fleet task`: one site of a plan, as a task of any batch scheduler.
 
 use super::super::again;
-use super::super::campaign::{self, Others, Reading, Tally};
+use super::super::campaign::{self, Reading, Tally};
 use super::super::foreign::Foreign;
 use super::super::progress::Progress;
 use super::super::setup::{self, GivenUp, Prepared};
@@ -11,6 +11,7 @@ use crate::analysis::signal::record::{RodId, Timestamp};
 use crate::site::analyse::Analysed;
 use crate::site::fleet::task::{self as plan, Input, Task};
 use crate::site::pictures::Pictures;
+use crate::site::records::Others;
 use crate::site::store::{Position, Reader};
 use anyhow::{Context, bail};
 use std::env;

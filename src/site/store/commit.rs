@@ -9,6 +9,7 @@ use super::snapshot::SnapshotRow;
 use super::state::{self, Failure, Kept, kept, plain};
 use crate::analysis::signal::record::{RodId, Timestamp};
 use crate::analysis::track::{AlarmEvent, Period, RodState, State};
+use crate::recording::read::Place;
 use crate::site::found::Found;
 use crate::site::record_row::RecordRow;
 use rusqlite::{Connection, OptionalExtension};
@@ -74,6 +75,17 @@ pub struct Position<'a> {
     pub bytes: u64,
     /// Number of records found.
     pub records: u64,
+}
+
+impl Place {
+    /// The place in the form of the store.
+    pub fn position(&self) -> Position<'_> {
+        Position {
+            name: &self.file,
+            bytes: self.bytes,
+            records: self.records,
+        }
+    }
 }
 
 impl Commit<'_> {

@@ -110,6 +110,20 @@ pub struct Mode {
     pub damping: Option<f64>,
 }
 
+impl Mode {
+    /// The first natural frequencies of a rod, measured elsewhere, all with one standard error \[Hz\].
+    pub fn first(frequencies_hz: &[f64], sd_hz: f64) -> Vec<Self> {
+        let numbered = frequencies_hz.iter().enumerate();
+        let mode = |(index, &frequency_hz)| Self {
+            order: index + 1,
+            frequency_hz,
+            sd_hz,
+            damping: None,
+        };
+        numbered.map(mode).collect()
+    }
+}
+
 /// A band of frequencies in which peaks are ignored: mains hum, a bell motor, a pump.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Mask {

@@ -44,6 +44,16 @@ pub enum Event {
     },
 }
 
+impl Event {
+    /// Id of the rod.
+    pub fn rod(&self) -> &RodId {
+        match self {
+            Self::Record(record) => &record.rod,
+            Self::Rejected { rod, .. } | Self::Readings { rod, .. } => rod,
+        }
+    }
+}
+
 /// Most samples in one record, whatever its length: its analysis takes up to a hundred bytes a sample.
 pub const MAX_SAMPLES: usize = 1 << 20;
 

@@ -185,6 +185,11 @@ fn every_state_is_shown_as_it_is() {
                     let wider =
                         browser.run("return document.documentElement.scrollWidth - window.innerWidth");
                     assert!(wider.as_i64().unwrap() <= 0, "{view} is {wider} px too wide");
+                    let cut = browser.run(
+                        "return [...document.querySelectorAll('.facts > div, .note, h1, h2, figcaption')]
+                         .filter((e) => e.scrollWidth > e.clientWidth).map((e) => e.innerText)",
+                    );
+                    assert_eq!(cut, json!([]), "{view}: cut off");
                     // Sum of all shifts that no one asked for: more than 0.1 disturbs reading (web.dev/cls).
                     let shift = browser.run(
                         "let sum = 0; const seen = new PerformanceObserver(() => {});

@@ -35,7 +35,7 @@ fn whole(value: &Json) -> u32 {
 
 /// Elements of a list; none of a value that is no list.
 fn elements(value: &Json) -> &[Json] {
-    value.as_array().map_or(&[], Vec::as_slice)
+    value.as_array().map_or(&[][..], Vec::as_slice)
 }
 
 /// Seconds and nanoseconds of a stamp.

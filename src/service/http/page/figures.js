@@ -133,7 +133,7 @@ export function spectrum(plot, snapshot) {
   const series = [{ name: "power spectral density", shade: "c1", points: false, x: level.map((_, i) => first + i * step), y: level }];
   if (modes.length) series.push(points(modes, "modes", "down", "c3", (peak) => `${peak.order}: ${peak.frequency_hz.toFixed(3)} Hz`));
   const named = (peak) => (peak.line ? "tone" : modes.length ? "" : `${peak.frequency_hz.toFixed(3)} Hz`);
-  if (others.length) series.push(points(others, modes.length ? "not of the rod" : "peaks", "cross", "soft", named));
+  if (others.length) series.push(points(others, modes.length ? "other peaks" : "peaks", "cross", "soft", named));
   const levels = level.filter((value) => value > -390);
   const top = Math.max(...levels), low = Math.min(...levels);
   plot.draw({ x: { title: "frequency [Hz]", unit: "Hz", digits: 3 }, y: { title: "level [dB]", digits: 1, range: [low - 3, top + 0.22 * (top - low) + 3] }, series, isClosest: true });

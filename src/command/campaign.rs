@@ -68,8 +68,6 @@ pub struct Tally {
     lost: usize,
     files: usize,
     unreadable: usize,
-    /// Files that the file system refused, among those that could not be read.
-    refused: usize,
     with_losses: usize,
 }
 
@@ -173,7 +171,7 @@ pub fn run(
     );
     let done = Arc::new(AtomicU64::new(0));
     let channels: Vec<RodChannels> = config.rods.iter().map(|rod| rod.channels.clone()).collect();
-    let is_meant = others.is_meant;
+    let (is_meant, needs_all) = (others.is_meant, others.needs_all);
     let open = opener(others, channels.clone(), config.record, foreign::watch);
     let input =
         Recordings::new(files, channels, config.record, reading.follow, Arc::clone(&done)).opened_by(open);
@@ -187,6 +185,7 @@ pub fn run(
         read: done,
         total,
         is_meant,
+        needs_all,
         bar: &bar,
         tally: Tally::default(),
         seen: HashSet::new(),
@@ -234,6 +233,7 @@ struct Delivery<'a, F> {
     read: Arc<AtomicU64>,
     total: u64,
     is_meant: bool,
+    needs_all: bool,
     bar: &'a Progress,
     tally: Tally,
     /// Identities of the records of this run.
@@ -261,6 +261,13 @@ impl<F: OnEvent> Delivery<'_, F> {
     fn done(&mut self, done: Done) -> ControlFlow<()> {
         let (analysed, place) = match done {
             Done::Event(analysed, place) => (analysed, place),
+            Done::Job(Job::File {
+                result: Err(error @ SourceError::Io { .. }),
+                ..
+            }) if self.needs_all => {
+                self.failure = Some(error.into());
+                return ControlFlow::Break(());
+            }
             Done::Job(Job::File { result, .. }) => {
                 self.tally.file(&result, self.is_meant, self.bar);
                 return ControlFlow::Continue(());
@@ -309,9 +316,9 @@ impl Tally {
         }
     }
 
-    /// True if another attempt may find more: the file system refused a file, or an event was lost.
-    pub fn is_incomplete(&self) -> bool {
-        self.refused > 0 || self.lost > 0
+    /// True if an event was lost: nothing is known of it.
+    pub fn has_lost(&self) -> bool {
+        self.lost > 0
     }
 
     /// Losses in words that begin with a comma; empty without any.
@@ -341,7 +348,6 @@ impl Tally {
             Ok(summary) => summary,
             Err(error) => {
                 self.unreadable += 1;
-                self.refused += usize::from(matches!(error, SourceError::Io { .. }));
                 return bar.say(&format!("error: {error}"));
             }
         };

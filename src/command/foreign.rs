@@ -96,6 +96,7 @@ impl Foreign {
             how: self.how(),
             is_meant: setup.config.is_some(),
             any_start,
+            needs_all: false,
         }
     }
 }

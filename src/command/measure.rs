@@ -150,6 +150,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         how,
         is_meant: true,
         any_start: true,
+        needs_all: false,
     };
     if !args.output.is_json() {
         super::print(format!("{}: {}\n", args.file.display(), rod.said()).as_bytes())?;

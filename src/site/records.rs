@@ -23,6 +23,8 @@ pub struct Others {
     pub is_meant: bool,
     /// True if one without a start is accepted.
     pub any_start: bool,
+    /// True if a recording that the file system refuses ends the run: what comes after it must not be taken before it.
+    pub needs_all: bool,
 }
 
 /// Records of a campaign: an iterator over the events of its files in the order of event time.

@@ -110,10 +110,11 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let work = scratch.join(format!(".{site}-{}.tmp", task.result));
     let begun = Instant::now();
     let tally = analyse(&task, &work, args.threads)?;
-    if tally.is_incomplete() {
+    if tally.has_lost() {
+        // What was lost would come behind what came after it.
+        tidy(&work, &work);
         bail!(
-            "task {index}, site {site}: {tally}: no result, because something could not be read or broke; run the task \
-             again, and report what breaks again"
+            "task {index}, site {site}: {tally}: no result; run the task again, and report what breaks again"
         );
     }
     // One file, without what a write-ahead log leaves; checked row by row.
@@ -207,6 +208,7 @@ fn analyse(task: &Task, work: &Path, threads: Option<u16>) -> anyhow::Result<Tal
                 how: Foreign::default().how(),
                 is_meant: true,
                 any_start: false,
+                needs_all: true,
             };
             campaign::run(
                 &paths,

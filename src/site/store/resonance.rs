@@ -30,6 +30,21 @@ pub struct Made {
     pub analysis_version: Option<u32>,
 }
 
+/// Adds the table to a store that lacks it.
+pub(super) fn add_table(connection: &Connection) -> rusqlite::Result<()> {
+    connection.execute_batch(
+        "CREATE TABLE resonance (
+            number INTEGER PRIMARY KEY,
+            rod TEXT NOT NULL,
+            record INTEGER NOT NULL,
+            part INTEGER NOT NULL,
+            body BLOB NOT NULL,
+            checksum INTEGER NOT NULL
+        ) STRICT;
+        CREATE UNIQUE INDEX resonance_readings ON resonance (rod, record, part) WHERE part > 0;",
+    )
+}
+
 /// Writes the findings of a record.
 pub(super) fn write(connection: &Connection, rod: &RodId, record: i64, found: &Found) -> Result<(), Failure> {
     insert(connection, rod, record, 0, found)

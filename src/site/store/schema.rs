@@ -1,7 +1,7 @@
 //! The tables, and the steps from one format to the next. docs/store.md describes every column.
 
-use super::columns;
 use super::row::Row;
+use super::{columns, resonance};
 use rusqlite::types::Value;
 use rusqlite::{Connection, Transaction};
 
@@ -221,17 +221,9 @@ fn fourth(transaction: &Transaction<'_>) -> rusqlite::Result<()> {
 
 /// Fifth format: findings of every record's samples, for an analysis without them, and the file each record came from.
 fn fifth(transaction: &Transaction<'_>) -> rusqlite::Result<()> {
+    resonance::add_table(transaction)?;
     transaction.execute_batch(
-        "CREATE TABLE resonance (
-            number INTEGER PRIMARY KEY,
-            rod TEXT NOT NULL,
-            record INTEGER NOT NULL,
-            part INTEGER NOT NULL,
-            body BLOB NOT NULL,
-            checksum INTEGER NOT NULL
-        ) STRICT;
-        CREATE UNIQUE INDEX resonance_readings ON resonance (rod, record, part) WHERE part > 0;
-        CREATE TABLE origin (
+        "CREATE TABLE origin (
             record INTEGER PRIMARY KEY,
             file TEXT NOT NULL,
             checksum INTEGER NOT NULL,

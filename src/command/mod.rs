@@ -10,14 +10,17 @@ macro_rules! tell {
 }
 
 pub mod ack;
+mod again;
 pub mod alarm;
 pub mod backup;
 mod campaign;
 pub mod check;
 pub mod cli;
 pub mod completions;
+mod draws;
 pub mod emulator;
 mod findings;
+pub mod fleet;
 mod foreign;
 pub mod frequencies;
 pub mod history;
@@ -42,6 +45,7 @@ mod rod_flags;
 pub mod run;
 pub mod send;
 mod sensor;
+mod sensors;
 pub mod serve;
 mod setup;
 pub mod simulate;
@@ -90,6 +94,7 @@ pub fn run(command: &Command) -> anyhow::Result<ExitCode> {
         Command::Backup(args) => backup::run(args),
         Command::Study(args) => study::run(args),
         Command::Track(args) => track::run(args),
+        Command::Fleet(args) => fleet::run(args),
         Command::Run(args) => run::run(args),
         Command::Serve(args) => serve::run(args),
         Command::Send(args) => send::run(args),

@@ -1,6 +1,7 @@
 //! `tirante replay`: runs recordings through the whole pipeline.
 
 use super::BadArguments;
+use super::again;
 use super::campaign::{self, Reading};
 use super::foreign::Foreign;
 use super::import::MessageEncoding;
@@ -20,6 +21,7 @@ use crate::recording::atomic::AtomicFile;
 use crate::recording::write::Encoding;
 use crate::service::viewer::{Message, ResultsWriter};
 use crate::site::analyse::Analysed;
+use crate::site::pictures::Pictures;
 use crate::site::record_row::RecordRow;
 use crate::site::store::Position;
 use crate::site::trackers::Taken;
@@ -41,6 +43,7 @@ use std::process::ExitCode;
   tirante replay recordings/todi-pull.mcap --results todi-ros2.mcap \\
       --results-encoding cdr
   tirante replay /data/2026 --config site.toml --format json > forces.jsonl
+  tirante replay --from-store site.db --config new-prior.toml --store new.db
   tirante replay monday.csv tuesday.tdms --config site.toml --store site.db
 
 The force (mean ± standard deviation) is what one record says by itself. The
@@ -61,8 +64,19 @@ Alarms are results, not failures: a replay that raises some still ends with 0
 whether an alarm stands.")]
 pub struct Args {
     /// MCAP recordings, folders of them, or files of other programs (CSV, UFF, WAV, MATLAB, LabVIEW, NumPy).
-    #[arg(value_name = "PATH", required = true)]
+    #[arg(
+        value_name = "PATH",
+        required_unless_present = "from_store",
+        conflicts_with = "from_store"
+    )]
     pub paths: Vec<PathBuf>,
+
+    /// Analyse the records of this store again instead, without their recordings, from the resonances it
+    /// keeps: equal to a replay of the recordings, in a fraction of the time. Priors, tests, inference,
+    /// tracking and alarms may differ; what needs samples is refused by name. People's requests are not
+    /// taken over.
+    #[arg(long, value_name = "FILE", conflicts_with = "follow")]
+    pub from_store: Option<PathBuf>,
 
     /// Text or JSON.
     #[command(flatten)]
@@ -114,6 +128,10 @@ pub struct Args {
 /// Bad arguments or configuration, no recording at all, a store or an output that cannot be written.
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let config = args.setup.load()?;
+    let from = args.from_store.as_deref();
+    let from = from
+        .map(|from| again::open(from, args.store.as_deref(), &config))
+        .transpose()?;
     let Prepared { generation, mut site } = setup::site(config, args.store.as_deref(), &args.given_up)?;
     let (config, plans) = (&generation.config, &generation.plans);
     let modes = config
@@ -132,6 +150,9 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         is_coloured,
     );
     let known = site.store().all_known().clone();
+    if let Some(from) = &from {
+        site = site.without_samples(Pictures::of(from)?);
+    }
 
     let encoding = args.results_encoding.encoding();
     let results = args
@@ -141,37 +162,41 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let mut results = results.transpose()?;
     let mut output = io::stdout().lock();
     let mut header_due = !args.output.is_json();
-    let on_event = |analysed: &Analysed, place: Position<'_>, before: Option<[u8; 32]>, bar: &Progress| {
-        let taken = site.take_event(analysed, place, before)?;
-        let (Analysed::Record(outcome), Some(Taken { row, verdict })) = (analysed, taken) else {
-            return Ok(false);
-        };
-        if let Some(results) = &mut results {
-            results.add(config, outcome, &row, &verdict);
-        }
-        bar.suspend(|| {
-            if header_due {
-                header_due = false;
-                writeln!(output, "{}\n{}", config.site, table.header())?;
-            }
-            let line = if args.output.is_json() {
-                row.to_json()?
-            } else {
-                table.row(outcome, &verdict)
+    let on_event =
+        |analysed: &Analysed, place: Option<Position<'_>>, before: Option<[u8; 32]>, bar: &Progress| {
+            let taken = site.take_event(analysed, place, before)?;
+            let (Analysed::Record(outcome), Some(Taken { row, verdict })) = (analysed, taken) else {
+                return Ok(false);
             };
-            writeln!(output, "{line}")
-        })?;
-        Ok(true)
+            if let Some(results) = &mut results {
+                results.add(config, outcome, &row, &verdict);
+            }
+            bar.suspend(|| {
+                if header_due {
+                    header_due = false;
+                    writeln!(output, "{}\n{}", config.site, table.header())?;
+                }
+                let line = if args.output.is_json() {
+                    row.to_json()?
+                } else {
+                    table.row(outcome, &verdict)
+                };
+                writeln!(output, "{line}")
+            })?;
+            Ok(true)
+        };
+    let tally = match from {
+        Some(from) => again::run(from, plans, args.reading.workers(), &known, on_event)?,
+        None => campaign::run(
+            &args.paths,
+            config,
+            plans,
+            &args.reading,
+            args.foreign.among(&args.setup, false),
+            &known,
+            on_event,
+        )?,
     };
-    let tally = campaign::run(
-        &args.paths,
-        config,
-        plans,
-        &args.reading,
-        args.foreign.among(&args.setup, false),
-        &known,
-        on_event,
-    )?;
     let has_seen_all = tally.is_some();
     let code = campaign::conclude(tally);
     if has_seen_all {

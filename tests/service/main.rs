@@ -14,6 +14,7 @@ mod site;
 
 mod alerts;
 mod browser;
+mod certificates;
 mod fault_kinds;
 mod folder;
 mod http;

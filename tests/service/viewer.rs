@@ -614,7 +614,8 @@ fn as_json(message: &prost_reflect::DynamicMessage) -> Json {
             other => panic!("{other:?}"),
         }
     }
-    let fields = message.descriptor().fields().map(|field| {
+    let descriptor = message.descriptor();
+    let fields = descriptor.fields().map(|field| {
         let is_absent = field.kind().as_message().is_some() && !field.is_list() && !message.has_field(&field);
         let value = if is_absent {
             Json::Null

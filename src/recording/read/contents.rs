@@ -75,8 +75,8 @@ pub fn contents(path: &Path) -> io::Result<Vec<Content>> {
     let mut reader = Reader::open(path)?;
     let mut channels: BTreeMap<u16, Looked> = BTreeMap::new();
     let mut known: HashMap<(String, u16), Readers> = HashMap::new();
-    let (mut messages, mut is_cut) = (0, false);
-    loop {
+    let mut messages = 0;
+    let is_cut = loop {
         let step = reader.step(&mut |item| match item {
             Item::Channel(id, channel, schema) => {
                 let unit = channel.metadata("unit").and_then(Unit::as_written);
@@ -97,11 +97,10 @@ pub fn contents(path: &Path) -> io::Result<Vec<Content>> {
         let progress = step.map_err(|damage| {
             io::Error::other(format!("damaged at byte {}: {}", damage.offset, damage.what))
         })?;
-        is_cut = matches!(progress, Progress::Truncated | Progress::Wait);
         if !matches!(progress, Progress::More) || messages > MOST {
-            break;
+            break matches!(progress, Progress::Truncated | Progress::Wait);
         }
-    }
+    };
     if is_cut && messages == 0 {
         return Err(io::Error::other(
             "it ends before its first message is complete: the copy is cut short, or still being written",

@@ -19,6 +19,7 @@ mod operation;
 mod page;
 mod read;
 mod request;
+mod resonance;
 mod retention;
 mod row;
 mod schema;
@@ -36,6 +37,7 @@ pub use operation::{Carry, FileMark, FileState, News};
 pub use page::{Line, Lines, Mark, Modes, Point, Sampling};
 pub use read::{Filter, Listing, Reader, Standing};
 pub use request::{Asked, Request};
+pub use resonance::{FoundRow, Made};
 pub use snapshot::{SnapshotRow, Snapshots};
 pub use vigil::{ConditionEvent, Stretch};
 

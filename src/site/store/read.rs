@@ -117,6 +117,27 @@ impl Reader {
         Ok(())
     }
 
+    /// Compares every row of every table with its checksum.
+    ///
+    /// # Errors
+    /// A row is not what was written, or the store cannot be read.
+    pub fn check_all(&self) -> Result<(), StoreError> {
+        self.check(&schema::TABLES)
+    }
+
+    /// Number of records, and of those that were rejected.
+    ///
+    /// # Errors
+    /// The store cannot be read.
+    pub fn count_records(&self) -> Result<(u64, u64), StoreError> {
+        self.connection
+            .query_row("SELECT count(*), count(rejection) FROM record", (), |row| {
+                let (all, rejected): (i64, i64) = (row.get(0)?, row.get(1)?);
+                Ok((all.unsigned_abs(), rejected.unsigned_abs()))
+            })
+            .map_err(|error| self.fault(Failure::Sql(error)))
+    }
+
     pub(super) fn over(connection: Connection, path: PathBuf, file: FileId) -> Self {
         Self {
             connection,

@@ -39,9 +39,29 @@ pub(super) fn definitions(connection: &Connection) -> rusqlite::Result<Vec<(Stri
 }
 
 /// Tables whose rows have a checksum, in an order in which rows can be inserted.
-pub(super) const TABLES: [&str; 21] = [
-    "config", "rod", "segment", "state", "record", "line", "mode", "period", "snapshot", "alarm", "outbox",
-    "request", "source", "file", "carry", "delivery", "expected", "notice", "alive", "shelf", "origin",
+pub(super) const TABLES: [&str; 22] = [
+    "config",
+    "rod",
+    "segment",
+    "state",
+    "record",
+    "line",
+    "mode",
+    "resonance",
+    "period",
+    "snapshot",
+    "alarm",
+    "outbox",
+    "request",
+    "source",
+    "file",
+    "carry",
+    "delivery",
+    "expected",
+    "notice",
+    "alive",
+    "shelf",
+    "origin",
 ];
 
 /// True if a table exists: an older format has fewer.
@@ -58,8 +78,19 @@ pub(super) const SMALL: [&str; 9] = [
 ];
 
 /// Tables of results: equal for the same records, however often a run was killed and restarted.
-pub(super) const RESULTS: [&str; 11] = [
-    "config", "rod", "segment", "state", "record", "line", "mode", "period", "snapshot", "alarm", "outbox",
+pub(super) const RESULTS: [&str; 12] = [
+    "config",
+    "rod",
+    "segment",
+    "state",
+    "record",
+    "line",
+    "mode",
+    "resonance",
+    "period",
+    "snapshot",
+    "alarm",
+    "outbox",
 ];
 
 fn first(transaction: &Transaction<'_>) -> rusqlite::Result<()> {
@@ -188,10 +219,19 @@ fn fourth(transaction: &Transaction<'_>) -> rusqlite::Result<()> {
     )
 }
 
-/// Fifth format: the file each record came from.
+/// Fifth format: findings of every record's samples, for an analysis without them, and the file each record came from.
 fn fifth(transaction: &Transaction<'_>) -> rusqlite::Result<()> {
     transaction.execute_batch(
-        "CREATE TABLE origin (
+        "CREATE TABLE resonance (
+            number INTEGER PRIMARY KEY,
+            rod TEXT NOT NULL,
+            record INTEGER NOT NULL,
+            part INTEGER NOT NULL,
+            body BLOB NOT NULL,
+            checksum INTEGER NOT NULL
+        ) STRICT;
+        CREATE UNIQUE INDEX resonance_readings ON resonance (rod, record, part) WHERE part > 0;
+        CREATE TABLE origin (
             record INTEGER PRIMARY KEY,
             file TEXT NOT NULL,
             checksum INTEGER NOT NULL,

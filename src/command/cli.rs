@@ -1,8 +1,9 @@
 //! Arguments as typed.
 
 use crate::command::{
-    ack, alarm, backup, check, completions, emulator, frequencies, history, identify, import, init, manual,
-    measure, plan, rebaseline, replay, report, run, send, serve, simulate, spectrum, status, study, track,
+    ack, alarm, backup, check, completions, emulator, files, frequencies, history, identify, import, init,
+    manual, measure, plan, rebaseline, replay, report, run, send, serve, simulate, spectrum, status, study,
+    track,
 };
 use crate::service::telemetry::log;
 use clap::{ArgAction, Parser, Subcommand};
@@ -39,6 +40,7 @@ pub enum Command {
     Status(status::Args),
     Serve(serve::Args),
     History(history::Args),
+    Files(files::Args),
     Report(report::Args),
     Ack(ack::Args),
     Rebaseline(rebaseline::Args),

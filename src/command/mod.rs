@@ -17,6 +17,7 @@ pub mod check;
 pub mod cli;
 pub mod completions;
 pub mod emulator;
+pub mod files;
 mod findings;
 mod foreign;
 pub mod frequencies;
@@ -72,6 +73,7 @@ pub fn run(command: &Command) -> anyhow::Result<ExitCode> {
     match command {
         Command::Replay(args) => replay::run(args),
         Command::Identify(args) => identify::run(args),
+        Command::Files(args) => files::run(args),
         Command::Frequencies(args) => frequencies::run(args),
         Command::Plan(args) => plan::run(args),
         Command::Emulator(args) => emulator::run(args),

@@ -1,7 +1,7 @@
 //! Arguments as typed.
 
 use crate::command::{
-    ack, alarm, backup, check, completions, emulator, fleet, frequencies, history, identify, import, init,
+    ack, alarm, backup, check, completions, emulator, files, fleet, frequencies, history, identify, import, init,
     manual, measure, plan, rebaseline, replay, report, run, send, serve, simulate, spectrum, status, study,
     track,
 };
@@ -40,6 +40,7 @@ pub enum Command {
     Status(status::Args),
     Serve(serve::Args),
     History(history::Args),
+    Files(files::Args),
     Report(report::Args),
     Ack(ack::Args),
     Rebaseline(rebaseline::Args),

@@ -19,6 +19,7 @@ pub mod cli;
 pub mod completions;
 mod draws;
 pub mod emulator;
+pub mod files;
 mod findings;
 pub mod fleet;
 mod foreign;
@@ -76,6 +77,7 @@ pub fn run(command: &Command) -> anyhow::Result<ExitCode> {
     match command {
         Command::Replay(args) => replay::run(args),
         Command::Identify(args) => identify::run(args),
+        Command::Files(args) => files::run(args),
         Command::Frequencies(args) => frequencies::run(args),
         Command::Plan(args) => plan::run(args),
         Command::Emulator(args) => emulator::run(args),

@@ -16,6 +16,8 @@ use std::time::{Duration, Instant};
 const PEAK_MB: f64 = 256.0;
 /// Longest wait on a busy machine.
 const PATIENCE: Duration = Duration::from_secs(240);
+/// Growing files at once.
+const GROWING: usize = 12;
 const START_NS: u64 = 1_772_344_800_000_000_000;
 
 fn record(opcode: u8, content: &[u8]) -> Vec<u8> {
@@ -316,10 +318,10 @@ fn arrays_of_a_million_samples_are_analysed() {
 #[test]
 fn many_rods_share_one_bound() {
     weigh(
-        "30 rods of 2 million samples",
+        "30 rods of a million samples",
         &site(30, ""),
         "it.mcap",
-        &arrays(30, 2, 1_000_000),
+        &arrays(30, 1, 1_000_000),
         REPLAY,
         "end early",
     );
@@ -406,7 +408,7 @@ fn over_a_socket_and_in_the_watched_folder() {
         }
     };
     wait("it listens", &mut daemon, &|| socket.exists());
-    for content in [arrays(8, 4, 4_000_000), arrays(8, 16, 1_000_000), channels(1000)] {
+    for content in [arrays(8, 1, 4_000_000), arrays(8, 2, 1_000_000), channels(1000)] {
         let mut client = UnixStream::connect(&socket).unwrap();
         client.write_all(&content).unwrap();
         client.shutdown(Shutdown::Write).unwrap();
@@ -415,13 +417,13 @@ fn over_a_socket_and_in_the_watched_folder() {
         assert!(answer.contains("\"done\""), "{answer}");
     }
     // Growing files, each with as much as it may have.
-    let mut growing = arrays(8, 3, 1_000_000);
+    let mut growing = arrays(8, 1, 1_000_000);
     growing.truncate(growing.len() - 8);
-    for number in 0..40 {
+    for number in 0..GROWING {
         fs::write(folder.path().join(format!("archive/{number}.mcap")), &growing).unwrap();
     }
     wait("all files are read", &mut daemon, &|| {
-        (0..40).all(|number| log().contains(&format!("{number}.mcap is read")))
+        (0..GROWING).all(|number| log().contains(&format!("{number}.mcap is read")))
     });
     let peak = peak_mb(daemon.id()).unwrap();
     println!(

@@ -239,11 +239,16 @@ impl Folder {
             self.failed.insert(lane.name.clone(), Instant::now() + RETRY);
         }
         self.done.insert(lane.name, lane.stamp);
+        let losses = lane.recording.summary().faults();
+        let read = match losses.is_empty() {
+            true => FileState::Done,
+            false => FileState::Incomplete(losses.join("; ")),
+        };
         let mark = FileMark {
             name: lane.label.to_string(),
             size,
             modified_ns,
-            state: quarantined.map_or(FileState::Done, FileState::Quarantined),
+            state: quarantined.map_or(read, FileState::Quarantined),
         };
         Step::File((mark, Ok(lane.recording.summary().clone())))
     }

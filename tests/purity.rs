@@ -7,7 +7,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// From the ground up. A module is on the floor with the longest name that it begins with.
-const FLOORS: [&str; 60] = [
+const FLOORS: [&str; 61] = [
     "analysis::numerics",
     "analysis::rod::beam",
     "analysis::rod::fixity",
@@ -17,6 +17,7 @@ const FLOORS: [&str; 60] = [
     "analysis::signal::record",
     "analysis::signal::spectrum",
     "analysis::signal::modes",
+    "analysis::signal::array",
     "analysis::inference",
     "analysis::identify",
     "analysis::findings",

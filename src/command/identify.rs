@@ -214,18 +214,25 @@ fn from_recording(args: &Args, path: &PathBuf) -> anyhow::Result<ExitCode> {
             rod.sensors.len()
         );
     }
+    let mut refused_with_tests = false;
     let on_event = |analysed: &Analysed, _: Position<'_>, _: Option<[u8; 32]>, bar: &Progress| {
         if let Analysed::Record(outcome) = analysed {
             let tested = tests
                 .as_ref()
                 .and_then(|tests| with_tests(outcome, &plans, tests));
             let outcome = tested.as_ref().unwrap_or(outcome);
+            // The record alone gave a force: the tally does not know that with the tests it gives none.
+            refused_with_tests |= matches!(tested, Some(Outcome::Rejected(_)));
             bar.suspend(|| show(args, &config, &plans, outcome))?;
         }
         Ok(true)
     };
     let tally = campaign::run(paths, &config, &plans, &reading, others, &known, on_event)?;
-    Ok(campaign::conclude(tally))
+    let code = campaign::conclude(tally);
+    Ok(match refused_with_tests && code == ExitCode::SUCCESS {
+        true => ExitCode::from(WITH_LOSSES),
+        false => code,
+    })
 }
 
 /// The tests given, those of a record with a mass included; `None` without any.

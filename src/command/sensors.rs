@@ -6,7 +6,7 @@ use crate::analysis::identify::{ArrayResult, Plan, Sensed};
 use crate::analysis::inference::joint::Datum;
 use crate::analysis::outcome::Outcome;
 use crate::analysis::signal::array;
-use crate::analysis::signal::record::{Event, Record, RodChannels};
+use crate::analysis::signal::record::{Event, Record, RodChannels, RodId};
 use crate::config::{Config, RodConfig};
 use crate::recording::import::{self, Whose};
 use crate::recording::read::{Options, Recording};
@@ -60,7 +60,7 @@ pub fn identify(
     let mut has_losses = false;
     let mut records: Vec<Vec<Record>> = vec![Vec::new(); lanes.len()];
     for event in recording.by_ref() {
-        let of = |rod| lanes.iter().position(|lane| lane.rod == *rod);
+        let of = |rod: &RodId| lanes.iter().position(|lane| lane.rod == *rod);
         match event {
             Event::Record(record) => {
                 if let Some(sensor) = of(&record.rod) {
@@ -110,14 +110,13 @@ pub fn identify(
             Ok(identification) => Outcome::Identified(Box::new(identification)),
             Err(refusal) => {
                 // There is a first: a moment is made of records.
-                let Some((_, first)) = moment.into_iter().next() else { continue };
+                let Some((_, first)) = moment.into_iter().next() else {
+                    continue;
+                };
                 let identity = first.identity();
                 refused(first, identity, refusal)
             }
         });
     }
-    Ok(Joint {
-        outcomes,
-        has_losses,
-    })
+    Ok(Joint { outcomes, has_losses })
 }

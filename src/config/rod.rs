@@ -45,7 +45,11 @@ pub(super) fn read_all(root: &mut Table<'_>, shared: &Shared) -> Vec<Option<RodC
                 None => ids.push((id.clone(), line)),
             }
             let own = std::iter::once(("channel", &rod.channels.displacement));
-            let further = rod.sensors.iter().skip(1).map(|sensor| ("sensor", &sensor.channel));
+            let further = rod
+                .sensors
+                .iter()
+                .skip(1)
+                .map(|sensor| ("sensor", &sensor.channel));
             for (at, channel) in own.chain(further) {
                 let place = (channel.topic.clone(), channel.field.clone());
                 match channels
@@ -137,7 +141,10 @@ fn read(table: &mut Table<'_>, shared: &Shared) -> Option<RodConfig> {
     let (displacement, (at, gain_sd)) = displacement;
     let further = sensor::read_all(table);
     if !further.is_empty() && at.is_none() {
-        table.fault_of("channel", "at is wanted beside [[rod.sensor]]: the place of this sensor");
+        table.fault_of(
+            "channel",
+            "at is wanted beside [[rod.sensor]]: the place of this sensor",
+        );
     }
     let temperature = table.optional_section("temperature", "Its temperature.", |table| {
         channel::read(table, "value", &Unit::TEMPERATURE, Unit::Celsius)

@@ -52,14 +52,20 @@ pub(super) fn read_all(table: &mut Table<'_>) -> Vec<Option<Sensor>> {
         |table| {
             let channel = channel::read(table, "value", &Unit::SENSOR, Unit::Metre);
             let at = table.maybe_number(
-                key("at", "where it is, as a share of the length from the left support [-]"),
+                key(
+                    "at",
+                    "where it is, as a share of the length from the left support [-]",
+                ),
                 Range::within(0.0, 1.0),
                 Absent::Required,
             );
             let gain_sd = gain_error(table);
             let (channel, at) = (channel?, at?);
             if !channel.unit.is_strain() && (at == 0.0 || at == 1.0) {
-                table.fault_of("at", "lies on a support, where nothing moves; only a strain gauge may".to_owned());
+                table.fault_of(
+                    "at",
+                    "lies on a support, where nothing moves; only a strain gauge may".to_owned(),
+                );
                 return None;
             }
             Some(Sensor { channel, at, gain_sd })

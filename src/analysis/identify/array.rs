@@ -55,9 +55,9 @@ impl Plan {
                     let record = sensed[i].record;
                     first_refusal.get_or_insert_with(|| Refusal {
                         rejection: found.rejection,
-                        measurement: found.evidence.map(|evidence| {
-                            Box::new(Measurement::new(record, record.identity(), *evidence))
-                        }),
+                        measurement: found
+                            .evidence
+                            .map(|evidence| Box::new(Measurement::new(record, record.identity(), *evidence))),
                         labels: found.labels,
                     });
                 }
@@ -116,7 +116,12 @@ impl Plan {
         let first = sensed[order[0]];
         let records: Vec<(&Record, i32)> = order
             .iter()
-            .map(|&i| (sensed[i].record, sensed[i].unit.derivative() - first.unit.derivative()))
+            .map(|&i| {
+                (
+                    sensed[i].record,
+                    sensed[i].unit.derivative() - first.unit.derivative(),
+                )
+            })
             .collect();
         let (mut array, refused) = Array::new(&records);
         for (i, why) in refused.into_iter().rev() {

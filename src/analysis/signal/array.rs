@@ -39,7 +39,9 @@ const LEAST: f64 = 2e-3;
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum Unsynchronised {
     /// Their sample rates differ.
-    #[error("sampled at {other_hz:.4} Hz, the first sensor at {first_hz:.4} Hz: sensors must share one sample rate")]
+    #[error(
+        "sampled at {other_hz:.4} Hz, the first sensor at {first_hz:.4} Hz: sensors must share one sample rate"
+    )]
     Rate {
         /// Rate of the first sensor \[Hz\].
         first_hz: f64,
@@ -136,7 +138,11 @@ impl Array {
         // Each has half of the first; all together may have less, where the first sensor alone is left.
         if end - begin < (COMMON * first.samples.len() as f64) as i64 {
             let share = (end - begin).max(0) as f64 / first.samples.len().max(1) as f64;
-            refused.extend(spans.drain(1..).map(|(i, ..)| (i, Unsynchronised::Apart { share })));
+            refused.extend(
+                spans
+                    .drain(1..)
+                    .map(|(i, ..)| (i, Unsynchronised::Apart { share })),
+            );
             (begin, end) = (0, first.samples.len() as i64);
         }
         let sensors = spans
@@ -267,11 +273,13 @@ pub fn moments(records: Vec<Vec<Record>>) -> Vec<Vec<(usize, Record)>> {
     let mut moments: Vec<Vec<(usize, Record)>> = Vec::new();
     for (sensor, own) in records.into_iter().enumerate() {
         for record in own {
-            let is_free = |moment: &&mut Vec<(usize, Record)>| moment.iter().all(|(other, _)| *other != sensor);
-            let of_its_time = moments
-                .iter_mut()
-                .filter(is_free)
-                .find(|moment| moment.first().is_some_and(|(_, first)| common(first, &record) >= COMMON));
+            let is_free =
+                |moment: &&mut Vec<(usize, Record)>| moment.iter().all(|(other, _)| *other != sensor);
+            let of_its_time = moments.iter_mut().filter(is_free).find(|moment| {
+                moment
+                    .first()
+                    .is_some_and(|(_, first)| common(first, &record) >= COMMON)
+            });
             match of_its_time {
                 Some(moment) => moment.push((sensor, record)),
                 None => moments.push(vec![(sensor, record)]),
@@ -380,9 +388,9 @@ fn demodulated(sensor: &Sensor, fs_hz: f64, frequency_hz: f64, band_hz: f64) -> 
         .map(|i| i * step)
         .map_while(|from| turned.get(from..=from + 2 * reach))
         .map(|span| {
-            span.iter().zip(&kernel).fold((0.0, 0.0), |(re, im), (z, g)| {
-                (re + g * z.0, im + g * z.1)
-            })
+            span.iter()
+                .zip(&kernel)
+                .fold((0.0, 0.0), |(re, im), (z, g)| (re + g * z.0, im + g * z.1))
         })
         .collect()
 }
@@ -461,21 +469,39 @@ mod tests {
     #[test]
     fn another_rate_time_or_clock_is_refused() {
         let [a, b] = decays(1, 0.05);
-        let rate = Record { fs_hz: 250.0, ..b.clone() };
-        let late = Record { start: Timestamp::from_nanos(40_000_000_000), ..b.clone() };
+        let rate = Record {
+            fs_hz: 250.0,
+            ..b.clone()
+        };
+        let late = Record {
+            start: Timestamp::from_nanos(40_000_000_000),
+            ..b.clone()
+        };
         let (array, refused) = Array::new(&[(&a, 0), (&rate, 0), (&late, 0)]);
         assert_eq!(array.len(), 1);
-        assert!(matches!(refused[0], (1, Unsynchronised::Rate { .. })), "{refused:?}");
-        assert!(matches!(refused[1], (2, Unsynchronised::Apart { .. })), "{refused:?}");
+        assert!(
+            matches!(refused[0], (1, Unsynchronised::Rate { .. })),
+            "{refused:?}"
+        );
+        assert!(
+            matches!(refused[1], (2, Unsynchronised::Apart { .. })),
+            "{refused:?}"
+        );
         // Stamps that are wrong by 30 ms: 49 degrees of the first mode.
-        let skewed = Record { start: Timestamp::from_nanos(30_000_000), ..b.clone() };
+        let skewed = Record {
+            start: Timestamp::from_nanos(30_000_000),
+            ..b.clone()
+        };
         let (array, refused) = Array::new(&[(&a, 0), (&skewed, 0)]);
         assert!(refused.is_empty());
         let (sensor, why) = array.sight(&mode(1)).unwrap_err();
         assert_eq!(sensor, 1);
         assert!(why.to_string().contains("degrees out of phase"), "{why}");
         // A start between two samples is no such fault.
-        let between = Record { start: Timestamp::from_nanos(2_000_000), ..b };
+        let between = Record {
+            start: Timestamp::from_nanos(2_000_000),
+            ..b
+        };
         let (array, _) = Array::new(&[(&a, 0), (&between, 0)]);
         assert!(array.sensors[1].delay_s > 0.0019);
     }

@@ -5,7 +5,7 @@
 //! half, which follow the posterior's shape at every place, at several lengths because a bend allows only short ones.
 
 use super::density::{Mask, Problem};
-use super::population::{Population, effective, resampled};
+use super::population::{Population, effective};
 use crate::numerics::random;
 use crate::rod::prior::Prior;
 use rand::RngExt;
@@ -73,7 +73,7 @@ pub(super) fn annealed(
         let next = raised(&walkers, power)?;
         let weights = weights(&walkers, next - power);
         let mut generator = random::stream(stream(b"annealed ancestors", step), 0);
-        walkers = resampled(&weights, WALKERS, &mut generator)
+        walkers = random::systematic(&weights, WALKERS, &mut generator)
             .into_iter()
             .map(|row| walkers[row].clone())
             .collect();
@@ -121,7 +121,10 @@ fn raised(walkers: &[Walker], power: f64) -> Option<f64> {
 
 /// Normalised weights `likelihood^share`.
 fn weights(walkers: &[Walker], share: f64) -> Vec<f64> {
-    let highest = walkers.iter().map(|w| w.likelihood).fold(f64::NEG_INFINITY, f64::max);
+    let highest = walkers
+        .iter()
+        .map(|w| w.likelihood)
+        .fold(f64::NEG_INFINITY, f64::max);
     let mut weights: Vec<f64> = walkers
         .iter()
         .map(|w| libm::exp(share * (w.likelihood - highest)))
@@ -216,7 +219,12 @@ impl Chains<'_> {
         let gain = proposed.prior - walker.prior + power * (proposed.likelihood - walker.likelihood);
         if libm::log(u) < gain {
             // Two walkers that came of one and have not left each other move nobody.
-            let moved = walker.moved + if proposed.line == walker.line { 0.0 } else { share * share };
+            let moved = walker.moved
+                + if proposed.line == walker.line {
+                    0.0
+                } else {
+                    share * share
+                };
             *walker = Walker { moved, ..proposed };
         }
     }
@@ -252,10 +260,18 @@ mod tests {
         let (p, q) = (0.007f64.powi(-2), 0.0007f64.powi(-2));
         let expected = (0.07 * p + 0.073 * q) / (p + q);
         // 3000 draws, of which at least 1000 count: four standard errors.
-        assert!((mean - expected).abs() < 4.0 * 0.0007 / 1000f64.sqrt(), "{mean} {expected}");
+        assert!(
+            (mean - expected).abs() < 4.0 * 0.0007 / 1000f64.sqrt(),
+            "{mean} {expected}"
+        );
         assert!((sd * (p + q).sqrt() - 1.0).abs() < 4.0 / 2000f64.sqrt(), "{sd}");
         // What the datum does not tell of keeps its prior.
-        let forces: Vec<f64> = sample.thetas.iter().step_by(problem.priors.len()).copied().collect();
+        let forces: Vec<f64> = sample
+            .thetas
+            .iter()
+            .step_by(problem.priors.len())
+            .copied()
+            .collect();
         let mean = forces.iter().sum::<f64>() / count;
         assert!((mean / 8e5 - 1.0).abs() < 4.0 * 0.2 / 1000f64.sqrt(), "{mean}");
     }

@@ -339,10 +339,7 @@ mod tests {
             sd,
             gain_sd: 0.0,
         };
-        datum
-            .check(&RodPrior::todi())
-            .unwrap_err()
-            .to_string()
+        datum.check(&RodPrior::todi()).unwrap_err().to_string()
     }
 
     #[test]

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 /// From the ground up. A module is on the floor with the longest name that it begins with.
-const FLOORS: [&str; 66] = [
+const FLOORS: [&str; 67] = [
     "analysis::numerics",
     "analysis::rod::beam",
     "analysis::rod::fixity",
@@ -18,6 +18,7 @@ const FLOORS: [&str; 66] = [
     "analysis::signal::record",
     "analysis::signal::spectrum",
     "analysis::signal::modes",
+    "analysis::signal::array",
     "analysis::inference",
     "analysis::identify",
     "analysis::findings",

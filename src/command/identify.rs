@@ -205,7 +205,7 @@ fn from_recording(args: &Args, path: &PathBuf) -> anyhow::Result<ExitCode> {
             rod.sensors.len()
         );
     }
-    let mut forces = 0;
+    let (mut forces, mut refused_with_tests) = (0, false);
     let on_event = |analysed: &Analysed, _: Option<Position<'_>>, _: Option<[u8; 32]>, bar: &Progress| {
         if let Analysed::Record(outcome) = analysed {
             let tested = tests
@@ -214,12 +214,18 @@ fn from_recording(args: &Args, path: &PathBuf) -> anyhow::Result<ExitCode> {
             let outcome = tested.as_ref().unwrap_or(outcome);
             forces += usize::from(matches!(outcome, Outcome::Identified(_)));
             keep_draws(args, outcome, forces)?;
+            // The record alone gave a force: the tally does not know that with the tests it gives none.
+            refused_with_tests |= matches!(tested, Some(Outcome::Rejected(_)));
             bar.suspend(|| show(args, &config, &plans, outcome))?;
         }
         Ok(true)
     };
     let tally = campaign::run(paths, &config, &plans, &reading, others, &known, on_event)?;
-    Ok(campaign::conclude(tally))
+    let code = campaign::conclude(tally);
+    Ok(match refused_with_tests && code == ExitCode::SUCCESS {
+        true => ExitCode::from(WITH_LOSSES),
+        false => code,
+    })
 }
 
 /// Writes the draws of the run's `number`-th force, if asked for.

@@ -2,6 +2,7 @@
 
 pub(super) mod levels;
 pub(super) mod particles;
+mod tested;
 
 use super::baseline::levels::{Column, LEAST_LOG_SD, Slopes, Square};
 use super::baseline::particles::{Population, Target};
@@ -70,6 +71,9 @@ pub enum BaselineFault {
     /// No parameters of the rod give such frequencies.
     #[error("no rod the prior allows has these frequencies")]
     NoParticle,
+    /// Baseline and tests of the rod give no posterior together.
+    #[error("baseline and tests of the rod: {0}")]
+    Tests(String),
 }
 
 impl Baseline {

@@ -5,7 +5,7 @@
 //! half, which follow the posterior's shape at every place, at several lengths because a bend allows only short ones.
 
 use super::density::{Mask, Problem};
-use super::population::{Population, effective, resampled};
+use super::population::{Population, effective};
 use crate::numerics::random;
 use crate::rod::prior::Prior;
 use rand::RngExt;
@@ -73,7 +73,7 @@ pub(super) fn annealed(
         let next = raised(&walkers, power)?;
         let weights = weights(&walkers, next - power);
         let mut generator = random::stream(stream(b"annealed ancestors", step), 0);
-        walkers = resampled(&weights, WALKERS, &mut generator)
+        walkers = random::systematic(&weights, WALKERS, &mut generator)
             .into_iter()
             .map(|row| walkers[row].clone())
             .collect();

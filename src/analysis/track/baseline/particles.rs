@@ -60,7 +60,12 @@ impl Population {
                 prior.sample(&mut generator, theta);
             }
         }
-        let mut log_frequencies = vec![0.0; DRAWS * modes];
+        Self::of(thetas, width, model, modes)
+    }
+
+    /// Particles given, with their first `modes` frequencies.
+    pub fn of(thetas: Vec<f64>, width: usize, model: &dyn ForwardModel, modes: usize) -> Self {
+        let mut log_frequencies = vec![0.0; thetas.len() / width * modes];
         log_frequencies_of(model, &thetas, modes, &mut log_frequencies);
         Self {
             width,
@@ -68,6 +73,12 @@ impl Population {
             thetas,
             log_frequencies,
         }
+    }
+
+    /// Smallest chi.
+    pub fn misfit(&self, targets: &[Target]) -> f64 {
+        let squares = self.squares(targets);
+        squares.into_iter().fold(f64::INFINITY, f64::min).sqrt()
     }
 
     /// chi^2 of every particle, infinite where the model has no answer.
@@ -146,8 +157,8 @@ impl Population {
             let moves = if finished { LAST_MOVES } else { MOVES };
             next.rejuvenate(targets, &mut squares, done, moves, prior, model, &mut generator);
             if finished {
-                let least = squares.iter().fold(f64::INFINITY, |least, s| least.min(*s));
-                return Some((next, least.sqrt()));
+                let misfit = next.misfit(targets);
+                return Some((next, misfit));
             }
             population = Some(next);
         }

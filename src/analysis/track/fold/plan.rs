@@ -2,6 +2,7 @@
 
 use super::state::State;
 use crate::identify::{AnalysisSettings, Plan};
+use crate::inference::joint::Datum;
 use crate::numerics::random;
 use crate::rod::beam::forward::ForwardModel;
 use crate::rod::prior::RodPrior;
@@ -34,6 +35,7 @@ pub struct TrackPlan {
     prior: RodPrior,
     model: Arc<dyn ForwardModel>,
     discrepancy: Vec<f64>,
+    tests: Vec<Vec<Datum>>,
     key: String,
     seed: u64,
 }
@@ -64,6 +66,7 @@ impl TrackPlan {
             prior: analysis.prior.clone(),
             model,
             discrepancy,
+            tests: analysis.tests.iter().map(|test| test.data.clone()).collect(),
             key,
             seed: analysis.seed,
         }
@@ -110,18 +113,18 @@ impl TrackPlan {
         observations: &[Observation],
         segment: u32,
     ) -> Result<Baseline, BaselineFault> {
+        let first = observations.first().map(|first| first.start);
+        let seed = self.seed_of(b"baseline", segment, first);
+        let (prior, model) = (&self.prior, self.model.as_ref());
         Baseline::learn(
             observations,
-            &self.prior,
-            self.model.as_ref(),
+            prior,
+            model,
             &self.discrepancy,
             self.track.particles,
-            self.seed_of(
-                b"baseline",
-                segment,
-                observations.first().map(|first| first.start),
-            ),
-        )
+            seed,
+        )?
+        .after(&self.tests, prior, model, &self.discrepancy, seed)
     }
 
     /// A baseline ready for records.

@@ -10,7 +10,7 @@ use std::process::{Command, Stdio};
 use std::sync::LazyLock;
 
 /// Examples that are parsed but not run, by a part of their text, with the reason.
-const NOT_RUN: [(&str, &str); 20] = [
+const NOT_RUN: [(&str, &str); 23] = [
     ("tirante run ", "serves until it is stopped: tests/process"),
     (
         "tirante serve ",
@@ -28,9 +28,22 @@ const NOT_RUN: [(&str, &str); 20] = [
         "tirante measure laser.csv\n",
         "asks at a terminal: tests/command/measure.rs",
     ),
+    (
+        "tirante init laser.mcap --out site.toml\n",
+        "asks at a terminal, as `measure` does",
+    ),
+    (
+        "tirante fleet",
+        "an archive of many sites: tests/command/fleet.rs",
+    ),
+    ("--from-store", "a store with its records' findings: tests/site"),
+    ("rods.toml", "a configuration in two files: tests/config"),
+    (
+        "tuesday.tdms",
+        "a proprietary file: tests/command/import_cli.rs reads one",
+    ),
     ("/data/2026", "a folder of an installation"),
     ("/etc/tirante", "a file of an installation"),
-    ("systemctl ", "needs systemd"),
     ("[--rod ID]", "a synopsis"),
     ("ALARM", "a synopsis"),
     ("[--reason TEXT]", "a synopsis"),
@@ -49,7 +62,6 @@ const NOT_RUN: [(&str, &str); 20] = [
         "--config config/daemon.toml",
         "needs the store of the README's daemon: tests/process",
     ),
-    ("archive/fortunato", "an archive of many sites"),
     (
         "hammer.tdms",
         "a proprietary file: tests/command/import_cli.rs reads one",
@@ -242,23 +254,35 @@ fn stand_ins(at: &Path, example: &str) {
             .map(|(i, value)| line(i, *value))
             .collect()
     };
-    let table = if example.contains("Datum,Uhrzeit") {
-        let lines = rows(|i, value| {
-            let second = format!("{:.2}", i as f64 / 100.0).replace('.', ",");
+    // Of a file with another rate the configuration says that rate.
+    let fs_hz = match (example.contains("--rate 250"), example.contains("laser.uff")) {
+        (true, _) => 250.0,
+        (_, true) => 1024.0,
+        _ => 100.0,
+    };
+    let table = |day: u32| -> String {
+        if example.contains("Datum,Uhrzeit") {
+            let lines = rows(|i, value| {
+                let second = format!("{:05.2}", i as f64 / 100.0).replace('.', ",");
+                format!(
+                    "01.03.2026;06:00:{second};{}\n",
+                    format!("{:.6}", 1e3 * value).replace('.', ",")
+                )
+            });
+            // A record of a minute.
+            return format!("Datum;Uhrzeit;Weg 1 [mm]\n{lines}");
+        }
+        let lines = samples.iter().enumerate().map(|(i, value)| {
+            let (second, hundredth) = (i / 100, i % 100);
             format!(
-                "01.03.2026;06:00:{second:0>5};{}\n",
-                format!("{:.6}", 1e3 * value).replace('.', ",")
+                "2026-03-{day:02}T06:00:{second:02}.{hundredth:02}Z,{:.6}\n",
+                1e3 * value
             )
         });
-        // The hour that an example names lasts a minute.
-        let minute: String = lines.lines().take(6000).map(|line| format!("{line}\n")).collect();
-        format!("Datum;Uhrzeit;Weg 1 [mm]\n{minute}")
-    } else {
-        let lines = rows(|i, value| format!("{:.2},{:.6}\n", i as f64 / 100.0, 1e3 * value));
-        format!("Time [s],Laser [mm]\n{lines}")
+        format!("Time,Laser [mm]\n{}", lines.collect::<String>())
     };
-    for name in ["laser.csv", "monday.csv", "tuesday.csv"] {
-        fs::write(at.join(name), &table).unwrap();
+    for (name, day) in [("laser.csv", 1), ("monday.csv", 2), ("tuesday.csv", 3)] {
+        fs::write(at.join(name), table(day)).unwrap();
     }
     fs::write(at.join("hammer.wav"), sound(&samples)).unwrap();
     fs::write(at.join("laser.wav"), sound(&samples)).unwrap();
@@ -267,9 +291,12 @@ fn stand_ins(at: &Path, example: &str) {
         array(&samples, example.contains("[7,:,1]")),
     )
     .unwrap();
-    let lvm: String = samples.iter().map(|value| format!("\t{value:?}\r\n")).collect();
+    let lvm: String = samples
+        .iter()
+        .map(|value| format!("\t{:?}\r\n", 1e3 * value))
+        .collect();
     let head = "LabVIEW Measurement\t\r\nSeparator\tTab\r\nDecimal_Separator\t.\r\nX_Columns\tNo\r\n***End_of_Header***\t\r\n\t\r\n\
-                Channels\t1\t\r\nY_Unit_Label\tm\t\r\nX0\t0.0\t\r\nDelta_X\t0.010000\t\r\n***End_of_Header***\t\t\r\nX_Value\tlaser\tComment\r\n";
+                Channels\t1\t\r\nY_Unit_Label\tmm\t\r\nX0\t0.0\t\r\nDelta_X\t0.010000\t\r\n***End_of_Header***\t\t\r\nX_Value\tlaser\tComment\r\n";
     fs::write(at.join("pull.lvm"), format!("{head}{lvm}")).unwrap();
     fs::copy(
         concat!(env!("CARGO_MANIFEST_DIR"), "/tests/fixtures/import/text.uff"),
@@ -295,7 +322,11 @@ fn stand_ins(at: &Path, example: &str) {
         assert!(output.status.success(), "{words:?}: {}", text(&output.stderr));
     };
     let laser = at.join("own.csv");
-    let lines = rows(|i, value| format!("{:.2},{:.6}\n", i as f64 / 100.0, 1e3 * value));
+    let lines: String = samples
+        .iter()
+        .enumerate()
+        .map(|(i, value)| format!("{:.10},{:.6}\n", i as f64 / fs_hz, 1e3 * value))
+        .collect();
     fs::write(&laser, format!("Time [s],Laser [mm]\n{lines}")).unwrap();
     let start = "2026-03-01T06:00:00Z";
     quiet(&[
@@ -318,7 +349,11 @@ fn stand_ins(at: &Path, example: &str) {
     ] {
         let writes = [format!("--out {name}"), format!("--out {name} ")];
         if example.contains(name) && !writes.iter().any(|words| example.contains(words.as_str())) {
-            fs::copy(at.join("own.mcap"), at.join(name)).unwrap();
+            // Without a configuration the built-in rod is looked for.
+            let own = at.join("own.mcap");
+            let pull = Path::new(env!("CARGO_MANIFEST_DIR")).join("recordings/todi-pull.mcap");
+            let is_own = example.contains("--config") || name == "laser.mcap";
+            fs::copy(if is_own { own } else { pull }, at.join(name)).unwrap();
         }
     }
     if example.contains("--config site.toml") || example.contains("check site.toml") {

@@ -2,7 +2,6 @@
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot be set up fails")]
 
-use crate::common::*;
 use crate::listeners::*;
 use crate::send::{Authority, mcap, settings, tirante_send};
 use std::ffi::OsStr;

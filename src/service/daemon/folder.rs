@@ -29,8 +29,8 @@ const SCAN_SHARE: u32 = 20;
 const MOST_GROWING: usize = 64;
 /// Most bytes that growing recordings may hold together; beyond, the largest is read when it is finished.
 const GROWING_BYTES: usize = 32 << 20;
-/// Least room for the samples of a finished recording, whatever journal and growing recordings hold \[bytes\].
-const LEAST_ROOM: usize = 24 << 20;
+/// Least room for the samples of a recording, whatever the journal and the other recordings hold \[bytes\].
+const LEAST_ROOM: usize = 16 << 20;
 /// Pause before a file that cannot be opened is tried again.
 const RETRY: Duration = Duration::from_secs(60);
 
@@ -62,6 +62,8 @@ pub(super) struct Folder {
     finished: Option<Lane>,
     growing: VecDeque<Lane>,
     next_scan: Instant,
+    /// Bytes of samples that the journal holds.
+    elsewhere: usize,
     /// True if the growing files have the next turn.
     is_turn_of_growing: bool,
     /// True if finished files come first: at the start, until all present then are read.
@@ -122,6 +124,7 @@ impl Folder {
             finished: None,
             growing: VecDeque::new(),
             next_scan: Instant::now(),
+            elsewhere: 0,
             is_turn_of_growing: false,
             catches_up: true,
         }
@@ -149,6 +152,7 @@ impl Folder {
     /// Takes one step: a scan if due, or at most one record or chunk of one file. `elsewhere`: bytes of samples
     /// that the journal holds.
     pub fn step(&mut self, watch: &mut Watch, stop: &AtomicBool, elsewhere: usize) -> FolderStep {
+        self.elsewhere = elsewhere;
         if Instant::now() >= self.next_scan {
             let began = Instant::now();
             self.scan(stop);
@@ -160,15 +164,15 @@ impl Folder {
         }
         if let Some(mut lane) = self.finished.take() {
             self.is_turn_of_growing = !self.is_turn_of_growing && !self.catches_up;
+            self.elsewhere = elsewhere + lane.held;
             if self.is_turn_of_growing
                 && let Some(step) = self.step_growing(watch)
             {
                 self.finished = Some(lane);
                 return step;
             }
-            let growing: usize = self.growing.iter().map(|lane| lane.held).sum();
-            let room = HELD.saturating_sub(elsewhere + growing);
-            lane.recording.bound(room.max(LEAST_ROOM));
+            self.elsewhere = elsewhere;
+            lane.recording.bound(self.room());
             let step = lane.step(watch, self.settle, &self.health);
             if let Some(Step::End) = step {
                 return self.close(lane, watch);
@@ -191,6 +195,7 @@ impl Folder {
     fn step_growing(&mut self, watch: &mut Watch) -> Option<FolderStep> {
         for _ in 0..self.growing.len() {
             let mut lane = self.growing.pop_front()?;
+            lane.recording.bound(self.room());
             let step = lane.step(watch, self.settle, &self.health);
             match step {
                 None => self.next_scan = Instant::now(),
@@ -209,6 +214,13 @@ impl Folder {
             }
         }
         None
+    }
+
+    /// Room for the samples of a recording: what the journal and all other recordings leave \[bytes\].
+    fn room(&self) -> usize {
+        let others = self.growing.iter().chain(&self.finished);
+        let held: usize = others.map(|lane| lane.held).sum();
+        HELD.saturating_sub(self.elsewhere + held).max(LEAST_ROOM)
     }
 
     /// Puts off the largest growing files while all together hold too much: they are begun again when
@@ -373,10 +385,7 @@ impl Folder {
         };
         let stamp = stamp(&file.metadata().map_err(failed)?);
         let input = file.try_clone().map_err(failed)?;
-        let mut recording = Recording::begin(&label, input, &self.channels, &self.settings, is_live)?;
-        if is_live {
-            recording.bound(GROWING_BYTES);
-        }
+        let recording = Recording::begin(&label, input, &self.channels, &self.settings, is_live)?;
         Ok(Lane {
             name: name.to_owned(),
             label: Arc::from(label),

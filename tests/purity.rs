@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 /// From the ground up. A module is on the floor with the longest name that it begins with.
-const FLOORS: [&str; 62] = [
+const FLOORS: [&str; 66] = [
     "analysis::numerics",
     "analysis::rod::beam",
     "analysis::rod::fixity",
@@ -55,12 +55,16 @@ const FLOORS: [&str; 62] = [
     "site::emulator_cache",
     "site::prepared",
     "site::record_row",
+    "site::found",
     "site::store",
     "site::baselines",
+    "site::pictures",
     "site::analyse",
     "site::records",
     "site::trackers",
     "site::driver",
+    "site::reanalysis",
+    "site::fleet",
     "service::telemetry",
     "service::journal",
     "service::ingest",

@@ -4,7 +4,9 @@ use super::campaign::{self, Reading};
 use super::draws::DrawsFile;
 use super::findings;
 use super::foreign::Foreign;
+use super::listing::folded;
 use super::progress::Progress;
+use super::sensors;
 use super::setup::{self, Setup};
 use super::sketch::{self, When};
 use super::tests_of_rod::{self, TestFlags, Tests};
@@ -46,7 +48,7 @@ const HIGHEST_HZ: f64 = 1e5;
 #[command(after_help = "Examples:
   tirante identify recordings/todi-pull.mcap
   tirante identify laser.csv \\
-      --config site.toml          (UFF, WAV, MATLAB, .lvm, .tdms alike)
+      --config site.toml          # UFF, WAV, MATLAB, .lvm, .tdms alike
   tirante identify hammer.tdms --config site.toml --channel 'Acc 3'
   tirante identify camera.npy --config site.toml --rate 250 --channel '[7,:,1]'
   tirante identify --frequencies 4.492,9.288,13.252
@@ -179,8 +181,32 @@ fn from_recording(args: &Args, path: &PathBuf) -> anyhow::Result<ExitCode> {
             .ok_or_else(|| anyhow!("the rod {rod} has no plan"))?;
         tests_of(args, &config, &plans, plan)?
     };
+    if let [rod] = &config.rods[..]
+        && !rod.sensors.is_empty()
+    {
+        let id = &rod.analysis.rod;
+        let plan = plans.get(id).ok_or_else(|| anyhow!("the rod {id} has no plan"))?;
+        let data = tests.as_ref().map_or(&[][..], |tests| &tests.data);
+        let found = sensors::identify(path, &config, rod, plan, &others, data)?;
+        for outcome in &found.outcomes {
+            show(args, &config, &plans, outcome)?;
+        }
+        let is_good = |outcome: &Outcome| matches!(outcome, Outcome::Identified(_));
+        let all_good = !found.has_losses && found.outcomes.iter().all(is_good);
+        return Ok(match all_good {
+            true => ExitCode::SUCCESS,
+            false => ExitCode::from(WITH_LOSSES),
+        });
+    }
+    for rod in config.rods.iter().filter(|rod| !rod.sensors.is_empty()) {
+        let id = &rod.analysis.rod;
+        tell!(
+            "{id}: {} sensors, of which only that of [rod.channel] is used: --rod {id} identifies all of them jointly",
+            rod.sensors.len()
+        );
+    }
     let mut forces = 0;
-    let on_event = |analysed: &Analysed, _: Position<'_>, _: Option<[u8; 32]>, bar: &Progress| {
+    let on_event = |analysed: &Analysed, _: Option<Position<'_>>, _: Option<[u8; 32]>, bar: &Progress| {
         if let Analysed::Record(outcome) = analysed {
             let tested = tests
                 .as_ref()
@@ -219,7 +245,7 @@ fn tests_of(args: &Args, config: &Config, plans: &Arc<Plans>, plan: &Plan) -> an
         let (mut loaded, mut refusals) = (Vec::new(), Vec::new());
         let others = args.foreign.among(&args.setup, true);
         let paths = std::slice::from_ref(path);
-        let on_event = |analysed: &Analysed, _: Position<'_>, _: Option<[u8; 32]>, _: &Progress| {
+        let on_event = |analysed: &Analysed, _: Option<Position<'_>>, _: Option<[u8; 32]>, _: &Progress| {
             if let Analysed::Record(outcome) = analysed {
                 match outcome.as_ref() {
                     Outcome::Identified(found) => loaded.push(found.modes.clone()),
@@ -305,6 +331,11 @@ fn show(args: &Args, config: &Config, plans: &Plans, outcome: &Outcome) -> io::R
         Outcome::Rejected(rejected) => {
             findings::refused(rejected) + &plot(args, || Snapshot::of_rejected(rejected))
         }
+    };
+    let text = if args.output.is_json() {
+        text
+    } else {
+        folded(&text)
     };
     io::stdout().lock().write_all(text.as_bytes())
 }

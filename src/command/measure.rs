@@ -162,10 +162,10 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         &Reading::default(),
         others,
         &site.store().all_known().clone(),
-        |analysed: &Analysed, place: Position<'_>, _: Option<[u8; 32]>, bar: &Progress| {
+        |analysed: &Analysed, place: Option<Position<'_>>, _: Option<[u8; 32]>, bar: &Progress| {
             if let Analysed::Record(outcome) = analysed {
                 records += 1;
-                let Some(taken) = site.take(outcome, Some(place))? else {
+                let Some(taken) = site.take(outcome, place)? else {
                     return Ok(false);
                 };
                 let text = match args.output.is_json() {

@@ -20,6 +20,7 @@ mod range;
 mod reader;
 mod record;
 mod rod;
+mod sensor;
 mod setting;
 pub mod settings;
 mod simulation;
@@ -37,6 +38,7 @@ mod value;
 pub use effective::KeyReference;
 pub use fault::{ConfigError, Fault};
 pub use rod::rod_id;
+pub use sensor::Sensor;
 pub use setting::Setting;
 pub use simulation::SimulationConfig;
 pub use suggestion::nearest;
@@ -109,6 +111,8 @@ pub struct RodConfig {
     pub analysis: AnalysisSettings,
     /// Location of its samples in a recording.
     pub channels: RodChannels,
+    /// All of its sensors, that of the channels first, where it has several; empty otherwise.
+    pub sensors: Vec<Sensor>,
 }
 
 impl Config {

@@ -97,6 +97,7 @@ fn read(table: &mut Table<'_>, rods: &[Option<RodConfig>]) -> Option<SinkSetting
             "status_topic",
             "from",
             "to",
+            "group_s",
             "user",
             "password_file",
             "ca_file",
@@ -149,6 +150,17 @@ fn read(table: &mut Table<'_>, rods: &[Option<RodConfig>]) -> Option<SinkSetting
         RESEND_S.of("resend_s"),
         Absent::Default(60.0),
         |value| value.number(RESEND_S),
+        |number| super::range::toml_float(*number),
+    );
+    let group_s = table.take(
+        key(
+            "group_s",
+            "alarms of so long a time go into one mail; 0: each has its own [s]",
+        )
+        .only(kind == Kind::Email, "kind = \"email\""),
+        GROUP_S.of("group_s"),
+        Absent::Default(60.0),
+        |value| value.number(GROUP_S),
         |number| super::range::toml_float(*number),
     );
     let topic = table.take(
@@ -259,6 +271,7 @@ fn read(table: &mut Table<'_>, rods: &[Option<RodConfig>]) -> Option<SinkSetting
             },
             from: from?,
             to: to?,
+            group_s: group_s?,
             login,
             ca_file,
         }),
@@ -271,6 +284,7 @@ fn read(table: &mut Table<'_>, rods: &[Option<RodConfig>]) -> Option<SinkSetting
     })
 }
 
+const GROUP_S: Range = Range::within(0.0, 3600.0);
 const RESEND_S: Range = Range::within(1.0, 240.0);
 
 /// Checks that no secret leaves this machine unencrypted, and that no certificate is named without effect.

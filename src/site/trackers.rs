@@ -7,6 +7,8 @@ use crate::analysis::track::alarm::Board;
 use crate::analysis::track::{AlarmEvent, Kind, RodState, State, TrackPlan, Tracker, Verdict};
 use crate::site::analyse::Analysed;
 use crate::site::baselines;
+use crate::site::found::Found;
+use crate::site::pictures::Pictures;
 use crate::site::prepared::Provenance;
 use crate::site::record_row::RecordRow;
 use crate::site::store::{
@@ -25,6 +27,8 @@ pub struct Site {
     renewed: Vec<(RodId, u32)>,
     /// Time since which each rod has been expected, by a daemon.
     expected: BTreeMap<RodId, Timestamp>,
+    /// Pictures of records that come without samples; `None` where samples come.
+    pictures: Option<Pictures>,
 }
 
 /// Result of one new record: its row, and its changes.
@@ -137,6 +141,7 @@ impl Site {
             config_hash: provenance.hash.to_owned(),
             renewed,
             expected: BTreeMap::new(),
+            pictures: None,
         })
     }
 
@@ -148,6 +153,15 @@ impl Site {
         let rods: Vec<&RodId> = self.trackers.keys().collect();
         self.expected = self.store.expect_rods(&rods, now)?;
         Ok(())
+    }
+
+    /// Takes records without samples from now on: views of them take waveform and spectrum from `pictures`, and are
+    /// left out where these have none.
+    pub fn without_samples(self, pictures: Pictures) -> Self {
+        Self {
+            pictures: Some(pictures),
+            ..self
+        }
     }
 
     /// Continues with another configuration and the same store.
@@ -267,11 +281,17 @@ impl Site {
                     .and_then(|_| Snapshot::of_rejected(rejected))
             }
         };
+        let snapshot = match &self.pictures {
+            None => snapshot,
+            Some(pictures) => snapshot.and_then(|snapshot| pictures.complete(rod, snapshot)),
+        };
         let row = RecordRow::of(outcome, Some(&verdict), &self.config_hash);
+        let found = Found::of(outcome);
         self.store.commit(&Commit {
             record: Some(NewRecord {
                 row: &row,
                 identity,
+                found: found.as_ref(),
                 rms: outcome.rms(),
                 emulator: self.emulators.get(rod).copied().unwrap_or_default(),
             }),
@@ -300,11 +320,11 @@ impl Site {
     pub fn take_event(
         &mut self,
         analysed: &Analysed,
-        position: Position<'_>,
+        position: Option<Position<'_>>,
         before: Option<[u8; 32]>,
     ) -> Result<Option<Taken>, StoreError> {
         match analysed {
-            Analysed::Record(outcome) => self.take(outcome, Some(position)),
+            Analysed::Record(outcome) => self.take(outcome, position),
             Analysed::Readings(rod, readings) => self.take_readings(rod, readings, before).map(|_| None),
             Analysed::Known(..) => Ok(None),
         }
@@ -327,14 +347,20 @@ impl Site {
         let Some(tracker) = self.trackers.get_mut(rod) else {
             return Ok(false);
         };
-        if self.store.last_identity(rod)? != after || !tracker.take_readings(readings) {
+        let Some(first) = readings.first() else {
+            return Ok(false);
+        };
+        if self.store.last_identity(rod)? != after {
             return Ok(false);
         }
+        let is_new = tracker.take_readings(readings);
+        // Kept also if this fold has no use for them: that of other settings may.
         self.store.commit(&Commit {
-            rod: Some(row(tracker, &tracker.rod_state(), &[])),
+            readings: Some((rod, first.time.as_nanos(), &Found::of_readings(readings))),
+            rod: is_new.then_some(row(tracker, &tracker.rod_state(), &[])),
             ..Commit::default()
         })?;
-        Ok(true)
+        Ok(is_new)
     }
 
     /// Checks for missing data of a rod that has been silent for `elapsed_s` \[s\]; returns the alarm events.

@@ -150,6 +150,7 @@ fn measured(
                 query,
                 value: centre + sd * normal(),
                 sd,
+                gain_sd: 0.0,
             }
         })
         .collect()

@@ -5,8 +5,10 @@
 //! by regression. Then that population is corrected: kernels around it propose, and the weights are prior times the density of the
 //! data's errors over the proposal's. With the density of the error as its kernel, ABC is exact for the model (Wilkinson 2013).
 //! Where a correction leaves too few effective draws, the errors' density is widened to the power below one that leaves enough, and
-//! the next population is proposed from there: sequential ABC with a shrinking kernel, until the kernel is the error itself.
+//! the next population is proposed from there: sequential ABC with a shrinking kernel, until the kernel is the error itself. Where
+//! these fail too, because the posterior is thin and bent, annealed Markov chains follow it.
 
+mod annealed;
 mod conflict;
 mod datum;
 mod density;
@@ -92,17 +94,20 @@ pub enum JointError {
         /// A slip that would explain it, with a leading separator, or nothing.
         hint: String,
     },
-    /// Data that no rod explains together within their errors, or for which the sampler failed.
+    /// Data that no rod explains together.
     #[error(
-        "the data leave {effective:.0} effective draws, {FEWEST} are needed: they contradict each other, or their errors are far too \
-         small (most likely: {suspect})"
+        "no rod explains the data together: the nearest misses them by {score:.1} standard deviations; they contradict each other, or \
+         their errors are far too small (most likely: {suspect})"
     )]
-    TooFew {
-        /// Effective draws.
-        effective: f64,
-        /// The datum farthest from the best draw.
+    Contradiction {
+        /// Distance of the nearest rod, as a normal score of all data.
+        score: f64,
+        /// The datum farthest from that rod.
         suspect: String,
     },
+    /// No rod was found that the data allow.
+    #[error("no rod of the prior was found that the data allow at all")]
+    Unsampled,
 }
 
 /// Method by which a joint posterior was computed.
@@ -113,6 +118,8 @@ pub enum Sampler {
     Table,
     /// A sequence of kernels that shrink to the errors.
     Sequential,
+    /// Markov chains annealed from the prior.
+    Chains,
 }
 
 /// Posterior of the rod at the first moment, with further results.
@@ -193,20 +200,43 @@ impl Joint<'_> {
         let uncertain: Vec<usize> = (0..problem.priors.len())
             .filter(|&i| !problem.priors[i].is_fixed())
             .collect();
-        let width = problem.priors.len();
         let stream = |what: &[u8], number: usize| {
             let number = (number as u64).to_le_bytes();
             let mask: Vec<u8> = mask.iter().map(|&m| u8::from(m)).collect();
             random::seed(&[b"joint", what, &seed.to_le_bytes(), &number, &mask])
         };
+        if let Some(found) = self.kernels(problem, pilot, mask, settings, &uncertain, &stream) {
+            return Ok(found);
+        }
+        let chains = annealed::annealed(problem, &uncertain, &pilot.thetas, mask, stream(b"annealed", 0));
+        let (population, tried) = chains.ok_or(JointError::Unsampled)?;
+        refuse_contradiction(problem, mask, &population)?;
+        let weights = population.weights(1.0);
+        Ok(Found {
+            population,
+            weights,
+            draws: pilot.rows + tried,
+            populations: 1,
+            sampler: Sampler::Chains,
+        })
+    }
+
+    /// Populations proposed by mixtures of kernels; `None` if they cannot follow the posterior.
+    fn kernels(
+        &self,
+        problem: &Problem,
+        pilot: &Pilot,
+        mask: &Mask,
+        settings: JointSettings,
+        uncertain: &[usize],
+        stream: &dyn Fn(&[u8], usize) -> u64,
+    ) -> Option<Found> {
+        let width = problem.priors.len();
         let mut ancestors = pilot.nearest(problem, mask);
         let (mut populations, mut unwidened, mut is_last) = (0, 0, false);
         let mut draws = pilot.rows;
-        loop {
-            let Some(mixture) = Mixture::around(problem, &uncertain, &ancestors, populations >= LOCAL_FROM)
-            else {
-                return Err(too_few(problem, mask, 0.0, None));
-            };
+        while populations < MOST {
+            let mixture = Mixture::around(problem, uncertain, &ancestors, populations >= LOCAL_FROM)?;
             let count = if is_last {
                 settings.sample
             } else {
@@ -217,20 +247,15 @@ impl Joint<'_> {
             draws += count;
             let weights = population.weights(1.0);
             let found = effective(&weights);
-            let suffices = found >= WANTED * count as f64 || unwidened >= 6;
-            if is_last && suffices || populations >= MOST {
-                if found < FEWEST.min(0.5 * count as f64) {
-                    return Err(too_few(problem, mask, found, Some((&population, &weights))));
-                }
-                return Ok(Found {
+            if is_last && (found >= WANTED * count as f64 || unwidened >= 6) {
+                return (found >= FEWEST.min(0.5 * count as f64)).then_some(Found {
                     population,
                     weights,
                     draws,
                     populations,
-                    sampler: if populations <= 2 {
-                        Sampler::Table
-                    } else {
-                        Sampler::Sequential
+                    sampler: match populations {
+                        0..=2 => Sampler::Table,
+                        _ => Sampler::Sequential,
                     },
                 });
             }
@@ -244,7 +269,7 @@ impl Joint<'_> {
             is_last = is_last || found >= ENOUGH * count as f64 || unwidened >= 3;
             let next = population.weights(share);
             if effective(&next) == 0.0 {
-                return Err(too_few(problem, mask, 0.0, None));
+                return None;
             }
             let rows = resampled(
                 &next,
@@ -256,6 +281,7 @@ impl Joint<'_> {
                 ancestors.extend(&population.thetas[row * width..][..width]);
             }
         }
+        None
     }
 
     fn finished(
@@ -307,7 +333,7 @@ impl Joint<'_> {
                 seed,
                 method: match sampler {
                     Sampler::Table => Method::Rejection,
-                    Sampler::Sequential => Method::Sequential,
+                    Sampler::Sequential | Sampler::Chains => Method::Sequential,
                 },
                 adjustment: Adjustment::None,
                 withheld: None,
@@ -330,25 +356,31 @@ struct Found {
     sampler: Sampler,
 }
 
-fn too_few(
-    problem: &Problem,
-    mask: &Mask,
-    effective: f64,
-    population: Option<(&Population, &[f64])>,
-) -> JointError {
-    let data = problem.data.len();
-    let suspect = population.and_then(|(population, weights)| {
-        let best = (0..weights.len()).max_by(|&a, &b| weights[a].total_cmp(&weights[b]))?;
-        let answers = population.answers.get(best * data..(best + 1) * data)?;
-        let away = |i: usize| ((problem.data[i].value - answers[i]) / problem.spread(i, answers[i])).abs();
-        (0..data)
-            .filter(|&i| mask[i])
-            .max_by(|&a, &b| away(a).total_cmp(&away(b)))
-    });
-    JointError::TooFew {
-        effective,
-        suspect: suspect.map_or_else(|| "unknown".to_owned(), |i| problem.data[i].query.said()),
+/// Score above which data are refused, because no rod explains them.
+const REFUSED: f64 = 6.0;
+
+/// Refuses data of which even the nearest point of a sample is too far.
+fn refuse_contradiction(problem: &Problem, mask: &Mask, sample: &Population) -> Result<(), JointError> {
+    let count = problem.data.len();
+    let used: Vec<usize> = (0..count).filter(|&i| mask[i]).collect();
+    let away =
+        |answers: &[f64], i: usize| (problem.data[i].value - answers[i]) / problem.spread(i, answers[i]);
+    let square = |answers: &[f64]| -> f64 { used.iter().map(|&i| away(answers, i).powi(2)).sum() };
+    let rows = sample.answers.chunks_exact(count);
+    let Some(nearest) = rows.min_by(|a, b| square(a).total_cmp(&square(b))) else {
+        return Err(JointError::Unsampled);
+    };
+    let score = conflict::normal_score(square(nearest), used.len());
+    if score <= REFUSED {
+        return Ok(());
     }
+    let farthest = used
+        .into_iter()
+        .max_by(|&a, &b| away(nearest, a).abs().total_cmp(&away(nearest, b).abs()));
+    Err(JointError::Contradiction {
+        score,
+        suspect: farthest.map_or_else(String::new, |i| problem.data[i].query.said()),
+    })
 }
 
 /// Power of the likelihood that leaves `wanted` effective draws, by bisection.

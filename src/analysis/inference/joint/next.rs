@@ -228,10 +228,7 @@ pub fn worth(
     };
     let found: Vec<Worth> = candidates.iter().enumerate().filter_map(of_candidate).collect();
     if found.is_empty() {
-        return Err(JointError::TooFew {
-            effective: 0.0,
-            suspect: "the prior: most of its rods cannot be inferred".to_owned(),
-        });
+        return Err(JointError::Unsampled);
     }
     Ok(found)
 }
@@ -306,6 +303,7 @@ fn of_rod(
                     query: *query,
                     value: centre + sd * normal(),
                     sd,
+                    gain_sd: 0.0,
                 }
             })
             .collect())

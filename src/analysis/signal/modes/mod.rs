@@ -27,7 +27,7 @@ pub use refine::{Refinement, Search, refine};
 use serde::{Deserialize, Serialize};
 
 /// One resonance found in a record, not yet given a mode order.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Resonance {
     /// Natural frequency \[Hz\].
     pub frequency_hz: f64,

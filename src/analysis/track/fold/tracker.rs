@@ -7,7 +7,7 @@ use super::state::{Opening, State};
 use super::verdict::{Input, RodState, Verdict};
 use crate::identify::Plan;
 use crate::signal::record::{Reading, RodId, Timestamp};
-use crate::track::alarm::{AlarmEvent, Board, Cause, Finding, Kind, Known};
+use crate::track::alarm::{AlarmEvent, Board, Cause, Kind, Known, Standing};
 use crate::track::drift::others::Others;
 use crate::track::drift::watch::Witness;
 use crate::track::plausibility::{JUMP_S, Peer};
@@ -311,16 +311,16 @@ impl Tracker {
         message: impl FnOnce() -> String,
     ) {
         match self.find(cause, holds) {
-            Finding::Holds => {
+            Standing::Holds => {
                 self.on_board(|board| board.raise(cause.kind(), time, message(), Known::default()))
             }
-            Finding::Over => self.on_board(|board| board.clear(cause.kind(), time)),
-            Finding::Undecided => {}
+            Standing::Over => self.on_board(|board| board.clear(cause.kind(), time)),
+            Standing::Undecided => {}
         }
     }
 
     /// Checks a condition.
-    pub(crate) fn find(&mut self, cause: Cause, holds: Option<bool>) -> Finding {
+    pub(crate) fn find(&mut self, cause: Cause, holds: Option<bool>) -> Standing {
         let alarm = &self.plan.alarm;
         let raise = match cause {
             Cause::Unusable | Cause::NoTemperature => alarm.sensor_records,

@@ -87,10 +87,13 @@ def test_a_recording_gives_the_programs_line(paper):
     found = paper.identify(record)
     printed = lines(program("identify", path, "--format", "json"))
     assert printed == [found.row]
-    # The same samples as an array are the same record.
+    # An array does not say that it begins at a release, as the recording's cut does: the motion is recognised.
     again = paper.record(record.samples(), record.fs_hz, record.start_ns)
+    assert np.array_equal(again.samples(), record.samples())
     same = paper.identify(again)
-    assert same.modes.equals(found.modes)
+    assert list(same.modes.index) == [1, 2, 3]
+    assert (np.abs(same.modes["frequency_hz"] - found.modes["frequency_hz"]) < found.modes["sd_hz"]).all()
+    assert np.array_equal(same.spectrum.psd, found.spectrum.psd)
     assert found.spectrum.psd.size > 100
     alone = tirante.spectrum(record.samples(), record.fs_hz)
     assert np.array_equal(alone.psd, found.spectrum.psd)

@@ -7,6 +7,8 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
+__all__ = ["Event", "Outcome", "Records", "Site", "Tracker", "resonances", "welch"]
+
 _Floats = NDArray[np.float64]
 _Mode = tuple[int, float, float]
 

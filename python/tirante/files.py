@@ -76,4 +76,4 @@ def read_draws(path: Union[str, PathLike[str]]) -> pd.DataFrame:
         return pd.DataFrame(np.load(path, allow_pickle=False))
     if ending == ".parquet":
         return pd.read_parquet(path)
-    return pd.read_csv(path, **_EXACT)
+    return pd.read_csv(path, dtype=np.float64, **_EXACT)

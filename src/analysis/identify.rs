@@ -6,7 +6,7 @@ pub use array::{ArrayResult, Sensed};
 
 use crate::inference::joint::Datum;
 use crate::inference::{
-    AbcSettings, Conflict, Inference, Observation, PlanError, Posterior, Table, Tables, Tested,
+    AbcSettings, Conflict, Inference, Marginal, Observation, PlanError, Posterior, Table, Tables, Tested,
     VarianceShares,
 };
 use crate::numerics::random;
@@ -47,6 +47,18 @@ pub struct AnalysisSettings {
     pub seed: u64,
 }
 
+impl AnalysisSettings {
+    /// Settings for frequencies measured elsewhere, the highest of order `highest`: the plan covers these, not
+    /// the modes searched for in records.
+    #[must_use]
+    pub fn for_orders(mut self, highest: usize) -> Self {
+        let last = self.discrepancy.last().copied().unwrap_or(0.0);
+        self.modes.count = highest;
+        self.discrepancy.resize(highest, last);
+        self
+    }
+}
+
 /// Tests of a rod at one moment.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RodTest {
@@ -56,6 +68,14 @@ pub struct RodTest {
     pub pairs_within_s: f64,
     /// Measured data.
     pub data: Vec<Datum>,
+}
+
+impl AnalysisSettings {
+    /// Band in which records are searched for the rod's peaks \[Hz\]; `None` if the prior holds no tensioned rod.
+    pub fn band_hz(&self) -> Option<(f64, f64)> {
+        let labels = LabelPlan::new(&self.prior, &self.discrepancy, self.modes.clone())?;
+        Some(labels.band_hz())
+    }
 }
 
 impl RodTest {
@@ -229,23 +249,64 @@ impl Plan {
             measurement: found.evidence.map(|evidence| Box::new(measured(*evidence))),
             labels: found.labels,
         })?;
-        let measurement = measured(estimate.evidence);
-        let start = Some(record.start);
-        match self.infer(start, estimate.modes, &[], self.seed_of(&identity)) {
+        self.inferred(measured(estimate.evidence), estimate.modes, estimate.labels)
+    }
+
+    /// Analyses a record again from what its search found, without samples: labels and inference alone. Equal to
+    /// [`Plan::run`] of the record if `measurement` was found in the same [band](Plan::band_hz) with the same settings
+    /// of the search; its waveform and spectrum play no part.
+    ///
+    /// # Errors
+    /// The reason why the record gives no force, with its findings.
+    pub fn run_again(&self, measurement: Measurement) -> Result<Identification, Refusal> {
+        let found = self.modal.label(
+            &measurement.resonances,
+            measurement.motion.kind,
+            measurement.duration_s,
+            measurement.fs_hz,
+        );
+        match found {
+            Ok(found) => self.inferred(measurement, found.modes, found.labels),
+            Err((rejection, labels)) => Err(Refusal {
+                rejection,
+                measurement: Some(Box::new(measurement)),
+                labels,
+            }),
+        }
+    }
+
+    /// Band in which records are searched for the rod's peaks \[Hz\].
+    pub fn band_hz(&self) -> (f64, f64) {
+        self.modal.labels().band_hz()
+    }
+
+    fn inferred(
+        &self,
+        measurement: Measurement,
+        modes: Vec<Mode>,
+        labels: Labels,
+    ) -> Result<Identification, Refusal> {
+        match self.infer(
+            Some(measurement.start),
+            modes,
+            &[],
+            self.seed_of(&measurement.identity),
+        ) {
             Ok(identification) => Ok(Identification {
                 measurement: Some(measurement),
-                labels: Some(estimate.labels),
+                labels: Some(labels),
                 ..identification
             }),
             Err(rejection) => Err(Refusal {
                 rejection,
                 measurement: Some(Box::new(measurement)),
-                labels: Some(estimate.labels),
+                labels: Some(labels),
             }),
         }
     }
 
-    /// Infers the posterior of the axial force from frequencies measured elsewhere.
+    /// Infers the posterior of the axial force from frequencies measured elsewhere. Equal frequencies and settings give
+    /// equal bits.
     ///
     /// # Errors
     /// The reason why they give no force.
@@ -342,6 +403,13 @@ impl Plan {
             self.settings.rod.0.as_bytes(),
             identity,
         ])
+    }
+}
+
+impl Identification {
+    /// Axial force \[N\]: the first of a rod's quantities, whatever its section.
+    pub fn axial_force(&self) -> Marginal {
+        self.posterior.marginal_at(0)
     }
 }
 

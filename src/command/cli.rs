@@ -1,8 +1,9 @@
 //! Arguments as typed.
 
 use crate::command::{
-    ack, alarm, backup, check, completions, emulator, frequencies, history, identify, import, init, manual,
-    measure, plan, rebaseline, replay, report, run, send, serve, simulate, spectrum, status, study, track,
+    ack, alarm, backup, check, completions, emulator, fleet, frequencies, history, identify, import, init,
+    manual, measure, plan, rebaseline, replay, report, run, send, serve, simulate, spectrum, status, study,
+    track,
 };
 use crate::service::telemetry::log;
 use clap::{ArgAction, Parser, Subcommand};
@@ -54,6 +55,7 @@ pub enum Command {
     Emulator(emulator::Args),
     Study(study::Args),
     Send(send::Args),
+    Fleet(fleet::Args),
     Completions(completions::Args),
     #[command(hide = true)]
     Manual(manual::Args),

@@ -10,14 +10,17 @@ macro_rules! tell {
 }
 
 pub mod ack;
+mod again;
 pub mod alarm;
 pub mod backup;
 mod campaign;
 pub mod check;
 pub mod cli;
 pub mod completions;
+mod draws;
 pub mod emulator;
 mod findings;
+pub mod fleet;
 mod foreign;
 pub mod frequencies;
 pub mod history;
@@ -91,6 +94,7 @@ pub fn run(command: &Command) -> anyhow::Result<ExitCode> {
         Command::Backup(args) => backup::run(args),
         Command::Study(args) => study::run(args),
         Command::Track(args) => track::run(args),
+        Command::Fleet(args) => fleet::run(args),
         Command::Run(args) => run::run(args),
         Command::Serve(args) => serve::run(args),
         Command::Send(args) => send::run(args),
@@ -114,7 +118,15 @@ pub fn report(error: &anyhow::Error) -> ExitCode {
     if error.downcast_ref().is_some_and(seen_enough) {
         return ExitCode::SUCCESS;
     }
-    tell!("error: {error:#}");
+    // A cause that the words before it name already is not named again.
+    let words = error.chain().skip(1).fold(error.to_string(), |words, cause| {
+        let cause = cause.to_string();
+        match words.contains(&cause) {
+            true => words,
+            false => format!("{words}: {cause}"),
+        }
+    });
+    tell!("error: {words}");
     let is_refused = matches!(error.downcast_ref(), Some(BaselineError::Refused(_)));
     if is_refused || error.is::<BadArguments>() || error.is::<PlanError>() {
         ExitCode::from(USAGE)

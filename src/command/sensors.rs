@@ -1,6 +1,5 @@
 //! `identify` of a rod with several sensors: their records by moments, each moment identified jointly.
 
-use super::campaign::Others;
 use super::foreign;
 use crate::analysis::identify::{ArrayResult, Plan, Sensed};
 use crate::analysis::inference::joint::Datum;
@@ -11,6 +10,7 @@ use crate::config::{Config, RodConfig};
 use crate::recording::import::{self, Whose};
 use crate::recording::read::{Options, Recording};
 use crate::site::analyse::refused;
+use crate::site::records::Others;
 use std::path::Path;
 
 /// Outcomes of a recording's moments, with the losses on the way.

@@ -13,6 +13,7 @@ mod fault;
 mod http;
 mod ingest;
 mod journal;
+mod list;
 mod modes;
 mod prior;
 mod range;
@@ -23,6 +24,7 @@ mod sensor;
 mod setting;
 pub mod settings;
 mod simulation;
+#[cfg(feature = "daemon")]
 mod sink;
 mod site;
 mod spectrum;
@@ -44,6 +46,7 @@ pub use suggestion::nearest;
 use crate::analysis::identify::AnalysisSettings;
 use crate::analysis::signal::record::{RecordSettings, RodChannels, RodId};
 use crate::analysis::track::{AlarmSettings, TrackSettings};
+#[cfg(feature = "daemon")]
 use crate::config::settings::alert::{AlertSettings, SinkSettings};
 use crate::config::settings::http::HttpSettings;
 use crate::config::settings::ingest::IngestSettings;
@@ -91,8 +94,10 @@ pub struct Config {
     /// Settings of the daemon's HTTP server.
     pub http: HttpSettings,
     /// Destinations of alarms.
+    #[cfg(feature = "daemon")]
     pub sinks: Vec<SinkSettings>,
     /// Settings of messages about the daemon itself.
+    #[cfg(feature = "daemon")]
     pub alert: AlertSettings,
     /// Simulation that `simulate` writes; `None` without a `[simulation]`.
     pub simulation: Option<SimulationConfig>,
@@ -232,12 +237,17 @@ impl Config {
         };
         let rods = rod::read_all(root, &shared);
         emulator::check_chaos(root, model, &rods);
+        #[cfg(feature = "daemon")]
         let sinks = sink::read_all(root, &rods);
+        #[cfg(feature = "daemon")]
         let alert = root.section(
             "alert",
             "How the sinks are told of the daemon itself (`run`).",
             |table| sink::heartbeat::read(table, sinks.as_deref()),
         );
+        // Addresses and mailboxes are checked by the crates that use them.
+        #[cfg(not(feature = "daemon"))]
+        root.ignore(&["sink", "alert"]);
         let simulation = root.optional_section("simulation", "What `tirante simulate` writes.", |table| {
             simulation::read(table, &rods)
         });
@@ -256,7 +266,9 @@ impl Config {
             ingest,
             journal,
             http,
+            #[cfg(feature = "daemon")]
             sinks: sinks?,
+            #[cfg(feature = "daemon")]
             alert,
             simulation,
             effective: effective::Node::root(),

@@ -1,7 +1,8 @@
 //! Passwords, tokens and certificates: always in files, read when they are needed, never kept, never logged.
 
-use std::fs::File;
+use std::fs::{self, File};
 use std::io::Read;
+use std::os::unix::fs::PermissionsExt;
 use std::path::PathBuf;
 use thiserror::Error;
 
@@ -48,8 +49,18 @@ impl CredentialPath {
     /// The single line of the file.
     ///
     /// # Errors
-    /// It cannot be read, or holds something else than one line of text.
+    /// It cannot be read, can be read or written by everybody on this machine, or holds something else than
+    /// one line of text.
     pub fn read_line(&self) -> Result<String, CredentialError> {
+        const OTHERS: u32 = 0o006;
+        // A missing file is reported where it is read. systemd protects its credentials itself.
+        let mode = fs::metadata(self.path()?).map_or(0, |data| data.permissions().mode() & 0o777);
+        if mode & OTHERS != 0 && !self.0.starts_with(PREFIX) {
+            return Err(CredentialError(format!(
+                "{0} can be read or written by everybody on this machine (mode {mode:03o}): `chmod 600 {0}`",
+                self.0
+            )));
+        }
         let text = String::from_utf8(self.read()?).ok();
         let line = text.as_deref().map(|text| text.trim_end_matches(['\r', '\n']));
         match line {
@@ -94,8 +105,22 @@ mod tests {
             ("two\nlines\n", None),
         ] {
             std::fs::write(&path, text).unwrap();
+            std::fs::set_permissions(&path, fs::Permissions::from_mode(0o600)).unwrap();
             assert_eq!(file.read_line().ok().as_deref(), line, "{text:?}");
         }
+    }
+
+    #[test]
+    fn a_secret_that_everybody_can_read_is_none() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("token");
+        std::fs::write(&path, "secret").unwrap();
+        let file = CredentialPath::new(path.to_str().unwrap());
+        for (mode, is_good) in [(0o600, true), (0o640, true), (0o644, false), (0o602, false)] {
+            std::fs::set_permissions(&path, fs::Permissions::from_mode(mode)).unwrap();
+            assert_eq!(file.read_line().is_ok(), is_good, "{mode:o}");
+        }
+        assert!(file.read_line().unwrap_err().0.contains("chmod 600"));
     }
 
     #[test]

@@ -1,5 +1,6 @@
 //! Settings of the parts above the configuration: plain data with defaults.
 
+#[cfg(feature = "daemon")]
 pub mod alert;
 pub mod credential;
 pub mod http;

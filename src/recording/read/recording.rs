@@ -333,6 +333,11 @@ impl Recording {
         self.router.held() + reading
     }
 
+    /// Sets the bytes of samples beyond which records end early.
+    pub fn bound(&mut self, most: usize) {
+        self.router.bound(most);
+    }
+
     /// Progress in the file, for a progress bar.
     pub fn progress(&self) -> Position {
         Position {

@@ -5,7 +5,7 @@ use crate::analysis::signal::record::{RecordSettings, RodChannels};
 use crate::recording::read::folder::first_time;
 use crate::recording::read::recordings::FileResult;
 use crate::recording::read::series::modified_ns;
-use crate::recording::read::{Recording, SourceError, Step};
+use crate::recording::read::{HELD, Recording, SourceError, Step};
 use crate::service::telemetry::{Fault, Health};
 use crate::site::store::{FileMark, FileState};
 use rustix::fs::{Mode, OFlags};
@@ -28,7 +28,9 @@ const SCAN_SHARE: u32 = 20;
 /// Most growing recordings read at once.
 const MOST_GROWING: usize = 64;
 /// Most bytes that growing recordings may hold together; beyond, the largest is read when it is finished.
-const GROWING_BYTES: usize = 64 << 20;
+const GROWING_BYTES: usize = 32 << 20;
+/// Least room for the samples of a finished recording, whatever journal and growing recordings hold \[bytes\].
+const LEAST_ROOM: usize = 24 << 20;
 /// Pause before a file that cannot be opened is tried again.
 const RETRY: Duration = Duration::from_secs(60);
 
@@ -144,8 +146,9 @@ impl Folder {
         self.next_scan = Instant::now();
     }
 
-    /// Takes one step: a scan if due, or at most one record or chunk of one file.
-    pub fn step(&mut self, watch: &mut Watch, stop: &AtomicBool) -> FolderStep {
+    /// Takes one step: a scan if due, or at most one record or chunk of one file. `elsewhere`: bytes of samples
+    /// that the journal holds.
+    pub fn step(&mut self, watch: &mut Watch, stop: &AtomicBool, elsewhere: usize) -> FolderStep {
         if Instant::now() >= self.next_scan {
             let began = Instant::now();
             self.scan(stop);
@@ -163,6 +166,9 @@ impl Folder {
                 self.finished = Some(lane);
                 return step;
             }
+            let growing: usize = self.growing.iter().map(|lane| lane.held).sum();
+            let room = HELD.saturating_sub(elsewhere + growing);
+            lane.recording.bound(room.max(LEAST_ROOM));
             let step = lane.step(watch, self.settle, &self.health);
             if let Some(Step::End) = step {
                 return self.close(lane, watch);
@@ -362,7 +368,10 @@ impl Folder {
         };
         let stamp = stamp(&file.metadata().map_err(failed)?);
         let input = file.try_clone().map_err(failed)?;
-        let recording = Recording::begin(&label, input, &self.channels, &self.settings, is_live)?;
+        let mut recording = Recording::begin(&label, input, &self.channels, &self.settings, is_live)?;
+        if is_live {
+            recording.bound(GROWING_BYTES);
+        }
         Ok(Lane {
             name: name.to_owned(),
             label: Arc::from(label),

@@ -13,7 +13,7 @@ type Step = fn(&Transaction<'_>) -> rusqlite::Result<()>;
 
 /// The steps in order: a store of format `n` has undergone the first `n`. Steps are only ever added; the
 /// tests hold a golden store of each released format.
-const STEPS: [Step; 4] = [first, second, third, fourth];
+const STEPS: [Step; 5] = [first, second, third, fourth, fifth];
 
 /// Format written by this program.
 pub(super) const FORMAT: i64 = STEPS.len() as i64;
@@ -39,9 +39,29 @@ pub(super) fn definitions(connection: &Connection) -> rusqlite::Result<Vec<(Stri
 }
 
 /// Tables whose rows have a checksum, in an order in which rows can be inserted.
-pub(super) const TABLES: [&str; 20] = [
-    "config", "rod", "segment", "state", "record", "line", "mode", "period", "snapshot", "alarm", "outbox",
-    "request", "source", "file", "carry", "delivery", "expected", "notice", "alive", "shelf",
+pub(super) const TABLES: [&str; 22] = [
+    "config",
+    "rod",
+    "segment",
+    "state",
+    "record",
+    "line",
+    "mode",
+    "resonance",
+    "period",
+    "snapshot",
+    "alarm",
+    "outbox",
+    "request",
+    "source",
+    "file",
+    "carry",
+    "delivery",
+    "expected",
+    "notice",
+    "alive",
+    "shelf",
+    "origin",
 ];
 
 /// True if a table exists: an older format has fewer.
@@ -58,8 +78,19 @@ pub(super) const SMALL: [&str; 9] = [
 ];
 
 /// Tables of results: equal for the same records, however often a run was killed and restarted.
-pub(super) const RESULTS: [&str; 11] = [
-    "config", "rod", "segment", "state", "record", "line", "mode", "period", "snapshot", "alarm", "outbox",
+pub(super) const RESULTS: [&str; 12] = [
+    "config",
+    "rod",
+    "segment",
+    "state",
+    "record",
+    "line",
+    "mode",
+    "resonance",
+    "period",
+    "snapshot",
+    "alarm",
+    "outbox",
 ];
 
 fn first(transaction: &Transaction<'_>) -> rusqlite::Result<()> {
@@ -184,6 +215,27 @@ fn fourth(transaction: &Transaction<'_>) -> rusqlite::Result<()> {
             json TEXT NOT NULL,
             checksum INTEGER NOT NULL,
             PRIMARY KEY (rod, segment)
+        ) STRICT;",
+    )
+}
+
+/// Fifth format: findings of every record's samples, for an analysis without them, and the file each record came from.
+fn fifth(transaction: &Transaction<'_>) -> rusqlite::Result<()> {
+    transaction.execute_batch(
+        "CREATE TABLE resonance (
+            number INTEGER PRIMARY KEY,
+            rod TEXT NOT NULL,
+            record INTEGER NOT NULL,
+            part INTEGER NOT NULL,
+            body BLOB NOT NULL,
+            checksum INTEGER NOT NULL
+        ) STRICT;
+        CREATE UNIQUE INDEX resonance_readings ON resonance (rod, record, part) WHERE part > 0;
+        CREATE TABLE origin (
+            record INTEGER PRIMARY KEY,
+            file TEXT NOT NULL,
+            checksum INTEGER NOT NULL,
+            FOREIGN KEY (record) REFERENCES record (id)
         ) STRICT;",
     )
 }

@@ -1,7 +1,7 @@
 //! Settings and prepared data of the tracking of one rod, besides its records.
 
 use super::state::State;
-use crate::identify::AnalysisSettings;
+use crate::identify::{AnalysisSettings, Plan};
 use crate::inference::joint::Datum;
 use crate::numerics::random;
 use crate::rod::beam::forward::ForwardModel;
@@ -41,6 +41,11 @@ pub struct TrackPlan {
 }
 
 impl TrackPlan {
+    /// Prepares a rod whose state is not kept between runs.
+    pub fn of(plan: &Plan, track: TrackSettings, alarm: AlarmSettings) -> Self {
+        Self::new(plan.settings(), plan.model(), track, alarm, String::new())
+    }
+
     /// Prepares one rod. `key` is a hash of everything that determines the meaning of the rod's numbers.
     pub fn new(
         analysis: &AnalysisSettings,

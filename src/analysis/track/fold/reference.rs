@@ -9,6 +9,9 @@ use crate::track::drift::Filters;
 use crate::track::observation::Observation;
 use crate::track::relative::{Interval, Relative};
 
+/// Least change \[-\]: no force is left below -1.
+const LEAST_CHANGE: f64 = -0.99;
+
 /// Low passes up to a time, those of the last closed period, updated with the readings since.
 pub(crate) fn filters_until(state: &State, time: Timestamp) -> Filters {
     let mut filters = state.filters.clone();
@@ -33,8 +36,9 @@ pub(crate) fn of_record(
     let measured = ratio.mean - 1.0;
     let record_sd = relative.record_sd * ratio.mean;
     let (change, change_sd) = watch.change_of(end.days(), measured, record_sd, Some(&filtered))?;
-    // The record's own error is in both; the rest of the ratio's error is that of the particles and grows with the change.
-    let static_sd = (ratio.sd * ratio.sd - record_sd * record_sd).max(0.0).sqrt();
+    // Wrong static parameters scale the change. What temperature moves is in the same wrong scale as its learned effect, and cancels.
+    let left = libm::log1p(change.max(LEAST_CHANGE));
+    let static_sd = libm::exp(left) * tracker.shift.as_ref()?.static_sd(left);
     let sd = change_sd.hypot(static_sd);
     let explained = measured - change;
     let force = &relative.force_n;

@@ -188,7 +188,10 @@ fn from_recording(args: &Args, path: &PathBuf) -> anyhow::Result<ExitCode> {
         let plan = plans.get(id).ok_or_else(|| anyhow!("the rod {id} has no plan"))?;
         let data = tests.as_ref().map_or(&[][..], |tests| &tests.data);
         let found = sensors::identify(path, &config, rod, plan, &others, data)?;
+        let mut forces = 0;
         for outcome in &found.outcomes {
+            forces += usize::from(matches!(outcome, Outcome::Identified(_)));
+            keep_draws(args, outcome, forces)?;
             show(args, &config, &plans, outcome)?;
         }
         let is_good = |outcome: &Outcome| matches!(outcome, Outcome::Identified(_));

@@ -198,7 +198,7 @@ pub fn described(tested: &Tested, mean_n: f64, sd_n: f64) -> Vec<String> {
     for shape in &tested.shapes {
         let what = if shape.is_strain { "strain" } else { "amplitude" };
         lines.push(format!(
-            "  sensors, mode {}: {what} at {} l over that at {} l {:.4} +- {:.4}",
+            "  sensors, mode {}: {what} at {} l over that at {} l {:.4e} +- {:.1e}",
             shape.order, shape.at, shape.reference_at, shape.ratio, shape.sd
         ));
     }

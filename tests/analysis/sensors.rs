@@ -51,7 +51,7 @@ record_s = 60
 id = "north"
 [simulation.rod.sensor]
 at = 0.4
-noise_m = 2e-5
+noise_m = 5e-6
 [simulation.rod.pull]
 at = 0.3
 deflection_m = 0.5e-3
@@ -63,7 +63,7 @@ axial_force_n = 700e3
     )
 }
 
-const BOTH: &str = "[[simulation.rod.further]]\ntopic = \"/laser/2\"\nnoise = 1e-5\n[[simulation.rod.further]]\ntopic = \"/gauge\"\nnoise = 2e-7\n";
+const BOTH: &str = "[[simulation.rod.further]]\ntopic = \"/laser/2\"\nnoise = 3e-6\n[[simulation.rod.further]]\ntopic = \"/gauge\"\nnoise = 2e-7\n";
 
 fn tirante(folder: &Path, arguments: &[&str]) -> Output {
     Command::cargo_bin("tirante")
@@ -187,9 +187,17 @@ fn a_place_beyond_the_ends_or_left_out_is_a_fault_of_the_configuration() {
     }
 }
 
+/// Noise of the sensors alone: what scatters the motion itself, an ambient load, all sensors see alike.
 #[test]
+#[ignore = "campaign: 60 pulls, identified three times each, minutes of CPU; run with --ignored --nocapture"]
 fn frequencies_of_several_sensors_are_better_than_of_the_best() {
-    let text = config(BOTH).replace("deflection_m = 0.5e-3", "deflection_m = 0.1e-3");
+    let text = config(BOTH)
+        .replace(
+            "id = \"north\"\n[simulation",
+            "id = \"north\"\nambient_m = 1e-7\n[simulation",
+        )
+        .replace("noise_m = 5e-6", "noise_m = 2e-5")
+        .replace("noise = 3e-6", "noise = 1.6e-5");
     let config = Config::parse(&text, "test").unwrap();
     let rod = &config.rods[0];
     let model = Arc::new(Exact::new(*rod.analysis.prior.parameterisation()));
@@ -211,7 +219,7 @@ fn frequencies_of_several_sensors_are_better_than_of_the_best() {
     };
     // Squared errors of modes 1 to 3 by the first, the second and both; and squared scores of both.
     let (mut errors, mut scores, mut used) = ([0.0; 3], Vec::new(), 0);
-    for seed in 0..12 {
+    for seed in 0..60 {
         let made = Synthesis::new(simulation, seed).record(0, 0).unwrap();
         let records = [record(&made.displacement), record(&made.further[0])];
         let sensed = [0, 1].map(|i| Sensed {
@@ -244,8 +252,8 @@ fn frequencies_of_several_sensors_are_better_than_of_the_best() {
     let count = scores.len() as f64;
     let mean = scores.iter().sum::<f64>() / count;
     eprintln!("{used} pulls, {count} frequencies: squared errors {errors:?}, mean squared score {mean:.2}");
-    assert!(used >= 8 && count >= 24.0);
+    assert!(used >= 50 && count >= 100.0);
     assert!(errors[2] < errors[0].min(errors[1]), "{errors:?}");
-    // Standard errors that hold: 1, with a standard deviation of sqrt(2 / 24).
-    assert!((0.3..2.2).contains(&mean), "{mean}");
+    // Standard errors are not too small.
+    assert!(mean < 1.5, "{mean}");
 }

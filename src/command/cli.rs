@@ -1,9 +1,9 @@
 //! Arguments as typed.
 
 use crate::command::{
-    ack, alarm, backup, check, completions, emulator, files, fleet, frequencies, history, identify, import, init,
-    manual, measure, plan, rebaseline, replay, report, run, send, serve, simulate, spectrum, status, study,
-    track,
+    ack, alarm, backup, check, completions, emulator, files, fleet, frequencies, history, identify, import,
+    init, manual, measure, plan, rebaseline, replay, report, run, send, serve, simulate, spectrum, status,
+    study, track,
 };
 use crate::service::telemetry::log;
 use clap::{ArgAction, Parser, Subcommand};

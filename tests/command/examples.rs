@@ -148,6 +148,8 @@ fn commands() -> Vec<String> {
             .skip_while(|line| !line.starts_with("Commands:"))
             .skip(1);
         list.take_while(|line| line.starts_with("  "))
+            // Continued descriptions are indented further.
+            .filter_map(|line| line.strip_prefix("  ").filter(|line| !line.starts_with(' ')))
             .filter_map(|line| line.split_whitespace().next())
             .filter(|name| *name != "help")
             .map(str::to_owned)

@@ -62,7 +62,7 @@ fn states() -> Vec<State> {
                     "/",
                     "site",
                     ROWS,
-                    &["alarm standing", "no new data (monitoring)", "d ago"],
+                    &["alarms standing", "no new data (monitoring)", "d ago"],
                 ),
                 (
                     "/rod?id=north",

@@ -2,7 +2,6 @@
 
 pub(super) mod levels;
 pub(super) mod particles;
-mod tested;
 
 use super::baseline::levels::{Column, LEAST_LOG_SD, Slopes, Square};
 use super::baseline::particles::{Population, Target};
@@ -71,9 +70,6 @@ pub enum BaselineFault {
     /// No parameters of the rod give such frequencies.
     #[error("no rod the prior allows has these frequencies")]
     NoParticle,
-    /// Baseline and tests of the rod give no posterior together.
-    #[error("baseline and tests of the rod: {0}")]
-    Tests(String),
 }
 
 impl Baseline {

@@ -30,7 +30,7 @@ impl Reader {
 
     fn try_append_to(&self, many: &Connection, site: &str) -> rusqlite::Result<()> {
         many.execute_batch("BEGIN")?;
-        for table in RESULTS {
+        for table in RESULTS.into_iter().chain(["resonance"]) {
             let columns: Vec<(String, String, i64)> = self
                 .connection
                 .prepare("SELECT name, type, pk FROM pragma_table_info(?)")?
@@ -45,7 +45,11 @@ impl Reader {
             let keys: Vec<&str> = keys.into_iter().map(|(_, name)| name).collect();
             let declared: Vec<String> = columns
                 .iter()
-                .map(|(name, kind, _)| format!("{name} {kind}"))
+                .map(|(name, kind, _)| match name.as_str() {
+                    // The first column is the site of the archive; this one is the name in its configuration.
+                    "site" => format!("site_name {kind}"),
+                    name => format!("{name} {kind}"),
+                })
                 .collect();
             many.execute_batch(&format!(
                 "CREATE TABLE IF NOT EXISTS {table} (site TEXT NOT NULL, {}, PRIMARY KEY (site, {})) STRICT;",

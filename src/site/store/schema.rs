@@ -78,19 +78,8 @@ pub(super) const SMALL: [&str; 9] = [
 ];
 
 /// Tables of results: equal for the same records, however often a run was killed and restarted.
-pub(super) const RESULTS: [&str; 12] = [
-    "config",
-    "rod",
-    "segment",
-    "state",
-    "record",
-    "line",
-    "mode",
-    "resonance",
-    "period",
-    "snapshot",
-    "alarm",
-    "outbox",
+pub(super) const RESULTS: [&str; 11] = [
+    "config", "rod", "segment", "state", "record", "line", "mode", "period", "snapshot", "alarm", "outbox",
 ];
 
 fn first(transaction: &Transaction<'_>) -> rusqlite::Result<()> {

@@ -60,12 +60,7 @@ impl Population {
                 prior.sample(&mut generator, theta);
             }
         }
-        Self::of(thetas, width, model, modes)
-    }
-
-    /// Particles given, with their first `modes` frequencies.
-    pub fn of(thetas: Vec<f64>, width: usize, model: &dyn ForwardModel, modes: usize) -> Self {
-        let mut log_frequencies = vec![0.0; thetas.len() / width * modes];
+        let mut log_frequencies = vec![0.0; DRAWS * modes];
         log_frequencies_of(model, &thetas, modes, &mut log_frequencies);
         Self {
             width,
@@ -73,12 +68,6 @@ impl Population {
             thetas,
             log_frequencies,
         }
-    }
-
-    /// Smallest chi.
-    pub fn misfit(&self, targets: &[Target]) -> f64 {
-        let squares = self.squares(targets);
-        squares.into_iter().fold(f64::INFINITY, f64::min).sqrt()
     }
 
     /// chi^2 of every particle, infinite where the model has no answer.
@@ -157,8 +146,8 @@ impl Population {
             let moves = if finished { LAST_MOVES } else { MOVES };
             next.rejuvenate(targets, &mut squares, done, moves, prior, model, &mut generator);
             if finished {
-                let misfit = next.misfit(targets);
-                return Some((next, misfit));
+                let least = squares.iter().fold(f64::INFINITY, |least, s| least.min(*s));
+                return Some((next, least.sqrt()));
             }
             population = Some(next);
         }

@@ -2,7 +2,6 @@
 
 use super::state::State;
 use crate::identify::{AnalysisSettings, Plan};
-use crate::inference::joint::Datum;
 use crate::numerics::random;
 use crate::rod::beam::forward::ForwardModel;
 use crate::rod::prior::RodPrior;
@@ -35,7 +34,6 @@ pub struct TrackPlan {
     prior: RodPrior,
     model: Arc<dyn ForwardModel>,
     discrepancy: Vec<f64>,
-    tests: Vec<Vec<Datum>>,
     key: String,
     seed: u64,
 }
@@ -66,7 +64,6 @@ impl TrackPlan {
             prior: analysis.prior.clone(),
             model,
             discrepancy,
-            tests: analysis.tests.iter().map(|test| test.data.clone()).collect(),
             key,
             seed: analysis.seed,
         }
@@ -123,8 +120,7 @@ impl TrackPlan {
             &self.discrepancy,
             self.track.particles,
             seed,
-        )?
-        .after(&self.tests, prior, model, &self.discrepancy, seed)
+        )
     }
 
     /// A baseline ready for records.

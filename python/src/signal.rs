@@ -21,7 +21,7 @@ fn settings(segment_s: Option<f64>, overlap: f64, window: &str) -> PyResult<Welc
             )));
         }
     };
-    if !(0.0..=0.95).contains(&overlap) || segment_s.is_some_and(|length| !(length > 0.0)) {
+    if !(0.0..=0.95).contains(&overlap) || segment_s.is_some_and(|length| length.is_nan() || length <= 0.0) {
         return Err(refused(
             "a segment above 0 s and an overlap from 0 to 0.95 are wanted",
         ));

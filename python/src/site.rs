@@ -251,6 +251,7 @@ impl Site {
             },
             is_meant: true,
             any_start: true,
+            needs_all: false,
         };
         Ok(Records::new(tirante::Records::open(
             &paths,

@@ -97,7 +97,8 @@ fn result(task: &Json, results: &str) -> String {
 /// Rows of a table, of one site if the table is of many.
 fn rows(connection: &Connection, table: &str, site: Option<&str>) -> Vec<Vec<Value>> {
     let columns: Vec<String> = connection
-        .prepare("SELECT name FROM pragma_table_info(?) WHERE name <> 'site'")
+        // `config` has a column of its own for the site's name, which a collected database calls `site_name`.
+        .prepare("SELECT name FROM pragma_table_info(?) WHERE name NOT IN ('site', 'site_name')")
         .unwrap()
         .query_map([table], |row| row.get(0))
         .unwrap()

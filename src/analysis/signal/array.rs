@@ -299,7 +299,7 @@ fn common(a: &Record, b: &Record) -> f64 {
 
 /// Samples of the first before the other's first, and the rest of its time \[s\].
 fn shift(first: &Record, other: &Record) -> Result<(i64, f64), Unsynchronised> {
-    if !((other.fs_hz / first.fs_hz - 1.0).abs() <= SAME_RATE) {
+    if (other.fs_hz / first.fs_hz - 1.0).abs() > SAME_RATE {
         return Err(Unsynchronised::Rate {
             first_hz: first.fs_hz,
             other_hz: other.fs_hz,
@@ -307,8 +307,8 @@ fn shift(first: &Record, other: &Record) -> Result<(i64, f64), Unsynchronised> {
     }
     let after = other.start.seconds_since(first.start) * first.fs_hz;
     let count = first.samples.len() as f64;
-    let share = ((after + other.samples.len() as f64).min(count) - after.max(0.0)) / count;
-    if !(share >= COMMON) {
+    let share = ((after + other.samples.len() as f64).min(count) - after.max(0.0)) / count.max(1.0);
+    if share < COMMON {
         return Err(Unsynchronised::Apart {
             share: share.max(0.0),
         });

@@ -41,7 +41,7 @@ const KEPT: usize = 1 << 20;
 
 /// Transform plans by length, shared by all rods and records: planning takes longer than a transform.
 ///
-/// Plans beyond [`KEPT`] are made anew, so a thousand lengths of records take no more memory than a few.
+/// Plans beyond the latest few are made anew, so a thousand lengths of records take no more memory than a few.
 ///
 /// The scalar and SSE code paths of the transform use no fused multiply-add, so that a spectrum has
 /// the same bits on every x86-64 machine; the faster AVX path would not.

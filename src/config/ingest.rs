@@ -26,6 +26,18 @@ pub(super) fn read(table: &mut Table<'_>) -> IngestSettings {
         ),
         Absent::Nothing("no folder is watched"),
     );
+    let subfolders = table
+        .take(
+            key(
+                "subfolders",
+                "whether the folders below it are watched too; links are never followed",
+            ),
+            "true or false",
+            Absent::Default(default.subfolders),
+            |value| value.boolean(),
+            bool::to_string,
+        )
+        .unwrap_or(default.subfolders);
     let settle_s = table.number(
         key(
             "settle_s",
@@ -85,6 +97,7 @@ pub(super) fn read(table: &mut Table<'_>) -> IngestSettings {
     }
     IngestSettings {
         folder,
+        subfolders,
         settle_s,
         listen,
         tls: tls.flatten(),

@@ -96,6 +96,7 @@ impl Run {
     fn with(folder: &Path, settle_s: f64, remembered: Remembered, watch: Watch) -> Self {
         let sources = Sources {
             folder: Some(folder.to_owned()),
+            subfolders: false,
             settle_s,
             journal: None,
         };
@@ -237,6 +238,63 @@ fn only_regular_recordings_under_the_folder_are_read_whatever_their_name() {
     run.until("the changed file", |run| run.records.len() == 2);
     run.until_quiet();
     assert_eq!(run.starts(odd_label), [200.0, 210.0]);
+}
+
+#[test]
+fn folders_below_are_read_on_request_and_links_are_named() {
+    let outside = tempfile::tempdir().unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    fs::create_dir_all(at("2026/11")).unwrap();
+    fs::create_dir_all(at("journal")).unwrap();
+    fs::create_dir_all(at(".hidden")).unwrap();
+    fs::write(at("2026/11/b.mcap"), measured(200.0, 20.0)).unwrap();
+    fs::write(at("2026/a.mcap"), measured(100.0, 20.0)).unwrap();
+    fs::write(at("top.mcap"), measured(0.0, 20.0)).unwrap();
+    // No part of the daemon's own journal, though it is called so.
+    fs::write(at("journal/journal.000001.mcap"), measured(300.0, 20.0)).unwrap();
+    fs::write(at(".hidden/h.mcap"), measured(400.0, 20.0)).unwrap();
+    fs::write(outside.path().join("out.mcap"), measured(500.0, 20.0)).unwrap();
+    symlink(outside.path(), at("2026/elsewhere")).unwrap();
+    symlink(outside.path().join("out.mcap"), at("2026/link.mcap")).unwrap();
+    let watched = || Sources {
+        folder: Some(folder.path().to_owned()),
+        subfolders: true,
+        settle_s: 0.1,
+        journal: None,
+    };
+    let mut run = Run::of(watched(), Remembered::default(), Arc::default(), Watch::none());
+    run.until("all four files", |run| run.remembered.files.len() == 4);
+    run.until_quiet();
+    let names: Vec<&str> = run.remembered.files.keys().map(String::as_str).collect();
+    assert_eq!(
+        names,
+        [
+            "./2026/11/b.mcap",
+            "./2026/a.mcap",
+            "./journal/journal.000001.mcap",
+            "top.mcap"
+        ]
+    );
+    let starts: Vec<f64> = run
+        .records
+        .iter()
+        .map(|(_, record)| record.start.seconds_since(START))
+        .collect();
+    assert_eq!(starts, [0.0, 10.0, 100.0, 110.0, 200.0, 210.0, 300.0, 310.0]);
+    // Each of the two links once, however often the folder is looked at.
+    assert_eq!(run.health.count(Fault::Folder), 2);
+
+    // A restart reads nothing again; a file that comes into a new folder is read.
+    let remembered = run.remembered.clone();
+    run.reader.stop();
+    let mut run = Run::of(watched(), remembered, Arc::default(), Watch::none());
+    run.until_quiet();
+    assert_eq!(run.records.len(), 0);
+    fs::create_dir(at("2026/12")).unwrap();
+    fs::write(at("2026/12/c.mcap"), measured(600.0, 20.0)).unwrap();
+    run.until("the new file", |run| run.done("./2026/12/c.mcap"));
+    assert_eq!(run.starts("./2026/12/c.mcap"), [600.0, 610.0]);
 }
 
 #[test]
@@ -484,6 +542,7 @@ struct Live {
 fn sources(live: &Live, folder: Option<&Path>) -> Sources {
     Sources {
         folder: folder.map(Path::to_owned),
+        subfolders: false,
         settle_s: 600.0,
         journal: Some(JournalSource {
             folder: live.folder.clone(),

@@ -86,6 +86,8 @@ impl BoundCertificate {
 pub struct IngestSettings {
     /// Watched folder, if any.
     pub folder: Option<PathBuf>,
+    /// True if the folders below it are watched too.
+    pub subfolders: bool,
     /// Time without growth after which a recording counts as cut short \[s\].
     pub settle_s: f64,
     /// Addresses to listen at.
@@ -104,6 +106,7 @@ impl Default for IngestSettings {
     fn default() -> Self {
         Self {
             folder: None,
+            subfolders: false,
             settle_s: 600.0,
             listen: Vec::new(),
             tls: None,

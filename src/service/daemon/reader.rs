@@ -40,6 +40,8 @@ pub const JOURNAL: &str = "journal";
 pub struct Sources {
     /// Watched folder, if any.
     pub folder: Option<PathBuf>,
+    /// True if the folders below it are watched too.
+    pub subfolders: bool,
     /// Time without growth after which a recording counts as cut short \[s\].
     pub settle_s: f64,
     /// Journal to read, if any.
@@ -218,7 +220,7 @@ impl Work {
         let folder = sources.folder.map(|path| {
             let settle = Duration::try_from_secs_f64(sources.settle_s).unwrap_or(Duration::MAX);
             Folder::new(
-                path,
+                (path, sources.subfolders),
                 settle,
                 &channels,
                 &settings,

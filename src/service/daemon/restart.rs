@@ -7,7 +7,10 @@ pub fn needed_for(old: &Config, new: &Config) -> Vec<&'static str> {
     let (ingest, other) = (&old.ingest, &new.ingest);
     let changed = [
         ("[store] path", old.store.path != new.store.path),
-        ("[ingest] folder", ingest.folder != other.folder),
+        (
+            "[ingest] folder, subfolders",
+            (&ingest.folder, ingest.subfolders) != (&other.folder, other.subfolders),
+        ),
         ("[ingest] listen", ingest.listen != other.listen),
         ("[ingest.tls]", ingest.tls != other.tls),
         (

@@ -106,6 +106,7 @@ impl Running {
         let caught_up = Arc::<AtomicBool>::default();
         let sources = Sources {
             folder: config.ingest.folder.clone(),
+            subfolders: config.ingest.subfolders,
             settle_s: config.ingest.settle_s,
             journal: live.source(),
         };

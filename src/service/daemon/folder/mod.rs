@@ -1,22 +1,24 @@
 //! The watched folder: finds recordings to read, and reads them one step at a time.
 
-use super::steps::{Guard, Watch};
+mod lane;
+mod listing;
+
+use self::lane::{Lane, Stamp, has_end, stamp};
+use self::listing::{Entry, Listing, label, name_of};
+use super::steps::Watch;
 use crate::analysis::signal::record::{RecordSettings, RodChannels};
 use crate::recording::read::folder::first_time;
 use crate::recording::read::recordings::FileResult;
-use crate::recording::read::series::modified_ns;
-use crate::recording::read::{HELD, Recording, SourceError, Step};
+use crate::recording::read::{HELD, Step};
 use crate::service::telemetry::{Fault, Health};
 use crate::site::store::{FileMark, FileState};
 use rustix::fs::{Mode, OFlags};
 use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet, VecDeque};
-use std::convert::Infallible;
 use std::ffi::{OsStr, OsString};
-use std::fs::{self, File, Metadata};
-use std::io::{self, Read, Seek, SeekFrom};
-use std::os::unix::ffi::OsStrExt;
+use std::fs::{File, Metadata};
+use std::io;
 use std::os::unix::fs::MetadataExt;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant, SystemTime};
@@ -34,16 +36,10 @@ const LEAST_ROOM: usize = 16 << 20;
 /// Pause before a file that cannot be opened is tried again.
 const RETRY: Duration = Duration::from_secs(60);
 
-/// Size \[bytes\] and time of change \[ns since 1970\] of a file, to detect changes.
-type Stamp = (u64, i64);
-
-fn stamp(data: &Metadata) -> Stamp {
-    (data.len(), data.modified().map_or(0, modified_ns))
-}
-
 /// The watched folder.
 pub(super) struct Folder {
-    path: PathBuf,
+    path: Arc<Path>,
+    has_subfolders: bool,
     settle: Duration,
     channels: Vec<RodChannels>,
     settings: RecordSettings,
@@ -59,6 +55,10 @@ pub(super) struct Folder {
     postponed: HashSet<OsString>,
     /// Files set aside, each a condition.
     set_aside: BTreeSet<OsString>,
+    /// Links that were named.
+    links: BTreeSet<OsString>,
+    /// Folders that cannot be read, each a condition; the empty path is the watched folder itself.
+    unreadable: BTreeSet<PathBuf>,
     finished: Option<Lane>,
     growing: VecDeque<Lane>,
     next_scan: Instant,
@@ -70,29 +70,12 @@ pub(super) struct Folder {
     catches_up: bool,
 }
 
-/// A file that is being read.
-struct Lane {
-    name: OsString,
-    label: Arc<str>,
-    recording: Recording,
-    guard: Guard,
-    file: File,
-    is_live: bool,
-    /// Stamp when reading began, or when it was last seen to grow.
-    stamp: Stamp,
-    grew: Instant,
-    /// True if another file has its name now.
-    is_replaced: bool,
-    /// Bytes in memory after its latest step.
-    held: usize,
-}
-
 /// Step of the folder; the end of a file comes with its mark.
 pub(super) type FolderStep = Step<(FileMark, FileResult)>;
 
 impl Folder {
     pub fn new(
-        path: PathBuf,
+        (path, has_subfolders): (PathBuf, bool),
         settle: Duration,
         channels: &[RodChannels],
         settings: &RecordSettings,
@@ -110,7 +93,8 @@ impl Folder {
             .values()
             .filter_map(|mark| Some((name_of(&mark.name)?, (mark.size, mark.modified_ns))));
         Self {
-            path,
+            path: path.into(),
+            has_subfolders,
             settle,
             channels: channels.to_vec(),
             settings: *settings,
@@ -121,6 +105,8 @@ impl Folder {
             failed: HashMap::new(),
             postponed: HashSet::new(),
             set_aside,
+            links: BTreeSet::new(),
+            unreadable: BTreeSet::new(),
             finished: None,
             growing: VecDeque::new(),
             next_scan: Instant::now(),
@@ -267,40 +253,64 @@ impl Folder {
 
     /// Looks for files that are new or changed.
     fn scan(&mut self, stop: &AtomicBool) {
-        let path = self.path.display().to_string();
-        let entries = match fs::read_dir(&self.path) {
-            Ok(entries) => entries,
-            Err(fault) => {
-                let detail = format!("{path}: the watched folder cannot be read: {fault}");
-                return self.health.hold(Fault::Folder, &path, detail);
-            }
-        };
-        self.health.over(Fault::Folder, &path);
         let mut there = BTreeSet::new();
-        for entry in entries {
+        let mut links = BTreeSet::new();
+        let mut unreadable = BTreeMap::new();
+        for entry in Listing::of(Arc::clone(&self.path), self.has_subfolders) {
             if stop.load(Ordering::Relaxed) {
                 return;
             }
-            let Ok(entry) = entry else { continue };
-            let name = entry.file_name();
-            // The entry's own type: links may lead out of the folder and are not followed.
-            if !is_recording(&name) || !entry.file_type().is_ok_and(|kind| kind.is_file()) {
-                continue;
+            match entry {
+                Entry::Recording(name, data) => {
+                    self.found(&name, stamp(&data), &data);
+                    there.insert(name);
+                }
+                Entry::Link(name) => {
+                    links.insert(name);
+                }
+                Entry::Unreadable(folder, fault) => {
+                    unreadable.insert(folder, fault);
+                }
             }
-            // Gone since: it is no recording any more.
-            let Ok(data) = entry.metadata() else { continue };
-            self.found(&name, stamp(&data), &data);
-            there.insert(name);
         }
+        for name in links.difference(&self.links) {
+            let path = self.path.join(name);
+            let detail = format!("{}: a link, which is not followed", path.display());
+            self.health.fault(Fault::Folder, detail);
+        }
+        self.links = links;
+        for folder in &self.unreadable {
+            if !unreadable.contains_key(folder) {
+                self.health
+                    .over(Fault::Folder, &self.path.join(folder).display().to_string());
+            }
+        }
+        for (folder, fault) in &unreadable {
+            let path = self.path.join(folder).display().to_string();
+            let detail = format!("{path}: the watched folder cannot be read: {fault}");
+            self.health.hold(Fault::Folder, &path, detail);
+        }
+        self.unreadable = unreadable.into_keys().collect();
+        // What lies in a folder that cannot be read now is not gone.
+        let unreadable = &self.unreadable;
+        let is_there = |name: &OsString| {
+            there.contains(name)
+                || unreadable
+                    .iter()
+                    .any(|folder| Path::new(name).starts_with(folder))
+        };
         // A name that is gone may come back as another file.
-        self.failed.retain(|name, _| there.contains(name));
-        self.postponed.retain(|name| there.contains(name));
-        let gone: Vec<OsString> = self.set_aside.difference(&there).cloned().collect();
-        for name in gone {
-            self.health.over(Fault::Quarantined, &label(&name));
-            self.set_aside.remove(&name);
-        }
-        self.done.retain(|name, _| there.contains(name));
+        self.failed.retain(|name, _| is_there(name));
+        self.postponed.retain(is_there);
+        self.done.retain(|name, _| is_there(name));
+        let health = &self.health;
+        self.set_aside.retain(|name| {
+            let stays = is_there(name);
+            if !stays {
+                health.over(Fault::Quarantined, &label(name));
+            }
+            stays
+        });
     }
 
     fn found(&mut self, name: &OsStr, stamp: Stamp, data: &Metadata) {
@@ -332,7 +342,7 @@ impl Folder {
             self.queue.insert((time, name.to_owned()));
             self.queued.insert(name.to_owned(), stamp);
         } else if self.growing.len() < MOST_GROWING && !self.postponed.contains(name) {
-            match self.lane(name, file, true) {
+            match Lane::begin(name, file, true, &self.channels, &self.settings) {
                 Ok(lane) => self.growing.push_back(lane),
                 Err(error) => self.health.fault(Fault::Folder, error),
             }
@@ -345,7 +355,7 @@ impl Folder {
         };
         self.queued.remove(&name);
         let opened = self.open(&name).and_then(|file| {
-            self.lane(&name, file, false)
+            Lane::begin(&name, file, false, &self.channels, &self.settings)
                 .map_err(|error| io::Error::other(error.to_string()))
         });
         match opened {
@@ -375,166 +385,5 @@ impl Folder {
         } else {
             Err(io::Error::other("not a regular file"))
         }
-    }
-
-    fn lane(&self, name: &OsStr, file: File, is_live: bool) -> Result<Lane, SourceError> {
-        let label = label(name);
-        let failed = |source| SourceError::Io {
-            path: label.clone(),
-            source,
-        };
-        let stamp = stamp(&file.metadata().map_err(failed)?);
-        let input = file.try_clone().map_err(failed)?;
-        let recording = Recording::begin(&label, input, &self.channels, &self.settings, is_live)?;
-        Ok(Lane {
-            name: name.to_owned(),
-            label: Arc::from(label),
-            recording,
-            guard: Guard::default(),
-            file,
-            is_live,
-            stamp,
-            grew: Instant::now(),
-            is_replaced: false,
-            held: 0,
-        })
-    }
-}
-
-impl Lane {
-    /// Takes the next step; `None` if the file must be looked up again.
-    fn step(&mut self, watch: &mut Watch, settle: Duration, health: &Health) -> Option<Step<Infallible>> {
-        let step = self.guard.poll(&mut self.recording, watch, health);
-        self.held = self.recording.held();
-        match step {
-            Step::Wait => return self.wait(settle),
-            // A growing file was read as far as it is now; a finished one as it was when it was opened, so that
-            // whatever came later is seen.
-            Step::End if self.is_live => {
-                if let Ok(data) = self.file.metadata()
-                    && data.len() == self.recording.progress().read
-                {
-                    self.stamp = stamp(&data);
-                }
-            }
-            _ => {}
-        }
-        Some(step)
-    }
-
-    /// Handles a file without data now: waits if it has grown lately.
-    fn wait(&mut self, settle: Duration) -> Option<Step<Infallible>> {
-        let Ok(data) = self.file.metadata() else {
-            return Some(Step::Wait);
-        };
-        let now = stamp(&data);
-        let shrank = now.0 < self.recording.progress().read;
-        if now != self.stamp && !shrank {
-            self.stamp = now;
-            self.grew = Instant::now();
-            if self.recording.is_in_doubt() && has_end(&self.file) {
-                return None;
-            }
-        }
-        if shrank || self.is_replaced || self.grew.elapsed() >= settle {
-            // The apparently unfinished record is damage: read as a finished file, only that record is lost.
-            if self.recording.is_in_doubt() && !shrank && !self.is_replaced {
-                return None;
-            }
-            self.recording.give_up();
-            return Some(Step::More);
-        }
-        Some(Step::Wait)
-    }
-}
-
-/// True if a file of this name is a recording: `*.mcap`, and not hidden.
-fn is_recording(name: &OsStr) -> bool {
-    let name = name.as_bytes();
-    let ends = name.len() > 5 && name[name.len() - 5..].eq_ignore_ascii_case(b".mcap");
-    ends && name[0] != b'.'
-}
-
-/// True if a file has the end of a recording.
-fn has_end(file: &File) -> bool {
-    let mut file = file;
-    let mut end = [0u8; 8];
-    let is_end = file
-        .seek(SeekFrom::End(-8))
-        .and_then(|at| {
-            file.read_exact(&mut end)?;
-            Ok(at > 8 && end == mcap::MAGIC)
-        })
-        .unwrap_or(false);
-    // The next reader starts at the front.
-    file.seek(SeekFrom::Start(0)).is_ok() && is_end
-}
-
-/// A file name as text: bytes that are not UTF-8 as `\xNN`, a backslash as two.
-fn label(name: &OsStr) -> String {
-    let mut label = String::new();
-    for chunk in name.as_bytes().utf8_chunks() {
-        label.push_str(&chunk.valid().replace('\\', "\\\\"));
-        for byte in chunk.invalid() {
-            label.push_str(&format!("\\x{byte:02x}"));
-        }
-    }
-    label
-}
-
-/// File name of a label; `None` for a part of the journal.
-fn name_of(label: &str) -> Option<OsString> {
-    if label.contains('/') {
-        return None;
-    }
-    let mut name = Vec::new();
-    let mut rest = label.as_bytes();
-    while let Some((&byte, after)) = rest.split_first() {
-        rest = after;
-        if byte != b'\\' {
-            name.push(byte);
-            continue;
-        }
-        match after {
-            [b'x', high, low, after @ ..] => {
-                let digits = [*high, *low];
-                let digits = std::str::from_utf8(&digits).ok()?;
-                name.push(u8::from_str_radix(digits, 16).ok()?);
-                rest = after;
-            }
-            [b'\\', after @ ..] => {
-                name.push(b'\\');
-                rest = after;
-            }
-            _ => return None,
-        }
-    }
-    Some(OsStr::from_bytes(&name).to_owned())
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn labels_lead_back_to_names() {
-        for name in [
-            &b"plain.mcap"[..],
-            b"\xff\xfe.mcap",
-            b"a\\b.mcap",
-            b"a\\xff\xc3.mcap",
-            "t\u{f6}di.mcap".as_bytes(),
-        ] {
-            let name = OsStr::from_bytes(name);
-            assert_eq!(name_of(&label(name)).as_deref(), Some(name));
-        }
-        assert_eq!(name_of("journal/journal.000001.mcap"), None);
-    }
-
-    #[test]
-    fn only_recordings_count() {
-        let is = |name: &str| is_recording(OsStr::new(name));
-        assert!(is("a.mcap") && is("A.MCAP"));
-        assert!(!is(".mcap") && !is(".a.mcap") && !is("a.mcap.part") && !is("a.tmp") && !is("mcap"));
     }
 }

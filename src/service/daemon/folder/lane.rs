@@ -1,0 +1,136 @@
+//! One file of the watched folder while it is read.
+
+use super::listing::label;
+use crate::analysis::signal::record::{RecordSettings, RodChannels};
+use crate::recording::read::series::modified_ns;
+use crate::recording::read::{Recording, SourceError, Step};
+use crate::service::daemon::steps::{Guard, Watch};
+use crate::service::telemetry::Health;
+use std::convert::Infallible;
+use std::ffi::{OsStr, OsString};
+use std::fs::{File, Metadata};
+use std::io::{Read, Seek, SeekFrom};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+/// Size \[bytes\] and time of change \[ns since 1970\] of a file, to detect changes.
+pub(super) type Stamp = (u64, i64);
+
+/// Stamp of a file as it is now.
+pub(super) fn stamp(data: &Metadata) -> Stamp {
+    (data.len(), data.modified().map_or(0, modified_ns))
+}
+
+/// A file that is being read.
+pub(super) struct Lane {
+    pub(super) name: OsString,
+    pub(super) label: Arc<str>,
+    pub(super) recording: Recording,
+    pub(super) guard: Guard,
+    pub(super) file: File,
+    pub(super) is_live: bool,
+    /// Stamp when reading began, or when it was last seen to grow.
+    pub(super) stamp: Stamp,
+    pub(super) grew: Instant,
+    /// True if another file has its name now.
+    pub(super) is_replaced: bool,
+    /// Bytes in memory after its latest step.
+    pub(super) held: usize,
+}
+
+impl Lane {
+    /// Begins to read a file; `is_live` if it may still grow.
+    pub(super) fn begin(
+        name: &OsStr,
+        file: File,
+        is_live: bool,
+        channels: &[RodChannels],
+        settings: &RecordSettings,
+    ) -> Result<Self, SourceError> {
+        let label = label(name);
+        let failed = |source| SourceError::Io {
+            path: label.clone(),
+            source,
+        };
+        let stamp = stamp(&file.metadata().map_err(failed)?);
+        let input = file.try_clone().map_err(failed)?;
+        let recording = Recording::begin(&label, input, channels, settings, is_live)?;
+        Ok(Self {
+            name: name.to_owned(),
+            label: Arc::from(label),
+            recording,
+            guard: Guard::default(),
+            file,
+            is_live,
+            stamp,
+            grew: Instant::now(),
+            is_replaced: false,
+            held: 0,
+        })
+    }
+
+    /// Takes the next step; `None` if the file must be looked up again.
+    pub(super) fn step(
+        &mut self,
+        watch: &mut Watch,
+        settle: Duration,
+        health: &Health,
+    ) -> Option<Step<Infallible>> {
+        let step = self.guard.poll(&mut self.recording, watch, health);
+        self.held = self.recording.held();
+        match step {
+            Step::Wait => return self.wait(settle),
+            // A growing file was read as far as it is now; a finished one as it was when it was opened, so that
+            // whatever came later is seen.
+            Step::End if self.is_live => {
+                if let Ok(data) = self.file.metadata()
+                    && data.len() == self.recording.progress().read
+                {
+                    self.stamp = stamp(&data);
+                }
+            }
+            _ => {}
+        }
+        Some(step)
+    }
+
+    /// Handles a file without data now: waits if it has grown lately.
+    fn wait(&mut self, settle: Duration) -> Option<Step<Infallible>> {
+        let Ok(data) = self.file.metadata() else {
+            return Some(Step::Wait);
+        };
+        let now = stamp(&data);
+        let shrank = now.0 < self.recording.progress().read;
+        if now != self.stamp && !shrank {
+            self.stamp = now;
+            self.grew = Instant::now();
+            if self.recording.is_in_doubt() && has_end(&self.file) {
+                return None;
+            }
+        }
+        if shrank || self.is_replaced || self.grew.elapsed() >= settle {
+            // The apparently unfinished record is damage: read as a finished file, only that record is lost.
+            if self.recording.is_in_doubt() && !shrank && !self.is_replaced {
+                return None;
+            }
+            self.recording.give_up();
+            return Some(Step::More);
+        }
+        Some(Step::Wait)
+    }
+}
+
+/// True if a file has the end of a recording.
+pub(super) fn has_end(file: &File) -> bool {
+    let mut file = file;
+    let mut end = [0u8; 8];
+    let is_end = file
+        .seek(SeekFrom::End(-8))
+        .and_then(|at| {
+            file.read_exact(&mut end)?;
+            Ok(at > 8 && end == mcap::MAGIC)
+        })
+        .unwrap_or(false);
+    // The next reader starts at the front.
+    file.seek(SeekFrom::Start(0)).is_ok() && is_end
+}

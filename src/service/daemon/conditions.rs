@@ -1,4 +1,5 @@
-//! Conditions of the daemon for the sinks: each begin and end is reported once, after it has lasted.
+//! Conditions of the daemon for the sinks: each begin and end is reported once, after it has lasted. One that comes and goes again
+//! and again is reported ever more rarely.
 
 use crate::analysis::signal::record::Timestamp;
 use crate::service::telemetry::Condition;
@@ -6,12 +7,20 @@ use crate::site::store::ConditionEvent;
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
+/// Time after which an end is forgotten.
+const FORGOTTEN: Duration = Duration::from_secs(86_400);
+/// Longest absence that is asked for before an end is reported, but for longer settling times.
+const LONGEST: Duration = Duration::from_secs(6 * 3600);
+
 /// Conditions that were reported or are about to be.
 #[derive(Debug)]
 pub struct Conditions {
-    /// Time for which a condition must last, or be absent, before it is reported.
+    /// Time for which a condition must last, or be absent, before it is reported. Each end within the last day doubles the time
+    /// for which it must be absent: one that comes and goes all day makes at most some twenty messages, and then stands.
     settle: Duration,
     open: BTreeMap<(String, String), Open>,
+    /// Number of ends reported within a day of each other, with the time of the latest.
+    ends: BTreeMap<(String, String), (u32, Instant)>,
 }
 
 /// One condition.
@@ -38,6 +47,7 @@ impl Conditions {
         Self {
             settle,
             open: open.collect(),
+            ends: BTreeMap::new(),
         }
     }
 
@@ -50,9 +60,12 @@ impl Conditions {
     /// clock.
     pub fn look(&mut self, lasting: &[Condition], now: Instant, wall: Timestamp) -> Vec<ConditionEvent> {
         let mut told = Vec::new();
+        self.ends
+            .retain(|_, (_, latest)| now.saturating_duration_since(*latest) < FORGOTTEN);
         for condition in lasting {
             let key = (condition.fault.code().to_owned(), condition.about.clone());
             let lasted = now.saturating_duration_since(condition.since);
+            let ends = self.ends.get(&key).map_or(0, |(count, _)| *count);
             let open = self.open.entry(key).or_insert_with_key(|(fault, about)| Open {
                 begun: ConditionEvent::raised(
                     fault,
@@ -67,11 +80,18 @@ impl Conditions {
             if !open.is_told && lasted >= self.settle {
                 open.is_told = true;
                 open.begun.detail.clone_from(&condition.detail);
+                if ends > 0 {
+                    let times = ends + 1;
+                    open.begun
+                        .detail
+                        .push_str(&format!(" (number {times} within a day)"));
+                }
                 told.push(open.begun.clone());
             }
         }
-        let settle = self.settle;
-        self.open.retain(|(fault, about), open| {
+        let (settle, ends) = (self.settle, &mut self.ends);
+        self.open.retain(|key, open| {
+            let (fault, about) = key;
             let mut lasting = lasting.iter();
             if lasting.any(|condition| condition.fault.code() == fault && condition.about == *about) {
                 return true;
@@ -81,8 +101,10 @@ impl Conditions {
             }
             let absent = *open.absent.get_or_insert(now);
             let absent_for = now.saturating_duration_since(absent);
-            let is_over = absent_for >= settle;
+            let count = ends.get(key).map_or(0, |(count, _)| *count);
+            let is_over = absent_for >= settle.max(settle.saturating_mul(1 << count.min(20)).min(LONGEST));
             if is_over {
+                ends.insert(key.clone(), (count + 1, now));
                 told.push(open.begun.cleared(wall.plus_seconds(-absent_for.as_secs_f64())));
             }
             !is_over
@@ -133,6 +155,31 @@ mod tests {
         let said: Vec<(u64, bool)> = told.iter().map(|(s, raised, _)| (*s, *raised)).collect();
         assert_eq!(said, [(160, true), (460, false)]);
         assert_eq!(told[0].2, told[1].2, "one id");
+    }
+
+    #[test]
+    fn what_comes_and_goes_all_day_is_told_a_few_times_and_ends_when_it_is_quiet() {
+        // Five minutes there, five minutes gone, for ten hours; then gone.
+        let flaps: Vec<(u64, u64)> = (0..60).map(|n| (600 * n, 600 * n + 300)).collect();
+        let mut conditions = Conditions::new(SETTLE, Vec::new());
+        let told = told(&mut conditions, &flaps, 60_000);
+        let said: Vec<(u64, bool)> = told.iter().map(|(s, raised, _)| (*s, *raised)).collect();
+        // Absences of 60, 120 and 240 s are ends; 480 s never passes until the flapping is over, at 35 700 s.
+        let quiet = 35_700 + 480;
+        assert_eq!(
+            said,
+            [
+                (60, true),
+                (360, false),
+                (660, true),
+                (1020, false),
+                (1260, true),
+                (1740, false),
+                (1860, true),
+                (quiet, false)
+            ]
+        );
+        assert!(conditions.open.is_empty());
     }
 
     #[test]

@@ -359,7 +359,7 @@ impl Tally {
         }
         if summary.has_nothing() {
             self.unreadable += 1;
-            for absence in summary.absences() {
+            if let Some(absence) = summary.absence() {
                 bar.say(&format!("error: {absence}"));
             }
             if !is_meant {
@@ -370,7 +370,7 @@ impl Tally {
             }
         } else {
             self.with_losses += usize::from(summary.lost_data());
-            for absence in summary.absences() {
+            if let Some(absence) = summary.absence() {
                 tracing::info!("{absence}");
             }
         }

@@ -82,7 +82,11 @@ pub fn identify(
         tell!("{fault}");
         has_losses = true;
     }
-    anyhow::ensure!(!summary.has_nothing(), "{}", summary.absences().join("; "));
+    anyhow::ensure!(
+        !summary.has_nothing(),
+        "{}",
+        summary.absence().unwrap_or_default()
+    );
     for (sensor, _) in records.iter().enumerate().filter(|(_, own)| own.is_empty()) {
         tell!("{}: no record in {}", name(sensor), path.display());
         has_losses = true;

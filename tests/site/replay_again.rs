@@ -10,6 +10,31 @@ fn said(output: &std::process::Output) -> String {
     text(&output.stderr)
 }
 
+/// The first sample of a file completes the last record of the file before it, which is not its record for that.
+#[test]
+fn each_record_names_the_file_that_holds_it() {
+    let site = Site::new(SITE);
+    for week in 0..3 {
+        site.simulate(&format!("week-{week}"), &Part::new(4 * week, 4));
+    }
+    site.replay(&["archive"], "site.db");
+    let store = rusqlite::Connection::open(site.path("site.db")).unwrap();
+    let rows: Vec<(i64, String)> = store
+        .prepare("SELECT start_ns, file FROM record JOIN origin ON origin.record = record.id ORDER BY start_ns, rod")
+        .unwrap()
+        .query_map((), |row| Ok((row.get(0)?, row.get(1)?)))
+        .unwrap()
+        .collect::<Result<_, _>>()
+        .unwrap();
+    let expected: Vec<(i64, String)> = (0..12)
+        .flat_map(|day| {
+            let row = (noon(day).as_nanos(), format!("archive/week-{}.mcap", day / 4));
+            [row.clone(), row]
+        })
+        .collect();
+    assert_eq!(rows, expected);
+}
+
 #[test]
 fn the_same_archive_again_adds_nothing_whatever_the_names() {
     let site = campaign();

@@ -216,7 +216,7 @@ impl<'a> Inputs<'a> {
             self.bytes_of_closed += bytes;
             let summary = open.recording.summary();
             return Some(match summary.has_nothing() {
-                true => Step::Failed(summary.absences().join("; ")),
+                true => Step::Failed(summary.absence().unwrap_or_default()),
                 false => Step::Ended(faults(summary)),
             });
         };

@@ -7,8 +7,10 @@ use std::sync::Arc;
 /// Place of a record's end in its recording.
 #[derive(Debug, Clone)]
 pub struct Place {
-    /// Name of the recording.
+    /// Name of the recording that was read when it was complete.
     pub file: Arc<str>,
+    /// Name of the recording that holds its last sample: the one before, where the next one's first samples complete it.
+    pub origin: Arc<str>,
     /// Number of bytes read.
     pub bytes: u64,
     /// Number of records found.

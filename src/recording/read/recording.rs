@@ -284,6 +284,9 @@ impl Recording {
     /// `limit` \[ns\], and leaves records open at its end that may continue in the next file.
     pub(super) fn poll_up_to(&mut self, limit: u64) -> Step<Infallible> {
         self.is_joined = true;
+        if self.router.file.is_none() {
+            self.router.file = Some(Arc::clone(&self.name));
+        }
         if self.queue.is_empty() && self.router.waits() {
             self.router.go_on(limit);
             self.router.events(&mut self.queue);

@@ -22,6 +22,8 @@ use std::sync::Arc;
 pub const HELD: usize = 96 << 20;
 /// Growth of the rods' samples after which their memory is checked again \[bytes\].
 const WEIGHED_EVERY: usize = 1 << 20;
+/// Error of a time that was computed from a length \[s\]: far below the interval of samples.
+const ROUNDED_S: f64 = 1e-6;
 /// Capacity of the sample buffer kept between two messages \[samples\].
 const SCRATCH: usize = 1 << 17;
 
@@ -33,6 +35,8 @@ pub(super) struct Timed {
     pub at: Timestamp,
     /// Times up to which each rod had been read by then.
     pub reached: Reached,
+    /// Name of the file that holds its last sample, where several are read as one.
+    origin: Option<Arc<str>>,
 }
 
 impl Timed {
@@ -43,8 +47,14 @@ impl Timed {
 
     /// Returns the event with the place at which it was complete.
     pub fn at_place(self, file: Arc<str>, bytes: u64, records: u64) -> (Event, Place) {
-        let Self { event, at, reached } = self;
+        let Self {
+            event,
+            at,
+            reached,
+            origin,
+        } = self;
         let place = Place {
+            origin: origin.unwrap_or_else(|| Arc::clone(&file)),
             file,
             bytes,
             records,
@@ -70,6 +80,8 @@ pub(super) struct Router {
     stream_numbers: HashMap<String, usize>,
     /// Identity of the journal that is read.
     pub(super) journal: Option<String>,
+    /// Name of the file, where several are read as one.
+    pub(super) file: Option<Arc<str>>,
     /// Events not yet taken.
     ready: VecDeque<Timed>,
     /// Contents of the file per rod.
@@ -127,6 +139,50 @@ pub(super) struct Rod {
     fed_by: [Option<usize>; 2],
     /// True if it ever had samples.
     pub(super) is_followed: bool,
+    /// The file of its latest samples, and the one before.
+    files: Files,
+}
+
+/// Files that gave a rod's samples, one after the other.
+#[derive(Default)]
+struct Files {
+    latest: Option<Arc<str>>,
+    before: Option<Arc<str>>,
+    /// Time of the first sample of the latest file.
+    from: Option<Timestamp>,
+}
+
+impl Files {
+    /// Notes samples of a file.
+    #[inline]
+    fn note(&mut self, file: Option<&Arc<str>>, time: Timestamp) {
+        if let Some(file) = file
+            && !self
+                .latest
+                .as_ref()
+                .is_some_and(|latest| Arc::ptr_eq(latest, file))
+        {
+            self.before = self.latest.replace(Arc::clone(file));
+            self.from = Some(time);
+        }
+    }
+
+    /// The file that holds an event's last sample.
+    fn of(&self, event: &Event) -> Option<Arc<str>> {
+        let end = match event {
+            Event::Record(record) => {
+                let last = record.samples.len().saturating_sub(1) as f64;
+                Some(record.start.plus_seconds(last / record.fs_hz))
+            }
+            Event::Rejected {
+                start, duration_s, ..
+            } => start.map(|start| start.plus_seconds(*duration_s - ROUNDED_S)),
+            Event::Readings { .. } => None,
+        };
+        let is_before = self.from.zip(end).is_some_and(|(from, end)| end <= from);
+        let file = if is_before { &self.before } else { &self.latest };
+        file.clone()
+    }
 }
 
 #[derive(Default)]
@@ -153,6 +209,7 @@ impl Router {
                 assembler: Assembler::new(config.rod.clone(), *settings, fs_hz, temperature),
                 fed_by: [None; 2],
                 is_followed: false,
+                files: Files::default(),
             }
         });
         Self {
@@ -181,6 +238,7 @@ impl Router {
             streams: Vec::new(),
             stream_numbers: HashMap::new(),
             journal: None,
+            file: None,
             ready: VecDeque::new(),
         }
     }
@@ -301,6 +359,7 @@ impl Router {
             scratch,
             topics,
             grown,
+            file,
             ..
         } = self;
         let Some(listed) = channels.get(usize::from(message.channel)) else {
@@ -349,7 +408,7 @@ impl Router {
                 rod.fed_by[usize::from(route.temperature)] = listed.stream;
                 rod.is_followed |= !route.temperature;
                 rod.assembler.set_unverified(*unverified);
-                if let Err(found) = route.take(rod, count, &message, scratch) {
+                if let Err(found) = route.take((rod, count), &message, file.as_ref(), scratch) {
                     fault.get_or_insert(found);
                 }
                 // A stamp takes as much as two samples, and a single one is the least that is kept.
@@ -456,6 +515,7 @@ impl Router {
             rods,
             counts,
             scratch,
+            file,
             ..
         } = self;
         for (rod, count) in rods.iter_mut().zip(counts) {
@@ -467,6 +527,7 @@ impl Router {
                 scratch.clear();
                 scratch.extend(block.samples.iter().map(|raw| channel.unit.convert(*raw)));
                 self.grown += 24 + 8 * scratch.len();
+                rod.files.note(file.as_ref(), block.time);
                 rod.assembler.push(block.time, scratch);
             }
             if let Some(channel) = &rod.config.temperature
@@ -604,7 +665,9 @@ impl Router {
     fn collect(&mut self) {
         let reached = self.reached();
         for rod in &mut self.rods {
+            let files = &rod.files;
             let timed = rod.assembler.timed_events().map(|(at, event)| Timed {
+                origin: files.of(&event),
                 event,
                 at,
                 reached: Arc::clone(&reached),
@@ -714,9 +777,9 @@ impl Route {
     #[inline]
     fn take(
         &self,
-        rod: &mut Rod,
-        count: &mut Count,
+        (rod, count): (&mut Rod, &mut Count),
         message: &Message<'_>,
+        file: Option<&Arc<str>>,
         scratch: &mut Vec<f64>,
     ) -> Result<(), DecodeError> {
         let channel = match &rod.config.temperature {
@@ -754,6 +817,7 @@ impl Route {
             *sample = unit.convert(*sample);
         }
         count.samples += scratch.len() as u64;
+        rod.files.note(file, time);
         rod.assembler.push(time, scratch);
         Ok(())
     }

@@ -59,27 +59,35 @@ impl Summary {
     /// One sentence per item that a person should know, most important first.
     pub fn sentences(&self) -> Vec<String> {
         let mut sentences = self.faults();
-        sentences.extend(self.absences());
+        sentences.extend(self.absence());
         sentences
     }
 
-    /// One sentence per configured topic that the file does not have; this is normal where every rod has its
-    /// own files.
-    pub fn absences(&self) -> Vec<String> {
+    /// One sentence on the configured topics that the file does not have, if there are any; this is normal where every rod
+    /// has its own files.
+    pub fn absence(&self) -> Option<String> {
         const NAMED: usize = 40;
-        let mut topics: Vec<String> = self.topics.keys().take(NAMED).cloned().collect();
-        if self.topics.len() > NAMED {
-            topics.push(format!("and {} more", self.topics.len() - NAMED));
-        }
-        let has = if topics.is_empty() {
+        let listed = |names: &mut dyn Iterator<Item = String>, count: usize| {
+            let mut named: Vec<String> = names.take(NAMED).collect();
+            if count > NAMED {
+                named.push(format!("and {} more", count - NAMED));
+            }
+            named.join(", ")
+        };
+        let mut missing = self
+            .missing
+            .iter()
+            .map(|(rod, topic)| format!("{topic} (rod {rod})"));
+        let has = if self.topics.is_empty() {
             "no topics at all".to_owned()
         } else {
-            topics.join(", ")
+            listed(&mut self.topics.keys().cloned(), self.topics.len())
         };
-        let sentence = |(rod, topic): &(RodId, String)| {
-            format!("{}: no topic {topic} (rod {rod}); it has {has}", self.file)
+        let missing = match self.missing.len() {
+            0 => return None,
+            count => listed(&mut missing, count),
         };
-        self.missing.iter().map(sentence).collect()
+        Some(format!("{}: no topic {missing}; it has {has}", self.file))
     }
 
     /// One sentence per fault of the file and of its messages.

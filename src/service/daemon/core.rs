@@ -221,7 +221,7 @@ impl Core {
                 Rejection::Quarantined { .. } => Fault::Quarantined,
                 _ => Fault::Rejected,
             };
-            let (reason, file) = (&rejected.rejection, &place.file);
+            let (reason, file) = (&rejected.rejection, &place.origin);
             self.health
                 .fault(fault, format_args!("rod {rod}, {file}: {reason}"));
         }
@@ -243,7 +243,7 @@ impl Core {
                 for fault in summary.faults() {
                     self.health.fault(Fault::Recording, fault);
                 }
-                for absence in summary.absences() {
+                if let Some(absence) = summary.absence() {
                     if summary.has_nothing() {
                         self.health.fault(Fault::Recording, absence);
                     } else {

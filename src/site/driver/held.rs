@@ -143,6 +143,7 @@ mod tests {
     fn event(rod: &str, second: i64, reached: &[(&str, i64)]) -> Done {
         let time = |second: i64| Timestamp::from_nanos(second * 1_000_000_000);
         let place = Place {
+            origin: "".into(),
             file: Arc::from("x"),
             bytes: 0,
             records: 0,

@@ -71,6 +71,8 @@ pub struct RodRow<'a> {
 pub struct Position<'a> {
     /// Name of the source: its file.
     pub name: &'a str,
+    /// Name of the file that holds the last sample of the record found there.
+    pub origin: &'a str,
     /// Number of bytes read.
     pub bytes: u64,
     /// Number of records found.
@@ -82,6 +84,7 @@ impl Place {
     pub fn position(&self) -> Position<'_> {
         Position {
             name: &self.file,
+            origin: &self.origin,
             bytes: self.bytes,
             records: self.records,
         }
@@ -92,7 +95,7 @@ impl Commit<'_> {
     /// Writes everything into the tables of an open transaction.
     pub(super) fn write(&self, connection: &Connection, kept: &mut Kept) -> Result<(), Failure> {
         if let Some(record) = &self.record {
-            record.write(connection, self.source.map(|source| source.name))?;
+            record.write(connection, self.source.map(|source| source.origin))?;
         }
         if let Some((rod, first_ns, found)) = self.readings {
             resonance::write_readings(connection, rod, first_ns, found)?;

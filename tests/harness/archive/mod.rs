@@ -346,6 +346,7 @@ pub fn fill(store: &mut Store, range: std::ops::Range<i64>) {
                     snapshot,
                 }),
                 source: Some(Position {
+                    origin: "a.mcap",
                     name: "a.mcap",
                     bytes: number as u64 * 1000,
                     records: number as u64,

@@ -57,7 +57,7 @@ pub(super) fn read(table: &mut Table<'_>) -> JournalSettings {
         .take(
             key(
                 "backup_stamp",
-                "a file that every backup of the journal renews when it begins: no part written later is removed",
+                "a file whose time of change a backup of the journal that succeeded sets to the time at which it began: no part written later is removed",
             ),
             "1 to 255 bytes of text",
             Absent::Nothing("no backup is waited for"),

@@ -347,6 +347,8 @@ impl Config {
             _ => false,
         });
         for section in &mut sections {
+            // Further sensors are read by `identify` alone.
+            section.children.retain(|child| child.name() != "rod.sensor");
             // Of a channel only whether there is one, and what its values are: the topic and the path to them change no number.
             for channel in section
                 .children

@@ -347,7 +347,7 @@ impl Site {
         let Some(tracker) = self.trackers.get_mut(rod) else {
             return Ok(false);
         };
-        let Some(first) = readings.first() else {
+        let Some(last) = readings.last() else {
             return Ok(false);
         };
         if self.store.last_identity(rod)? != after {
@@ -356,7 +356,7 @@ impl Site {
         let is_new = tracker.take_readings(readings);
         // Kept also if this fold has no use for them: that of other settings may.
         self.store.commit(&Commit {
-            readings: Some((rod, first.time.as_nanos(), &Found::of_readings(readings))),
+            readings: Some((rod, last.time.as_nanos(), &Found::of_readings(readings))),
             rod: is_new.then_some(row(tracker, &tracker.rod_state(), &[])),
             ..Commit::default()
         })?;

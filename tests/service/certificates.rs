@@ -89,7 +89,7 @@ fn shown(path: &Path) -> String {
 #[test]
 fn a_near_end_is_told_and_a_new_certificate_taken_at_once() {
     let port = Port::open(12, Vec::new());
-    let about = shown(&port.path("daemon.pem"));
+    let about = format!("certificate {}", shown(&port.path("daemon.pem")));
     wait_for("the near end is a condition", || {
         port.warns(&about)
             .is_some_and(|detail| detail.contains("in 11 days"))
@@ -116,7 +116,7 @@ fn a_near_end_is_told_and_a_new_certificate_taken_at_once() {
 
     // A key that everybody can read is told too.
     fs::set_permissions(port.path("daemon.key"), Permissions::from_mode(0o644)).unwrap();
-    let about = shown(&port.path("daemon.key"));
+    let about = format!("key {}", shown(&port.path("daemon.key")));
     wait_for("the open key is a condition", || {
         port.warns(&about)
             .is_some_and(|detail| detail.contains("chmod 600"))

@@ -139,18 +139,15 @@ pub(super) struct Rod {
     fed_by: [Option<usize>; 2],
     /// True if it ever had samples.
     pub(super) is_followed: bool,
-    /// The file of its latest samples, and the one before.
     files: Files,
 }
 
-/// Files that gave a rod's samples, one after the other.
+/// Most files of a rod that are remembered: beyond, a record waited for its temperature over as many files.
+const FILES: usize = 16;
+
+/// Latest files that gave a rod's samples, the latest first, each with the time of its first sample.
 #[derive(Default)]
-struct Files {
-    latest: Option<Arc<str>>,
-    before: Option<Arc<str>>,
-    /// Time of the first sample of the latest file.
-    from: Option<Timestamp>,
-}
+struct Files(VecDeque<(Arc<str>, Timestamp)>);
 
 impl Files {
     /// Notes samples of a file.
@@ -158,12 +155,12 @@ impl Files {
     fn note(&mut self, file: Option<&Arc<str>>, time: Timestamp) {
         if let Some(file) = file
             && !self
-                .latest
-                .as_ref()
-                .is_some_and(|latest| Arc::ptr_eq(latest, file))
+                .0
+                .front()
+                .is_some_and(|(latest, _)| Arc::ptr_eq(latest, file))
         {
-            self.before = self.latest.replace(Arc::clone(file));
-            self.from = Some(time);
+            self.0.push_front((Arc::clone(file), time));
+            self.0.truncate(FILES);
         }
     }
 
@@ -176,12 +173,12 @@ impl Files {
             }
             Event::Rejected {
                 start, duration_s, ..
-            } => start.map(|start| start.plus_seconds(*duration_s - ROUNDED_S)),
+            } => start.map(|start| start.plus_seconds((duration_s - ROUNDED_S).max(0.0))),
             Event::Readings { .. } => None,
         };
-        let is_before = self.from.zip(end).is_some_and(|(from, end)| end <= from);
-        let file = if is_before { &self.before } else { &self.latest };
-        file.clone()
+        let has = |(_, from): &&(Arc<str>, Timestamp)| end.is_none_or(|end| *from <= end);
+        let found = self.0.iter().find(has).or(self.0.back());
+        found.map(|(file, _)| Arc::clone(file))
     }
 }
 

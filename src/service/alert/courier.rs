@@ -77,6 +77,9 @@ pub(super) struct Courier {
     refreshed: Option<Instant>,
     /// Time since which messages are gathered to be sent together.
     gathering: Option<Instant>,
+    /// True until all that waited at the start was sent: it is not gathered further, or a daemon that never lives long would
+    /// never send it.
+    is_starting: bool,
     /// Messages sent past the store: they are not sent again when the store has them.
     told: HashSet<String>,
     backoff: Backoff,
@@ -95,6 +98,7 @@ impl Courier {
             standing: None,
             refreshed: None,
             gathering: None,
+            is_starting: true,
             told: HashSet::new(),
             backoff: Backoff::new(pace, seed),
             signal,
@@ -195,7 +199,8 @@ impl Courier {
                 let together: Vec<Message> = wanted
                     .map(|news| Message::of_news(&self.errand.site, news))
                     .collect();
-                if !together.is_empty() && !self.send_together(&together)? {
+                let is_full = news.len() == BATCH;
+                if !together.is_empty() && !self.send_together(&together, is_full)? {
                     break;
                 }
                 place.through = last;
@@ -218,13 +223,14 @@ impl Courier {
                 self.report(&self.errand.settings.id, place.through)?;
             }
         }
+        self.is_starting = false;
         self.refresh(reader)
     }
 
-    /// Sends messages together once they were gathered for long enough; returns false before.
-    fn send_together(&mut self, messages: &[Message]) -> Result<bool, Trouble> {
+    /// Sends messages together once they were gathered for long enough, or `is_due`; returns false before.
+    fn send_together(&mut self, messages: &[Message], is_due: bool) -> Result<bool, Trouble> {
         let since = *self.gathering.get_or_insert_with(Instant::now);
-        if since.elapsed() < self.sink.gathers_for() && messages.len() < BATCH {
+        if since.elapsed() < self.sink.gathers_for() && !is_due && !self.is_starting {
             return Ok(false);
         }
         guarded(|| self.sink.deliver_all(messages))?;

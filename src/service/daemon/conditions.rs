@@ -2,7 +2,7 @@
 //! and again is reported ever more rarely.
 
 use crate::analysis::signal::record::Timestamp;
-use crate::service::telemetry::Condition;
+use crate::service::telemetry::{Condition, Fault};
 use crate::site::store::ConditionEvent;
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
@@ -16,7 +16,7 @@ const LONGEST: Duration = Duration::from_secs(6 * 3600);
 #[derive(Debug)]
 pub struct Conditions {
     /// Time for which a condition must last, or be absent, before it is reported. Each end within the last day doubles the time
-    /// for which it must be absent: one that comes and goes all day makes at most some twenty messages, and then stands.
+    /// for which one must be absent that leaves monitoring at work: one that comes and goes all day makes at most some twenty messages, and then stands.
     settle: Duration,
     open: BTreeMap<(String, String), Open>,
     /// Number of ends reported within a day of each other, with the time of the latest.
@@ -102,7 +102,9 @@ impl Conditions {
             let absent = *open.absent.get_or_insert(now);
             let absent_for = now.saturating_duration_since(absent);
             let count = ends.get(key).map_or(0, |(count, _)| *count);
-            let is_over = absent_for >= settle.max(settle.saturating_mul(1 << count.min(20)).min(LONGEST));
+            // That monitoring goes on again is told at once, however often it stopped.
+            let doublings = if is_grave(fault) { 0 } else { count.min(20) };
+            let is_over = absent_for >= settle.max(settle.saturating_mul(1 << doublings).min(LONGEST));
             if is_over {
                 ends.insert(key.clone(), (count + 1, now));
                 told.push(open.begun.cleared(wall.plus_seconds(-absent_for.as_secs_f64())));
@@ -113,10 +115,17 @@ impl Conditions {
     }
 }
 
+/// True if results are not kept, or not made, while a condition of this code lasts.
+fn is_grave(code: &str) -> bool {
+    Fault::ALL
+        .iter()
+        .any(|fault| fault.is_grave() && fault.code() == code)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::service::telemetry::{Fault, Health};
+    use crate::service::telemetry::Health;
 
     const SETTLE: Duration = Duration::from_secs(60);
 

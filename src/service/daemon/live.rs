@@ -94,6 +94,7 @@ impl Live {
             vouch: Box::new(vouch(store)),
         };
         let journal = Journal::start(&folder, &config.journal, resume_s, around, failed)?;
+        refuse_within(&folder, config)?;
         telemetry.metrics.watch_disk("journal", folder.clone());
         if !bound.ingest.is_empty() {
             let server = Server::new(
@@ -166,6 +167,23 @@ impl Live {
             journal.stop();
         }
     }
+}
+
+/// Refuses a journal whose parts the watched folder would bring once more, cut otherwise.
+fn refuse_within(journal: &Path, config: &Config) -> anyhow::Result<()> {
+    let Some(watched) = &config.ingest.folder else {
+        return Ok(());
+    };
+    let real = |path: &Path| path.canonicalize().or_else(|_| std::path::absolute(path));
+    let (inner, outer) = (real(journal)?, real(watched)?);
+    anyhow::ensure!(
+        inner != outer && !(config.ingest.subfolders && inner.starts_with(&outer)),
+        "the journal {} lies in the watched folder {}, which would read its parts a second time: put another folder into \
+         [journal] folder or [ingest] folder",
+        journal.display(),
+        watched.display()
+    );
+    Ok(())
 }
 
 /// Folder of the journal: the configured one, or `journal` next to the store.

@@ -191,8 +191,14 @@ impl Daemon<'_> {
             let event = match events.recv_timeout(LOOK) {
                 Ok(event) => event,
                 Err(_) => {
-                    running.as_ref().map_or(Ok(()), Running::check)?;
-                    continue;
+                    let error = match running.as_ref().map_or(Ok(()), Running::check) {
+                        Ok(()) => continue,
+                        Err(error) => anyhow::Error::from(error),
+                    };
+                    if let Some(running) = running {
+                        running.abandon(runtime, &format!("{error:#}"));
+                    }
+                    return Err(error);
                 }
             };
             match event {

@@ -418,11 +418,19 @@ impl Work {
             body,
         });
         (self.around.watch.is_read)(&name);
+        let losses = match &end.result {
+            Ok(summary) => summary.faults(),
+            Err(error) => vec![error.to_string()],
+        };
+        let read = match losses.is_empty() {
+            true => FileState::Done,
+            false => FileState::Incomplete(losses.join("; ")),
+        };
         let mark = FileMark {
             name,
             size: end.size,
             modified_ns: end.modified_ns,
-            state: quarantined.map_or(FileState::Done, FileState::Quarantined),
+            state: quarantined.map_or(read, FileState::Quarantined),
         };
         self.send(Job::File {
             mark: Some(mark),

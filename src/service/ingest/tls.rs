@@ -71,6 +71,9 @@ impl Identity {
                     format_args!("{error}; the ones before stay in force"),
                 ),
             }
+        } else {
+            // The files before may have come back.
+            health.over(Fault::Certificate, NEW);
         }
         let ends = self.lock().ends_s;
         for ((name, path), ends_s) in [("certificate", certificate), ("client_ca", client_ca)]
@@ -78,7 +81,8 @@ impl Identity {
             .zip(ends)
         {
             health.credentials().ends(name, ends_s);
-            let about = path.display().to_string();
+            // Two keys may name one file.
+            let about = format!("{name} {}", path.display());
             let names = Vec::new();
             match (Facts { names, ends_s }).warning(now_s) {
                 Some(warning) => health.hold(
@@ -89,13 +93,14 @@ impl Identity {
                 None => health.over(Fault::Certificate, &about),
             }
         }
-        let about = key.display().to_string();
+        let about = format!("key {}", key.display());
         match fs::metadata(key).is_ok_and(|data| data.mode() & 0o006 != 0) {
             true => health.hold(
                 Fault::Certificate,
                 &about,
                 format_args!(
-                    "{about} can be read or written by everybody on this machine: `chmod 600 {about}`"
+                    "{about} can be read or written by everybody on this machine: `chmod 600 {}`",
+                    key.display()
                 ),
             ),
             false => health.over(Fault::Certificate, &about),
@@ -123,7 +128,11 @@ impl Identity {
             ),
             None => health.over(Fault::Certificate, &about),
         }
-        let rights = Rights::of(&facts, &self.settings.bound);
+        // A session that is taken up again shows its certificate without having it checked anew.
+        let rights = match facts.ends_s < now_s {
+            true => Err(format!("the certificate of {about} has ended: renew it")),
+            false => Rights::of(&facts, &self.settings.bound),
+        };
         if rights.is_err() {
             health.credentials().denied(Via::Socket);
         }

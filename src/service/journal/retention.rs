@@ -83,9 +83,11 @@ pub(super) fn apply(
     let all = removable(&parts, &vouched, settings);
     let saved_ns = match &settings.backup_stamp {
         None => i64::MAX,
-        // Without the file nothing was backed up yet.
+        // Without the file nothing was backed up yet; a time to come says nothing of what was.
         Some(stamp) => fs::metadata(stamp)
             .and_then(|data| data.modified())
+            .ok()
+            .filter(|modified| *modified <= now)
             .map_or(i64::MIN, modified_ns),
     };
     let is_saved = |number: &&u32| {

@@ -4,10 +4,11 @@ use super::task::Task;
 use crate::site::store::{Reader, StoreError};
 use rusqlite::Connection;
 use std::fs::{self, File};
+use std::io::Read as _;
 use std::path::{Path, PathBuf};
 
 /// Application id in the header: `TirF`.
-const APPLICATION_ID: i64 = 0x5469_7246;
+const APPLICATION_ID: i32 = 0x5469_7246;
 
 /// Reason why results cannot be collected.
 #[derive(Debug, thiserror::Error)]
@@ -31,6 +32,9 @@ pub enum CollectError {
         /// Error of the file system.
         source: std::io::Error,
     },
+    /// The target is there and no collection.
+    #[error("{path}: is there and no collection of results, and is not replaced: name another file", path = _0.display())]
+    Another(PathBuf),
 }
 
 /// Writes the results of `tasks`, found below `results`, into a database that appears under its name only when it is
@@ -44,9 +48,14 @@ pub fn into_one(
     target: &Path,
     done: impl Fn(usize),
 ) -> Result<(), CollectError> {
-    let mut part = target.as_os_str().to_owned();
-    part.push(".part");
-    let part = PathBuf::from(part);
+    refuse_another(target)?;
+    let beside = |ending: &str| {
+        let mut name = target.as_os_str().to_owned();
+        name.push(ending);
+        PathBuf::from(name)
+    };
+    // Two collections at once do not write into one file.
+    let part = beside(&format!(".{}.part", std::process::id()));
     let written = write(tasks, results, &part, done);
     let io = |source| CollectError::Io {
         path: target.to_owned(),
@@ -59,6 +68,27 @@ pub fn into_one(
     }
     File::open(&part).and_then(|file| file.sync_all()).map_err(io)?;
     fs::rename(&part, target).map_err(io)
+}
+
+/// Refuses a target that is there and no collection: it may be a store in use.
+fn refuse_another(target: &Path) -> Result<(), CollectError> {
+    const HEAD: u64 = 72;
+    let mut head = Vec::new();
+    match File::open(target).and_then(|file| file.take(HEAD).read_to_end(&mut head)) {
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(()),
+        Err(source) => {
+            return Err(CollectError::Io {
+                path: target.to_owned(),
+                source,
+            });
+        }
+        Ok(_) => {}
+    }
+    // The application id is at byte 68 of a database (SQLite, file format 1.3).
+    match head.get(68..72) == Some(&APPLICATION_ID.to_be_bytes()) {
+        true => Ok(()),
+        false => Err(CollectError::Another(target.to_owned())),
+    }
 }
 
 fn write(tasks: &[&Task], results: &Path, part: &Path, done: impl Fn(usize)) -> Result<(), CollectError> {

@@ -150,10 +150,12 @@ fn gather(folder: &Path, input: Input, files: &mut Vec<PathBuf>, faults: &mut Ve
         match fs::symlink_metadata(&path) {
             Ok(kind) if kind.is_dir() => gather(&path, input, files, faults),
             Ok(kind) if kind.is_file() && is_input(input, &path) => files.push(path),
-            Ok(kind) if kind.is_symlink() && is_input(input, &path) => faults.push(format!(
-                "{}: is a link, which is not followed: put the file itself there",
-                path.display()
-            )),
+            Ok(kind) if kind.is_symlink() && (is_input(input, &path) || path.is_dir()) => {
+                faults.push(format!(
+                    "{}: is a link, which is not followed: put what it leads to there",
+                    path.display()
+                ))
+            }
             Ok(_) => {}
             Err(error) => faults.push(format!("{}: {error}", path.display())),
         }
@@ -218,8 +220,21 @@ fn task(wanted: &Wanted<'_>, site: &str) -> Result<Task, Vec<String>> {
 }
 
 fn item(wanted: &Wanted<'_>, path: &Path) -> Result<Item, String> {
+    let thoroughness = match wanted.input {
+        Input::Recordings => wanted.thoroughness,
+        // A page in the middle of a database changes without a trace at its ends, and what is not in it yet has no identity.
+        Input::Store => Thoroughness::Whole,
+    };
+    let mut log = path.as_os_str().to_owned();
+    log.push("-wal");
+    if wanted.input == Input::Store && fs::metadata(&log).is_ok_and(|data| data.len() > 0) {
+        return Err(format!(
+            "{}: commits wait in its write-ahead log: take a copy by `tirante backup`",
+            path.display()
+        ));
+    }
     let (bytes, identity) =
-        identity::of(path, wanted.thoroughness).map_err(|error| format!("{}: {error}", path.display()))?;
+        identity::of(path, thoroughness).map_err(|error| format!("{}: {error}", path.display()))?;
     let below = path.strip_prefix(wanted.archive).unwrap_or(path);
     let times = match wanted.input {
         Input::Recordings => span(path),

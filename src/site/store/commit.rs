@@ -22,7 +22,7 @@ pub struct Commit<'a> {
     pub record: Option<NewRecord<'a>>,
     /// Changes to the rod; `None` for a record that is not tracked.
     pub rod: Option<RodRow<'a>>,
-    /// Temperatures of a rod that belong to no record: the time of the first \[ns since 1970\], and all of them.
+    /// Temperatures of a rod that belong to no record: the time of the last \[ns since 1970\], and all of them.
     pub readings: Option<(&'a RodId, i64, &'a Found)>,
     /// View of the record, for the report.
     pub snapshot: Option<SnapshotRow<'a>>,
@@ -97,8 +97,8 @@ impl Commit<'_> {
         if let Some(record) = &self.record {
             record.write(connection, self.source.map(|source| source.origin))?;
         }
-        if let Some((rod, first_ns, found)) = self.readings {
-            resonance::write_readings(connection, rod, first_ns, found)?;
+        if let Some((rod, last_ns, found)) = self.readings {
+            resonance::write_readings(connection, rod, last_ns, found)?;
         }
         if let Some(rod) = &self.rod {
             let start = self.record.as_ref().and_then(|record| record.row.start);

@@ -54,12 +54,12 @@ pub(super) fn write(connection: &Connection, rod: &RodId, record: i64, found: &F
 pub(super) fn write_readings(
     connection: &Connection,
     rod: &RodId,
-    first_ns: i64,
+    last_ns: i64,
     found: &Found,
 ) -> Result<(), Failure> {
     // Zero marks the findings of a record.
-    let part = first_ns.max(1);
-    // By their time alone: when an archive is replayed again, another record is the last one committed.
+    let part = last_ns.max(1);
+    // By the time of the last alone: a file that grows brings the same ones with more of them behind. And when an archive is replayed again, another record is the last one committed.
     let is_known = connection
         .prepare_cached("SELECT 1 FROM resonance WHERE rod = ? AND part = ? AND part > 0")?
         .exists((&rod.0, part))?;

@@ -121,7 +121,7 @@ function recordRow(record) {
   const isReferred = Boolean(record.force_at_reference_n);
   const changed = record.relative_force_at_reference ?? record.relative_force;
   return el("tr", { "data-start": record.start },
-    cell("start", "", el("span", { class: "nowrap" }, time(record.start)), record.file ? el("small", { class: "file" }, `complete in ${record.file}`) : null),
+    cell("start", "", el("span", { class: "nowrap" }, time(record.start)), record.file ? el("small", { class: "file" }, `in ${record.file}`) : null),
     cell("length [s]", "n", record.duration_s === null ? "-" : fixed(record.duration_s, 0)),
     cell("frequencies [Hz]", "", (record.modes ?? []).map((mode) => mode.frequency_hz.toFixed(3)).join(", ") || "-"),
     cell("force, record alone [kN]", "n", ...forceAt(record.axial_force_n, own)),

@@ -4,7 +4,7 @@
 use crate::scenario::{DAY_S, Scenario, follow_on, raised, told};
 use tirante::analysis::lab::synthesis::Change;
 use tirante::analysis::signal::record::{RodId, Timestamp};
-use tirante::analysis::track::fold::state::Opening;
+use tirante::analysis::track::fold::state::{Opening, State};
 use tirante::analysis::track::{Input, Kind, Observation, Peer, RodState, SetAside, Tracker, Verdict, What};
 
 fn latched(verdicts: &[Verdict]) -> Vec<(usize, Kind)> {
@@ -408,6 +408,27 @@ fn a_loss_while_learning_is_not_learned_away() {
         (ratio.q025..ratio.q975).contains(&0.93) && ratio.mean < 0.97,
         "{ratio:?}"
     );
+}
+
+#[test]
+fn an_early_watch_of_another_layout_is_made_anew_from_all_records() {
+    let scenario = Scenario::new(24).step(12.0, -0.08);
+    let observations = scenario.observations(61);
+    let (whole, verdicts) = scenario.follow(&observations);
+    assert!(
+        !raised(&verdicts[13..]).is_empty(),
+        "the loss is told while learning"
+    );
+    // A day after the loss the program is exchanged for one that cannot read the watch.
+    let (before, _) = scenario.follow(&observations[..13]);
+    let mut written = serde_json::to_value(before.state()).expect("it serialises");
+    assert!(written["early"]["watch"].is_string(), "a watch is at work");
+    written["early"]["watch"] = "0:".into();
+    let state: State = serde_json::from_value(written).expect("it reads back");
+    let (mut tracker, _) = Tracker::resume(scenario.plan("key"), state);
+    let rest = follow_on(&mut tracker, &observations[13..]);
+    assert_eq!(raised(&rest), raised(&verdicts[13..]));
+    assert_eq!(tracker.state(), whole.state());
 }
 
 #[test]

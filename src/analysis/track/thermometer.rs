@@ -37,6 +37,9 @@ pub struct Thermometer {
     doubt: Option<Doubt>,
 }
 
+/// Time without readings after which a thermometer is silent \[s\]: the sparsest in use are read once a day.
+const SILENT_S: f64 = 2.0 * 86_400.0;
+
 /// Reason why a reading is not believed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -66,9 +69,11 @@ impl Thermometer {
         })
     }
 
-    /// True while equal readings, though trusted so far, may be those of a thermometer that died.
-    pub fn may_have_died(&self) -> bool {
-        self.standstill.is_unusual()
+    /// True if equal readings, though trusted so far, may be those of a thermometer that died: at `now`, unless it is found dead
+    /// already, or silent, and its readings are not used any more.
+    pub fn may_have_died(&self, now: Timestamp) -> bool {
+        let speaks = |last: &Reading| now.seconds_since(last.time) < SILENT_S;
+        self.doubt.is_none() && self.last.as_ref().is_some_and(speaks) && self.standstill.is_unusual()
     }
 
     /// One clause for people with the reason why there is no temperature.
@@ -175,14 +180,24 @@ mod tests {
         let mut thermometer = of_a_month();
         for (hour, celsius, may_have_died) in [(720.0, 9.0, false), (721.0, 9.0, true), (722.0, 9.1, false)] {
             assert!(thermometer.believes(&reading(hour, celsius)));
-            assert_eq!(thermometer.may_have_died(), may_have_died, "{hour}");
+            let at = |hour: f64| reading(hour, celsius).time;
+            assert_eq!(thermometer.may_have_died(at(hour)), may_have_died, "{hour}");
+            // A silent one misleads nobody.
+            assert!(!thermometer.may_have_died(at(hour + 49.0)), "{hour}");
         }
+        // Nor does one that was found dead.
+        let last = (722..822)
+            .map(f64::from)
+            .find(|&hour| !thermometer.believes(&reading(hour + 1.0, 9.1)))
+            .unwrap();
+        assert!(!thermometer.may_have_died(reading(last + 1.0, 9.1).time));
         // One that reads whole kelvins stands still for hours every day.
         let mut coarse = Thermometer::default();
         let celsius = |hour: u32| (8.0 + 4.0 * (f64::from(hour) * 0.2618).sin()).round();
         let doubted = (0..720)
             .filter(|&hour| {
-                coarse.believes(&reading(f64::from(hour), celsius(hour))) && coarse.may_have_died()
+                let reading = reading(f64::from(hour), celsius(hour));
+                coarse.believes(&reading) && coarse.may_have_died(reading.time)
             })
             .count();
         assert!(doubted < 36, "{doubted}");

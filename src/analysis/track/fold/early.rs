@@ -75,6 +75,13 @@ impl EarlyWatch {
         found
     }
 
+    /// True if periods were closed, and their watch was of another layout.
+    fn has_lost_its_watch(&self, period_s: f64) -> bool {
+        let index = |time| period::index_of(time, period_s);
+        let open = self.open.first().map(|first| index(first.start));
+        self.watch.get().is_none() && open.is_some_and(|open| open > index(self.baseline.first))
+    }
+
     /// Closes the open period.
     fn close(&mut self, plan: &TrackPlan, shift: &Shift, readings: &[Reading]) -> Option<Change> {
         let records = std::mem::take(&mut self.open);
@@ -110,13 +117,15 @@ impl Tracker {
     pub(crate) fn watch_early(&mut self, time: Timestamp) {
         let segment = self.state.segment.number;
         let waiting = self.state.learning.len();
-        // Records that were withdrawn take the provisional baseline with them.
+        // Records that were withdrawn take the provisional baseline with them; a watch that cannot be read any more is made anew
+        // from all records.
         let first = self.state.learning.first().map(|first| first.start);
+        let period_s = self.plan.track.period_s;
         if self
             .state
             .early
             .as_ref()
-            .is_some_and(|early| Some(early.baseline.first) != first)
+            .is_some_and(|early| Some(early.baseline.first) != first || early.has_lost_its_watch(period_s))
         {
             (self.state.early, self.early_shift) = (None, None);
         }

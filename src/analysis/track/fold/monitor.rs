@@ -63,7 +63,8 @@ pub(crate) fn tell_ahead(tracker: &mut Tracker, others: &Others, time: Timestamp
     let is_suspect = last.is_some_and(|charted| {
         charted.residual.abs() > SUSPECT_SD || charted.evidence.best_informed() > SUSPECT_EVIDENCE
     });
-    if !is_suspect || tracker.state.drifts() || tracker.state.thermometer.may_have_died() {
+    let is_misled = tracker.plan.compensates() && tracker.state.thermometer.may_have_died(time);
+    if !is_suspect || tracker.state.drifts() || is_misled {
         return;
     }
     let mut ahead = tracker.clone();

@@ -535,7 +535,8 @@ mod tests {
         let band = coefficients.band(1.0, 8.9, &[], |f| 0.1 * (f - 5.0).abs());
         let mut all = [[[0.0; LANES]; SUMS]; 3];
         let runs = widths();
-        for (run, sums) in runs.iter().zip(&mut all) {
+        let count = runs.len();
+        for (run, sums) in runs.into_iter().zip(&mut all) {
             run(Gather::<_, RANK_TWO> {
                 blocks: band.blocks(),
                 slope: 0.1,
@@ -547,7 +548,7 @@ mod tests {
                 sums,
             });
         }
-        let bits = all[..runs.len()]
+        let bits = all[..count]
             .iter()
             .map(|sums| sums.map(|lanes| lanes.map(f64::to_bits)));
         assert!(bits.collect::<Vec<_>>().windows(2).all(|pair| pair[0] == pair[1]));

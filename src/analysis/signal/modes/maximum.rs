@@ -6,6 +6,7 @@ use super::likelihood::{self, Parameters, Start};
 use super::parts::Beginning;
 use super::posterior::moments;
 use super::softening::{FIT_SD, Softening};
+use super::subband::{Pole, Subband};
 use crate::numerics::optimum::{Optimum, golden, maximise, maximise_from};
 use nalgebra::Matrix4;
 
@@ -15,6 +16,11 @@ const CELL: f64 = 0.1;
 /// Power at the beginning of a stretch over a stationary response's, beyond which a free start is tried: a
 /// stationary response reaches it once in 50 times, and a decay worth a free start has ten times as much.
 const START_EXCESS: f64 = 4.0;
+/// The same, beyond which no stationary fit is tried: even gusts with a standard deviation of 1.2 of ln amplitude
+/// stay a factor of ten below.
+const SURE_EXCESS: f64 = 1000.0;
+/// Damping that the first band of a peak is made for.
+const FIRST_DAMPING: f64 = 0.01;
 /// Log-posterior gain a free start must bring.
 const FREE_GAIN: f64 = 10.0;
 
@@ -61,12 +67,42 @@ impl Stretch<'_> {
         match self.beginning {
             Beginning::Known(start) => self.maximum(aim, start, others, None),
             Beginning::Tested => {
+                if self.surely_decays(aim.peak_hz, others)
+                    && let Some(free) = self.maximum(aim, Start::Free, others, None)
+                {
+                    return Some(free);
+                }
                 let Some(stationary) = self.maximum(aim, Start::Stationary, others, None) else {
                     return self.maximum(aim, Start::Free, others, None);
                 };
                 Some(self.free(&stationary, others).unwrap_or(stationary))
             }
         }
+    }
+
+    /// True if the peak's motion begins so far above what goes on that a stationary fit need not be tried.
+    ///
+    /// Judged before any fit, so only while the transients of all stronger modes are known: what leaks from them lies at
+    /// the beginning, too.
+    fn surely_decays(&self, peak_hz: f64, others: &[Fit]) -> bool {
+        if others.iter().any(|other| other.start != Start::Free) {
+            return false;
+        }
+        let limits = self.limits(peak_hz, others);
+        let half = (HALF_WIDTHS * FIRST_DAMPING * peak_hz).max(LEAST_LINES / self.coefficients.duration_s);
+        let (low, high) = ((peak_hz - half).max(limits.0), (peak_hz + half).min(limits.1));
+        if self.masks.iter().any(|m| m.low_hz < high && m.high_hz > low) {
+            return false;
+        }
+        let pole = Pole {
+            frequency_hz: peak_hz,
+            damping: FIRST_DAMPING,
+        };
+        Subband::of(self.transforms, &self.coefficients, (low, high), pole, |f| {
+            others.iter().map(|other| pull(other, f)).sum()
+        })
+        .and_then(|series| series.start_excess())
+        .is_some_and(|excess| excess > SURE_EXCESS)
     }
 
     /// Fit with a free start, if it gains enough over the stationary one.
@@ -131,7 +167,7 @@ impl Stretch<'_> {
         level: Option<f64>,
     ) -> Option<Found> {
         let limits = self.limits(peak_hz, others);
-        let mut half = HALF_WIDTHS * 0.01 * peak_hz;
+        let mut half = HALF_WIDTHS * FIRST_DAMPING * peak_hz;
         let mut core = 0.5 * self.line_hz;
         if let Some(before) = before {
             core = before.log_damping.exp() * before.frequency_hz;

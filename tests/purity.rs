@@ -7,7 +7,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// From the ground up. A module is on the floor with the longest name that it begins with.
-const FLOORS: [&str; 60] = [
+const FLOORS: [&str; 62] = [
     "analysis::numerics",
     "analysis::rod::beam",
     "analysis::rod::fixity",
@@ -65,6 +65,8 @@ const FLOORS: [&str; 60] = [
     "service::viewer",
     "service::http",
     "service::alert",
+    "service::forward",
+    "service::hub",
     "service::daemon",
     "command::report_page",
     "command",

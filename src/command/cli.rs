@@ -1,8 +1,9 @@
 //! Arguments as typed.
 
 use crate::command::{
-    ack, alarm, backup, check, completions, emulator, frequencies, history, identify, import, init, manual,
-    measure, plan, rebaseline, replay, report, run, send, serve, simulate, spectrum, status, study, track,
+    ack, alarm, backup, check, completions, emulator, frequencies, history, hub, identify, import, init,
+    manual, measure, plan, rebaseline, replay, report, run, send, serve, simulate, spectrum, status, study,
+    track,
 };
 use crate::service::telemetry::log;
 use clap::{ArgAction, Parser, Subcommand};
@@ -54,6 +55,7 @@ pub enum Command {
     Emulator(emulator::Args),
     Study(study::Args),
     Send(send::Args),
+    Hub(hub::Args),
     Completions(completions::Args),
     #[command(hide = true)]
     Manual(manual::Args),
@@ -64,7 +66,8 @@ impl Cli {
     /// Starts the log on stderr: warnings by default (of the daemon also what it does), more with `-v`, or as
     /// `TIRANTE_LOG` says.
     pub fn start_logging(&self) {
-        let is_daemon = matches!(self.command, Command::Run(_));
+        let is_daemon = matches!(self.command, Command::Run(_))
+            || matches!(&self.command, Command::Hub(args) if args.action.is_none());
         let default = match self.verbose + u8::from(is_daemon) {
             0 => "warn",
             1 => "info",

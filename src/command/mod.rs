@@ -21,6 +21,7 @@ mod findings;
 mod foreign;
 pub mod frequencies;
 pub mod history;
+pub mod hub;
 pub mod identify;
 pub mod import;
 pub mod init;
@@ -91,6 +92,7 @@ pub fn run(command: &Command) -> anyhow::Result<ExitCode> {
         Command::Study(args) => study::run(args),
         Command::Track(args) => track::run(args),
         Command::Run(args) => run::run(args),
+        Command::Hub(args) => hub::run(args),
         Command::Serve(args) => serve::run(args),
         Command::Send(args) => send::run(args),
         Command::Completions(args) => completions::run(args, &mut Cli::command()),

@@ -2,6 +2,7 @@
 
 use std::fs::File;
 use std::io::Read;
+use std::os::unix::fs::PermissionsExt;
 use std::path::PathBuf;
 use thiserror::Error;
 
@@ -43,6 +44,30 @@ impl CredentialPath {
             .and_then(|file| file.take(LONGEST).read_to_end(&mut bytes))
             .map_err(|error| CredentialError(format!("{}: {error}", self.0)))?;
         Ok(bytes)
+    }
+
+    /// Content of a file that nobody but its owner may read or write. systemd protects those it hands over itself.
+    ///
+    /// # Errors
+    /// It cannot be read, or others can read or write it.
+    pub fn read_private(&self) -> Result<Vec<u8>, CredentialError> {
+        const OTHERS: u32 = 0o077;
+        let mode = std::fs::metadata(self.path()?).map_or(0, |data| data.permissions().mode() & 0o777);
+        if mode & OTHERS != 0 && !self.0.starts_with(PREFIX) {
+            return Err(CredentialError(format!(
+                "{}: others can read or write it (mode {mode:03o}): `chmod 600 {}`",
+                self.0, self.0
+            )));
+        }
+        self.read()
+    }
+
+    /// Path of the file.
+    ///
+    /// # Errors
+    /// It is one of systemd's credentials, and there are none.
+    pub fn resolved(&self) -> Result<PathBuf, CredentialError> {
+        self.path()
     }
 
     /// The single line of the file.
@@ -95,6 +120,19 @@ mod tests {
         ] {
             std::fs::write(&path, text).unwrap();
             assert_eq!(file.read_line().ok().as_deref(), line, "{text:?}");
+        }
+    }
+
+    #[test]
+    fn a_secret_that_others_can_read_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("seed");
+        let file = CredentialPath::new(path.to_str().unwrap());
+        std::fs::write(&path, "secret").unwrap();
+        for (mode, is_good) in [(0o600, true), (0o400, true), (0o640, false), (0o604, false)] {
+            std::fs::set_permissions(&path, std::fs::Permissions::from_mode(mode)).unwrap();
+            let read = file.read_private();
+            assert_eq!(read.is_ok(), is_good, "{mode:o} {read:?}");
         }
     }
 

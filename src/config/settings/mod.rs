@@ -2,7 +2,9 @@
 
 pub mod alert;
 pub mod credential;
+pub mod forward;
 pub mod http;
+pub mod hub;
 pub mod ingest;
 pub mod journal;
 pub mod store;

@@ -1,7 +1,7 @@
 //! The tables, and the steps from one format to the next. docs/store.md describes every column.
 
-use super::columns;
 use super::row::Row;
+use super::{change, columns};
 use rusqlite::types::Value;
 use rusqlite::{Connection, Transaction};
 
@@ -13,7 +13,7 @@ type Step = fn(&Transaction<'_>) -> rusqlite::Result<()>;
 
 /// The steps in order: a store of format `n` has undergone the first `n`. Steps are only ever added; the
 /// tests hold a golden store of each released format.
-const STEPS: [Step; 4] = [first, second, third, fourth];
+const STEPS: [Step; 5] = [first, second, third, fourth, fifth];
 
 /// Format written by this program.
 pub(super) const FORMAT: i64 = STEPS.len() as i64;
@@ -39,9 +39,10 @@ pub(super) fn definitions(connection: &Connection) -> rusqlite::Result<Vec<(Stri
 }
 
 /// Tables whose rows have a checksum, in an order in which rows can be inserted.
-pub(super) const TABLES: [&str; 20] = [
+pub(super) const TABLES: [&str; 22] = [
     "config", "rod", "segment", "state", "record", "line", "mode", "period", "snapshot", "alarm", "outbox",
-    "request", "source", "file", "carry", "delivery", "expected", "notice", "alive", "shelf",
+    "request", "source", "file", "carry", "delivery", "expected", "notice", "alive", "shelf", "epoch",
+    "change",
 ];
 
 /// True if a table exists: an older format has fewer.
@@ -186,6 +187,11 @@ fn fourth(transaction: &Transaction<'_>) -> rusqlite::Result<()> {
             PRIMARY KEY (rod, segment)
         ) STRICT;",
     )
+}
+
+/// Fifth format: a log of changes, for copies of the store elsewhere.
+fn fifth(transaction: &Transaction<'_>) -> rusqlite::Result<()> {
+    change::add_tables(transaction)
 }
 
 const PERIOD: &str = "

@@ -14,10 +14,16 @@ const TOGETHER: usize = 64;
 pub enum CentreError {
     /// The database.
     #[error("the centre's database: {0}")]
-    Sql(#[from] SqlError),
+    Sql(String),
     /// The shapes of the tables.
     #[error(transparent)]
     Store(#[from] StoreError),
+}
+
+impl From<SqlError> for CentreError {
+    fn from(error: SqlError) -> Self {
+        Self::Sql(error.to_string())
+    }
 }
 
 /// History of one store of a site.

@@ -6,24 +6,25 @@ use rusqlite::types::Value;
 #[derive(Debug, thiserror::Error)]
 pub enum SqlError {
     /// SQLite.
-    #[error("{0}")]
+    #[error(transparent)]
     Sqlite(#[from] rusqlite::Error),
-    /// PostgreSQL.
-    #[error("{}", of_postgres(.0))]
-    Postgres(#[from] postgres::Error),
+    /// PostgreSQL, in the server's own words.
+    #[error("{0}")]
+    Postgres(String),
     /// It cannot be opened, or is another program's.
     #[error("{0}")]
     Refused(String),
 }
 
-/// The server's own words, which the crate's message leaves out.
-fn of_postgres(error: &postgres::Error) -> String {
-    match error.as_db_error() {
-        Some(said) => format!("{}: {}", said.severity(), said.message()),
-        None => {
-            let cause = std::error::Error::source(error).map(|cause| format!(": {cause}"));
-            format!("{error}{}", cause.unwrap_or_default())
-        }
+impl From<postgres::Error> for SqlError {
+    fn from(error: postgres::Error) -> Self {
+        Self::Postgres(match error.as_db_error() {
+            Some(said) => format!("{}: {}", said.severity(), said.message()),
+            None => {
+                let cause = std::error::Error::source(&error).map(|cause| format!(": {cause}"));
+                format!("{error}{}", cause.unwrap_or_default())
+            }
+        })
     }
 }
 

@@ -44,9 +44,15 @@ impl Copied {
     /// # Errors
     /// There is no memory for an empty store.
     pub fn all() -> Result<Vec<Self>, StoreError> {
-        let all = shapes()?.into_iter().map(|shape| Self {
-            is_monthly: MONTHLY.contains(&shape.table),
-            shape,
+        let all = shapes()?.into_iter().map(|mut shape| {
+            // A configuration names its site in words; here the column is the centre's.
+            for column in shape.columns.iter_mut().filter(|column| column.name == "site") {
+                column.name = "site_name".to_owned();
+            }
+            Self {
+                is_monthly: MONTHLY.contains(&shape.table),
+                shape,
+            }
         });
         Ok(all.collect())
     }
@@ -214,6 +220,10 @@ pub fn create(sql: &mut dyn Sql, copied: &[Copied]) -> Result<(), SqlError> {
 pub fn check(sql: &mut dyn Sql) -> Result<(), SqlError> {
     let found = sql.query("SELECT \"value\" FROM \"centre\" WHERE \"key\" = 'format'", &[])?;
     let found = text(found.first().and_then(|row| row.first()));
+    if found.is_empty() {
+        let what = "the centre's tables are not made yet: start the hub first";
+        return Err(SqlError::Refused(what.to_owned()));
+    }
     if found != FORMAT {
         return Err(SqlError::Refused(format!(
             "the centre's tables are of format {found}, and this program knows {FORMAT}"
@@ -284,8 +294,13 @@ mod tests {
     fn every_monthly_table_is_copied_and_has_its_month_in_the_key() {
         let copied = Copied::all().unwrap();
         for name in MONTHLY {
-            let copied = copied.iter().find(|copied| copied.shape.table == name).unwrap();
-            assert!(copied.key().contains(&"month"));
+            let found = copied.iter().find(|copied| copied.shape.table == name).unwrap();
+            assert!(found.key().contains(&"month"));
+        }
+        for copied in copied {
+            let columns = copied.columns();
+            let distinct: BTreeSet<&&str> = columns.iter().collect();
+            assert_eq!(distinct.len(), columns.len(), "{columns:?}");
         }
     }
 }

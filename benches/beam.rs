@@ -2,8 +2,10 @@
 
 use divan::{Bencher, black_box};
 use tirante::analysis::numerics::random;
+use tirante::analysis::rod::beam::receptance::{PointLoad, PointMass};
 use tirante::analysis::rod::beam::{Beam, exact, finite_elements};
 use tirante::analysis::rod::prior::RodPrior;
+use tirante::analysis::rod::query::{Queries, Query};
 
 fn main() {
     divan::main();
@@ -44,6 +46,57 @@ fn exact_3_modes(bencher: Bencher) {
 fn exact_3_slopes(bencher: Bencher) {
     each(bencher, |beam, out| {
         let _ = exact::log_slopes(beam, out);
+    });
+}
+
+/// Three frequencies and one more datum: the datum costs the difference to three frequencies alone.
+#[divan::bench(args = ["alone", "frequency", "load", "mass", "strain", "shape"])]
+fn three_frequencies_and(bencher: Bencher, datum: &str) {
+    let frequency = |order| Query::Frequency { order, mass: None };
+    let mut queries: Vec<Query> = (1..=3).map(frequency).collect();
+    queries.extend(match datum {
+        "frequency" => Some(frequency(4)),
+        "load" => Some(Query::Deflection {
+            load: PointLoad {
+                force_n: 300.0,
+                at: 0.5,
+            },
+            read_at: 0.5,
+        }),
+        "mass" => Some(Query::FrequencyRatio {
+            order: 1,
+            mass: PointMass {
+                mass_kg: 20.0,
+                at: 0.3,
+            },
+        }),
+        "strain" => Some(Query::StrainRatio {
+            order: 1,
+            strain_at: 0.05,
+            read_at: 0.1,
+        }),
+        "shape" => Some(Query::AmplitudeRatio {
+            order: 1,
+            at: 0.1,
+            reference_at: 0.4,
+        }),
+        _ => None,
+    });
+    let prior = RodPrior::todi();
+    let asked = Queries::new(*prior.parameterisation(), queries).expect("known queries");
+    let mut generator = random::stream(1, 0);
+    let mut thetas = Vec::new();
+    for _ in 0..1000 {
+        let mut theta = prior.centre();
+        prior.sample(&mut generator, &mut theta);
+        thetas.push(theta);
+    }
+    let mut next = 0;
+    let mut out = vec![0.0; asked.all().len()];
+    bencher.bench_local(|| {
+        next = (next + 1) % thetas.len();
+        let _ = asked.answers(black_box(&thetas[next]), &mut out);
+        out[0]
     });
 }
 

@@ -5,9 +5,10 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::process::Command;
 
 /// From the ground up. A module is on the floor with the longest name that it begins with.
-const FLOORS: [&str; 62] = [
+const FLOORS: [&str; 69] = [
     "analysis::numerics",
     "analysis::rod::beam",
     "analysis::rod::fixity",
@@ -17,6 +18,7 @@ const FLOORS: [&str; 62] = [
     "analysis::signal::record",
     "analysis::signal::spectrum",
     "analysis::signal::modes",
+    "analysis::signal::array",
     "analysis::inference",
     "analysis::identify",
     "analysis::findings",
@@ -33,6 +35,7 @@ const FLOORS: [&str; 62] = [
     "analysis::track::fold",
     "analysis::outcome",
     "analysis::record_view",
+    "analysis::builder",
     "analysis::lab::ann",
     "analysis::lab::likelihood",
     "analysis::lab::chains",
@@ -51,13 +54,18 @@ const FLOORS: [&str; 62] = [
     "site::hex",
     "site::ordered_map",
     "site::emulator_cache",
+    "site::prepared",
     "site::record_row",
+    "site::found",
     "site::store",
     "site::baselines",
+    "site::pictures",
     "site::analyse",
+    "site::records",
     "site::trackers",
-    "site::prepared",
     "site::driver",
+    "site::reanalysis",
+    "site::fleet",
     "service::telemetry",
     "service::journal",
     "service::ingest",
@@ -490,4 +498,48 @@ fn every_way_to_reach_outside_is_seen() {
         )
         .is_empty()
     );
+}
+
+#[test]
+fn the_library_without_the_daemon_has_no_crate_of_a_server() {
+    let crates = |arguments: &[&str]| -> BTreeSet<String> {
+        let tree = ["tree", "--locked", "-e", "normal", "--prefix", "none"];
+        let output = Command::new(env!("CARGO"))
+            .args(tree)
+            .args(arguments)
+            .current_dir(env!("CARGO_MANIFEST_DIR"))
+            .output()
+            .unwrap();
+        assert!(
+            output.status.success(),
+            "{}",
+            String::from_utf8_lossy(&output.stderr)
+        );
+        let text = String::from_utf8(output.stdout).unwrap();
+        let names = text.lines().filter_map(|line| line.split(' ').next());
+        names.map(str::to_owned).collect()
+    };
+    let (with, without) = (
+        crates(&["-p", "tirante"]),
+        crates(&["-p", "tirante", "--no-default-features"]),
+    );
+    assert!(without.contains("tirante-analysis") && without.is_subset(&with));
+    for server in [
+        "axum",
+        "clap",
+        "hyper",
+        "lettre",
+        "ring",
+        "rumqttc",
+        "rusqlite",
+        "rustls",
+        "tokio",
+        "tungstenite",
+        "ureq",
+    ] {
+        assert!(with.contains(server), "{server} is not part of the program");
+        assert!(!without.contains(server), "{server} is part of the library");
+    }
+    // The Python package is that library.
+    assert!(!crates(&["-p", "tirante-python"]).contains("rusqlite"));
 }

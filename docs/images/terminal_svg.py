@@ -2,8 +2,8 @@
 r"""Draws what a terminal shows as an SVG: the first argument is the prompt line, standard input the output.
 
 tirante replay recordings/campaign-2025.mcap --config config/campaign.toml --store campaign.db 2>/dev/null |
-    sed -n '1,6p;6a ...
-            /2025-06-06/,/2025-06-08/p' |
+    sed -n '1,7p;7a ...
+            /2025-06-12/,/tirante ack/p' |
     python3 docs/images/terminal_svg.py 'tirante replay recordings/campaign-2025.mcap --config config/campaign.toml --store campaign.db' \
     > docs/images/replay.svg
 """
@@ -31,7 +31,10 @@ print(f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width:.0f} {height
       'font-family="ui-monospace, DejaVu Sans Mono, Menlo, Consolas, monospace" xml:space="preserve">')
 print(f'<rect width="{width:.0f}" height="{height}" rx="8" fill="#1e2329"/>')
 print(text(0, "$ " + prompt, "#8fc7ff"))
+is_alarm = False
 for row, line in enumerate(lines, 1):
-    colour = "#ff8a80" if line.startswith(">>>") else "#8a949e" if set(line) <= {"-", "."} else "#e6e6e6"
-    print(text(row, line, colour))
+    # As on a terminal: the words of an alarm, and the rows of a rod in alarm.
+    is_alarm = line.startswith(">>>") or is_alarm and line.startswith("    ") and not line.startswith("    stands until")
+    is_red = is_alarm or line.endswith("  alarm")
+    print(text(row, line, "#ff8a80" if is_red else "#8a949e" if set(line) <= {"-", "."} else "#e6e6e6"))
 print("</svg>")

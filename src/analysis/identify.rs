@@ -1,8 +1,12 @@
 //! A plan once per rod, then one pure `run` per record: displacement to axial force.
 
+mod array;
+
+pub use array::{ArrayResult, Sensed};
+
 use crate::inference::joint::Datum;
 use crate::inference::{
-    AbcSettings, Conflict, Inference, Observation, PlanError, Posterior, Table, Tables, Tested,
+    AbcSettings, Conflict, Inference, Marginal, Observation, PlanError, Posterior, Table, Tables, Tested,
     VarianceShares,
 };
 use crate::numerics::random;
@@ -43,6 +47,18 @@ pub struct AnalysisSettings {
     pub seed: u64,
 }
 
+impl AnalysisSettings {
+    /// Settings for frequencies measured elsewhere, the highest of order `highest`: the plan covers these, not
+    /// the modes searched for in records.
+    #[must_use]
+    pub fn for_orders(mut self, highest: usize) -> Self {
+        let last = self.discrepancy.last().copied().unwrap_or(0.0);
+        self.modes.count = highest;
+        self.discrepancy.resize(highest, last);
+        self
+    }
+}
+
 /// Tests of a rod at one moment.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RodTest {
@@ -52,6 +68,14 @@ pub struct RodTest {
     pub pairs_within_s: f64,
     /// Measured data.
     pub data: Vec<Datum>,
+}
+
+impl AnalysisSettings {
+    /// Band in which records are searched for the rod's peaks \[Hz\]; `None` if the prior holds no tensioned rod.
+    pub fn band_hz(&self) -> Option<(f64, f64)> {
+        let labels = LabelPlan::new(&self.prior, &self.discrepancy, self.modes.clone())?;
+        Some(labels.band_hz())
+    }
 }
 
 impl RodTest {
@@ -225,28 +249,69 @@ impl Plan {
             measurement: found.evidence.map(|evidence| Box::new(measured(*evidence))),
             labels: found.labels,
         })?;
-        let measurement = measured(estimate.evidence);
-        match self.infer_at(record.start, estimate.modes, self.seed_of(&identity)) {
+        self.inferred(measured(estimate.evidence), estimate.modes, estimate.labels)
+    }
+
+    /// Analyses a record again from what its search found, without samples: labels and inference alone. Equal to
+    /// [`Plan::run`] of the record if `measurement` was found in the same [band](Plan::band_hz) with the same settings
+    /// of the search; its waveform and spectrum play no part.
+    ///
+    /// # Errors
+    /// The reason why the record gives no force, with its findings.
+    pub fn run_again(&self, measurement: Measurement) -> Result<Identification, Refusal> {
+        let found = self.modal.label(
+            &measurement.resonances,
+            measurement.motion.kind,
+            measurement.duration_s,
+            measurement.fs_hz,
+        );
+        match found {
+            Ok(found) => self.inferred(measurement, found.modes, found.labels),
+            Err((rejection, labels)) => Err(Refusal {
+                rejection,
+                measurement: Some(Box::new(measurement)),
+                labels,
+            }),
+        }
+    }
+
+    /// Band in which records are searched for the rod's peaks \[Hz\].
+    pub fn band_hz(&self) -> (f64, f64) {
+        self.modal.labels().band_hz()
+    }
+
+    fn inferred(
+        &self,
+        measurement: Measurement,
+        modes: Vec<Mode>,
+        labels: Labels,
+    ) -> Result<Identification, Refusal> {
+        match self.infer(
+            Some(measurement.start),
+            modes,
+            &[],
+            self.seed_of(&measurement.identity),
+        ) {
             Ok(identification) => Ok(Identification {
                 measurement: Some(measurement),
-                labels: Some(estimate.labels),
+                labels: Some(labels),
                 ..identification
             }),
             Err(rejection) => Err(Refusal {
                 rejection,
                 measurement: Some(Box::new(measurement)),
-                labels: Some(estimate.labels),
+                labels: Some(labels),
             }),
         }
     }
 
-    /// Infers the posterior of the axial force from frequencies measured elsewhere.
+    /// Infers the posterior of the axial force from frequencies measured elsewhere. Equal frequencies and settings give
+    /// equal bits.
     ///
     /// # Errors
     /// The reason why they give no force.
     pub fn run_frequencies(&self, modes: Vec<Mode>) -> Result<Identification, Rejection> {
-        let seed = self.seed_of(&identity_of(&modes));
-        self.infer(modes, seed)
+        self.run_with(modes, &[])
     }
 
     /// Analyses frequencies measured elsewhere together with data of the same moment: tests, a record with a
@@ -257,11 +322,7 @@ impl Plan {
     pub fn run_with(&self, modes: Vec<Mode>, data: &[Datum]) -> Result<Identification, Rejection> {
         // The seed of the frequencies alone: what these give without the data stands beside the result.
         let seed = self.seed_of(&identity_of(&modes));
-        self.infer_with(modes, data, &self.other_tests(), seed)
-    }
-
-    fn other_tests(&self) -> Vec<Vec<Datum>> {
-        self.settings.tests.iter().map(|test| test.data.clone()).collect()
+        self.infer(None, modes, data, seed)
     }
 
     /// Analyses a record that gave a force, together with data of the same moment.
@@ -269,10 +330,13 @@ impl Plan {
     /// # Errors
     /// The reason why they give no force.
     pub fn tested(&self, found: &Identification, data: &[Datum]) -> Result<Identification, Rejection> {
+        let start = found.measurement.as_ref().map(|measurement| measurement.start);
+        let modes = found.modes.clone();
+        let seed = self.seed_of(&identity_of(&modes));
         Ok(Identification {
             measurement: found.measurement.clone(),
             labels: found.labels.clone(),
-            ..self.run_with(found.modes.clone(), data)?
+            ..self.infer(start, modes, data, seed)?
         })
     }
 
@@ -294,31 +358,33 @@ impl Plan {
         Ok(conflict)
     }
 
-    /// Posterior of a moment's frequencies, jointly with a test of that moment, because both then have one
-    /// force.
-    fn infer_at(&self, start: Timestamp, modes: Vec<Mode>, seed: u64) -> Result<Identification, Rejection> {
-        let (now, others): (Vec<&RodTest>, Vec<&RodTest>) =
-            self.settings.tests.iter().partition(|test| test.is_of(start));
-        if now.is_empty() {
-            return self.infer(modes, seed);
-        }
-        let paired: Vec<Datum> = now.iter().flat_map(|test| test.data.clone()).collect();
-        let others: Vec<Vec<Datum>> = others.iter().map(|test| test.data.clone()).collect();
-        self.infer_with(modes, &paired, &others, seed)
-    }
-
-    fn infer_with(
+    /// Posterior of a moment's frequencies, jointly with `data` and with tests of that moment, because all of them have one force;
+    /// `None` for a moment that is not known.
+    fn infer(
         &self,
+        start: Option<Timestamp>,
         modes: Vec<Mode>,
-        paired: &[Datum],
-        others: &[Vec<Datum>],
+        data: &[Datum],
         seed: u64,
     ) -> Result<Identification, Rejection> {
+        let (now, others): (Vec<&RodTest>, Vec<&RodTest>) = self
+            .settings
+            .tests
+            .iter()
+            .partition(|test| start.is_some_and(|start| test.is_of(start)));
+        let tests = now.iter().flat_map(|test| &test.data);
+        let paired: Vec<Datum> = tests.chain(data).copied().collect();
         let observation = observed(&modes);
         let conflict = self.conflict_of(&observation)?;
-        let (posterior, tested) = self
-            .inference
-            .run_with(Some(&observation), paired, others, seed)?;
+        let (posterior, tested) = if paired.is_empty() {
+            (self.inference.run(&observation, seed)?, None)
+        } else {
+            let others: Vec<Vec<Datum>> = others.iter().map(|test| test.data.clone()).collect();
+            let (posterior, tested) = self
+                .inference
+                .run_with(Some(&observation), &paired, &others, seed)?;
+            (posterior, Some(tested))
+        };
         Ok(Identification {
             rod: self.settings.rod.clone(),
             measurement: None,
@@ -327,23 +393,7 @@ impl Plan {
             hangs_on: self.inference.variance_shares(&observation, &posterior),
             posterior,
             conflict,
-            tested: Some(tested),
-        })
-    }
-
-    fn infer(&self, modes: Vec<Mode>, seed: u64) -> Result<Identification, Rejection> {
-        let observation = observed(&modes);
-        let conflict = self.conflict_of(&observation)?;
-        let posterior = self.inference.run(&observation, seed)?;
-        Ok(Identification {
-            rod: self.settings.rod.clone(),
-            measurement: None,
-            modes,
-            labels: None,
-            hangs_on: self.inference.variance_shares(&observation, &posterior),
-            posterior,
-            conflict,
-            tested: None,
+            tested,
         })
     }
 
@@ -353,6 +403,13 @@ impl Plan {
             self.settings.rod.0.as_bytes(),
             identity,
         ])
+    }
+}
+
+impl Identification {
+    /// Axial force \[N\]: the first of a rod's quantities, whatever its section.
+    pub fn axial_force(&self) -> Marginal {
+        self.posterior.marginal_at(0)
     }
 }
 

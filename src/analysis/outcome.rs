@@ -1,6 +1,6 @@
 //! Result of one record: a force, or a reason why there is none.
 
-use crate::identify::{Identification, Measurement};
+use crate::identify::{Identification, Measurement, Plan};
 use crate::inference::Conflict;
 use crate::signal::modes::{Labels, Mode};
 use crate::signal::record::{Envelope, Reading, Rejection, RodId, Timestamp};
@@ -39,6 +39,23 @@ pub struct Tabulated {
     pub conflict: Conflict,
 }
 
+/// Frequencies of one time, identified elsewhere.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TableRow {
+    /// Time of the record.
+    pub start: Timestamp,
+    /// Length \[s\]; zero if not known.
+    pub duration_s: f64,
+    /// The measured modes, ascending in order.
+    pub modes: Vec<Mode>,
+    /// Temperature \[degC\], if given.
+    pub temperature_c: Option<f64>,
+    /// Temperature readings since the rod's previous record, ascending in time.
+    pub readings: Vec<Reading>,
+    /// Root mean square of the samples, in one unit throughout.
+    pub rms: Option<f64>,
+}
+
 /// A record that gave no force.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Rejected {
@@ -65,6 +82,38 @@ pub struct Rejected {
 }
 
 impl Outcome {
+    /// Outcome of frequencies with a time: tracked, or refused because no rod of the prior has them.
+    pub fn of_row(plan: &Plan, row: TableRow) -> Self {
+        let rod = plan.settings().rod.clone();
+        match plan.conflict(&row.modes) {
+            Ok(conflict) => Self::Tabulated(Box::new(Tabulated {
+                rod,
+                start: row.start,
+                duration_s: row.duration_s,
+                modes: row.modes,
+                temperature_c: row.temperature_c,
+                readings: row.readings,
+                rms: row.rms,
+                conflict,
+            })),
+            Err(rejection) => Self::Rejected(Box::new(Rejected {
+                identity: Some(tabulated_identity(&rod, row.start, &row.modes)),
+                start: Some(row.start),
+                duration_s: Some(row.duration_s),
+                readings: row.readings,
+                ..Rejected::without_samples(rod, rejection)
+            })),
+        }
+    }
+
+    /// Outcome of frequencies without a time.
+    pub fn of_frequencies(rod: &RodId, found: Result<Identification, Rejection>) -> Self {
+        match found {
+            Ok(identification) => Self::Identified(Box::new(identification)),
+            Err(rejection) => Self::Rejected(Box::new(Rejected::without_samples(rod.clone(), rejection))),
+        }
+    }
+
     /// Time of the first sample, if known.
     pub fn start(&self) -> Option<Timestamp> {
         match self {
@@ -148,6 +197,22 @@ impl Tabulated {
 }
 
 impl Rejected {
+    /// Refused frequencies, of which nothing else is known.
+    fn without_samples(rod: RodId, rejection: Rejection) -> Self {
+        Self {
+            rod,
+            start: None,
+            duration_s: None,
+            fs_hz: None,
+            identity: None,
+            readings: Vec::new(),
+            rejection,
+            measurement: None,
+            labels: None,
+            waveform: None,
+        }
+    }
+
     fn derived_identity(&self) -> [u8; 32] {
         let mut hash = Sha256::new();
         hash.update(b"rejected\0");

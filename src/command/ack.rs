@@ -1,12 +1,12 @@
 //! `tirante ack`: acknowledges alarms.
 
 use super::BadArguments;
+use super::listing::hanging;
 use super::which_store::{WhichStore, ask, check_rod};
 use crate::analysis::signal::record::RodId;
 use crate::analysis::track::Alarm;
 use crate::site::clock;
 use crate::site::store::{Asked, Filter, Reader};
-use std::fmt::Write;
 use std::process::ExitCode;
 
 /// Acknowledge alarms.
@@ -74,12 +74,11 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let when = ask(&path, &requests, clock::now())?;
     let mut out = String::new();
     for alarm in &alarms {
-        // Writing to a string cannot fail.
-        let _ = writeln!(
-            out,
+        let words = format!(
             "{when}: {} {} of rod {}: {}",
             alarm.id, alarm.kind, alarm.rod, alarm.message
         );
+        out += &(hanging(&words, 0, 4).join("\n") + "\n");
     }
     super::print(out.as_bytes())
 }

@@ -5,19 +5,17 @@ use super::foreign;
 use super::progress::Progress;
 use super::{BadArguments, WITH_LOSSES};
 use crate::analysis::outcome::Outcome;
-use crate::analysis::signal::record::{RecordSettings, Rejection, RodChannels};
+use crate::analysis::signal::record::{Rejection, RodChannels};
 use crate::config::Config;
-use crate::recording::import::{self, How, Whose};
-use crate::recording::read::folder::first_time;
-use crate::recording::read::{self, Opener, Recordings, SourceError, Step, Summary};
+use crate::recording::read::{self, Recordings, SourceError, Step, Summary};
 use crate::site::analyse::{Analysed, Known, LastSeen};
 use crate::site::driver::{self, Done, Held, Job, Taker};
 use crate::site::ordered_map::Limits;
 use crate::site::prepared::Plans;
+use crate::site::records::{Others, in_order, opener};
 use crate::site::store::Position;
 use std::collections::{BTreeMap, HashSet};
 use std::fmt::{self, Display};
-use std::fs::File;
 use std::io;
 use std::ops::ControlFlow;
 use std::path::PathBuf;
@@ -28,7 +26,7 @@ use std::thread;
 use std::time::Instant;
 
 /// Most samples of records in memory between reading and analysis (8 bytes each).
-const SAMPLES_IN_FLIGHT: usize = 4 << 20;
+const SAMPLES_IN_FLIGHT: usize = 2 << 20;
 
 /// Options for reading recordings.
 #[derive(Debug, Clone, Copy, Default, clap::Args)]
@@ -41,6 +39,14 @@ pub struct Reading {
     /// Keep reading a recording that is still being written, until it is finished.
     #[arg(long)]
     pub follow: bool,
+}
+
+impl Reading {
+    /// Number of threads that analyse records.
+    pub fn workers(&self) -> usize {
+        let of_machine = || thread::available_parallelism().map_or(1, usize::from);
+        self.threads.map_or_else(of_machine, usize::from)
+    }
 }
 
 /// Reports the result of a campaign on stderr and returns the exit code.
@@ -58,6 +64,8 @@ pub struct Tally {
     rejected: BTreeMap<&'static str, usize>,
     repeated: usize,
     broken: usize,
+    /// Events of which nothing is known but that the program broke on them.
+    lost: usize,
     files: usize,
     unreadable: usize,
     with_losses: usize,
@@ -76,15 +84,20 @@ impl Tally {
     }
 }
 
+/// A number with its noun: `1 record`, `2 records`.
+fn counted(number: usize, noun: &str) -> String {
+    format!("{number} {noun}{}", if number == 1 { "" } else { "s" })
+}
+
 impl Display for Tally {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let rejected: usize = self.rejected.values().sum();
         let records = self.identified + rejected + self.repeated + self.broken;
-        write!(
-            f,
-            "{records} records from {} files: {} identified",
-            self.files, self.identified
-        )?;
+        write!(f, "{}", counted(records, "record"))?;
+        if self.files > 0 {
+            write!(f, " from {}", counted(self.files, "file"))?;
+        }
+        write!(f, ": {} identified", self.identified)?;
         if rejected > 0 {
             let reasons: Vec<String> = self
                 .rejected
@@ -104,35 +117,24 @@ impl Display for Tally {
             write!(f, ", {} broke the program (please report)", self.broken)?;
         }
         if self.unreadable > 0 {
-            write!(f, ", {} files could not be read", self.unreadable)?;
+            write!(f, ", {} could not be read", counted(self.unreadable, "file"))?;
         }
         if self.with_losses > 0 {
-            write!(f, ", {} files with lost data", self.with_losses)?;
+            write!(f, ", {} with lost data", counted(self.with_losses, "file"))?;
         }
         Ok(())
     }
 }
 
-/// Options for other programs' files among the recordings.
-#[derive(Debug)]
-pub struct Others {
-    /// Options for reading them.
-    pub how: How,
-    /// True if the configuration was named for them.
-    pub is_meant: bool,
-    /// True if one without a start is accepted.
-    pub any_start: bool,
-}
-
-/// Takes the result of an event, its position in the recording, and the record of its rod that passed before.
-/// Returns true if it is new.
+/// Takes the result of an event, its position in the recording if it has one, and the record of its rod that passed
+/// before. Returns true if it is new.
 pub trait OnEvent:
-    FnMut(&Analysed, Position<'_>, Option<[u8; 32]>, &Progress) -> anyhow::Result<bool>
+    FnMut(&Analysed, Option<Position<'_>>, Option<[u8; 32]>, &Progress) -> anyhow::Result<bool>
 {
 }
 
 impl<F> OnEvent for F where
-    F: FnMut(&Analysed, Position<'_>, Option<[u8; 32]>, &Progress) -> anyhow::Result<bool>
+    F: FnMut(&Analysed, Option<Position<'_>>, Option<[u8; 32]>, &Progress) -> anyhow::Result<bool>
 {
 }
 
@@ -169,14 +171,11 @@ pub fn run(
     );
     let done = Arc::new(AtomicU64::new(0));
     let channels: Vec<RodChannels> = config.rods.iter().map(|rod| rod.channels.clone()).collect();
-    let is_meant = others.is_meant;
-    let open = opener(others, channels.clone(), config.record);
+    let (is_meant, needs_all) = (others.is_meant, others.needs_all);
+    let open = opener(others, channels.clone(), config.record, foreign::watch);
     let input =
         Recordings::new(files, channels, config.record, reading.follow, Arc::clone(&done)).opened_by(open);
-    let workers = reading.threads.map_or_else(
-        || thread::available_parallelism().map_or(1, usize::from),
-        usize::from,
-    );
+    let workers = reading.workers();
 
     let held = Held::new(config.track.reorder_window_s);
     let mut delivery = Delivery {
@@ -186,6 +185,7 @@ pub fn run(
         read: done,
         total,
         is_meant,
+        needs_all,
         bar: &bar,
         tally: Tally::default(),
         seen: HashSet::new(),
@@ -233,6 +233,7 @@ struct Delivery<'a, F> {
     read: Arc<AtomicU64>,
     total: u64,
     is_meant: bool,
+    needs_all: bool,
     bar: &'a Progress,
     tally: Tally,
     /// Identities of the records of this run.
@@ -250,6 +251,7 @@ impl<F: OnEvent> Taker for Delivery<'_, F> {
 
     fn lost(&mut self, panic: &str) {
         self.tally.broken += 1;
+        self.tally.lost += 1;
         self.bar
             .say(&format!("error: the program broke on one event ({panic})"));
     }
@@ -259,6 +261,13 @@ impl<F: OnEvent> Delivery<'_, F> {
     fn done(&mut self, done: Done) -> ControlFlow<()> {
         let (analysed, place) = match done {
             Done::Event(analysed, place) => (analysed, place),
+            Done::Job(Job::File {
+                result: Err(error @ SourceError::Io { .. }),
+                ..
+            }) if self.needs_all => {
+                self.failure = Some(error.into());
+                return ControlFlow::Break(());
+            }
             Done::Job(Job::File { result, .. }) => {
                 self.tally.file(&result, self.is_meant, self.bar);
                 return ControlFlow::Continue(());
@@ -275,7 +284,7 @@ impl<F: OnEvent> Delivery<'_, F> {
         };
         let is_new = match is_repeated {
             true => false,
-            false => match (self.on_event)(&analysed, place.position(), before, self.bar) {
+            false => match (self.on_event)(&analysed, Some(place.position()), before, self.bar) {
                 Ok(is_new) => is_new,
                 Err(error) => {
                     self.failure = Some(error);
@@ -286,55 +295,15 @@ impl<F: OnEvent> Delivery<'_, F> {
         match &analysed {
             Analysed::Readings(..) => {}
             Analysed::Record(outcome) if is_new => self.tally.count(outcome, self.bar),
-            Analysed::Record(_) | Analysed::Known(..) => self.tally.repeated += 1,
+            Analysed::Record(_) | Analysed::Known(..) => self.tally.repeat(),
         }
         ControlFlow::Continue(())
     }
 }
 
-/// Sorts other programs' files among the recordings by the time of their first sample; those without a start
-/// stay last.
-fn in_order(files: Vec<Result<PathBuf, SourceError>>, how: &How) -> Vec<Result<PathBuf, SourceError>> {
-    if files.len() < 2 {
-        return files;
-    }
-    let first = |path: &PathBuf| {
-        let recorded = File::open(path).ok().and_then(|file| first_time(&file));
-        let time = || Some(import::begins(path, how)?.as_nanos());
-        recorded
-            .or_else(|| u64::try_from(time()?).ok())
-            .unwrap_or(u64::MAX)
-    };
-    let mut timed: Vec<_> = files
-        .into_iter()
-        .map(|file| (file.as_ref().map_or(0, first), file))
-        .collect();
-    timed.sort_by_key(|(time, _)| *time);
-    timed.into_iter().map(|(_, file)| file).collect()
-}
-
-/// Opens recordings and other programs' files.
-fn opener(others: Others, rods: Vec<RodChannels>, settings: RecordSettings) -> Opener {
-    Box::new(move |path, options| {
-        let whose = Whose {
-            rods: &rods,
-            is_meant: others.is_meant,
-            any_start: others.any_start,
-        };
-        import::open(
-            path,
-            &others.how,
-            whose,
-            &settings,
-            options.clone(),
-            &foreign::watch,
-        )
-    })
-}
-
 impl Tally {
     /// Counts a new record.
-    fn count(&mut self, outcome: &Outcome, bar: &Progress) {
+    pub fn count(&mut self, outcome: &Outcome, bar: &Progress) {
         match outcome {
             Outcome::Identified(_) | Outcome::Tabulated(_) => self.identified += 1,
             Outcome::Rejected(rejected) if matches!(rejected.rejection, Rejection::Broken { .. }) => {
@@ -345,6 +314,31 @@ impl Tally {
                 *self.rejected.entry(rejected.rejection.code()).or_default() += 1;
             }
         }
+    }
+
+    /// True if an event was lost: nothing is known of it.
+    pub fn has_lost(&self) -> bool {
+        self.lost > 0
+    }
+
+    /// Losses in words that begin with a comma; empty without any.
+    pub fn losses(&self) -> String {
+        let mut text = String::new();
+        for (count, what) in [
+            (self.unreadable, "files that could not be read"),
+            (self.with_losses, "files with lost data"),
+            (self.broken, "records that broke the analysis"),
+        ] {
+            if count > 0 {
+                text += &format!(", {count} {what}");
+            }
+        }
+        text
+    }
+
+    /// Counts a record that is known already.
+    pub fn repeat(&mut self) {
+        self.repeated += 1;
     }
 
     /// Counts a file and reports its faults; without `is_meant` the rod searched for was the built-in one.
@@ -383,7 +377,8 @@ impl Tally {
     }
 }
 
-fn is_broken_pipe(error: &anyhow::Error) -> bool {
+/// True if the reader of stdout has seen enough.
+pub fn is_broken_pipe(error: &anyhow::Error) -> bool {
     error
         .downcast_ref::<io::Error>()
         .is_some_and(|error| error.kind() == io::ErrorKind::BrokenPipe)

@@ -1,9 +1,9 @@
 //! Arguments as typed.
 
 use crate::command::{
-    ack, alarm, backup, check, completions, emulator, frequencies, history, hub, identify, import, init,
-    manual, measure, plan, rebaseline, replay, report, run, send, serve, simulate, spectrum, status, study,
-    track,
+    ack, alarm, backup, check, completions, emulator, files, fleet, frequencies, history, hub, identify,
+    import, init, manual, measure, plan, rebaseline, replay, report, run, send, serve, simulate, spectrum,
+    status, study, track,
 };
 use crate::service::telemetry::log;
 use clap::{ArgAction, Parser, Subcommand};
@@ -40,6 +40,7 @@ pub enum Command {
     Status(status::Args),
     Serve(serve::Args),
     History(history::Args),
+    Files(files::Args),
     Report(report::Args),
     Ack(ack::Args),
     Rebaseline(rebaseline::Args),
@@ -55,6 +56,7 @@ pub enum Command {
     Emulator(emulator::Args),
     Study(study::Args),
     Send(send::Args),
+    Fleet(fleet::Args),
     Hub(hub::Args),
     Completions(completions::Args),
     #[command(hide = true)]

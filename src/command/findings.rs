@@ -1,6 +1,7 @@
 //! Findings of a record as text of at most 80 columns: its peaks and their nature, marks of doubt, sources of
 //! the force's variance.
 
+use super::listing::hanging;
 use crate::analysis::findings::{CONFLICT_SHOWN, Candidate, PRIOR_TAIL_SHOWN, motion_said, three_digits};
 use crate::analysis::identify::Measurement;
 use crate::analysis::inference::{Conflict, Marginal, VarianceShares};
@@ -40,7 +41,8 @@ fn began(start: Timestamp) -> String {
 /// Rejection of a record, with the findings in it.
 pub fn refused(rejected: &Rejected) -> String {
     let rejection = &rejected.rejection;
-    let mut text = format!("{}: rejected ({}): {rejection}\n", rejected.rod, rejection.code());
+    let words = format!("{}: rejected ({}): {rejection}", rejected.rod, rejection.code());
+    let mut text = hanging(&words, 0, 2).join("\n") + "\n";
     let Some(measurement) = &rejected.measurement else {
         return text;
     };

@@ -1,10 +1,10 @@
 //! Flags for facts missing in another program's file.
 
-use super::campaign::Others;
 use super::progress::Watched;
 use super::setup::Setup;
 use crate::analysis::signal::record::{Timestamp, Unit};
 use crate::recording::import::{self, DateOrder, Format, How, TimeUnit, Wanted, csv};
+use crate::site::records::Others;
 use std::fs::File;
 use std::io::Read;
 
@@ -96,6 +96,7 @@ impl Foreign {
             how: self.how(),
             is_meant: setup.config.is_some(),
             any_start,
+            needs_all: false,
         }
     }
 }

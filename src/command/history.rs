@@ -1,11 +1,13 @@
 //! `tirante history`: lists records, periods, alarms and rejections of a store.
 
 use super::BadArguments;
+use super::import::MessageEncoding;
 use super::listing::{Aligned, cell, csv, is_coloured, minutes, object};
 use super::render::percent;
 use super::which_store::{Format, WhichStore, check_rod};
 use crate::analysis::record_view::Snapshot;
 use crate::analysis::signal::record::Timestamp;
+use crate::recording::write::Encoding;
 use crate::service::api::{self, listing::AlarmAnswer};
 use crate::service::viewer::{Message, ResultsWriter};
 use crate::site::store::{Filter, Listing, Reader};
@@ -24,6 +26,7 @@ use std::process::ExitCode;
   tirante history --store site.db --format csv > forces.csv
   tirante history --store site.db --format parquet > forces.parquet
   tirante history --store site.db --format mcap > results.mcap
+  tirante history --store site.db --format mcap --encoding cdr > ros2.mcap
 
 A '~' before a change or force says that it is not compensated for temperature.")]
 pub struct Args {
@@ -50,6 +53,10 @@ pub struct Args {
     /// Output format.
     #[arg(long, value_enum, default_value_t)]
     pub format: AnyFormat,
+
+    /// Encoding of the messages of --format mcap.
+    #[arg(long, value_enum, default_value_t = MessageEncoding::Json)]
+    pub encoding: MessageEncoding,
 }
 
 /// Output format of a listing.
@@ -111,6 +118,9 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         from: args.from,
         to: args.to,
     };
+    if args.encoding != MessageEncoding::Json && args.format != AnyFormat::Mcap {
+        return Err(BadArguments("--encoding is that of --format mcap".to_owned()).into());
+    }
     let mut out = io::BufWriter::new(io::stdout());
     let format = match args.format {
         AnyFormat::Table => Format::Table,
@@ -121,7 +131,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
                 let why = "--format mcap has records and alarms in one file; leave --what out";
                 return Err(BadArguments(why.to_owned()).into());
             }
-            write_mcap(&reader, &filter, &mut out)?;
+            write_mcap(&reader, &filter, args.encoding.encoding(), &mut out)?;
             out.flush()?;
             return Ok(ExitCode::SUCCESS);
         }
@@ -137,12 +147,17 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
 }
 
 /// Writes records and alarms as messages.
-fn write_mcap(reader: &Reader, filter: &Filter, out: &mut impl Write) -> anyhow::Result<()> {
+fn write_mcap(
+    reader: &Reader,
+    filter: &Filter,
+    encoding: Encoding,
+    out: &mut impl Write,
+) -> anyhow::Result<()> {
     if io::stdout().is_terminal() {
         let why = "MCAP is not for a terminal: send it to a file, > results.mcap";
         return Err(BadArguments(why.to_owned()).into());
     }
-    let mut results = ResultsWriter::new(out)?;
+    let mut results = ResultsWriter::new(out, encoding)?;
     reader.rows(filter, |row| {
         let messages = Message::of_record(&row);
         messages.iter().try_for_each(|message| results.write(message))?;

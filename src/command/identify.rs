@@ -1,9 +1,12 @@
 //! `tirante identify`: one recording, or frequencies measured elsewhere, to the posterior.
 
 use super::campaign::{self, Reading};
+use super::draws::DrawsFile;
 use super::findings;
 use super::foreign::Foreign;
+use super::listing::folded;
 use super::progress::Progress;
+use super::sensors;
 use super::setup::{self, Setup};
 use super::sketch::{self, When};
 use super::tests_of_rod::{self, TestFlags, Tests};
@@ -45,12 +48,13 @@ const HIGHEST_HZ: f64 = 1e5;
 #[command(after_help = "Examples:
   tirante identify recordings/todi-pull.mcap
   tirante identify laser.csv \\
-      --config site.toml          (UFF, WAV, MATLAB, .lvm, .tdms alike)
+      --config site.toml          # UFF, WAV, MATLAB, .lvm, .tdms alike
   tirante identify hammer.tdms --config site.toml --channel 'Acc 3'
   tirante identify camera.npy --config site.toml --rate 250 --channel '[7,:,1]'
   tirante identify --frequencies 4.492,9.288,13.252
   tirante identify --frequencies 4.492,-,13.252 \\
       --sd 0.005,-,0.01    # mode 2 not measured
+  tirante identify --frequencies 4.492,9.288 --draws-out draws.csv
   tirante identify pull.mcap --load 300N@0.5L=1.1mm+-3%    # same day
   tirante identify bare.mcap --mass 20kg@0.3L --with-mass heavy.mcap
   tirante identify --frequencies 4.492,9.288 \\
@@ -86,6 +90,11 @@ pub struct Args {
     /// Text or JSON.
     #[command(flatten)]
     pub output: Output,
+
+    /// Write the posterior's draws to a file: .csv, .npy, or .parquet (only if built with `--features parquet`). Those of
+    /// a second record go to NAME-2.csv, and so on.
+    #[arg(long, value_name = "FILE", value_parser = DrawsFile::parse)]
+    pub draws_out: Option<DrawsFile>,
 
     /// Draw a small plot at the end.
     #[arg(long, value_name = "WHEN", value_enum, default_value_t)]
@@ -129,11 +138,7 @@ fn from_frequencies(args: &Args, list: &str) -> anyhow::Result<ExitCode> {
     config.rods.retain(|candidate| candidate.analysis.rod == rod);
     let highest = modes.iter().map(|mode| mode.order).max().unwrap_or(0);
     for candidate in &mut config.rods {
-        // The plan covers the modes that were given, not those the configuration looks for in records.
-        let analysis = &mut candidate.analysis;
-        let last = analysis.discrepancy.last().copied().unwrap_or(0.0);
-        analysis.modes.count = highest;
-        analysis.discrepancy.resize(highest, last);
+        candidate.analysis = candidate.analysis.clone().for_orders(highest);
     }
     let plans = Arc::new(setup::plans(&config)?);
     let plan = plans
@@ -144,24 +149,11 @@ fn from_frequencies(args: &Args, list: &str) -> anyhow::Result<ExitCode> {
         None => plan.run_frequencies(modes),
         Some(tests) => plan.run_with(modes, &tests.data),
     };
-    let (outcome, code) = match found {
-        Ok(identification) => (Outcome::Identified(Box::new(identification)), ExitCode::SUCCESS),
-        Err(rejection) => (
-            Outcome::Rejected(Box::new(Rejected {
-                rod,
-                start: None,
-                duration_s: None,
-                fs_hz: None,
-                identity: None,
-                readings: Vec::new(),
-                rejection,
-                measurement: None,
-                labels: None,
-                waveform: None,
-            })),
-            ExitCode::from(WITH_LOSSES),
-        ),
-    };
+    let code = found
+        .as_ref()
+        .map_or(ExitCode::from(WITH_LOSSES), |_| ExitCode::SUCCESS);
+    let outcome = Outcome::of_frequencies(&rod, found);
+    keep_draws(args, &outcome, 1)?;
     show(args, &config, &plans, &outcome)?;
     Ok(code)
 }
@@ -189,18 +181,62 @@ fn from_recording(args: &Args, path: &PathBuf) -> anyhow::Result<ExitCode> {
             .ok_or_else(|| anyhow!("the rod {rod} has no plan"))?;
         tests_of(args, &config, &plans, plan)?
     };
-    let on_event = |analysed: &Analysed, _: Position<'_>, _: Option<[u8; 32]>, bar: &Progress| {
+    if let [rod] = &config.rods[..]
+        && !rod.sensors.is_empty()
+    {
+        let id = &rod.analysis.rod;
+        let plan = plans.get(id).ok_or_else(|| anyhow!("the rod {id} has no plan"))?;
+        let data = tests.as_ref().map_or(&[][..], |tests| &tests.data);
+        let found = sensors::identify(path, &config, rod, plan, &others, data)?;
+        let mut forces = 0;
+        for outcome in &found.outcomes {
+            forces += usize::from(matches!(outcome, Outcome::Identified(_)));
+            keep_draws(args, outcome, forces)?;
+            show(args, &config, &plans, outcome)?;
+        }
+        let is_good = |outcome: &Outcome| matches!(outcome, Outcome::Identified(_));
+        let all_good = !found.has_losses && found.outcomes.iter().all(is_good);
+        return Ok(match all_good {
+            true => ExitCode::SUCCESS,
+            false => ExitCode::from(WITH_LOSSES),
+        });
+    }
+    for rod in config.rods.iter().filter(|rod| !rod.sensors.is_empty()) {
+        let id = &rod.analysis.rod;
+        tell!(
+            "{id}: {} sensors, of which only that of [rod.channel] is used: --rod {id} identifies all of them jointly",
+            rod.sensors.len()
+        );
+    }
+    let (mut forces, mut refused_with_tests) = (0, false);
+    let on_event = |analysed: &Analysed, _: Option<Position<'_>>, _: Option<[u8; 32]>, bar: &Progress| {
         if let Analysed::Record(outcome) = analysed {
             let tested = tests
                 .as_ref()
                 .and_then(|tests| with_tests(outcome, &plans, tests));
             let outcome = tested.as_ref().unwrap_or(outcome);
+            forces += usize::from(matches!(outcome, Outcome::Identified(_)));
+            keep_draws(args, outcome, forces)?;
+            // The record alone gave a force: the tally does not know that with the tests it gives none.
+            refused_with_tests |= matches!(tested, Some(Outcome::Rejected(_)));
             bar.suspend(|| show(args, &config, &plans, outcome))?;
         }
         Ok(true)
     };
     let tally = campaign::run(paths, &config, &plans, &reading, others, &known, on_event)?;
-    Ok(campaign::conclude(tally))
+    let code = campaign::conclude(tally);
+    Ok(match refused_with_tests && code == ExitCode::SUCCESS {
+        true => ExitCode::from(WITH_LOSSES),
+        false => code,
+    })
+}
+
+/// Writes the draws of the run's `number`-th force, if asked for.
+fn keep_draws(args: &Args, outcome: &Outcome, number: usize) -> anyhow::Result<()> {
+    match (&args.draws_out, outcome) {
+        (Some(file), Outcome::Identified(found)) => file.write(&found.posterior, number),
+        _ => Ok(()),
+    }
 }
 
 /// The tests given, those of a record with a mass included; `None` without any.
@@ -218,7 +254,7 @@ fn tests_of(args: &Args, config: &Config, plans: &Arc<Plans>, plan: &Plan) -> an
         let (mut loaded, mut refusals) = (Vec::new(), Vec::new());
         let others = args.foreign.among(&args.setup, true);
         let paths = std::slice::from_ref(path);
-        let on_event = |analysed: &Analysed, _: Position<'_>, _: Option<[u8; 32]>, _: &Progress| {
+        let on_event = |analysed: &Analysed, _: Option<Position<'_>>, _: Option<[u8; 32]>, _: &Progress| {
             if let Analysed::Record(outcome) = analysed {
                 match outcome.as_ref() {
                     Outcome::Identified(found) => loaded.push(found.modes.clone()),
@@ -304,6 +340,11 @@ fn show(args: &Args, config: &Config, plans: &Plans, outcome: &Outcome) -> io::R
         Outcome::Rejected(rejected) => {
             findings::refused(rejected) + &plot(args, || Snapshot::of_rejected(rejected))
         }
+    };
+    let text = if args.output.is_json() {
+        text
+    } else {
+        folded(&text)
     };
     io::stdout().lock().write_all(text.as_bytes())
 }

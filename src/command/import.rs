@@ -40,7 +40,7 @@ use std::process::ExitCode;
   tirante import camera.npy --rate 250 \\
       --channel '[7,:,1]=/nave-3/displacement,mm' \\
       --start 2026-03-01T06:00:00Z --out camera.mcap
-  tirante import laser.csv                 what is in it
+  tirante import laser.csv                 # what is in it
 
 `identify` and `replay` read these files as they are, with the same flags.
 
@@ -78,6 +78,17 @@ pub enum MessageEncoding {
     Cdr,
 }
 
+impl MessageEncoding {
+    /// Encoding of the messages.
+    pub fn encoding(self) -> Encoding {
+        match self {
+            Self::Json => Encoding::Json,
+            Self::Protobuf => Encoding::Protobuf,
+            Self::Cdr => Encoding::Ros2,
+        }
+    }
+}
+
 /// Runs the command.
 ///
 /// # Errors
@@ -110,11 +121,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         .check_full_scale()
         .map_err(|error| refuse(&args.path, error))?;
     let asked = how.asked(&rods);
-    let encoding = match args.encoding {
-        MessageEncoding::Json => Encoding::Json,
-        MessageEncoding::Protobuf => Encoding::Protobuf,
-        MessageEncoding::Cdr => Encoding::Ros2,
-    };
+    let encoding = args.encoding.encoding();
     // A fault of the plan is a fault of the arguments.
     let plan = Plan::new(found.signals, &asked, encoding)
         .map_err(|error| BadArguments(format!("{name}: {error}")))?;

@@ -7,7 +7,7 @@ use std::fmt::Write;
 use std::io::{self, IsTerminal};
 
 /// Width in characters that a line exceeds only for a word that is longer.
-const WIDTH: usize = 80;
+pub(super) const WIDTH: usize = 80;
 
 /// Least width of a wrapped last column; a narrower one goes on lines of its own.
 const NARROWEST: usize = 32;
@@ -137,11 +137,19 @@ impl Aligned {
 
 /// Breaks a text between words so that no line exceeds the width, with indents for the first line and the
 /// others.
-fn hanging(text: &str, first: usize, others: usize) -> Vec<String> {
+pub(super) fn hanging(text: &str, first: usize, others: usize) -> Vec<String> {
+    // A percent sign stays with its number.
+    let mut words: Vec<String> = Vec::new();
+    for word in text.split_whitespace() {
+        match words.last_mut().filter(|_| word.starts_with('%')) {
+            Some(number) => *number += &format!(" {word}"),
+            None => words.push(word.to_owned()),
+        }
+    }
     let mut lines = Vec::new();
     let mut line = " ".repeat(first);
     let mut is_begun = false;
-    for word in text.split_whitespace() {
+    for word in &words {
         if is_begun && line.chars().count() + 1 + word.chars().count() > WIDTH {
             lines.push(std::mem::replace(&mut line, " ".repeat(others)));
             is_begun = false;
@@ -154,6 +162,20 @@ fn hanging(text: &str, first: usize, others: usize) -> Vec<String> {
     }
     lines.push(line);
     lines
+}
+
+/// Text with its lines of more than [`WIDTH`] columns broken between words, as far in as they begin.
+pub(super) fn folded(text: &str) -> String {
+    text.lines()
+        .flat_map(|line| {
+            let begin = line.chars().take_while(|c| *c == ' ').count();
+            match line.chars().count() > WIDTH {
+                true => hanging(line, begin, begin + 2),
+                false => vec![line.to_owned()],
+            }
+        })
+        .map(|line| line + "\n")
+        .collect()
 }
 
 /// A line of comma-separated values (RFC 4180), with its line end.

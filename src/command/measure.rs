@@ -20,6 +20,7 @@ use crate::config::Config;
 use crate::recording::import::{self, Format, How};
 use crate::recording::read::contents::Content;
 use crate::site::analyse::Analysed;
+use crate::site::records::Others;
 use crate::site::store::Position;
 use crate::site::trackers::Site;
 use anyhow::Context;
@@ -145,10 +146,11 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let config = Config::parse(&text, &toml.display().to_string())?;
     let how = as_read(&args.file, how, &sensor)?;
     let Prepared { generation, mut site } = setup::site(config, None, &GivenUp::default())?;
-    let others = campaign::Others {
+    let others = Others {
         how,
         is_meant: true,
         any_start: true,
+        needs_all: false,
     };
     if !args.output.is_json() {
         super::print(format!("{}: {}\n", args.file.display(), rod.said()).as_bytes())?;
@@ -161,10 +163,10 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         &Reading::default(),
         others,
         &site.store().all_known().clone(),
-        |analysed: &Analysed, place: Position<'_>, _: Option<[u8; 32]>, bar: &Progress| {
+        |analysed: &Analysed, place: Option<Position<'_>>, _: Option<[u8; 32]>, bar: &Progress| {
             if let Analysed::Record(outcome) = analysed {
                 records += 1;
-                let Some(taken) = site.take(outcome, Some(place))? else {
+                let Some(taken) = site.take(outcome, place)? else {
                     return Ok(false);
                 };
                 let text = match args.output.is_json() {

@@ -10,14 +10,18 @@ macro_rules! tell {
 }
 
 pub mod ack;
+mod again;
 pub mod alarm;
 pub mod backup;
 mod campaign;
 pub mod check;
 pub mod cli;
 pub mod completions;
+mod draws;
 pub mod emulator;
+pub mod files;
 mod findings;
+pub mod fleet;
 mod foreign;
 pub mod frequencies;
 pub mod history;
@@ -43,6 +47,7 @@ mod rod_flags;
 pub mod run;
 pub mod send;
 mod sensor;
+mod sensors;
 pub mod serve;
 mod setup;
 pub mod simulate;
@@ -73,6 +78,7 @@ pub fn run(command: &Command) -> anyhow::Result<ExitCode> {
     match command {
         Command::Replay(args) => replay::run(args),
         Command::Identify(args) => identify::run(args),
+        Command::Files(args) => files::run(args),
         Command::Frequencies(args) => frequencies::run(args),
         Command::Plan(args) => plan::run(args),
         Command::Emulator(args) => emulator::run(args),
@@ -91,6 +97,7 @@ pub fn run(command: &Command) -> anyhow::Result<ExitCode> {
         Command::Backup(args) => backup::run(args),
         Command::Study(args) => study::run(args),
         Command::Track(args) => track::run(args),
+        Command::Fleet(args) => fleet::run(args),
         Command::Run(args) => run::run(args),
         Command::Hub(args) => hub::run(args),
         Command::Serve(args) => serve::run(args),
@@ -115,7 +122,15 @@ pub fn report(error: &anyhow::Error) -> ExitCode {
     if error.downcast_ref().is_some_and(seen_enough) {
         return ExitCode::SUCCESS;
     }
-    tell!("error: {error:#}");
+    // A cause that the words before it name already is not named again.
+    let words = error.chain().skip(1).fold(error.to_string(), |words, cause| {
+        let cause = cause.to_string();
+        match words.contains(&cause) {
+            true => words,
+            false => format!("{words}: {cause}"),
+        }
+    });
+    tell!("error: {words}");
     let is_refused = matches!(error.downcast_ref(), Some(BaselineError::Refused(_)));
     if is_refused || error.is::<BadArguments>() || error.is::<PlanError>() {
         ExitCode::from(USAGE)

@@ -2,7 +2,7 @@
 
 use super::history::What;
 use crate::analysis::signal::record::Timestamp;
-use crate::site::store::{ColumnKind, Filter, Reader};
+use crate::site::store::{ColumnKind, Filter, Listing, Reader};
 use anyhow::{Context, bail};
 use parquet::basic::Compression;
 use parquet::data_type::{ByteArray, ByteArrayType, DoubleType, Int64Type};
@@ -12,10 +12,14 @@ use parquet::file::writer::{SerializedFileWriter, SerializedRowGroupWriter};
 use parquet::schema::parser::parse_message_type;
 use rusqlite::types::Value;
 use std::io::Write;
+use std::path::PathBuf;
 use std::sync::Arc;
 
 /// Number of rows held in memory and written together.
 const GROUP: usize = 65_536;
+
+/// Number of records whose resonances are read at once.
+const PAGE: usize = 1024;
 
 /// Writes a listing of a store.
 ///
@@ -23,35 +27,173 @@ const GROUP: usize = 65_536;
 /// The store cannot be read, or `out` cannot be written.
 pub fn write(reader: &Reader, filter: &Filter, what: What, out: impl Write + Send) -> anyhow::Result<()> {
     let listing = what.listing();
-    let kinds = reader.column_kinds(listing)?;
-    let fields: String = kinds
-        .iter()
-        .map(|(name, kind)| format!("OPTIONAL {};\n", field(name, *kind)))
-        .collect();
-    let schema = parse_message_type(&format!("message history {{\n{fields}}}"))?;
-    let properties = WriterProperties::builder()
-        .set_created_by(concat!("tirante ", env!("CARGO_PKG_VERSION")).to_owned())
-        .set_compression(Compression::SNAPPY)
-        .build();
-    let mut file = SerializedFileWriter::new(out, Arc::new(schema), Arc::new(properties))?;
-    let mut columns: Vec<Column> = kinds.iter().map(|(_, kind)| Column::new(*kind)).collect();
-    let mut rows = 0;
-    reader.list(listing, filter, |names, values| -> anyhow::Result<()> {
-        for ((column, value), name) in columns.iter_mut().zip(values).zip(names) {
+    let mut sheet = Sheet::new(reader.column_kinds(listing)?, out)?;
+    reader.list(listing, filter, |_, values| sheet.push(values))?;
+    sheet.close()
+}
+
+/// Writes every record of some sites' stores, with the site in front.
+///
+/// # Errors
+/// A store cannot be read, or `out` cannot be written.
+pub fn write_sites(stores: &[(String, PathBuf)], out: impl Write + Send) -> anyhow::Result<()> {
+    let mut widest = Vec::new();
+    for (_, path) in stores {
+        let kinds = Reader::open(path)?.column_kinds(Listing::Records)?;
+        // Listings differ in the number of modes alone.
+        if kinds.len() > widest.len() {
+            widest = kinds;
+        }
+    }
+    let site = ("site".to_owned(), ColumnKind::Text);
+    let mut sheet = Sheet::new([site].into_iter().chain(widest).collect(), out)?;
+    for (site, path) in stores {
+        let reader = Reader::open(path)?;
+        let mut row = vec![Value::Null; sheet.names.len()];
+        reader.list(Listing::Records, &Filter::default(), |names, values| {
+            row.fill(Value::Null);
+            row[0] = Value::Text(site.clone());
+            let places = sheet.names.iter().zip(&mut row).skip(1);
+            let mut given = names.iter().zip(values).peekable();
+            for (wanted, place) in places {
+                if let Some((_, value)) = given.next_if(|(name, _)| *name == wanted) {
+                    place.clone_from(value);
+                }
+            }
+            if let Some((name, _)) = given.next() {
+                bail!("column {name} is not where it is in the other stores");
+            }
+            sheet.push(&row)
+        })?;
+    }
+    sheet.close()
+}
+
+/// Writes every resonance of every record of some sites' stores, with the site in front.
+///
+/// # Errors
+/// A store cannot be read, or `out` cannot be written.
+pub fn write_resonances(stores: &[(String, PathBuf)], out: impl Write + Send) -> anyhow::Result<()> {
+    const COLUMNS: [(&str, ColumnKind); 12] = [
+        ("site", ColumnKind::Text),
+        ("rod", ColumnKind::Text),
+        ("start", ColumnKind::Time),
+        ("frequency_hz", ColumnKind::Real),
+        ("sd_hz", ColumnKind::Real),
+        ("damping", ColumnKind::Real),
+        ("damping_log_sd", ColumnKind::Real),
+        ("peak_to_noise", ColumnKind::Real),
+        ("evidence", ColumnKind::Real),
+        ("is_tone", ColumnKind::Integer),
+        ("misfit", ColumnKind::Real),
+        ("foreign_log_odds", ColumnKind::Real),
+    ];
+    let columns = COLUMNS.map(|(name, kind)| (name.to_owned(), kind));
+    let mut sheet = Sheet::new(columns.to_vec(), out)?;
+    for (site, path) in stores {
+        let reader = Reader::open(path)?;
+        let mut after = 0;
+        loop {
+            let rows = reader.found(after, PAGE)?;
+            let Some(last) = rows.last() else { break };
+            after = last.number;
+            for row in &rows {
+                let start = row.found.start().map(|start| start.to_string());
+                for resonance in row.found.resonances() {
+                    sheet.push(&[
+                        Value::Text(site.clone()),
+                        Value::Text(row.rod.0.clone()),
+                        start.clone().into(),
+                        Value::Real(resonance.frequency_hz),
+                        Value::Real(resonance.frequency_sd_hz),
+                        Value::Real(resonance.damping),
+                        Value::Real(resonance.damping_log_sd),
+                        Value::Real(resonance.peak_to_noise),
+                        Value::Real(resonance.evidence),
+                        Value::Integer(i64::from(resonance.line)),
+                        Value::Real(resonance.misfit),
+                        Value::Real(resonance.foreign_log_odds),
+                    ])?;
+                }
+            }
+        }
+    }
+    sheet.close()
+}
+
+/// Writes columns of numbers.
+///
+/// # Errors
+/// `out` cannot be written.
+pub fn write_numbers(
+    names: &[&str],
+    rows: impl Iterator<Item = impl Iterator<Item = f64>>,
+    out: impl Write + Send,
+) -> anyhow::Result<()> {
+    let columns = names.iter().map(|name| ((*name).to_owned(), ColumnKind::Real));
+    let mut sheet = Sheet::new(columns.collect(), out)?;
+    for row in rows {
+        let values: Vec<Value> = row.map(Value::Real).collect();
+        sheet.push(&values)?;
+    }
+    sheet.close()
+}
+
+/// A file of rows under way.
+struct Sheet<W: Write + Send> {
+    file: SerializedFileWriter<W>,
+    names: Vec<String>,
+    columns: Vec<Column>,
+    rows: usize,
+}
+
+impl<W: Write + Send> Sheet<W> {
+    fn new(kinds: Vec<(String, ColumnKind)>, out: W) -> anyhow::Result<Self> {
+        let fields: String = kinds
+            .iter()
+            .map(|(name, kind)| format!("OPTIONAL {};\n", field(name, *kind)))
+            .collect();
+        let schema = parse_message_type(&format!("message history {{\n{fields}}}"))?;
+        let properties = WriterProperties::builder()
+            .set_created_by(concat!("tirante ", env!("CARGO_PKG_VERSION")).to_owned())
+            .set_compression(Compression::SNAPPY)
+            .build();
+        Ok(Self {
+            file: SerializedFileWriter::new(out, Arc::new(schema), Arc::new(properties))?,
+            columns: kinds.iter().map(|(_, kind)| Column::new(*kind)).collect(),
+            names: kinds.into_iter().map(|(name, _)| name).collect(),
+            rows: 0,
+        })
+    }
+
+    fn push(&mut self, values: &[Value]) -> anyhow::Result<()> {
+        for ((column, value), name) in self.columns.iter_mut().zip(values).zip(&self.names) {
             column.push(value).with_context(|| format!("column {name}"))?;
         }
-        rows += 1;
-        if rows == GROUP {
-            flush(&mut file, &mut columns)?;
-            rows = 0;
+        self.rows += 1;
+        if self.rows == GROUP {
+            self.flush()?;
         }
         Ok(())
-    })?;
-    if rows > 0 {
-        flush(&mut file, &mut columns)?;
     }
-    file.close()?;
-    Ok(())
+
+    fn flush(&mut self) -> Result<(), ParquetError> {
+        let mut group = self.file.next_row_group()?;
+        for column in &mut self.columns {
+            column.flush(&mut group)?;
+        }
+        group.close()?;
+        self.rows = 0;
+        Ok(())
+    }
+
+    fn close(mut self) -> anyhow::Result<()> {
+        if self.rows > 0 {
+            self.flush()?;
+        }
+        self.file.close()?;
+        Ok(())
+    }
 }
 
 /// A column in Parquet's schema language.
@@ -62,18 +204,6 @@ fn field(name: &str, kind: ColumnKind) -> String {
         ColumnKind::Integer => format!("INT64 {name}"),
         ColumnKind::Real => format!("DOUBLE {name}"),
     }
-}
-
-fn flush<W: Write + Send>(
-    file: &mut SerializedFileWriter<W>,
-    columns: &mut [Column],
-) -> Result<(), ParquetError> {
-    let mut group = file.next_row_group()?;
-    for column in columns {
-        column.flush(&mut group)?;
-    }
-    group.close()?;
-    Ok(())
 }
 
 /// Cells of one column not yet written.

@@ -1,11 +1,16 @@
 //! Progress on standard error, for people only: nothing without a terminal, nothing for short work.
 
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use indicatif::{DecimalBytes, ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::io::{self, IsTerminal, Read};
 use std::time::{Duration, Instant};
 
 /// Time before work shows a bar.
 const PATIENCE: Duration = Duration::from_secs(2);
+
+/// A number of bytes in the largest unit that fits.
+pub fn size(bytes: u64) -> String {
+    DecimalBytes(bytes).to_string()
+}
 
 /// A bar that appears after two seconds.
 pub struct Progress {

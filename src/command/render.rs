@@ -1,6 +1,7 @@
 //! A record as one row of a table for people, and the alarms it raised under it.
 
 use super::findings::probability;
+use super::listing::{WIDTH, hanging};
 use crate::analysis::findings::{CERTAIN, CONFLICT_SHOWN, PRIOR_TAIL_SHOWN, motion_mark};
 use crate::analysis::identify::Identification;
 use crate::analysis::inference::Conflict;
@@ -8,15 +9,21 @@ use crate::analysis::outcome::{Outcome, Tabulated};
 use crate::analysis::rod::beam::Quantity;
 use crate::analysis::signal::modes::{Mode, MotionKind};
 use crate::analysis::signal::record::{RodId, Timestamp};
-use crate::analysis::track::{Alarm, SetAside, Verdict, What};
+use crate::analysis::track::{Alarm, RodState, Verdict, What};
 use std::fmt::Write;
 
-/// Columns of one mode: `17.3085 ± 0.0065`.
-const MODE_WIDTH: usize = 16;
+/// Digits and columns of one frequency: `17.309`.
+const MODE_WIDTH: usize = 6;
 
-/// Table of records: one line per record, columns for a fixed number of modes; three modes and a rod's name
-/// of nine letters fit into 120 columns.
+/// Columns of a force, `1234±123`, of a change, `-3.67±0.19`, and of a state, `learning`.
+const FORCE_WIDTH: usize = 8;
+const CHANGE_WIDTH: usize = 10;
+const STATE_WIDTH: usize = 8;
+
+/// Table of records within [`WIDTH`] columns: a line per record with as many modes as fit (three beside a rod's name of six
+/// letters), and what finds no room below it.
 pub struct Table {
+    /// Number of modes in columns.
     modes: usize,
     rod_width: usize,
     /// Value of `--store`, to be repeated in commands.
@@ -25,7 +32,7 @@ pub struct Table {
 }
 
 impl Table {
-    /// A table for rods with these names, with columns for the first `modes` mode orders. `store`: the store
+    /// A table for rods with these names, with columns for at most the first `modes` mode orders. `store`: the store
     /// in which alarms can be acknowledged. `is_coloured`: with escape sequences for a terminal.
     pub fn new<'a>(
         rods: impl Iterator<Item = &'a RodId>,
@@ -38,28 +45,38 @@ impl Table {
             .max()
             .unwrap_or(0)
             .max("rod".len());
+        let others =
+            rod_width + "  2026-03-01 06:00".len() + FORCE_WIDTH + CHANGE_WIDTH + STATE_WIDTH + 3 * 2;
         Self {
-            modes,
+            modes: modes.min(WIDTH.saturating_sub(others) / (MODE_WIDTH + 2)),
             rod_width,
             store,
             is_coloured,
         }
     }
 
-    /// Two header lines of the table.
+    /// Header lines of the table: names, units, a rule.
     pub fn header(&self) -> String {
-        let mut line = format!("{:<width$}  {:<16}", "rod", "start (UTC)", width = self.rod_width);
-        for order in 1..=self.modes {
-            let _ = write!(line, "  {:>MODE_WIDTH$}", format!("mode {order} [Hz]"));
-        }
-        let _ = write!(line, "  {:>10}  {:>14}  state", "force [kN]", "change [%]");
-        let rule = "-".repeat(line.chars().count() + "monitoring".len() - "state".len());
-        format!("{line}\n{rule}")
+        let row = |rod: &str, start: &str, modes: &[String], force: &str, change: &str, state: &str| {
+            let mut line = format!("{rod:<width$}  {start:<16}", width = self.rod_width);
+            for mode in modes {
+                let _ = write!(line, "  {mode:>MODE_WIDTH$}");
+            }
+            line + &format!("  {force:>FORCE_WIDTH$}  {change:>CHANGE_WIDTH$}  {state:<STATE_WIDTH$}")
+        };
+        let modes: Vec<String> = (1..=self.modes).map(|order| format!("mode {order}")).collect();
+        let names = row("rod", "start", &modes, "force", "change", "state");
+        let units = row("", "UTC", &vec!["Hz".to_owned(); self.modes], "kN", "%", "");
+        let rule = "-".repeat(names.chars().count());
+        format!("{}\n{}\n{rule}", names.trim_end(), units.trim_end())
     }
 
     /// One record, followed by lines for each alarm that was raised or cleared with it.
     pub fn row(&self, outcome: &Outcome, verdict: &Verdict) -> String {
         let mut row = self.record(outcome, verdict);
+        if verdict.state == RodState::Alarm {
+            row = self.coloured("31", &row);
+        }
         for event in &verdict.events {
             match event.what {
                 What::Raised => {
@@ -80,23 +97,31 @@ impl Table {
         row
     }
 
-    /// An alarm with advice.
+    /// Lines in a colour, where there are colours.
+    fn coloured(&self, colour: &str, lines: &str) -> String {
+        if !self.is_coloured {
+            return lines.to_owned();
+        }
+        let lines: Vec<String> = lines
+            .lines()
+            .map(|line| format!("\x1b[{colour}m{line}\x1b[0m"))
+            .collect();
+        lines.join("\n")
+    }
+
+    /// An alarm with advice; a command stands on a line of its own, to be copied.
     fn raised(&self, alarm: &Alarm) -> String {
-        let what = format!("ALARM {} of {}: {}", alarm.kind, alarm.rod, alarm.message);
-        let (bold, plain) = if self.is_coloured {
-            ("\x1b[1;31m", "\x1b[0m")
-        } else {
-            ("", "")
-        };
+        let what = format!(">>> ALARM {} of {}: {}", alarm.kind, alarm.rod, alarm.message);
         let next = match &self.store {
             _ if !alarm.kind.is_latched() => "goes by itself when its cause is over".to_owned(),
             Some(store) => format!(
-                "stands until somebody has looked: tirante ack {} --store {store}",
+                "stands until somebody has looked:\n    tirante ack {} --store {store}",
                 alarm.id
             ),
             None => format!("alarm {}; without --store nothing remembers it", alarm.id),
         };
-        format!("{bold}>>> {what}{plain}\n    {next}")
+        let what = hanging(&what, 0, 4).join("\n");
+        format!("{}\n    {next}", self.coloured("1;31", &what))
     }
 
     fn record(&self, outcome: &Outcome, verdict: &Verdict) -> String {
@@ -104,10 +129,11 @@ impl Table {
             Outcome::Identified(identification) => self.identified(identification, verdict),
             Outcome::Tabulated(row) => self.tabulated(row, verdict),
             Outcome::Rejected(rejected) => {
-                let mut line = self.opening(&rejected.rod, rejected.start);
+                let line = self.opening(&rejected.rod, rejected.start);
                 let rejection = &rejected.rejection;
-                let _ = write!(line, "  rejected ({}): {rejection}", rejection.code());
-                line
+                let words = format!("rejected ({}): {rejection}", rejection.code());
+                let wrapped = hanging(&words, line.chars().count() + 2, 4).join("\n");
+                format!("{line}  {}", wrapped.trim_start())
             }
         }
     }
@@ -121,76 +147,113 @@ impl Table {
     fn tabulated(&self, row: &Tabulated, verdict: &Verdict) -> String {
         let force = verdict.relative.as_ref().map(|relative| relative.force_n);
         let force = force.map(|force| (force.mean, force.sd));
-        let mut line = self.opening(&row.rod, Some(row.start));
-        line += &self.measured(&row.modes, force, verdict);
-        line + &doubt(&row.conflict)
+        let opening = self.opening(&row.rod, Some(row.start));
+        self.measured(
+            opening,
+            &row.modes,
+            force,
+            verdict,
+            doubt(&row.conflict).into_iter().collect(),
+        )
     }
 
-    /// Modes, force (mean and standard deviation \[N\]), change and state.
-    fn measured(&self, modes: &[Mode], force_n: Option<(f64, f64)>, verdict: &Verdict) -> String {
-        let mut line = String::new();
+    /// Modes, force (mean and standard deviation \[N\]), change and state behind the opening of a line, then marks.
+    fn measured(
+        &self,
+        mut line: String,
+        modes: &[Mode],
+        force_n: Option<(f64, f64)>,
+        verdict: &Verdict,
+        marks: Vec<String>,
+    ) -> String {
         for order in 1..=self.modes {
             let mode = modes.iter().find(|mode| mode.order == order);
-            let cell = mode.map_or_else(
-                || "-".to_owned(),
-                |mode| format!("{:.4} ± {:.4}", mode.frequency_hz, mode.sd_hz),
-            );
+            let cell = mode.map_or_else(|| "-".to_owned(), |mode| frequency(mode.frequency_hz));
             let _ = write!(line, "  {cell:>MODE_WIDTH$}");
         }
         let force = force_n.map_or_else(
             || "-".to_owned(),
-            |(mean, sd)| format!("{:.0} ± {:.0}", kilo(mean), kilo(sd)),
+            |(mean, sd)| format!("{:.0}±{:.0}", kilo(mean), kilo(sd)),
         );
         let _ = write!(
             line,
-            "  {force:>10}  {:>14}  {}",
-            change(verdict),
-            verdict.set_aside.map_or(verdict.state.code(), SetAside::code),
+            "  {force:>FORCE_WIDTH$}  {:>CHANGE_WIDTH$}",
+            change(verdict)
         );
-        line
+        // Most records are those of a rod that is monitored.
+        let state = match verdict.set_aside {
+            None if verdict.state == RodState::Monitoring => "",
+            None => verdict.state.code(),
+            Some(aside) => aside.code(),
+        };
+        let beyond = modes.iter().filter(|mode| mode.order > self.modes);
+        let beyond = beyond.map(|mode| format!("mode {} {} Hz", mode.order, frequency(mode.frequency_hz)));
+        let tail: Vec<String> = [state.to_owned()]
+            .into_iter()
+            .chain(marks)
+            .chain(beyond)
+            .filter(|words| !words.is_empty())
+            .collect();
+        let behind = format!("{line}  {}", tail.join("  "));
+        if behind.trim_end().chars().count() <= WIDTH {
+            return behind.trim_end().to_owned();
+        }
+        format!("{line}\n{}", hanging(&tail.join(", "), 4, 4).join("\n"))
     }
 
     fn identified(&self, identification: &Identification, verdict: &Verdict) -> String {
         let measurement = identification.measurement.as_ref();
-        let mut line = self.opening(&identification.rod, measurement.map(|m| m.start));
+        let opening = self.opening(&identification.rod, measurement.map(|m| m.start));
         let force = identification.posterior.marginal(Quantity::AxialForce);
         let force = force.map(|force| (force.mean, force.sd));
-        line += &self.measured(&identification.modes, force, verdict);
+        let mut marks = Vec::new();
         // Ambient vibration is the rule.
         let motion = measurement
             .map(|m| &m.motion)
             .filter(|m| m.kind != MotionKind::Ambient);
-        if let Some(motion) = motion {
-            let _ = write!(line, "  {}", motion_mark(motion));
-        }
+        marks.extend(motion.map(|motion| motion_mark(motion).to_owned()));
         let uncertain = identification.labels.as_ref().map(|labels| labels.probability);
-        if let Some(p) = uncertain.filter(|probability| *probability < CERTAIN) {
-            let _ = write!(line, "  ? orders {}", probability(p));
-        }
-        line += &doubt(&identification.conflict);
-        for flag in measurement.map_or(&[][..], |m| &m.flags) {
-            let _ = write!(line, "  [{flag}]");
-        }
-        line
+        let uncertain = uncertain.filter(|probability| *probability < CERTAIN);
+        marks.extend(uncertain.map(|p| format!("? orders {}", probability(p))));
+        marks.extend(doubt(&identification.conflict));
+        marks.extend(
+            measurement
+                .iter()
+                .flat_map(|m| &m.flags)
+                .map(|flag| format!("[{flag}]")),
+        );
+        self.measured(opening, &identification.modes, force, verdict, marks)
     }
 }
 
-/// A mark on frequencies that disagree with the model or the prior.
-fn doubt(conflict: &Conflict) -> String {
-    if conflict.score >= CONFLICT_SHOWN {
-        format!("  ! conflict {:.1}", conflict.score)
-    } else if conflict.prior_tail <= PRIOR_TAIL_SHOWN {
-        "  ? hardly in the prior".to_owned()
+/// A frequency \[Hz\] with five digits, at most as wide as its column from 0.001 Hz to 99 999 Hz.
+fn frequency(hz: f64) -> String {
+    let before = if hz < 10.0 {
+        1
     } else {
-        String::new()
+        hz.log10().floor() as usize + 1
+    };
+    let after = 5_usize.saturating_sub(before);
+    format!("{hz:.after$}")
+}
+
+/// A mark on frequencies that disagree with the model or the prior.
+fn doubt(conflict: &Conflict) -> Option<String> {
+    if conflict.score >= CONFLICT_SHOWN {
+        Some(format!("! conflict {:.1}", conflict.score))
+    } else if conflict.prior_tail <= PRIOR_TAIL_SHOWN {
+        Some("? hardly in the prior".to_owned())
+    } else {
+        None
     }
 }
 
 /// Change since the baseline at the reference temperature, or, marked by a tilde, at the measured one.
 fn change(verdict: &Verdict) -> String {
+    let narrow = |ratio: f64, sd: f64| format!("{}±{:.2}", signed_percent(ratio), sd * 100.0);
     match (&verdict.at_reference, &verdict.relative) {
-        (Some(at_reference), _) => percent(at_reference.ratio.mean, at_reference.ratio.sd),
-        (None, Some(relative)) => format!("~{}", percent(relative.ratio.mean, relative.ratio.sd)),
+        (Some(at_reference), _) => narrow(at_reference.ratio.mean, at_reference.ratio.sd),
+        (None, Some(relative)) => format!("~{}", narrow(relative.ratio.mean, relative.ratio.sd)),
         (None, None) => "-".to_owned(),
     }
 }

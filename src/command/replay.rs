@@ -1,8 +1,10 @@
 //! `tirante replay`: runs recordings through the whole pipeline.
 
 use super::BadArguments;
+use super::again;
 use super::campaign::{self, Reading};
 use super::foreign::Foreign;
+use super::import::MessageEncoding;
 use super::progress::Progress;
 use super::render::Table;
 use super::report;
@@ -16,8 +18,10 @@ use crate::analysis::signal::record::RodId;
 use crate::analysis::track::Verdict;
 use crate::config::Config;
 use crate::recording::atomic::AtomicFile;
+use crate::recording::write::Encoding;
 use crate::service::viewer::{Message, ResultsWriter};
 use crate::site::analyse::Analysed;
+use crate::site::pictures::Pictures;
 use crate::site::record_row::RecordRow;
 use crate::site::store::Position;
 use crate::site::trackers::Taken;
@@ -36,27 +40,43 @@ use std::process::ExitCode;
   tirante replay recordings/campaign-2025.mcap --config config/campaign.toml \\
       --store site.db --report .
   tirante replay recordings/todi-pull.mcap --results todi-results.mcap
+  tirante replay recordings/todi-pull.mcap --results todi-ros2.mcap \\
+      --results-encoding cdr
   tirante replay /data/2026 --config site.toml --format json > forces.jsonl
+  tirante replay --from-store site.db --config new-prior.toml --store new.db
   tirante replay monday.csv tuesday.tdms --config site.toml --store site.db
 
 The force (mean ± standard deviation) is what one record says by itself. The
 change is that of the force since the rod's baseline, at the reference
 temperature; '~' marks one that is not compensated for temperature; '-' stands
-while the baseline is learned. `! conflict` says by how many standard deviations
-the frequencies lie outside everything the model can produce: the force may be
-wrong by more than it says. `? hardly in the prior`: check length, section,
-material and expected force. Behind the state, `decay`, `decays` and `blow` say
-what motion was recognised (nothing: ambient vibration), `? orders 0.93` that
-the orders of the modes are not certain: `tirante identify` shows what else the
-peaks may be. --format json has everything else.
+while the baseline is learned. The state is empty for a rod that is monitored
+and shows no alarm. `! conflict` says by how many standard deviations the
+frequencies lie outside everything the model can produce: the force may be wrong
+by more than it says. `? hardly in the prior`: check length, section, material
+and expected force. Behind the state, `decay`, `decays` and `blow` say what
+motion was recognised (nothing: ambient vibration), `? orders 0.93` that the
+orders of the modes are not certain: `tirante identify` shows what else the
+peaks may be. --format json has everything else, the errors of the frequencies
+among them.
 
 Alarms are results, not failures: a replay that raises some still ends with 0
 (or 3 with rejected records or lost data). Ask `tirante status --format json`
 whether an alarm stands.")]
 pub struct Args {
     /// MCAP recordings, folders of them, or files of other programs (CSV, UFF, WAV, MATLAB, LabVIEW, NumPy).
-    #[arg(value_name = "PATH", required = true)]
+    #[arg(
+        value_name = "PATH",
+        required_unless_present = "from_store",
+        conflicts_with = "from_store"
+    )]
     pub paths: Vec<PathBuf>,
+
+    /// Analyse the records of this store again instead, without their recordings, from the resonances it
+    /// keeps: equal to a replay of the recordings, in a fraction of the time. Priors, tests, inference,
+    /// tracking and alarms may differ; what needs samples is refused by name. People's requests are not
+    /// taken over.
+    #[arg(long, value_name = "FILE", conflicts_with = "follow")]
+    pub from_store: Option<PathBuf>,
 
     /// Text or JSON.
     #[command(flatten)]
@@ -76,6 +96,10 @@ pub struct Args {
     /// not in it.
     #[arg(long, value_name = "FILE")]
     pub results: Option<PathBuf>,
+
+    /// Encoding of the messages in --results.
+    #[arg(long, value_name = "ENCODING", value_enum, default_value_t = MessageEncoding::Json, requires = "results")]
+    pub results_encoding: MessageEncoding,
 
     /// Options for reading recordings.
     #[command(flatten)]
@@ -104,6 +128,10 @@ pub struct Args {
 /// Bad arguments or configuration, no recording at all, a store or an output that cannot be written.
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let config = args.setup.load()?;
+    let from = args.from_store.as_deref();
+    let from = from
+        .map(|from| again::open(from, args.store.as_deref(), &config))
+        .transpose()?;
     let Prepared { generation, mut site } = setup::site(config, args.store.as_deref(), &args.given_up)?;
     let (config, plans) = (&generation.config, &generation.plans);
     let modes = config
@@ -122,46 +150,61 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         is_coloured,
     );
     let known = site.store().all_known().clone();
+    if let Some(from) = &from {
+        site = site.without_samples(Pictures::of(from)?);
+    }
 
-    let mut results = args.results.as_deref().map(Results::create).transpose()?;
+    let encoding = args.results_encoding.encoding();
+    let results = args
+        .results
+        .as_deref()
+        .map(|path| Results::create(path, encoding));
+    let mut results = results.transpose()?;
     let mut output = io::stdout().lock();
     let mut header_due = !args.output.is_json();
-    let on_event = |analysed: &Analysed, place: Position<'_>, before: Option<[u8; 32]>, bar: &Progress| {
-        let taken = site.take_event(analysed, place, before)?;
-        let (Analysed::Record(outcome), Some(Taken { row, verdict })) = (analysed, taken) else {
-            return Ok(false);
-        };
-        if let Some(results) = &mut results {
-            results.add(config, outcome, &row, &verdict);
-        }
-        bar.suspend(|| {
-            if header_due {
-                header_due = false;
-                writeln!(output, "{}\n{}", config.site, table.header())?;
-            }
-            let line = if args.output.is_json() {
-                row.to_json()?
-            } else {
-                table.row(outcome, &verdict)
+    let on_event =
+        |analysed: &Analysed, place: Option<Position<'_>>, before: Option<[u8; 32]>, bar: &Progress| {
+            let taken = site.take_event(analysed, place, before)?;
+            let (Analysed::Record(outcome), Some(Taken { row, verdict })) = (analysed, taken) else {
+                return Ok(false);
             };
-            writeln!(output, "{line}")
-        })?;
-        Ok(true)
+            if let Some(results) = &mut results {
+                results.add(config, outcome, &row, &verdict);
+            }
+            bar.suspend(|| {
+                if header_due {
+                    header_due = false;
+                    writeln!(output, "{}\n{}", config.site, table.header())?;
+                }
+                let line = if args.output.is_json() {
+                    row.to_json()?
+                } else {
+                    table.row(outcome, &verdict)
+                };
+                writeln!(output, "{line}")
+            })?;
+            Ok(true)
+        };
+    let tally = match from {
+        Some(from) => again::run(from, plans, args.reading.workers(), &known, on_event)?,
+        None => campaign::run(
+            &args.paths,
+            config,
+            plans,
+            &args.reading,
+            args.foreign.among(&args.setup, false),
+            &known,
+            on_event,
+        )?,
     };
-    let tally = campaign::run(
-        &args.paths,
-        config,
-        plans,
-        &args.reading,
-        args.foreign.among(&args.setup, false),
-        &known,
-        on_event,
-    )?;
     let has_seen_all = tally.is_some();
     let code = campaign::conclude(tally);
     if has_seen_all {
-        let standing = status::text(site.store(), None, Format::Table)?;
-        tell!("{}", standing.trim_end());
+        // Of a store without any record there is nothing to tell.
+        if site.store().last_record()? > 0 {
+            let standing = status::text(site.store(), None, Format::Table)?;
+            tell!("{}", standing.trim_end());
+        }
         if let Some(width) = args.plot.width().filter(|_| !args.output.is_json()) {
             for rod in site.store().rods()? {
                 write!(output, "\n{}", sketch::force(site.store(), &rod, width)?)?;
@@ -189,7 +232,7 @@ struct Results<'p> {
 }
 
 impl<'p> Results<'p> {
-    fn create(path: &'p Path) -> anyhow::Result<Self> {
+    fn create(path: &'p Path, encoding: Encoding) -> anyhow::Result<Self> {
         if path.exists() {
             let why = format!(
                 "--results {}: exists, and holds what another replay wrote; name another file",
@@ -199,7 +242,7 @@ impl<'p> Results<'p> {
         }
         let file = AtomicFile::create(path).with_context(|| format!("--results {}", path.display()))?;
         Ok(Self {
-            writer: ResultsWriter::new(file)?,
+            writer: ResultsWriter::new(file, encoding)?,
             path,
             records: 0,
             failure: None,

@@ -169,6 +169,7 @@ type Stream = (ChannelId, Unit);
 /// The channels of one rod.
 struct RodStreams {
     displacement: Stream,
+    further: Vec<Stream>,
     /// `None` if there is no climate, or another rod writes the same thermometer.
     temperature: Option<Stream>,
 }
@@ -219,6 +220,11 @@ impl<W: Write + Seek> Recording<W> {
         let mut channels = Vec::new();
         for rod in &simulation.rods {
             let displacement = add(&rod.displacement, layout)?;
+            let further = rod
+                .further
+                .iter()
+                .map(|further| add(&further.channel, layout))
+                .collect::<Result<_, _>>()?;
             let shown = rod.temperature.as_ref().filter(|channel| {
                 simulation.climate.is_some() && !thermometers.contains(&channel.topic.as_str())
             });
@@ -231,6 +237,7 @@ impl<W: Write + Seek> Recording<W> {
             };
             channels.push(RodStreams {
                 displacement,
+                further,
                 temperature,
             });
         }
@@ -248,11 +255,14 @@ impl<W: Write + Seek> Recording<W> {
     fn write(&mut self, rods: &[SimulatedRecord]) -> Result<(), SinkError> {
         let mut sent: Vec<(f64, ChannelId, Unit, &Message)> = Vec::new();
         for (rod, streams) in rods.iter().zip(&self.channels) {
-            let (id, unit) = streams.displacement;
-            // Stamps of displacement may be wrong on purpose: the place in the record is not.
-            let step_s = self.record_s / rod.displacement.len() as f64;
-            for (i, message) in rod.displacement.iter().enumerate() {
-                sent.push((i as f64 * step_s, id, unit, message));
+            let own = std::iter::once((streams.displacement, &rod.displacement));
+            let further = streams.further.iter().copied().zip(&rod.further);
+            for ((id, unit), messages) in own.chain(further) {
+                // Stamps of displacement may be wrong on purpose: the place in the record is not.
+                let step_s = self.record_s / messages.len() as f64;
+                for (i, message) in messages.iter().enumerate() {
+                    sent.push((i as f64 * step_s, id, unit, message));
+                }
             }
             if let Some((id, unit)) = streams.temperature {
                 let since = |message: &Message| message.stamp.seconds_since(rod.start);

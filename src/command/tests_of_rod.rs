@@ -161,6 +161,7 @@ impl Tests {
                 },
                 value: mode.frequency_hz,
                 sd: mode.sd_hz,
+                gain_sd: 0.0,
             };
             datum
                 .check(prior)
@@ -192,7 +193,15 @@ pub fn described(tested: &Tested, mean_n: f64, sd_n: f64) -> Vec<String> {
             "  sampled by a sequence of {} populations, the last weighted by the errors' own density",
             tested.populations
         ),
+        Sampler::Chains => "  sampled by Markov chains annealed from the prior".to_owned(),
     });
+    for shape in &tested.shapes {
+        let what = if shape.is_strain { "strain" } else { "amplitude" };
+        lines.push(format!(
+            "  sensors, mode {}: {what} at {} l over that at {} l {:.4e} +- {:.1e}",
+            shape.order, shape.at, shape.reference_at, shape.ratio, shape.sd
+        ));
+    }
     if let Some(tolerance) = tested.tolerance_hz {
         lines.push(format!(
             "  ! no beam has these frequencies: each is taken with {tolerance:.2} Hz more, the tolerance it has without tests"

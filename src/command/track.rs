@@ -6,8 +6,7 @@ use super::setup::{self, GivenUp, Prepared, Setup};
 use super::status;
 use super::which_store::{Format, Output};
 use super::{BadArguments, WITH_LOSSES};
-use crate::analysis::identify::Plan;
-use crate::analysis::outcome::{Outcome, Rejected, Tabulated, tabulated_identity};
+use crate::analysis::outcome::{Outcome, TableRow};
 use crate::analysis::signal::record::{Reading, RodId};
 use crate::analysis::track::{Alarm, AlarmEvent};
 use crate::config::Config;
@@ -131,7 +130,15 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         let Some(plan) = generation.plans.get(&rod) else {
             continue;
         };
-        let outcome = outcome_of(row, plan, waiting.take(&rod));
+        let row = TableRow {
+            start: row.time,
+            duration_s: row.duration_s,
+            modes: row.modes,
+            temperature_c: row.temperature_c,
+            readings: waiting.take(&rod),
+            rms: row.rms,
+        };
+        let outcome = Outcome::of_row(plan, row);
         waiting.passed(&rod, outcome.identity());
         let Some(Taken { row, verdict }) = fold(&mut site, &outcome)? else {
             tally.known += 1;
@@ -222,35 +229,6 @@ fn read(path: &Path, decimal_comma: bool, config: &Config) -> anyhow::Result<Vec
 
 fn first_hz(row: &FrequencyRow) -> f64 {
     row.modes.first().map_or(0.0, |mode| mode.frequency_hz)
-}
-
-/// Outcome of a row: tracked, or refused because no rod of the prior has its frequencies.
-fn outcome_of(row: FrequencyRow, plan: &Plan, readings: Vec<Reading>) -> Outcome {
-    let rod = plan.settings().rod.clone();
-    match plan.conflict(&row.modes) {
-        Ok(conflict) => Outcome::Tabulated(Box::new(Tabulated {
-            rod,
-            start: row.time,
-            duration_s: row.duration_s,
-            modes: row.modes,
-            temperature_c: row.temperature_c,
-            readings,
-            rms: row.rms,
-            conflict,
-        })),
-        Err(rejection) => Outcome::Rejected(Box::new(Rejected {
-            identity: Some(tabulated_identity(&rod, row.time, &row.modes)),
-            rod,
-            start: Some(row.time),
-            duration_s: Some(row.duration_s),
-            fs_hz: None,
-            readings,
-            rejection,
-            measurement: None,
-            labels: None,
-            waveform: None,
-        })),
-    }
 }
 
 /// Temperatures that wait for the next record of each rod, and each rod's last record.

@@ -121,7 +121,7 @@ pub fn ask(path: &Path, requests: &[(RodId, Asked)], asked: Timestamp) -> anyhow
                 |pid| format!("process {pid}"),
             );
             return Ok(format!(
-                "asked for, {writer} does it: a daemon within seconds, a replay before the rod's next record"
+                "requested; {writer} applies it: a daemon within seconds, a replay before the rod's next record"
             ));
         }
         Err(error) => return Err(error.into()),
@@ -140,6 +140,6 @@ pub fn ask(path: &Path, requests: &[(RodId, Asked)], asked: Timestamp) -> anyhow
     Ok(if still == 0 {
         "done".to_owned()
     } else {
-        "asked for, done before the rod's next record".to_owned()
+        "requested; applied before the rod's next record".to_owned()
     })
 }

@@ -134,6 +134,7 @@ fn load(text: &str, length_m: f64) -> Result<Datum, String> {
         },
         value,
         sd: spread(error, value, length)?,
+        gain_sd: 0.0,
     })
 }
 
@@ -152,6 +153,7 @@ fn ratio(text: &str, length_m: f64) -> Result<Datum, String> {
             Some(_) => spread(error, value, plain)?,
             None => return Err("a ratio wants its error: +-0.1%, say".to_owned()),
         },
+        gain_sd: 0.0,
     })
 }
 
@@ -184,6 +186,7 @@ fn amplitudes(kind: Kind, text: &str, length_m: f64) -> Result<Datum, String> {
         },
         value,
         sd: spread(error, value, |text| Ok(plain(text)? * scale))?,
+        gain_sd: 0.0,
     })
 }
 

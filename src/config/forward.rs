@@ -1,16 +1,18 @@
 //! `[forward]`: the copy of the results to a centre of many sites.
 
-use super::range::{Range, toml_string};
+use super::list::file;
+use super::range::toml_string;
 use super::reader::{Absent, Table, key};
-use super::sink;
-use super::value::{Value, quoted};
+use super::value::Value;
 use crate::analysis::signal::record::time::DAY_S;
-use crate::config::settings::forward::{Content, ForwardSettings, LONGEST_SITE, NatsSettings, is_site};
+use crate::config::settings::forward::{ForwardSettings, LONGEST_SITE, NatsSettings, is_site};
 use crate::config::settings::store::StoreSettings;
 use std::net::IpAddr;
 
 /// Default port of NATS.
 const PORT: u16 = 4222;
+/// Least age of results when they leave the store \[s\].
+const KEEP_S: f64 = 30.0 * DAY_S;
 
 /// Reads the section; `store` is that of the site.
 pub(super) fn read(table: &mut Table<'_>, store: &StoreSettings) -> Option<ForwardSettings> {
@@ -22,38 +24,15 @@ pub(super) fn read(table: &mut Table<'_>, store: &StoreSettings) -> Option<Forwa
         site,
         |site| toml_string(site),
     );
-    let words: Vec<&str> = Content::ALL.iter().map(|(word, _)| *word).collect();
-    let what = table.take(
-        key("what", "what is sent: \"results\", \"alarms\", \"states\""),
-        format!("a list of {}", quoted(&words)),
-        Absent::Default(Content::ALL.map(|(_, content)| content).to_vec()),
-        contents,
-        |what| {
-            let word = |content: &Content| Content::ALL.iter().find(|(_, known)| known == content);
-            let words = what.iter().filter_map(word).map(|(word, _)| toml_string(word));
-            format!("[{}]", words.collect::<Vec<_>>().join(", "))
-        },
-    );
-    let keep_s = DAY_S
-        * table.number(
-            key(
-                "keep_d",
-                "results stay in the store this long, since the post may lose what it has; [store] keep_lines_d must be as long [d]",
-            ),
-            Range::within(7.0, 100_000.0),
-            ForwardSettings::KEEP_S / DAY_S,
-        );
-    if store.keep_lines_s.is_some_and(|lines_s| lines_s < keep_s) {
+    if store.keep_lines_s.is_some_and(|lines_s| lines_s < KEEP_S) {
         table.fault_of(
-            "keep_d",
-            "[store] keep_lines_d is shorter: the centre could miss what it needs again",
+            "to",
+            "[store] keep_lines_d is below 30: what the post loses is sent again from the store",
         );
     }
     Some(ForwardSettings {
         nats: nats?,
         site: site?,
-        what: what?,
-        keep_s,
     })
 }
 
@@ -72,7 +51,7 @@ pub(super) fn nats(table: &mut Table<'_>, address: &'static str) -> Option<NatsS
             toml_string(&format!("{scheme}://{host}:{port}"))
         },
     );
-    let credentials = sink::file(
+    let credentials = file(
         table,
         key(
             "credentials",
@@ -81,7 +60,7 @@ pub(super) fn nats(table: &mut Table<'_>, address: &'static str) -> Option<NatsS
         "no login",
     );
     let is_tls = place.as_ref().is_none_or(|(_, _, is_tls)| *is_tls);
-    let ca = sink::file(
+    let ca = file(
         table,
         key(
             "ca",
@@ -149,20 +128,4 @@ fn place(value: &Value<'_>) -> Option<(String, u16, bool)> {
         return refuse("is another machine: only nats+tls:// goes there");
     }
     Some((host.to_owned(), port, is_tls))
-}
-
-fn contents(value: &Value<'_>) -> Option<Vec<Content>> {
-    let elements = value.array()?;
-    let found: Option<Vec<Content>> = elements
-        .iter()
-        .map(|element| element.choice(&Content::ALL))
-        .collect();
-    let mut found = found?;
-    found.sort_unstable();
-    found.dedup();
-    if found.is_empty() {
-        value.fault("is empty: leave [forward] out if nothing is to be sent");
-        return None;
-    }
-    Some(found)
 }

@@ -1,9 +1,9 @@
 //! `[http]`: the daemon's HTTP server.
 
+use super::list::{file, list, strings};
 use super::range::toml_string;
 use super::reader::{Absent, Table, key};
 use super::settings::http::{self, HttpSettings};
-use super::sink::{file, list, strings};
 use super::value::Value;
 use std::net::SocketAddr;
 

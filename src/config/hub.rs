@@ -1,12 +1,12 @@
-//! Configuration of `tirante hub`: post, storage, page, sinks, and the list of sites.
+//! Configuration of `tirante hub`: post, storage, page, and the list of sites.
 
+use super::list::file;
 use super::range::{Range, toml_string};
 use super::reader::{Absent, Table, key};
-use super::settings::alert::SinkSettings;
 use super::settings::forward::NatsSettings;
 use super::settings::http::HttpSettings;
 use super::settings::hub::{PostgresSettings, SiteSettings, Storage};
-use super::{ConfigError, forward, http, parse_tables, read_text, sink};
+use super::{ConfigError, forward, http, parse_tables, read_text};
 use std::path::{Path, PathBuf};
 
 const HOUR_S: f64 = 3600.0;
@@ -24,8 +24,6 @@ pub struct HubConfig {
     pub storage: Storage,
     /// Page, health and metrics.
     pub http: HttpSettings,
-    /// Destinations of all sites' alarms.
-    pub sinks: Vec<SinkSettings>,
     /// Sites whose messages are taken.
     pub sites: Vec<SiteSettings>,
 }
@@ -100,7 +98,6 @@ impl HubConfig {
             }
         };
         let http = root.section("http", "Page, health and metrics.", http::read);
-        let sinks = sink::read_all(root, &[]);
         let mut names: Vec<String> = Vec::new();
         let sites = root.list("site", "A site whose messages are taken.", |table| {
             let site = site(table)?;
@@ -122,7 +119,6 @@ impl HubConfig {
             is_creating,
             storage: storage?,
             http,
-            sinks: sinks?,
             sites: sites.into_iter().collect::<Option<Vec<_>>>()?,
         })
     }
@@ -157,12 +153,12 @@ fn postgres(table: &mut Table<'_>) -> Option<PostgresSettings> {
         },
         |text| toml_string(text),
     );
-    let password_file = sink::file(
+    let password_file = file(
         table,
         key("password_file", "file with the password of the user"),
         "no password is sent",
     );
-    let ca = sink::file(
+    let ca = file(
         table,
         key(
             "ca",

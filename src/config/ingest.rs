@@ -3,11 +3,15 @@
 use super::range::{Range, toml_string};
 use super::reader::{Absent, Key, Table, key};
 use super::value::Value;
-use crate::config::settings::ingest::{IngestSettings, Listen, TlsSettings};
+use crate::config::settings::ingest::{BoundCertificate, IngestSettings, Listen, TlsSettings};
+use std::collections::BTreeSet;
 use std::path::PathBuf;
 
 /// Most listening sockets.
 const MOST_SOCKETS: usize = 16;
+
+/// Most sender names or topics of one certificate.
+const MOST_BOUND: usize = 100;
 
 const HOUR_S: f64 = 3600.0;
 
@@ -112,11 +116,81 @@ fn tls(table: &mut Table<'_>) -> Option<TlsSettings> {
         ),
         Absent::Required,
     );
+    let mut names = BTreeSet::new();
+    let bound = table.list(
+        "bound",
+        "Clients' certificates with what their holders may send; with one entry, certificates without an entry are refused.",
+        |table| bound(table, &mut names),
+    );
     Some(TlsSettings {
         certificate: certificate?,
         key: private?,
         client_ca: client_ca?,
+        bound: bound.into_iter().collect::<Option<_>>()?,
     })
+}
+
+fn bound(table: &mut Table<'_>, names: &mut BTreeSet<String>) -> Option<BoundCertificate> {
+    let certificate = table.take(
+        key(
+            "certificate",
+            "the certificate's common name, or one of its DNS names",
+        ),
+        "1 to 255 bytes of text",
+        Absent::Required,
+        |value| value.name_string().map(str::to_owned),
+        |name| toml_string(name),
+    );
+    let senders = texts(
+        table,
+        key("senders", "names under which its holder may send"),
+        Absent::Nothing("the certificate's name"),
+    );
+    let topics = texts(
+        table,
+        key(
+            "topics",
+            "topics on which its holder may send; a `*` at the end stands for anything",
+        ),
+        Absent::Default(vec!["*".to_owned()]),
+    );
+    let certificate = certificate?;
+    if !names.insert(certificate.clone()) {
+        table.fault_of("certificate", format!("{certificate} stands twice"));
+        return None;
+    }
+    Some(BoundCertificate {
+        senders: senders.unwrap_or_else(|| vec![certificate.clone()]),
+        topics: topics?,
+        certificate,
+    })
+}
+
+/// Takes a list of texts.
+fn texts(table: &mut Table<'_>, key: Key, absent: Absent<Vec<String>>) -> Option<Vec<String>> {
+    table.take(
+        key,
+        format!("up to {MOST_BOUND} texts of 1 to 255 bytes"),
+        absent,
+        |value| {
+            let elements = value.array()?;
+            if elements.len() > MOST_BOUND {
+                value.fault(format!(
+                    "has {} entries, at most {MOST_BOUND} are allowed",
+                    elements.len()
+                ));
+                return None;
+            }
+            let texts = elements
+                .iter()
+                .map(|element| element.name_string().map(str::to_owned));
+            texts.collect()
+        },
+        |texts| {
+            let texts: Vec<String> = texts.iter().map(|text| toml_string(text)).collect();
+            format!("[{}]", texts.join(", "))
+        },
+    )
 }
 
 fn path(table: &mut Table<'_>, key: Key, absent: Absent<String>) -> Option<PathBuf> {

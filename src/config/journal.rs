@@ -53,11 +53,24 @@ pub(super) fn read(table: &mut Table<'_>) -> JournalSettings {
         Range::within(0.0, 1e6),
         default.keep_bytes.unwrap_or(0) as f64 / GB,
     );
+    let backup_stamp = table
+        .take(
+            key(
+                "backup_stamp",
+                "a file that every backup of the journal renews when it begins: no part written later is removed",
+            ),
+            "1 to 255 bytes of text",
+            Absent::Nothing("no backup is waited for"),
+            |value| value.name_string().map(str::to_owned),
+            |path| toml_string(path),
+        )
+        .map(PathBuf::from);
     JournalSettings {
         folder,
         part_bytes: (part_mb * MB) as u64,
         part_s: part_h * 3600.0,
         keep_s: Some(keep_d * DAY_S).filter(|keep_s| *keep_s > 0.0),
         keep_bytes: Some((keep_gb * GB) as u64).filter(|bytes| *bytes > 0),
+        backup_stamp,
     }
 }

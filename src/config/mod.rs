@@ -10,20 +10,25 @@ pub mod datum;
 mod effective;
 mod emulator;
 mod fault;
+#[cfg(feature = "daemon")]
 mod forward;
 mod http;
+#[cfg(feature = "daemon")]
 mod hub;
 mod ingest;
 mod journal;
+mod list;
 mod modes;
 mod prior;
 mod range;
 mod reader;
 mod record;
 mod rod;
+mod sensor;
 mod setting;
 pub mod settings;
 mod simulation;
+#[cfg(feature = "daemon")]
 mod sink;
 mod site;
 mod spectrum;
@@ -36,8 +41,10 @@ mod value;
 
 pub use effective::KeyReference;
 pub use fault::{ConfigError, Fault};
+#[cfg(feature = "daemon")]
 pub use hub::HubConfig;
 pub use rod::rod_id;
+pub use sensor::Sensor;
 pub use setting::Setting;
 pub use simulation::SimulationConfig;
 pub use suggestion::nearest;
@@ -45,7 +52,9 @@ pub use suggestion::nearest;
 use crate::analysis::identify::AnalysisSettings;
 use crate::analysis::signal::record::{RecordSettings, RodChannels, RodId};
 use crate::analysis::track::{AlarmSettings, TrackSettings};
+#[cfg(feature = "daemon")]
 use crate::config::settings::alert::{AlertSettings, SinkSettings};
+#[cfg(feature = "daemon")]
 use crate::config::settings::forward::ForwardSettings;
 use crate::config::settings::http::HttpSettings;
 use crate::config::settings::ingest::IngestSettings;
@@ -101,10 +110,13 @@ pub struct Config {
     /// Settings of the daemon's HTTP server.
     pub http: HttpSettings,
     /// Destinations of alarms.
+    #[cfg(feature = "daemon")]
     pub sinks: Vec<SinkSettings>,
     /// Settings of messages about the daemon itself.
+    #[cfg(feature = "daemon")]
     pub alert: AlertSettings,
     /// Copy of the results to a centre; `None` without a `[forward]`.
+    #[cfg(feature = "daemon")]
     pub forward: Option<ForwardSettings>,
     /// Simulation that `simulate` writes; `None` without a `[simulation]`.
     pub simulation: Option<SimulationConfig>,
@@ -118,6 +130,8 @@ pub struct RodConfig {
     pub analysis: AnalysisSettings,
     /// Location of its samples in a recording.
     pub channels: RodChannels,
+    /// All of its sensors, that of the channels first, where it has several; empty otherwise.
+    pub sensors: Vec<Sensor>,
 }
 
 impl Config {
@@ -203,21 +217,28 @@ impl Config {
         };
         let rods = rod::read_all(root, &shared);
         emulator::check_chaos(root, model, &rods);
+        #[cfg(feature = "daemon")]
         let sinks = sink::read_all(root, &rods);
+        #[cfg(feature = "daemon")]
         let alert = root.section(
             "alert",
             "How the sinks are told of the daemon itself (`run`).",
             |table| sink::heartbeat::read(table, sinks.as_deref()),
         );
+        #[cfg(feature = "daemon")]
         let forward = root.optional_section(
             "forward",
             "Copy of the results to a centre of many sites (`run`).",
             |table| forward::read(table, &store),
         );
+        #[cfg(feature = "daemon")]
         let forward = match forward {
             Some(forward) => Some(forward?),
             None => None,
         };
+        // Addresses and mailboxes are checked by the crates that use them.
+        #[cfg(not(feature = "daemon"))]
+        root.ignore(&["sink", "alert", "forward"]);
         let simulation = root.optional_section("simulation", "What `tirante simulate` writes.", |table| {
             simulation::read(table, &rods)
         });
@@ -236,8 +257,11 @@ impl Config {
             ingest,
             journal,
             http,
+            #[cfg(feature = "daemon")]
             sinks: sinks?,
+            #[cfg(feature = "daemon")]
             alert,
+            #[cfg(feature = "daemon")]
             forward,
             simulation,
             effective: effective::Node::root(),

@@ -4,7 +4,7 @@ use super::RodConfig;
 use super::range::{Range, toml_float, toml_string};
 use super::reader::{Absent, Table, key};
 use super::value::{Value, toml_floats};
-use super::{channel, modes, prior, test};
+use super::{channel, modes, prior, sensor, test};
 use crate::analysis::identify::AnalysisSettings;
 use crate::analysis::inference::AbcSettings;
 use crate::analysis::rod::beam::forward::MAX_MODES;
@@ -44,19 +44,27 @@ pub(super) fn read_all(root: &mut Table<'_>, shared: &Shared) -> Vec<Option<RodC
                 }
                 None => ids.push((id.clone(), line)),
             }
-            let displacement = &rod.channels.displacement;
-            let place = (displacement.topic.clone(), displacement.field.clone());
-            match channels
+            let own = std::iter::once(("channel", &rod.channels.displacement));
+            let further = rod
+                .sensors
                 .iter()
-                .find(|(topic, field, _)| (topic, field) == (&place.0, &place.1))
-            {
-                Some((topic, field, first)) => table.fault_of(
-                    "channel",
-                    format!(
-                        "topic \"{topic}\", field \"{field}\" is the channel of the rod in line {first} too"
+                .skip(1)
+                .map(|sensor| ("sensor", &sensor.channel));
+            for (at, channel) in own.chain(further) {
+                let place = (channel.topic.clone(), channel.field.clone());
+                match channels
+                    .iter()
+                    .find(|(topic, field, _)| (topic, field) == (&place.0, &place.1))
+                {
+                    Some((topic, field, first)) => table.fault_of(
+                        at,
+                        format!(
+                            "topic \"{topic}\", field \"{field}\" is a channel of the rod in line {first} {}",
+                            if *first == line { "already" } else { "too" }
+                        ),
                     ),
-                ),
-                None => channels.push((place.0, place.1, line)),
+                    None => channels.push((place.0, place.1, line)),
+                }
             }
         }
         rod
@@ -125,8 +133,19 @@ fn read(table: &mut Table<'_>, shared: &Shared) -> Option<RodConfig> {
     let displacement = table.section(
         "channel",
         "Its displacement, velocity or acceleration.",
-        |table| channel::read(table, "value", &Unit::MOTION, Unit::Metre),
+        |table| {
+            let channel = channel::read(table, "value", &Unit::MOTION, Unit::Metre);
+            (channel, sensor::of_channel(table))
+        },
     );
+    let (displacement, (at, gain_sd)) = displacement;
+    let further = sensor::read_all(table);
+    if !further.is_empty() && at.is_none() {
+        table.fault_of(
+            "channel",
+            "at is wanted beside [[rod.sensor]]: the place of this sensor",
+        );
+    }
     let temperature = table.optional_section("temperature", "Its temperature.", |table| {
         channel::read(table, "value", &Unit::TEMPERATURE, Unit::Celsius)
     });
@@ -146,7 +165,22 @@ fn read(table: &mut Table<'_>, shared: &Shared) -> Option<RodConfig> {
         Some(channel) => Some(channel?),
         None => None,
     };
+    let displacement = displacement?;
+    let sensors = match (at, further.is_empty()) {
+        (Some(at), false) => {
+            let first = sensor::Sensor {
+                channel: displacement.clone(),
+                at,
+                gain_sd,
+            };
+            std::iter::once(Some(first))
+                .chain(further)
+                .collect::<Option<_>>()?
+        }
+        _ => Vec::new(),
+    };
     Some(RodConfig {
+        sensors,
         analysis: AnalysisSettings {
             rod: id.clone(),
             prior,
@@ -161,7 +195,7 @@ fn read(table: &mut Table<'_>, shared: &Shared) -> Option<RodConfig> {
         },
         channels: RodChannels {
             rod: id,
-            displacement: displacement?,
+            displacement,
             temperature,
         },
     })

@@ -4,8 +4,9 @@ pub(super) mod heartbeat;
 mod text;
 
 use super::RodConfig;
+use super::list::{file, list, strings};
 use super::range::{Range, toml_string};
-use super::reader::{Absent, Key, Table, key};
+use super::reader::{Absent, Table, key};
 use super::value::{Value, quoted};
 use crate::analysis::signal::record::RodId;
 use crate::analysis::track::Kind as AlarmKind;
@@ -13,7 +14,6 @@ use crate::config::settings::alert::{
     AlertmanagerSettings, EmailSettings, HttpTarget, LOG, Login, MailSecurity, MqttSettings, SinkKind,
     SinkSettings, WebhookSettings,
 };
-use crate::config::settings::credential::CredentialPath;
 use lettre::message::Mailbox;
 use text::{Address, address, header, mailbox, topic};
 
@@ -32,9 +32,6 @@ const KINDS: [(&str, Kind); 4] = [
     ("mqtt", Kind::Mqtt),
     ("email", Kind::Email),
 ];
-
-/// Most entries of a list.
-const MOST: usize = 100;
 
 /// Reads all sinks; `rods` are those of the site, for the filters.
 pub(super) fn read_all(root: &mut Table<'_>, rods: &[Option<RodConfig>]) -> Option<Vec<SinkSettings>> {
@@ -100,6 +97,7 @@ fn read(table: &mut Table<'_>, rods: &[Option<RodConfig>]) -> Option<SinkSetting
             "status_topic",
             "from",
             "to",
+            "group_s",
             "user",
             "password_file",
             "ca_file",
@@ -152,6 +150,17 @@ fn read(table: &mut Table<'_>, rods: &[Option<RodConfig>]) -> Option<SinkSetting
         RESEND_S.of("resend_s"),
         Absent::Default(60.0),
         |value| value.number(RESEND_S),
+        |number| super::range::toml_float(*number),
+    );
+    let group_s = table.take(
+        key(
+            "group_s",
+            "alarms of so long a time go into one mail; 0: each has its own [s]",
+        )
+        .only(kind == Kind::Email, "kind = \"email\""),
+        GROUP_S.of("group_s"),
+        Absent::Default(60.0),
+        |value| value.number(GROUP_S),
         |number| super::range::toml_float(*number),
     );
     let topic = table.take(
@@ -262,6 +271,7 @@ fn read(table: &mut Table<'_>, rods: &[Option<RodConfig>]) -> Option<SinkSetting
             },
             from: from?,
             to: to?,
+            group_s: group_s?,
             login,
             ca_file,
         }),
@@ -274,6 +284,7 @@ fn read(table: &mut Table<'_>, rods: &[Option<RodConfig>]) -> Option<SinkSetting
     })
 }
 
+const GROUP_S: Range = Range::within(0.0, 3600.0);
 const RESEND_S: Range = Range::within(1.0, 240.0);
 
 /// Checks that no secret leaves this machine unencrypted, and that no certificate is named without effect.
@@ -328,17 +339,6 @@ fn login(table: &mut Table<'_>, is_wanted: bool) -> Option<Option<Login>> {
     }
 }
 
-/// Reads the path of a file with a secret.
-pub(super) fn file(table: &mut Table<'_>, key: Key, without: &'static str) -> Option<CredentialPath> {
-    table.take(
-        key,
-        "1 to 255 bytes of text",
-        Absent::Nothing(without),
-        |value| value.name_string().map(CredentialPath::new),
-        |path| toml_string(path.as_str()),
-    )
-}
-
 /// Reads a filter list; empty without one, which lets everything pass.
 fn filter<T: std::fmt::Display>(
     table: &mut Table<'_>,
@@ -353,26 +353,6 @@ fn filter<T: std::fmt::Display>(
         |value| list(value, read),
         |wanted| strings(wanted.iter().map(T::to_string)),
     )
-}
-
-/// Reads the elements of a list, each by `read`.
-pub(super) fn list<T>(value: &Value<'_>, read: impl Fn(&Value<'_>) -> Option<T>) -> Option<Vec<T>> {
-    let elements = value.array()?;
-    if elements.len() > MOST {
-        value.fault(format!(
-            "has {} entries, at most {MOST} are allowed",
-            elements.len()
-        ));
-        return None;
-    }
-    let read: Vec<Option<T>> = elements.iter().map(read).collect();
-    read.into_iter().collect()
-}
-
-/// A list of texts as TOML.
-pub(super) fn strings(list: impl Iterator<Item = String>) -> String {
-    let quoted: Vec<String> = list.map(|text| toml_string(&text)).collect();
-    format!("[{}]", quoted.join(", "))
 }
 
 fn alarm_kind(value: &Value<'_>) -> Option<AlarmKind> {

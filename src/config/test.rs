@@ -204,6 +204,7 @@ fn loaded(table: &mut Table<'_>, length_m: f64, prior: Option<&RodPrior>) -> Opt
                     query,
                     value: value_hz,
                     sd,
+                    gain_sd: 0.0,
                 },
                 prior,
             )?;
@@ -233,6 +234,7 @@ fn loaded(table: &mut Table<'_>, length_m: f64, prior: Option<&RodPrior>) -> Opt
         },
         value,
         sd,
+        gain_sd: 0.0,
     };
     Some(frequencies.into_iter().map(datum).collect())
 }

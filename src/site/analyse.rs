@@ -3,25 +3,13 @@
 use crate::analysis::identify::{Plan, Refusal};
 use crate::analysis::outcome::{Outcome, Rejected};
 use crate::analysis::signal::record::{Envelope, Reading, Record, Rejection, RodId};
-use crate::recording::read::{Event, Place};
+use crate::recording::read::Event;
 use crate::site::ordered_map::message_of;
-use crate::site::store::Position;
 use std::collections::{BTreeMap, HashMap, HashSet};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
 /// Identities of the records that need not be analysed again, by rod.
 pub type Known = HashMap<RodId, HashSet<[u8; 32]>>;
-
-impl Place {
-    /// The place in the form of the store.
-    pub fn position(&self) -> Position<'_> {
-        Position {
-            name: &self.file,
-            bytes: self.bytes,
-            records: self.records,
-        }
-    }
-}
 
 /// Result of an event.
 pub enum Analysed {

@@ -1,20 +1,12 @@
 //! Effect of a configuration on the baselines of a store: half a year of learning is not dropped without a
 //! request.
 
-use crate::analysis::identify;
 use crate::analysis::signal::record::{RodId, Timestamp};
 use crate::analysis::track::{Segment, State};
 use crate::config::Config;
-use crate::site::hex::hex;
+use crate::site::prepared::key;
 use crate::site::store::{Reader, StoreError};
 use std::fmt::Write;
-
-/// Hash of everything that determines the meaning of a rod's numbers: its settings, and the version of the
-/// analysis.
-pub fn key(config: &Config, rod: &RodId) -> String {
-    let meaning = config.meaning_of(rod);
-    format!("{}-{}", identify::VERSION, hex(&meaning[..8]))
-}
 
 /// True if a rod's segment was measured with settings that have the key `wanted` by the rules of this program: an earlier one of the
 /// same analysis hashed other settings, too.

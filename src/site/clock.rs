@@ -8,6 +8,11 @@ pub fn now() -> Timestamp {
     Timestamp::from_nanos(i64::try_from(now_ns()).unwrap_or(i64::MAX))
 }
 
+/// Seconds since 1970; 0 for a clock set before that.
+pub fn now_s() -> i64 {
+    i64::try_from(now_ns() / 1_000_000_000).unwrap_or(i64::MAX)
+}
+
 /// Nanoseconds since 1970; 0 for a clock set before that.
 pub fn now_ns() -> u64 {
     let since = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH);

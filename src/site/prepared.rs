@@ -1,14 +1,12 @@
 //! One configuration in force, and everything prepared from it: the same for a replay and for the daemon.
 
-use crate::analysis::identify::Plan;
+use crate::analysis::identify::{self, Plan};
 use crate::analysis::inference::Tables;
 use crate::analysis::signal::record::{RodChannels, RodId};
 use crate::analysis::track::TrackPlan;
 use crate::config::Config;
-use crate::site::baselines;
 use crate::site::emulator_cache::{self, Cache};
 use crate::site::hex::hex;
-use crate::site::trackers::Provenance;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -25,6 +23,17 @@ pub struct Generation {
     pub track_plans: Vec<Arc<TrackPlan>>,
     hash: String,
     effective: String,
+}
+
+/// The configuration of a site, in the form of the store.
+#[derive(Debug, Clone, Copy)]
+pub struct Provenance<'a> {
+    /// Name of the site.
+    pub site: &'a str,
+    /// Hash by which records refer to it.
+    pub hash: &'a str,
+    /// Text with every default filled in.
+    pub effective: &'a str,
 }
 
 impl Generation {
@@ -60,6 +69,13 @@ impl Generation {
     pub fn channels(&self) -> Vec<RodChannels> {
         self.config.rods.iter().map(|rod| rod.channels.clone()).collect()
     }
+}
+
+/// Hash of everything that determines the meaning of a rod's numbers: its settings, and the version of the
+/// analysis.
+pub fn key(config: &Config, rod: &RodId) -> String {
+    let meaning = config.meaning_of(rod);
+    format!("{}-{}", identify::VERSION, hex(&meaning[..8]))
 }
 
 /// Sixteen hexadecimal digits that identify everything a result depends on besides its record.
@@ -100,7 +116,7 @@ fn track_plans(config: &Config, plans: &Plans) -> Vec<Arc<TrackPlan>> {
                 plan.model(),
                 config.track.clone(),
                 alarm.clone(),
-                baselines::key(config, rod),
+                key(config, rod),
             ))
         })
         .collect()

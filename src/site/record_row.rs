@@ -264,6 +264,13 @@ impl RecordRow {
         row
     }
 
+    /// The row with what tracking made of the record.
+    #[must_use]
+    pub fn with_verdict(mut self, verdict: &Verdict) -> Self {
+        self.tracked(verdict);
+        self
+    }
+
     /// Parses one JSON line.
     ///
     /// # Errors

@@ -4,9 +4,12 @@ use crate::analysis::outcome::Outcome;
 use crate::analysis::record_view::Snapshot;
 use crate::analysis::signal::record::{Reading, RodId, Timestamp};
 use crate::analysis::track::alarm::Board;
-use crate::analysis::track::{AlarmEvent, Kind, Others, Peer, RodState, State, TrackPlan, Tracker, Verdict};
+use crate::analysis::track::{AlarmEvent, Kind, RodState, State, TrackPlan, Tracker, Verdict};
 use crate::site::analyse::Analysed;
 use crate::site::baselines;
+use crate::site::found::Found;
+use crate::site::pictures::Pictures;
+use crate::site::prepared::Provenance;
 use crate::site::record_row::RecordRow;
 use crate::site::store::{
     Asked, Carry, Commit, ConditionEvent, FileMark, NewRecord, Position, RodRow, SnapshotRow, Standing,
@@ -24,6 +27,8 @@ pub struct Site {
     renewed: Vec<(RodId, u32)>,
     /// Time since which each rod has been expected, by a daemon.
     expected: BTreeMap<RodId, Timestamp>,
+    /// Pictures of records that come without samples; `None` where samples come.
+    pictures: Option<Pictures>,
 }
 
 /// Result of one new record: its row, and its changes.
@@ -42,17 +47,6 @@ const PICTURE_S: i64 = 600;
 fn keeps_snapshot(before: Option<Timestamp>, start: Timestamp) -> bool {
     let stretch = |time: Timestamp| time.as_nanos().div_euclid(PICTURE_S * 1_000_000_000);
     before.is_none_or(|before| stretch(start) != stretch(before))
-}
-
-/// The configuration of a site, in the form of the store.
-#[derive(Debug, Clone, Copy)]
-pub struct Provenance<'a> {
-    /// Name of the site.
-    pub site: &'a str,
-    /// Hash by which records refer to it.
-    pub hash: &'a str,
-    /// Text with every default filled in.
-    pub effective: &'a str,
 }
 
 /// State of a daemon besides records.
@@ -147,6 +141,7 @@ impl Site {
             config_hash: provenance.hash.to_owned(),
             renewed,
             expected: BTreeMap::new(),
+            pictures: None,
         })
     }
 
@@ -158,6 +153,15 @@ impl Site {
         let rods: Vec<&RodId> = self.trackers.keys().collect();
         self.expected = self.store.expect_rods(&rods, now)?;
         Ok(())
+    }
+
+    /// Takes records without samples from now on: views of them take waveform and spectrum from `pictures`, and are
+    /// left out where these have none.
+    pub fn without_samples(self, pictures: Pictures) -> Self {
+        Self {
+            pictures: Some(pictures),
+            ..self
+        }
     }
 
     /// Continues with another configuration and the same store.
@@ -250,20 +254,13 @@ impl Site {
             return Ok(None);
         }
         self.do_as_asked(rod)?;
-        let peers: Vec<Peer> = self
-            .trackers
-            .iter()
-            .filter(|(other, _)| *other != rod)
-            .map(|(_, tracker)| tracker.as_peer())
-            .collect();
-        let Some((rod, mut tracker)) = self.trackers.remove_entry(rod) else {
+        let before = self.trackers.get(rod).and_then(|tracker| tracker.state().latest);
+        let Some(verdict) = Tracker::step_among(&mut self.trackers, rod, &input) else {
             return Ok(None);
         };
-        let before = tracker.state().latest;
-        let others = Others::new(self.trackers.values().map(Tracker::state));
-        let verdict = tracker.step_beside(&input, &peers, &others);
-        let tracker = self.trackers.entry(rod.clone()).or_insert(tracker);
-        let rod = &rod;
+        let Some(tracker) = self.trackers.get(rod) else {
+            return Ok(None);
+        };
         // Only of the latest record in use: a snapshot with a wrong clock would stay for years.
         let snapshot = match outcome {
             Outcome::Identified(identification) => identification
@@ -284,11 +281,17 @@ impl Site {
                     .and_then(|_| Snapshot::of_rejected(rejected))
             }
         };
+        let snapshot = match &self.pictures {
+            None => snapshot,
+            Some(pictures) => snapshot.and_then(|snapshot| pictures.complete(rod, snapshot)),
+        };
         let row = RecordRow::of(outcome, Some(&verdict), &self.config_hash);
+        let found = Found::of(outcome);
         self.store.commit(&Commit {
             record: Some(NewRecord {
                 row: &row,
                 identity,
+                found: found.as_ref(),
                 rms: outcome.rms(),
                 emulator: self.emulators.get(rod).copied().unwrap_or_default(),
             }),
@@ -317,11 +320,11 @@ impl Site {
     pub fn take_event(
         &mut self,
         analysed: &Analysed,
-        position: Position<'_>,
+        position: Option<Position<'_>>,
         before: Option<[u8; 32]>,
     ) -> Result<Option<Taken>, StoreError> {
         match analysed {
-            Analysed::Record(outcome) => self.take(outcome, Some(position)),
+            Analysed::Record(outcome) => self.take(outcome, position),
             Analysed::Readings(rod, readings) => self.take_readings(rod, readings, before).map(|_| None),
             Analysed::Known(..) => Ok(None),
         }
@@ -344,14 +347,20 @@ impl Site {
         let Some(tracker) = self.trackers.get_mut(rod) else {
             return Ok(false);
         };
-        if self.store.last_identity(rod)? != after || !tracker.take_readings(readings) {
+        let Some(first) = readings.first() else {
+            return Ok(false);
+        };
+        if self.store.last_identity(rod)? != after {
             return Ok(false);
         }
+        let is_new = tracker.take_readings(readings);
+        // Kept also if this fold has no use for them: that of other settings may.
         self.store.commit(&Commit {
-            rod: Some(row(tracker, &tracker.rod_state(), &[])),
+            readings: Some((rod, first.time.as_nanos(), &Found::of_readings(readings))),
+            rod: is_new.then_some(row(tracker, &tracker.rod_state(), &[])),
             ..Commit::default()
         })?;
-        Ok(true)
+        Ok(is_new)
     }
 
     /// Checks for missing data of a rod that has been silent for `elapsed_s` \[s\]; returns the alarm events.

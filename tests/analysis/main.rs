@@ -17,6 +17,7 @@ mod modes;
 mod quality;
 mod rod_tests;
 mod sbc;
+mod sensors;
 mod spectrum;
 mod stamps;
 mod study;

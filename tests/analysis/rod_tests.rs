@@ -150,6 +150,7 @@ fn measured(
                 query,
                 value: centre + sd * normal(),
                 sd,
+                gain_sd: 0.0,
             }
         })
         .collect()
@@ -458,37 +459,84 @@ fn what_a_test_fixes_holds_at_another_moment_and_the_force_does_not() {
     assert!((truth[0] - after.mean).abs() > 4.0 * after.sd);
 }
 
-#[test]
-fn what_to_measure_next_ranks_as_the_independent_sampler() {
-    let prior = informed();
+/// Shares left by the independent sampler, with their standard errors over its rods.
+type Figures = &'static [(&'static str, f64, f64)];
+
+/// Compares `plan`'s code with the independent sampler: four standard errors of both together.
+fn compare(prior: &RodPrior, discrepancy: f64, rods: usize, figures: Figures) -> Vec<String> {
     let campaign = Campaign {
-        prior: &prior,
-        discrepancy: &[0.01; 3],
+        prior,
+        discrepancy: &[discrepancy; 3],
         done: &[],
         modes: 3,
         sd_hz: 0.01,
-        rods: 8,
+        rods,
     };
-    let candidates = next::usual(&prior, 3);
+    let candidates = next::usual(prior, 3);
     let found = next::worth(&campaign, &candidates, 1, &|| {}).unwrap();
-    let left = |key: &str| found.iter().find(|worth| worth.key == key).unwrap().left;
-    // Figures of tests/rod_tests/sampler.py (finite elements, importance sampling, 16 rods); bounds four standard errors of 8 rods.
-    for (key, figure, bound) in INFORMED_FIGURES {
-        let own = left(key);
-        eprintln!("{key}: {own:.3}, independent {figure:.3}");
-        assert!(
-            (own - figure).abs() < bound,
-            "{key}: {own:.3}, independent {figure:.3}"
+    let mut apart = Vec::new();
+    for worth in &found {
+        let figure = figures.iter().find(|(key, ..)| *key == worth.key);
+        let independent = figure.map_or("-".to_owned(), |(_, f, e)| format!("{f:.3} +- {e:.3}"));
+        println!(
+            "| {} | {:.3} +- {:.3} of {} | {independent} |",
+            worth.measurement, worth.left, worth.error, worth.rods
         );
+        if let Some((_, figure, error)) = figure
+            && (worth.left - figure).abs() > 4.0 * worth.error.hypot(*error)
+        {
+            apart.push(format!(
+                "{}: {:.3}, independent {figure:.3}",
+                worth.key, worth.left
+            ));
+        }
     }
+    apart
 }
 
-const INFORMED_FIGURES: [(&str, f64, f64); 5] = [
-    ("load", 0.54, 0.06),
-    ("load-1", 0.27, 0.05),
-    ("mass", 0.65, 0.08),
-    ("caliper", 0.785, 0.05),
-    ("density", 0.80, 0.05),
+#[test]
+fn what_to_measure_next_ranks_as_the_independent_sampler() {
+    let apart = compare(&informed(), 0.01, 6, INFORMED);
+    assert!(apart.is_empty(), "{apart:?}");
+}
+
+#[test]
+#[ignore = "campaign: the table of both priors in docs/tests-of-a-rod.md; minutes; run with --ignored --nocapture"]
+fn the_table_of_both_priors() {
+    let rods = std::env::var("RODS")
+        .ok()
+        .and_then(|text| text.parse().ok())
+        .unwrap_or(16);
+    println!("informed");
+    let mut apart = compare(&informed(), 0.01, rods, INFORMED);
+    println!("paper");
+    apart.extend(compare(&RodPrior::todi(), 0.0, rods, PAPER));
+    assert!(apart.is_empty(), "{apart:?}");
+}
+
+/// `python3 tests/rod_tests/sampler.py paper 8 8000`.
+const PAPER: Figures = &[
+    ("load", 0.217, 0.013),
+    ("load-1", 0.087, 0.006),
+    ("mass", 0.258, 0.028),
+    ("strain", 0.804, 0.026),
+    ("caliper", 0.617, 0.028),
+    ("density", 0.920, 0.013),
+    ("caliper-density", 0.144, 0.009),
+    ("shape", 0.862, 0.034),
+    ("springs", 0.981, 0.047),
+];
+
+/// `python3 tests/rod_tests/sampler.py informed 4 6000`.
+const INFORMED: Figures = &[
+    ("load", 0.54, 0.01),
+    ("load-1", 0.27, 0.01),
+    ("mass", 0.65, 0.02),
+    ("shape", 0.91, 0.02),
+    ("caliper", 0.785, 0.006),
+    ("density", 0.80, 0.01),
+    ("caliper-density", 0.52, 0.02),
+    ("springs", 0.99, 0.03),
 ];
 
 fn tirante(cache: &tempfile::TempDir, arguments: &[&str]) -> std::process::Output {
@@ -601,6 +649,64 @@ fn bad_tests_end_with_their_name_and_the_right_exit_code() {
         let all = text(&output.stdout) + &text(&output.stderr);
         assert_eq!(output.status.code(), Some(code), "{flag} {value}: {all}");
         assert!(all.contains(said), "{flag} {value}: {all}");
+    }
+}
+
+#[test]
+fn swapped_sensors_are_named() {
+    let cache = tempfile::tempdir().unwrap();
+    let (list, _) = central();
+    let query = Query::AmplitudeRatio {
+        order: 2,
+        at: 0.1,
+        reference_at: 0.4,
+    };
+    let ratio = answers(&RodPrior::todi(), &RodPrior::todi().centre(), &[query])[0];
+    let shape = format!("mode2:0.1L/0.4L={:.4}+-1%", 1.0 / ratio);
+    let output = tirante(
+        &cache,
+        &[
+            "identify",
+            "--frequencies",
+            &list,
+            "--sd",
+            "0.01",
+            "--shape",
+            &shape,
+        ],
+    );
+    // Refused, or shown as a conflict; either way with the slip that explains it.
+    let all = text(&output.stdout) + &text(&output.stderr);
+    assert!(all.contains("if the two sensors were swapped"), "{all}");
+}
+
+/// Commands of the page's consoles with what they print.
+fn examples() -> Vec<(String, String)> {
+    let page = concat!(env!("CARGO_MANIFEST_DIR"), "/docs/tests-of-a-rod.md");
+    let page = std::fs::read_to_string(page).unwrap();
+    page.split("```console\n")
+        .skip(1)
+        .map(|block| {
+            let block = block.split("```").next().unwrap();
+            let (command, printed) = block.split_once('\n').unwrap();
+            (
+                command.trim_start_matches("$ tirante ").to_owned(),
+                printed.to_owned(),
+            )
+        })
+        .collect()
+}
+
+#[test]
+fn the_pages_examples_print_what_the_page_says() {
+    let cache = tempfile::tempdir().unwrap();
+    let examples = examples();
+    assert!(!examples.is_empty());
+    for (command, printed) in examples {
+        let arguments: Vec<&str> = command.split_whitespace().collect();
+        let output = tirante(&cache, &arguments);
+        assert!(output.status.success(), "{}", text(&output.stderr));
+        assert_eq!(text(&output.stdout), printed, "{command}");
     }
 }
 

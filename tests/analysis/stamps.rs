@@ -229,3 +229,39 @@ fn the_last_stamp_of_a_window_proves_no_hole() {
     }
     assert_eq!(difference(&all, &clean), (clean.len(), clean.len(), None));
 }
+
+#[test]
+fn a_message_that_holds_several_records_is_cut_at_once() {
+    let settings = RecordSettings {
+        cut: Cut::Auto,
+        max_duration_s: 60.0,
+        ..RecordSettings::default()
+    };
+    let mut assembler = Assembler::new(RodId("r".into()), settings, Some(100.0), false);
+    let block: Vec<f64> = signal(100.0).into_iter().cycle().take(50_000).collect();
+    let mut starts = Vec::new();
+    let mut take = |assembler: &mut Assembler| {
+        for event in assembler.events() {
+            let Event::Record(record) = event else {
+                panic!("{event:?}")
+            };
+            assert!(record.samples.len() <= 6000, "{}", record.samples.len());
+            starts.push(record.start);
+        }
+    };
+    for number in 0..24 {
+        let start = 1_772_344_800_000_000_000 + number * 500_000_000_000;
+        assembler.push(Timestamp::from_nanos(start), &block);
+        take(&mut assembler);
+        // Sixteen messages are waited for to measure the rate; beyond, the last one waits for late ones.
+        let held = assembler.held() / 8;
+        assert!(number < 16 || held < 2 * 50_000, "{number}: {held}");
+    }
+    assembler.finish(false);
+    take(&mut assembler);
+    assert_eq!(starts.len(), 24 * 500 / 60);
+    let steady = starts
+        .windows(2)
+        .all(|pair| (pair[1].seconds_since(pair[0]) - 60.0).abs() < 1e-6);
+    assert!(steady, "{starts:?}");
+}

@@ -444,11 +444,15 @@ fn a_file_that_cannot_be_told_says_what_it_holds_and_what_to_add() {
         ),
         (
             vec!["identify", "good.csv"],
-            vec!["--config says which rod", "2 \"d\" (40 samples, m"],
+            vec![
+                "without --config the rod is not known",
+                "tirante measure",
+                "2 \"d\" (40 samples, m",
+            ],
         ),
         (
             vec!["identify", "good.csv", "--channel", "d"],
-            vec!["--config says which rod"],
+            vec!["without --config the rod is not known"],
         ),
         (
             vec!["identify", "none.csv", "--config", config, "--rate", "100"],

@@ -8,10 +8,13 @@ mod site;
 
 mod agreement;
 mod cli;
+mod examples;
 mod exports;
+mod fleet;
 mod import_cli;
 mod measure;
 mod report;
+mod same_numbers;
 mod spectrum_cli;
 mod synthetic;
 mod tracking_cli;

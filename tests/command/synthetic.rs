@@ -271,6 +271,7 @@ pub fn rod(id: &str, count: usize, step: i64, seed: u64) -> RodReport {
             Period {
                 index: FIRST / DAY + day,
                 start: time(at),
+                measured: None,
                 records: 1,
                 delta,
                 delta_sd: 0.002,

@@ -250,3 +250,83 @@ fn everything_the_package_takes_from_the_project_is_there() {
         if_installed(Command::new("sh").arg("-n").arg(shipped("debian").join(script)));
     }
 }
+
+/// Output of a command that must succeed.
+fn output(command: &mut Command) -> String {
+    let output = command.output().unwrap();
+    assert!(
+        output.status.success(),
+        "{command:?}: {}",
+        String::from_utf8_lossy(&output.stderr)
+    );
+    String::from_utf8(output.stdout).unwrap()
+}
+
+#[test]
+fn the_image_holds_the_program_and_no_shell() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    fs::write(path("tiny.rs"), "fn main() { println!(\"it runs\"); }").unwrap();
+    let tiny = path("tiny");
+    output(
+        Command::new("rustc")
+            .args(["-C", "target-feature=+crt-static", "-o"])
+            .args([&tiny, &path("tiny.rs")]),
+    );
+    let script = || {
+        let mut command = Command::new("bash");
+        command.arg(shipped("image.sh"));
+        command
+    };
+    for name in ["a.tar", "b.tar"] {
+        output(script().arg("--binary").arg(&tiny).arg("--out").arg(path(name)));
+    }
+    assert_eq!(fs::read(path("a.tar")).unwrap(), fs::read(path("b.tar")).unwrap());
+
+    output(
+        Command::new("tar")
+            .arg("-xf")
+            .arg(path("a.tar"))
+            .arg("-C")
+            .arg(folder.path()),
+    );
+    let blob = |digest: &serde_json::Value| {
+        let name = digest.as_str().unwrap().strip_prefix("sha256:").unwrap();
+        let blob = path("blobs/sha256").join(name);
+        let sum = output(Command::new("sha256sum").arg(&blob));
+        assert_eq!(sum.split_whitespace().next(), Some(name));
+        blob
+    };
+    let json = |path: &Path| -> serde_json::Value { serde_json::from_str(&text(path)).unwrap() };
+    let index = json(&path("index.json"));
+    let manifest = json(&blob(&index["manifests"][0]["digest"]));
+    let config = json(&blob(&manifest["config"]["digest"]));
+    assert_eq!(config["config"]["Entrypoint"][0], "/usr/bin/tirante");
+    let layer = blob(&manifest["layers"][0]["digest"]);
+    let files = output(Command::new("tar").arg("-tzf").arg(&layer));
+    let files: Vec<&str> = files.lines().filter(|name| !name.ends_with('/')).collect();
+    assert_eq!(files, ["./etc/group", "./etc/passwd", "./usr/bin/tirante"]);
+    let inner = output(
+        Command::new("bash")
+            .arg("-c")
+            .arg(format!("zcat < {} | sha256sum", layer.display())),
+    );
+    let inner = format!("sha256:{}", inner.split_whitespace().next().unwrap());
+    assert_eq!(config["rootfs"]["diff_ids"][0], *inner);
+    output(
+        Command::new("tar")
+            .arg("-xzf")
+            .arg(&layer)
+            .arg("-C")
+            .arg(folder.path())
+            .arg("./usr"),
+    );
+    assert_eq!(output(&mut Command::new(path("usr/bin/tirante"))), "it runs\n");
+
+    let refused = script()
+        .args(["--binary", "/bin/ls", "--out"])
+        .arg(path("c.tar"))
+        .output()
+        .unwrap();
+    assert!(!refused.status.success() && String::from_utf8_lossy(&refused.stderr).contains("not static"));
+}

@@ -59,13 +59,18 @@ def model(theta):
         ratios.append(np.sqrt(low / w2[:, order]))
     w = lambda share, mode: shape[:, row(share), mode]
     # Curvature at a node from the element on its right, Hermite: (-6 w1 - 4 h t1 + 6 w2 - 2 h t2) / h^2.
-    i = row(0.05)
     s = shape[:, :, 0]
-    left = (6 * s[:, i - 2] + 2 * s[:, i - 1] - 6 * s[:, i] + 4 * s[:, i + 1]) / h**2
-    right = (-6 * s[:, i] - 4 * s[:, i + 1] + 6 * s[:, i + 2] - 2 * s[:, i + 3]) / h**2
-    strain = -0.25 * a * (left + right) / s[:, row(0.1)]
+
+    def strain(share):
+        i = row(share)
+        left = (6 * s[:, i - 2] + 2 * s[:, i - 1] - 6 * s[:, i] + 4 * s[:, i + 1]) / h**2
+        right = (-6 * s[:, i] - 4 * s[:, i + 1] + 6 * s[:, i + 2] - 2 * s[:, i + 3]) / h**2
+        return -0.25 * a * (left + right) / s[:, row(0.1)]
+
     shapes = np.stack([w(0.1, j) / w(0.4, j) for j in range(3)], 1)
-    return dict(f=f, deflection=deflection, ratio=np.stack(ratios, 1), strain=strain, shapes=shapes,
+    more = np.stack([w(x, j) / w(0.4, j) for j in range(3) for x in (0.2, 0.3)], 1)
+    return dict(f=f, deflection=deflection, ratio=np.stack(ratios, 1), strain=strain(0.05), strain_there=strain(0.1),
+                shapes=shapes, more=more,
                 side=a, density=rho, springs=np.stack([kl, kr], 1))
 
 
@@ -82,7 +87,8 @@ def main():
     rng = np.random.default_rng(5)
     data = {  # name: (answer, relative error)
         "load 3 %": [("deflection", 0.03)], "load 1 %": [("deflection", 0.01)],
-        "mass 20 kg, 0.14 %": [("ratio", 0.0014)], "strain 2 %": [("strain", 0.02)],
+        "mass 20 kg, 0.14 %": [("ratio", 0.0014)], "strain at 0.05 L, 2 %": [("strain", 0.02)],
+        "strain at 0.1 L, 2 %": [("strain_there", 0.02)], "four sensors 1 %": [("shapes", 0.01), ("more", 0.01)],
         "caliper 0.7 %": [("side", 0.007)], "density 1 %": [("density", 0.01)],
         "caliper and density": [("side", 0.007), ("density", 0.01)],
         "shape 1 %": [("shapes", 0.01)], "springs 5 %": [("springs", 0.05)],

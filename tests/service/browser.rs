@@ -17,14 +17,14 @@ use tirante::site::store::Reader;
 const PATIENCE: Duration = Duration::from_secs(90);
 
 /// A browser without a window.
-struct Browser {
+pub(super) struct Browser {
     driver: Child,
     session: String,
 }
 
 impl Browser {
     /// `None` if there is none on this machine.
-    fn start(width: u32, height: u32, is_dark: bool) -> Option<Self> {
+    pub(super) fn start(width: u32, height: u32, is_dark: bool) -> Option<Self> {
         let driver = Command::new("chromedriver")
             .arg("--port=0")
             .stdout(Stdio::piped())
@@ -73,7 +73,7 @@ impl Browser {
         Some(browser)
     }
 
-    fn post(&self, path: &str, body: &Json) -> Json {
+    pub(super) fn post(&self, path: &str, body: &Json) -> Json {
         let agent: ureq::Agent = ureq::Agent::config_builder()
             .timeout_global(Some(PATIENCE))
             .http_status_as_error(false)
@@ -90,18 +90,18 @@ impl Browser {
         answer["value"].clone()
     }
 
-    fn open(&self, server: &Server, path: &str) {
+    pub(super) fn open(&self, server: &Server, path: &str) {
         let address = format!("http://127.0.0.1:{}{path}", server.address.port());
         self.post("/url", &json!({"url": address}));
     }
 
     /// Return value of a script.
-    fn run(&self, script: &str) -> Json {
+    pub(super) fn run(&self, script: &str) -> Json {
         self.post("/execute/sync", &json!({"script": script, "args": []}))
     }
 
     /// Waits until a script gives `true`.
-    fn wait(&self, what: &str, script: &str) {
+    pub(super) fn wait(&self, what: &str, script: &str) {
         let until = Instant::now() + PATIENCE;
         while self.run(script) != json!(true) {
             if Instant::now() > until {
@@ -113,14 +113,15 @@ impl Browser {
     }
 
     /// Messages of the page on the console: script errors, policy violations, failed loads.
-    fn complaints(&self) -> Vec<String> {
+    pub(super) fn complaints(&self) -> Vec<String> {
         let log = self.post("/se/log", &json!({"type": "browser"}));
         let entries = log.as_array().cloned().unwrap_or_default();
         entries.iter().map(|entry| entry["message"].to_string()).collect()
     }
 
-    fn screenshot(&self, path: &Path) {
-        // The whole document, not the window alone.
+    /// A picture of the document's upper `most_px` pixels.
+    pub(super) fn screenshot(&self, path: &Path, most_px: u64) {
+        // The document, not the window alone.
         let height = self
             .run("return document.documentElement.scrollHeight")
             .as_u64()
@@ -130,7 +131,7 @@ impl Browser {
             "/goog/cdp/execute",
             &json!({"cmd": "Page.captureScreenshot", "params": {
                 "format": "png", "captureBeyondViewport": true,
-                "clip": {"x": 0, "y": 0, "width": width, "height": height.min(2200), "scale": 1},
+                "clip": {"x": 0, "y": 0, "width": width, "height": height.min(most_px), "scale": 1},
             }}),
         );
         std::fs::write(path, decoded(shot["data"].as_str().unwrap())).unwrap();
@@ -161,7 +162,7 @@ fn decoded(text: &str) -> Vec<u8> {
     bytes
 }
 
-const DRAWN: &str =
+pub(super) const DRAWN: &str =
     "const seen = [...document.querySelectorAll('.plot')].filter((p) => !p.closest('figure').hidden);
     return document.getElementById('content').getAttribute('aria-busy') === 'false' && seen.length >= 8
     && seen.every((p) => p.querySelectorAll('path.line, path.dots, path.bar').length > 0)";
@@ -224,7 +225,15 @@ fn the_page_draws_follows_and_acknowledges() {
     // The connection is one thing, old data another.
     let age = browser.run("return document.querySelector('#newest .age').className");
     assert_eq!(age, "age stale");
-    drawn_is_data(&browser, &server);
+    let history = server.get("/api/v1/rods/south/history");
+    let change = |ratio: f64| 100.0 * (ratio - 1.0);
+    let stretches = drawn_is_data(
+        &browser,
+        ("relative", "c1"),
+        (&history, "relative_force_at_reference"),
+        change,
+    );
+    assert!(stretches.len() >= 2, "the campaign has a gap: {stretches:?}");
     saved_is_data(&browser, &server);
     let before = browser.run("return document.getElementById('relative').dataset.points");
 
@@ -307,46 +316,67 @@ fn the_page_draws_follows_and_acknowledges() {
     assert_eq!(browser.complaints(), [""; 0]);
 }
 
-/// Compares the drawn outline of the band with the API's answer: each stretch without a gap is one closed
-/// outline, upper edge forward, lower edge back, and it ends with the data.
-fn drawn_is_data(browser: &Browser, server: &Server) {
-    let axes = browser.run("return JSON.parse(document.getElementById('relative').dataset.axes)");
+/// Compares the drawn outline of a band with the API's answer: each stretch without a gap is one closed outline, upper edge forward,
+/// lower edge back, and it ends with the data. A gap is a record without a value, or a step in time of more than four times the usual
+/// one. Returns the number of records in each stretch.
+pub(super) fn drawn_is_data(
+    browser: &Browser,
+    (plot, shade): (&str, &str),
+    (history, column): (&Json, &str),
+    scale: fn(f64) -> f64,
+) -> Vec<usize> {
+    let axes = browser.run(&format!(
+        "return JSON.parse(document.getElementById('{plot}').dataset.axes)"
+    ));
     let number = |value: &Json| value.as_f64().unwrap();
-    let (x, y, plot) = (&axes["x"], &axes["y"], &axes["box"]);
+    let (x, y, area) = (&axes["x"], &axes["y"], &axes["box"]);
     let pixels = |ms: f64, value: f64| {
         let across = (ms - number(&x[0])) / (number(&x[1]) - number(&x[0]));
         let down = (number(&y[1]) - value) / (number(&y[1]) - number(&y[0]));
         [
-            number(&plot["x"]) + number(&plot["w"]) * across,
-            number(&plot["y"]) + number(&plot["h"]) * down,
+            number(&area["x"]) + number(&area["w"]) * across,
+            number(&area["y"]) + number(&area["h"]) * down,
         ]
     };
-    let history = server.get("/api/v1/rods/south/history");
-    let band = &history["relative_force_at_reference"];
-    let point = |i: usize, edge: &str| {
-        let time: jiff::Timestamp = history["time"][i].as_str().unwrap().parse().unwrap();
-        let ratio = band[edge][i].as_f64()?;
-        Some(pixels(time.as_millisecond() as f64, 100.0 * (ratio - 1.0)))
-    };
-    let mut wanted: Vec<Vec<[f64; 2]>> = Vec::new();
-    let mut open: Vec<usize> = Vec::new();
-    let mut close = |open: &mut Vec<usize>| {
-        let forth = open.iter().filter_map(|&i| point(i, "q975"));
-        let back = open.iter().rev().filter_map(|&i| point(i, "q025"));
-        if !open.is_empty() {
-            wanted.push(forth.chain(back).collect());
-        }
-        open.clear();
-    };
-    for i in 0..history["time"].as_array().unwrap().len() {
+    let band = &history[column];
+    let times: Vec<f64> = history["time"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|time| {
+            time.as_str()
+                .unwrap()
+                .parse::<jiff::Timestamp>()
+                .unwrap()
+                .as_millisecond() as f64
+        })
+        .collect();
+    let mut steps: Vec<f64> = times.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    steps.sort_by(f64::total_cmp);
+    let far = 4.0 * steps[steps.len() / 2];
+    let point = |i: usize, edge: &str| Some(pixels(times[i], scale(band[edge][i].as_f64()?)));
+    let mut open: Vec<Vec<usize>> = Vec::new();
+    let mut last = None;
+    for i in 0..times.len() {
         if point(i, "mean").is_none() {
-            close(&mut open);
-        } else {
-            open.push(i);
+            last = None;
+            continue;
         }
+        match (last, open.last_mut()) {
+            (Some(before), Some(stretch)) if times[i] - times[before] <= far => stretch.push(i),
+            _ => open.push(vec![i]),
+        }
+        last = Some(i);
     }
-    close(&mut open);
-    let drawn = browser.run("return document.querySelector('#relative path.band.s-c1').getAttribute('d')");
+    let outline = |stretch: &Vec<usize>| -> Vec<[f64; 2]> {
+        let forth = stretch.iter().filter_map(|&i| point(i, "q975"));
+        let back = stretch.iter().rev().filter_map(|&i| point(i, "q025"));
+        forth.chain(back).collect()
+    };
+    let wanted: Vec<Vec<[f64; 2]>> = open.iter().map(outline).collect();
+    let drawn = browser.run(&format!(
+        "return document.querySelector('#{plot} path.band.s-{shade}').getAttribute('d')"
+    ));
     let drawn: Vec<Vec<[f64; 2]>> = drawn
         .as_str()
         .unwrap()
@@ -361,16 +391,17 @@ fn drawn_is_data(browser: &Browser, server: &Server) {
                 .collect()
         })
         .collect();
-    assert!(wanted.len() >= 2, "the campaign has a gap");
     assert_eq!(
         drawn.iter().map(Vec::len).collect::<Vec<_>>(),
-        wanted.iter().map(Vec::len).collect::<Vec<_>>()
+        wanted.iter().map(Vec::len).collect::<Vec<_>>(),
+        "{plot}"
     );
     for (drawn, wanted) in drawn.iter().flatten().zip(wanted.iter().flatten()) {
         // Two digits of a pixel are written.
         let off = (drawn[0] - wanted[0]).hypot(drawn[1] - wanted[1]);
-        assert!(off < 0.02, "{drawn:?} {wanted:?}");
+        assert!(off < 0.02, "{plot}: {drawn:?} {wanted:?}");
     }
+    open.iter().map(Vec::len).collect()
 }
 
 /// Compares what `CSV` saves with the answer of the API, digit by digit, and checks that `SVG` saves a
@@ -499,37 +530,4 @@ fn how_soon_a_commit_is_shown() {
         all[all.len() - 1]
     );
     assert!(all[0] > 0.0);
-}
-
-/// Pictures of every page for the README, into the folder `SCREENSHOTS`.
-#[test]
-#[ignore = "writes pictures: SCREENSHOTS=docs/images cargo test --test service -- --ignored screenshots"]
-fn screenshots() {
-    let folder = std::env::var_os("SCREENSHOTS").expect("SCREENSHOTS names a folder");
-    let folder = Path::new(&folder);
-    std::fs::create_dir_all(folder).unwrap();
-    let site = campaign();
-    site.replay(&["archive"], "site.db");
-    let server = Server::of(&site, "site.db");
-    for (name, width, is_dark) in [("", 1280, false), ("-phone-dark", 500, true)] {
-        let browser = Browser::start(width, 900, is_dark).expect("chromedriver");
-        for (page, path, ready) in [
-            (
-                "site",
-                "/",
-                "return document.querySelectorAll('tr[data-rod]').length === 2",
-            ),
-            ("rod", "/rod?id=north", DRAWN),
-            (
-                "alarms",
-                "/alarms",
-                "return document.querySelectorAll('tr[data-alarm]').length > 0",
-            ),
-        ] {
-            browser.open(&server, path);
-            browser.wait(page, ready);
-            browser.wait("records", "return document.querySelector('table') !== null");
-            browser.screenshot(&folder.join(format!("{page}{name}.png")));
-        }
-    }
 }

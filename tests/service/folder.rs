@@ -408,6 +408,25 @@ fn what_twice_ended_the_program_alone_is_set_aside_and_the_rest_goes_on() {
 }
 
 #[test]
+fn what_a_file_lost_is_kept_with_its_mark() {
+    let folder = tempfile::tempdir().unwrap();
+    let whole = measured(0.0, 20.0);
+    fs::write(folder.path().join("whole.mcap"), &whole).unwrap();
+    fs::write(folder.path().join("cut.mcap"), &whole[..whole.len() / 2]).unwrap();
+    let watch = Watch {
+        working_on: Box::new(|_| {}),
+        deaths: Box::new(|_| 0),
+        is_read: Box::new(|_| {}),
+    };
+    let mut run = Run::with(folder.path(), 1.0, Remembered::default(), watch);
+    run.until("both", |run| run.done("whole.mcap") && run.done("cut.mcap"));
+    assert_eq!(run.remembered.files["whole.mcap"].state, FileState::Done);
+    assert!(
+        matches!(&run.remembered.files["cut.mcap"].state, FileState::Incomplete(why) if why.contains("ends in the middle"))
+    );
+}
+
+#[test]
 fn a_file_whose_beginning_is_deadly_too_is_set_aside_as_a_whole() {
     let folder = tempfile::tempdir().unwrap();
     fs::write(folder.path().join("bad.mcap"), measured(0.0, 20.0)).unwrap();

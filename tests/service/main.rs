@@ -14,11 +14,13 @@ mod site;
 
 mod alerts;
 mod browser;
+mod certificates;
 mod fault_kinds;
 mod folder;
 mod http;
 mod journal;
 mod log;
+mod looks;
 mod metrics;
 mod notify;
 mod page;

@@ -77,6 +77,7 @@ fn everything() -> Telemetry {
     metrics.outbox("mail", 4);
     metrics.delivery("mail", Delivery::Failed);
     metrics.watch_disk("store", "/".into());
+    telemetry.health.credentials().ends("certificate", 1_900_000_000);
     telemetry
 }
 

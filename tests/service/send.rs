@@ -13,7 +13,7 @@ use tirante::recording::write::{Encoding, Layout, WriterOptions};
 use tirante::service::journal::End;
 use tirante::service::telemetry::Fault;
 
-fn settings() -> IngestSettings {
+pub(crate) fn settings() -> IngestSettings {
     IngestSettings::default()
 }
 
@@ -24,7 +24,7 @@ fn small() -> WriterOptions {
     }
 }
 
-fn mcap(count: usize) -> Vec<u8> {
+pub(crate) fn mcap(count: usize) -> Vec<u8> {
     recording(Encoding::Json, Layout::Sample, small(), count)
 }
 
@@ -35,12 +35,12 @@ fn lines(range: std::ops::Range<u64>) -> String {
 const HELLO: &str = "{\"hello\":{\"sender\":\"north-laser\"}}\n";
 
 /// A certificate authority and the certificates it signed, as PEM files.
-struct Authority {
+pub(crate) struct Authority {
     issuer: rcgen::CertifiedIssuer<'static, rcgen::KeyPair>,
 }
 
 impl Authority {
-    fn new() -> Self {
+    pub fn new() -> Self {
         let mut params = rcgen::CertificateParams::new(Vec::<String>::new()).unwrap();
         params.is_ca = rcgen::IsCa::Ca(rcgen::BasicConstraints::Unconstrained);
         let key = rcgen::KeyPair::generate().unwrap();
@@ -50,10 +50,21 @@ impl Authority {
     }
 
     /// Writes authority, certificate and key of one party.
-    fn write(&self, folder: &std::path::Path, name: &str) -> [std::path::PathBuf; 3] {
+    pub fn write(&self, folder: &std::path::Path, name: &str) -> [std::path::PathBuf; 3] {
+        self.write_until(folder, name, 4000)
+    }
+
+    /// The same for a certificate that ends in so many days, or ended before.
+    pub fn write_until(&self, folder: &std::path::Path, name: &str, days: i64) -> [std::path::PathBuf; 3] {
         let key = rcgen::KeyPair::generate().unwrap();
-        let params =
+        let mut params =
             rcgen::CertificateParams::new(vec!["127.0.0.1".to_owned(), "localhost".to_owned()]).unwrap();
+        params.distinguished_name.push(rcgen::DnType::CommonName, name);
+        let end =
+            jiff::Timestamp::now().to_zoned(jiff::tz::TimeZone::UTC).date() + jiff::Span::new().days(days);
+        let (year, month, day) = (end.year(), end.month(), end.day());
+        params.not_after =
+            rcgen::date_time_ymd(year.into(), month.try_into().unwrap(), day.try_into().unwrap());
         let certificate = params.signed_by(&key, &self.issuer).unwrap();
         let paths = ["ca", "pem", "key"].map(|end| folder.join(format!("{name}.{end}")));
         std::fs::write(&paths[0], self.issuer.pem()).unwrap();
@@ -63,7 +74,7 @@ impl Authority {
     }
 }
 
-fn tirante_send(arguments: &[&std::ffi::OsStr]) -> std::process::Output {
+pub(crate) fn tirante_send(arguments: &[&std::ffi::OsStr]) -> std::process::Output {
     Command::new(env!("CARGO_BIN_EXE_tirante"))
         .arg("send")
         .args(arguments)
@@ -82,6 +93,7 @@ fn with_tls_only_the_right_certificate_comes_in() {
         certificate,
         key,
         client_ca: ca.clone(),
+        bound: Vec::new(),
     };
     let daemon = Daemon::start(IngestSettings {
         tls: Some(tls),
@@ -388,6 +400,7 @@ fn a_crowd_at_the_tls_port_does_not_keep_a_certified_sender_out() {
             certificate,
             key,
             client_ca: ca.clone(),
+            bound: Vec::new(),
         }),
         ..settings()
     });

@@ -501,3 +501,177 @@ fn the_file_of_results_has_what_history_has() {
     assert!(String::from_utf8_lossy(&refused.stderr).contains("nowhere/results.mcap"));
     assert!(lines(&refused.stdout).is_empty());
 }
+
+/// The same results as JSON, protobuf and CDR, each read by the schema in its own file.
+#[test]
+fn results_say_the_same_in_every_encoding() {
+    let site = Site::new(SITE);
+    site.simulate("0", &Part::new(0, 2));
+    let read = |encoding: &str, decode: fn(&str, &[u8], &[u8]) -> Json| -> Vec<(String, Json)> {
+        let file = format!("{encoding}.mcap");
+        let words = ["replay", "archive", "--config", "site.toml", "--results", &file];
+        let output = site.run(&[&words[..], &["--results-encoding", encoding]].concat());
+        assert!(
+            output.status.success(),
+            "{}",
+            String::from_utf8_lossy(&output.stderr)
+        );
+        let bytes = std::fs::read(site.path(&file)).unwrap();
+        let messages = mcap::MessageStream::new(&bytes).unwrap().map(|message| {
+            let message = message.unwrap();
+            let schema = message.channel.schema.clone().unwrap();
+            let text = String::from_utf8_lossy(&schema.data).into_owned();
+            assert!(
+                text.contains("axial force of this record alone, at its own temperature [N]")
+                    || !schema.name.ends_with("Force"),
+                "{text}"
+            );
+            (
+                message.channel.topic.clone(),
+                decode(&schema.name, &schema.data, &message.data),
+            )
+        });
+        messages.collect()
+    };
+    let json = read("json", |_, _, data| serde_json::from_slice(data).unwrap());
+    let protobuf = read("protobuf", |name, schema, data| {
+        let pool = prost_reflect::DescriptorPool::decode(schema).unwrap();
+        let message = pool.get_message_by_name(name).unwrap();
+        as_json(&prost_reflect::DynamicMessage::decode(message, data).unwrap())
+    });
+    let cdr = read("cdr", |_, schema, data| {
+        assert_eq!(data[..4], [0, 1, 0, 0]);
+        let text = std::str::from_utf8(schema).unwrap();
+        let mut place = 4;
+        let body = from_cdr(
+            text.split(&"=".repeat(80)).collect::<Vec<_>>()[0],
+            text,
+            data,
+            &mut place,
+        );
+        assert_eq!(place, data.len(), "the definition reads the whole message");
+        body
+    });
+    assert!(json.len() >= 16);
+    for (name, others) in [("protobuf", &protobuf), ("cdr", &cdr)] {
+        assert_eq!(json.len(), others.len());
+        for ((topic, body), (other_topic, other)) in json.iter().zip(others) {
+            assert_eq!(topic, other_topic);
+            same(body, other, &format!("{name} {topic}"));
+        }
+    }
+}
+
+/// Asserts that what the other encoding names has the value of JSON: null there is NaN, 0, empty or absent here.
+fn same(json: &Json, other: &Json, at: &str) {
+    match (json, other) {
+        (Json::Object(json), Json::Object(other)) => {
+            for (key, value) in other {
+                same(
+                    json.get(key).unwrap_or(&Json::Null),
+                    value,
+                    &format!("{at}.{key}"),
+                );
+            }
+        }
+        (Json::Array(json), Json::Array(other)) => {
+            assert_eq!(json.len(), other.len(), "{at}");
+            json.iter().zip(other).for_each(|(one, two)| same(one, two, at));
+        }
+        (Json::Null, Json::Object(parts)) => parts.values().for_each(|part| same(&Json::Null, part, at)),
+        (Json::Null, Json::Array(parts)) => assert!(parts.is_empty(), "{at}"),
+        (Json::Null, missing) => assert!(
+            [json!(null), json!("NaN"), json!(0), json!("")].contains(missing),
+            "{at}: {missing}"
+        ),
+        (Json::Number(one), Json::Number(two)) => assert_eq!(one.as_f64(), two.as_f64(), "{at}"),
+        _ => assert_eq!(json, other, "{at}"),
+    }
+}
+
+fn number(value: f64) -> Json {
+    if value.is_nan() {
+        json!("NaN")
+    } else {
+        json!(value)
+    }
+}
+
+fn as_json(message: &prost_reflect::DynamicMessage) -> Json {
+    use prost_reflect::{ReflectMessage, Value};
+    fn one(value: &Value) -> Json {
+        match value {
+            Value::F64(value) => number(*value),
+            Value::U32(value) => json!(value),
+            Value::Bool(value) => json!(value),
+            Value::String(value) => json!(value),
+            Value::Message(message) if message.descriptor().name() == "Timestamp" => json!({
+                "sec": message.get_field_by_name("seconds").unwrap().as_i64().unwrap(),
+                "nsec": message.get_field_by_name("nanos").unwrap().as_i32().unwrap(),
+            }),
+            Value::Message(message) => as_json(message),
+            Value::List(list) => list.iter().map(one).collect(),
+            other => panic!("{other:?}"),
+        }
+    }
+    let descriptor = message.descriptor();
+    let fields = descriptor.fields().map(|field| {
+        let is_absent = field.kind().as_message().is_some() && !field.is_list() && !message.has_field(&field);
+        let value = if is_absent {
+            Json::Null
+        } else {
+            one(&message.get_field(&field))
+        };
+        (field.name().to_owned(), value)
+    });
+    Json::Object(fields.collect())
+}
+
+/// Reads a message by its `.msg` definition (XCDR1, little endian: each number is aligned to its size behind the four bytes of the head).
+fn from_cdr(definition: &str, all: &str, data: &[u8], place: &mut usize) -> Json {
+    fn take<'d>(data: &'d [u8], place: &mut usize, size: usize) -> &'d [u8] {
+        *place = 4 + (*place - 4).div_ceil(size) * size;
+        *place += size;
+        &data[*place - size..*place]
+    }
+    let whole = |place: &mut usize| u32::from_le_bytes(take(data, place, 4).try_into().unwrap());
+    let mut found = serde_json::Map::new();
+    for line in definition
+        .lines()
+        .filter(|line| !line.trim().is_empty() && !line.starts_with("MSG: "))
+    {
+        let mut words = line.split_whitespace();
+        let (kind, name) = (words.next().unwrap(), words.next().unwrap());
+        let (element, is_list) = (kind.trim_end_matches("[]"), kind.ends_with("[]"));
+        let count = if is_list { whole(place) as usize } else { 1 };
+        let mut values = Vec::new();
+        for _ in 0..count {
+            values.push(match element {
+                "float64" => number(f64::from_le_bytes(take(data, place, 8).try_into().unwrap())),
+                "uint32" => json!(whole(place)),
+                "int32" => json!(i32::from_le_bytes(take(data, place, 4).try_into().unwrap())),
+                "bool" => json!(take(data, place, 1)[0] == 1),
+                "string" => {
+                    let length = whole(place) as usize;
+                    *place += length;
+                    json!(std::str::from_utf8(&data[*place - length..*place - 1]).unwrap())
+                }
+                other => {
+                    let head = format!("MSG: {other}\n");
+                    let (_, rest) = all
+                        .split_once(&head)
+                        .unwrap_or_else(|| panic!("no {other} in {all}"));
+                    from_cdr(rest.split(&"=".repeat(80)).next().unwrap(), all, data, place)
+                }
+            });
+        }
+        let value = if is_list {
+            Json::Array(values)
+        } else {
+            values.remove(0)
+        };
+        let name = name.replace("nanosec", "nsec");
+        found.insert(name, value);
+    }
+    Json::Object(found)
+}

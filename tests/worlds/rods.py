@@ -49,12 +49,13 @@ class Nominal:
 
 @dataclass(frozen=True)
 class Rod:
-    """A rod: what is known of it, what it is, and its true modes."""
+    """A rod: what is known of it, what it is, its true modes, and by how much they are off those of the beam (sd of the ratio)."""
 
     nominal: Nominal
     beam: beam.Beam
     modes: tuple
     stress_pa: float
+    discrepancy: float
 
     @property
     def axial_force_n(self):
@@ -101,7 +102,7 @@ def of_beam(nominal, real, rng, count, stress_pa):
         (replace(mode, frequency_hz=mode.frequency_hz * factor) for mode, factor in zip(beam.modes(real, count), off)),
         key=lambda mode: mode.frequency_hz,
     )
-    return Rod(nominal, real, tuple(found), stress_pa)
+    return Rod(nominal, real, tuple(found), stress_pa, sd)
 
 
 def retuned(rod, axial_force_n):
@@ -112,7 +113,7 @@ def retuned(rod, axial_force_n):
     found = tuple(
         replace(mode, frequency_hz=mode.frequency_hz * ratio) for mode, ratio in zip(beam.modes(real, count), ratios)
     )
-    return Rod(rod.nominal, real, found, rod.stress_pa * axial_force_n / rod.axial_force_n)
+    return replace(rod, beam=real, modes=found, stress_pa=rod.stress_pa * axial_force_n / rod.axial_force_n)
 
 
 def questions(nominal, name, unit, fs_hz, expected_n=None):

@@ -133,6 +133,7 @@ def user(seed, index, folder, as_drawn=False):
         "known": False,
         "axial_force_n": rod.axial_force_n,
         "stress_pa": rod.stress_pa,
+        "discrepancy": f"off the beam by {100 * rod.discrepancy:g} %",
         "fs_hz": scene.fs_hz,
         "duration_s": scene.duration_s,
         "quantity": scene.quantity,
@@ -220,7 +221,7 @@ def table(found):
     ]
     for low, high, name in ((1e3, 1e4, "1 to 10 kN"), (1e4, 1e5, "10 to 100 kN"), (1e5, 2e6, "0.1 to 2 MN")):
         lines.append(row(name, [one for one in found if low <= one[2]["axial_force_n"] < high]))
-    for key in ("excitation", "quantity", "class"):
+    for key in ("excitation", "discrepancy", "quantity", "class"):
         for name in sorted({one[2][key] for one in found}):
             lines.append(row(name, [one for one in found if one[2][key] == name]))
     return lines

@@ -32,6 +32,9 @@ class Rod:
     coverage: list = field(default_factory=list)
     size_held: bool = None
     onset_held: bool = None
+    # The same as last told, weeks later; and the width of both intervals [days].
+    onset_held_late: bool = None
+    onset_widths: tuple = ()
     # Whether a drift says plainly that the axial force changed.
     claims_force: bool = False
     state: str = ""
@@ -128,23 +131,25 @@ def held(site, number, day, line):
 
 
 def look_at_change(site, number, own, verdict):
-    """Size and onset of the first drift told after the change, as stated `SIZED_AFTER` days later."""
+    """Size and onset of the first drift told after the change, as stated `SIZED_AFTER` days later, and its onset as stated at last."""
     change = site.world.change
     first = verdict.told("drift", change.day)
     if first is None:
         return
-    later = [(day, line) for day, line in own if first <= day <= first + SIZED_AFTER]
-    stated = [
+    every = [
         (day, alarm["change"])
-        for day, line in later
+        for day, line in own
+        if day >= first
         for alarm in line["alarms"]
         if alarm["kind"] == "drift" and alarm.get("change")
     ]
+    stated = [one for one in every if one[0] <= first + SIZED_AFTER]
     if not stated:
         return
     day, said = stated[-1]
     # As a share of N_0, the mean of the baseline: within a per cent of the size that of N at the reference.
     size = float(change.at(day))
     verdict.size_held = said["size"]["q025"] <= size <= said["size"]["q975"]
-    onset = [day_of(site.start, said[key]) for key in ("onset_q025", "onset_q975")]
-    verdict.onset_held = onset[0] <= change.day <= onset[1]
+    dated = [[day_of(site.start, one[key]) for key in ("onset_q025", "onset_q975")] for one in (said, every[-1][1])]
+    verdict.onset_held, verdict.onset_held_late = (begin <= change.day <= end for begin, end in dated)
+    verdict.onset_widths = tuple(end - begin for begin, end in dated)

@@ -77,16 +77,14 @@ pub struct Marginal {
 impl Posterior {
     /// Values of one quantity, one per particle; `None` if the section does not have it.
     pub fn values(&self, quantity: Quantity) -> Option<Vec<f64>> {
-        let column = self.parameterisation.index(quantity)?;
+        Some(self.column(self.parameterisation.index(quantity)?))
+    }
+
+    /// Values of the entry at `column` of every particle.
+    fn column(&self, column: usize) -> Vec<f64> {
         let width = self.parameterisation.len();
-        Some(
-            self.particles
-                .iter()
-                .skip(column)
-                .step_by(width)
-                .copied()
-                .collect(),
-        )
+        let values = self.particles.iter().skip(column);
+        values.step_by(width).copied().collect()
     }
 
     /// Posterior mean of one quantity.
@@ -112,11 +110,16 @@ impl Posterior {
 
     /// Mean, spread and quantiles of one quantity at once.
     pub fn marginal(&self, quantity: Quantity) -> Option<Marginal> {
-        let values = self.values(quantity)?;
+        Some(self.marginal_at(self.parameterisation.index(quantity)?))
+    }
+
+    /// Mean, spread and quantiles of the entry at `column` of a particle.
+    pub(crate) fn marginal_at(&self, column: usize) -> Marginal {
+        let values = self.column(column);
         let mean = diagnostics::mean(&values, &self.weights);
         let sd = diagnostics::sd(&values, &self.weights);
         let quantiles = diagnostics::quantiles(&values, &self.weights, &[0.025, 0.5, 0.975]);
-        Some(Marginal {
+        Marginal {
             mean,
             sd,
             cv: sd / mean,
@@ -124,6 +127,6 @@ impl Posterior {
             q50: quantiles[1],
             q975: quantiles[2],
             mean_error: diagnostics::mean_error(&values, &self.weights),
-        })
+        }
     }
 }

@@ -2,6 +2,7 @@
 
 use super::joint::{Datum, DatumConflict, Joint, JointError, JointPosterior, JointSettings, Sampler};
 use super::{Distance, Inference, Observation, Posterior, distance};
+use crate::rod::query::Query;
 use crate::signal::record::Rejection;
 use serde::{Deserialize, Serialize};
 
@@ -26,6 +27,53 @@ pub struct Tested {
     pub stiffening: Option<f64>,
     /// Every datum against all others.
     pub conflicts: Vec<DatumConflict>,
+    /// Modal amplitudes that sensors of the record measured against each other, among the data.
+    #[serde(default)]
+    pub shapes: Vec<SensorRatio>,
+}
+
+/// Modal amplitude at one sensor over that at another.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct SensorRatio {
+    /// Mode order from 1.
+    pub order: usize,
+    /// Place of the sensor, as a share of the length.
+    pub at: f64,
+    /// Place of the sensor that it is compared with.
+    pub reference_at: f64,
+    /// True for strain over displacement \[1/m\].
+    pub is_strain: bool,
+    /// Ratio with its sign.
+    pub ratio: f64,
+    /// Standard error without that of the gains.
+    pub sd: f64,
+}
+
+impl SensorRatio {
+    /// A datum of two sensors; `None` for another.
+    pub fn of(datum: &Datum) -> Option<Self> {
+        let (order, at, reference_at, is_strain) = match datum.query {
+            Query::AmplitudeRatio {
+                order,
+                at,
+                reference_at,
+            } => (order, at, reference_at, false),
+            Query::StrainRatio {
+                order,
+                strain_at,
+                read_at,
+            } => (order, strain_at, read_at, true),
+            _ => return None,
+        };
+        Some(Self {
+            order,
+            at,
+            reference_at,
+            is_strain,
+            ratio: datum.value,
+            sd: datum.sd,
+        })
+    }
 }
 
 impl Inference {
@@ -114,6 +162,7 @@ impl Inference {
             tolerance_hz,
             stiffening: strain.map(|strain| strain * parameterisation.axial_rigidity(&centre) / centre[0]),
             conflicts: found.conflicts.clone(),
+            shapes: Vec::new(),
         }
     }
 }

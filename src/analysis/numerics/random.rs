@@ -1,7 +1,7 @@
 //! Seeds and counter-based random streams: the same seed gives the same numbers at any thread count.
 
-use rand::SeedableRng;
 use rand::rngs::ChaCha8Rng;
+use rand::{RngExt, SeedableRng};
 use sha2::{Digest, Sha256};
 
 /// Draws that share one stream; work is split between threads at multiples of this number.
@@ -26,6 +26,22 @@ pub fn stream(seed: u64, stream: u64) -> ChaCha8Rng {
     let mut generator = ChaCha8Rng::seed_from_u64(seed);
     generator.set_stream(stream);
     generator
+}
+
+/// `count` rows of normalised weights, by systematic resampling (Kitagawa 1996).
+pub fn systematic(weights: &[f64], count: usize, generator: &mut ChaCha8Rng) -> Vec<usize> {
+    let offset: f64 = generator.random();
+    let mut rows = Vec::with_capacity(count);
+    let (mut row, mut sum) = (0, weights.first().copied().unwrap_or(0.0));
+    for i in 0..count {
+        let place = (i as f64 + offset) / count as f64;
+        while sum < place && row + 1 < weights.len() {
+            row += 1;
+            sum += weights[row];
+        }
+        rows.push(row);
+    }
+    rows
 }
 
 #[cfg(test)]

@@ -49,7 +49,46 @@ pub enum Prior {
     Fixity(Fixity),
 }
 
+/// A number is a value known exactly, SI.
+impl From<f64> for Prior {
+    fn from(value: f64) -> Self {
+        Self::Fixed { value }
+    }
+}
+
 impl Prior {
+    /// A normal distribution truncated to positive values, with this mean (SI) and coefficient of variation.
+    pub fn normal(mean: f64, cv: f64) -> Self {
+        Self::TruncatedNormal { mean, sd: cv * mean }
+    }
+
+    /// A log-normal distribution; `log_sd` is the standard deviation of the natural logarithm.
+    pub fn log_normal(median: f64, log_sd: f64) -> Self {
+        Self::LogNormal { median, log_sd }
+    }
+
+    /// Every value between two is equally likely.
+    pub fn uniform(low: f64, high: f64) -> Self {
+        Self::Uniform { low, high }
+    }
+
+    /// Every doubling between two values is equally likely.
+    pub fn log_uniform(low: f64, high: f64) -> Self {
+        Self::LogUniform { low, high }
+    }
+
+    /// A support between a hinge (0) and a clamp (1): every fixity k / (k + 3 EI / l) between two, at most
+    /// [`Fixity::MOST`], is equally likely.
+    pub fn fixity(low: f64, high: f64) -> Self {
+        Self::Fixity(Fixity {
+            low,
+            high,
+            ends: 1.0,
+            // Set by RodPrior::with_fixities_in_place once the other priors are known.
+            unit_n_m: 1.0,
+        })
+    }
+
     /// One draw, SI. Redraws while a truncated normal is not positive, so that the number of random
     /// numbers used may vary.
     pub fn sample<R: Rng + ?Sized>(&self, generator: &mut R) -> f64 {
@@ -236,17 +275,16 @@ impl RodPrior {
 
     /// The rod of the paper (Table 1): square section, 14 m, everything else uncertain.
     pub fn todi() -> Self {
-        let normal = |mean: f64, cv: f64| Prior::TruncatedNormal { mean, sd: cv * mean };
         Self {
             parameterisation: Parameterisation::new(super::beam::Section::Square),
             priors: vec![
-                normal(800e3, 0.20),
-                normal(2.0e11, 0.30),
-                normal(7500.0, 0.10),
-                normal(0.07, 0.10),
-                normal(400e3, 0.30),
-                normal(400e3, 0.30),
-                Prior::Fixed { value: 14.0 },
+                Prior::normal(800e3, 0.20),
+                Prior::normal(2.0e11, 0.30),
+                Prior::normal(7500.0, 0.10),
+                Prior::normal(0.07, 0.10),
+                Prior::normal(400e3, 0.30),
+                Prior::normal(400e3, 0.30),
+                Prior::from(14.0),
             ],
         }
     }

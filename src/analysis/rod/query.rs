@@ -171,6 +171,7 @@ impl Queries {
 mod tests {
     use super::*;
     use crate::rod::beam::Section;
+    use crate::rod::beam::dense::Elements;
     use crate::rod::prior::RodPrior;
 
     fn answers(theta: &[f64], queries: Vec<Query>) -> Vec<f64> {
@@ -215,43 +216,9 @@ mod tests {
 
     #[test]
     fn shapes_and_strains_are_those_of_finite_elements() {
-        use crate::rod::beam::element::{BENDING, GEOMETRIC, MASS};
-        use nalgebra::{DMatrix, SymmetricEigen};
         let theta = RodPrior::todi().centre();
         let beam = Parameterisation::new(Section::Square).beam(&theta);
-        let count = 100;
-        let h = beam.length_m / count as f64;
-        let size = 2 * (count + 1);
-        let mut k: DMatrix<f64> = DMatrix::zeros(size, size);
-        let mut m = k.clone();
-        for element in 0..count {
-            for i in 0..4 {
-                for j in 0..4 {
-                    let place = (2 * element + i, 2 * element + j);
-                    k[place] += beam.flexural_rigidity_n_m2 / h.powi(3) * BENDING[i][j]
-                        + beam.axial_force_n / (30.0 * h) * GEOMETRIC[i][j];
-                    m[place] += beam.mass_per_length_kg_m * h / 420.0 * MASS[i][j];
-                }
-            }
-        }
-        k[(1, 1)] += beam.end_stiffness_n_m[0] / (h * h);
-        k[(size - 1, size - 1)] += beam.end_stiffness_n_m[1] / (h * h);
-        let held = [0, 2 * count];
-        let (k, m) = (
-            k.remove_columns_at(&held).remove_rows_at(&held),
-            m.remove_columns_at(&held).remove_rows_at(&held),
-        );
-        let root = m.cholesky().unwrap().l();
-        let half = root.solve_lower_triangular(&k).unwrap();
-        let eigen = SymmetricEigen::new(root.solve_lower_triangular(&half.transpose()).unwrap());
-        let mut places: Vec<usize> = (0..eigen.eigenvalues.len()).collect();
-        places.sort_by(|&a, &b| eigen.eigenvalues[a].total_cmp(&eigen.eigenvalues[b]));
-        for order in 1..=3 {
-            let vector = eigen.eigenvectors.column(places[order - 1]).into_owned();
-            let v = root.transpose().solve_upper_triangular(&vector).unwrap();
-            let w = |node: usize| v[2 * node - 1];
-            // Curvature from the slopes of both neighbours: an error of (n pi h / l)^2 / 6, at most 1.5e-3.
-            let curvature = |node: usize| (v[2 * node + 2] - v[2 * node - 2]) / (2.0 * h * h);
+        for (order, mode) in (1..).zip(Elements::new(&beam, 100).modes(3)) {
             let found = answers(
                 &theta,
                 vec![
@@ -268,13 +235,14 @@ mod tests {
                 ],
             );
             // Elements: (n pi / 100)^4 / 1440 of the frequency, a little more of the shape.
-            let ratio = w(10) / w(40);
+            let ratio = mode.at(0.1) / mode.at(0.4);
             assert!(
                 (found[0] / ratio - 1.0).abs() < 1e-5,
                 "{order} {} {ratio}",
                 found[0]
             );
-            let strain = -0.035 * curvature(20) / w(10);
+            // Curvature by differences: (n pi / 100)^2 / 6, at most 1.5e-3.
+            let strain = -0.035 * mode.curvature(0.2) / mode.at(0.1);
             assert!(
                 (found[1] / strain - 1.0).abs() < 2e-3,
                 "{order} {} {strain}",

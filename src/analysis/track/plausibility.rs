@@ -1,12 +1,16 @@
 //! Records that cannot be what they claim: another unit, another clock, another rod's channel.
 
+mod channels;
 mod exchange;
 
-use super::observation::{LogMode, Observation};
+use super::observation::Observation;
+use super::plausibility::channels::{Shown, Swap, last_own, moves, without};
 use super::plausibility::exchange::{Channel, Pair};
 use crate::signal::record::{RodId, Timestamp};
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
+
+pub use channels::Peer;
 
 /// Largest factor between a record's amplitude and those seen so far: weather and traffic stay within, a
 /// change from metres to millimetres does not.
@@ -29,23 +33,6 @@ const ALIKE_H: f64 = 24.0;
 
 /// Number of records of a channel remembered.
 const REMEMBERED: usize = 4;
-
-/// Another rod of the site, by the records of its channel.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Peer {
-    rod: RodId,
-    shown: VecDeque<Shown>,
-    swap: Option<Swap>,
-}
-
-/// Frequencies of a channel at a time.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-struct Shown {
-    time: Timestamp,
-    modes: Vec<LogMode>,
-    /// True if accepted as the rod's own.
-    is_own: bool,
-}
 
 /// Reason why a record is not believed.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -106,50 +93,6 @@ pub struct Plausibility {
     /// Time from which records were accepted as the rod's own before the exchange was found.
     #[serde(skip)]
     wrong_since: Option<Timestamp>,
-}
-
-/// Two channels that are exchanged.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-struct Swap {
-    /// The other rod.
-    rod: RodId,
-    /// Start of the first record with the exchange.
-    since: Timestamp,
-    /// Earlier modes of this channel and of the other one.
-    own: Vec<LogMode>,
-    other: Vec<LogMode>,
-}
-
-impl Swap {
-    /// True if a record still shows the other rod: weighed as an exchange back from the latest records of
-    /// both channels. A rod whose channel shows its own modes again is no longer exchanged with this one.
-    fn goes_on(&self, time: Timestamp, modes: &[LogMode], last: &Shown, peers: &[Peer]) -> bool {
-        let Some(peer) = peers.iter().find(|peer| peer.rod == self.rod) else {
-            return false;
-        };
-        let shows_its_own = peer
-            .shown
-            .back()
-            .is_some_and(|shown| shown.is_own && shown.time > self.since);
-        if shows_its_own && peer.swap.is_none() {
-            return false;
-        }
-        let middle = last.time.plus_seconds(0.5 * time.seconds_since(last.time));
-        let later = peer.shown.back().filter(|shown| shown.time > middle);
-        let before = peer.shown.iter().rev().find(|shown| shown.time <= middle);
-        let first = Channel {
-            before: &last.modes,
-            now: Some(modes),
-        };
-        let second = Channel {
-            before: before.map_or(&self.own, |shown| &shown.modes),
-            now: later.map(|shown| &shown.modes[..]),
-        };
-        let hours = time.seconds_since(last.time) / 3600.0;
-        let moves = moves(peers, last.time, time);
-        let pair = Pair::new(first, second, &without(&moves, &peer.rod), hours);
-        pair.is_none_or(|pair| pair.weigh().other < 0.5)
-    }
 }
 
 impl Plausibility {
@@ -358,43 +301,10 @@ impl Plausibility {
     }
 }
 
-impl Peer {
-    /// Record of the channel at about the time `before`, and that at about the time `now` if there is one:
-    /// each record counts for the nearer of the two.
-    fn around(&self, before: Timestamp, now: Timestamp) -> Option<(&Shown, Option<&Shown>)> {
-        let middle = before.plus_seconds(0.5 * now.seconds_since(before));
-        let now = self.shown.back().filter(|shown| shown.time > middle);
-        Some((last_own(&self.shown, now.map(|_| middle))?, now))
-    }
-}
-
-/// Latest record of a channel's own rod, before a time if given.
-fn last_own(shown: &VecDeque<Shown>, before: Option<Timestamp>) -> Option<&Shown> {
-    let is_it = |shown: &&Shown| shown.is_own && before.is_none_or(|before| shown.time < before);
-    shown.iter().rev().find(is_it)
-}
-
-/// Moves of ln N between two times by the channels of other rods.
-fn moves(peers: &[Peer], before: Timestamp, now: Timestamp) -> Vec<(&RodId, f64)> {
-    peers
-        .iter()
-        .filter(|peer| peer.swap.is_none())
-        .filter_map(|peer| {
-            let (before, now) = peer.around(before, now)?;
-            Some((&peer.rod, exchange::moved(&before.modes, &now?.modes)?))
-        })
-        .collect()
-}
-
-/// The moves of all rods but one.
-fn without(moves: &[(&RodId, f64)], rod: &RodId) -> Vec<f64> {
-    let others = moves.iter().filter(|(other, _)| *other != rod);
-    others.map(|(_, moved)| *moved).collect()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::track::observation::LogMode;
     use rand::rngs::ChaCha8Rng;
     use rand::{RngExt, SeedableRng};
     use rand_distr::{Distribution, StandardNormal};

@@ -66,6 +66,11 @@ impl Thermometer {
         })
     }
 
+    /// True while equal readings, though trusted so far, may be those of a thermometer that died.
+    pub fn may_have_died(&self) -> bool {
+        self.standstill.is_unusual()
+    }
+
     /// One clause for people with the reason why there is no temperature.
     pub fn message(&self) -> &'static str {
         match self.doubt {
@@ -163,6 +168,24 @@ mod tests {
             let celsius = 18.0 + 0.5 * f64::from(hour / 700);
             assert!(thermometer.believes(&reading(f64::from(hour), celsius)), "{hour}");
         }
+    }
+
+    #[test]
+    fn equal_readings_that_are_not_everyday_may_be_of_a_dead_thermometer() {
+        let mut thermometer = of_a_month();
+        for (hour, celsius, may_have_died) in [(720.0, 9.0, false), (721.0, 9.0, true), (722.0, 9.1, false)] {
+            assert!(thermometer.believes(&reading(hour, celsius)));
+            assert_eq!(thermometer.may_have_died(), may_have_died, "{hour}");
+        }
+        // One that reads whole kelvins stands still for hours every day.
+        let mut coarse = Thermometer::default();
+        let celsius = |hour: u32| (8.0 + 4.0 * (f64::from(hour) * 0.2618).sin()).round();
+        let doubted = (0..720)
+            .filter(|&hour| {
+                coarse.believes(&reading(f64::from(hour), celsius(hour))) && coarse.may_have_died()
+            })
+            .count();
+        assert!(doubted < 36, "{doubted}");
     }
 
     #[test]

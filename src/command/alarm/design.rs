@@ -9,6 +9,7 @@ use crate::analysis::rod::prior::RodPrior;
 use crate::analysis::signal::record::time::DAY_S;
 use crate::analysis::track::drift::ThermalPrior;
 use crate::analysis::track::fold::plan::YEAR_S;
+use crate::command::listing::folded;
 use crate::command::setup::choose_rod;
 use crate::command::which_store::Output;
 use crate::command::{BadArguments, print};
@@ -107,7 +108,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     if args.output.is_json() {
         print(format!("{}\n", serde_json::to_string(&promise)?).as_bytes())
     } else {
-        print(promise.table()?.as_bytes())
+        print(folded(&promise.table()?).as_bytes())
     }
 }
 

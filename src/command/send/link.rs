@@ -1,6 +1,7 @@
 //! The connection to the daemon: bytes there, answers back.
 
 use crate::service::ingest::{Reply, tls};
+use crate::site::clock;
 use anyhow::{Context, bail};
 use std::fmt;
 use std::path::PathBuf;
@@ -12,6 +13,7 @@ use tokio::sync::mpsc;
 use tokio::time::timeout;
 use tokio_rustls::TlsConnector;
 use tokio_rustls::rustls::pki_types::ServerName;
+use tokio_rustls::rustls::{self, AlertDescription};
 
 /// Longest time to connect.
 const CONNECT: Duration = Duration::from_secs(10);
@@ -85,22 +87,47 @@ pub struct TlsArgs {
 }
 
 impl TlsArgs {
-    /// TLS connector, if TLS is wanted.
+    /// TLS connector, if TLS is wanted; warns of a certificate that ends soon.
     ///
     /// # Errors
-    /// A file cannot be used.
+    /// A file cannot be used, or the certificate has ended.
     pub fn connector(&self) -> anyhow::Result<Option<TlsConnector>> {
-        match (&self.tls_ca, &self.tls_certificate, &self.tls_key) {
-            (Some(authority), Some(certificate), Some(key)) => tls::connector(authority, certificate, key)
-                .map(Some)
-                .map_err(anyhow::Error::msg),
-            _ => Ok(None),
+        let (Some(authority), Some(certificate), Some(key)) =
+            (&self.tls_ca, &self.tls_certificate, &self.tls_key)
+        else {
+            return Ok(None);
+        };
+        let (connector, warning) =
+            tls::connector(authority, certificate, key, clock::now_s()).map_err(anyhow::Error::msg)?;
+        if let Some(warning) = warning {
+            tell!("warning: {warning}");
         }
+        Ok(Some(connector))
     }
 }
 
 trait Socket: AsyncRead + AsyncWrite + Send + Unpin {}
 impl<T: AsyncRead + AsyncWrite + Send + Unpin> Socket for T {}
+
+/// Reason why TLS refuses for good: a certificate of ours or of theirs.
+pub(super) fn refusal(fault: &std::io::Error) -> Option<String> {
+    let fault = fault.get_ref()?.downcast_ref::<rustls::Error>()?;
+    match fault {
+        rustls::Error::AlertReceived(
+            alert @ (AlertDescription::CertificateExpired
+            | AlertDescription::CertificateRevoked
+            | AlertDescription::CertificateUnknown
+            | AlertDescription::BadCertificate
+            | AlertDescription::UnsupportedCertificate
+            | AlertDescription::CertificateRequired
+            | AlertDescription::UnknownCA
+            | AlertDescription::AccessDenied
+            | AlertDescription::DecryptError),
+        ) => Some(format!("it does not accept our certificate ({alert:?})")),
+        rustls::Error::InvalidCertificate(_) => Some(format!("its certificate is not accepted: {fault}")),
+        _ => None,
+    }
+}
 
 /// A connection to the daemon.
 pub(super) struct Link {
@@ -136,7 +163,18 @@ impl Link {
         let (to, answers) = mpsc::unbounded_channel();
         tokio::spawn(async move {
             let mut lines = BufReader::new(input.take(MOST_ANSWERS)).lines();
-            while let Ok(Some(line)) = lines.next_line().await {
+            loop {
+                let line = match lines.next_line().await {
+                    Ok(Some(line)) => line,
+                    Ok(None) => break,
+                    Err(fault) => {
+                        // The last words of TLS; whoever sends sees any other fault.
+                        if let Some(reason) = refusal(&fault) {
+                            let _ = to.send(Reply::Error { reason, again: false });
+                        }
+                        break;
+                    }
+                };
                 let reply = line
                     .parse()
                     .unwrap_or_else(|fault: crate::service::ingest::reply::Unknown| Reply::Error {
@@ -191,12 +229,20 @@ impl Link {
     /// Sends a hello; returns the number of messages that the daemon has.
     pub async fn hello(&mut self, sender: &str, patience: Duration) -> anyhow::Result<Result<u64, Reply>> {
         let hello = serde_json::json!({"hello": {"sender": sender}});
-        self.output.write_all(format!("{hello}\n").as_bytes()).await?;
-        self.output.flush().await?;
-        match timeout(patience, self.answer())
-            .await
-            .context("no answer to the hello")?
-        {
+        let said = async {
+            self.output.write_all(format!("{hello}\n").as_bytes()).await?;
+            self.output.flush().await
+        };
+        // Why it failed may still be on its way.
+        let (fault, patience) = match said.await {
+            Ok(()) => (None, patience),
+            Err(fault) => (Some(fault), LAST_WORDS),
+        };
+        let answer = timeout(patience, self.answer()).await;
+        if let (Some(fault), Err(_) | Ok(None)) = (fault, &answer) {
+            return Err(fault.into());
+        }
+        match answer.context("no answer to the hello")? {
             Some(Reply::Welcome { messages, .. }) => Ok(Ok(messages)),
             Some(other) => Ok(Err(other)),
             None => bail!("the connection was closed before the hello was answered"),

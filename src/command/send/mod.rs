@@ -247,9 +247,16 @@ impl Errand<'_> {
     /// Runs one connection from its beginning to the end of the stream.
     async fn attempt(&self, is_first: &mut bool) -> Result<u64, Failure> {
         let again = |error: anyhow::Error| Failure::Again(format!("{error:#}"));
-        let mut link = Link::open(&self.args.to, self.tls.as_ref())
-            .await
-            .map_err(again)?;
+        let opened = Link::open(&self.args.to, self.tls.as_ref()).await;
+        let mut link = opened.map_err(|error| {
+            let reason = error
+                .chain()
+                .find_map(|cause| link::refusal(cause.downcast_ref()?));
+            match reason {
+                Some(reason) => Failure::Final(anyhow::anyhow!("{}: {reason}", self.args.to)),
+                None => again(error),
+            }
+        })?;
         let mut skip = 0;
         if let Some(sender) = &self.args.sender {
             skip = match link.hello(sender, PATIENCE).await.map_err(again)? {

@@ -148,7 +148,7 @@ impl Looker {
 
     fn look_at(&self, source: &Source, record: &Record) -> Look {
         let duration_s = record.duration_s();
-        let (lowest_hz, highest_hz) = searchable_hz(record);
+        let (lowest_hz, highest_hz) = searchable_hz(duration_s, record.fs_hz);
         let low_hz = self.band.low_hz.map_or(lowest_hz, |low_hz| low_hz.max(lowest_hz));
         let high_hz = self
             .band

@@ -163,6 +163,8 @@ pub struct EmailSettings {
     pub from: lettre::message::Mailbox,
     /// Recipients, at least one.
     pub to: Vec<lettre::message::Mailbox>,
+    /// Time for which alarms are gathered into one mail \[s\].
+    pub group_s: f64,
     /// User name and password file, if the server requires a login.
     pub login: Option<Login>,
     /// File with the certificates (PEM) that are trusted instead of the built-in roots.

@@ -1,6 +1,6 @@
 //! Passwords, tokens and certificates: always in files, read when they are needed, never kept, never logged.
 
-use std::fs::File;
+use std::fs::{self, File};
 use std::io::Read;
 use std::os::unix::fs::PermissionsExt;
 use std::path::PathBuf;
@@ -73,8 +73,18 @@ impl CredentialPath {
     /// The single line of the file.
     ///
     /// # Errors
-    /// It cannot be read, or holds something else than one line of text.
+    /// It cannot be read, can be read or written by everybody on this machine, or holds something else than
+    /// one line of text.
     pub fn read_line(&self) -> Result<String, CredentialError> {
+        const OTHERS: u32 = 0o006;
+        // A missing file is reported where it is read. systemd protects its credentials itself.
+        let mode = fs::metadata(self.path()?).map_or(0, |data| data.permissions().mode() & 0o777);
+        if mode & OTHERS != 0 && !self.0.starts_with(PREFIX) {
+            return Err(CredentialError(format!(
+                "{0} can be read or written by everybody on this machine (mode {mode:03o}): `chmod 600 {0}`",
+                self.0
+            )));
+        }
         let text = String::from_utf8(self.read()?).ok();
         let line = text.as_deref().map(|text| text.trim_end_matches(['\r', '\n']));
         match line {
@@ -119,6 +129,7 @@ mod tests {
             ("two\nlines\n", None),
         ] {
             std::fs::write(&path, text).unwrap();
+            std::fs::set_permissions(&path, fs::Permissions::from_mode(0o600)).unwrap();
             assert_eq!(file.read_line().ok().as_deref(), line, "{text:?}");
         }
     }
@@ -129,11 +140,18 @@ mod tests {
         let path = folder.path().join("seed");
         let file = CredentialPath::new(path.to_str().unwrap());
         std::fs::write(&path, "secret").unwrap();
-        for (mode, is_good) in [(0o600, true), (0o400, true), (0o640, false), (0o604, false)] {
-            std::fs::set_permissions(&path, std::fs::Permissions::from_mode(mode)).unwrap();
-            let read = file.read_private();
-            assert_eq!(read.is_ok(), is_good, "{mode:o} {read:?}");
+        for (mode, is_line, is_private) in [
+            (0o600, true, true),
+            (0o400, true, true),
+            (0o640, true, false),
+            (0o644, false, false),
+            (0o602, false, false),
+        ] {
+            std::fs::set_permissions(&path, fs::Permissions::from_mode(mode)).unwrap();
+            assert_eq!(file.read_line().is_ok(), is_line, "{mode:o}");
+            assert_eq!(file.read_private().is_ok(), is_private, "{mode:o}");
         }
+        assert!(file.read_line().unwrap_err().0.contains("chmod 600"));
     }
 
     #[test]

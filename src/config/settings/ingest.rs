@@ -56,6 +56,29 @@ pub struct TlsSettings {
     pub key: PathBuf,
     /// Authority that must have issued the clients' certificates.
     pub client_ca: PathBuf,
+    /// Certificates with what their holders may send; empty: any holder may send everything.
+    pub bound: Vec<BoundCertificate>,
+}
+
+/// A client's certificate with what its holder may send.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct BoundCertificate {
+    /// Its common name, or one of its DNS names.
+    pub certificate: String,
+    /// Sender names of its holder.
+    pub senders: Vec<String>,
+    /// Topics of its holder: exact, or with a `*` at the end.
+    pub topics: Vec<String>,
+}
+
+impl BoundCertificate {
+    /// True if the holder may send on a topic.
+    pub fn allows(&self, topic: &str) -> bool {
+        self.topics.iter().any(|pattern| match pattern.strip_suffix('*') {
+            Some(beginning) => topic.starts_with(beginning),
+            None => pattern == topic,
+        })
+    }
 }
 
 /// Sources of live data, and limits of their clients.

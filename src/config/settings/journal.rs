@@ -17,6 +17,8 @@ pub struct JournalSettings {
     /// Total size beyond which the oldest parts whose results are in the store are removed \[bytes\]; `None`
     /// keeps them.
     pub keep_bytes: Option<u64>,
+    /// File that every backup of the journal renews: parts written after its time of change stay.
+    pub backup_stamp: Option<PathBuf>,
 }
 
 impl Default for JournalSettings {
@@ -27,6 +29,7 @@ impl Default for JournalSettings {
             part_s: 3600.0,
             keep_s: Some(30.0 * DAY_S),
             keep_bytes: Some(20_000_000_000),
+            backup_stamp: None,
         }
     }
 }

@@ -267,6 +267,16 @@ fn check_channels(table: &Table<'_>, rods: &[SimulatedRod], written: Written) {
             }
         };
         check(channel, written.is_batch);
+        for further in &rod.further {
+            if further.channel.unit.si() != "m" && !further.channel.unit.is_strain() {
+                fault(format!(
+                    "displacement and strain are simulated, the unit of {} is {}",
+                    further.channel.topic,
+                    further.channel.unit.key()
+                ));
+            }
+            check(&further.channel, written.is_batch);
+        }
         if let Some(temperature) = &rod.temperature {
             check(temperature, false);
         }

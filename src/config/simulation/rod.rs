@@ -6,9 +6,12 @@ use super::super::range::{Range, toml_float, toml_string};
 use super::super::reader::{Absent, Table, key};
 use super::super::value::toml_floats;
 use super::{fault, load};
-use crate::analysis::lab::synthesis::{AddedMass, Change, Line, Sensor, SimulatedRod, Thermal, Truth};
-use crate::analysis::rod::beam::Section;
+use crate::analysis::lab::synthesis::{
+    AddedMass, Change, FurtherSensor, Line, Sensor, SimulatedRod, Thermal, Truth,
+};
 use crate::analysis::rod::beam::forward::{MAX_MODES, MAX_ORDERS};
+use crate::analysis::rod::beam::{Parameterisation, Section};
+use crate::analysis::signal::record::Channel;
 
 /// Default damping ratio: iron between masonry walls.
 const DAMPING: f64 = 0.002;
@@ -126,6 +129,11 @@ pub(super) fn read(
         }
     };
     let sensor = table.section("sensor", "The sensor of a simulated rod.", sensor);
+    let further = table.list(
+        "further",
+        "A further sensor of a simulated rod: one of its [[rod.sensor]].",
+        |table| further(table, config),
+    );
     let pull = table.optional_section(
         "pull",
         "Pulls or blows on a schedule, beside the ambient load.",
@@ -193,7 +201,6 @@ pub(super) fn read(
         (None, None) => return None,
     };
     Some(SimulatedRod {
-        truth,
         damping: damping?,
         ambient_m,
         gusts,
@@ -202,6 +209,32 @@ pub(super) fn read(
         neighbour,
         resonances: resonances.into_iter().collect::<Option<Vec<_>>>()?,
         sensor,
+        further: further
+            .into_iter()
+            .map(|further| {
+                let (channel, sensor) = further?;
+                let strain_over_m = match (&truth, channel.unit.is_strain()) {
+                    (_, false) => None,
+                    (Truth::Beam { section, theta }, true) => {
+                        let height_m = Parameterisation::new(*section).height(theta);
+                        if height_m.is_none() {
+                            table.fault_of("further", "a strain gauge wants a section with a height");
+                        }
+                        Some(0.5 * height_m?)
+                    }
+                    (Truth::Frequencies(_), true) => {
+                        table.fault_of("further", "a strain gauge wants a beam, not frequencies_hz");
+                        return None;
+                    }
+                };
+                Some(FurtherSensor {
+                    channel,
+                    sensor,
+                    strain_over_m,
+                })
+            })
+            .collect::<Option<_>>()?,
+        truth,
         interference,
         thermal: thermal.unwrap_or(FREE),
         changes,
@@ -244,6 +277,7 @@ pub(super) fn by_default(config: &RodConfig) -> SimulatedRod {
             pink_m: 0.0,
             resolution_m: 1e-8,
         },
+        further: Vec::new(),
         interference: Vec::new(),
         thermal: FREE,
         changes: Vec::new(),
@@ -295,6 +329,54 @@ fn sensor(table: &mut Table<'_>) -> Sensor {
             1e-8,
         ),
     }
+}
+
+/// Channel, place and noise of a further sensor.
+fn further(table: &mut Table<'_>, config: Option<&RodConfig>) -> Option<(Channel, Sensor)> {
+    let topic = table.take(
+        key("topic", "topic of the [[rod.sensor]] it stands for"),
+        "the topic of a [[rod.sensor]]",
+        Absent::Required,
+        |value| value.name_string().map(str::to_owned),
+        |topic| toml_string(topic),
+    );
+    let known = config.map_or(&[][..], |config| config.sensors.get(1..).unwrap_or_default());
+    let own = topic
+        .as_ref()
+        .and_then(|topic| known.iter().find(|sensor| sensor.channel.topic == *topic));
+    if let (Some(topic), None, Some(_)) = (&topic, own, config) {
+        let known: Vec<&str> = known.iter().map(|sensor| sensor.channel.topic.as_str()).collect();
+        table.fault_of(
+            "topic",
+            format!(
+                "no [[rod.sensor]] reads \"{topic}\", there are: {}",
+                known.join(", ")
+            ),
+        );
+    }
+    let at = table.maybe_number(
+        key("at", "where it is in truth, as a share of the length [-]"),
+        Range::within(0.0, 1.0),
+        Absent::Nothing("that of the [[rod.sensor]]"),
+    );
+    let noise_m = table.number(
+        key(
+            "noise",
+            "standard deviation of its white noise, per sample, in the SI unit of its channel [m or 1]",
+        ),
+        Range::within(0.0, 0.1),
+        1e-6,
+    );
+    let own = own?;
+    Some((
+        own.channel.clone(),
+        Sensor {
+            at: at.unwrap_or(own.at),
+            noise_m,
+            pink_m: 0.0,
+            resolution_m: 0.0,
+        },
+    ))
 }
 
 fn thermal(table: &mut Table<'_>, section: Option<Section>) -> Thermal {

@@ -1,7 +1,8 @@
 //! `[alert]`: messages about the daemon itself, and its heartbeat.
 
 use super::text::address;
-use super::{Kind, check_secrets, file, list, strings};
+use super::{Kind, check_secrets};
+use crate::config::list::{file, list, strings};
 use crate::config::range::{Range, toml_string};
 use crate::config::reader::{Absent, Table, key};
 use crate::config::settings::alert::{AlertSettings, HeartbeatSettings, HttpTarget, SinkSettings};

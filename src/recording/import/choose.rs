@@ -73,7 +73,8 @@ pub(super) fn holds(signals: &[Signal]) -> String {
     if signals.len() > NAMED {
         named.push(format!("and {} more", signals.len() - NAMED));
     }
-    format!("it holds {}", named.join(", "))
+    let noun = if signals.len() == 1 { "channel" } else { "channels" };
+    format!("it holds {noun} {}", named.join(", "))
 }
 
 fn is_temperature(signal: &Signal) -> bool {
@@ -127,8 +128,8 @@ fn of_rod(rods: &[RodChannels], topic: &str) -> String {
 
 fn of_nobody(signals: &[Signal]) -> ImportError {
     ImportError::new(format!(
-        "no --config says which rod it is of: `tirante measure FILE` asks for the rod and writes one, `tirante import` makes a \
-         recording; {}",
+        "without --config the rod is not known: `tirante measure FILE` asks for it and writes a configuration, `tirante import` \
+         makes a recording; {}",
         holds(signals)
     ))
 }

@@ -7,7 +7,8 @@ use std::path::Path;
 pub(super) const LOOKED_AT: usize = 512;
 
 /// Supported formats of other programs.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "daemon", derive(clap::ValueEnum))]
 pub enum Format {
     /// Text tables.
     Csv,

@@ -5,7 +5,8 @@ use jiff::civil::DateTime;
 use jiff::tz::Offset;
 
 /// Unit of the numbers of a time column.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "daemon", derive(clap::ValueEnum))]
 pub enum TimeUnit {
     /// Seconds.
     S,
@@ -18,7 +19,8 @@ pub enum TimeUnit {
 }
 
 /// Order of day and month in dates such as `03/04/2026`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "daemon", derive(clap::ValueEnum))]
 pub enum DateOrder {
     /// The third of April.
     DayFirst,

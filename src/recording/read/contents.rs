@@ -76,7 +76,7 @@ pub fn contents(path: &Path) -> io::Result<Vec<Content>> {
     let mut channels: BTreeMap<u16, Looked> = BTreeMap::new();
     let mut known: HashMap<(String, u16), Readers> = HashMap::new();
     let mut messages = 0;
-    loop {
+    let is_cut = loop {
         let step = reader.step(&mut |item| match item {
             Item::Channel(id, channel, schema) => {
                 let unit = channel.metadata("unit").and_then(Unit::as_written);
@@ -98,8 +98,13 @@ pub fn contents(path: &Path) -> io::Result<Vec<Content>> {
             io::Error::other(format!("damaged at byte {}: {}", damage.offset, damage.what))
         })?;
         if !matches!(progress, Progress::More) || messages > MOST {
-            break;
+            break matches!(progress, Progress::Truncated | Progress::Wait);
         }
+    };
+    if is_cut && messages == 0 {
+        return Err(io::Error::other(
+            "it ends before its first message is complete: the copy is cut short, or still being written",
+        ));
     }
     let mut found: Vec<Content> = channels
         .into_values()

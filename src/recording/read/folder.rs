@@ -77,6 +77,11 @@ pub(super) struct Span {
     pub topics: BTreeSet<String>,
 }
 
+/// Times of the earliest and latest message of a finished file \[ns since 1970\], by the summary at its end.
+pub fn span(path: &Path) -> Option<(u64, u64)> {
+    span_at(path).map(|span| (span.from, span.to))
+}
+
 /// Longest summary that is read \[bytes\].
 const MAX_SUMMARY: u64 = 16 << 20;
 

@@ -324,13 +324,22 @@ impl Recording {
         self.doubt.is_some()
     }
 
-    /// Bytes in memory: samples not yet in a record, and data read but not passed on.
+    /// Bytes in memory: samples not yet in a record, records not yet taken, and data read but not passed on.
     pub fn held(&self) -> usize {
+        let ready = self.queue.iter().map(|timed| match &timed.event {
+            Event::Record(record) => 8 * record.samples.len(),
+            Event::Rejected { .. } | Event::Readings { .. } => 0,
+        });
         let reading = match &self.stage {
             Stage::Reading(file) => file.reader().map_or(0, Reader::held),
             Stage::Given(_) | Stage::Ended => 0,
         };
-        self.router.held() + reading
+        self.router.held() + reading + ready.sum::<usize>()
+    }
+
+    /// Sets the bytes of samples beyond which records end early.
+    pub fn bound(&mut self, most: usize) {
+        self.router.bound(most);
     }
 
     /// Progress in the file, for a progress bar.

@@ -17,9 +17,9 @@ use std::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet, HashMap, VecDeque};
 use std::sync::Arc;
 
-/// Most bytes of all rods' samples that are not yet in a record; beyond, the longest stretch becomes a
-/// record.
-const HELD: usize = 96 << 20;
+/// Most bytes of all rods' samples that are not yet in a record, if nothing else is said; beyond, the longest
+/// stretch becomes a record.
+pub const HELD: usize = 96 << 20;
 /// Growth of the rods' samples after which their memory is checked again \[bytes\].
 const WEIGHED_EVERY: usize = 1 << 20;
 /// Capacity of the sample buffer kept between two messages \[samples\].
@@ -77,6 +77,8 @@ pub(super) struct Router {
     /// True if a record ends with its file.
     ends_with_file: bool,
     ahead: Ahead,
+    /// Bytes of samples beyond which the longest stretch becomes a record.
+    most: usize,
     /// Largest growth of the rods' samples since the last memory check \[bytes\].
     grown: usize,
     /// Number of records of each rod that ended because all rods together held too much.
@@ -166,6 +168,7 @@ impl Router {
             rods,
             ends_with_file: false,
             ahead: Ahead::default(),
+            most: HELD,
             grown: 0,
             cuts: BTreeMap::new(),
             holes: Vec::new(),
@@ -376,11 +379,16 @@ impl Router {
         self.rods.iter().map(|rod| rod.assembler.held()).sum()
     }
 
+    /// Sets the bytes of samples beyond which the longest stretch becomes a record.
+    pub fn bound(&mut self, most: usize) {
+        self.most = most;
+    }
+
     /// Ends the longest stretches while all rods together hold too much.
     fn weigh(&mut self) {
         self.grown = 0;
         let mut held = self.held();
-        while held > HELD {
+        while held > self.most {
             let rods = self.rods.iter().map(|rod| rod.assembler.held());
             // Of equal ones the first.
             let Some((_, Reverse(at))) = rods.enumerate().map(|(at, held)| (held, Reverse(at))).max() else {
@@ -658,10 +666,8 @@ impl Router {
                 continue;
             };
             summary.notes.push(format!(
-                "{}: rod {}: {times} records end early: the samples of all rods together took more than {} MiB",
-                summary.file,
-                config.rod,
-                HELD >> 20
+                "{}: rod {}: {times} records end early: the samples of all rods together took too much memory",
+                summary.file, config.rod
             ));
         }
         summary.missing.clear();

@@ -141,6 +141,11 @@ impl Series {
         self.router.reached()
     }
 
+    /// Bytes of samples not yet in a record.
+    pub fn held(&self) -> usize {
+        self.router.held()
+    }
+
     /// Number of the current part, if no more of it can be read: only another part brings data again.
     pub fn stuck_in(&self) -> Option<u32> {
         let open = self.open.as_ref()?;

@@ -50,8 +50,8 @@ impl Sink for Alertmanager {
 
 /// The alert of a message: its labels are the same for all events of an alarm.
 fn alert(message: &Message, now: Timestamp) -> Json {
-    let is_test = matches!(message.what, What::Test | What::Alive);
-    let ends = if message.stands || is_test {
+    let is_momentary = matches!(message.what, What::Test | What::Alive | What::Ended);
+    let ends = if message.stands || is_momentary {
         now.plus_seconds(LASTS_S)
     } else {
         now
@@ -69,6 +69,7 @@ fn alert(message: &Message, now: Timestamp) -> Json {
         "labels": {
             "alertname": match message.what {
                 What::Test | What::Alive => "TiranteTest",
+                What::Ended => "TiranteCondition",
                 _ if message.is_of_daemon() => "TiranteCondition",
                 _ => "TiranteAlarm",
             },

@@ -8,7 +8,7 @@ use crate::analysis::track::alarm;
 use crate::config::settings::alert::SinkSettings;
 use crate::service::telemetry::metrics::Delivery;
 use crate::service::telemetry::{Fault, Telemetry};
-use crate::site::store::{Filter, Reader, StoreError};
+use crate::site::store::{Filter, News, Reader, StoreError};
 use std::collections::{HashSet, VecDeque};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
@@ -75,6 +75,8 @@ pub(super) struct Courier {
     /// Alarms active when the sink was added that it still has to get; `None` until they were looked up.
     standing: Option<VecDeque<Message>>,
     refreshed: Option<Instant>,
+    /// Time since which messages are gathered to be sent together.
+    gathering: Option<Instant>,
     /// Messages sent past the store: they are not sent again when the store has them.
     told: HashSet<String>,
     backoff: Backoff,
@@ -92,6 +94,7 @@ impl Courier {
             place,
             standing: None,
             refreshed: None,
+            gathering: None,
             told: HashSet::new(),
             backoff: Backoff::new(pace, seed),
             signal,
@@ -142,6 +145,10 @@ impl Courier {
     }
 
     fn until_next_look(&self) -> Duration {
+        if let Some(since) = self.gathering {
+            let left = self.sink.gathers_for().saturating_sub(since.elapsed());
+            return left.min(LOOK_EVERY);
+        }
         match (self.sink.refresh_every(), self.refreshed) {
             (Some(every), Some(refreshed)) => every.saturating_sub(refreshed.elapsed()).min(LOOK_EVERY),
             (Some(every), None) => every.min(LOOK_EVERY),
@@ -182,6 +189,20 @@ impl Courier {
             let Some(last) = news.last().map(|news| news.number) else {
                 break;
             };
+            if !self.sink.gathers_for().is_zero() {
+                let wants = |news: &&News| self.errand.settings.wants(news.event.alarm.kind, &news.rod);
+                let wanted = news.iter().filter(wants);
+                let together: Vec<Message> = wanted
+                    .map(|news| Message::of_news(&self.errand.site, news))
+                    .collect();
+                if !together.is_empty() && !self.send_together(&together)? {
+                    break;
+                }
+                place.through = last;
+                self.arrive(place);
+                self.report(&self.errand.settings.id, place.through)?;
+                continue;
+            }
             for news in &news {
                 if self.errand.settings.wants(news.event.alarm.kind, &news.rod) {
                     self.send(&Message::of_news(&self.errand.site, news))?;
@@ -198,6 +219,22 @@ impl Courier {
             }
         }
         self.refresh(reader)
+    }
+
+    /// Sends messages together once they were gathered for long enough; returns false before.
+    fn send_together(&mut self, messages: &[Message]) -> Result<bool, Trouble> {
+        let since = *self.gathering.get_or_insert_with(Instant::now);
+        if since.elapsed() < self.sink.gathers_for() && messages.len() < BATCH {
+            return Ok(false);
+        }
+        guarded(|| self.sink.deliver_all(messages))?;
+        self.gathering = None;
+        self.worked()?;
+        let (metrics, id) = (&self.errand.telemetry.metrics, &self.errand.settings.id);
+        for _ in messages {
+            metrics.delivery(id, Delivery::Delivered);
+        }
+        Ok(true)
     }
 
     /// Sends the notices of the daemon's conditions, which go to every sink.

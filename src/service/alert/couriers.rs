@@ -9,6 +9,7 @@ use super::{Message, Pace};
 use crate::analysis::signal::record::Timestamp;
 use crate::config::settings::alert::{AlertSettings, SinkKind, SinkSettings};
 use crate::service::telemetry::{Fault, Telemetry};
+use crate::site::clock;
 use crate::site::store::ConditionEvent;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -18,6 +19,10 @@ use std::time::{Duration, Instant};
 
 /// Longest time for a courier to stop, unless it is in the middle of a send.
 const STOP_WITHIN: Duration = Duration::from_millis(100);
+
+/// Longest time for the reason of the end to reach the sinks, and the interval of looks.
+const LAST_WORDS: Duration = Duration::from_secs(5);
+const LOOK: Duration = Duration::from_millis(20);
 
 /// All couriers of a daemon.
 pub struct Couriers {
@@ -111,6 +116,19 @@ impl Couriers {
     pub fn tell(&self, notice: &ConditionEvent) {
         for courier in &self.running {
             courier.signal.tell(Message::of_notice(&courier.site, notice));
+        }
+    }
+
+    /// Sends every sink the reason why the daemon ends, and waits until they have it, at most [`LAST_WORDS`].
+    pub fn tell_end(&self, why: &str) {
+        for courier in &self.running {
+            courier
+                .signal
+                .tell(Message::ended(&courier.site, why, clock::now()));
+        }
+        let until = Instant::now() + LAST_WORDS;
+        while Instant::now() < until && !self.running.iter().all(|courier| courier.signal.has_told()) {
+            thread::sleep(LOOK);
         }
     }
 

@@ -1,6 +1,6 @@
 //! A mail through an SMTP server: delivered when the server has taken it for every recipient.
 
-use super::{Failure, Message, Sink, What};
+use super::{Failure, Message, Sink, What, digest};
 use crate::config::settings::alert::{EmailSettings, MailSecurity};
 use lettre::message::header::ContentType;
 use lettre::transport::smtp::authentication::Credentials;
@@ -9,6 +9,9 @@ use lettre::{SmtpTransport, Transport};
 use std::error::Error;
 use std::io;
 use std::time::Duration;
+
+/// Most alarms that one mail refers to.
+const REFERENCES: usize = 20;
 
 /// A mail server.
 pub(super) struct Email {
@@ -58,28 +61,50 @@ impl Email {
         parameters.build().map_err(|error| self.failed(error))
     }
 
-    fn mail(&self, message: &Message) -> Result<lettre::Message, Failure> {
+    /// Mail about an alarm, or about several.
+    fn mail(&self, messages: &[Message]) -> Result<lettre::Message, Failure> {
+        let (id, subject, text) = match messages {
+            [message] => (message.id.clone(), message.subject(), message.text()),
+            all => {
+                let last = all.last().map_or("", |message| message.id.as_str());
+                let id = format!("{last}-with-{}", all.len().saturating_sub(1));
+                (id, digest::subject(all), digest::text(all))
+            }
+        };
         // A mail client shows one mail for one id, and all mails of an alarm together.
         let domain = self.settings.from.email.domain();
         let mut mail = lettre::Message::builder()
             .from(self.settings.from.clone())
-            .subject(message.subject())
-            .message_id(Some(format!("<{}@{domain}>", message.id)));
-        if message.what != What::Test {
-            mail = mail.references(format!("<{}@{domain}>", message.alarm));
+            .subject(subject)
+            .message_id(Some(format!("<{id}@{domain}>")));
+        let known = messages.iter().filter(|message| message.what != What::Test);
+        let alarms: Vec<String> = known
+            .take(REFERENCES)
+            .map(|message| format!("<{}@{domain}>", message.alarm))
+            .collect();
+        if !alarms.is_empty() {
+            mail = mail.references(alarms.join(" "));
         }
         for to in &self.settings.to {
             mail = mail.to(to.clone());
         }
         mail.header(ContentType::TEXT_PLAIN)
-            .body(message.text() + "\n")
+            .body(text + "\n")
             .map_err(|error| self.failed(error))
     }
 }
 
 impl Sink for Email {
     fn deliver(&mut self, message: &Message) -> Result<(), Failure> {
-        let mail = self.mail(message)?;
+        self.deliver_all(std::slice::from_ref(message))
+    }
+
+    fn gathers_for(&self) -> Duration {
+        Duration::from_secs_f64(self.settings.group_s)
+    }
+
+    fn deliver_all(&mut self, messages: &[Message]) -> Result<(), Failure> {
+        let mail = self.mail(messages)?;
         self.transport()?.send(&mail).map(|_| ()).map_err(|error| {
             if is_timeout(&error) {
                 self.failed(format!("no answer within {:.0} s", self.deadline.as_secs_f64()))

@@ -31,6 +31,8 @@ pub enum What {
     Test,
     /// Daily message that the daemon is working, with the present conditions.
     Alive,
+    /// Last words of a daemon that ends by a failure.
+    Ended,
 }
 
 impl What {
@@ -44,6 +46,7 @@ impl What {
             Self::Standing => "standing",
             Self::Test => "test",
             Self::Alive => "alive",
+            Self::Ended => "ended",
         }
     }
 
@@ -175,6 +178,17 @@ impl Message {
         }
     }
 
+    /// Last words of a daemon that ends by a failure: nothing is measured until it is started again.
+    pub fn ended(site: &str, why: &str, now: Timestamp) -> Self {
+        Self {
+            what: What::Ended,
+            id: format!("ended-{}", now.as_nanos() / 1_000_000_000),
+            alarm: "ended".to_owned(),
+            kind: "ended".to_owned(),
+            ..Self::alive(site, format!("the daemon ends by a failure: {why}"), now)
+        }
+    }
+
     /// True if it is about the daemon, not about a rod.
     pub fn is_of_daemon(&self) -> bool {
         self.about.is_some()
@@ -205,7 +219,7 @@ impl Message {
     pub fn subject(&self) -> String {
         match self.what {
             What::Test => format!("{}: test of an alarm sink", self.site),
-            What::Alive => format!("{}: {}", self.site, self.message),
+            What::Alive | What::Ended => format!("{}: {}", self.site, self.message),
             What::Cleared if self.is_of_daemon() => {
                 format!("{}, monitoring: {} is over", self.site, self.kind)
             }
@@ -233,7 +247,7 @@ impl Message {
             if let Some(time) = self.cleared {
                 line("Over", &time.to_string());
             }
-        } else if !matches!(self.what, What::Test | What::Alive) {
+        } else if !matches!(self.what, What::Test | What::Alive | What::Ended) {
             line("Rod", &self.rod);
             line("Alarm", &format!("{} ({})", self.kind, self.alarm));
             line("Raised", &self.raised.to_string());

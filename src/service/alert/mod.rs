@@ -8,6 +8,7 @@ mod alertmanager;
 pub mod backoff;
 mod courier;
 mod couriers;
+mod digest;
 mod email;
 mod heartbeat;
 mod log;
@@ -35,6 +36,19 @@ pub trait Sink: Send {
     /// # Errors
     /// It is not known to have it.
     fn deliver(&mut self, message: &Message) -> Result<(), Failure>;
+
+    /// Time for which messages are gathered before they are sent together.
+    fn gathers_for(&self) -> Duration {
+        Duration::ZERO
+    }
+
+    /// Sends messages together; returns when the other side has all of them.
+    ///
+    /// # Errors
+    /// It is not known to have them.
+    fn deliver_all(&mut self, messages: &[Message]) -> Result<(), Failure> {
+        messages.iter().try_for_each(|message| self.deliver(message))
+    }
 
     /// Interval at which it needs all active alarms again; `None` for one that remembers.
     fn refresh_every(&self) -> Option<Duration> {

@@ -64,6 +64,11 @@ impl Signal {
         self.lock().direct.front().cloned()
     }
 
+    /// True if every such message was delivered.
+    pub(super) fn has_told(&self) -> bool {
+        self.lock().direct.is_empty()
+    }
+
     /// Removes a delivered message.
     pub(super) fn delivered(&self, id: &str) {
         self.lock().direct.retain(|message| message.id != id);

@@ -3,7 +3,7 @@
 use super::days::{Bucket, DAY_NS, Days, Mean};
 use crate::analysis::signal::record::{RodId, Timestamp};
 use crate::analysis::track::Interval;
-use crate::site::store::{Point, Reader, StoreError};
+use crate::site::store::{Point, Reader, Sampling, StoreError};
 use serde::Serialize;
 use std::collections::BTreeSet;
 
@@ -88,8 +88,7 @@ impl History {
     ) -> Result<Self, StoreError> {
         let points = points.max(1);
         let mut history = Self::empty(rod, from, to);
-        let there: u64 = days.between(rod, from, to).map(|(_, day)| day.records).sum();
-        if there > MOST_READ {
+        if records_between(days, rod, from, to) > MOST_READ {
             history.fill_from_days(days, points);
             return Ok(history);
         }
@@ -213,12 +212,17 @@ impl History {
     }
 }
 
+/// Number of a rod's records on the days of a time range.
+fn records_between(days: &Days, rod: &RodId, from: Timestamp, to: Timestamp) -> u64 {
+    days.between(rod, from, to).map(|(_, day)| day.records).sum()
+}
+
 /// Natural frequencies of a rod's records, as columns of equal length, ascending in time.
 #[derive(Debug, Serialize)]
 pub struct Frequencies {
     /// Id of the rod.
     pub rod: RodId,
-    /// Interval of the records listed: one in this many.
+    /// Interval of the records listed: one in this many, on average if they are thinned by time.
     pub every: usize,
     /// Time of the record's first sample.
     pub time: Vec<Timestamp>,
@@ -238,17 +242,34 @@ pub struct ModeColumn {
 }
 
 impl Frequencies {
-    /// Frequencies of a rod in a time range, end exclusive, of at most `points` records.
+    /// Frequencies of a rod in a time range, end exclusive, of at most `points` records: each n-th, or the first of
+    /// each even stretch of time if there are more than [`MOST_READ`].
     ///
     /// # Errors
     /// The store cannot be read, or a row is damaged.
     pub fn of(
         reader: &Reader,
+        days: &Days,
         rod: &RodId,
         (from, to): (Timestamp, Timestamp),
         points: usize,
     ) -> Result<Self, StoreError> {
-        let (records, every) = reader.modes_between(rod, from, to, points)?;
+        let there = records_between(days, rod, from, to);
+        let together = usize::try_from(there)
+            .unwrap_or(usize::MAX)
+            .div_ceil(points.max(1))
+            .max(1);
+        let sampling = if there > MOST_READ {
+            let span_ns = to.as_nanos().saturating_sub(from.as_nanos());
+            Sampling::Apart(span_ns / i64::try_from(points.max(1)).unwrap_or(i64::MAX) + 1)
+        } else {
+            Sampling::Every(together)
+        };
+        let records = reader.modes_between(rod, (from, to), sampling, points)?;
+        let every = match sampling {
+            Sampling::Every(every) => every,
+            Sampling::Apart(_) => usize::try_from(there).unwrap_or(usize::MAX) / records.len().max(1),
+        };
         let orders: BTreeSet<u32> = records
             .iter()
             .flat_map(|record| record.modes.iter().map(|(order, ..)| *order))

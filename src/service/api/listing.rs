@@ -4,14 +4,14 @@ use super::days::Days;
 use crate::analysis::signal::record::time::DAY_S;
 use crate::analysis::signal::record::{RodId, Timestamp};
 use crate::analysis::track::Alarm;
-use crate::site::store::{Lines, Mark, Reader, StoreError};
+use crate::site::store::{Line, Lines, Mark, Reader, StoreError};
 use serde::Serialize;
 use serde_json::value::RawValue;
 
 /// A page of a rod's records.
 #[derive(Debug, Serialize)]
 pub struct Records {
-    /// Records' JSON, as `history --format json` prints it.
+    /// Records' JSON, as `history --format json` prints it, with the `file` each came from.
     pub records: Vec<Box<RawValue>>,
     /// Cursor of the next page; `None` after the last.
     pub next: Option<String>,
@@ -64,9 +64,9 @@ impl Records {
         let next = found
             .last()
             .filter(|_| is_more)
-            .map(|(mark, _)| format!("{}.{}", mark.start_ns, mark.id));
-        let lines = found.into_iter().map(|(_, line)| {
-            RawValue::from_string(line).map_err(|error| StoreError::Unreadable {
+            .map(|Line { mark, .. }| format!("{}.{}", mark.start_ns, mark.id));
+        let lines = found.into_iter().map(|line| {
+            with_file(line).map_err(|error| StoreError::Unreadable {
                 what: format!("a record of rod {rod}"),
                 detail: error.to_string(),
             })
@@ -77,6 +77,16 @@ impl Records {
             next,
         })
     }
+}
+
+/// A record's line with its file as the last field. The line itself is not parsed again, so that its numbers
+/// keep every digit.
+fn with_file(Line { mut json, file, .. }: Line) -> serde_json::Result<Box<RawValue>> {
+    if json.ends_with('}') {
+        json.pop();
+        json += &format!(",\"file\":{}}}", serde_json::to_string(&file)?);
+    }
+    RawValue::from_string(json)
 }
 
 /// Parses a page's cursor `next`.

@@ -35,6 +35,8 @@ pub struct SegmentAnswer {
     pub number: u32,
     /// Reason for opening it: `first`, `requested`, `changed`, `clock`.
     pub reason: String,
+    /// Reason that a person gave when asking for it.
+    pub asked_words: Option<String>,
     /// First and last record of the baseline, once learned.
     pub baseline: Option<[Timestamp; 2]>,
     /// Number of records of the baseline.
@@ -63,18 +65,25 @@ impl RodAnswer {
         let Some(standing) = reader.standing(rod)? else {
             return Ok(None);
         };
-        let segments = reader.segments(rod)?.into_iter().map(|segment| {
+        let mut asked = reader.rebaselines(rod)?;
+        let mut segments = reader.segments(rod)?;
+        // Each request that was applied opened one segment; the latest segment was opened by the latest request.
+        segments.reverse();
+        let segments = segments.into_iter().map(|segment| {
+            let is_asked = segment.reason.code() == "requested";
             let baseline = segment.baseline.as_ref();
             SegmentAnswer {
                 number: segment.number,
                 reason: segment.reason.code().to_owned(),
+                asked_words: is_asked.then(|| asked.pop()).flatten().flatten(),
                 baseline: baseline.map(|baseline| [baseline.first, baseline.last]),
                 baseline_records: baseline.map_or(0, |baseline| baseline.records),
                 reference_c: segment.reference_c,
                 fault: segment.fault,
             }
         });
-        let segments = segments.collect();
+        let mut segments: Vec<_> = segments.collect();
+        segments.reverse();
         let slope = reader.watch(rod)?.get().and_then(DriftWatch::slope);
         let thermal = slope.map(|(slope_per_k, slope_sd_per_k)| Thermal {
             slope_per_k,

@@ -437,7 +437,7 @@ impl Core {
 /// Puts an item into the site; returns the result if it is a new record.
 fn put(site: &mut Site, done: &Done, before: Option<[u8; 32]>) -> Result<Option<Taken>, StoreError> {
     match done {
-        Done::Event(analysed, place) => return site.take_event(analysed, place.position(), before),
+        Done::Event(analysed, place) => return site.take_event(analysed, Some(place.position()), before),
         Done::Job(Job::File { mark, carry, .. }) if mark.is_some() || carry.is_some() => {
             let (mark, carry) = (mark.as_ref(), carry.as_ref());
             site.note(Note::File { mark, carry })?;

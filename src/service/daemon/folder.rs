@@ -5,7 +5,7 @@ use crate::analysis::signal::record::{RecordSettings, RodChannels};
 use crate::recording::read::folder::first_time;
 use crate::recording::read::recordings::FileResult;
 use crate::recording::read::series::modified_ns;
-use crate::recording::read::{Recording, SourceError, Step};
+use crate::recording::read::{HELD, Recording, SourceError, Step};
 use crate::service::telemetry::{Fault, Health};
 use crate::site::store::{FileMark, FileState};
 use rustix::fs::{Mode, OFlags};
@@ -28,7 +28,9 @@ const SCAN_SHARE: u32 = 20;
 /// Most growing recordings read at once.
 const MOST_GROWING: usize = 64;
 /// Most bytes that growing recordings may hold together; beyond, the largest is read when it is finished.
-const GROWING_BYTES: usize = 64 << 20;
+const GROWING_BYTES: usize = 32 << 20;
+/// Least room for the samples of a recording, whatever the journal and the other recordings hold \[bytes\].
+const LEAST_ROOM: usize = 16 << 20;
 /// Pause before a file that cannot be opened is tried again.
 const RETRY: Duration = Duration::from_secs(60);
 
@@ -60,6 +62,8 @@ pub(super) struct Folder {
     finished: Option<Lane>,
     growing: VecDeque<Lane>,
     next_scan: Instant,
+    /// Bytes of samples that the journal holds.
+    elsewhere: usize,
     /// True if the growing files have the next turn.
     is_turn_of_growing: bool,
     /// True if finished files come first: at the start, until all present then are read.
@@ -120,6 +124,7 @@ impl Folder {
             finished: None,
             growing: VecDeque::new(),
             next_scan: Instant::now(),
+            elsewhere: 0,
             is_turn_of_growing: false,
             catches_up: true,
         }
@@ -144,8 +149,10 @@ impl Folder {
         self.next_scan = Instant::now();
     }
 
-    /// Takes one step: a scan if due, or at most one record or chunk of one file.
-    pub fn step(&mut self, watch: &mut Watch, stop: &AtomicBool) -> FolderStep {
+    /// Takes one step: a scan if due, or at most one record or chunk of one file. `elsewhere`: bytes of samples
+    /// that the journal holds.
+    pub fn step(&mut self, watch: &mut Watch, stop: &AtomicBool, elsewhere: usize) -> FolderStep {
+        self.elsewhere = elsewhere;
         if Instant::now() >= self.next_scan {
             let began = Instant::now();
             self.scan(stop);
@@ -157,12 +164,15 @@ impl Folder {
         }
         if let Some(mut lane) = self.finished.take() {
             self.is_turn_of_growing = !self.is_turn_of_growing && !self.catches_up;
+            self.elsewhere = elsewhere + lane.held;
             if self.is_turn_of_growing
                 && let Some(step) = self.step_growing(watch)
             {
                 self.finished = Some(lane);
                 return step;
             }
+            self.elsewhere = elsewhere;
+            lane.recording.bound(self.room());
             let step = lane.step(watch, self.settle, &self.health);
             if let Some(Step::End) = step {
                 return self.close(lane, watch);
@@ -185,6 +195,7 @@ impl Folder {
     fn step_growing(&mut self, watch: &mut Watch) -> Option<FolderStep> {
         for _ in 0..self.growing.len() {
             let mut lane = self.growing.pop_front()?;
+            lane.recording.bound(self.room());
             let step = lane.step(watch, self.settle, &self.health);
             match step {
                 None => self.next_scan = Instant::now(),
@@ -203,6 +214,13 @@ impl Folder {
             }
         }
         None
+    }
+
+    /// Room for the samples of a recording: what the journal and all other recordings leave \[bytes\].
+    fn room(&self) -> usize {
+        let others = self.growing.iter().chain(&self.finished);
+        let held: usize = others.map(|lane| lane.held).sum();
+        HELD.saturating_sub(self.elsewhere + held).max(LEAST_ROOM)
     }
 
     /// Puts off the largest growing files while all together hold too much: they are begun again when
@@ -233,11 +251,16 @@ impl Folder {
             self.failed.insert(lane.name.clone(), Instant::now() + RETRY);
         }
         self.done.insert(lane.name, lane.stamp);
+        let losses = lane.recording.summary().faults();
+        let read = match losses.is_empty() {
+            true => FileState::Done,
+            false => FileState::Incomplete(losses.join("; ")),
+        };
         let mark = FileMark {
             name: lane.label.to_string(),
             size,
             modified_ns,
-            state: quarantined.map_or(FileState::Done, FileState::Quarantined),
+            state: quarantined.map_or(read, FileState::Quarantined),
         };
         Step::File((mark, Ok(lane.recording.summary().clone())))
     }

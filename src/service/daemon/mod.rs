@@ -233,16 +233,19 @@ impl Daemon<'_> {
                 }
                 LifecycleEvent::Failed(error) => {
                     if let Some(running) = running {
-                        running.abandon(runtime);
+                        running.abandon(runtime, &format!("{error:#}"));
                     }
                     return Err(error);
                 }
                 LifecycleEvent::Ended(result) => {
+                    let error = match result {
+                        Ok(()) => anyhow::anyhow!("the work loop ended by itself"),
+                        Err(error) => error.into(),
+                    };
                     if let Some(running) = running {
-                        running.abandon(runtime);
+                        running.abandon(runtime, &format!("{error:#}"));
                     }
-                    result?;
-                    anyhow::bail!("the work loop ended by itself");
+                    return Err(error);
                 }
             }
         }

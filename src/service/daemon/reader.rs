@@ -354,7 +354,8 @@ impl Work {
         let Some(folder) = &mut self.folder else {
             return Ok(false);
         };
-        match folder.step(&mut self.around.watch, &self.stop) {
+        let elsewhere = self.journal.as_ref().map_or(0, |lane| lane.series.held());
+        match folder.step(&mut self.around.watch, &self.stop, elsewhere) {
             Step::Wait | Step::End => return Ok(false),
             Step::More => {}
             Step::Event(event, place) => self.send_event(event, place)?,

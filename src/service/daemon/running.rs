@@ -254,12 +254,13 @@ impl Running {
         result
     }
 
-    /// Ends the rest after the work loop, or another necessary thread, ended by itself.
-    pub fn abandon(self, runtime: &Runtime) {
+    /// Ends the rest after the work loop, or another necessary thread, ended by itself; every sink is told.
+    pub fn abandon(self, runtime: &Runtime, why: &str) {
         self.live.hang_up();
         self.ending.drain.store(true, Ordering::Relaxed);
         self.quarantine.stand_down();
         self.reader.stop();
+        lock(&self.couriers).tell_end(why);
         self.live.stop(runtime);
         self.forward.stop();
         stop(self.couriers);

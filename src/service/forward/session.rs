@@ -2,7 +2,7 @@
 
 use super::link::{ANSWER, Link, LinkError};
 use super::message::{self, Label, MessageError, OUT, STREAM};
-use crate::config::settings::forward::{Content, ForwardSettings};
+use crate::config::settings::forward::ForwardSettings;
 use crate::site::store::{Change, FORMAT, Reader, StoreError};
 use async_nats::jetstream::context::PublishErrorKind;
 use async_nats::jetstream::message::{PublishMessage, StreamMessage};
@@ -181,12 +181,7 @@ impl<'a> Session<'a> {
     /// # Errors
     /// The post or the store refuses; what was sent last is not known then.
     pub async fn send_next(&mut self, reader: &Reader) -> Result<Option<i64>, SessionError> {
-        let mut changes = reader.changes_after(self.end.through, MOST)?;
-        for change in &mut changes {
-            change.rows.retain(|row| {
-                Content::of_table(&row.table).is_none_or(|content| self.settings.what.contains(&content))
-            });
-        }
+        let changes = reader.changes_after(self.end.through, MOST)?;
         let Some((count, payload)) = self.fit(&changes)? else {
             return Ok(None);
         };

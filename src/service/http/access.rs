@@ -5,7 +5,6 @@ use axum::http::HeaderMap;
 use axum::http::header::{AUTHORIZATION, HOST, ORIGIN};
 use sha2::{Digest, Sha256};
 use std::net::IpAddr;
-use std::os::unix::fs::PermissionsExt;
 use subtle::ConstantTimeEq;
 
 /// Fewest characters of a token; shorter ones can be guessed.
@@ -30,7 +29,6 @@ impl Access {
     pub fn of(settings: &HttpSettings) -> anyhow::Result<Self> {
         let token = match &settings.token_file {
             Some(file) => {
-                refuse_if_open(file.as_str())?;
                 let token = file
                     .read_line()
                     .map_err(|error| anyhow::anyhow!("http.token_file: {error}"))?;
@@ -117,26 +115,12 @@ impl Access {
     }
 }
 
-/// Refuses a file that every user of this machine can read or write. systemd protects its credentials itself.
-fn refuse_if_open(path: &str) -> anyhow::Result<()> {
-    const OTHERS: u32 = 0o006;
-    // A missing file is reported where it is read.
-    let Ok(data) = std::fs::metadata(path) else {
-        return Ok(());
-    };
-    let mode = data.permissions().mode() & 0o777;
-    anyhow::ensure!(
-        mode & OTHERS == 0,
-        "http.token_file: {path} can be read or written by everybody on this machine (mode {mode:03o}): `chmod 600 {path}`"
-    );
-    Ok(())
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::config::settings::credential::CredentialPath;
     use axum::http::{HeaderName, HeaderValue};
+    use std::os::unix::fs::PermissionsExt;
 
     #[test]
     fn a_token_everybody_can_read_is_refused() {

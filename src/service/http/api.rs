@@ -155,10 +155,14 @@ struct Span {
     points: Option<usize>,
 }
 
-async fn history(
-    State(api): State<Api>,
-    Path(rod): Path<String>,
-    Query(span): Query<Span>,
+/// Answers about a rod's records of a stretch of time, by default all.
+async fn stretch<T: Serialize + Send + 'static>(
+    api: &Api,
+    rod: String,
+    span: Span,
+    of: impl FnOnce(&Reader, &Days, &RodId, (Timestamp, Timestamp), usize) -> Result<T, StoreError>
+    + Send
+    + 'static,
 ) -> Result<Response, Problem> {
     let (from, to) = (
         time("from", span.from.as_deref())?,
@@ -174,9 +178,17 @@ async fn history(
             None => return Ok(Err(no_rod(&rod.0))),
         };
         let span = (from.unwrap_or(first), to.unwrap_or(end));
-        Ok(Ok(History::of(reader, days, &rod, span, points)?))
+        Ok(Ok(of(reader, days, &rod, span, points)?))
     })
     .await
+}
+
+async fn history(
+    State(api): State<Api>,
+    Path(rod): Path<String>,
+    Query(span): Query<Span>,
+) -> Result<Response, Problem> {
+    stretch(&api, rod, span, History::of).await
 }
 
 async fn frequencies(
@@ -184,23 +196,7 @@ async fn frequencies(
     Path(rod): Path<String>,
     Query(span): Query<Span>,
 ) -> Result<Response, Problem> {
-    let (from, to) = (
-        time("from", span.from.as_deref())?,
-        time("to", span.to.as_deref())?,
-    );
-    let points = within("points", span.points, POINTS)?;
-    api.answer_at_once(move |reader| {
-        let span = (
-            from.unwrap_or(Timestamp::from_nanos(i64::MIN)),
-            to.unwrap_or(Timestamp::MAX),
-        );
-        let rod = RodId(rod);
-        if !reader.standings()?.iter().any(|standing| standing.rod == rod) {
-            return Ok(Err(no_rod(&rod.0)));
-        }
-        Ok(Ok(Frequencies::of(reader, &rod, span, points)?))
-    })
-    .await
+    stretch(&api, rod, span, Frequencies::of).await
 }
 
 #[derive(Deserialize)]

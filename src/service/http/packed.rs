@@ -3,7 +3,7 @@
 use crate::site::hex::hex;
 use axum::body::{Body, Bytes, to_bytes};
 use axum::extract::Request;
-use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
+use axum::http::{HeaderMap, HeaderValue, Method, StatusCode, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 use flate2::Compression;
@@ -64,10 +64,14 @@ pub(super) fn mark(headers: &mut HeaderMap, tag: &str) {
     }
 }
 
-/// Tags the answer to a GET request, omits it if the client has it, and compresses it otherwise.
-pub(super) async fn pack(request: Request, next: Next) -> Response {
+/// Tags the answer to a GET or HEAD request, omits it if the client has it, and compresses it otherwise.
+pub(super) async fn pack(mut request: Request, next: Next) -> Response {
     let asked = request.headers().clone();
-    let is_question = request.method() == axum::http::Method::GET;
+    // A HEAD is answered as its GET: tag and length are those of the body, which the router leaves out at the end.
+    if request.method() == Method::HEAD {
+        *request.method_mut() = Method::GET;
+    }
+    let is_question = request.method() == Method::GET;
     let response = next.run(request).await;
     if !is_question || response.status() != StatusCode::OK {
         return response;

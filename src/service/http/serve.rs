@@ -2,7 +2,7 @@
 
 use super::seats::{CONNECTIONS, Content, Seat, Seats};
 use crate::config::settings::http::HttpSettings;
-use crate::service::telemetry::{Fault, Health};
+use crate::service::telemetry::{Fault, Health, Via};
 use axum::Router;
 use axum::body::Body;
 use axum::http::{Request, Response, StatusCode};
@@ -163,6 +163,7 @@ async fn ask(
             let (peer, status) = (client.peer, response.status());
             let what =
                 format!("http: {peer}: {path:?} is not allowed without the token or from there ({status})");
+            client.health.credentials().denied(Via::Http);
             client.health.fault(Fault::Refused, what);
         }
         response

@@ -81,8 +81,6 @@ pub struct Batch {
     /// Rods without records that were removed: site, store, rod.
     forgotten: Vec<(String, i64, String)>,
     months: BTreeSet<i64>,
-    /// Alarm events in order: site, store, number.
-    news: Vec<(String, i64, i64)>,
     /// Sites whose state changed.
     pub sites: BTreeMap<String, SiteState>,
     /// Messages to park.
@@ -116,9 +114,6 @@ impl Batch {
         own.sort_by_key(|(column, _)| column.key);
         for (_, value) in own {
             key += &format!("/{value:?}");
-        }
-        if of.shape.table == "outbox" {
-            self.news.push((site.to_owned(), store, integer(row.first())));
         }
         let mut values = vec![Value::Text(site.to_owned()), Value::Integer(store)];
         if of.is_monthly {
@@ -374,14 +369,6 @@ impl Centre {
                 sql.execute(&copied.upsert(count), &now.concat())?;
                 rows = later;
             }
-        }
-        for (site, store, outbox) in batch.news {
-            let values = [Value::Text(site), Value::Integer(store), Value::Integer(outbox)];
-            sql.execute(
-                "INSERT INTO \"news\" (\"number\", \"site\", \"store\", \"outbox\")
-                 SELECT coalesce(max(\"number\"), 0) + 1, CAST($1 AS TEXT), CAST($2 AS BIGINT), CAST($3 AS BIGINT) FROM \"news\"",
-                &values,
-            )?;
         }
         for (site, state) in batch.sites {
             write_site(sql, &site, state)?;

@@ -146,7 +146,7 @@ pub fn quoted(names: &[&str]) -> String {
 }
 
 /// The centre's own tables.
-const OWN: [(&str, &str); 6] = [
+const OWN: [(&str, &str); 5] = [
     ("centre", "(\"key\" TEXT PRIMARY KEY, \"value\" TEXT NOT NULL)"),
     // The latest message of the stream that was folded.
     (
@@ -170,11 +170,6 @@ const OWN: [(&str, &str); 6] = [
         "(\"sequence\" INT8 NOT NULL, \"time_ns\" INT8 NOT NULL, \"site\" TEXT NOT NULL, \"fault\" TEXT NOT NULL, \
           \"detail\" TEXT NOT NULL, \"headers\" TEXT NOT NULL, \"payload\" BYTES NOT NULL, \
           PRIMARY KEY (\"sequence\", \"time_ns\"))",
-    ),
-    // Alarm news of all sites in the order in which they came, for the sinks.
-    (
-        "news",
-        "(\"number\" INT8 PRIMARY KEY, \"site\" TEXT NOT NULL, \"store\" INT8 NOT NULL, \"outbox\" INT8 NOT NULL)",
     ),
 ];
 

@@ -1,5 +1,6 @@
 //! One client from its first byte to its last: reads, parses, passes data to the journal, answers.
 
+use super::certificate::Rights;
 use super::counts::Counts;
 use super::entrance::Stay;
 use super::intake::{Intake, IntakeLine};
@@ -8,7 +9,7 @@ use super::reply::Reply;
 use super::server::{GREETING, Server, Socket, Topics, linger};
 use super::writer::{Said, write};
 use crate::service::journal::{Closed, End, Entry};
-use crate::service::telemetry::Fault;
+use crate::service::telemetry::{Fault, Via};
 use crate::site::clock;
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
@@ -40,6 +41,8 @@ enum Farewell {
     Crowded,
     /// All places are taken.
     Full,
+    /// The client's certificate does not allow what it sent.
+    Forbidden(String),
     /// The client sent nothing valid, and others came.
     Pushed,
     /// The connection broke.
@@ -59,7 +62,7 @@ pub(super) async fn attend<I: Intake>(
     socket: Box<dyn Socket>,
     let_in: Instant,
     stay: Stay,
-    peer: &str,
+    (peer, rights): (&str, Rights),
     server: &Server<I>,
     mut stop: watch::Receiver<bool>,
 ) {
@@ -67,10 +70,11 @@ pub(super) async fn attend<I: Intake>(
     let (said, answers) = mpsc::channel(ANSWERS);
     let mut writer = tokio::spawn(write(output, answers));
     let mut topics = server.topics.clone();
-    let protocol = Protocol::new(topics.borrow_and_update().clone());
+    let protocol = Protocol::new(rights.narrow(&topics.borrow_and_update()));
     let mut client = Client {
         server,
         topics,
+        rights,
         protocol,
         said,
         name: None,
@@ -98,6 +102,7 @@ pub(super) async fn attend<I: Intake>(
 struct Client<'a, I: Intake> {
     server: &'a Server<I>,
     topics: Topics,
+    rights: Rights,
     protocol: Protocol,
     said: mpsc::Sender<Said>,
     /// Name of the sender of the current stream.
@@ -176,7 +181,7 @@ impl<I: Intake> Client<'_, I> {
     /// Passes on everything that is complete.
     async fn digest(&mut self) -> Result<(), Farewell> {
         if self.topics.has_changed().unwrap_or(false) {
-            let topics = self.topics.borrow_and_update().clone();
+            let topics = self.rights.narrow(&self.topics.borrow_and_update());
             self.protocol.retarget(topics);
         }
         let mut turn = None;
@@ -198,6 +203,9 @@ impl<I: Intake> Client<'_, I> {
                 let strays = self.server.health.strays();
                 self.protocol.strays().for_each(|topic| strays.came(topic));
             }
+            self.rights
+                .check_topics(self.protocol.strays(), &self.topics.borrow())
+                .map_err(Farewell::Forbidden)?;
             self.server.counts.add(|counts| &counts.foreign, foreign);
             self.server.counts.add(|counts| &counts.messages, foreign);
             if let Some(left_out) = self.protocol.take_left_out() {
@@ -246,6 +254,7 @@ impl<I: Intake> Client<'_, I> {
     }
 
     async fn hello(&mut self, name: String) -> Result<(), Farewell> {
+        self.rights.check_sender(&name).map_err(Farewell::Forbidden)?;
         let (newest, place) = watch::channel(());
         self.senders().insert(name.clone(), newest);
         self.place = Some(place);
@@ -321,6 +330,11 @@ impl<I: Intake> Client<'_, I> {
                 let what = self.server.full();
                 health.fault(Fault::Refused, format_args!("{who}: turned away, {what}"));
                 Some((what, true))
+            }
+            Err(Farewell::Forbidden(what)) => {
+                health.credentials().denied(Via::Socket);
+                health.fault(Fault::Refused, format_args!("{who}: {what}; closed"));
+                Some((what, false))
             }
             // Reported where it was released.
             Err(Farewell::Pushed) => Some(("it said nothing, and others came".to_owned(), true)),

@@ -9,6 +9,7 @@
 //!
 //! `docs/streams.md` has the protocol and the limits.
 
+pub(crate) mod certificate;
 mod connection;
 pub mod counts;
 mod entrance;

@@ -1,15 +1,17 @@
 //! Runs the listeners: admits clients, turns them away, and notifies them when the daemon stops.
 
+use super::certificate::Rights;
 use super::connection;
 use super::counts::Counts;
 use super::entrance::{Entrance, Stay};
 use super::intake::Intake;
 use super::listener::{ListenError, Listener};
 use super::reply::Reply;
-use super::tls;
+use super::tls::Identity;
 use crate::config::RodConfig;
 use crate::config::settings::ingest::IngestSettings;
-use crate::service::telemetry::{Fault, Health};
+use crate::service::telemetry::{Fault, Health, Via};
+use crate::site::clock;
 use std::collections::{BTreeSet, HashMap};
 use std::io;
 use std::net::SocketAddr;
@@ -21,7 +23,6 @@ use tokio::net::{TcpListener, UnixListener};
 use tokio::sync::{Semaphore, watch};
 use tokio::task::JoinSet;
 use tokio::time::{Instant, sleep, timeout, timeout_at};
-use tokio_rustls::TlsAcceptor;
 
 /// Time of an admitted client for its TLS handshake and its first valid data. With the time to read the
 /// error, it is gone within ten seconds.
@@ -35,6 +36,9 @@ const LINGER: Duration = Duration::from_secs(1);
 
 /// Most clients turned away at once with a reason.
 const TOLD_AT_ONCE: usize = 16;
+
+/// Interval at which the files of the certificates are looked at.
+const LOOK: Duration = Duration::from_secs(1);
 
 /// Most batches on their way from clients to the journal: they take turns.
 const TURNS: usize = 2;
@@ -62,7 +66,7 @@ pub struct Server<I> {
     pub(super) intake: I,
     pub(super) health: Arc<Health>,
     pub(super) counts: Arc<Counts>,
-    tls: Option<TlsAcceptor>,
+    tls: Option<Identity>,
     pub(super) turns: Semaphore,
     /// Places of clients that have sent valid data.
     pub(super) clients: Arc<Semaphore>,
@@ -84,7 +88,7 @@ impl<I: Intake> Server<I> {
         health: Arc<Health>,
         counts: Arc<Counts>,
     ) -> Result<Self, ListenError> {
-        let tls = settings.tls.as_ref().map(tls::acceptor).transpose()?;
+        let tls = settings.tls.clone().map(Identity::read).transpose()?;
         Ok(Self {
             clients: Arc::new(Semaphore::new(settings.clients)),
             settings,
@@ -131,8 +135,23 @@ pub async fn serve<I: Intake>(
         tracing::info!("listening at {address}");
         doors.spawn(attend(door, address, Arc::clone(&shared), stop.clone()));
     }
-    while doors.join_next().await.is_some() {}
+    let closed = async { while doors.join_next().await.is_some() {} };
+    tokio::select! {
+        () = closed => {}
+        () = look_after(&shared) => {}
+    }
     Ok(())
+}
+
+/// Looks at the certificates from time to time.
+async fn look_after<I: Intake>(shared: &Server<I>) {
+    let Some(tls) = &shared.tls else {
+        return std::future::pending().await;
+    };
+    loop {
+        tls.look(clock::now_s(), &shared.health);
+        sleep(LOOK).await;
+    }
 }
 
 pub(super) trait Socket: AsyncRead + AsyncWrite + Send + Unpin {}
@@ -215,7 +234,7 @@ async fn attend<I: Intake>(
                 .fault(Fault::Refused, format_args!("{name}: turned away, {reason}"));
             if let Ok(telling) = Arc::clone(&told).try_acquire_owned() {
                 tasks.spawn(async move {
-                    turn_away(socket, reason).await;
+                    turn_away(socket, reason, true).await;
                     drop(telling);
                 });
             }
@@ -256,15 +275,26 @@ async fn greet<I: Intake>(
 ) {
     let let_in = Instant::now();
     let Some(tls) = shared.tls.as_ref().filter(|_| is_tls) else {
-        return connection::attend(socket, let_in, stay, peer, shared, stop).await;
+        return connection::attend(socket, let_in, stay, (peer, Rights::default()), shared, stop).await;
     };
     let shaken = tokio::select! {
         () = stay.must_leave() => return,
-        shaken = timeout_at(let_in + GREETING, tls.accept(socket)) => shaken,
+        shaken = timeout_at(let_in + GREETING, tls.acceptor().accept(socket)) => shaken,
     };
     match shaken {
-        Ok(Ok(socket)) => connection::attend(Box::new(socket), let_in, stay, peer, shared, stop).await,
+        Ok(Ok(socket)) => match tls.rights(socket.get_ref().1, clock::now_s(), &shared.health) {
+            Ok(rights) => {
+                connection::attend(Box::new(socket), let_in, stay, (peer, rights), shared, stop).await;
+            }
+            Err(reason) => {
+                shared
+                    .health
+                    .fault(Fault::Refused, format_args!("{peer}: {reason}"));
+                turn_away(Box::new(socket), reason, false).await;
+            }
+        },
         Ok(Err(fault)) => {
+            shared.health.credentials().denied(Via::Socket);
             shared
                 .health
                 .fault(Fault::Refused, format_args!("{peer}: no TLS connection: {fault}"));
@@ -285,8 +315,8 @@ fn report(health: &Health, ended: Result<(), tokio::task::JoinError>) {
     }
 }
 
-async fn turn_away(mut socket: Box<dyn Socket>, reason: String) {
-    let reply = Reply::Error { reason, again: true };
+async fn turn_away(mut socket: Box<dyn Socket>, reason: String, again: bool) {
+    let reply = Reply::Error { reason, again };
     let told = timeout(LINGER, async {
         socket.write_all(format!("{reply}\n").as_bytes()).await?;
         socket.shutdown().await

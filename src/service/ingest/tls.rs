@@ -1,29 +1,173 @@
 //! TLS for the TCP sockets: only clients with a certificate of the configured authority are admitted. Both
 //! sides of it.
 
+use super::certificate::{Facts, Rights};
 use super::listener::ListenError;
 use crate::config::settings::ingest::TlsSettings;
+use crate::service::telemetry::{Fault, Health, Via};
+use std::fs;
+use std::os::unix::fs::MetadataExt;
 use std::path::Path;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use tokio_rustls::rustls::crypto::ring;
 use tokio_rustls::rustls::pki_types::pem::PemObject;
 use tokio_rustls::rustls::pki_types::{CertificateDer, PrivateKeyDer};
 use tokio_rustls::rustls::server::WebPkiClientVerifier;
-use tokio_rustls::rustls::{ClientConfig, RootCertStore, ServerConfig};
+use tokio_rustls::rustls::{ClientConfig, RootCertStore, ServerConfig, ServerConnection};
 use tokio_rustls::{TlsAcceptor, TlsConnector};
 
-/// The daemon's side.
-pub(super) fn acceptor(settings: &TlsSettings) -> Result<TlsAcceptor, ListenError> {
+/// The daemon's side: certificates that are read again when their files change.
+pub(super) struct Identity {
+    settings: TlsSettings,
+    present: Mutex<Present>,
+}
+
+/// Certificates in force.
+struct Present {
+    acceptor: TlsAcceptor,
+    stamps: Vec<Option<Stamp>>,
+    /// End of the daemon's chain, and of the authority that ends last \[s since 1970\].
+    ends_s: [i64; 2],
+}
+
+/// Device, inode, length and time of change of a file.
+type Stamp = (u64, u64, u64, i64, i64);
+
+impl Identity {
+    /// Reads the files.
+    ///
+    /// # Errors
+    /// They cannot be used.
+    pub fn read(settings: TlsSettings) -> Result<Self, ListenError> {
+        let present = Mutex::new(read(&settings)?);
+        Ok(Self { settings, present })
+    }
+
+    /// Acceptor with the certificates in force.
+    pub fn acceptor(&self) -> TlsAcceptor {
+        self.lock().acceptor.clone()
+    }
+
+    /// Reads files that changed, and reports those that cannot be used, have ended, or end soon.
+    pub fn look(&self, now_s: i64, health: &Health) {
+        let TlsSettings {
+            certificate,
+            key,
+            client_ca,
+            ..
+        } = &self.settings;
+        const NEW: &str = "new certificates";
+        if self.lock().stamps != stamps(&self.settings) {
+            match read(&self.settings) {
+                Ok(present) => {
+                    *self.lock() = present;
+                    health.over(Fault::Certificate, NEW);
+                    tracing::info!("{}: new certificates are in force", certificate.display());
+                }
+                // The next look tries again: a key may come a moment after its certificate.
+                Err(error) => health.hold(
+                    Fault::Certificate,
+                    NEW,
+                    format_args!("{error}; the ones before stay in force"),
+                ),
+            }
+        }
+        let ends = self.lock().ends_s;
+        for ((name, path), ends_s) in [("certificate", certificate), ("client_ca", client_ca)]
+            .into_iter()
+            .zip(ends)
+        {
+            health.credentials().ends(name, ends_s);
+            let about = path.display().to_string();
+            let names = Vec::new();
+            match (Facts { names, ends_s }).warning(now_s) {
+                Some(warning) => health.hold(
+                    Fault::Certificate,
+                    &about,
+                    format_args!("{about} {warning}; put a new one in its place, it is read at once"),
+                ),
+                None => health.over(Fault::Certificate, &about),
+            }
+        }
+        let about = key.display().to_string();
+        match fs::metadata(key).is_ok_and(|data| data.mode() & 0o006 != 0) {
+            true => health.hold(
+                Fault::Certificate,
+                &about,
+                format_args!(
+                    "{about} can be read or written by everybody on this machine: `chmod 600 {about}`"
+                ),
+            ),
+            false => health.over(Fault::Certificate, &about),
+        }
+    }
+
+    /// Rights of a client by its certificate, whose near end is reported.
+    ///
+    /// # Errors
+    /// It may not send.
+    pub fn rights(
+        &self,
+        connection: &ServerConnection,
+        now_s: i64,
+        health: &Health,
+    ) -> Result<Rights, String> {
+        let chain = connection.peer_certificates().unwrap_or_default();
+        let facts = Facts::of(chain.first().ok_or("no certificate")?)?;
+        let about = format!("client {}", facts.name());
+        match facts.warning(now_s) {
+            Some(warning) => health.hold(
+                Fault::Certificate,
+                &about,
+                format_args!("the certificate of {about} {warning}; it is refused from then on"),
+            ),
+            None => health.over(Fault::Certificate, &about),
+        }
+        let rights = Rights::of(&facts, &self.settings.bound);
+        if rights.is_err() {
+            health.credentials().denied(Via::Socket);
+        }
+        rights
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Present> {
+        self.present.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+fn stamps(settings: &TlsSettings) -> Vec<Option<Stamp>> {
+    let files = [&settings.certificate, &settings.key, &settings.client_ca];
+    let stamp = |path: &&std::path::PathBuf| {
+        let data = fs::metadata(path).ok()?;
+        Some((
+            data.dev(),
+            data.ino(),
+            data.len(),
+            data.mtime(),
+            data.mtime_nsec(),
+        ))
+    };
+    files.iter().map(stamp).collect()
+}
+
+/// Reads all files.
+fn read(settings: &TlsSettings) -> Result<Present, ListenError> {
+    // Before the content: a change in between is seen at the next look.
+    let stamps = stamps(settings);
     let provider = Arc::new(ring::default_provider());
     let unusable = |key: &str, path: &Path, what: &dyn std::fmt::Display| {
         ListenError::Tls(format!("{key}: {}: {what}", path.display()))
     };
-    let chain = certificates(&settings.certificate)
-        .map_err(|what| unusable("certificate", &settings.certificate, &what))?;
+    let of_chain = |what: String| unusable("certificate", &settings.certificate, &what);
+    let of_authority = |what: String| unusable("client_ca", &settings.client_ca, &what);
+    let chain = certificates(&settings.certificate).map_err(of_chain)?;
+    let authorities = certificates(&settings.client_ca).map_err(of_authority)?;
+    // A chain ends with its first link; of several authorities the last one counts while they are exchanged.
+    let chain_ends = ends(&chain).map_err(of_chain)?.into_iter().min();
+    let authority_ends = ends(&authorities).map_err(of_authority)?.into_iter().max();
     let key =
         PrivateKeyDer::from_pem_file(&settings.key).map_err(|what| unusable("key", &settings.key, &what))?;
-    let roots =
-        roots(&settings.client_ca).map_err(|what| unusable("client_ca", &settings.client_ca, &what))?;
+    let roots = roots(authorities).map_err(of_authority)?;
     let verifier = WebPkiClientVerifier::builder_with_provider(Arc::new(roots), Arc::clone(&provider))
         .build()
         .map_err(|what| unusable("client_ca", &settings.client_ca, &what))?;
@@ -33,17 +177,41 @@ pub(super) fn acceptor(settings: &TlsSettings) -> Result<TlsAcceptor, ListenErro
         .with_client_cert_verifier(verifier)
         .with_single_cert(chain, key)
         .map_err(|what| unusable("certificate and key", &settings.certificate, &what))?;
-    Ok(TlsAcceptor::from(Arc::new(config)))
+    Ok(Present {
+        acceptor: TlsAcceptor::from(Arc::new(config)),
+        stamps,
+        ends_s: [chain_ends, authority_ends].map(Option::unwrap_or_default),
+    })
 }
 
-/// The client's side: authority of the daemon's certificate, the client's own certificate and its key.
+fn ends(chain: &[CertificateDer<'_>]) -> Result<Vec<i64>, String> {
+    chain.iter().map(|der| Ok(Facts::of(der)?.ends_s)).collect()
+}
+
+/// The client's side: authority of the daemon's certificate, the client's own certificate and its key. Also
+/// returns a warning about a certificate that ends soon.
 ///
 /// # Errors
-/// One of the files cannot be used.
-pub(crate) fn connector(authority: &Path, certificate: &Path, key: &Path) -> Result<TlsConnector, String> {
+/// One of the files cannot be used, or the client's certificate has ended.
+pub(crate) fn connector(
+    authority: &Path,
+    certificate: &Path,
+    key: &Path,
+    now_s: i64,
+) -> Result<(TlsConnector, Option<String>), String> {
     let named = |path: &Path, what: String| format!("{}: {what}", path.display());
-    let roots = roots(authority).map_err(|what| named(authority, what))?;
+    let roots = certificates(authority)
+        .and_then(roots)
+        .map_err(|what| named(authority, what))?;
     let chain = certificates(certificate).map_err(|what| named(certificate, what))?;
+    let first = chain.first().ok_or("no certificate")?;
+    let facts = Facts::of(first).map_err(|what| named(certificate, what))?;
+    let warning = facts
+        .warning(now_s)
+        .map(|what| format!("{}: this certificate {what}", certificate.display()));
+    if facts.ends_s < now_s {
+        return Err(warning.unwrap_or_default() + ": the daemon would refuse it; renew it");
+    }
     let private = PrivateKeyDer::from_pem_file(key).map_err(|what| named(key, what.to_string()))?;
     let config = ClientConfig::builder_with_provider(Arc::new(ring::default_provider()))
         .with_safe_default_protocol_versions()
@@ -51,7 +219,7 @@ pub(crate) fn connector(authority: &Path, certificate: &Path, key: &Path) -> Res
         .with_root_certificates(roots)
         .with_client_auth_cert(chain, private)
         .map_err(|what| named(certificate, what.to_string()))?;
-    Ok(TlsConnector::from(Arc::new(config)))
+    Ok((TlsConnector::from(Arc::new(config)), warning))
 }
 
 /// Reads the certificates in a PEM file, at least one.
@@ -65,10 +233,10 @@ fn certificates(path: &Path) -> Result<Vec<CertificateDer<'static>>, String> {
     Ok(list)
 }
 
-/// Reads the authorities in a PEM file.
-fn roots(path: &Path) -> Result<RootCertStore, String> {
+/// A store of authorities.
+fn roots(authorities: Vec<CertificateDer<'static>>) -> Result<RootCertStore, String> {
     let mut roots = RootCertStore::empty();
-    for certificate in certificates(path)? {
+    for certificate in authorities {
         roots.add(certificate).map_err(|fault| fault.to_string())?;
     }
     Ok(roots)

@@ -38,16 +38,26 @@ pub fn removable(parts: &[Kept], ages_s: &[f64], settings: &JournalSettings) -> 
     removable
 }
 
-/// Removes parts up to `done`, whose results are reported stored; returns the number removed. Only parts
-/// confirmed by `vouch` go, by the ages that it gives, because the machine's clock may be wrong.
+/// What became of parts that may go.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub(super) struct Applied {
+    /// Number of parts removed.
+    pub removed: usize,
+    /// Number of parts that wait for a backup.
+    pub waiting: usize,
+}
+
+/// Removes parts up to `done`, whose results are reported stored. Only parts confirmed by `vouch` go, by the
+/// ages that it gives, because the machine's clock may be wrong; and none that was written after the last
+/// backup, if backups are waited for.
 pub(super) fn apply(
     folder: &Path,
     done: u32,
     settings: &JournalSettings,
     vouch: &Vouch,
-) -> std::io::Result<usize> {
+) -> std::io::Result<Applied> {
     if settings.keep_s.is_none() && settings.keep_bytes.is_none() {
-        return Ok(0);
+        return Ok(Applied::default());
     }
     let now = SystemTime::now();
     let (mut parts, mut ages_s) = (Vec::new(), Vec::new());
@@ -66,15 +76,29 @@ pub(super) fn apply(
     }
     // The store is asked only if its answer matters.
     if removable(&parts, &ages_s, settings).is_empty() {
-        return Ok(0);
+        return Ok(Applied::default());
     }
     let mut vouched = vouch(parts.get(..ages_s.len()).unwrap_or_default());
     vouched.truncate(ages_s.len());
-    let removable = removable(&parts, &vouched, settings);
-    for number in &removable {
+    let all = removable(&parts, &vouched, settings);
+    let saved_ns = match &settings.backup_stamp {
+        None => i64::MAX,
+        // Without the file nothing was backed up yet.
+        Some(stamp) => fs::metadata(stamp)
+            .and_then(|data| data.modified())
+            .map_or(i64::MIN, modified_ns),
+    };
+    let is_saved = |number: &&u32| {
+        let kept = parts.iter().find(|kept| kept.part == **number);
+        kept.is_some_and(|kept| kept.modified_ns < saved_ns)
+    };
+    let mut applied = Applied::default();
+    for number in all.iter().take_while(is_saved) {
         fs::remove_file(part::path(folder, *number))?;
+        applied.removed += 1;
     }
-    Ok(removable.len())
+    applied.waiting = all.len() - applied.removed;
+    Ok(applied)
 }
 
 #[cfg(test)]
@@ -100,6 +124,51 @@ mod tests {
             keep_bytes,
             ..JournalSettings::default()
         }
+    }
+
+    #[test]
+    fn a_part_written_after_the_last_backup_stays() {
+        let folder = tempfile::tempdir().unwrap();
+        let stamp = folder.path().join("backed-up");
+        let settings = JournalSettings {
+            backup_stamp: Some(stamp.clone()),
+            ..settings(Some(1.0), None)
+        };
+        let second = |s: u64| SystemTime::UNIX_EPOCH + std::time::Duration::from_secs(1_700_000_000 + s);
+        let write = |path: &Path, s: u64| {
+            let file = fs::File::create(path).unwrap();
+            file.set_modified(second(s)).unwrap();
+        };
+        for number in 1..=4 {
+            let path = part::path(folder.path(), number);
+            write(&path, 10 * u64::from(number));
+        }
+        let vouch: Vouch = Box::new(|parts| vec![1e9; parts.len()]);
+        let apply = || apply(folder.path(), 3, &settings, &vouch).unwrap();
+        assert_eq!(
+            apply(),
+            Applied {
+                removed: 0,
+                waiting: 3
+            }
+        );
+        write(&stamp, 25);
+        assert_eq!(
+            apply(),
+            Applied {
+                removed: 2,
+                waiting: 1
+            }
+        );
+        write(&stamp, 31);
+        assert_eq!(
+            apply(),
+            Applied {
+                removed: 1,
+                waiting: 0
+            }
+        );
+        assert_eq!(part::list(folder.path()).unwrap(), [4]);
     }
 
     #[test]

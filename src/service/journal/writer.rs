@@ -2,6 +2,7 @@
 
 use super::handle::{Batch, Closed, Command, End, Entry};
 use super::output::{Channel, Output};
+use super::retention::Applied;
 use super::streams::{Streams, is_named};
 use super::{Around, Bell, JournalError, retention};
 use crate::config::settings::journal::JournalSettings;
@@ -487,8 +488,23 @@ impl Writer {
             &self.settings,
             &self.around.vouch,
         ) {
-            Ok(0) => {}
-            Ok(removed) => tracing::info!(removed, "old parts of the journal were removed"),
+            Ok(Applied { removed, waiting }) => {
+                if removed > 0 {
+                    tracing::info!(removed, "old parts of the journal were removed");
+                }
+                let health = &self.around.health;
+                match &self.settings.backup_stamp {
+                    Some(stamp) if waiting > 0 => health.hold(
+                        Fault::Backup,
+                        ABOUT,
+                        format_args!(
+                            "{waiting} parts of the journal may go and wait for a backup: they were written after {}",
+                            stamp.display()
+                        ),
+                    ),
+                    _ => health.over(Fault::Backup, ABOUT),
+                }
+            }
             Err(fault) => {
                 let detail = format!("{}: old parts cannot be removed: {fault}", self.folder.display());
                 self.around.health.fault(Fault::Write, detail);

@@ -1,6 +1,6 @@
 //! Metrics evaluated at each scrape: the state of health, free space.
 
-use super::{Beat, Fault, Health, State};
+use super::{Beat, Fault, Health, State, Via};
 use prometheus_client::collector::Collector;
 use prometheus_client::encoding::{DescriptorEncoder, MetricEncoder};
 use prometheus_client::metrics::MetricType;
@@ -122,6 +122,29 @@ impl Collector for HealthNow {
                 ];
                 (labels, 1.0)
             }),
+        )?;
+        let credentials = self.health.credentials();
+        family(
+            encoder,
+            (
+                "denied",
+                None,
+                "Attempts without valid credentials, or beyond what they allow, at the sockets and over HTTP",
+            ),
+            MetricType::Counter,
+            [("socket", Via::Socket), ("http", Via::Http)]
+                .map(|(at, entry)| (vec![("at", at.to_owned())], credentials.denials(entry) as f64)),
+        )?;
+        let ends = credentials.all_ends().into_iter();
+        family(
+            encoder,
+            (
+                "certificate_end_timestamp",
+                Some(Unit::Seconds),
+                "Time after which a certificate is not valid, by the key of `[ingest.tls]` that names its file",
+            ),
+            MetricType::Gauge,
+            ends.map(|(key, end_s)| (vec![("key", key.to_owned())], end_s as f64)),
         )
     }
 }

@@ -37,6 +37,10 @@ pub enum Fault {
     Files,
     /// The machine's clock jumped, or is in doubt.
     Clock,
+    /// A certificate has ended or ends soon, or cannot be used.
+    Certificate,
+    /// Parts of the journal wait for a backup before they go.
+    Backup,
     /// Data come faster than they are analysed.
     Behind,
     /// No daemon worked for a while.
@@ -47,7 +51,7 @@ pub enum Fault {
 
 impl Fault {
     /// Every kind of fault.
-    pub const ALL: [Self; 20] = [
+    pub const ALL: [Self; 22] = [
         Self::Rejected,
         Self::Recording,
         Self::Client,
@@ -65,6 +69,8 @@ impl Fault {
         Self::Topic,
         Self::Files,
         Self::Clock,
+        Self::Certificate,
+        Self::Backup,
         Self::Behind,
         Self::Outage,
         Self::Stalled,
@@ -90,6 +96,8 @@ impl Fault {
             Self::Topic => "topic",
             Self::Files => "files",
             Self::Clock => "clock",
+            Self::Certificate => "certificate",
+            Self::Backup => "backup",
             Self::Behind => "behind",
             Self::Outage => "outage",
             Self::Stalled => "stalled",
@@ -116,6 +124,8 @@ impl Fault {
             Self::Topic => "a topic comes that belongs to no rod, while nothing comes of a rod",
             Self::Files => "store or journal were removed, replaced, cut short or made read-only",
             Self::Clock => "the clock of the machine jumped, or is not believed",
+            Self::Certificate => "a certificate has ended or ends soon, or cannot be used",
+            Self::Backup => "old parts of the journal wait for a backup",
             Self::Behind => "data come faster than they are analysed",
             Self::Outage => "no daemon was at work for a while: nothing was measured",
             Self::Stalled => "the work loop stands still",

@@ -1,7 +1,7 @@
 //! Counts faults, holds conditions, and logs at most one line a minute of each kind.
 
 use super::ledger::Ledger;
-use super::{Condition, Fault, Phase, Report, State, Strays};
+use super::{Condition, Credentials, Fault, Phase, Report, State, Strays};
 use std::fmt::Display;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
@@ -11,6 +11,7 @@ use std::time::Instant;
 pub struct Health {
     ledger: Mutex<Ledger>,
     strays: Strays,
+    credentials: Credentials,
 }
 
 impl Health {
@@ -80,6 +81,11 @@ impl Health {
     /// Received topics that belong to no rod.
     pub fn strays(&self) -> &Strays {
         &self.strays
+    }
+
+    /// Credentials of the daemon and its clients.
+    pub fn credentials(&self) -> &Credentials {
+        &self.credentials
     }
 
     /// Number of times a fault happened.

@@ -2,6 +2,7 @@
 
 pub mod beat;
 mod collect;
+pub mod credentials;
 pub mod fault;
 pub mod health;
 mod ledger;
@@ -14,6 +15,7 @@ mod rods;
 pub mod strays;
 
 pub use beat::Beat;
+pub use credentials::{Credentials, Via};
 pub use fault::Fault;
 pub use health::Health;
 pub use ledger::Condition;

@@ -114,4 +114,28 @@ mod tests {
             .unwrap();
         assert_eq!(owned.look(), Err(Lost::Truncated));
     }
+
+    /// A mount over a folder shows the same files, read-only: as after an error of the disk.
+    #[test]
+    fn a_disk_that_became_read_only_is_noticed_and_its_return_too() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("file");
+        fs::write(&path, "1234").unwrap();
+        let mut owned = Owned::of(&path).unwrap();
+        let mount = |words: &[&str]| {
+            let mut command = std::process::Command::new(words[0]);
+            let done = command.args(&words[1..]).arg(folder.path()).output();
+            done.is_ok_and(|done| done.status.success())
+        };
+        let shown = folder.path().display().to_string();
+        if !mount(&["mount", "--bind", &shown]) {
+            eprintln!("skipped: only root may mount");
+            return;
+        }
+        assert_eq!(owned.look(), Ok(()));
+        assert!(mount(&["mount", "-o", "remount,ro,bind"]));
+        assert_eq!(owned.look(), Err(Lost::ReadOnly));
+        assert!(mount(&["umount"]));
+        assert_eq!(owned.look(), Ok(()));
+    }
 }

@@ -1,7 +1,7 @@
 //! Messages as an MCAP file, to be opened beside the recordings: a message's time there is its own.
 
-use super::{Message, Topic};
-use crate::recording::write::SinkError;
+use super::{Message, Topic, encode};
+use crate::recording::write::{Encoding, SinkError};
 use mcap::records::MessageHeader;
 use std::collections::BTreeMap;
 use std::io::{BufWriter, Write};
@@ -9,6 +9,7 @@ use std::io::{BufWriter, Write};
 /// Writes messages to any output; the same bytes for the same messages.
 pub struct ResultsWriter<W: Write> {
     mcap: mcap::Writer<mcap::write::NoSeek<BufWriter<W>>>,
+    encoding: Encoding,
     /// Channel ids by topic, with the next sequence number.
     channels: BTreeMap<Topic, (u16, u32)>,
 }
@@ -18,7 +19,7 @@ impl<W: Write> ResultsWriter<W> {
     ///
     /// # Errors
     /// It cannot be written.
-    pub fn new(to: W) -> Result<Self, SinkError> {
+    pub fn new(to: W, encoding: Encoding) -> Result<Self, SinkError> {
         let options = mcap::WriteOptions::new()
             .library(concat!("tirante ", env!("CARGO_PKG_VERSION")))
             .disable_seeking(true)
@@ -26,6 +27,7 @@ impl<W: Write> ResultsWriter<W> {
         let to = mcap::write::NoSeek::new(BufWriter::new(to));
         Ok(Self {
             mcap: options.create(to)?,
+            encoding,
             channels: BTreeMap::new(),
         })
     }
@@ -38,13 +40,12 @@ impl<W: Write> ResultsWriter<W> {
         let Message { topic, time, body } = message;
         let nanos = u64::try_from(time.as_nanos()).map_err(|_| SinkError::Time(*time))?;
         if !self.channels.contains_key(topic) {
-            let schema = topic.schema();
-            let schema_id = self
-                .mcap
-                .add_schema(topic.schema_name(), "jsonschema", schema.as_bytes())?;
+            let (name, form, schema) = topic.schema(self.encoding);
+            let schema_id = self.mcap.add_schema(&name, form, &schema)?;
+            let key = self.encoding.key();
             let id = self
                 .mcap
-                .add_channel(schema_id, &topic.to_string(), "json", &BTreeMap::new())?;
+                .add_channel(schema_id, &topic.to_string(), key, &BTreeMap::new())?;
             self.channels.insert(topic.clone(), (id, 0));
         }
         let Some((channel_id, sequence)) = self.channels.get_mut(topic) else {
@@ -58,7 +59,7 @@ impl<W: Write> ResultsWriter<W> {
         };
         *sequence = sequence.wrapping_add(1);
         self.mcap
-            .write_to_known_channel(&header, body.to_string().as_bytes())?;
+            .write_to_known_channel(&header, &encode(topic.kind(), body, self.encoding))?;
         Ok(())
     }
 

@@ -2,9 +2,11 @@
 //! `foxglove.Log`, a schema that viewers support. Every message has the `timestamp` of the record's first
 //! sample, or of the alarm.
 
+use super::schema::{self, Type};
 use crate::analysis::record_view::Snapshot;
 use crate::analysis::signal::record::{RodId, Timestamp};
 use crate::analysis::track::{Alarm, AlarmEvent};
+use crate::recording::write::Encoding;
 use crate::site::record_row::RecordRow;
 use serde_json::{Value as Json, json};
 use std::fmt;
@@ -54,51 +56,24 @@ impl Topic {
         }
     }
 
-    /// Name of its messages' schema.
-    pub fn schema_name(&self) -> &'static str {
+    /// Type of its messages.
+    pub fn kind(&self) -> &'static Type {
         match self {
-            Self::Force(_) => "tirante.Force",
-            Self::Modes(_) => "tirante.Modes",
-            Self::Waveform(_) => "tirante.Waveform",
-            Self::Spectrum(_) => "tirante.Spectrum",
-            Self::Alarms => "foxglove.Log",
+            Self::Force(_) => &schema::FORCE,
+            Self::Modes(_) => &schema::MODES,
+            Self::Waveform(_) => &schema::WAVEFORM,
+            Self::Spectrum(_) => &schema::SPECTRUM,
+            Self::Alarms => &schema::LOG,
         }
     }
 
-    /// JSON schema of its messages.
-    pub fn schema(&self) -> String {
-        let time = json!({"type": "object", "title": "time", "properties": {"sec": {"type": "integer"}, "nsec": {"type": "integer"}}});
-        let number = json!({"type": ["number", "null"]});
-        let numbers = json!({"type": "array", "items": {"type": "number"}});
-        let interval = json!({"type": ["object", "null"], "properties": {"mean": number, "sd": number, "q025": number, "q975": number}});
-        let text = json!({"type": ["string", "null"]});
-        let properties = match self {
-            Self::Alarms => {
-                json!({"timestamp": time, "level": {"type": "integer"}, "message": {"type": "string"},
-                "name": {"type": "string"}, "file": {"type": "string"}, "line": {"type": "integer"}})
-            }
-            Self::Modes(_) => {
-                json!({"timestamp": time, "modes": {"type": "array", "items": {"type": "object", "properties": {
-                "order": {"type": "integer"}, "frequency_hz": number, "sd_hz": number, "damping": number, "misfit": number}}}})
-            }
-            Self::Waveform(_) => {
-                json!({"timestamp": time, "duration_s": number, "fs_hz": number, "unit": text, "rejection": text,
-                "time_s": numbers, "low": numbers, "high": numbers})
-            }
-            Self::Spectrum(_) => {
-                json!({"timestamp": time, "unit": text, "rejection": text, "frequency_hz": numbers, "level_db": numbers,
-                "peaks": {"type": "array", "items": {"type": "object", "properties": {
-                "frequency_hz": number, "order": {"type": ["integer", "null"]}, "line": {"type": "boolean"},
-                "sd_hz": number, "damping": number, "level_db": number, "taken_for": text}}}})
-            }
-            Self::Force(_) => {
-                json!({"timestamp": time, "axial_force_n": interval, "tracked_force_n": interval, "force_at_reference_n": interval,
-                "relative_force": interval, "relative_force_at_reference": interval, "temperature_c": number, "state": text,
-                "set_aside": text, "rejection": {"type": ["object", "null"]}, "excitation": {"type": ["object", "null"]},
-                "label_probability": number, "candidates": {"type": ["array", "null"]}})
-            }
+    /// Schema of its messages: name, encoding by the MCAP registry, content.
+    pub fn schema(&self, encoding: Encoding) -> (String, &'static str, Vec<u8>) {
+        let package = match self {
+            Self::Alarms => "foxglove",
+            _ => "tirante",
         };
-        json!({"title": self.schema_name(), "type": "object", "properties": properties}).to_string()
+        schema::schema(self.kind(), package, encoding)
     }
 }
 

@@ -4,6 +4,7 @@
 
 use super::{Message, Topic};
 use crate::analysis::signal::record::Timestamp;
+use crate::recording::write::Encoding;
 use serde::Deserialize;
 use serde_json::{Value as Json, json};
 
@@ -58,8 +59,9 @@ pub fn advertise<'t>(channels: impl IntoIterator<Item = (u32, &'t Topic)>) -> St
     let channels: Vec<Json> = channels
         .into_iter()
         .map(|(id, topic)| {
-            json!({"id": id, "topic": topic.to_string(), "encoding": "json", "schemaName": topic.schema_name(),
-                "schema": topic.schema(), "schemaEncoding": "jsonschema"})
+            let (name, form, schema) = topic.schema(Encoding::Json);
+            json!({"id": id, "topic": topic.to_string(), "encoding": Encoding::Json.key(), "schemaName": name,
+                "schema": String::from_utf8_lossy(&schema), "schemaEncoding": form})
         })
         .collect();
     json!({"op": "advertise", "channels": channels}).to_string()

@@ -90,6 +90,10 @@ pub enum Job {
 }
 
 /// Output of the driver.
+#[expect(
+    clippy::large_enum_variant,
+    reason = "few exist at a time, and their patterns are read inside the job"
+)]
 pub enum Done {
     /// Result of an event.
     Event(Analysed, Place),

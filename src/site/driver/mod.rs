@@ -3,6 +3,7 @@
 //! They differ in where jobs come from (recordings; a channel from the reader's thread) and in the receiver
 //! of the output.
 
+mod bench;
 mod held;
 mod job;
 
@@ -12,6 +13,7 @@ pub use job::{Done, Job, Load, Loads};
 use super::analyse::{Known, analyse};
 use super::ordered_map::{Limits, map_in_order};
 use crate::analysis::signal::record::Event;
+use bench::Bench;
 use std::ops::ControlFlow;
 
 /// Receiver of the driver's output, on the thread that runs it.
@@ -24,7 +26,7 @@ pub trait Taker {
 }
 
 /// Runs until there are no more jobs or the taker ends the run. The load of a record is its number of
-/// samples.
+/// samples; records are analysed at once as far as their samples fit on the [`Bench`].
 pub fn run(
     jobs: impl Iterator<Item = Job> + Send,
     limits: Limits,
@@ -37,6 +39,11 @@ pub fn run(
             ..
         } => record.samples.len(),
         _ => 1,
+    };
+    let bench = Bench::default();
+    let work = |job: Job| {
+        let _place = bench.take(weigh(&job));
+        work(job)
     };
     map_in_order(jobs, limits, weigh, work, |results| {
         let mut group = Vec::with_capacity(results.len());

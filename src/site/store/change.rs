@@ -8,7 +8,7 @@ use super::row::Row;
 use super::state::Failure;
 use super::{Reader, Store, StoreError, schema};
 use rusqlite::types::Value;
-use rusqlite::{Connection, OptionalExtension, TransactionBehavior};
+use rusqlite::{Connection, OptionalExtension};
 use serde_json::Value as Json;
 
 /// Tables that are copied, in an order in which rows can be inserted.
@@ -340,24 +340,7 @@ impl Reader {
     }
 }
 
-impl Store {
-    /// Draws another id, as for a store that was set back: its log counts as another one from now on.
-    ///
-    /// # Errors
-    /// It cannot be written.
-    pub fn renew_epoch(&mut self) -> Result<(), StoreError> {
-        let write = |connection: &mut Connection| -> rusqlite::Result<()> {
-            let transaction = connection.transaction_with_behavior(TransactionBehavior::Immediate)?;
-            let id = fresh_id(&transaction)?;
-            transaction.execute("DELETE FROM epoch", ())?;
-            Row::of("epoch").with("id", id).insert(&transaction)?;
-            transaction.commit()
-        };
-        write(&mut self.reader.connection).map_err(|error| self.reader.fault(Failure::Sql(error)))
-    }
-}
-
-/// Fifth format: the log of changes and the store's own id.
+/// Sixth format: the log of changes and the store's own id.
 pub(super) fn add_tables(connection: &Connection) -> rusqlite::Result<()> {
     connection.execute_batch(
         "CREATE TABLE epoch (
@@ -417,9 +400,6 @@ mod tests {
         other[1] = Value::Text("towers".to_owned());
         assert!(!is_intact(&other) && !is_intact(&[]));
         assert_eq!(store.changes_after(2, 10).unwrap(), changes[2..]);
-        let before = store.epoch().unwrap();
-        store.renew_epoch().unwrap();
-        assert_ne!(store.epoch().unwrap(), before);
     }
 
     #[test]

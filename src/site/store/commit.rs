@@ -4,11 +4,14 @@ use super::StoreError;
 use super::change::Changed;
 use super::columns::COLUMNS;
 use super::operation::{Carry, FileMark, write_carry, write_delivery, write_file};
+use super::resonance;
 use super::row::Row;
 use super::snapshot::SnapshotRow;
 use super::state::{self, Failure, Kept, kept, plain};
 use crate::analysis::signal::record::{RodId, Timestamp};
 use crate::analysis::track::{AlarmEvent, Period, RodState, State};
+use crate::recording::read::Place;
+use crate::site::found::Found;
 use crate::site::record_row::RecordRow;
 use rusqlite::{Connection, OptionalExtension};
 
@@ -20,6 +23,8 @@ pub struct Commit<'a> {
     pub record: Option<NewRecord<'a>>,
     /// Changes to the rod; `None` for a record that is not tracked.
     pub rod: Option<RodRow<'a>>,
+    /// Temperatures of a rod that belong to no record: the time of the first \[ns since 1970\], and all of them.
+    pub readings: Option<(&'a RodId, i64, &'a Found)>,
     /// View of the record, for the report.
     pub snapshot: Option<SnapshotRow<'a>>,
     /// Number of the request that was applied.
@@ -41,6 +46,8 @@ pub struct NewRecord<'a> {
     pub row: &'a RecordRow,
     /// Identity of the record, by its content.
     pub identity: [u8; 32],
+    /// Findings of its samples; `None` where another analysis needs the samples.
+    pub found: Option<&'a Found>,
     /// Root mean square of the samples.
     pub rms: Option<f64>,
     /// Forward model used.
@@ -71,12 +78,26 @@ pub struct Position<'a> {
     pub records: u64,
 }
 
+impl Place {
+    /// The place in the form of the store.
+    pub fn position(&self) -> Position<'_> {
+        Position {
+            name: &self.file,
+            bytes: self.bytes,
+            records: self.records,
+        }
+    }
+}
+
 impl Commit<'_> {
     /// Writes everything into the tables of an open transaction.
     pub(super) fn write(&self, connection: &Connection, kept: &mut Kept) -> Result<(), Failure> {
         let mut changed = Changed::default();
         if let Some(record) = &self.record {
-            record.write(connection, &mut changed)?;
+            record.write(connection, self.source.map(|source| source.name), &mut changed)?;
+        }
+        if let Some((rod, first_ns, found)) = self.readings {
+            resonance::write_readings(connection, rod, first_ns, found)?;
         }
         if let Some(rod) = &self.rod {
             let start = self.record.as_ref().and_then(|record| record.row.start);
@@ -112,7 +133,13 @@ impl Commit<'_> {
 }
 
 impl NewRecord<'_> {
-    fn write(&self, connection: &Connection, changed: &mut Changed) -> Result<(), Failure> {
+    /// Writes the record, which came from `file`.
+    fn write(
+        &self,
+        connection: &Connection,
+        file: Option<&str>,
+        changed: &mut Changed,
+    ) -> Result<(), Failure> {
         let json = self.row.to_json().map_err(|error| StoreError::NotStorable {
             what: format!("a record of rod {}", self.row.rod),
             detail: error.to_string(),
@@ -136,6 +163,12 @@ impl NewRecord<'_> {
             .with("record", id)
             .with("json", json)
             .insert(connection)?;
+        if let Some(file) = file {
+            Row::of("origin")
+                .with("record", id)
+                .with("file", file.to_owned())
+                .insert(connection)?;
+        }
         for mode in &self.row.modes {
             Row::of("mode")
                 .with("record", id)
@@ -144,6 +177,9 @@ impl NewRecord<'_> {
                 .with("sd_hz", mode.sd_hz)
                 .with("damping", mode.damping)
                 .insert(connection)?;
+        }
+        if let Some(found) = self.found {
+            resonance::write(connection, &self.row.rod, id, found)?;
         }
         Ok(())
     }

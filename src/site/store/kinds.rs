@@ -34,7 +34,7 @@ impl Reader {
         let declared = || -> rusqlite::Result<BTreeMap<String, String>> {
             let mut statement = self
                 .connection
-                .prepare("SELECT name, type FROM pragma_table_info(?)")?;
+                .prepare("SELECT name, type FROM pragma_table_info(?) UNION SELECT name, type FROM pragma_table_info('origin')")?;
             let rows = statement.query_map([table], |row| Ok((row.get(0)?, row.get(1)?)))?;
             rows.collect()
         };
@@ -43,7 +43,7 @@ impl Reader {
             Some("TEXT") if TIMES.contains(&name) => ColumnKind::Time,
             Some("TEXT") => ColumnKind::Text,
             Some("INTEGER") => ColumnKind::Integer,
-            // Columns missing in the table are those of the modes: frequencies and dampings.
+            // Columns missing in the tables are those of the modes: frequencies and dampings.
             _ => ColumnKind::Real,
         };
         let names = self.columns(listing)?;

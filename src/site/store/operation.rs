@@ -14,6 +14,8 @@ use std::collections::BTreeMap;
 pub enum FileState {
     /// All of its content is in the store.
     Done,
+    /// All of it that could be read is in the store; the rest is lost, for this reason.
+    Incomplete(String),
     /// It is no longer read, for this reason.
     Quarantined(String),
 }
@@ -57,6 +59,7 @@ pub struct News {
 pub(super) fn write_file(connection: &Connection, file: &FileMark) -> rusqlite::Result<()> {
     let (state, detail) = match &file.state {
         FileState::Done => ("done", None),
+        FileState::Incomplete(reason) => ("done", Some(reason.clone())),
         FileState::Quarantined(reason) => ("quarantined", Some(reason.clone())),
     };
     Row::of("file")
@@ -100,9 +103,10 @@ impl Reader {
                     name: row.get(0)?,
                     size: u64::try_from(row.get::<_, i64>(1)?).unwrap_or(0),
                     modified_ns: row.get(2)?,
-                    state: match state.as_str() {
-                        "done" => FileState::Done,
-                        _ => FileState::Quarantined(detail.unwrap_or_default()),
+                    state: match (state.as_str(), detail) {
+                        ("done", None) => FileState::Done,
+                        ("done", Some(reason)) => FileState::Incomplete(reason),
+                        (_, detail) => FileState::Quarantined(detail.unwrap_or_default()),
                     },
                 };
                 Ok((mark.name.clone(), mark))

@@ -7,8 +7,8 @@ use crate::analysis::signal::record::{RodId, Timestamp};
 use crate::analysis::track::fold::packed::Packed;
 use crate::analysis::track::{Alarm, DriftWatch, Interval, Period};
 use crate::site::record_row::RecordRow;
-use rusqlite::Params;
 use rusqlite::types::Value;
+use rusqlite::{OptionalExtension, Params};
 use serde::de::DeserializeOwned;
 
 /// Values of a record that are plotted over time.
@@ -47,6 +47,15 @@ pub struct Modes {
     pub modes: Vec<(u32, f64, f64)>,
 }
 
+/// Selection of some of many records.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Sampling {
+    /// Each record of this many.
+    Every(usize),
+    /// First record of each stretch of this length \[ns\].
+    Apart(i64),
+}
+
 /// End of a page of records: time and number of the last one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Mark {
@@ -56,11 +65,22 @@ pub struct Mark {
     pub id: i64,
 }
 
+/// A record's JSON line.
+#[derive(Debug)]
+pub struct Line {
+    /// Mark of the record.
+    pub mark: Mark,
+    /// The line as printed.
+    pub json: String,
+    /// File the record came from; `None` for records of stores before format 5.
+    pub file: Option<String>,
+}
+
 /// JSON lines of records, the latest first.
 #[derive(Debug, Default)]
 pub struct Lines {
-    /// JSON lines, each with its record's mark.
-    pub found: Vec<(Mark, String)>,
+    /// Lines of the records.
+    pub found: Vec<Line>,
     /// True if they end because retention removed the lines of older records.
     pub are_older_removed: bool,
 }
@@ -128,31 +148,32 @@ impl Reader {
         Ok(points)
     }
 
-    /// Modes of a rod's records in a time range, end exclusive, in order of time: of every record, or of each
-    /// n-th so that there are at most `most`. The second value is n.
+    /// Modes of a sample of a rod's records in a time range, end exclusive, in order of time, at most `most`.
     ///
     /// # Errors
     /// As [`Reader::points_after`].
     pub fn modes_between(
         &self,
         rod: &RodId,
-        from: Timestamp,
-        to: Timestamp,
+        (from, to): (Timestamp, Timestamp),
+        sampling: Sampling,
         most: usize,
-    ) -> Result<(Vec<Modes>, usize), StoreError> {
-        let records = || -> rusqlite::Result<Vec<(i64, i64)>> {
-            let mut statement = self.connection.prepare_cached(
-                "SELECT id, start_ns FROM record WHERE rod = ? AND start_ns >= ? AND start_ns < ? ORDER BY start_ns, id",
-            )?;
-            let rows = statement.query_map((&rod.0, from.as_nanos(), to.as_nanos()), |row| {
-                Ok((row.get(0)?, row.get(1)?))
-            })?;
-            rows.collect()
-        };
-        let records = records().map_err(|error| self.fault(Failure::Sql(error)))?;
-        let every = records.len().div_ceil(most.max(1)).max(1);
+    ) -> Result<Vec<Modes>, StoreError> {
         let mut found = Vec::new();
-        for (id, start_ns) in records.into_iter().step_by(every) {
+        let (mut after, mut skip) = ((from.as_nanos(), i64::MIN), 0);
+        while found.len() < most {
+            let next = || -> rusqlite::Result<Option<(i64, i64)>> {
+                let mut statement = self.connection.prepare_cached(
+                    "SELECT start_ns, id FROM record WHERE rod = ? AND start_ns < ? AND (start_ns, id) > (?, ?)
+                     ORDER BY start_ns, id LIMIT 1 OFFSET ?",
+                )?;
+                let values = (&rod.0, to.as_nanos(), after.0, after.1, limit(skip));
+                let row = statement.query_row(values, |row| Ok((row.get(0)?, row.get(1)?)));
+                row.optional()
+            };
+            let Some((start_ns, id)) = next().map_err(|error| self.fault(Failure::Sql(error)))? else {
+                break;
+            };
             let mut modes = Vec::new();
             self.verified("mode", "record = ? ORDER BY mode_order", [id], |row| {
                 modes.push((
@@ -162,12 +183,20 @@ impl Reader {
                 ));
                 Ok(())
             })?;
-            found.push(Modes {
-                start: Timestamp::from_nanos(start_ns),
-                modes,
-            });
+            let start = Timestamp::from_nanos(start_ns);
+            found.push(Modes { start, modes });
+            (after, skip) = match sampling {
+                Sampling::Every(count) => ((start_ns, id), count.saturating_sub(1)),
+                Sampling::Apart(length_ns) => {
+                    let into = start_ns
+                        .saturating_sub(from.as_nanos())
+                        .rem_euclid(length_ns.max(1));
+                    let next = start_ns.saturating_add(length_ns.max(1) - into);
+                    ((next, i64::MIN), 0)
+                }
+            };
         }
-        Ok((found, every))
+        Ok(found)
     }
 
     /// The JSON lines of a rod's records before a mark, the latest first, at most `most`, each with its own mark; of one day
@@ -218,18 +247,25 @@ impl Reader {
         let marks = marks().map_err(|error| self.fault(Failure::Sql(error)))?;
         let mut lines = Lines::default();
         for mark in marks {
-            let known = lines.found.len();
-            self.verified("line", "record = ?", [mark.id], |row| {
-                lines.found.push((mark, row.get("json")?));
-                Ok(())
-            })?;
-            if lines.found.len() == known {
+            let Some(json) = self.text_of("line", "json", mark.id)? else {
                 // Retention removes the oldest.
                 lines.are_older_removed = true;
                 break;
-            }
+            };
+            let file = self.text_of("origin", "file", mark.id)?;
+            lines.found.push(Line { mark, json, file });
         }
         Ok(lines)
+    }
+
+    /// Text that a table holds about a record.
+    fn text_of(&self, table: &str, column: &str, record: i64) -> Result<Option<String>, StoreError> {
+        let mut found = None;
+        self.verified(table, "record = ?", [record], |row| {
+            found = row.get(column)?;
+            Ok(())
+        })?;
+        Ok(found)
     }
 
     /// Number of the record committed last; 0 before the first.

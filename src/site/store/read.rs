@@ -117,6 +117,27 @@ impl Reader {
         Ok(())
     }
 
+    /// Compares every row of every table with its checksum.
+    ///
+    /// # Errors
+    /// A row is not what was written, or the store cannot be read.
+    pub fn check_all(&self) -> Result<(), StoreError> {
+        self.check(&schema::TABLES)
+    }
+
+    /// Number of records, and of those that were rejected.
+    ///
+    /// # Errors
+    /// The store cannot be read.
+    pub fn count_records(&self) -> Result<(u64, u64), StoreError> {
+        self.connection
+            .query_row("SELECT count(*), count(rejection) FROM record", (), |row| {
+                let (all, rejected): (i64, i64) = (row.get(0)?, row.get(1)?);
+                Ok((all.unsigned_abs(), rejected.unsigned_abs()))
+            })
+            .map_err(|error| self.fault(Failure::Sql(error)))
+    }
+
     pub(super) fn over(connection: Connection, path: PathBuf, file: FileId) -> Self {
         Self {
             connection,
@@ -219,6 +240,14 @@ impl Reader {
     /// They cannot be read.
     pub fn acknowledged_words(&self, alarm: &str) -> Result<Option<String>, StoreError> {
         request::said_of(&self.connection, alarm).map_err(|trouble| self.fault(trouble))
+    }
+
+    /// Reasons given with the applied requests for a baseline of a rod, in order.
+    ///
+    /// # Errors
+    /// They cannot be read.
+    pub fn rebaselines(&self, rod: &RodId) -> Result<Vec<Option<String>>, StoreError> {
+        request::rebaselines(&self.connection, rod).map_err(|trouble| self.fault(trouble))
     }
 
     /// Alarms in their present state, in the order they were raised.
@@ -326,7 +355,7 @@ impl Reader {
     ) -> Result<(), E> {
         let fault = |error| E::from(self.fault(Failure::Sql(error)));
         if matches!(listing, Listing::Records | Listing::Rejections) {
-            self.check(&["record", "mode"])?;
+            self.check(&["record", "mode", "origin"])?;
         }
         let names = self.columns(listing)?;
         let (sql, values) = listing.sql(filter, self.orders().map_err(fault)?);
@@ -495,7 +524,8 @@ impl Listing {
                         axial_force_n, axial_force_sd_n, axial_force_q025_n, axial_force_q50_n, axial_force_q975_n,
                         {modes}
                         conflict, prior_tail, epsilon, draws, accepted, ess, fs_hz, rms, segment,
-                        emulator, seed, config, analysis_version, rejection_message
+                        emulator, seed, config, analysis_version, rejection_message,
+                        (SELECT file FROM origin WHERE record = id) AS file
                      FROM record WHERE {wanted} ORDER BY rod, start_ns, id"
                 );
                 (sql, values)
@@ -503,7 +533,8 @@ impl Listing {
             Self::Rejections => {
                 let (wanted, values) = filter.sql("start_ns");
                 let sql = format!(
-                    "SELECT rod, start, duration_s, fs_hz, rejection, rejection_message, config, analysis_version
+                    "SELECT rod, start, duration_s, fs_hz, rejection, rejection_message, config, analysis_version,
+                        (SELECT file FROM origin WHERE record = id) AS file
                      FROM record WHERE {wanted} AND rejection IS NOT NULL ORDER BY rod, start_ns, id"
                 );
                 (sql, values)

@@ -112,6 +112,23 @@ pub(super) fn said_of(connection: &Connection, alarm: &str) -> Result<Option<Str
     }))
 }
 
+/// Reasons given with the applied requests for a baseline of a rod, in order.
+pub(super) fn rebaselines(connection: &Connection, rod: &RodId) -> Result<Vec<Option<String>>, Failure> {
+    let found = select(
+        connection,
+        "SELECT number, rod, what, alarm, reason, asked FROM request \
+         WHERE applied = 1 AND what = 'rebaseline' AND rod = ? ORDER BY number",
+        &rod.0,
+    )?;
+    Ok(found
+        .into_iter()
+        .map(|request| match request.what {
+            Asked::Rebaseline { reason } => reason,
+            Asked::Acknowledge { .. } => None,
+        })
+        .collect())
+}
+
 pub(super) fn mark_applied(connection: &Connection, number: i64) -> Result<(), Failure> {
     let found = select(
         connection,

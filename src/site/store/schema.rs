@@ -1,7 +1,7 @@
 //! The tables, and the steps from one format to the next. docs/store.md describes every column.
 
 use super::row::Row;
-use super::{change, columns};
+use super::{change, columns, resonance};
 use rusqlite::types::Value;
 use rusqlite::{Connection, Transaction};
 
@@ -13,7 +13,7 @@ type Step = fn(&Transaction<'_>) -> rusqlite::Result<()>;
 
 /// The steps in order: a store of format `n` has undergone the first `n`. Steps are only ever added; the
 /// tests hold a golden store of each released format.
-const STEPS: [Step; 5] = [first, second, third, fourth, fifth];
+const STEPS: [Step; 6] = [first, second, third, fourth, fifth, sixth];
 
 /// Format written by this program.
 pub(super) const FORMAT: i64 = STEPS.len() as i64;
@@ -39,9 +39,30 @@ pub(super) fn definitions(connection: &Connection) -> rusqlite::Result<Vec<(Stri
 }
 
 /// Tables whose rows have a checksum, in an order in which rows can be inserted.
-pub(super) const TABLES: [&str; 22] = [
-    "config", "rod", "segment", "state", "record", "line", "mode", "period", "snapshot", "alarm", "outbox",
-    "request", "source", "file", "carry", "delivery", "expected", "notice", "alive", "shelf", "epoch",
+pub(super) const TABLES: [&str; 24] = [
+    "config",
+    "rod",
+    "segment",
+    "state",
+    "record",
+    "line",
+    "mode",
+    "resonance",
+    "period",
+    "snapshot",
+    "alarm",
+    "outbox",
+    "request",
+    "source",
+    "file",
+    "carry",
+    "delivery",
+    "expected",
+    "notice",
+    "alive",
+    "shelf",
+    "origin",
+    "epoch",
     "change",
 ];
 
@@ -189,8 +210,21 @@ fn fourth(transaction: &Transaction<'_>) -> rusqlite::Result<()> {
     )
 }
 
-/// Fifth format: a log of changes, for copies of the store elsewhere.
+/// Fifth format: findings of every record's samples, for an analysis without them, and the file each record came from.
 fn fifth(transaction: &Transaction<'_>) -> rusqlite::Result<()> {
+    resonance::add_table(transaction)?;
+    transaction.execute_batch(
+        "CREATE TABLE origin (
+            record INTEGER PRIMARY KEY,
+            file TEXT NOT NULL,
+            checksum INTEGER NOT NULL,
+            FOREIGN KEY (record) REFERENCES record (id)
+        ) STRICT;",
+    )
+}
+
+/// Sixth format: a log of changes, for copies of the store elsewhere.
+fn sixth(transaction: &Transaction<'_>) -> rusqlite::Result<()> {
     change::add_tables(transaction)
 }
 

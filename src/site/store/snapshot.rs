@@ -91,6 +91,21 @@ impl Reader {
         read().map_err(|failure| self.fault(failure))
     }
 
+    /// Every view of a rod's records.
+    ///
+    /// # Errors
+    /// They cannot be read.
+    pub fn all_snapshots(&self, rod: &RodId) -> Result<Vec<Snapshot>, StoreError> {
+        let read = || -> Result<Vec<Snapshot>, Failure> {
+            let mut statement = self
+                .connection
+                .prepare_cached("SELECT json FROM snapshot WHERE rod = ? ORDER BY number")?;
+            let rows = statement.query_map([&rod.0], |row| row.get::<_, String>(0))?;
+            rows.map(|json| Ok(state::read(&rod.0, &json?)?)).collect()
+        };
+        read().map_err(|failure| self.fault(failure))
+    }
+
     /// Start of a rod's latest refused record with a view.
     ///
     /// # Errors

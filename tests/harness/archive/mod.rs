@@ -134,6 +134,7 @@ pub fn new_record<'a>(outcome: &Outcome, row: &'a RecordRow) -> NewRecord<'a> {
     NewRecord {
         row,
         identity: outcome.identity().unwrap(),
+        found: None,
         rms: outcome.rms(),
         emulator: "reduced",
     }
@@ -255,6 +256,7 @@ pub fn period(index: i64) -> Period {
     Period {
         index,
         start: hour(24 * index),
+        measured: Some(hour(24 * index + 11)),
         records: 24,
         delta: -1e-3 / 3.0,
         delta_sd: 4e-4,

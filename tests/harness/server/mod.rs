@@ -91,6 +91,13 @@ impl Server {
         self.whole("GET", path, "").0
     }
 
+    /// The whole answer to HEAD, in lower case.
+    pub fn only_head(&self, path: &str) -> String {
+        let (head, body) = self.whole("HEAD", path, "");
+        assert_eq!(body, "", "{path}");
+        head
+    }
+
     pub fn get(&self, path: &str) -> Json {
         let (status, body) = self.ask("GET", path, "");
         assert_eq!(status, 200, "{path}: {body}");

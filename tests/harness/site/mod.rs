@@ -106,7 +106,7 @@ impl Part {
         self
     }
 
-    fn config(&self, site: &str) -> String {
+    pub fn config(&self, site: &str) -> String {
         let rod = |id: &str, force: f64, special: &str| {
             format!(
                 r#"

@@ -13,5 +13,6 @@ mod plant;
 mod server;
 mod sinks;
 mod start;
+mod thousand;
 mod usage;
 mod witness;

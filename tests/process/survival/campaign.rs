@@ -149,11 +149,11 @@ fn simulate(folder: &Path, name: &str, config: &str, seed: usize) -> PathBuf {
     folder.join(name)
 }
 
-/// A recording of one record of the rod `east`, 11 hours long: 32 MB of samples at once.
+/// A recording of one record of the rod `east`, as many samples as a record may have: 8 MB, and many times that under analysis.
 pub fn huge() -> Vec<u8> {
     let folder = tempfile::tempdir().unwrap();
     let config =
-        simulation("east", 5, 1, false, "protobuf").replace("record_s = 30.0", "record_s = 40_000.0");
+        simulation("east", 5, 1, false, "protobuf").replace("record_s = 30.0", "record_s = 10_400.0");
     fs::read(simulate(folder.path(), "huge.mcap", &config, 5)).unwrap()
 }
 

@@ -7,8 +7,9 @@ use std::net::TcpListener;
 use std::sync::mpsc::sync_channel;
 use std::time::{Duration, Instant};
 use tirante::analysis::track::{Kind, What};
-use tirante::config::settings::alert::SinkSettings;
+use tirante::config::settings::alert::{AlertSettings, SinkSettings};
 use tirante::service::alert::Message;
+use tirante::service::telemetry::Fault;
 
 fn hook(url: &str) -> String {
     format!("\n[[sink]]\nid = \"hook\"\nkind = \"webhook\"\nurl = \"{url}\"\n")
@@ -374,5 +375,66 @@ fn a_store_that_cannot_be_read_is_told_and_tried_again() {
     });
     drop(tirante::site::store::Store::open(&missing, tirante::site::store::Durability::Replay).unwrap());
     eventually("it is over", || desk.condition("hook").is_none());
+    couriers.stop();
+}
+
+#[test]
+fn a_word_a_day_goes_to_those_who_asked_for_it() {
+    let (desk, fake, other) = (Desk::new(), Fake::new(&[]), Fake::new(&[]));
+    let two = hook(&fake.url()) + &hook(&other.url()).replace("\"hook\"", "\"other\"");
+    let mut couriers = desk.start(&sinks(&two));
+    let alert = AlertSettings {
+        daily: vec!["hook".to_owned()],
+        daily_h: 6.0,
+        ..AlertSettings::default()
+    };
+    couriers.watch(&alert, SITE);
+    // `at(0)` is six in the morning.
+    let words = || {
+        fake.bodies()
+            .iter()
+            .filter(|body| body["what"] == "alive")
+            .count()
+    };
+    for (seconds, count) in [(-10.0, 0), (1.0, 1), (2.0, 1), (86_399.0, 1), (86_400.0, 2)] {
+        couriers.look_at_clock(at(0).plus_seconds(seconds));
+        eventually("the word", || words() == count);
+    }
+    desk.health.hold(Fault::Clock, "clock", "it jumped");
+    couriers.look_at_clock(at(49));
+    eventually("the word", || words() == 3);
+    couriers.stop();
+    let bodies = fake.bodies();
+    assert!(
+        bodies[0]["message"]
+            .as_str()
+            .unwrap()
+            .contains("nothing is wrong")
+    );
+    assert!(
+        bodies[2]["message"]
+            .as_str()
+            .unwrap()
+            .contains("clock: it jumped")
+    );
+    assert_eq!(bodies.len(), 3, "each once");
+    assert!(other.bodies().is_empty());
+}
+
+#[test]
+fn the_last_words_are_out_before_the_daemon_ends() {
+    let (desk, fake) = (Desk::new(), Fake::new(&[]));
+    // One that nobody answers holds nothing up for long.
+    let dead = TcpListener::bind("127.0.0.1:0").unwrap();
+    let url = format!("http://{}", dead.local_addr().unwrap());
+    let both = hook(&fake.url()) + &hook(&url).replace("\"hook\"", "\"dead\"");
+    let couriers = desk.start(&sinks(&both));
+    let begun = Instant::now();
+    couriers.tell_end("the store cannot be written: disk I/O error");
+    let bodies = fake.bodies();
+    assert_eq!(bodies.len(), 1, "before the call returns");
+    assert_eq!(bodies[0]["what"], "ended");
+    assert!(bodies[0]["message"].as_str().unwrap().contains("disk I/O error"));
+    assert!(begun.elapsed() < Duration::from_secs(8), "{:?}", begun.elapsed());
     couriers.stop();
 }

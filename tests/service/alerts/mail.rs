@@ -45,7 +45,7 @@ impl Mailer {
         let own = rcgen::generate_simple_self_signed(["localhost".to_owned()]).unwrap();
         fs::write(desk.path("mail.pem"), own.cert.pem()).unwrap();
         fs::write(desk.path("mail.key"), own.signing_key.serialize_pem()).unwrap();
-        fs::write(desk.path("password"), "secret\n").unwrap();
+        desk.secret("password", "secret\n");
         let mut child = Command::new(python)
             .args(["-c", include_str!("mail.py")])
             .args([desk.path("mail.pem"), desk.path("mail.key")])
@@ -68,9 +68,14 @@ impl Mailer {
 
     fn sink(&self, desk: &Desk, scheme: &str, to: &str, more: &str) -> String {
         let password = desk.path("password");
+        let group = if more.contains("group_s") {
+            ""
+        } else {
+            "group_s = 0\n"
+        };
         format!(
             "[[sink]]\nid = \"mail\"\nkind = \"email\"\nurl = \"{scheme}://localhost:{}\"\nfrom = \"Duomo <rods@example.org>\"\n\
-             to = [{to}]\nuser = \"tirante\"\npassword_file = {password:?}\n{more}",
+             to = [{to}]\nuser = \"tirante\"\npassword_file = {password:?}\n{group}{more}",
             self.port
         )
     }
@@ -147,10 +152,10 @@ fn refusals_are_told_and_tried_again() {
     let unknown = text.replace("a@example.org", "nobody@example.org");
     let refused = deliver(&unknown).unwrap_err();
     assert!(refused.reason.contains("no such user"), "{refused}");
-    fs::write(desk.path("password"), "wrong\n").unwrap();
+    desk.secret("password", "wrong\n");
     let refused = deliver(&text).unwrap_err();
     assert!(refused.reason.contains("535"), "{refused}");
-    fs::write(desk.path("password"), "secret\n").unwrap();
+    desk.secret("password", "secret\n");
 
     let couriers = desk.start(&sinks(&text));
     eventually("the sink is known", || desk.delivered("mail") == Some(0));
@@ -173,6 +178,37 @@ fn refusals_are_told_and_tried_again() {
         assert_eq!(mail["subject"], "Duomo, rod north: limit raised");
         assert!(mail["body"].as_str().unwrap().starts_with("Alarm 3.\n"));
     }
+}
+
+#[test]
+fn forty_alarms_of_a_minute_are_one_mail_and_a_single_one_is_as_before() {
+    let desk = Desk::new();
+    let Some(server) = Mailer::start(&desk, "plain", 0) else {
+        return;
+    };
+    // Long enough for forty commits on a busy machine.
+    let text = server.sink(&desk, "smtp", "\"a@example.org\"", "group_s = 4\n");
+    let couriers = desk.start(&sinks(&text));
+    eventually("the sink is known", || desk.delivered("mail") == Some(0));
+    for rod in 0..40 {
+        desk.tell(&format!("nave-{rod}"), Kind::NoData, 3, What::Raised);
+        couriers.wake();
+    }
+    eventually("all are marked", || desk.delivered("mail") == Some(40));
+    eventually("the mail", || !server.mails().is_empty());
+    assert_eq!(server.mails().len(), 1);
+    let mail = &server.mails()[0];
+    assert_eq!(mail["subject"], "Duomo: 40 messages: 40 no-data raised");
+    let body = mail["body"].as_str().unwrap();
+    assert!(
+        (0..40).all(|rod| body.contains(&format!("rod nave-{rod},"))),
+        "{body}"
+    );
+    desk.tell("north", Kind::Limit, 4, What::Raised);
+    couriers.wake();
+    eventually("it is marked", || desk.delivered("mail") == Some(41));
+    couriers.stop();
+    assert_eq!(server.mails()[1]["subject"], "Duomo, rod north: limit raised");
 }
 
 #[test]

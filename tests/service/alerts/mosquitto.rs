@@ -31,7 +31,7 @@ impl Broker {
             .status();
         assert!(made.unwrap().success());
         fs::write(desk.path("acl"), "user tirante\ntopic readwrite tirante/#\n").unwrap();
-        fs::write(desk.path("password"), "secret\n").unwrap();
+        desk.secret("password", "secret\n");
         Some(Self {
             program,
             tls: String::new(),
@@ -188,7 +188,7 @@ fn what_a_broker_refuses_is_not_delivered() {
     // A broker of MQTT 3.1.1 acknowledges this one, too, and throws it away.
     let refused = deliver(&sink(&desk, &url, "topic = \"elsewhere/{rod}\"\n")).unwrap_err();
     assert!(refused.reason.contains("NotAuthorized"), "{refused}");
-    fs::write(desk.path("password"), "wrong\n").unwrap();
+    desk.secret("password", "wrong\n");
     let refused = deliver(&sink(&desk, &url, "")).unwrap_err();
     assert!(refused.reason.contains("NotAuthorized"), "{refused}");
     // Retained: a later subscriber gets the message.

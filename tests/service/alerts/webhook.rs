@@ -32,9 +32,8 @@ fn test_message() -> Message {
 #[test]
 fn https_trusts_the_named_certificates_only() {
     let desk = Desk::new();
-    let (ca, token) = (desk.path("ca.pem"), desk.path("token"));
+    let (ca, token) = (desk.path("ca.pem"), desk.secret("token", "first\n"));
     let fake = encrypted(&ca);
-    fs::write(&token, "first\n").unwrap();
     let text = format!(
         "[[sink]]\nid = \"hook\"\nkind = \"webhook\"\nurl = \"https://localhost:{}/x\"\ntoken_file = {token:?}\n",
         fake.address.port()
@@ -48,7 +47,7 @@ fn https_trusts_the_named_certificates_only() {
     let trusting = format!("{text}ca_file = {ca:?}\n");
     assert_eq!(deliver(&trusting), Ok(()));
     // Changed secrets hold from the next message on.
-    fs::write(&token, "second\n").unwrap();
+    desk.secret("token", "second\n");
     assert_eq!(deliver(&trusting), Ok(()));
     let tokens: Vec<String> = fake
         .requests()
@@ -86,7 +85,7 @@ url = "{}"
         bad.url()
     );
     fs::write(&site, config_text(&sinks)).unwrap();
-    fs::write(desk.path("token"), "secret-1234\n").unwrap();
+    desk.secret("token", "secret-1234\n");
     let run = |args: &[&str]| {
         let mut command = Command::cargo_bin("tirante").unwrap();
         command

@@ -152,7 +152,7 @@ fn one(
 }
 
 /// The normal score with the same two-sided probability as a chi-square.
-fn normal_score(square: f64, freedom: usize) -> f64 {
+pub(super) fn normal_score(square: f64, freedom: usize) -> f64 {
     let tail = ChiSquared::new(freedom as f64).map_or(1.0, |chi| chi.sf(square));
     let normal = Normal::standard();
     (-normal.inverse_cdf((0.5 * tail).max(1e-300))).clamp(0.0, MOST)

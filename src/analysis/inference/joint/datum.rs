@@ -21,6 +21,22 @@ pub struct Datum {
     pub value: f64,
     /// Standard error in the same unit.
     pub sd: f64,
+    /// Relative standard error that it has in common with all data of the same two sensors: their gains \[-\]. Only for
+    /// [`Query::AmplitudeRatio`] and [`Query::StrainRatio`].
+    pub gain_sd: f64,
+}
+
+/// Error that several data share.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum SharedError {
+    /// The model's discrepancy of a mode order.
+    Order(usize),
+    /// The gain of the sensor at the first place over that at the second; displacements, or strain over displacement.
+    Gain {
+        is_strain: bool,
+        at: f64,
+        reference_at: f64,
+    },
 }
 
 /// Reason why a measurement is invalid.
@@ -134,6 +150,7 @@ impl Datum {
             query: Query::Frequency { order, mass: None },
             value: frequency_hz,
             sd: sd_hz,
+            gain_sd: 0.0,
         }
     }
 
@@ -153,6 +170,7 @@ impl Datum {
             value: mean,
             // The instrument's error is taken as its calibration: more readings do not average it away.
             sd: (instrument_sd * instrument_sd + between).sqrt(),
+            gain_sd: 0.0,
         })
     }
 
@@ -271,12 +289,36 @@ impl Datum {
         }
     }
 
-    /// Of the parameterisation's mode orders the one whose model discrepancy the datum shares.
-    pub(super) fn discrepant_order(&self) -> Option<usize> {
-        match self.query {
-            Query::Frequency { order, .. } => Some(order),
-            _ => None,
-        }
+    /// Error that it shares with other data, and its relative standard deviation; `discrepancy` per mode order, the last for all
+    /// above.
+    pub(super) fn shared(&self, discrepancy: &[f64]) -> Option<(SharedError, f64)> {
+        let (group, sd) = match self.query {
+            Query::Frequency { order, .. } => {
+                let sd = discrepancy.get(order - 1).or(discrepancy.last()).copied()?;
+                (SharedError::Order(order), sd)
+            }
+            Query::AmplitudeRatio { at, reference_at, .. } => {
+                let is_strain = false;
+                let group = SharedError::Gain {
+                    is_strain,
+                    at,
+                    reference_at,
+                };
+                (group, self.gain_sd)
+            }
+            Query::StrainRatio {
+                strain_at, read_at, ..
+            } => {
+                let group = SharedError::Gain {
+                    is_strain: true,
+                    at: strain_at,
+                    reference_at: read_at,
+                };
+                (group, self.gain_sd)
+            }
+            Query::FrequencyRatio { .. } | Query::Deflection { .. } | Query::Quantity(_) => return None,
+        };
+        (sd > 0.0).then_some((group, sd))
     }
 }
 
@@ -291,10 +333,13 @@ mod tests {
     use crate::rod::beam::receptance::{PointLoad, PointMass};
 
     fn fault(query: Query, value: f64, sd: f64) -> String {
-        Datum { query, value, sd }
-            .check(&RodPrior::todi())
-            .unwrap_err()
-            .to_string()
+        let datum = Datum {
+            query,
+            value,
+            sd,
+            gain_sd: 0.0,
+        };
+        datum.check(&RodPrior::todi()).unwrap_err().to_string()
     }
 
     #[test]

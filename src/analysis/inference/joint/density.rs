@@ -1,11 +1,11 @@
 //! Density of all data of a rod given its parameters.
 //!
-//! Every datum has an independent normal error. Natural frequencies of one mode order share the model's discrepancy besides, with a
-//! mass on the rod or without, today or at another time: `y_i = y_Mi (1 + c) + e_i`, `c ~ N(0, d^2)`. Their covariance
-//! `diag(s_i^2) + d^2 y_M y_M'` is inverted in closed form.
+//! Every datum has an independent normal error. Some share a relative error besides: natural frequencies of one mode order the model's
+//! discrepancy, with a mass on the rod or without, today or at another time; amplitude ratios of one pair of sensors their gain:
+//! `y_i = y_Mi (1 + c) + e_i`, `c ~ N(0, d^2)`. Their covariance `diag(s_i^2) + d^2 y_M y_M'` is inverted in closed form.
 
 use super::Datum;
-use super::datum::queries;
+use super::datum::{SharedError, queries};
 use crate::rod::prior::{Prior, RodPrior};
 use crate::rod::query::Queries;
 
@@ -23,8 +23,12 @@ pub(super) struct Problem {
     pub(super) data: Vec<Datum>,
     /// Moment of each datum.
     pub(super) moment_of: Vec<usize>,
-    /// Squared relative discrepancy per mode order from the first.
-    discrepancy: Vec<f64>,
+    /// Per datum the group whose relative error it shares; none if that error is zero.
+    group_of: Vec<Option<usize>>,
+    /// Squared relative standard deviation of each group's shared error.
+    shared: Vec<f64>,
+    /// Discrepancy of each mode order from the first, with its group.
+    orders: Vec<(f64, Option<usize>)>,
 }
 
 /// Data that take part; the others only get an answer.
@@ -42,6 +46,25 @@ impl Problem {
             .enumerate()
             .flat_map(|(moment, data)| data.iter().map(move |_| moment))
             .collect();
+        let data = moments.concat();
+        let mut groups = Vec::new();
+        let mut shared = Vec::new();
+        let group_of = data
+            .iter()
+            .map(|datum| {
+                let (group, sd) = datum.shared(discrepancy)?;
+                let known = groups.iter().position(|known| *known == group);
+                Some(known.unwrap_or_else(|| {
+                    groups.push(group);
+                    shared.push(sd * sd);
+                    groups.len() - 1
+                }))
+            })
+            .collect();
+        let of_order = |(i, sd): (usize, &f64)| {
+            let wanted = SharedError::Order(i + 1);
+            (*sd, groups.iter().position(|group| *group == wanted))
+        };
         Some(Self {
             priors,
             width,
@@ -49,9 +72,11 @@ impl Problem {
                 .iter()
                 .map(|data| queries(*prior.parameterisation(), data))
                 .collect::<Option<_>>()?,
-            data: moments.concat(),
+            orders: discrepancy.iter().enumerate().map(of_order).collect(),
+            data,
             moment_of,
-            discrepancy: discrepancy.iter().map(|d| d * d).collect(),
+            group_of,
+            shared,
         })
     }
 
@@ -73,57 +98,45 @@ impl Problem {
         }
     }
 
-    fn squared_discrepancy(&self, datum: &Datum) -> Option<(usize, f64)> {
-        let order = datum.discrepant_order()?;
-        let squared = self.discrepancy.get(order - 1).or(self.discrepancy.last());
-        Some((order, squared.copied().unwrap_or(0.0)))
-    }
-
-    /// Standard deviation of one datum about its answer: error and discrepancy.
+    /// Standard deviation of one datum about its answer: its own error and the shared one.
     pub(super) fn spread(&self, datum: usize, answer: f64) -> f64 {
-        let one = &self.data[datum];
-        let shared = self.squared_discrepancy(one).map_or(0.0, |(_, d)| d);
-        (variance(one) + shared * answer * answer).sqrt()
+        let shared = self.group_of[datum].map_or(0.0, |group| self.shared[group]);
+        (variance(&self.data[datum]) + shared * answer * answer).sqrt()
     }
 
     /// Natural logarithm of the density of the data in `mask` up to a constant; minus infinity where the model has no answer.
     pub(super) fn log_density(&self, answers: &[f64], mask: &Mask) -> f64 {
         let mut sum = 0.0;
-        // Per order: sum y r / v, sum y^2 / v, and the discrepancy.
-        let mut modes = [(0.0, 0.0, 0.0); crate::rod::beam::forward::MAX_MODES];
-        for ((datum, &answer), &counts) in self.data.iter().zip(answers).zip(mask) {
-            if !counts {
+        // Per group: sum y r / v, sum y^2 / v.
+        let mut groups = vec![(0.0, 0.0); self.shared.len()];
+        for (i, (datum, &answer)) in self.data.iter().zip(answers).enumerate() {
+            if !mask[i] {
                 continue;
             }
             let (residual, variance) = (datum.value - answer, variance(datum));
             sum -= 0.5 * residual * residual / variance;
-            if let Some((order, squared)) = self.squared_discrepancy(datum)
-                && squared > 0.0
-            {
-                let mode = &mut modes[order - 1];
-                mode.0 += answer * residual / variance;
-                mode.1 += answer * answer / variance;
-                mode.2 = squared;
+            if let Some(group) = self.group_of[i] {
+                groups[group].0 += answer * residual / variance;
+                groups[group].1 += answer * answer / variance;
             }
         }
-        for (cross, square, squared) in modes {
-            if squared > 0.0 {
-                let factor = 1.0 + squared * square;
-                sum += 0.5 * (cross * cross * squared / factor - libm::log(factor));
-            }
+        for ((cross, square), squared) in groups.into_iter().zip(&self.shared) {
+            let factor = 1.0 + squared * square;
+            sum += 0.5 * (cross * cross * squared / factor - libm::log(factor));
         }
         if sum.is_nan() { f64::NEG_INFINITY } else { sum }
     }
 
     /// Mean and standard deviation of the relative discrepancy of one mode given parameters and data.
     pub(super) fn discrepancy_given(&self, order: usize, answers: &[f64], mask: &Mask) -> (f64, f64) {
-        let squared = self.discrepancy.get(order - 1).copied().unwrap_or(0.0);
-        if squared == 0.0 {
-            return (0.0, 0.0);
-        }
-        let (mut cross, mut precision) = (0.0, 1.0 / squared);
-        for ((datum, &answer), &counts) in self.data.iter().zip(answers).zip(mask) {
-            if counts && datum.discrepant_order() == Some(order) {
+        let (sd, group) = self.orders.get(order - 1).copied().unwrap_or((0.0, None));
+        let Some(group) = group else {
+            // No datum tells of it.
+            return (0.0, sd);
+        };
+        let (mut cross, mut precision) = (0.0, 1.0 / self.shared[group]);
+        for (i, (datum, &answer)) in self.data.iter().zip(answers).enumerate() {
+            if mask[i] && self.group_of[i] == Some(group) {
                 cross += answer * (datum.value - answer) / variance(datum);
                 precision += answer * answer / variance(datum);
             }

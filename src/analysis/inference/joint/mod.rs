@@ -5,25 +5,27 @@
 //! by regression. Then that population is corrected: kernels around it propose, and the weights are prior times the density of the
 //! data's errors over the proposal's. With the density of the error as its kernel, ABC is exact for the model (Wilkinson 2013).
 //! Where a correction leaves too few effective draws, the errors' density is widened to the power below one that leaves enough, and
-//! the next population is proposed from there: sequential ABC with a shrinking kernel, until the kernel is the error itself.
+//! the next population is proposed from there: sequential ABC with a shrinking kernel, until the kernel is the error itself. Where
+//! these fail too, because the posterior is thin and bent, annealed Markov chains follow it.
 
+mod annealed;
 mod conflict;
 mod datum;
 mod density;
 pub mod next;
+mod pilot;
 mod population;
 
 pub use conflict::DatumConflict;
 pub use datum::{Datum, DatumFault};
 
-use super::{Adjustment, Method, Posterior, Stop, adjust};
+use super::{Adjustment, Method, Posterior, Stop};
 use crate::numerics::random;
 use crate::rod::prior::RodPrior;
 use density::{Mask, Problem};
-use population::{Mixture, Population, effective, resampled};
-use rand::rngs::ChaCha8Rng;
+use pilot::Pilot;
+use population::{Mixture, Population, effective};
 use rand_distr::{Distribution, StandardNormal};
-use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
@@ -49,8 +51,6 @@ impl Default for JointSettings {
     }
 }
 
-/// Share of the pilot that is kept.
-const KEPT: f64 = 0.02;
 /// Number of ancestors of a population.
 const ANCESTORS: usize = 300;
 /// Effective share of a population's proposals above which the next is the last.
@@ -92,17 +92,20 @@ pub enum JointError {
         /// A slip that would explain it, with a leading separator, or nothing.
         hint: String,
     },
-    /// Data that no rod explains together within their errors, or for which the sampler failed.
+    /// Data that no rod explains together.
     #[error(
-        "the data leave {effective:.0} effective draws, {FEWEST} are needed: they contradict each other, or their errors are far too \
-         small (most likely: {suspect})"
+        "no rod explains the data together: the nearest misses them by {score:.1} standard deviations; they contradict each other, or \
+         their errors are far too small (most likely: {suspect})"
     )]
-    TooFew {
-        /// Effective draws.
-        effective: f64,
-        /// The datum farthest from the best draw.
+    Contradiction {
+        /// Distance of the nearest rod, as a normal score of all data.
+        score: f64,
+        /// The datum farthest from that rod.
         suspect: String,
     },
+    /// No rod was found that the data allow.
+    #[error("no rod of the prior was found that the data allow at all")]
+    Unsampled,
 }
 
 /// Method by which a joint posterior was computed.
@@ -113,6 +116,8 @@ pub enum Sampler {
     Table,
     /// A sequence of kernels that shrink to the errors.
     Sequential,
+    /// Markov chains annealed from the prior.
+    Chains,
 }
 
 /// Posterior of the rod at the first moment, with further results.
@@ -193,20 +198,43 @@ impl Joint<'_> {
         let uncertain: Vec<usize> = (0..problem.priors.len())
             .filter(|&i| !problem.priors[i].is_fixed())
             .collect();
-        let width = problem.priors.len();
         let stream = |what: &[u8], number: usize| {
             let number = (number as u64).to_le_bytes();
             let mask: Vec<u8> = mask.iter().map(|&m| u8::from(m)).collect();
             random::seed(&[b"joint", what, &seed.to_le_bytes(), &number, &mask])
         };
+        if let Some(found) = self.kernels(problem, pilot, mask, settings, &uncertain, &stream) {
+            return Ok(found);
+        }
+        let chains = annealed::annealed(problem, &uncertain, &pilot.thetas, mask, stream(b"annealed", 0));
+        let (population, tried) = chains.ok_or(JointError::Unsampled)?;
+        refuse_contradiction(problem, mask, &population)?;
+        let weights = population.weights(1.0);
+        Ok(Found {
+            population,
+            weights,
+            draws: pilot.rows + tried,
+            populations: 1,
+            sampler: Sampler::Chains,
+        })
+    }
+
+    /// Populations proposed by mixtures of kernels; `None` if they cannot follow the posterior.
+    fn kernels(
+        &self,
+        problem: &Problem,
+        pilot: &Pilot,
+        mask: &Mask,
+        settings: JointSettings,
+        uncertain: &[usize],
+        stream: &dyn Fn(&[u8], usize) -> u64,
+    ) -> Option<Found> {
+        let width = problem.priors.len();
         let mut ancestors = pilot.nearest(problem, mask);
         let (mut populations, mut unwidened, mut is_last) = (0, 0, false);
         let mut draws = pilot.rows;
-        loop {
-            let Some(mixture) = Mixture::around(problem, &uncertain, &ancestors, populations >= LOCAL_FROM)
-            else {
-                return Err(too_few(problem, mask, 0.0, None));
-            };
+        while populations < MOST {
+            let mixture = Mixture::around(problem, uncertain, &ancestors, populations >= LOCAL_FROM)?;
             let count = if is_last {
                 settings.sample
             } else {
@@ -217,20 +245,15 @@ impl Joint<'_> {
             draws += count;
             let weights = population.weights(1.0);
             let found = effective(&weights);
-            let suffices = found >= WANTED * count as f64 || unwidened >= 6;
-            if is_last && suffices || populations >= MOST {
-                if found < FEWEST.min(0.5 * count as f64) {
-                    return Err(too_few(problem, mask, found, Some((&population, &weights))));
-                }
-                return Ok(Found {
+            if is_last && (found >= WANTED * count as f64 || unwidened >= 6) {
+                return (found >= FEWEST.min(0.5 * count as f64)).then_some(Found {
                     population,
                     weights,
                     draws,
                     populations,
-                    sampler: if populations <= 2 {
-                        Sampler::Table
-                    } else {
-                        Sampler::Sequential
+                    sampler: match populations {
+                        0..=2 => Sampler::Table,
+                        _ => Sampler::Sequential,
                     },
                 });
             }
@@ -244,9 +267,9 @@ impl Joint<'_> {
             is_last = is_last || found >= ENOUGH * count as f64 || unwidened >= 3;
             let next = population.weights(share);
             if effective(&next) == 0.0 {
-                return Err(too_few(problem, mask, 0.0, None));
+                return None;
             }
-            let rows = resampled(
+            let rows = random::systematic(
                 &next,
                 ANCESTORS,
                 &mut random::stream(stream(b"ancestors", populations), 0),
@@ -256,6 +279,7 @@ impl Joint<'_> {
                 ancestors.extend(&population.thetas[row * width..][..width]);
             }
         }
+        None
     }
 
     fn finished(
@@ -307,7 +331,7 @@ impl Joint<'_> {
                 seed,
                 method: match sampler {
                     Sampler::Table => Method::Rejection,
-                    Sampler::Sequential => Method::Sequential,
+                    Sampler::Sequential | Sampler::Chains => Method::Sequential,
                 },
                 adjustment: Adjustment::None,
                 withheld: None,
@@ -330,25 +354,31 @@ struct Found {
     sampler: Sampler,
 }
 
-fn too_few(
-    problem: &Problem,
-    mask: &Mask,
-    effective: f64,
-    population: Option<(&Population, &[f64])>,
-) -> JointError {
-    let data = problem.data.len();
-    let suspect = population.and_then(|(population, weights)| {
-        let best = (0..weights.len()).max_by(|&a, &b| weights[a].total_cmp(&weights[b]))?;
-        let answers = population.answers.get(best * data..(best + 1) * data)?;
-        let away = |i: usize| ((problem.data[i].value - answers[i]) / problem.spread(i, answers[i])).abs();
-        (0..data)
-            .filter(|&i| mask[i])
-            .max_by(|&a, &b| away(a).total_cmp(&away(b)))
-    });
-    JointError::TooFew {
-        effective,
-        suspect: suspect.map_or_else(|| "unknown".to_owned(), |i| problem.data[i].query.said()),
+/// Score above which data are refused, because no rod explains them.
+const REFUSED: f64 = 6.0;
+
+/// Refuses data of which even the nearest point of a sample is too far.
+fn refuse_contradiction(problem: &Problem, mask: &Mask, sample: &Population) -> Result<(), JointError> {
+    let count = problem.data.len();
+    let used: Vec<usize> = (0..count).filter(|&i| mask[i]).collect();
+    let away =
+        |answers: &[f64], i: usize| (problem.data[i].value - answers[i]) / problem.spread(i, answers[i]);
+    let square = |answers: &[f64]| -> f64 { used.iter().map(|&i| away(answers, i).powi(2)).sum() };
+    let rows = sample.answers.chunks_exact(count);
+    let Some(nearest) = rows.min_by(|a, b| square(a).total_cmp(&square(b))) else {
+        return Err(JointError::Unsampled);
+    };
+    let score = conflict::normal_score(square(nearest), used.len());
+    if score <= REFUSED {
+        return Ok(());
     }
+    let farthest = used
+        .into_iter()
+        .max_by(|&a, &b| away(nearest, a).abs().total_cmp(&away(nearest, b).abs()));
+    Err(JointError::Contradiction {
+        score,
+        suspect: farthest.map_or_else(String::new, |i| problem.data[i].query.said()),
+    })
 }
 
 /// Power of the likelihood that leaves `wanted` effective draws, by bisection.
@@ -366,163 +396,4 @@ fn tempered(population: &Population, wanted: f64) -> f64 {
         }
     }
     if low > 0.0 { low } else { high }
-}
-
-/// Draws from the prior with the model's answers, drawn once for all posteriors of these data.
-struct Pilot {
-    rows: usize,
-    thetas: Vec<f64>,
-    answers: Vec<f64>,
-}
-
-/// Number of draws per random stream.
-const BLOCK: usize = 256;
-
-impl Pilot {
-    fn drawn(problem: &Problem, count: usize, seed: u64) -> Self {
-        let seed = random::seed(&[b"joint pilot", &seed.to_le_bytes()]);
-        let (width, data) = (problem.priors.len(), problem.data.len());
-        let blocks: Vec<(Vec<f64>, Vec<f64>)> = (0..count.div_ceil(BLOCK))
-            .into_par_iter()
-            .map(|block| {
-                let mut generator: ChaCha8Rng = random::stream(seed, block as u64);
-                let mut thetas = vec![0.0; BLOCK * width];
-                let mut answers = vec![0.0; BLOCK * data];
-                for (theta, out) in thetas.chunks_exact_mut(width).zip(answers.chunks_exact_mut(data)) {
-                    for (value, prior) in theta.iter_mut().zip(&problem.priors) {
-                        *value = prior.sample(&mut generator);
-                    }
-                    problem.answer(theta, out);
-                    for (i, y) in out.iter_mut().enumerate() {
-                        let z: f64 = StandardNormal.sample(&mut generator);
-                        *y += problem.spread(i, *y) * z;
-                    }
-                }
-                (thetas, answers)
-            })
-            .collect();
-        let mut pilot = Self {
-            rows: 0,
-            thetas: Vec::new(),
-            answers: Vec::new(),
-        };
-        for (thetas, answers) in blocks {
-            for (theta, out) in thetas.chunks_exact(width).zip(answers.chunks_exact(data)) {
-                if out.iter().all(|y| y.is_finite()) {
-                    pilot.thetas.extend(theta);
-                    pilot.answers.extend(out);
-                    pilot.rows += 1;
-                }
-            }
-        }
-        pilot
-    }
-
-    fn column(&self, problem: &Problem, datum: usize) -> Vec<f64> {
-        let data = problem.data.len();
-        self.answers.iter().skip(datum).step_by(data).copied().collect()
-    }
-
-    /// Refuses a datum that lies 1.5 times as far from the middle of the prior's answers as the farthest of them: fewer than one
-    /// in a million normal ones do.
-    fn refuse_outsiders(&self, problem: &Problem) -> Result<(), JointError> {
-        for (i, datum) in problem.data.iter().enumerate() {
-            let on_scale = |y: f64| {
-                if datum.query.is_signed() {
-                    y
-                } else {
-                    libm::log(y.abs())
-                }
-            };
-            let mut column = self.column(problem, i);
-            column.sort_unstable_by(f64::total_cmp);
-            let at = |share: f64| {
-                column
-                    .get((share * (column.len().max(1) - 1) as f64) as usize)
-                    .copied()
-            };
-            let (Some(low), Some(middle), Some(high)) = (at(0.005), at(0.5), at(0.995)) else {
-                return Err(JointError::Empty);
-            };
-            // Heavy tails of ratios that pass through zero must not widen the gate: ends of 99 %, three times as far.
-            let reach = |value: f64| {
-                let (value, middle) = (on_scale(value), on_scale(middle));
-                let end = if value < middle { low } else { high };
-                (value - middle).abs() / (on_scale(end) - middle).abs().max(1e-12)
-            };
-            if reach(datum.value) > 2.2 {
-                let slip = datum.slips().into_iter().find(|(value, _)| reach(*value) < 1.0);
-                return Err(JointError::OutsidePrior {
-                    what: datum.query.said(),
-                    low,
-                    high,
-                    value: datum.value,
-                    hint: slip
-                        .map(|(_, why)| format!("; it would agree {why}"))
-                        .unwrap_or_default(),
-                });
-            }
-        }
-        Ok(())
-    }
-
-    /// The nearest draws, in units of the prior predictive spread, adjusted by regression; row-major parameter vectors.
-    fn nearest(&self, problem: &Problem, mask: &Mask) -> Vec<f64> {
-        let (width, data) = (problem.priors.len(), problem.data.len());
-        let used: Vec<usize> = (0..data).filter(|&i| mask[i]).collect();
-        let spreads: Vec<f64> = used
-            .iter()
-            .map(|&i| {
-                let mut column = self.column(problem, i);
-                column.sort_unstable_by(f64::total_cmp);
-                // Half the distance between the 16 % and 84 % quantiles: a standard deviation that no far tail moves.
-                let last = column.len().saturating_sub(1) as f64;
-                let at = |share: f64| column.get((share * last) as usize).copied().unwrap_or(0.0);
-                (0.5 * (at(0.84) - at(0.16))).max(f64::MIN_POSITIVE)
-            })
-            .collect();
-        let difference = |row: usize, slot: usize| {
-            let i = used[slot];
-            (self.answers[row * data + i] - problem.data[i].value) / spreads[slot]
-        };
-        let mut order: Vec<(f64, usize)> = (0..self.rows)
-            .map(|row| {
-                let square: f64 = (0..used.len()).map(|slot| difference(row, slot).powi(2)).sum();
-                (square.sqrt(), row)
-            })
-            .collect();
-        let kept = ((KEPT * self.rows as f64) as usize).clamp(1, self.rows.max(1));
-        order.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        order.truncate(kept);
-        let mut particles: Vec<f64> = order
-            .iter()
-            .flat_map(|&(_, row)| &self.thetas[row * width..][..width])
-            .copied()
-            .collect();
-        if used.is_empty() {
-            return particles;
-        }
-        let differences: Vec<f64> = order
-            .iter()
-            .flat_map(|&(_, row)| (0..used.len()).map(move |slot| (row, slot)))
-            .map(|(row, slot)| difference(row, slot))
-            .collect();
-        let distances: Vec<f64> = order.iter().map(|&(distance, _)| distance).collect();
-        let epsilon = distances.last().copied().unwrap_or(0.0);
-        let mut weights = vec![1.0 / order.len() as f64; order.len()];
-        let before = particles.clone();
-        let adjusted = adjust::linear(
-            &problem.priors,
-            &mut particles,
-            &differences,
-            &distances,
-            epsilon,
-            &mut weights,
-        );
-        // Without adjustment the nearest draws propose as they are: the correction makes up for it.
-        if adjusted.is_err() || particles.iter().any(|x| !x.is_finite()) {
-            return before;
-        }
-        particles
-    }
 }

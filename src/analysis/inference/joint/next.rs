@@ -2,7 +2,7 @@
 //!
 //! Rods are drawn from the prior, or from the posterior of tests already done; each is measured with the
 //! errors stated, once with its frequencies alone and once with each candidate beside them, on the same draws
-//! of all errors. A share is the ratio of the posterior standard deviations, averaged over the rods.
+//! of the frequencies' errors. A share is the ratio of the posterior standard deviations, averaged over the rods.
 
 use super::{Datum, Joint, JointError, JointSettings};
 use crate::numerics::random;
@@ -29,7 +29,12 @@ pub struct Candidate {
     pub said: String,
     /// Queries to be measured, with the relative standard error of each.
     pub queries: Vec<(Query, f64)>,
+    /// Mode orders and standard error \[Hz\] of the frequencies beside them; `None`: the campaign's.
+    pub frequencies: Option<(usize, f64)>,
 }
+
+/// Mean and standard deviation of a force \[N\]; `None` where the data give no posterior.
+pub type Known = Option<(f64, f64)>;
 
 /// Expected result of a measurement.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -116,6 +121,23 @@ pub fn usual(prior: &RodPrior, modes: usize) -> Vec<Candidate> {
             ),
         ),
         (
+            "shape-4",
+            "four sensors at 0.1, 0.2, 0.3 and 0.4 L, amplitude ratios to 1 %".to_owned(),
+            [0.1, 0.2, 0.3]
+                .into_iter()
+                .flat_map(|at| {
+                    (1..=modes).map(move |order| {
+                        let query = Query::AmplitudeRatio {
+                            order,
+                            at,
+                            reference_at: 0.4,
+                        };
+                        (query, 0.01)
+                    })
+                })
+                .collect(),
+        ),
+        (
             "springs",
             "both supports' springs to 5 %".to_owned(),
             vec![
@@ -144,10 +166,20 @@ pub fn usual(prior: &RodPrior, modes: usize) -> Vec<Candidate> {
         };
         let density = one(Query::Quantity(Quantity::Density), 0.01);
         let both = [size.clone(), density.clone()].concat();
+        let there = Query::StrainRatio {
+            order: 1,
+            strain_at: 0.1,
+            read_at: 0.1,
+        };
         all.push((
             "strain",
             "strain at 0.05 L over displacement at 0.1 L, to 2 %".to_owned(),
             one(strain, 0.02),
+        ));
+        all.push((
+            "strain-there",
+            "strain over displacement at 0.1 L, to 2 %".to_owned(),
+            one(there, 0.02),
         ));
         all.push(("caliper", "the section by caliper, to 0.7 %".to_owned(), size));
         all.push((
@@ -178,6 +210,7 @@ pub fn usual(prior: &RodPrior, modes: usize) -> Vec<Candidate> {
         .map(|(key, said, queries)| Candidate {
             key,
             said,
+            frequencies: None,
             queries: queries.into_iter().filter(|(query, _)| is_open(query)).collect(),
         })
         .filter(|candidate| !candidate.queries.is_empty())
@@ -194,24 +227,11 @@ pub fn worth(
     seed: u64,
     done: &(dyn Fn() + Sync),
 ) -> Result<Vec<Worth>, JointError> {
-    let truths = truths(campaign, seed)?;
-    let shares: Vec<Vec<Option<f64>>> = truths
-        .par_iter()
-        .enumerate()
-        .map(|(rod, truth)| {
-            let shares = of_rod(
-                campaign,
-                candidates,
-                truth,
-                random::seed(&[b"next", &seed.to_le_bytes(), &(rod as u64).to_le_bytes()]),
-            );
-            done();
-            shares
-        })
-        .collect::<Result<_, JointError>>()?;
+    let forces = forces(campaign, candidates, seed, done)?;
+    let share = |rod: &[Known], i: usize| Some(rod[i + 1]?.1 / rod[0]?.1);
     let of_candidate = |(i, candidate): (usize, &Candidate)| {
         // A rod whose data the sampler cannot follow with a candidate contributes nothing to that candidate.
-        let known: Vec<f64> = shares.iter().filter_map(|rod| rod[i]).collect();
+        let known: Vec<f64> = forces.iter().filter_map(|rod| share(rod, i)).collect();
         let rods = known.len();
         if rods < 2 || rods < campaign.rods / 2 {
             return None;
@@ -228,12 +248,33 @@ pub fn worth(
     };
     let found: Vec<Worth> = candidates.iter().enumerate().filter_map(of_candidate).collect();
     if found.is_empty() {
-        return Err(JointError::TooFew {
-            effective: 0.0,
-            suspect: "the prior: most of its rods cannot be inferred".to_owned(),
-        });
+        return Err(JointError::Unsampled);
     }
     Ok(found)
+}
+
+/// What is known of the force of each rod by its frequencies alone, and after each candidate, in their order; `done` is called for
+/// every rod.
+///
+/// # Errors
+/// Tests already done that give no posterior, or a prior whose rods cannot be measured.
+pub fn forces(
+    campaign: &Campaign<'_>,
+    candidates: &[Candidate],
+    seed: u64,
+    done: &(dyn Fn() + Sync),
+) -> Result<Vec<Vec<Known>>, JointError> {
+    let of_rod = |(rod, truth): (usize, Vec<f64>)| {
+        let seed = random::seed(&[b"next", &seed.to_le_bytes(), &(rod as u64).to_le_bytes()]);
+        let known = of_rod(campaign, candidates, &truth, seed);
+        done();
+        known
+    };
+    truths(campaign, seed)?
+        .into_par_iter()
+        .enumerate()
+        .map(of_rod)
+        .collect()
 }
 
 /// Parameters of the rods to be measured.
@@ -271,22 +312,21 @@ fn truths(campaign: &Campaign<'_>, seed: u64) -> Result<Vec<Vec<f64>>, JointErro
         .collect())
 }
 
-/// Shares of one rod; `None` where the sampler cannot follow the data.
+/// What is known of the force of one rod.
 fn of_rod(
     campaign: &Campaign<'_>,
     candidates: &[Candidate],
     truth: &[f64],
     seed: u64,
-) -> Result<Vec<Option<f64>>, JointError> {
+) -> Result<Vec<Known>, JointError> {
     let mut generator = random::stream(seed, 0);
     let mut normal = || -> f64 { StandardNormal.sample(&mut generator) };
     let discrepancies: Vec<f64> = (0..MAX_MODES)
         .map(|i| campaign.discrepancy.get(i).copied().unwrap_or(0.0) * normal())
         .collect();
-    let frequencies: Vec<(Query, f64)> = (1..=campaign.modes)
-        .map(|order| (Query::Frequency { order, mass: None }, 0.0))
-        .collect();
-    let mut measured = |queries: &[(Query, f64)]| -> Result<Vec<Datum>, JointError> {
+    // The errors of all frequencies in units of their standard error, so that campaigns share them.
+    let errors: Vec<f64> = (0..MAX_MODES).map(|_| normal()).collect();
+    let mut measured = |queries: &[(Query, f64)], sd_hz: f64| -> Result<Vec<Datum>, JointError> {
         let asked = queries.iter().map(|(query, _)| *query).collect();
         let asked = Queries::new(*campaign.prior.parameterisation(), asked).ok_or(JointError::Empty)?;
         let mut answers = vec![0.0; queries.len()];
@@ -297,25 +337,34 @@ fn of_rod(
             .iter()
             .zip(answers)
             .map(|((query, error), y)| {
-                let (centre, sd) = match query {
-                    Query::Frequency { order, .. } => (y * (1.0 + discrepancies[order - 1]), campaign.sd_hz),
-                    _ if query.is_signed() => (y, error * y.abs().max(LEAST_SIGNED)),
-                    _ => (y, error * y.abs()),
+                let (centre, sd, z) = match query {
+                    Query::Frequency { order, .. } => {
+                        (y * (1.0 + discrepancies[order - 1]), sd_hz, errors[order - 1])
+                    }
+                    _ if query.is_signed() => (y, error * y.abs().max(LEAST_SIGNED), normal()),
+                    _ => (y, error * y.abs(), normal()),
                 };
                 Datum {
                     query: *query,
-                    value: centre + sd * normal(),
+                    value: centre + sd * z,
                     sd,
+                    gain_sd: 0.0,
                 }
             })
             .collect())
     };
-    let now = measured(&frequencies)?;
-    let mut sets = vec![now.clone()];
-    for candidate in candidates {
-        sets.push([now.clone(), measured(&candidate.queries)?].concat());
+    let own = (campaign.modes, campaign.sd_hz);
+    let alone = std::iter::once((own, &[][..]));
+    let with = candidates
+        .iter()
+        .map(|candidate| (candidate.frequencies.unwrap_or(own), &candidate.queries[..]));
+    let mut sets = Vec::new();
+    for ((modes, sd_hz), queries) in alone.chain(with) {
+        let frequencies = (1..=modes).map(|order| (Query::Frequency { order, mass: None }, 0.0));
+        let all: Vec<(Query, f64)> = frequencies.chain(queries.iter().copied()).collect();
+        sets.push(measured(&all, sd_hz)?);
     }
-    let sd_of = |set: Vec<Datum>| {
+    let known_of = |set: Vec<Datum>| {
         let mut moments = vec![set];
         moments.extend(campaign.done.iter().cloned());
         let joint = Joint {
@@ -324,13 +373,11 @@ fn of_rod(
             moments: &moments,
             settings: SETTINGS,
         };
-        joint
-            .posterior_alone(seed)
-            .ok()?
-            .posterior
-            .sd(Quantity::AxialForce)
+        let posterior = joint.posterior_alone(seed).ok()?.posterior;
+        Some((
+            posterior.mean(Quantity::AxialForce)?,
+            posterior.sd(Quantity::AxialForce)?,
+        ))
     };
-    let mut sds = sets.into_iter().map(sd_of);
-    let now = sds.next().flatten();
-    Ok(sds.map(|sd| Some(sd? / now?)).collect())
+    Ok(sets.into_iter().map(known_of).collect())
 }

@@ -64,22 +64,6 @@ pub(super) fn effective(weights: &[f64]) -> f64 {
     if squares > 0.0 { 1.0 / squares } else { 0.0 }
 }
 
-/// `count` rows by systematic resampling.
-pub(super) fn resampled(weights: &[f64], count: usize, generator: &mut ChaCha8Rng) -> Vec<usize> {
-    let offset: f64 = generator.random();
-    let mut rows = Vec::with_capacity(count);
-    let (mut row, mut sum) = (0, weights.first().copied().unwrap_or(0.0));
-    for i in 0..count {
-        let place = (i as f64 + offset) / count as f64;
-        while sum < place && row + 1 < weights.len() {
-            row += 1;
-            sum += weights[row];
-        }
-        rows.push(row);
-    }
-    rows
-}
-
 /// Neighbours whose covariance is a local kernel's.
 const NEIGHBOURS: usize = 40;
 

@@ -214,7 +214,7 @@ impl Study {
             let one = |statistic, ours| {
                 Comparison::new(
                     "worth of measurements",
-                    worth.measured,
+                    &worth.measured,
                     "axial_force_n",
                     statistic,
                     None,

@@ -27,8 +27,8 @@ pub use outlook::{HORIZON_D, Outlook, Told, Tried};
 pub use proof::{Outcome, Raised, Trial};
 pub use rod::{State, SynthesisError};
 pub use settings::{
-    AddedMass, Change, Climate, Fault, FaultKind, Gusts, Knocks, Line, Neighbour, Pull, PullKind, Resonance,
-    Sensor, SimulatedRod, Simulation, Thermal, Truth,
+    AddedMass, Change, Climate, Fault, FaultKind, FurtherSensor, Gusts, Knocks, Line, Neighbour, Pull,
+    PullKind, Resonance, Sensor, SimulatedRod, Simulation, Thermal, Truth,
 };
 pub use site_years::{Fate, Moment, SiteYears};
 pub use world::{FAULT_D, Thermometer, World};
@@ -37,6 +37,7 @@ use crate::numerics::random;
 use crate::signal::record::{RodId, Timestamp};
 use faults::{spoil_messages, spoil_samples};
 use oscillator::normal;
+use response::Eye;
 use rod::Rod;
 
 /// Smallest step of the simulated thermometer \[K\].
@@ -62,6 +63,8 @@ pub struct SimulatedRecord {
     pub truth: State,
     /// Displacement in the order of sending, SI.
     pub displacement: Vec<Message>,
+    /// Signals of the further sensors, SI.
+    pub further: Vec<Vec<Message>>,
     /// Temperature \[degC\], one sample per message; empty if there is no climate.
     pub temperature: Vec<Message>,
 }
@@ -110,7 +113,35 @@ impl<'s> Synthesis<'s> {
                 fs_hz,
             });
         }
-        let mut displacement = response::displacement(&rod, &nominal, fs_hz, (index, start), samples, seed)?;
+        let signal =
+            |eye: &Eye<'_>| response::displacement(&rod, &nominal, fs_hz, (index, start), samples, seed, eye);
+        let mut displacement = signal(&Eye {
+            sensor: &settings.sensor,
+            sees: &|shape| settings.sensor.sees(shape),
+            number: 0,
+        })?;
+        let length = simulation.samples_per_message.max(1);
+        let sent = |samples: &[f64]| -> Vec<Message> {
+            samples
+                .chunks(length)
+                .enumerate()
+                .map(|(i, samples)| Message {
+                    stamp: start.plus_seconds((i * length) as f64 / fs_hz),
+                    samples: samples.to_vec(),
+                })
+                .collect()
+        };
+        let further = (1..)
+            .zip(&settings.further)
+            .map(|(number, further)| {
+                let samples = signal(&Eye {
+                    sensor: &further.sensor,
+                    sees: &|shape| further.sees(shape),
+                    number,
+                })?;
+                Ok(sent(&samples))
+            })
+            .collect::<Result<_, SynthesisError>>()?;
         let number = index + 1;
         let faults: Vec<FaultKind> = settings
             .faults
@@ -120,15 +151,7 @@ impl<'s> Synthesis<'s> {
             .collect();
         let mut generator = response::stream_of(seed, index, response::FAULTS);
         spoil_samples(&faults, fs_hz, &mut displacement, &mut generator);
-        let length = simulation.samples_per_message.max(1);
-        let mut messages: Vec<Message> = displacement
-            .chunks(length)
-            .enumerate()
-            .map(|(i, samples)| Message {
-                stamp: start.plus_seconds((i * length) as f64 / fs_hz),
-                samples: samples.to_vec(),
-            })
-            .collect();
+        let mut messages = sent(&displacement);
         spoil_messages(&faults, fs_hz, start, &mut messages, &mut generator);
         Ok(SimulatedRecord {
             rod: settings.rod.clone(),
@@ -136,6 +159,7 @@ impl<'s> Synthesis<'s> {
             start,
             truth,
             displacement: messages,
+            further,
             temperature: self.temperature(index, start),
         })
     }

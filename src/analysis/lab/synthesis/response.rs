@@ -5,8 +5,9 @@ use super::load::{Amplitude, knocks};
 use super::noise::{Noise, quantised};
 use super::oscillator::Oscillator;
 use super::rod::{Rod, State, SynthesisError};
-use super::settings::PullKind;
+use super::settings::{PullKind, Sensor};
 use crate::numerics::random;
+use crate::rod::beam::shape::Shape;
 use crate::signal::record::Timestamp;
 use rand::RngExt;
 use rand::rngs::ChaCha8Rng;
@@ -41,7 +42,17 @@ fn stream_of_mode(seed: u64, index: usize, n: usize) -> ChaCha8Rng {
     stream_of(higher, index, purpose - SENSOR)
 }
 
-/// Displacement at the sensor \[m\], `samples` of them from `start` on, as the sensor gives it.
+/// What a sensor makes of a rod's motion.
+pub(super) struct Eye<'a> {
+    /// Its noise.
+    pub sensor: &'a Sensor,
+    /// Modal amplitude that it sees of a shape.
+    pub sees: &'a (dyn Fn(&Shape) -> f64 + Sync),
+    /// Number among the rod's sensors, from 0: each has noise of its own.
+    pub number: u64,
+}
+
+/// Signal of a sensor, SI, `samples` of it from `start` on, as the sensor gives it.
 ///
 /// Modal superposition: u(t) = sum of w_n(x) q_n(t), each q_n the exactly sampled stationary response of
 /// an oscillator to white noise plus the closed-form decays of the pulls. Modes above half the sample
@@ -53,6 +64,7 @@ pub(super) fn displacement(
     (index, start): (usize, Timestamp),
     samples: usize,
     seed: u64,
+    eye: &Eye<'_>,
 ) -> Result<Vec<f64>, SynthesisError> {
     let settings = rod.settings;
     let dt = 1.0 / fs_hz;
@@ -69,6 +81,7 @@ pub(super) fn displacement(
     });
     let ambient = Ambient {
         rod,
+        eye,
         nominal,
         states: &states,
         fs_hz,
@@ -91,7 +104,7 @@ pub(super) fn displacement(
             deflection_m: pull.deflection_m,
             ramp_s: pull.ramp_s,
         };
-        stroke.add(rod, &states[0], fs_hz, &onsets, &mut output);
+        stroke.add(rod, eye, &states[0], fs_hz, &onsets, &mut output);
     }
     if let Some(settings) = &settings.knocks {
         let mut generator = stream_of(seed, index, KNOCKS);
@@ -102,7 +115,7 @@ pub(super) fn displacement(
             deflection_m: settings.deflection_m,
             ramp_s: 0.0,
         };
-        stroke.add(rod, &states[0], fs_hz, &onsets, &mut output);
+        stroke.add(rod, eye, &states[0], fs_hz, &onsets, &mut output);
     }
     let mut generator = stream_of(seed, index, LINES);
     for line in &settings.interference {
@@ -111,10 +124,18 @@ pub(super) fn displacement(
             *sample += line.amplitude_m * libm::sin(2.0 * PI * line.frequency_hz * k as f64 * dt + phase);
         }
     }
-    let mut generator = stream_of(seed, index, SENSOR);
-    let mut noise = Noise::new(&settings.sensor, fs_hz, &mut generator);
+    let own = match eye.number {
+        0 => seed,
+        number => random::seed(&[
+            b"simulated further sensor",
+            &seed.to_le_bytes(),
+            &number.to_le_bytes(),
+        ]),
+    };
+    let mut generator = stream_of(own, index, SENSOR);
+    let mut noise = Noise::new(eye.sensor, fs_hz, &mut generator);
     for sample in &mut output {
-        *sample = quantised(*sample + noise.next(&mut generator), settings.sensor.resolution_m);
+        *sample = quantised(*sample + noise.next(&mut generator), eye.sensor.resolution_m);
     }
     Ok(output)
 }
@@ -133,6 +154,7 @@ fn every(first_s: f64, every_s: f64, duration_s: f64) -> Vec<(f64, f64)> {
 /// The ambient response of one record.
 struct Ambient<'a, 's> {
     rod: &'a Rod<'s>,
+    eye: &'a Eye<'a>,
     nominal: &'a State,
     states: &'a [State],
     fs_hz: f64,
@@ -175,7 +197,7 @@ impl Ambient<'_, '_> {
             for (now, chunk) in self.states.iter().zip(output.chunks_mut(self.block)) {
                 let visible = factor * now.frequency_hz[n] < 0.5 * self.fs_hz;
                 let oscillator = Oscillator::new(factor * now.frequency_hz[n], zeta).sampled(intensity, dt);
-                let seen = share * now.shapes[n].at(settings.sensor.at);
+                let seen = share * (self.eye.sees)(&now.shapes[n]);
                 for sample in chunk {
                     if visible {
                         *sample += seen * state.0;
@@ -216,7 +238,15 @@ impl Stroke {
     ///
     /// A point force F at x deflects mode n by q_n = F w_n(x) / (omega_n^2 M_n), a point impulse J starts it
     /// with q_n' = J w_n(x) / M_n, where M_n is the modal mass.
-    fn add(&self, rod: &Rod<'_>, state: &State, fs_hz: f64, onsets: &[(f64, f64)], output: &mut [f64]) {
+    fn add(
+        &self,
+        rod: &Rod<'_>,
+        eye: &Eye<'_>,
+        state: &State,
+        fs_hz: f64,
+        onsets: &[(f64, f64)],
+        output: &mut [f64],
+    ) {
         let settings = rod.settings;
         let modes: Vec<(Oscillator, f64, f64, f64)> = state
             .frequency_hz
@@ -231,7 +261,7 @@ impl Stroke {
                     Oscillator::new(*f, *zeta),
                     omega,
                     participation,
-                    shape.at(settings.sensor.at),
+                    (eye.sees)(shape),
                 )
             })
             .collect();

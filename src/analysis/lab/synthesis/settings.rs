@@ -1,6 +1,7 @@
 //! Settings of a simulation: the campaign, the rods and their truth, the weather, the sensors, the faults.
 
 use crate::rod::beam::Section;
+use crate::rod::beam::shape::Shape;
 use crate::signal::record::{Channel, RodId, Timestamp};
 
 /// A whole simulation: the same records of every rod.
@@ -78,6 +79,8 @@ pub struct SimulatedRod {
     pub resonances: Vec<Resonance>,
     /// The sensor.
     pub sensor: Sensor,
+    /// Further sensors that see the same motion.
+    pub further: Vec<FurtherSensor>,
     /// Sinusoids that are no modes: mains hum, a motor.
     pub interference: Vec<Line>,
     /// Effect of temperature on the axial force.
@@ -183,6 +186,34 @@ pub struct Sensor {
     pub pink_m: f64,
     /// Smallest step of its output \[m\]; 0 is none.
     pub resolution_m: f64,
+}
+
+impl Sensor {
+    /// Modal amplitude that it sees of a shape.
+    pub fn sees(&self, shape: &Shape) -> f64 {
+        shape.at(self.at)
+    }
+}
+
+/// A further sensor of a rod: of displacement, or of the strain of its face.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FurtherSensor {
+    /// Channel of its samples.
+    pub channel: Channel,
+    /// Place and noise, in the SI unit of its channel.
+    pub sensor: Sensor,
+    /// Half the height of the section, for a strain gauge \[m\].
+    pub strain_over_m: Option<f64>,
+}
+
+impl FurtherSensor {
+    /// Modal amplitude that it sees of a shape: strain is `-h w'' / 2`.
+    pub fn sees(&self, shape: &Shape) -> f64 {
+        match self.strain_over_m {
+            Some(half_height_m) => -half_height_m * shape.derivatives(self.sensor.at).1,
+            None => self.sensor.sees(shape),
+        }
+    }
 }
 
 /// A sinusoid that is no mode.

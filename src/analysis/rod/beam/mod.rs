@@ -1,6 +1,8 @@
 //! The tensioned Euler-Bernoulli beam on rotational springs (paper, section 4.3).
 
 pub mod assembly;
+#[cfg(test)]
+pub(crate) mod dense;
 pub mod eigen;
 pub mod element;
 pub mod exact;

@@ -119,34 +119,76 @@ fn loaded_square([lower, upper]: [f64; 2], t: f64, supports: &[Support; 2], rati
     s
 }
 
+/// The four solutions at a distance `d` from an end or a force: `sin(phi d) / phi` (`d` itself where phi is zero), `cos(phi d)`,
+/// `exp(-q d)`.
+#[derive(Clone, Copy)]
+struct Waves {
+    sine: f64,
+    cosine: f64,
+    decay: f64,
+}
+
+impl Waves {
+    fn new(phi: f64, q: f64, d: f64) -> Self {
+        let decay = libm::exp(-q * d);
+        if phi > 0.0 {
+            let (sin, cosine) = libm::sincos(phi * d);
+            Self {
+                sine: sin / phi,
+                cosine,
+                decay,
+            }
+        } else {
+            Self {
+                sine: d,
+                cosine: 1.0,
+                decay,
+            }
+        }
+    }
+
+    /// Over both distances together, by the addition theorems.
+    fn and(self, phi: f64, other: Self) -> Self {
+        Self {
+            sine: self.sine * other.cosine + self.cosine * other.sine,
+            cosine: self.cosine * other.cosine - phi * phi * self.sine * other.sine,
+            decay: self.decay * other.decay,
+        }
+    }
+
+    /// Deflection `p` of the unbounded beam.
+    fn free(self, q: f64, sum: f64) -> f64 {
+        -(self.decay / q + self.sine) / (2.0 * sum)
+    }
+
+    /// Its slope.
+    fn slope(self, sum: f64) -> f64 {
+        (self.cosine - self.decay) / (2.0 * sum)
+    }
+}
+
 /// Deflection at `x` under a unit force at `at`, in units of `l^3 / EI`.
 fn response(phi: f64, t: f64, supports: &[Support; 2], at: f64, x: f64) -> f64 {
     let [left, right] = supports;
     let q = (phi * phi + t).sqrt();
     let sum = phi * phi + q * q;
-    // sin(phi d) / phi, and d itself where phi is zero.
-    let sine = |d: f64| match phi > 0.0 {
-        true => libm::sin(phi * d) / phi,
-        false => d,
-    };
-    let free = |d: f64| -(libm::exp(-q * d) / q + sine(d)) / (2.0 * sum);
-    let slope = |d: f64| (libm::cos(phi * d) - libm::exp(-q * d)) / (2.0 * sum);
-    let (a, b) = (at, 1.0 - at);
-    let (p0, p1) = (free(a), free(b));
-    let decay = libm::exp(-q);
+    let (a, b) = (Waves::new(phi, q, at), Waves::new(phi, q, 1.0 - at));
+    let whole = a.and(phi, b);
+    let (p0, p1) = (a.free(q, sum), b.free(q, sum));
+    let decay = whole.decay;
     let inverse = 1.0 / (1.0 - decay * decay);
     let (coth, csch) = ((1.0 + decay * decay) * inverse, 2.0 * decay * inverse);
-    let (sin, cos) = (sine(1.0), libm::cos(phi));
+    let (sin, cos) = (whole.sine, whole.cosine);
 
     // Coefficients of A and B, and the right-hand side: the left support, then the right one.
     let (h, c) = (left.hinge, left.clamp);
     let l_a = c * (q * csch * sin - 1.0);
     let l_b = -h * sum + c * q * (csch * cos - coth);
-    let l_0 = -0.5 * h * sine(a) + c * (slope(a) + q * (p0 * coth - p1 * csch));
+    let l_0 = -0.5 * h * a.sine + c * (a.slope(sum) + q * (p0 * coth - p1 * csch));
     let (h, c) = (right.hinge, right.clamp);
     let r_a = -h * sum * sin + c * (cos - q * coth * sin);
     let r_b = -h * sum * cos - c * (phi * phi * sin + q * (coth * cos - csch));
-    let r_0 = -0.5 * h * sine(b) + c * (slope(b) + q * (p1 * coth - p0 * csch));
+    let r_0 = -0.5 * h * b.sine + c * (b.slope(sum) + q * (p1 * coth - p0 * csch));
     let determinant = l_a * r_b - l_b * r_a;
     let big_a = (l_0 * r_b - l_b * r_0) / determinant;
     let big_b = (l_a * r_0 - l_0 * r_a) / determinant;
@@ -154,97 +196,22 @@ fn response(phi: f64, t: f64, supports: &[Support; 2], at: f64, x: f64) -> f64 {
     let (u, v) = (-p0 - big_b, -p1 - big_a * sin - big_b * cos);
     let near = (u - decay * v) * inverse;
     let far = (v - decay * u) * inverse;
-    big_a * sine(x)
-        + big_b * libm::cos(phi * x)
-        + near * libm::exp(-q * x)
-        + far * libm::exp(-q * (1.0 - x))
-        + free((x - at).abs())
+    // Read under the force, as a mass does, everything is there already.
+    let (here, decay_from_right, free) = match x == at {
+        true => (a, b.decay, -(1.0 / q) / (2.0 * sum)),
+        false => (
+            Waves::new(phi, q, x),
+            libm::exp(-q * (1.0 - x)),
+            Waves::new(phi, q, (x - at).abs()).free(q, sum),
+        ),
+    };
+    big_a * here.sine + big_b * here.cosine + near * here.decay + far * decay_from_right + free
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::rod::beam::element::{BENDING, GEOMETRIC, MASS};
-    use nalgebra::{DMatrix, DVector, SymmetricEigen};
-    use std::f64::consts::PI;
-
-    fn beam(axial_force_n: f64, end_stiffness_n_m: [f64; 2]) -> Beam {
-        Beam {
-            length_m: 14.0,
-            flexural_rigidity_n_m2: 4e5,
-            mass_per_length_kg_m: 37.0,
-            axial_force_n,
-            end_stiffness_n_m,
-        }
-    }
-
-    /// From slack to taut, hinged to clamped, unlike ends.
-    fn cases() -> [Beam; 6] {
-        [
-            beam(8e5, [4e5, 4e5]),
-            beam(8e5, [0.0, 2e6]),
-            beam(2e3, [1e7, 1e3]),
-            beam(4e6, [0.0, 0.0]),
-            beam(50.0, [3e4, 0.0]),
-            beam(3e5, [1e8, 1e8]),
-        ]
-    }
-
-    /// Stiffness and mass by finite elements, dense: displacement and rotation times h at every node, both ends held.
-    struct Elements {
-        stiffness: DMatrix<f64>,
-        mass: DMatrix<f64>,
-        count: usize,
-    }
-
-    impl Elements {
-        fn new(beam: &Beam, count: usize) -> Self {
-            let h = beam.length_m / count as f64;
-            let size = 2 * (count + 1);
-            let (mut k, mut m) = (DMatrix::zeros(size, size), DMatrix::zeros(size, size));
-            for element in 0..count {
-                for i in 0..4 {
-                    for j in 0..4 {
-                        let place = (2 * element + i, 2 * element + j);
-                        k[place] += beam.flexural_rigidity_n_m2 / h.powi(3) * BENDING[i][j]
-                            + beam.axial_force_n / (30.0 * h) * GEOMETRIC[i][j];
-                        m[place] += beam.mass_per_length_kg_m * h / 420.0 * MASS[i][j];
-                    }
-                }
-            }
-            k[(1, 1)] += beam.end_stiffness_n_m[0] / (h * h);
-            k[(size - 1, size - 1)] += beam.end_stiffness_n_m[1] / (h * h);
-            let held = [0, 2 * count];
-            Self {
-                stiffness: k.remove_columns_at(&held).remove_rows_at(&held),
-                mass: m.remove_columns_at(&held).remove_rows_at(&held),
-                count,
-            }
-        }
-
-        /// Row of the deflection at a node.
-        fn row(&self, share: f64) -> usize {
-            2 * (share * self.count as f64).round() as usize - 1
-        }
-
-        fn deflection(&self, force_n: f64, at: f64, read_at: f64) -> f64 {
-            let mut load = DVector::zeros(self.stiffness.nrows());
-            load[self.row(at)] = force_n;
-            self.stiffness.clone().cholesky().unwrap().solve(&load)[self.row(read_at)]
-        }
-
-        fn frequencies(&self, mass_kg: f64, at: f64) -> Vec<f64> {
-            let mut mass = self.mass.clone();
-            let row = self.row(at);
-            mass[(row, row)] += mass_kg;
-            let root = mass.cholesky().unwrap().l();
-            let half = root.solve_lower_triangular(&self.stiffness).unwrap();
-            let whole = root.solve_lower_triangular(&half.transpose()).unwrap();
-            let mut squares: Vec<f64> = SymmetricEigen::new(whole).eigenvalues.iter().copied().collect();
-            squares.sort_by(f64::total_cmp);
-            squares.iter().map(|s| s.max(0.0).sqrt() / (2.0 * PI)).collect()
-        }
-    }
+    use crate::rod::beam::dense::{Elements, beam, cases};
 
     #[test]
     fn deflections_are_those_of_finite_elements() {

@@ -124,31 +124,13 @@ impl Shape {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::rod::beam::dense::{beam, cases};
     use crate::rod::beam::exact;
-
-    fn beam(axial_force_n: f64, end_stiffness_n_m: [f64; 2]) -> Beam {
-        Beam {
-            length_m: 14.0,
-            flexural_rigidity_n_m2: 4e5,
-            mass_per_length_kg_m: 37.0,
-            axial_force_n,
-            end_stiffness_n_m,
-        }
-    }
 
     fn shapes(beam: &Beam) -> Vec<(f64, Shape)> {
         let mut frequencies = [0.0; 5];
         exact::frequencies(beam, &mut frequencies).unwrap();
         frequencies.iter().map(|f| (*f, Shape::of(beam, *f))).collect()
-    }
-
-    fn cases() -> [Beam; 4] {
-        [
-            beam(8e5, [4e5, 4e5]),
-            beam(8e5, [0.0, 2e6]),
-            beam(1e3, [1e7, 1e3]),
-            beam(4e6, [0.0, 0.0]),
-        ]
     }
 
     #[test]

@@ -3,7 +3,7 @@
 use super::label::{LabelPlan, Labelling, Unlabelled};
 use super::parts::Parts;
 use super::refine::{Search, refine};
-use super::{Labels, Mask, Mode, Motion, Resonance};
+use super::{Labels, Mask, Mode, Motion, MotionKind, Resonance};
 use crate::signal::record::rejection::UNDERSAMPLED;
 use crate::signal::record::{Record, Rejection};
 use crate::signal::spectrum::{
@@ -104,52 +104,71 @@ impl ModalPlan {
     pub fn identify(&self, record: &Record) -> Result<ModalEstimate, Unidentified> {
         let (low_hz, high_hz) = self.labels.band_hz();
         let evidence = self.search.evidence(record, low_hz, high_hz)?;
-        let labelled = if evidence.resonances.is_empty() {
+        let (resonances, kind) = (&evidence.resonances, evidence.motion.kind);
+        match self.label(resonances, kind, record.duration_s(), record.fs_hz) {
+            Ok(Labelling {
+                modes,
+                probability,
+                labels,
+            }) => Ok(ModalEstimate {
+                modes,
+                label_probability: probability,
+                labels,
+                evidence,
+            }),
+            Err((rejection, labels)) => Err(Unidentified {
+                rejection,
+                evidence: Some(Box::new(evidence)),
+                labels,
+            }),
+        }
+    }
+
+    /// Labels the resonances found in a record of a length \[s\] and sample rate \[Hz\], with a motion of `kind`;
+    /// of the labelled modes those that the force uses. Needs no samples.
+    ///
+    /// # Errors
+    /// The reason why no label is credible, with the candidates if there are peaks.
+    pub fn label(
+        &self,
+        resonances: &[Resonance],
+        kind: MotionKind,
+        duration_s: f64,
+        fs_hz: f64,
+    ) -> Result<Labelling, (Rejection, Option<Labels>)> {
+        let (low_hz, high_hz) = self.labels.band_hz();
+        let searchable = searchable_hz(duration_s, fs_hz);
+        let labelled = if resonances.is_empty() {
             Err((Rejection::NoPeak { low_hz, high_hz }, None))
         } else {
             self.labels
-                .label(&evidence.resonances, searchable_hz(record), evidence.motion.kind)
+                .label(resonances, searchable, kind)
                 .map_err(|Unlabelled { rejection, labels }| (rejection, Some(labels)))
         };
         match labelled {
-            Ok(Labelling {
-                mut modes,
-                mut probability,
-                labels,
-            }) => {
-                let used = modes.partition_point(|mode| mode.order <= self.labels.settings().count);
-                modes.truncate(used);
-                probability.truncate(used);
-                Ok(ModalEstimate {
-                    modes,
-                    label_probability: probability,
-                    labels,
-                    evidence,
-                })
+            Ok(mut labelling) => {
+                let count = self.labels.settings().count;
+                let used = labelling.modes.partition_point(|mode| mode.order <= count);
+                labelling.modes.truncate(used);
+                labelling.probability.truncate(used);
+                Ok(labelling)
             }
             Err((rejection, labels)) => {
                 // Where the lowest mode may lie above the band there is nothing to wonder about.
                 let needed_hz = self.labels.first_mode_below_hz();
                 let nothing_seen = matches!(rejection, Rejection::NoPeak { .. });
-                let lowest_hz = searchable_hz(record).0;
+                let lowest_hz = searchable.0;
                 let rejection = if lowest_hz > needed_hz || (nothing_seen && lowest_hz > low_hz) {
                     Rejection::TooShort {
-                        duration_s: record.duration_s(),
+                        duration_s,
                         needed_s: LEAST_PERIODS / low_hz,
                     }
-                } else if UNDERSAMPLED * record.fs_hz < needed_hz {
-                    Rejection::Undersampled {
-                        fs_hz: record.fs_hz,
-                        needed_hz,
-                    }
+                } else if UNDERSAMPLED * fs_hz < needed_hz {
+                    Rejection::Undersampled { fs_hz, needed_hz }
                 } else {
                     rejection
                 };
-                Err(Unidentified {
-                    rejection,
-                    evidence: Some(Box::new(evidence)),
-                    labels,
-                })
+                Err((rejection, labels))
             }
         }
     }
@@ -170,7 +189,7 @@ impl PeakSearch {
     /// [searchable](searchable_hz).
     pub fn evidence(&self, record: &Record, low_hz: f64, high_hz: f64) -> Result<Evidence, Rejection> {
         check(record, LEAST_PERIODS / high_hz.min(HIGHEST * record.fs_hz))?;
-        let (lowest_hz, highest_hz) = searchable_hz(record);
+        let (lowest_hz, highest_hz) = searchable_hz(record.duration_s(), record.fs_hz);
         if low_hz >= highest_hz {
             return Err(Rejection::Undersampled {
                 fs_hz: record.fs_hz,
@@ -263,9 +282,10 @@ impl PeakSearch {
     }
 }
 
-/// Range of frequencies with enough periods in the record and enough samples per period \[Hz\].
-pub fn searchable_hz(record: &Record) -> (f64, f64) {
-    (LEAST_PERIODS / record.duration_s(), HIGHEST * record.fs_hz)
+/// Range of frequencies with enough periods in a record of a length \[s\] and enough samples per period at its
+/// sample rate \[Hz\].
+pub fn searchable_hz(duration_s: f64, fs_hz: f64) -> (f64, f64) {
+    (LEAST_PERIODS / duration_s, HIGHEST * fs_hz)
 }
 
 /// Rejects a record that no spectrum can be made of.

@@ -27,7 +27,7 @@ pub use refine::{Refinement, Search, refine};
 use serde::{Deserialize, Serialize};
 
 /// One resonance found in a record, not yet given a mode order.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Resonance {
     /// Natural frequency \[Hz\].
     pub frequency_hz: f64,
@@ -108,6 +108,20 @@ pub struct Mode {
     pub sd_hz: f64,
     /// Damping ratio \[-\], if it was measured.
     pub damping: Option<f64>,
+}
+
+impl Mode {
+    /// The first natural frequencies of a rod, measured elsewhere, all with one standard error \[Hz\].
+    pub fn first(frequencies_hz: &[f64], sd_hz: f64) -> Vec<Self> {
+        let numbered = frequencies_hz.iter().enumerate();
+        let mode = |(index, &frequency_hz)| Self {
+            order: index + 1,
+            frequency_hz,
+            sd_hz,
+            damping: None,
+        };
+        numbered.map(mode).collect()
+    }
 }
 
 /// A band of frequencies in which peaks are ignored: mains hum, a bell motor, a pump.

@@ -44,13 +44,23 @@ pub enum Event {
     },
 }
 
-/// Most samples in one record, whatever its length; bounds memory.
-pub const MAX_SAMPLES: usize = 1 << 22;
+impl Event {
+    /// Id of the rod.
+    pub fn rod(&self) -> &RodId {
+        match self {
+            Self::Record(record) => &record.rod,
+            Self::Rejected { rod, .. } | Self::Readings { rod, .. } => rod,
+        }
+    }
+}
 
-/// Most bytes of a stretch: that many samples, or fewer with one stamp each. Where onsets are searched for, a
-/// quarter: the search takes several times the stretch.
-const MAX_BYTES: usize = 8 * MAX_SAMPLES;
-const MAX_SEARCHED: usize = MAX_BYTES / 4;
+/// Most samples in one record, whatever its length: its analysis takes up to a hundred bytes a sample.
+pub const MAX_SAMPLES: usize = 1 << 20;
+
+/// Most bytes of a stretch: that many samples, each with a stamp of its own. Where onsets are searched for, a
+/// third: the search takes several times the stretch.
+const MAX_BYTES: usize = 24 * MAX_SAMPLES;
+const MAX_SEARCHED: usize = MAX_BYTES / 3;
 /// Most bytes of messages that wait for a decision; beyond, fewer of them must suffice.
 const MAX_ASIDE: usize = 4 << 20;
 
@@ -378,20 +388,27 @@ impl Assembler {
         self.interval = None;
     }
 
-    /// Cuts the windows that were still waiting for late messages.
+    /// Cuts the windows that were still waiting for late messages, and what the last message holds of further
+    /// records.
     fn cut_rest(&mut self) {
-        let Cut::Window { length_s } = self.settings.cut else {
-            return;
-        };
-        let length_s = length_s.min(self.settings.max_duration_s);
         while let (Some(&start), Some(&last), Some(&size), Some(interval)) = (
             self.open.times.first(),
             self.open.times.last(),
             self.open.sizes.last(),
             self.interval,
         ) {
+            let longest = self.longest_s(interval);
+            let (length_s, due_s) = match self.settings.cut {
+                Cut::Window { length_s } => {
+                    let length_s = length_s.min(longest);
+                    (length_s, length_s + 0.5e-9 * interval)
+                }
+                // A bit more than a whole record is no record of its own.
+                Cut::Auto | Cut::File => (longest, 2.0 * longest),
+                Cut::FreeDecay { .. } => return,
+            };
             let span = (last.saturating_sub(start) as f64 + interval * f64::from(size)) * 1e-9;
-            if span < length_s + 0.5e-9 * interval {
+            if span < due_s {
                 return;
             }
             let before = self.open.values.len();
@@ -415,25 +432,15 @@ impl Assembler {
         let span = time.saturating_sub(start) as f64 * 1e-9;
         let message = interval * values.len() as f64 * 1e-9;
         let lag = (LAG as f64 * message).min(message.max(LAG_S));
-        let longest = self.settings.max_duration_s;
-        let most = match self.settings.cut {
-            Cut::FreeDecay { .. } => MAX_SEARCHED,
-            Cut::Auto | Cut::File | Cut::Window { .. } => MAX_BYTES,
-        };
-        let full = self.open.bytes() >= most;
+        let longest = self.longest_s(interval);
         match self.settings.cut {
-            Cut::Auto | Cut::File if span >= longest || full => {
-                self.cut_at(start, longest.min(span), interval)
-            }
+            Cut::Auto | Cut::File => self.cut_all(time, interval, longest, longest),
             Cut::Window { length_s } => {
                 let length_s = length_s.min(longest);
-                if span >= length_s + lag {
-                    self.cut_at(start, length_s, interval);
-                } else if full {
-                    self.cut_at(start, span, interval);
-                }
+                self.cut_all(time, interval, length_s, length_s + lag);
             }
-            Cut::FreeDecay { length_s, .. } if span >= (4.0 * length_s).max(60.0) || full => {
+            Cut::FreeDecay { length_s, .. } if span >= (4.0 * length_s).max(60.0) || self.is_full() => {
+                let is_full = self.is_full();
                 // Onsets near the end wait until their whole record is there, and the quiet before them.
                 let until = time.saturating_sub(nanos((length_s + 1.0).min(0.5 * span)));
                 let searched = self.open.clone();
@@ -442,16 +449,49 @@ impl Assembler {
                 let kept_from = until.saturating_sub(quiet);
                 // At rates so high that the quiet before an onset fills the stretch, half of it must do.
                 let half = start.saturating_add(nanos(0.5 * span));
-                let kept_from = if full { kept_from.max(half) } else { kept_from };
+                let kept_from = if is_full { kept_from.max(half) } else { kept_from };
                 self.open.split_front(kept_from, interval);
                 self.seen_until = until;
             }
-            Cut::Auto | Cut::File | Cut::FreeDecay { .. } => {}
+            Cut::FreeDecay { .. } => {}
         }
         // Constant stamps give no place for a cut.
-        if full && self.open.bytes() >= most {
+        if self.is_full() {
             let open = std::mem::take(&mut self.open);
             self.close(open, false, None);
+        }
+    }
+
+    /// Longest record at a sample interval \[s\].
+    fn longest_s(&self, interval: f64) -> f64 {
+        self.settings
+            .max_duration_s
+            .min(MAX_SAMPLES as f64 * interval * 1e-9)
+    }
+
+    /// True if the stretch takes all the memory that it may.
+    fn is_full(&self) -> bool {
+        let most = match self.settings.cut {
+            Cut::FreeDecay { .. } => MAX_SEARCHED,
+            Cut::Auto | Cut::File | Cut::Window { .. } => MAX_BYTES,
+        };
+        self.open.bytes() >= most
+    }
+
+    /// Cuts records of `length_s` while the message at `time`, the last one, begins more than `due_s` behind the
+    /// stretch's start. A single message may fill several records.
+    fn cut_all(&mut self, time: i64, interval: f64, length_s: f64, due_s: f64) {
+        while let Some(&start) = self.open.times.first() {
+            let span = time.saturating_sub(start) as f64 * 1e-9;
+            let before = self.open.values.len();
+            if span >= due_s {
+                self.cut_at(start, length_s, interval);
+            } else if self.is_full() {
+                self.cut_at(start, span.min(length_s), interval);
+            }
+            if self.open.values.len() == before {
+                return;
+            }
         }
     }
 

@@ -35,6 +35,12 @@ use std::fmt;
 #[serde(transparent)]
 pub struct RodId(pub String);
 
+impl From<&str> for RodId {
+    fn from(name: &str) -> Self {
+        Self(name.to_owned())
+    }
+}
+
 impl fmt::Display for RodId {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         self.0.fmt(f)
@@ -75,6 +81,39 @@ pub struct Record {
 }
 
 impl Record {
+    /// A record from evenly spaced samples, SI of their unit, after the quality checks; missing samples are NaN.
+    ///
+    /// # Errors
+    /// Samples that are too short a record, missing, held, clipped, or otherwise no measurement.
+    pub fn from_samples(
+        rod: RodId,
+        start: Timestamp,
+        fs_hz: f64,
+        samples: Vec<f64>,
+        settings: &RecordSettings,
+    ) -> Result<Self, Rejection> {
+        let duration_s = samples.len() as f64 / fs_hz;
+        // A hair less than asked for is a matter of rounding; a rate that is no number is refused, too.
+        if !(duration_s >= settings.min_duration_s * (1.0 - 1e-9) && fs_hz > 0.0 && fs_hz.is_finite()) {
+            return Err(Rejection::TooShort {
+                duration_s,
+                needed_s: settings.min_duration_s,
+            });
+        }
+        let checked = quality::check(samples, fs_hz, settings)?;
+        Ok(Self {
+            rod,
+            start,
+            fs_hz,
+            samples: checked.samples,
+            temperature_c: None,
+            readings: Vec::new(),
+            excitation: None,
+            clock_sd: 0.0,
+            flags: checked.flags,
+        })
+    }
+
     /// Length of the record \[s\]: samples over sample rate.
     pub fn duration_s(&self) -> f64 {
         self.samples.len() as f64 / self.fs_hz

@@ -132,7 +132,7 @@ impl Stretch {
         let back = self.values.split_off(first);
         front.values = std::mem::replace(&mut self.values, back);
         // A short record does not keep the room of the stretch it was cut from.
-        if front.values.capacity() > 2 * front.values.len() {
+        if front.values.capacity() > front.values.len() + front.values.len() / 4 {
             front.values.shrink_to_fit();
         }
         self.times.drain(..at);

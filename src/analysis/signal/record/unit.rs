@@ -32,6 +32,12 @@ pub enum Unit {
     /// Acceleration in standard gravity.
     #[serde(rename = "g")]
     StandardGravity,
+    /// Strain.
+    #[serde(rename = "strain")]
+    Strain,
+    /// Strain in millionths.
+    #[serde(rename = "ue")]
+    Microstrain,
     /// Temperature in degrees Celsius.
     #[serde(rename = "degC")]
     Celsius,
@@ -57,6 +63,21 @@ impl Unit {
         Self::StandardGravity,
     ];
 
+    /// Every unit of a sensor on a rod: motion and strain.
+    pub const SENSOR: [Self; 11] = [
+        Self::Metre,
+        Self::Millimetre,
+        Self::Micrometre,
+        Self::Nanometre,
+        Self::MetrePerSecond,
+        Self::MillimetrePerSecond,
+        Self::MicrometrePerSecond,
+        Self::MetrePerSecondSquared,
+        Self::StandardGravity,
+        Self::Strain,
+        Self::Microstrain,
+    ];
+
     /// Every unit of temperature.
     pub const TEMPERATURE: [Self; 3] = [Self::Celsius, Self::Kelvin, Self::Fahrenheit];
 
@@ -66,7 +87,22 @@ impl Unit {
             Self::Metre | Self::Millimetre | Self::Micrometre | Self::Nanometre => "m",
             Self::MetrePerSecond | Self::MillimetrePerSecond | Self::MicrometrePerSecond => "m/s",
             Self::MetrePerSecondSquared | Self::StandardGravity => "m/s\u{b2}",
+            Self::Strain | Self::Microstrain => "m/m",
             Self::Celsius | Self::Kelvin | Self::Fahrenheit => "\u{b0}C",
+        }
+    }
+
+    /// True for strain.
+    pub fn is_strain(self) -> bool {
+        matches!(self, Self::Strain | Self::Microstrain)
+    }
+
+    /// Derivatives by time of a displacement that it measures; a strain follows the displacement.
+    pub fn derivative(self) -> i32 {
+        match self.si() {
+            "m/s" => 1,
+            "m/s\u{b2}" => 2,
+            _ => 0,
         }
     }
 
@@ -82,6 +118,8 @@ impl Unit {
             Self::MicrometrePerSecond => "um/s",
             Self::MetrePerSecondSquared => "m/s2",
             Self::StandardGravity => "g",
+            Self::Strain => "strain",
+            Self::Microstrain => "ue",
             Self::Celsius => "degC",
             Self::Kelvin => "K",
             Self::Fahrenheit => "degF",
@@ -91,9 +129,13 @@ impl Unit {
     /// Converts a raw value to SI (m, m/s, m/s^2), or a temperature to degrees Celsius.
     pub fn convert(self, raw: f64) -> f64 {
         match self {
-            Self::Metre | Self::MetrePerSecond | Self::MetrePerSecondSquared | Self::Celsius => raw,
+            Self::Metre
+            | Self::MetrePerSecond
+            | Self::MetrePerSecondSquared
+            | Self::Strain
+            | Self::Celsius => raw,
             Self::Millimetre | Self::MillimetrePerSecond => raw * 1e-3,
-            Self::Micrometre | Self::MicrometrePerSecond => raw * 1e-6,
+            Self::Micrometre | Self::MicrometrePerSecond | Self::Microstrain => raw * 1e-6,
             Self::Nanometre => raw * 1e-9,
             Self::StandardGravity => raw * 9.806_65,
             Self::Kelvin => raw - 273.15,
@@ -112,7 +154,7 @@ impl Unit {
             .replace("**2", "2")
             .replace("°", "deg")
             .replace(' ', "");
-        let every = Self::MOTION.into_iter().chain(Self::TEMPERATURE);
+        let every = Self::SENSOR.into_iter().chain(Self::TEMPERATURE);
         if let Some(unit) = every.into_iter().find(|unit| unit.key() == text) {
             return Some(unit);
         }

@@ -4,8 +4,9 @@ use super::{Window, window};
 use realfft::{RealFftPlanner, RealToComplex};
 use rustfft::FftPlanner;
 use rustfft::num_complex::Complex;
+use std::collections::BTreeSet;
 use std::fmt;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, LazyLock, Mutex, PoisonError};
 use thiserror::Error;
 
 /// Reason why a spectrum cannot be planned or estimated.
@@ -35,42 +36,72 @@ pub enum WelchError {
     },
 }
 
-/// Transform plans by length; sharing them between records saves the planning.
+/// Most samples of the lengths with a plan kept; a plan takes about 16 bytes a sample.
+const KEPT: usize = 1 << 20;
+
+/// Transform plans by length, shared by all rods and records: planning takes longer than a transform.
+///
+/// Plans beyond the latest few are made anew, so a thousand lengths of records take no more memory than a few.
 ///
 /// The scalar and SSE code paths of the transform use no fused multiply-add, so that a spectrum has
 /// the same bits on every x86-64 machine; the faster AVX path would not.
-#[derive(Default)]
-pub struct Transforms {
-    real: Mutex<RealFftPlanner<f64>>,
-    complex: Mutex<Complexes>,
+#[derive(Clone)]
+pub struct Transforms(Arc<Mutex<Planners>>);
+
+/// Planners, which keep every plan they made.
+struct Planners {
+    real: RealFftPlanner<f64>,
+    complex: FftPlanner<f64>,
+    /// Lengths with a plan, real ones true.
+    lengths: BTreeSet<(usize, bool)>,
 }
 
-/// Planner of complex transforms; wrapped, since the crate's own type has no default.
-struct Complexes(FftPlanner<f64>);
+static SHARED: LazyLock<Transforms> = LazyLock::new(|| Transforms(Arc::default()));
 
-impl Default for Complexes {
+impl Default for Transforms {
     fn default() -> Self {
-        Self(FftPlanner::new())
+        SHARED.clone()
+    }
+}
+
+impl Default for Planners {
+    fn default() -> Self {
+        Self {
+            real: RealFftPlanner::new(),
+            complex: FftPlanner::new(),
+            lengths: BTreeSet::new(),
+        }
+    }
+}
+
+impl Planners {
+    /// Makes room for the plan of a length: what is in use lives on in its users.
+    fn make_room(&mut self, length: (usize, bool)) {
+        self.lengths.insert(length);
+        if self.lengths.iter().map(|(n, _)| n).sum::<usize>() > KEPT {
+            *self = Self::default();
+            self.lengths.insert(length);
+        }
     }
 }
 
 impl Transforms {
     /// The plan for real transforms of length `n`.
     pub fn plan(&self, n: usize) -> Arc<dyn RealToComplex<f64>> {
-        self.real
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner)
-            .plan_fft_forward(n)
+        if n > KEPT {
+            return RealFftPlanner::new().plan_fft_forward(n);
+        }
+        let mut planners = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        planners.make_room((n, true));
+        planners.real.plan_fft_forward(n)
     }
 
     /// The inverse complex transform of `values`, in place, without a factor.
     pub(crate) fn back(&self, values: &mut [Complex<f64>]) {
-        let plan = self
-            .complex
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner)
-            .0
-            .plan_fft_inverse(values.len());
+        let mut planners = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        planners.make_room((values.len(), false));
+        let plan = planners.complex.plan_fft_inverse(values.len());
+        drop(planners);
         plan.process(values);
     }
 }
@@ -235,5 +266,20 @@ mod tests {
             // Numbers of this form are dense: beyond 1000 the next one is within 2.5 %.
             assert!(n < 1000 || fast as f64 > 0.975 * n as f64, "{n}: {fast}");
         }
+    }
+
+    #[test]
+    fn plans_of_many_lengths_are_not_all_kept() {
+        let transforms = Transforms(Arc::default());
+        let long = transforms.plan(20_000);
+        for n in 0..200 {
+            transforms.plan(20_002 + 2 * n);
+            transforms.back(&mut vec![Complex::new(1.0, 0.0); 300 + n]);
+        }
+        let planners = transforms.0.lock().unwrap();
+        let kept = planners.lengths.iter().map(|(n, _)| n).sum::<usize>();
+        assert!(kept <= KEPT && planners.lengths.len() > 20, "{kept}");
+        // One in use stays.
+        assert_eq!(long.len(), 20_000);
     }
 }

@@ -17,277 +17,20 @@
 //! p(y) = (1 - 0.01 - k) t(e; S) + 0.01 t_3(e; 0.06^2 + 9 S) + k t(e; S + 24 r (1 - f^2))
 //! ```
 //!
-//! The largest decides: the first is learned as it is, the second not at all, the third after P_uu grew by 24 r (1 - f^2).
 
-use super::prior::{BankPrior, Fluctuation};
+use super::densities::{Densities, Gammas, KICK, Term, WILD, WILD_SD, WILD_SHAPE, WILD_WIDER};
+use super::member::{Member, Passage, place, quadratic};
+use super::prior::BankPrior;
+use super::row::{Law, Row};
 use crate::numerics::simd::{Kernel, vectorised};
 use rand::{Rng, RngExt};
 use rand_distr::{ChiSquared, Distribution, StandardNormal};
 use serde::{Deserialize, Serialize};
-use std::f64::consts::PI;
 
-/// Share of the noise variance that does not follow the stated error.
-const UNSTATED: f64 = 0.3;
-/// Shape of the prior law of the noise variance: four degrees of freedom; its mean is 2 s0^2.
-const SHAPE: f64 = 2.0;
-/// Probability of a wild reading, its spread \[-\], the widening of the rest, and its degrees of freedom.
-const WILD: f64 = 0.01;
-const WILD_SD: f64 = 0.06;
-const WILD_WIDER: f64 = 9.0;
-const WILD_SHAPE: f64 = 1.5;
-/// Growth of the fluctuation's variance in a jump, in the variance a period adds.
-const KICK: f64 = 24.0;
 /// Least ln weight in a bank that must keep every member: one may become likely again.
 const LEAST_LN_WEIGHT: f64 = -60.0;
-/// Least ln weight a copy keeps: one in ten thousand. Each pruned member adds less than this to the density of the rest.
-pub(super) const NEGLIGIBLE_LN_WEIGHT: f64 = -9.2;
-/// Largest credible column; larger ones are faults.
-const GREATEST: f64 = 1e6;
-/// Range to which ratios are limited.
-const RATIOS: [f64; 2] = [-1.0, 10.0];
-/// Upper limit of stated errors, in typical ones.
-const GREATEST_ERROR: f64 = 1e6;
-
-/// Input of a bank for one period of one rod.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Seen<'a> {
-    /// Event time \[d\]; real gaps count.
-    pub day: f64,
-    /// N_t / N_0 - 1.
-    pub ratio: f64,
-    /// Stated standard error of the ratio.
-    pub sd: f64,
-    /// Regressors, as many as the prior has columns.
-    pub columns: &'a [f64],
-}
-
-/// Predictive law of a period.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct Law {
-    /// Mean of the ratio.
-    pub mean: f64,
-    /// Standard deviation.
-    pub sd: f64,
-    /// Share of the variance that is uncertainty of the coefficients, of the level with them.
-    pub leverage: f64,
-}
-
-impl Law {
-    /// The ratio in standard deviations from the mean.
-    pub fn residual(&self, ratio: f64) -> f64 {
-        (ratio - self.mean) / self.sd
-    }
-}
-
-/// A prepared period: regressors of the whole state, response, variance of its error in noise variances.
-#[derive(Debug, Clone, PartialEq)]
-pub(super) struct Row {
-    pub ratio: f64,
-    error: f64,
-    x: Vec<f64>,
-}
-
-impl Row {
-    /// Prepares a period; `None` if a filter cannot take it: not finite, wrong number of columns,
-    /// unreasonable regressors.
-    pub fn new(prior: &BankPrior, seen: &Seen) -> Option<Self> {
-        let is_sane = seen.day.is_finite()
-            && seen.ratio.is_finite()
-            && seen.sd.is_finite()
-            && seen.columns.len() == prior.columns.len()
-            && seen.columns.iter().all(|x| x.abs() <= GREATEST);
-        if !is_sane {
-            return None;
-        }
-        let share = (seen.sd / prior.noise_sd).clamp(0.0, GREATEST_ERROR);
-        let mut x = Vec::with_capacity(seen.columns.len() + 4);
-        x.extend([0.0, 1.0]);
-        x.extend_from_slice(seen.columns);
-        x.extend([1.0, 1.0]);
-        Some(Self {
-            ratio: seen.ratio.clamp(RATIOS[0], RATIOS[1]),
-            error: UNSTATED + (1.0 - UNSTATED) * share * share,
-            x,
-        })
-    }
-
-    /// Regressors of the whole state.
-    pub fn columns(&self) -> &[f64] {
-        &self.x
-    }
-
-    /// Variance of its error, in noise variances.
-    pub fn error(&self) -> f64 {
-        self.error
-    }
-
-    /// Sets the onset's regressor.
-    pub fn with_onset(&mut self, h: f64) -> &Self {
-        self.x[0] = h;
-        self
-    }
-}
-
-/// State of one member.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub(super) struct Member {
-    /// Index among the prior's members.
-    pub which: u8,
-    /// ln of the weight; weights sum to one.
-    pub ln_weight: f64,
-    /// alpha and beta of the noise variance's inverse gamma law.
-    pub shape: f64,
-    pub rate: f64,
-    /// Mean of the state: change, intercept, columns, slow fluctuation, fluctuation.
-    pub mean: Vec<f64>,
-    /// Covariance over the noise variance: upper triangle by rows.
-    pub cov: Vec<f64>,
-}
-
-/// Decay of a member's fluctuations from one period to the next.
-#[derive(Debug, Clone, Copy)]
-struct Decay {
-    fast: f64,
-    slow: f64,
-    /// Variance that the first fluctuation gains, in noise variances.
-    added: f64,
-}
-
-/// Passage of time to a period, for every member of the prior.
-#[derive(Debug, Clone)]
-pub(super) struct Passage {
-    day: f64,
-    decays: Vec<Decay>,
-}
-
-impl Passage {
-    /// Passage from the last period, if any, to `day`; an earlier day counts as the last.
-    pub fn new(prior: &BankPrior, last: Option<f64>, day: f64) -> Self {
-        let gap = last.map_or(0.0, |last| (day - last).max(0.0));
-        let decay = |fluctuation: &Fluctuation| Decay {
-            fast: libm::exp(-gap / fluctuation.memory_d),
-            slow: libm::exp(-gap / fluctuation.slow_memory_d),
-            added: -fluctuation.variance * libm::expm1(-2.0 * gap / fluctuation.memory_d),
-        };
-        Self {
-            day: last.map_or(day, |last| last.max(day)),
-            decays: prior.members.iter().map(decay).collect(),
-        }
-    }
-
-    fn of(&self, member: &Member) -> &Decay {
-        &self.decays[usize::from(member.which)]
-    }
-}
-
-/// Prediction of one member.
-#[derive(Debug, Clone, Copy)]
-struct Ahead {
-    error: f64,
-    /// S = R + H P H'.
-    total: f64,
-}
-
-/// Term of the predictive law by which a reading was learned.
-#[derive(Debug, Clone, Copy, PartialEq)]
-enum Term {
-    Usual,
-    Wild,
-    Kick,
-}
-
-impl Member {
-    /// A member before the first period.
-    fn new(prior: &BankPrior, which: usize) -> Self {
-        let fluctuation = &prior.members[which];
-        let noise = prior.noise_sd * prior.noise_sd;
-        let width = prior.columns.len() + 4;
-        let mut mean = vec![0.0, 0.0];
-        mean.extend(prior.columns.iter().map(|law| law.mean));
-        mean.extend([0.0, 0.0]);
-        let mut variances = vec![0.0, prior.intercept_sd * prior.intercept_sd / noise];
-        variances.extend(prior.columns.iter().map(|law| law.sd * law.sd / noise));
-        variances.extend([fluctuation.slow_variance, fluctuation.variance]);
-        let mut cov = vec![0.0; width * (width + 1) / 2];
-        for (row, variance) in variances.into_iter().enumerate() {
-            cov[place(width, row, row)] = variance;
-        }
-        Self {
-            which: which as u8,
-            ln_weight: libm::log(fluctuation.probability),
-            shape: SHAPE,
-            rate: 2.0 * (SHAPE - 1.0) * noise,
-            mean,
-            cov,
-        }
-    }
-
-    /// beta / alpha.
-    pub fn scale2(&self) -> f64 {
-        self.rate / self.shape
-    }
-
-    /// Posterior mean of the noise variance.
-    pub fn noise(&self) -> f64 {
-        self.rate / (self.shape - 1.0)
-    }
-
-    /// Lets the fluctuations decay.
-    fn advance(&mut self, fluctuation: &Fluctuation, decay: &Decay) {
-        let width = self.mean.len();
-        let (slow, fast) = (width - 2, width - 1);
-        let (f, g) = (decay.fast, decay.slow);
-        for row in 0..slow {
-            let at = place(width, row, slow);
-            self.cov[at] *= g;
-            self.cov[at + 1] *= f;
-        }
-        let at = place(width, slow, slow);
-        self.cov[at] = g * g * self.cov[at] + fluctuation.slow_variance * (1.0 - g * g);
-        self.cov[at + 1] *= f * g;
-        self.cov[at + 2] = f * f * self.cov[at + 2] + decay.added;
-        self.mean[slow] *= g;
-        self.mean[fast] *= f;
-    }
-
-    /// Prediction of a row; `along` becomes P H'.
-    #[inline(always)]
-    fn ahead(&self, row: &Row, along: &mut [f64]) -> Ahead {
-        times(&self.cov, &row.x, along);
-        Ahead {
-            error: row.ratio - dot(&row.x, &self.mean),
-            total: row.error + dot(&row.x, along).max(0.0),
-        }
-    }
-
-    /// Kalman and inverse gamma step.
-    #[inline(always)]
-    fn learn(&mut self, ahead: Ahead, along: &[f64]) {
-        let gain = ahead.error / ahead.total;
-        for (mean, along) in self.mean.iter_mut().zip(along) {
-            *mean += along * gain;
-        }
-        self.narrow(ahead.total, along);
-        self.rate += 0.5 * ahead.error * gain;
-        self.shape += 0.5;
-    }
-
-    /// Covariance after a row with P H' = `along` and S = `total`.
-    #[inline(always)]
-    fn narrow(&mut self, total: f64, along: &[f64]) {
-        let width = along.len();
-        let mut at = 0;
-        for row in 0..width {
-            let share = along[row] / total;
-            let entries = &mut self.cov[at..at + width - row];
-            for (entry, along) in entries.iter_mut().zip(&along[row..]) {
-                *entry -= share * along;
-            }
-            entries[0] = entries[0].max(0.0);
-            at += width - row;
-        }
-    }
-}
+/// Least ln weight an onset particle keeps: one in two hundred. What is left is a density of its own, so that R stays as rare.
+const NEGLIGIBLE_LN_WEIGHT: f64 = -5.3;
 
 /// Filters side by side, one per member.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -465,22 +208,21 @@ impl Kernel for Learn<'_> {
     fn run(self) {
         let mut along = vec![0.0; self.row.x.len()];
         let mut gammas = Gammas::default();
-        let usual = libm::log(1.0 - WILD - self.kick);
-        let (wild, kick) = (libm::log(WILD), libm::log(self.kick));
+        let usual_share = 1.0 - WILD - self.kick;
         for member in self.members {
             let ahead = member.ahead(self.row, &mut along);
             let (scale2, kicked) = (member.scale2(), KICK * self.passage.of(member).added);
-            let constant = gammas.of(member.shape);
-            let density = |total: f64| constant + student(ahead.error, total * scale2, member.shape);
-            let usual = usual + density(ahead.total);
-            let spread2 = WILD_SD * WILD_SD + WILD_WIDER * ahead.total * scale2;
-            let wild = wild + ln_gammas(WILD_SHAPE) + student(ahead.error, spread2, WILD_SHAPE);
-            let kick = kick + density(ahead.total + kicked);
-            let terms = [(Term::Usual, usual), (Term::Wild, wild), (Term::Kick, kick)];
-            let chosen = terms
-                .iter()
-                .fold(terms[0], |best, term| if term.1 > best.1 { *term } else { best });
-            member.ln_weight += ln_sum(terms.iter().map(|term| term.1));
+            let terms = Densities::new(&ahead, kicked, scale2, member.shape, gammas.of(member.shape));
+            let weighed = [
+                (Term::Usual, usual_share * terms.usual),
+                (Term::Wild, WILD * terms.wild),
+                (Term::Kick, self.kick * terms.kick),
+            ];
+            let chosen = weighed.iter().fold(
+                weighed[0],
+                |best, term| if term.1 > best.1 { *term } else { best },
+            );
+            member.ln_weight += libm::log(weighed.iter().map(|term| term.1).sum());
             match chosen.0 {
                 Term::Wild => {}
                 Term::Kick => {
@@ -496,54 +238,6 @@ impl Kernel for Learn<'_> {
     }
 }
 
-/// Index of an entry of the upper triangle.
-const fn place(width: usize, row: usize, column: usize) -> usize {
-    row * width - row * (row + 1) / 2 + column
-}
-
-/// Product of a symmetric matrix and a vector.
-#[inline(always)]
-fn times(cov: &[f64], x: &[f64], product: &mut [f64]) {
-    product.fill(0.0);
-    let mut left = cov;
-    for row in 0..x.len() {
-        let (entries, rest) = left.split_at(x.len() - row);
-        left = rest;
-        let head = x[row];
-        product[row] += entries[0] * head + dot(&entries[1..], &x[row + 1..]);
-        for (product, entry) in product[row + 1..].iter_mut().zip(&entries[1..]) {
-            *product += entry * head;
-        }
-    }
-}
-
-/// Scalar product, in four independent sums.
-#[inline(always)]
-fn dot(a: &[f64], b: &[f64]) -> f64 {
-    let mut sums = [0.0; 4];
-    let (a, b) = (a.chunks_exact(4), b.chunks_exact(4));
-    let tail: f64 = a.remainder().iter().zip(b.remainder()).map(|(a, b)| a * b).sum();
-    for (a, b) in a.zip(b) {
-        for lane in 0..4 {
-            sums[lane] += a[lane] * b[lane];
-        }
-    }
-    (sums[0] + sums[1]) + (sums[2] + sums[3]) + tail
-}
-
-/// x'P x over the first `count` entries.
-pub(super) fn quadratic(cov: &[f64], x: &[f64], count: usize) -> f64 {
-    let mut sum = 0.0;
-    for row in 0..count {
-        let at = place(x.len(), row, row);
-        sum += x[row] * x[row] * cov[at];
-        for column in row + 1..count {
-            sum += 2.0 * x[row] * x[column] * cov[at + column - row];
-        }
-    }
-    sum.max(0.0)
-}
-
 /// ln of the sum of exponentials.
 pub(super) fn ln_sum(terms: impl Iterator<Item = f64> + Clone) -> f64 {
     let greatest = terms.clone().fold(f64::NEG_INFINITY, f64::max);
@@ -553,39 +247,9 @@ pub(super) fn ln_sum(terms: impl Iterator<Item = f64> + Clone) -> f64 {
     greatest + libm::log(terms.map(|term| libm::exp(term - greatest)).sum())
 }
 
-/// ln of Student's t density of 2 `shape` degrees of freedom without its gamma functions.
-fn student(error: f64, scale2: f64, shape: f64) -> f64 {
-    let dof = 2.0 * shape;
-    -0.5 * libm::log(dof * PI * scale2) - (shape + 0.5) * libm::log1p(error * error / (dof * scale2))
-}
-
-/// ln Gamma(shape + 1/2) - ln Gamma(shape).
-fn ln_gammas(shape: f64) -> f64 {
-    libm::lgamma(shape + 0.5) - libm::lgamma(shape)
-}
-
-/// Cache of the last value of [`ln_gammas`]: most members share a shape.
-#[derive(Default)]
-struct Gammas {
-    shape: f64,
-    value: f64,
-}
-
-impl Gammas {
-    fn of(&mut self, shape: f64) -> f64 {
-        if self.shape != shape {
-            *self = Self {
-                shape,
-                value: ln_gammas(shape),
-            };
-        }
-        self.value
-    }
-}
-
 #[cfg(test)]
 mod tests {
-    use super::super::Coefficient;
+    use super::super::{Coefficient, Fluctuation, Seen};
     use super::*;
     use crate::numerics::random;
     use nalgebra::{DMatrix, DVector};
@@ -639,6 +303,7 @@ mod tests {
         for (k, (day, ratio, sd, columns)) in data.iter().enumerate() {
             let seen = Seen {
                 day: *day,
+                measured: *day,
                 ratio: *ratio,
                 sd: *sd,
                 columns,
@@ -728,6 +393,7 @@ mod tests {
             let columns = [0.01 * columns[0], 1e-4 * columns[0] * columns[0], 0.0, 0.1];
             let seen = Seen {
                 day: *day,
+                measured: *day,
                 ratio: *ratio,
                 sd: *sd,
                 columns: &columns,
@@ -772,6 +438,7 @@ mod tests {
             let ratio = -0.005 * columns[0] + 0.001 * f64::from(hour % 5);
             let seen = Seen {
                 day,
+                measured: day,
                 ratio,
                 sd: 0.002,
                 columns: &columns,
@@ -795,6 +462,7 @@ mod tests {
         let prior = single();
         let seen = |day, ratio, sd, columns| Seen {
             day,
+            measured: day,
             ratio,
             sd,
             columns,

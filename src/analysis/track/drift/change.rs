@@ -2,6 +2,7 @@
 
 use super::bank::ln_sum;
 use super::detector::{Detector, Shape};
+use super::onset;
 use serde::{Deserialize, Serialize};
 
 /// Quantiles of the intervals reported.
@@ -12,7 +13,7 @@ const Z: f64 = 1.959_963_984_540_054;
 /// Posterior of a change, given that there is one.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Change {
-    /// Onset \[d\]: posterior mean.
+    /// Onset \[d\]: median of its posterior.
     pub onset: f64,
     /// 95 % interval of the onset \[d\].
     pub onset_interval: [f64; 2],
@@ -48,7 +49,7 @@ impl Detector {
         let mut parts = Vec::with_capacity(weights.len());
         let mut rates = Vec::new();
         let mut onsets = Vec::with_capacity(weights.len());
-        let (mut onset, mut ramp_probability) = (0.0, 0.0);
+        let mut ramp_probability = 0.0;
         for (particle, &weight) in self.particles.iter().zip(&weights) {
             let (mean, sd) = particle.bank.change();
             let h = particle.shape.regressor(day - particle.onset);
@@ -57,17 +58,17 @@ impl Detector {
                 mean: h * mean,
                 sd: h * sd,
             });
-            onset += weight * particle.onset;
-            onsets.push((particle.onsets, weight));
+            onsets.push((&particle.onsets, weight));
             if particle.shape == Shape::Ramp {
                 ramp_probability += weight;
                 rates.push(Normal { weight, mean, sd });
             }
         }
         let (size, size_sd) = moments(&parts);
+        let [first, onset, last] = onset::quantiles(&onsets, [QUANTILES[0], 0.5, QUANTILES[1]]);
         Some(Change {
             onset,
-            onset_interval: onset_interval(&onsets),
+            onset_interval: [first, last],
             size,
             size_sd,
             size_interval: interval(&parts),
@@ -109,24 +110,6 @@ fn interval(parts: &[Normal]) -> [f64; 2] {
         }
         0.5 * (low + high)
     })
-}
-
-/// Central 95 % interval of the onset: particles represent the onsets merged into them.
-fn onset_interval(onsets: &[([f64; 2], f64)]) -> [f64; 2] {
-    let mut sorted = onsets.to_vec();
-    sorted.sort_by(|a, b| a.0[0].total_cmp(&b.0[0]));
-    let mut below = 0.0;
-    let mut bounds = [sorted[0].0[0], sorted[sorted.len() - 1].0[1]];
-    for (range, weight) in &sorted {
-        if below <= QUANTILES[0] && below + weight > QUANTILES[0] {
-            bounds[0] = range[0];
-        }
-        if below < QUANTILES[1] && below + weight >= QUANTILES[1] {
-            bounds[1] = range[1];
-        }
-        below += weight;
-    }
-    [bounds[0], bounds[1].max(bounds[0])]
 }
 
 fn normal_cdf(x: f64) -> f64 {

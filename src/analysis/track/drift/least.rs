@@ -8,8 +8,9 @@
 //! z = sqrt(2 ln(A S / (q s)))
 //! ```
 
-use super::bank::{Passage, Row, Seen};
 use super::detector::{Detector, Shape};
+use super::member::Passage;
+use super::row::{Row, Seen};
 
 /// Least weight of a member that counts.
 const NEGLIGIBLE: f64 = 1e-3;
@@ -33,6 +34,7 @@ impl Detector {
         for (day, columns) in ahead {
             let seen = Seen {
                 day: *day,
+                measured: *day,
                 ratio: 0.0,
                 sd: self.prior().noise_sd,
                 columns,
@@ -82,6 +84,7 @@ mod tests {
             let ratio = 0.8 * columns[0] + NOISE * noise;
             start.step(&Seen {
                 day,
+                measured: day,
                 ratio,
                 sd: NOISE,
                 columns: &columns,
@@ -99,6 +102,7 @@ mod tests {
             for (day, columns) in &ahead {
                 let period = |ratio| Seen {
                     day: *day,
+                    measured: *day,
                     ratio,
                     sd: NOISE,
                     columns,
@@ -134,6 +138,7 @@ mod tests {
             let columns = columns(f64::from(day));
             detector.step(&Seen {
                 day: f64::from(day),
+                measured: f64::from(day),
                 ratio: 0.8 * columns[0],
                 sd: NOISE,
                 columns: &columns,

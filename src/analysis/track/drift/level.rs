@@ -1,9 +1,11 @@
 //! Change from a level: the part of a period that its columns do not explain, against the mean of earlier
 //! periods.
 
-use super::bank::{Member, Row, Seen, ln_sum, quadratic};
+use super::bank::ln_sum;
 use super::detector::Detector;
+use super::member::{Member, quadratic};
 use super::prior::Fluctuation;
+use super::row::{Row, Seen};
 
 /// Index of the first column in the state: after change and intercept.
 const COLUMNS: usize = 2;
@@ -30,7 +32,7 @@ impl Detector {
         span_d: f64,
     ) -> Option<(f64, f64)> {
         let row = Row::new(&self.prior, seen)?;
-        let x = row.columns();
+        let x = &row.x;
         let width = x.len();
         let mut along = vec![0.0; width];
         along[COLUMNS..width - 2].copy_from_slice(&x[COLUMNS..width - 2]);
@@ -40,7 +42,7 @@ impl Detector {
             .iter()
             .map(|fluctuation| {
                 let level = periods.recip() + averaged(fluctuation, span_d);
-                row.error() + fluctuation.variance + fluctuation.slow_variance + level
+                row.error + fluctuation.variance + fluctuation.slow_variance + level
             })
             .collect();
         let (mean, sd) = self.average(limit, &along, |member| levels[usize::from(member.which)]);

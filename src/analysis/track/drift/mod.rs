@@ -1,11 +1,16 @@
 //! Detection of drifts of the axial force by a bank of filters and Shiryaev-Roberts statistics.
 //!
 //! * [`prior`]      laws of the coefficients, members of a bank
-//! * [`bank`]       conjugate filters side by side, their predictive law
+//! * [`row`]        one period as a bank takes it
+//! * `member`       one conjugate filter
+//! * `densities`    its predictive densities of a reading
+//! * [`bank`]       filters side by side, their predictive law
 //! * [`detector`]   onset particles and R
 //! * `level`        change of a period from the level of commissioning
 //! * [`change`]     onset, size and shape of a change
+//! * `compensated`  a detector with temperature, and the level of commissioning
 //! * [`companions`] the other rods' median, steady while some are missing
+//! * `onset`        onsets that a particle stands for
 //! * `least`        smallest change that would be detected by a given day
 //! * [`regressors`] filters of temperature readings, curvature, transients, a yearly cycle, other rods
 //! * [`period`]     the records of one period as one statistic
@@ -15,18 +20,23 @@
 pub mod bank;
 pub mod change;
 pub mod companions;
+mod compensated;
+mod densities;
 pub mod detector;
 mod least;
 mod level;
+mod member;
+mod onset;
 pub mod others;
 pub mod period;
 pub mod prior;
 pub mod regressors;
+pub mod row;
 pub mod watch;
 
-pub use bank::{Law, Seen};
 pub use change::Change;
 pub use companions::Companions;
 pub use detector::{Detector, Shape};
 pub use prior::{BankPrior, Coefficient, Fluctuation, ThermalPrior};
 pub use regressors::{Filters, Regressors};
+pub use row::{Law, Seen};

@@ -42,6 +42,9 @@ pub struct Period {
     pub index: i64,
     /// Its beginning.
     pub start: Timestamp,
+    /// Mean time of its records, weighted as delta; `None` from earlier versions.
+    #[serde(default)]
+    pub measured: Option<Timestamp>,
     /// Number of records in it.
     pub records: usize,
     /// delta: the records' N_t / N_0 - 1, weighted by their precision.
@@ -106,6 +109,13 @@ impl Evidence {
     }
 }
 
+impl Period {
+    /// Mean time of its records; of one by an earlier version, its beginning.
+    pub fn time(&self) -> Timestamp {
+        self.measured.unwrap_or(self.start)
+    }
+}
+
 /// Number of the period of `period_s` seconds that contains `time`, since 1970.
 pub fn index_of(time: Timestamp, period_s: f64) -> i64 {
     time.as_nanos().div_euclid(nanos(period_s))
@@ -147,8 +157,10 @@ pub fn combine(
         })
         .collect();
     let compensated = temperatures.iter().any(Option::is_some);
+    let start = start_of(index, period_s);
     let mut weight = 0.0;
     let mut delta = 0.0;
+    let mut measured_s = 0.0;
     let mut filtered_c = [0.0; FILTERS_D.len()];
     let mut misfit: Vec<(Misfit, f64)> = Vec::new();
     for (record, temperature) in records.iter().zip(&temperatures) {
@@ -158,6 +170,7 @@ pub fn combine(
         let w = 1.0 / (record.sd * record.sd);
         weight += w;
         delta += w * record.delta;
+        measured_s += w * 0.5 * (record.start.seconds_since(start) + record.end.seconds_since(start));
         for (sum, celsius) in filtered_c.iter_mut().zip(temperature.iter().flatten()) {
             *sum += w * celsius;
         }
@@ -170,7 +183,8 @@ pub fn combine(
     let misfit = averaged(misfit);
     Period {
         index,
-        start: start_of(index, period_s),
+        start,
+        measured: Some(start.plus_seconds(measured_s / weight)),
         records: records.len(),
         delta,
         delta_sd: weight.sqrt().recip(),

@@ -14,12 +14,12 @@
 //! median goes on without it.
 
 use super::companions;
+use super::compensated::Compensated;
 use super::others::{MOVING, Others};
 use super::period::{Charted, Evidence, Period};
 use super::regressors::FILTERS_D;
 use super::{BankPrior, Change, Companions, Detector, Law, Regressors, Seen, ThermalPrior};
 use serde::{Deserialize, Serialize};
-use std::collections::VecDeque;
 
 /// Number of periods since the last restart after which absence of evidence counts.
 const SETTLED_PERIODS: usize = 30;
@@ -75,31 +75,6 @@ pub struct DriftWatch {
     last: Sources,
     /// Detectors above their limit after the last period.
     above: Above,
-}
-
-/// The detector with temperature.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-struct Compensated {
-    detector: Detector,
-    regressors: Regressors,
-    /// True if the other rods are among its columns.
-    knows_others: bool,
-    /// True if temperature is among its columns.
-    knows_temperature: bool,
-    /// Mean ratio and columns over the periods of commissioning.
-    level: Level,
-}
-
-/// Means over the periods of commissioning.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-struct Level {
-    /// Times of the first and the last \[d\].
-    days: [f64; 2],
-    periods: f64,
-    ratio: f64,
-    columns: Vec<f64>,
-    /// The last of them: time, ratio, columns.
-    recent: VecDeque<(f64, f64, Vec<f64>)>,
 }
 
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -232,7 +207,7 @@ impl DriftWatch {
         period_s: f64,
     ) -> Charted {
         self.limit = terms.limit;
-        let day = period.start.days();
+        let (day, measured) = (period.start.days(), period.time().days());
         let found = self.companions.take(others.in_period(period.index, period_s));
         let median = found.ratio;
         self.without_others = match median {
@@ -255,9 +230,7 @@ impl DriftWatch {
                 .detector
                 .set_sparse(is_sparse && compensated.knows_temperature);
             let is_told = self.above.any();
-            compensated
-                .level
-                .learn(day, period.delta, &columns, terms.learning_periods, is_told);
+            compensated.learn_level(measured, period.delta, &columns, terms.learning_periods, is_told);
             let seen = seen(period, &columns);
             law = compensated.detector.step(&seen);
             at_reference = compensated.change(&seen, terms.limit);
@@ -269,9 +242,7 @@ impl DriftWatch {
         {
             alone.detector.set_sparse(is_sparse);
             let is_told = self.above.any();
-            alone
-                .level
-                .learn(day, period.delta, &columns, terms.learning_periods, is_told);
+            alone.learn_level(measured, period.delta, &columns, terms.learning_periods, is_told);
             let seen = seen(period, &columns);
             let by_temperature = alone.detector.step(&seen);
             self.last.alone = by_temperature.is_some();
@@ -346,15 +317,9 @@ impl DriftWatch {
                 (prior, reference_c)
             }
         };
-        let begun = |prior, knows_others| Compensated {
-            detector: Detector::new(prior),
-            regressors: Regressors {
-                reference_c,
-                origin: period.start.days(),
-            },
-            knows_others,
-            knows_temperature: terms.thermal.is_some(),
-            level: Level::default(),
+        let (origin, knows_temperature) = (period.start.days(), terms.thermal.is_some());
+        let begun = |prior, knows_others| {
+            Compensated::new(prior, reference_c, origin, knows_others, knows_temperature)
         };
         if let Some(thermal) = terms
             .thermal
@@ -390,7 +355,7 @@ impl DriftWatch {
                 .into_iter()
                 .flatten()
             {
-                known.level.withdraw(change.onset);
+                known.withdraw(change.onset);
             }
         }
     }
@@ -451,6 +416,7 @@ impl DriftWatch {
         let columns = compensated.columns(day, filtered_c, None)?;
         let seen = Seen {
             day,
+            measured: day,
             ratio,
             sd,
             columns: &columns,
@@ -466,6 +432,7 @@ impl DriftWatch {
         };
         self.blind.predict(&Seen {
             day,
+            measured: day,
             ratio,
             sd,
             columns: &regressors.blind(day),
@@ -521,6 +488,7 @@ impl DriftWatch {
 fn seen<'a>(period: &Period, columns: &'a [f64]) -> Seen<'a> {
     Seen {
         day: period.start.days(),
+        measured: period.time().days(),
         ratio: period.delta,
         sd: period.delta_sd,
         columns,
@@ -529,95 +497,3 @@ fn seen<'a>(period: &Period, columns: &'a [f64]) -> Seen<'a> {
 
 /// Index of the filter shown as the rod's temperature: six hours.
 const SHOWN: usize = 1;
-
-impl Compensated {
-    /// Regressors of a period or record; `None` without its temperature, or without the other rods where they are needed.
-    fn columns(
-        &self,
-        day: f64,
-        filtered_c: Option<&[f64; FILTERS_D.len()]>,
-        median: Option<f64>,
-    ) -> Option<Vec<f64>> {
-        match (self.knows_temperature, self.knows_others) {
-            (false, _) => Some(self.regressors.blind(day)),
-            (true, false) => Some(self.regressors.thermal(day, filtered_c?)),
-            (true, true) => Some(self.regressors.thermal_and_peers(day, filtered_c?, median?)),
-        }
-    }
-
-    /// Change since commissioning at the same temperature: (y - y_0) - (X - X_0) b, with the means y_0, X_0 of commissioning.
-    fn change(&self, seen: &Seen, limit: f64) -> Option<(f64, f64)> {
-        self.level.change(&self.detector, seen, limit)
-    }
-}
-
-impl Level {
-    /// Takes a period of commissioning. One after a reported change is left out, if there are enough without
-    /// it.
-    fn learn(&mut self, day: f64, ratio: f64, columns: &[f64], periods: usize, is_told: bool) {
-        if self.periods >= periods as f64 || (is_told && self.periods >= FEWEST_PERIODS) {
-            return;
-        }
-        if self.periods == 0.0 {
-            self.days[0] = day;
-        }
-        self.days[1] = day;
-        self.columns.resize(columns.len(), 0.0);
-        self.periods += 1.0;
-        let share = self.periods.recip();
-        self.ratio += share * (ratio - self.ratio);
-        for (mean, column) in self.columns.iter_mut().zip(columns) {
-            *mean += share * (column - *mean);
-        }
-        if self.recent.len() == WITHDRAWN_PERIODS {
-            self.recent.pop_front();
-        }
-        self.recent.push_back((day, ratio, columns.to_vec()));
-    }
-
-    /// Removes the latest periods since an onset, as long as there are enough without them.
-    fn withdraw(&mut self, onset: f64) {
-        while self.periods > FEWEST_PERIODS
-            && let Some((_, ratio, columns)) = self.recent.pop_back_if(|(day, ..)| *day >= onset)
-        {
-            self.periods -= 1.0;
-            let share = self.periods.recip();
-            self.ratio += share * (self.ratio - ratio);
-            for (mean, column) in self.columns.iter_mut().zip(&columns) {
-                *mean += share * (*mean - column);
-            }
-            if let Some((day, ..)) = self.recent.back() {
-                self.days[1] = *day;
-            }
-        }
-    }
-
-    fn change(&self, detector: &Detector, seen: &Seen, limit: f64) -> Option<(f64, f64)> {
-        if self.periods < FEWEST_PERIODS {
-            return None;
-        }
-        let columns: Vec<f64> = seen
-            .columns
-            .iter()
-            .zip(&self.columns)
-            .map(|(x, mean)| x - mean)
-            .collect();
-        detector.change_from_level(
-            &Seen {
-                ratio: seen.ratio - self.ratio,
-                columns: &columns,
-                ..*seen
-            },
-            limit,
-            self.periods,
-            self.days[1] - self.days[0],
-        )
-    }
-}
-
-/// Fewest periods of commissioning for a level.
-const FEWEST_PERIODS: f64 = 10.0;
-
-/// Most of the latest periods that can be withdrawn: a change is reported within so many, or is too small to
-/// affect a mean.
-const WITHDRAWN_PERIODS: usize = 10;

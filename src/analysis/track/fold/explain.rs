@@ -57,7 +57,7 @@ pub(crate) fn explain(tracker: &Tracker, change: &Change, last: Option<&Period>)
 /// The periods since an onset, the last one at least.
 pub(crate) fn since<'a>(tracker: &'a Tracker, onset: Timestamp, last: Option<&'a Period>) -> Vec<&'a Period> {
     let periods = &tracker.state.periods;
-    let first = periods.partition_point(|known| known.start < onset);
+    let first = periods.partition_point(|known| known.time() < onset);
     let first = if last.is_none() {
         first.min(periods.len().saturating_sub(1))
     } else {

@@ -5,7 +5,7 @@ use super::state::State;
 use super::tracker::Tracker;
 use crate::signal::record::Timestamp;
 use crate::track::alarm::change::Change;
-use crate::track::alarm::{Alarm, Cause, Finding, Kind, Known};
+use crate::track::alarm::{Alarm, Cause, Kind, Known, Standing};
 use crate::track::alternatives::Explained;
 use crate::track::drift::others::{MOVING, Neighbour as _, Others};
 use crate::track::drift::period::{Period, combined_misfit};
@@ -57,13 +57,13 @@ const SUSPECT_SD: f64 = 3.0;
 const SUSPECT_EVIDENCE: f64 = 0.05;
 
 /// Reports a change with the record that shows it, as the end of the open period would, because the next record may be a day
-/// away. Nothing else advances.
+/// away. Nothing else advances. Unusually equal readings wait for the end of the period: the thermometer may have died.
 pub(crate) fn tell_ahead(tracker: &mut Tracker, others: &Others, time: Timestamp) {
     let last = tracker.state.periods.last().and_then(|period| period.charted);
     let is_suspect = last.is_some_and(|charted| {
         charted.residual.abs() > SUSPECT_SD || charted.evidence.best_informed() > SUSPECT_EVIDENCE
     });
-    if !is_suspect || tracker.state.drifts() {
+    if !is_suspect || tracker.state.drifts() || tracker.state.thermometer.may_have_died() {
         return;
     }
     let mut ahead = tracker.clone();
@@ -155,12 +155,12 @@ fn look_at_misfit(tracker: &mut Tracker, period: &Period, time: Timestamp) {
     let least = tracker.plan.alarm.not_axial_p;
     let holds = beyond(-period.not_axial_p, -least, -NOT_AXIAL_OVER * least);
     match tracker.find(Cause::Misfit, holds) {
-        Finding::Holds => {
+        Standing::Holds => {
             let message = not_axial_message(period.not_axial_p);
             tracker.on_board(|board| board.raise(Kind::NotAxial, time, message, Known::default()));
         }
-        Finding::Over => tracker.on_board(|board| board.clear(Kind::NotAxial, time)),
-        Finding::Undecided => {}
+        Standing::Over => tracker.on_board(|board| board.clear(Kind::NotAxial, time)),
+        Standing::Undecided => {}
     }
 }
 
@@ -173,6 +173,9 @@ fn look_at_finding(tracker: &mut Tracker, period: &Period, others: &Others, time
     let finding = watch.finding(others, period.index, !has_lasted);
     if watch.joins(others, period.index, finding == watch::Finding::Common) && !drifts {
         watch.restart();
+        return;
+    }
+    if finding == watch::Finding::Quiet {
         return;
     }
     let Some(change) = change_now(tracker) else { return };
@@ -355,7 +358,7 @@ fn look_at_end(tracker: &mut Tracker, period: &Period, time: Timestamp) {
     // Without a temperature, a lasting change is learned as normal: only the evidence ends the alarm.
     let is_faint = is_settled && evidence < FAINT_EVIDENCE;
     let holds = by_level.or(is_faint.then_some(false));
-    if tracker.find(Cause::Change, holds) != Finding::Over {
+    if tracker.find(Cause::Change, holds) != Standing::Over {
         return;
     }
     tracker.state.watches.end(Cause::Pattern);

@@ -1,7 +1,7 @@
 //! Settings and prepared data of the tracking of one rod, besides its records.
 
 use super::state::State;
-use crate::identify::AnalysisSettings;
+use crate::identify::{AnalysisSettings, Plan};
 use crate::numerics::random;
 use crate::rod::beam::forward::ForwardModel;
 use crate::rod::prior::RodPrior;
@@ -39,6 +39,11 @@ pub struct TrackPlan {
 }
 
 impl TrackPlan {
+    /// Prepares a rod whose state is not kept between runs.
+    pub fn of(plan: &Plan, track: TrackSettings, alarm: AlarmSettings) -> Self {
+        Self::new(plan.settings(), plan.model(), track, alarm, String::new())
+    }
+
     /// Prepares one rod. `key` is a hash of everything that determines the meaning of the rod's numbers.
     pub fn new(
         analysis: &AnalysisSettings,
@@ -105,17 +110,16 @@ impl TrackPlan {
         observations: &[Observation],
         segment: u32,
     ) -> Result<Baseline, BaselineFault> {
+        let first = observations.first().map(|first| first.start);
+        let seed = self.seed_of(b"baseline", segment, first);
+        let (prior, model) = (&self.prior, self.model.as_ref());
         Baseline::learn(
             observations,
-            &self.prior,
-            self.model.as_ref(),
+            prior,
+            model,
             &self.discrepancy,
             self.track.particles,
-            self.seed_of(
-                b"baseline",
-                segment,
-                observations.first().map(|first| first.start),
-            ),
+            seed,
         )
     }
 

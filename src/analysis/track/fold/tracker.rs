@@ -5,12 +5,15 @@ use super::monitor;
 use super::plan::TrackPlan;
 use super::state::{Opening, State};
 use super::verdict::{Input, RodState, Verdict};
-use crate::signal::record::{Reading, Timestamp};
-use crate::track::alarm::{AlarmEvent, Board, Cause, Finding, Kind, Known};
+use crate::identify::Plan;
+use crate::signal::record::{Reading, RodId, Timestamp};
+use crate::track::alarm::{AlarmEvent, Board, Cause, Kind, Known, Standing};
 use crate::track::drift::others::Others;
 use crate::track::drift::watch::Witness;
 use crate::track::plausibility::{JUMP_S, Peer};
 use crate::track::relative::Shift;
+use crate::track::settings::{AlarmSettings, TrackSettings};
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 /// Number of records in a row that show a certain loss.
@@ -33,6 +36,12 @@ pub struct Tracker {
 }
 
 impl Tracker {
+    /// A tracker of a rod alone, with the usual settings.
+    pub fn of(plan: &Plan) -> Self {
+        let plan = TrackPlan::of(plan, TrackSettings::default(), AlarmSettings::default());
+        Self::new(Arc::new(plan))
+    }
+
     /// A tracker of a rod without records.
     pub fn new(plan: Arc<TrackPlan>) -> Self {
         let state = plan.blank();
@@ -166,6 +175,16 @@ impl Tracker {
         self.step_beside(input, peers, &Others::default())
     }
 
+    /// Takes one record of one of a site's rods; `None` if the site does not have it.
+    pub fn step_among(trackers: &mut BTreeMap<RodId, Self>, rod: &RodId, input: &Input) -> Option<Verdict> {
+        let (rod, mut tracker) = trackers.remove_entry(rod)?;
+        let peers: Vec<Peer> = trackers.values().map(Self::as_peer).collect();
+        let others = Others::new(trackers.values().map(Self::state));
+        let verdict = tracker.step_beside(input, &peers, &others);
+        trackers.insert(rod, tracker);
+        Some(verdict)
+    }
+
     /// Takes one record of a rod with the others of its site.
     pub fn step_beside(&mut self, input: &Input, peers: &[Peer], others: &Others) -> Verdict {
         let alone = Others::default();
@@ -292,16 +311,16 @@ impl Tracker {
         message: impl FnOnce() -> String,
     ) {
         match self.find(cause, holds) {
-            Finding::Holds => {
+            Standing::Holds => {
                 self.on_board(|board| board.raise(cause.kind(), time, message(), Known::default()))
             }
-            Finding::Over => self.on_board(|board| board.clear(cause.kind(), time)),
-            Finding::Undecided => {}
+            Standing::Over => self.on_board(|board| board.clear(cause.kind(), time)),
+            Standing::Undecided => {}
         }
     }
 
     /// Checks a condition.
-    pub(crate) fn find(&mut self, cause: Cause, holds: Option<bool>) -> Finding {
+    pub(crate) fn find(&mut self, cause: Cause, holds: Option<bool>) -> Standing {
         let alarm = &self.plan.alarm;
         let raise = match cause {
             Cause::Unusable | Cause::NoTemperature => alarm.sensor_records,

@@ -28,6 +28,8 @@ const LEAST_STEPS: usize = 10;
 /// Rates below which a standstill is not weather, and below which its readings wait \[1 / year\].
 const DEAD_A_YEAR: f64 = 0.05;
 const HELD_A_YEAR: f64 = 12.0;
+/// Rate below which a standstill is not an everyday one \[1 / year\].
+const EVERYDAY_A_YEAR: f64 = 365.0;
 /// Looks of a dead thermometer, at least: 12, or 3 that span this time \[s\]. Now and then weather is calmer
 /// than ever before.
 const LEAST_LOOKS: usize = 12;
@@ -71,6 +73,12 @@ impl Standstill {
     /// The first reading of the present run.
     pub fn since(&self) -> Option<Timestamp> {
         self.run.map(|(first, _, _)| first.time)
+    }
+
+    /// True in a standstill that does not come every day: the thermometer may have died with its first reading.
+    pub fn is_unusual(&self) -> bool {
+        let looks = self.run.map_or(0, |(_, _, looks)| looks);
+        looks >= 2 && self.steps.len() >= LEAST_STEPS && self.a_year(looks) < EVERYDAY_A_YEAR
     }
 
     /// Takes a reading, later than all before.

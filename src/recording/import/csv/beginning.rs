@@ -50,6 +50,9 @@ impl Beginning {
                 lines + 1
             )));
         }
+        if head.iter().all(|line| line.trim().is_empty()) {
+            return Err(ImportError::new("no row of numbers: the file is empty"));
+        }
         let delimiter = table
             .delimiter
             .unwrap_or_else(|| guess(head, table.decimal_comma));

@@ -49,8 +49,8 @@ export const degrees = (celsius) => `${fixed(celsius, 1)} \u00b0C`;
 // A probability in percent, never rounded to certainty.
 export function share(probability) {
   const percent = 100 * probability;
-  if (percent > 99.9 && probability < 1) return "over 99.9 %";
-  if (percent < 0.1 && probability > 0) return "under 0.1 %";
+  if (percent > 99.9) return "over 99.9 %";
+  if (percent < 0.1) return "under 0.1 %";
   return `${fixed(percent, percent >= 1 && percent <= 99 ? 0 : 1)} %`;
 }
 
@@ -81,7 +81,7 @@ export function age(text, stale_s) {
   tell();
   return element;
 }
-setInterval(() => document.querySelectorAll(".age").forEach((element) => element.dispatchEvent(new Event("tick"))), 5_000);
+setInterval(() => document.querySelectorAll(".age, .state").forEach((element) => element.dispatchEvent(new Event("tick"))), 5_000);
 
 // Shows the age of the latest data in the head of the page, separate from the state of the connection.
 export function newest(text, stale_s) {
@@ -108,7 +108,19 @@ export function force(status, show) {
 
 export const rodLink = (rod) => `/rod?id=${encodeURIComponent(rod)}`;
 
-export const state = (status) => el("span", { class: `state ${status.state}` }, status.state.replace("-", " "));
+// State of a rod, updated as time passes: a rod whose data are stale is not followed, whatever state its last record left.
+export function state(status, stale_s) {
+  const element = el("span", {});
+  const tell = () => {
+    const s = (Date.now() - Date.parse(status.latest_record)) / 1e3;
+    const isStale = ["monitoring", "learning"].includes(status.state) && status.latest_record && stale_s !== null && s > stale_s;
+    element.textContent = isStale ? `no new data (${status.state})` : status.state.replace("-", " ");
+    element.className = `state ${isStale ? "stale" : status.state}`;
+  };
+  element.addEventListener("tick", tell);
+  tell();
+  return element;
+}
 
 export function why(status) {
   if (status.never_seen_since && !status.state_reason) return `never seen since ${time(status.never_seen_since)}`;

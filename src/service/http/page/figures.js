@@ -23,7 +23,7 @@ export function events(rod, alarms) {
   }
   const WHY = { first: "first baseline", requested: "new baseline, asked for", changed: "new baseline, the rod's configuration changed", clock: "new baseline, the clock jumped" };
   for (const segment of rod.segments) {
-    if (segment.baseline) add(segment.baseline[0], "diamond", "c3", WHY[segment.reason] ?? segment.reason, { detail: `${segment.baseline_records} records` });
+    if (segment.baseline) add(segment.baseline[0], "diamond", "c3", `${WHY[segment.reason] ?? segment.reason}${segment.asked_words ? `: ${segment.asked_words}` : ""}`, { detail: `${segment.baseline_records} records` });
   }
   return list.sort((a, b) => a.at - b.at);
 }
@@ -39,7 +39,7 @@ function stretchesOf(rod, alarms) {
 
 export function relative(plot, rod, history, alarms, axis) {
   const x = ms(history.time), series = [], { relative_force_at_reference: reference, relative_force: measured } = history;
-  if (isDrawn(reference)) series.push({ name: atReference(rod), shade: "c1", x, ...band(reference, change) });
+  if (isDrawn(reference)) series.push({ key: "reference", name: atReference(rod), shade: "c1", x, ...band(reference, change) });
   if (isDrawn(measured)) series.push({ name: "at the measured temperature", shade: "c2", x, ...band(measured, change), off: series.length > 0 });
   const aside = history.set_aside.map((why, i) => (why && measured.mean[i] !== null ? i : -1)).filter((i) => i >= 0);
   if (aside.length) {
@@ -53,7 +53,7 @@ export function relative(plot, rod, history, alarms, axis) {
 export function absolute(plot, rod, history, axis) {
   const x = ms(history.time), series = [];
   if (isDrawn(history.axial_force_n)) series.push({ name: "each record alone, at its own temperature", shade: "c4", x, ...band(history.axial_force_n, kN) });
-  if (isDrawn(history.force_at_reference_n)) series.push({ name: `given the baseline, ${atReference(rod)}`, shade: "c1", x, ...band(history.force_at_reference_n, kN) });
+  if (isDrawn(history.force_at_reference_n)) series.push({ key: "reference", name: `given the baseline, ${atReference(rod)}`, shade: "c1", x, ...band(history.force_at_reference_n, kN) });
   if (isDrawn(history.tracked_force_n)) series.push({ name: "given the baseline, at the record's temperature", shade: "c2", x, ...band(history.tracked_force_n, kN), off: isDrawn(history.force_at_reference_n) });
   plot.draw({ x: axis, y: { title: "axial force [kN]", digits: 1 }, series, zoom: axis.zoom });
   return series.length > 0;
@@ -72,7 +72,7 @@ export function frequencies(plot, answer, axis) {
     const median = sorted[Math.floor(sorted.length / 2)];
     const away = (f) => 100 * (f / median - 1);
     const edge = (sign) => mode.frequency_hz.map((f, i) => (f === null ? null : away(f + sign * 1.96 * mode.sd_hz[i])));
-    return { name: `mode ${mode.order}: ${fixed(median, 3)} Hz`, shade: `c${1 + (n % 4)}`, isDashed: n > 3, x, y: scaled(mode.frequency_hz, away), low: edge(-1), high: edge(1),
+    return { key: `mode ${mode.order}`, name: `mode ${mode.order}: ${fixed(median, 3)} Hz`, shade: `c${1 + (n % 4)}`, isDashed: n > 3, x, y: scaled(mode.frequency_hz, away), low: edge(-1), high: edge(1),
       saved: { unit: "[Hz]", y: mode.frequency_hz, low: mode.frequency_hz.map((f, i) => f && f - 1.96 * mode.sd_hz[i]), high: mode.frequency_hz.map((f, i) => f && f + 1.96 * mode.sd_hz[i]) } };
   });
   plot.draw({ x: axis, y: { title: "frequency change [%]", digits: 3 }, series, zoom: axis.zoom });
@@ -133,7 +133,7 @@ export function spectrum(plot, snapshot) {
   const series = [{ name: "power spectral density", shade: "c1", points: false, x: level.map((_, i) => first + i * step), y: level }];
   if (modes.length) series.push(points(modes, "modes", "down", "c3", (peak) => `${peak.order}: ${peak.frequency_hz.toFixed(3)} Hz`));
   const named = (peak) => (peak.line ? "tone" : modes.length ? "" : `${peak.frequency_hz.toFixed(3)} Hz`);
-  if (others.length) series.push(points(others, modes.length ? "not of the rod" : "peaks", "cross", "soft", named));
+  if (others.length) series.push(points(others, modes.length ? "other peaks" : "peaks", "cross", "soft", named));
   const levels = level.filter((value) => value > -390);
   const top = Math.max(...levels), low = Math.min(...levels);
   plot.draw({ x: { title: "frequency [Hz]", unit: "Hz", digits: 3 }, y: { title: "level [dB]", digits: 1, range: [low - 3, top + 0.22 * (top - low) + 3] }, series, isClosest: true });

@@ -15,7 +15,11 @@ function svg(name, attributes = {}, ...children) {
 }
 
 function width(text) {
-  pen.font = `${FONT}px ${getComputedStyle(document.body).fontFamily}`;
+  // The family is read once: each reading of a style makes the browser lay the page out.
+  if (!pen.isSet) {
+    pen.font = `${FONT}px ${getComputedStyle(document.body).fontFamily}`;
+    pen.isSet = true;
+  }
   return pen.measureText(text).width;
 }
 
@@ -107,7 +111,7 @@ const SYMBOLS = {
   diamond: (x, y) => `M${x} ${y - 5}l5 5l-5 5l-5 -5z`,
 };
 
-// A figure that is drawn into again and again. A series: name, shade, x, y and, if it has any, low and high, `line`, `points`,
+// A figure that is drawn into again and again. A series: name, `key` if its name may change, shade, x, y and, if it has any, low and high, `line`, `points`,
 // `symbol`, `labels`, `notes`, `saved`, `off`. A spec: x and y ({title, isTime, isLog, range}), series, stretches, levels, events, zoom.
 export class Plot {
   constructor(id, caption, isLow = false) {
@@ -122,21 +126,27 @@ export class Plot {
       button("CSV", () => save(`${this.id}.csv`, new Blob([this.csv()], { type: "text/csv" }))),
       button("SVG", () => save(`${this.id}.svg`, new Blob([this.picture()], { type: "image/svg+xml" }))),
       button("PNG", () => this.png())));
-    new ResizeObserver(() => this.render()).observe(this.plot);
+    // It calls at once, too: what is drawn in this size already stays.
+    new ResizeObserver(() => {
+      if (this.plot.clientWidth !== this.size?.[0] || this.plot.clientHeight !== this.size[1]) this.render();
+    }).observe(this.plot);
     this.listen();
   }
 
   draw(spec) {
     this.spec = spec;
-    for (const one of spec.series) if (!this.off.has(one.name)) this.off.set(one.name, Boolean(one.off));
+    for (const one of spec.series) {
+      one.key ??= one.name;
+      if (!this.off.has(one.key)) this.off.set(one.key, Boolean(one.off));
+    }
     this.legend.replaceChildren(...(spec.series.length < 2 ? [] : spec.series.map((one) => el("button", {
-      type: "button", "aria-pressed": String(!this.off.get(one.name)), class: `s-${one.shade}`,
-      onclick: () => { this.off.set(one.name, !this.off.get(one.name)); this.draw(this.spec); },
+      type: "button", "aria-pressed": String(!this.off.get(one.key)), class: `s-${one.shade}`,
+      onclick: () => { this.off.set(one.key, !this.off.get(one.key)); this.draw(this.spec); },
     }, one.name))));
     this.render();
   }
 
-  shown() { return this.spec.series.filter((one) => !this.off.get(one.name)); }
+  shown() { return this.spec.series.filter((one) => !this.off.get(one.key)); }
 
   range() {
     const { x } = this.spec;
@@ -171,6 +181,7 @@ export class Plot {
   render() {
     const { spec, plot } = this;
     const [w, h] = [plot.clientWidth, plot.clientHeight];
+    this.size = [w, h];
     if (!spec || w < 50) return;
     const [from, to] = this.range();
     const [bottom, top] = this.heights([from, to]);

@@ -59,7 +59,10 @@ const moves = [["\u2190", "earlier", 0.5, 1], ["\u2192", "later", -0.5, 1], ["+"
 
 const length_of = (seconds) => seconds >= 86400 ? `${fixed(seconds / 86400, 0)} d` : seconds >= 3600 ? `${fixed(seconds / 3600, 1)} h` : `${fixed(seconds, 0)} s`;
 
+let turn = 0;
+
 async function drawHistory() {
+  const mine = (turn += 1);
   for (const button of ranges) button.setAttribute("aria-pressed", String(!zoomed && button.dataset.days === String(days)));
   const range = stretch();
   if (!range) {
@@ -69,6 +72,8 @@ async function drawHistory() {
   const [from, to] = range.map((ms) => encodeURIComponent(new Date(ms).toISOString()));
   const [history, chart, modes] = await Promise.all([
     ask(`${base}/history?from=${from}&to=${to}&points=1200`), ask(`${base}/chart`), ask(`${base}/frequencies?from=${from}&to=${to}&points=600`)]);
+  // A later call has taken over.
+  if (mine !== turn) return;
   const axis = { isTime: true, range, zoom: (range) => go(days, range) };
   const each = history.step_s === null ? "each point is one record" : `each point is the mean of ${length_of(history.step_s)}`;
   const reference = history.relative_force_at_reference.mean.findLast((value) => value !== null);
@@ -82,14 +87,20 @@ async function drawHistory() {
   thermal.words.textContent = rod.thermal ? `Force of each record at its own temperature, with the line that was learned: ${fixed(100 * rod.thermal.slope_per_k, 3)} \u00b1 ${fixed(196 * rod.thermal.slope_sd_per_k, 3)} % per K (95 %), for a temperature that stays. Days of quick warming lie off it.` : "";
   frequencies.words.textContent = "Natural frequencies, each about its median, with their 95 % intervals" +
     (modes.every > 1 ? `; one record in ${modes.every} is drawn.` : "; every record is drawn.") + " Saved as CSV they are in Hz.";
-  // Plots not drawn are hidden. A plot is measured while it is drawn, so it must be visible first.
-  const figure = (plot, isThere, draw) => { plot.element.hidden = !isThere; if (isThere) draw(); };
+  // Plots not drawn are hidden. A plot is measured while it is drawn, so it must be visible first. Between two of them the browser may
+  // answer the person who reads.
+  const figure = async (plot, isThere, draw) => {
+    plot.element.hidden = !isThere;
+    if (!isThere) return;
+    draw();
+    await new Promise((resolve) => setTimeout(resolve));
+  };
   const some = (values, least = 1) => values.filter((value) => value !== null).length >= least;
-  figure(relative, some(history.relative_force.mean), () => figures.relative(relative, rod, history, alarms, axis));
-  figure(charts, [chart.evidence, chart.evidence_peers, chart.evidence_blind].some((values) => some(values)), () => figures.charts(charts, chart, axis));
-  figure(absolute, some(history.axial_force_n.mean), () => figures.absolute(absolute, rod, history, axis));
-  figure(frequencies, modes.modes.some((mode) => some(mode.frequency_hz, 2)), () => figures.frequencies(frequencies, modes, axis));
-  figure(temperature, some(history.temperature_c, 2), () => figures.temperature(temperature, history, axis));
+  await figure(relative, some(history.relative_force.mean), () => figures.relative(relative, rod, history, alarms, axis));
+  await figure(charts, [chart.evidence, chart.evidence_peers, chart.evidence_blind].some((values) => some(values)), () => figures.charts(charts, chart, axis));
+  await figure(absolute, some(history.axial_force_n.mean), () => figures.absolute(absolute, rod, history, axis));
+  await figure(frequencies, modes.modes.some((mode) => some(mode.frequency_hz, 2)), () => figures.frequencies(frequencies, modes, axis));
+  await figure(temperature, some(history.temperature_c, 2), () => figures.temperature(temperature, history, axis));
   thermal.element.hidden = false;
   thermal.element.hidden = !figures.thermal(thermal, rod, history, alarms);
   relative.plot.dataset.points = String(history.time.length);
@@ -110,7 +121,7 @@ function recordRow(record) {
   const isReferred = Boolean(record.force_at_reference_n);
   const changed = record.relative_force_at_reference ?? record.relative_force;
   return el("tr", { "data-start": record.start },
-    cell("start", "", el("span", { class: "nowrap" }, time(record.start)), record.file ? el("small", { class: "file" }, record.file) : null),
+    cell("start", "", el("span", { class: "nowrap" }, time(record.start)), record.file ? el("small", { class: "file" }, `complete in ${record.file}`) : null),
     cell("length [s]", "n", record.duration_s === null ? "-" : fixed(record.duration_s, 0)),
     cell("frequencies [Hz]", "", (record.modes ?? []).map((mode) => mode.frequency_hz.toFixed(3)).join(", ") || "-"),
     cell("force, record alone [kN]", "n", ...forceAt(record.axial_force_n, own)),
@@ -153,7 +164,7 @@ function drawFacts() {
     ...(coming ? [el("p", { class: "note calm", id: "next" }, coming.charAt(0).toUpperCase() + coming.slice(1))] : []),
     ...rod.waiting.map((request) => el("p", { class: "note calm" }, `asked for, waits for the next record: ${request}`)));
   facts.replaceChildren(
-    fact("state", state(rod), small(why(rod) ?? (rod.since ? `since ${time(rod.since)}` : ""))),
+    fact("state", state(rod, stale_s()), small(why(rod) ?? (rod.since ? `since ${time(rod.since)}` : ""))),
     fact(`axial force${at} [kN]`, ...force(rod, kilonewtons), small(isAlone(rod) ? "of the latest record alone" : "given the baseline"),
       rod.compensated && record?.tracked_force_n && own !== null ? small(`the same record at its own ${degrees(own)}: ${kilonewtons(record.tracked_force_n.mean)}`) : null),
     ...(rod.relative_force ? [fact(`change since the baseline${at} [%]`, mark, ...interval(rod.relative_force, (r) => percent(r)))] : []),
@@ -162,7 +173,7 @@ function drawFacts() {
     fact("baseline", segment?.baseline ? time(segment.baseline[0]) : "not yet", small(segment
       ? `segment ${segment.number} (${segment.reason})${segment.baseline ? `, ${segment.baseline_records} records` : ""}${segment.fault ? `; ${segment.fault}` : ""}` : "")),
     fact("temperature", rod.thermal ? `${fixed(rod.thermal.slope_per_k * 100, 3)} % per K` : rod.compensated ? `compensated, ${figures.atReference(rod)}` : "not compensated", rod.thermal
-      ? small(`\u00b1 ${fixed(rod.thermal.slope_sd_per_k * 100, 3)}${rod.reference_temperature_c === null ? "" : `, reference ${degrees(rod.reference_temperature_c)}`}`) : null));
+      ? small(`\u00b1 ${fixed(196 * rod.thermal.slope_sd_per_k, 3)} (95 %)${rod.reference_temperature_c === null ? "" : `, reference ${degrees(rod.reference_temperature_c)}`}`) : null));
   newest(rod.latest_record, stale_s());
 }
 

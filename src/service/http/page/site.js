@@ -34,7 +34,7 @@ function row(rod) {
   const hasForce = rod.force_n || rod.axial_force_n;
   return el("tr", { "data-rod": rod.rod },
     el("th", { scope: "row" }, el("a", { href: rodLink(rod.rod) }, rod.rod)),
-    cell("state", "", state(rod), small(why(rod) ?? (rod.since ? `since ${time(rod.since)}` : ""))),
+    cell("state", "", state(rod, stale_s(rod)), small(why(rod) ?? (rod.since ? `since ${time(rod.since)}` : ""))),
     cell("force [kN]", "n", ...force(rod, kilonewtons), hasForce ? small(celsius === null ? "temperature not measured" : `at ${degrees(celsius)}`) : null,
       isAlone(rod) ? small("of one record alone") : null),
     cell("change [%]", "n", mark, ...interval(rod.relative_force, (r) => percent(r))),

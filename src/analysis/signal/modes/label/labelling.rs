@@ -340,9 +340,16 @@ impl Told<'_> {
         }
     }
 
-    /// The two likeliest assignments in words.
+    /// The two likeliest assignments in words; forces with three digits.
     fn rivals(&self) -> String {
         let fits = self.posterior.fits.iter().zip(&self.posterior.probabilities);
+        let kilo = |newtons: f64| {
+            let (kn, digits) = (
+                1e-3 * newtons,
+                2.0 - (1e-3 * newtons).abs().max(1e-3).log10().floor(),
+            );
+            format!("{kn:.*}", digits.max(0.0) as usize)
+        };
         let one = |(fit, probability): (&super::evidence::Fit, &f64)| {
             let modes: Vec<String> = fit
                 .code
@@ -350,7 +357,7 @@ impl Told<'_> {
                 .map(|(order, peak)| format!("{order} at {:.2}", self.hz(peak)))
                 .collect();
             let force = axial_force_n(self.scene, fit).map_or(String::new(), |[low, _, high]| {
-                format!(", {:.3e} to {:.3e} N", low, high)
+                format!(", {} to {} kN", kilo(low), kilo(high))
             });
             format!("{} Hz ({:.0} %{force})", modes.join(", "), 100.0 * probability)
         };

@@ -213,7 +213,7 @@ impl Assembler {
                 .as_ref()
                 .is_none_or(|readings| readings.reaches(end));
             let held: usize = self.waiting.iter().map(|record| record.samples.len()).sum();
-            if !(all || known || self.waiting.len() > WAITING || held > MAX_SAMPLES / 4) {
+            if !(all || known || self.waiting.len() > WAITING || held > MAX_SAMPLES) {
                 return;
             }
             let Some(mut record) = self.waiting.pop_front() else {

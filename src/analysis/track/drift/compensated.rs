@@ -1,0 +1,150 @@
+//! A detector that knows the temperature, with its regressors and the level of commissioning from which changes are measured.
+
+use super::regressors::FILTERS_D;
+use super::{BankPrior, Detector, Regressors, Seen};
+use serde::{Deserialize, Serialize};
+use std::collections::VecDeque;
+
+/// Fewest periods of commissioning for a level.
+const FEWEST_PERIODS: f64 = 10.0;
+
+/// Most of the latest periods that can be withdrawn: a change is reported within so many, or is too small to
+/// affect a mean.
+const WITHDRAWN_PERIODS: usize = 10;
+
+/// The detector with temperature.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(super) struct Compensated {
+    pub detector: Detector,
+    regressors: Regressors,
+    /// True if the other rods are among its columns.
+    pub knows_others: bool,
+    /// True if temperature is among its columns.
+    pub knows_temperature: bool,
+    /// Mean ratio and columns over the periods of commissioning.
+    level: Level,
+}
+
+/// Means over the periods of commissioning.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+struct Level {
+    /// Times of the first and the last \[d\].
+    days: [f64; 2],
+    periods: f64,
+    ratio: f64,
+    columns: Vec<f64>,
+    /// The last of them: time, ratio, columns.
+    recent: VecDeque<(f64, f64, Vec<f64>)>,
+}
+
+impl Compensated {
+    /// One before its first period: `reference_c` is the reference temperature, `origin` the day of the period.
+    pub fn new(
+        prior: BankPrior,
+        reference_c: f64,
+        origin: f64,
+        knows_others: bool,
+        knows_temperature: bool,
+    ) -> Self {
+        Self {
+            detector: Detector::new(prior),
+            regressors: Regressors { reference_c, origin },
+            knows_others,
+            knows_temperature,
+            level: Level::default(),
+        }
+    }
+
+    /// Regressors of a period or record; `None` without its temperature, or without the other rods where they are needed.
+    pub fn columns(
+        &self,
+        day: f64,
+        filtered_c: Option<&[f64; FILTERS_D.len()]>,
+        median: Option<f64>,
+    ) -> Option<Vec<f64>> {
+        match (self.knows_temperature, self.knows_others) {
+            (false, _) => Some(self.regressors.blind(day)),
+            (true, false) => Some(self.regressors.thermal(day, filtered_c?)),
+            (true, true) => Some(self.regressors.thermal_and_peers(day, filtered_c?, median?)),
+        }
+    }
+
+    /// Change since commissioning at the same temperature: (y - y_0) - (X - X_0) b, with the means y_0, X_0 of commissioning.
+    pub fn change(&self, seen: &Seen, limit: f64) -> Option<(f64, f64)> {
+        self.level.change(&self.detector, seen, limit)
+    }
+
+    /// Takes a period measured at a time \[d\] into the level, if it is one of the first `periods`; `is_told`: after a reported change.
+    pub fn learn_level(&mut self, measured: f64, ratio: f64, columns: &[f64], periods: usize, is_told: bool) {
+        self.level.learn(measured, ratio, columns, periods, is_told);
+    }
+
+    /// Removes the latest periods since an onset from the level.
+    pub fn withdraw(&mut self, onset: f64) {
+        self.level.withdraw(onset);
+    }
+}
+
+impl Level {
+    /// Takes a period of commissioning. One after a reported change is left out, if there are enough without
+    /// it.
+    fn learn(&mut self, day: f64, ratio: f64, columns: &[f64], periods: usize, is_told: bool) {
+        if self.periods >= periods as f64 || (is_told && self.periods >= FEWEST_PERIODS) {
+            return;
+        }
+        if self.periods == 0.0 {
+            self.days[0] = day;
+        }
+        self.days[1] = day;
+        self.columns.resize(columns.len(), 0.0);
+        self.periods += 1.0;
+        let share = self.periods.recip();
+        self.ratio += share * (ratio - self.ratio);
+        for (mean, column) in self.columns.iter_mut().zip(columns) {
+            *mean += share * (column - *mean);
+        }
+        if self.recent.len() == WITHDRAWN_PERIODS {
+            self.recent.pop_front();
+        }
+        self.recent.push_back((day, ratio, columns.to_vec()));
+    }
+
+    /// Removes the latest periods since an onset, as long as there are enough without them.
+    fn withdraw(&mut self, onset: f64) {
+        while self.periods > FEWEST_PERIODS
+            && let Some((_, ratio, columns)) = self.recent.pop_back_if(|(day, ..)| *day >= onset)
+        {
+            self.periods -= 1.0;
+            let share = self.periods.recip();
+            self.ratio += share * (self.ratio - ratio);
+            for (mean, column) in self.columns.iter_mut().zip(&columns) {
+                *mean += share * (*mean - column);
+            }
+            if let Some((day, ..)) = self.recent.back() {
+                self.days[1] = *day;
+            }
+        }
+    }
+
+    fn change(&self, detector: &Detector, seen: &Seen, limit: f64) -> Option<(f64, f64)> {
+        if self.periods < FEWEST_PERIODS {
+            return None;
+        }
+        let columns: Vec<f64> = seen
+            .columns
+            .iter()
+            .zip(&self.columns)
+            .map(|(x, mean)| x - mean)
+            .collect();
+        detector.change_from_level(
+            &Seen {
+                ratio: seen.ratio - self.ratio,
+                columns: &columns,
+                ..*seen
+            },
+            limit,
+            self.periods,
+            self.days[1] - self.days[0],
+        )
+    }
+}

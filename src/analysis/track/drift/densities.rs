@@ -1,0 +1,77 @@
+//! Predictive densities of a member at a reading: as usual, wild, after a jump of its fluctuation.
+
+use super::member::Ahead;
+use std::f64::consts::PI;
+
+/// Probability of a wild reading, its spread \[-\], the widening of the rest, and its degrees of freedom.
+pub(super) const WILD: f64 = 0.01;
+pub(super) const WILD_SD: f64 = 0.06;
+pub(super) const WILD_WIDER: f64 = 9.0;
+pub(super) const WILD_SHAPE: f64 = 1.5;
+/// Growth of the fluctuation's variance in a jump, in the variance a period adds.
+pub(super) const KICK: f64 = 24.0;
+
+/// Term of the predictive law by which a reading was learned.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Term {
+    Usual,
+    Wild,
+    Kick,
+}
+
+/// The three predictive densities of a member at a reading.
+pub(super) struct Densities {
+    pub usual: f64,
+    pub wild: f64,
+    pub kick: f64,
+}
+
+impl Densities {
+    /// Student's t densities with 2 `shape` degrees of freedom, that of a wild reading with three; `ln_gamma` as [`ln_gammas`].
+    #[inline(always)]
+    pub fn new(ahead: &Ahead, kicked: f64, scale2: f64, shape: f64, ln_gamma: f64) -> Self {
+        let (square, dof, total) = (ahead.error * ahead.error, 2.0 * shape, ahead.total * scale2);
+        let q = square / (dof * total);
+        let ln_usual = ln_gamma - 0.5 * libm::log(dof * PI * total) - (shape + 0.5) * libm::log1p(q);
+        let usual = libm::exp(ln_usual);
+        // With S' = x S the density is sqrt(1/x) ((1 + q) / (1 + q/x))^(shape + 1/2) times that.
+        let x = 1.0 + kicked / ahead.total;
+        let kick = if kicked > 0.0 {
+            let ln_ratio = shape * libm::log(x) - (shape + 0.5) * libm::log((x + q) / (1.0 + q));
+            libm::exp(ln_usual + ln_ratio)
+        } else {
+            usual
+        };
+        let spread2 = 3.0 * (WILD_SD * WILD_SD + WILD_WIDER * total);
+        let beyond = 1.0 + square / spread2;
+        Self {
+            usual,
+            wild: 2.0 / (PI * spread2.sqrt() * beyond * beyond),
+            kick,
+        }
+    }
+}
+
+/// ln Gamma(shape + 1/2) - ln Gamma(shape).
+fn ln_gammas(shape: f64) -> f64 {
+    libm::lgamma(shape + 0.5) - libm::lgamma(shape)
+}
+
+/// Cache of the last value of [`ln_gammas`]: most members share a shape.
+#[derive(Default)]
+pub(super) struct Gammas {
+    shape: f64,
+    value: f64,
+}
+
+impl Gammas {
+    pub fn of(&mut self, shape: f64) -> f64 {
+        if self.shape != shape {
+            *self = Self {
+                shape,
+                value: ln_gammas(shape),
+            };
+        }
+        self.value
+    }
+}

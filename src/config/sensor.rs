@@ -1,0 +1,85 @@
+//! `[[rod.sensor]]`: further sensors of a rod, beside that of `[rod.channel]`.
+
+use super::channel;
+use super::range::Range;
+use super::reader::{Absent, Table, key};
+use crate::analysis::signal::record::{Channel, RodChannels, RodId, Unit};
+
+/// Default of the relative standard error of a sensor's calibration.
+const GAIN_ERROR: f64 = 0.01;
+
+/// A sensor of a rod.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Sensor {
+    /// Location of its samples in a recording.
+    pub channel: Channel,
+    /// Its place, as a share of the length.
+    pub at: f64,
+    /// Relative standard error of its calibration \[-\].
+    pub gain_sd: f64,
+}
+
+impl Sensor {
+    /// Its channel as that of a rod of its own, by which its samples are read.
+    pub fn as_rod(&self, rod: &RodId, number: usize) -> RodChannels {
+        RodChannels {
+            // No id of a rod has such a character.
+            rod: RodId(format!("{rod}#{number}")),
+            displacement: self.channel.clone(),
+            temperature: None,
+        }
+    }
+}
+
+/// Place and calibration of the sensor of `[rod.channel]`; the place is wanted where there are others.
+pub(super) fn of_channel(table: &mut Table<'_>) -> (Option<f64>, f64) {
+    let at = table.maybe_number(
+        key(
+            "at",
+            "where the sensor looks, as a share of the length from the left support; wanted beside [[rod.sensor]] [-]",
+        ),
+        Range::within(0.0, 1.0),
+        Absent::Nothing("not known"),
+    );
+    (at, gain_error(table))
+}
+
+/// Reads the further sensors of a rod; `None` in the place of one with a fault.
+pub(super) fn read_all(table: &mut Table<'_>) -> Vec<Option<Sensor>> {
+    table.list(
+        "sensor",
+        "A further sensor of the rod, on the same clock and at the same rate.",
+        |table| {
+            let channel = channel::read(table, "value", &Unit::SENSOR, Unit::Metre);
+            let at = table.maybe_number(
+                key(
+                    "at",
+                    "where it is, as a share of the length from the left support [-]",
+                ),
+                Range::within(0.0, 1.0),
+                Absent::Required,
+            );
+            let gain_sd = gain_error(table);
+            let (channel, at) = (channel?, at?);
+            if !channel.unit.is_strain() && (at == 0.0 || at == 1.0) {
+                table.fault_of(
+                    "at",
+                    "lies on a support, where nothing moves; only a strain gauge may".to_owned(),
+                );
+                return None;
+            }
+            Some(Sensor { channel, at, gain_sd })
+        },
+    )
+}
+
+fn gain_error(table: &mut Table<'_>) -> f64 {
+    table.number(
+        key(
+            "gain_error",
+            "relative standard error of its calibration, with that of its place [-]",
+        ),
+        Range::within(1e-4, 0.5),
+        GAIN_ERROR,
+    )
+}

@@ -1,0 +1,145 @@
+//! Names and end of a certificate, and what its holder may send.
+
+use super::server::TopicSet;
+use crate::analysis::signal::record::Timestamp;
+use crate::config::settings::ingest::BoundCertificate;
+use std::sync::Arc;
+use tokio_rustls::rustls::pki_types::CertificateDer;
+use x509_parser::prelude::{FromDer, GeneralName, X509Certificate};
+
+/// Time before the end of a certificate from which it is reported \[s\].
+const NEAR_S: i64 = 30 * 86_400;
+
+/// Names and end of a certificate.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct Facts {
+    /// Common name and DNS names of the holder.
+    pub names: Vec<String>,
+    /// Time after which it is not valid \[s since 1970\].
+    pub ends_s: i64,
+}
+
+impl Facts {
+    /// Reads a certificate.
+    ///
+    /// # Errors
+    /// It is no X.509 certificate.
+    pub fn of(certificate: &CertificateDer<'_>) -> Result<Self, String> {
+        let (_, parsed) = X509Certificate::from_der(certificate)
+            .map_err(|fault| format!("holds no readable certificate: {fault}"))?;
+        let common = parsed.subject().iter_common_name();
+        let mut names: Vec<String> = common
+            .filter_map(|name| name.as_str().ok())
+            .map(str::to_owned)
+            .collect();
+        // Two extensions of a kind are refused by the verification before.
+        if let Ok(Some(alternative)) = parsed.subject_alternative_name() {
+            names.extend(
+                alternative
+                    .value
+                    .general_names
+                    .iter()
+                    .filter_map(|name| match name {
+                        GeneralName::DNSName(name) => Some((*name).to_owned()),
+                        _ => None,
+                    }),
+            );
+        }
+        Ok(Self {
+            names,
+            ends_s: parsed.validity().not_after.timestamp(),
+        })
+    }
+
+    /// Name of the holder, for people.
+    pub fn name(&self) -> &str {
+        self.names
+            .first()
+            .map_or("a holder without a name", String::as_str)
+    }
+
+    /// Clause about an end that has come, or comes within thirty days.
+    pub fn warning(&self, now_s: i64) -> Option<String> {
+        let end = Timestamp::from_nanos(self.ends_s.saturating_mul(1_000_000_000));
+        let left_s = self.ends_s.saturating_sub(now_s);
+        if left_s < 0 {
+            Some(format!("ended on {end}"))
+        } else if left_s < NEAR_S {
+            Some(format!("ends on {end}, in {} days", left_s / 86_400))
+        } else {
+            None
+        }
+    }
+}
+
+/// What a client may send; the default is everything.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Rights {
+    bound: Option<BoundCertificate>,
+}
+
+impl Rights {
+    /// Rights of the holder of a certificate, by the entries of the configuration.
+    ///
+    /// # Errors
+    /// There are entries, and none is for this certificate.
+    pub fn of(facts: &Facts, bound: &[BoundCertificate]) -> Result<Self, String> {
+        if bound.is_empty() {
+            return Ok(Self::default());
+        }
+        let entry = bound
+            .iter()
+            .find(|entry| facts.names.contains(&entry.certificate));
+        let bound = entry.cloned().ok_or_else(|| {
+            format!(
+                "the certificate of {} has no entry in [[ingest.tls.bound]]",
+                facts.name()
+            )
+        })?;
+        Ok(Self { bound: Some(bound) })
+    }
+
+    /// Checks the name of a sender.
+    ///
+    /// # Errors
+    /// It is not the holder's.
+    pub fn check_sender(&self, sender: &str) -> Result<(), String> {
+        match &self.bound {
+            Some(bound) if !bound.senders.iter().any(|name| name == sender) => Err(format!(
+                "the certificate of {} is not bound to the sender name {sender}",
+                bound.certificate
+            )),
+            _ => Ok(()),
+        }
+    }
+
+    /// Those of `topics` that the holder may send.
+    pub fn narrow(&self, topics: &Arc<TopicSet>) -> Arc<TopicSet> {
+        match &self.bound {
+            None => Arc::clone(topics),
+            Some(bound) => {
+                let allowed = topics.iter().filter(|topic| bound.allows(topic));
+                Arc::new(allowed.cloned().collect())
+            }
+        }
+    }
+
+    /// Checks topics that were sent and not kept; `all` are those of the rods.
+    ///
+    /// # Errors
+    /// One of them is a rod's, and not the holder's.
+    pub fn check_topics<'a>(
+        &self,
+        mut sent: impl Iterator<Item = &'a str>,
+        all: &TopicSet,
+    ) -> Result<(), String> {
+        let Some(bound) = &self.bound else { return Ok(()) };
+        match sent.find(|topic| all.contains(*topic) && !bound.allows(topic)) {
+            None => Ok(()),
+            Some(topic) => Err(format!(
+                "the certificate of {} is not bound to the topic {topic}",
+                bound.certificate
+            )),
+        }
+    }
+}

@@ -1,0 +1,467 @@
+//! Every example in the help, the README and the docs, run as printed: `tirante ...` through a shell, in a folder with the shipped
+//! recordings and with stand-ins for a user's own files. Those that cannot run here are parsed, each with its reason.
+#![allow(clippy::unwrap_used)] // helpers of tests are tests
+
+use crate::site::{Site, campaign, text};
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::sync::LazyLock;
+
+/// Examples that are parsed but not run, by a part of their text, with the reason.
+const NOT_RUN: [(&str, &str); 24] = [
+    ("tirante run ", "serves until it is stopped: tests/process"),
+    (
+        "tirante serve ",
+        "serves until it is stopped: tests/service/page.rs",
+    ),
+    (
+        "tirante send ",
+        "needs a daemon that listens: tests/service/send.rs",
+    ),
+    (
+        "tirante alarm test",
+        "sends to the sinks of a configuration: tests/service/alerts",
+    ),
+    (
+        "tirante measure laser.csv\n",
+        "asks at a terminal: tests/command/measure.rs",
+    ),
+    (
+        "tirante init laser.mcap --out site.toml\n",
+        "asks at a terminal, as `measure` does",
+    ),
+    (
+        "tirante fleet",
+        "an archive of many sites: tests/command/fleet.rs",
+    ),
+    ("results/duomo", "a result of a fleet: tests/command/fleet.rs"),
+    ("--from-store", "a store with its records' findings: tests/site"),
+    ("rods.toml", "a configuration in two files: tests/config"),
+    (
+        "tuesday.tdms",
+        "a proprietary file: tests/command/import_cli.rs reads one",
+    ),
+    ("/data/2026", "a folder of an installation"),
+    ("/etc/tirante", "a file of an installation"),
+    ("[--rod ID]", "a synopsis"),
+    ("ALARM", "a synopsis"),
+    ("[--reason TEXT]", "a synopsis"),
+    ("--store site.db FILE", "a synopsis"),
+    (
+        "--format parquet",
+        "needs a build with --features parquet: tests/command/exports.rs",
+    ),
+    (
+        "tirante alarm prove",
+        "years of simulated sites: minutes to an hour",
+    ),
+    ("tirante study", "half a minute and more"),
+    ("tirante plan", "a minute"),
+    (
+        "--config config/daemon.toml",
+        "needs the store of the README's daemon: tests/process",
+    ),
+    (
+        "hammer.tdms",
+        "a proprietary file: tests/command/import_cli.rs reads one",
+    ),
+    (
+        "laser.mat",
+        "a proprietary file: tests/recording/import.rs reads one",
+    ),
+];
+
+/// One rod as its owner describes it, with the names that examples use.
+const FACTS: [&str; 6] = ["--length", "9.5", "--section", "d45", "--material", "iron"];
+
+/// A site with alarms, for the examples that read a store.
+static FOLLOWED: LazyLock<Site> = LazyLock::new(|| {
+    let site = campaign();
+    let config = fs::read_to_string(site.path("site.toml")).unwrap() + "\n[store]\npath = \"site.db\"\n";
+    fs::write(site.path("site.toml"), config).unwrap();
+    site.replay(&["archive"], "site.db");
+    site
+});
+
+#[test]
+fn every_example_runs_as_printed() {
+    let examples = all();
+    assert!(examples.len() > 60, "{}", examples.len());
+    let mut unused: BTreeSet<&str> = NOT_RUN.iter().map(|(part, _)| *part).collect();
+    let mut failures = Vec::new();
+    for (example, source) in &examples {
+        let reason = NOT_RUN
+            .iter()
+            .find(|(part, _)| format!("{example}\n").contains(part));
+        let outcome = match reason {
+            Some((part, _)) => {
+                unused.remove(part);
+                parsed(example)
+            }
+            None => run(example),
+        };
+        if let Err(why) = outcome {
+            failures.push(format!("{source}: {example}\n{why}"));
+        }
+    }
+    assert!(
+        failures.is_empty(),
+        "{} fail:\n{}",
+        failures.len(),
+        failures.join("\n\n")
+    );
+    assert!(unused.is_empty(), "no example is like {unused:?}");
+}
+
+/// Every example once, with the first place it stands at.
+fn all() -> BTreeMap<String, String> {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let mut pages: Vec<PathBuf> = fs::read_dir(root.join("docs"))
+        .unwrap()
+        .map(|entry| entry.unwrap().path())
+        .filter(|path| path.extension().is_some_and(|ending| ending == "md"))
+        .collect();
+    pages.sort();
+    pages.extend([root.join("README.md"), root.join("recordings/README.md")]);
+    let mut found = BTreeMap::new();
+    for page in pages {
+        let name = page.strip_prefix(root).unwrap().display().to_string();
+        for example in examples(&fs::read_to_string(&page).unwrap()) {
+            found.entry(example).or_insert_with(|| name.clone());
+        }
+    }
+    for words in commands() {
+        let help = help(&words);
+        for example in examples(&help) {
+            found.entry(example).or_insert_with(|| format!("help of {words}"));
+        }
+    }
+    found
+}
+
+/// The commands, and those of `alarm` and `emulator`.
+fn commands() -> Vec<String> {
+    let named = |help: &str| -> Vec<String> {
+        let list = help
+            .lines()
+            .skip_while(|line| !line.starts_with("Commands:"))
+            .skip(1);
+        list.take_while(|line| line.starts_with("  "))
+            // Continued descriptions are indented further.
+            .filter_map(|line| line.strip_prefix("  ").filter(|line| !line.starts_with(' ')))
+            .filter_map(|line| line.split_whitespace().next())
+            .filter(|name| *name != "help")
+            .map(str::to_owned)
+            .collect()
+    };
+    let top = named(&help(""));
+    assert!(top.len() > 20, "{top:?}");
+    let below = top.iter().flat_map(|one| {
+        named(&help(one))
+            .into_iter()
+            .map(move |two| format!("{one} {two}"))
+    });
+    top.iter().cloned().chain(below).collect()
+}
+
+fn help(words: &str) -> String {
+    let output = Command::new(env!("CARGO_BIN_EXE_tirante"))
+        .args(words.split_whitespace())
+        .arg("--help")
+        .output()
+        .unwrap();
+    assert!(output.status.success(), "{words}: {}", text(&output.stderr));
+    text(&output.stdout)
+}
+
+/// Lines that are commands, continued lines joined, without the prompt.
+fn examples(page: &str) -> Vec<String> {
+    let mut found = Vec::new();
+    let mut lines = page.lines();
+    while let Some(line) = lines.next() {
+        let line = line.trim_start().trim_start_matches("$ ");
+        let Some(rest) = line
+            .strip_prefix("tirante ")
+            .or_else(|| line.strip_prefix("cargo run -- "))
+        else {
+            continue;
+        };
+        // Prose and the synopsis of the help are no commands.
+        if !rest.starts_with(|c: char| c.is_ascii_lowercase()) || rest.contains("<COMMAND>") {
+            continue;
+        }
+        let mut command = format!("tirante {}", rest.trim_end());
+        while command.ends_with('\\') {
+            command.pop();
+            command = command.trim_end().to_owned() + " " + lines.next().unwrap_or_default().trim();
+        }
+        found.push(command.trim_end_matches('&').trim_end().to_owned());
+    }
+    found
+}
+
+/// Checks the words of an example without doing it: its help, asked for behind them.
+fn parsed(example: &str) -> Result<(), String> {
+    if example.contains("[--") || example.contains("ALARM") {
+        return Ok(());
+    }
+    for part in example
+        .split("&&")
+        .map(str::trim)
+        .filter(|part| part.starts_with("tirante "))
+    {
+        let words = part.split(" #").next().unwrap_or_default();
+        let words = words.split(" > ").next().unwrap_or_default();
+        let words = words.replace("$i", "0");
+        shell(&format!("{words} --help"), &std::env::temp_dir(), &[0])?;
+    }
+    Ok(())
+}
+
+/// Runs an example in a folder of its own. Stand-in files may hold a record that is refused.
+fn run(example: &str) -> Result<(), String> {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    for name in ["recordings", "config"] {
+        std::os::unix::fs::symlink(root.join(name), at.join(name)).unwrap();
+    }
+    let command = example.split_whitespace().nth(1).unwrap();
+    let is_about_a_store = [
+        "status",
+        "history",
+        "report",
+        "ack",
+        "rebaseline",
+        "backup",
+        "files",
+    ]
+    .contains(&command)
+        || example.contains("--against");
+    let mut example = example.to_owned();
+    if is_about_a_store {
+        for name in ["site.db", "todi.db", "campaign.db"] {
+            fs::copy(FOLLOWED.path("site.db"), at.join(name)).unwrap();
+        }
+        fs::copy(FOLLOWED.path("site.toml"), at.join("site.toml")).unwrap();
+        // The id of an alarm that this store has.
+        let alarms = FOLLOWED.history("site.db", "alarms");
+        example = example.replace("5f1d0c7a9e3b2468", alarms[0]["id"].as_str().unwrap());
+    } else {
+        stand_ins(at, &example);
+    }
+    let uses_stand_in = !example.contains("recordings/") && !is_about_a_store;
+    let good: &[i32] = if uses_stand_in { &[0, 3] } else { &[0] };
+    shell(&example, at, good)
+}
+
+/// Files of a user that an example names.
+fn stand_ins(at: &Path, example: &str) {
+    let samples = samples();
+    let rows = |line: fn(usize, f64) -> String| -> String {
+        samples
+            .iter()
+            .enumerate()
+            .map(|(i, value)| line(i, *value))
+            .collect()
+    };
+    // Of a file with another rate the configuration says that rate.
+    let fs_hz = match (example.contains("--rate 250"), example.contains("laser.uff")) {
+        (true, _) => 250.0,
+        (_, true) => 1024.0,
+        _ => 100.0,
+    };
+    let table = |day: u32| -> String {
+        if example.contains("Datum,Uhrzeit") {
+            let lines = rows(|i, value| {
+                let second = format!("{:05.2}", i as f64 / 100.0).replace('.', ",");
+                format!(
+                    "01.03.2026;06:00:{second};{}\n",
+                    format!("{:.6}", 1e3 * value).replace('.', ",")
+                )
+            });
+            // A record of a minute.
+            return format!("Datum;Uhrzeit;Weg 1 [mm]\n{lines}");
+        }
+        let lines = samples.iter().enumerate().map(|(i, value)| {
+            let (second, hundredth) = (i / 100, i % 100);
+            format!(
+                "2026-03-{day:02}T06:00:{second:02}.{hundredth:02}Z,{:.6}\n",
+                1e3 * value
+            )
+        });
+        format!("Time,Laser [mm]\n{}", lines.collect::<String>())
+    };
+    for (name, day) in [("laser.csv", 1), ("monday.csv", 2), ("tuesday.csv", 3)] {
+        fs::write(at.join(name), table(day)).unwrap();
+    }
+    fs::write(at.join("hammer.wav"), sound(&samples)).unwrap();
+    fs::write(at.join("laser.wav"), sound(&samples)).unwrap();
+    fs::write(
+        at.join("camera.npy"),
+        array(&samples, example.contains("[7,:,1]")),
+    )
+    .unwrap();
+    let lvm: String = samples
+        .iter()
+        .map(|value| format!("\t{:?}\r\n", 1e3 * value))
+        .collect();
+    let head = "LabVIEW Measurement\t\r\nSeparator\tTab\r\nDecimal_Separator\t.\r\nX_Columns\tNo\r\n***End_of_Header***\t\r\n\t\r\n\
+                Channels\t1\t\r\nY_Unit_Label\tmm\t\r\nX0\t0.0\t\r\nDelta_X\t0.010000\t\r\n***End_of_Header***\t\t\r\nX_Value\tlaser\tComment\r\n";
+    fs::write(at.join("pull.lvm"), format!("{head}{lvm}")).unwrap();
+    fs::copy(
+        concat!(env!("CARGO_MANIFEST_DIR"), "/tests/fixtures/import/text.uff"),
+        at.join("laser.uff"),
+    )
+    .unwrap();
+    let frequencies = "time,rod,f1_hz,sd1_hz,f2_hz,sd2_hz,f3_hz,sd3_hz\n".to_owned()
+        + &(1..=20)
+            .map(|day| format!("2026-03-{day:02}T06:00:00Z,nave-3,5.998,0.005,12.472,0.01,19.828,0.01\n"))
+            .collect::<String>();
+    for name in ["frequencies.csv", "2024.csv"] {
+        fs::write(at.join(name), &frequencies).unwrap();
+    }
+    fs::write(at.join("2025.csv"), frequencies.replace("2026-03", "2026-04")).unwrap();
+    let weather: String = (1..=20)
+        .map(|day| format!("2026-03-{day:02}T05:00:00Z,1{}.5\n", day % 3))
+        .collect();
+    fs::write(at.join("weather.csv"), format!("time,temperature_c\n{weather}")).unwrap();
+
+    // The recordings and the configuration are made by the program itself.
+    let quiet = |words: &[&str]| {
+        let output = program(at).args(words).output().unwrap();
+        assert!(output.status.success(), "{words:?}: {}", text(&output.stderr));
+    };
+    let laser = at.join("own.csv");
+    let lines: String = samples
+        .iter()
+        .enumerate()
+        .map(|(i, value)| format!("{:.10},{:.6}\n", i as f64 / fs_hz, 1e3 * value))
+        .collect();
+    fs::write(&laser, format!("Time [s],Laser [mm]\n{lines}")).unwrap();
+    let start = "2026-03-01T06:00:00Z";
+    quiet(&[
+        "import",
+        "own.csv",
+        "--start",
+        start,
+        "--channel",
+        "Laser=/nave-3/displacement",
+        "--out",
+        "own.mcap",
+    ]);
+    for name in [
+        "laser.mcap",
+        "bare.mcap",
+        "heavy.mcap",
+        "pull.mcap",
+        "day.mcap",
+        "recording.mcap",
+    ] {
+        let writes = [format!("--out {name}"), format!("--out {name} ")];
+        if example.contains(name) && !writes.iter().any(|words| example.contains(words.as_str())) {
+            // Without a configuration the built-in rod is looked for.
+            let own = at.join("own.mcap");
+            let pull = Path::new(env!("CARGO_MANIFEST_DIR")).join("recordings/todi-pull.mcap");
+            let is_own = example.contains("--config") || name == "laser.mcap";
+            fs::copy(if is_own { own } else { pull }, at.join(name)).unwrap();
+        }
+    }
+    if example.contains("--config site.toml") || example.contains("check site.toml") {
+        let id = example
+            .split("--rod ")
+            .nth(1)
+            .and_then(|rest| rest.split_whitespace().next())
+            .unwrap_or("nave-3");
+        let words = ["init", "own.mcap", "--id", id, "--out", "site.toml"];
+        quiet(&[&words[..], &FACTS].concat());
+    }
+    for name in ["own.csv", "own.mcap"] {
+        fs::remove_file(at.join(name)).unwrap();
+    }
+}
+
+/// Samples of a shipped record \[m\], at 100 Hz.
+fn samples() -> Vec<f64> {
+    use tirante::analysis::signal::record::{Event, RecordSettings};
+    let how = tirante::recording::import::How::default();
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("recordings/aisle.mcap");
+    let opened = tirante::recording::import::open_any(&path, &how, &RecordSettings::default(), &|file, _| {
+        Box::new(file)
+    });
+    let records = opened.unwrap().recording.filter_map(|event| match event {
+        Event::Record(record) => Some(record.samples.clone()),
+        _ => None,
+    });
+    records.flatten().collect()
+}
+
+/// A sound of doubles at 100 Hz.
+fn sound(values: &[f64]) -> Vec<u8> {
+    let mut bytes =
+        b"RIFF\0\0\0\0WAVEfmt \x10\0\0\0\x03\0\x01\0\x64\0\0\0\x20\x03\0\0\x08\0\x40\0data".to_vec();
+    bytes.extend((8 * values.len() as u32).to_le_bytes());
+    bytes.extend(values.iter().flat_map(|value| value.to_le_bytes()));
+    bytes
+}
+
+/// A NumPy array: one column, or eight markers over time in two coordinates.
+fn array(values: &[f64], has_markers: bool) -> Vec<u8> {
+    let (shape, times) = match has_markers {
+        true => (format!("(8, {}, 2)", values.len()), 8),
+        false => (format!("({},)", values.len()), 1),
+    };
+    let header = format!("{{'descr': '<f8', 'fortran_order': False, 'shape': {shape}, }}");
+    let mut bytes = b"\x93NUMPY\x01\0".to_vec();
+    bytes.extend((header.len() as u16).to_le_bytes());
+    bytes.extend(header.as_bytes());
+    for _ in 0..times {
+        for value in values {
+            let columns = if has_markers { 2 } else { 1 };
+            (0..columns).for_each(|_| bytes.extend(value.to_le_bytes()));
+        }
+    }
+    bytes
+}
+
+fn program(at: &Path) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_tirante"));
+    surroundings(&mut command, at);
+    command
+}
+
+fn surroundings(command: &mut Command, at: &Path) {
+    command
+        .current_dir(at)
+        .env("TIRANTE_CACHE_DIR", env!("CARGO_TARGET_TMPDIR"))
+        .env("HOME", at)
+        .env_remove("TIRANTE_LOG")
+        .stdin(Stdio::null());
+}
+
+/// Runs a line in a shell that finds the program by its name.
+fn shell(line: &str, at: &Path, good: &[i32]) -> Result<(), String> {
+    for folder in [
+        ".local/share/bash-completion/completions",
+        ".config/fish/completions",
+    ] {
+        if line.contains(folder) {
+            fs::create_dir_all(at.join(folder)).unwrap();
+        }
+    }
+    let here = Path::new(env!("CARGO_BIN_EXE_tirante")).parent().unwrap();
+    let paths = format!("{}:{}", here.display(), std::env::var("PATH").unwrap_or_default());
+    let mut command = Command::new("sh");
+    surroundings(&mut command, at);
+    let output = command.args(["-c", line]).env("PATH", paths).output().unwrap();
+    match output.status.code() {
+        Some(code) if good.contains(&code) => Ok(()),
+        code => Err(format!(
+            "exit {code:?}\n{}{}",
+            text(&output.stdout),
+            text(&output.stderr)
+        )),
+    }
+}

@@ -1,0 +1,720 @@
+//! An archive of several sites as a job array: killed, run again, collected; and analysed again without samples.
+#![allow(clippy::unwrap_used)] // helpers of tests are tests
+
+use crate::site::*;
+use rand::RngExt;
+use rusqlite::Connection;
+use rusqlite::types::Value;
+use serde_json::Value as Json;
+use std::fs;
+use std::path::Path;
+use std::process::{Command, Output, Stdio};
+use std::thread;
+use std::time::Duration;
+use tirante::analysis::numerics::random;
+
+const SITES: [&str; 3] = ["badia", "duomo", "san marco"];
+
+/// Variables of the three schedulers.
+const INDICES: [&str; 3] = [
+    "SLURM_ARRAY_TASK_ID",
+    "JOB_COMPLETION_INDEX",
+    "AWS_BATCH_JOB_ARRAY_INDEX",
+];
+
+/// Three sites of two rods, weeks of 8 days: the first has one more, a loss and a fault.
+fn fleet() -> Site {
+    let site = Site::new(SITE);
+    fs::create_dir_all(site.path("configs")).unwrap();
+    for (number, name) in SITES.iter().enumerate() {
+        fs::create_dir_all(site.path(&format!("archive/{name}/2026"))).unwrap();
+        let config = SITE.replace("seed = 11", &format!("seed = {}", 11 + number));
+        fs::write(site.path(&format!("configs/{name}.toml")), &config).unwrap();
+        fs::write(site.path("site.toml"), &config).unwrap();
+        site.simulate(&format!("{name}/week-0"), &Part::new(0, 8));
+        let held = "[[simulation.rod.fault]]\nkind = \"held\"\nat_s = 3.0\nlength_s = 20.0\nfirst_record = 2\nlast_record = 3\n";
+        site.simulate(&format!("{name}/2026/week-1"), &Part::new(8, 8).north(held));
+    }
+    let loss = "[[simulation.rod.change]]\nstart_d = 0.0\nrelative = -0.10\n";
+    site.simulate("badia/week-2", &Part::new(16, 8).north(loss));
+    site
+}
+
+/// The recordings of a site in the order of `replay ARCHIVE/SITE`, folders below among them.
+fn replayed(site: &Site, name: &str, config: &str, store: &str) -> String {
+    let mut paths = vec![
+        format!("archive/{name}/week-0.mcap"),
+        format!("archive/{name}/2026"),
+    ];
+    if name == "badia" {
+        paths.push("archive/badia/week-2.mcap".to_owned());
+    }
+    let words = ["replay", "--config", config, "--store", store];
+    let paths: Vec<&str> = paths.iter().map(String::as_str).collect();
+    let output = site.run(&[&words[..], &paths].concat());
+    assert!(matches!(output.status.code(), Some(0 | 3)), "{}", said(&output));
+    site.dump(store)
+}
+
+fn said(output: &Output) -> String {
+    text(&output.stdout) + &text(&output.stderr)
+}
+
+fn planned(site: &Site, words: &[&str], plan: &str) -> Vec<Json> {
+    let output = site.run(&[&["fleet", "plan", "--out", plan], words].concat());
+    assert!(output.status.success(), "{}", said(&output));
+    lines(&fs::read(site.path(plan)).unwrap())
+}
+
+/// Runs the array of a scheduler, two at once, by its own file.
+fn array(site: &Site, scheduler: &str, plan: &str, results: &str) -> Output {
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/fleet/array.sh");
+    let results = site.path(results);
+    Command::new("bash")
+        .arg(script)
+        .args([
+            scheduler,
+            site.path(plan).to_str().unwrap(),
+            results.to_str().unwrap(),
+            "2",
+        ])
+        .current_dir(site.folder.path())
+        .env("TIRANTE", env!("CARGO_BIN_EXE_tirante"))
+        .env("TIRANTE_CACHE_DIR", env!("CARGO_TARGET_TMPDIR"))
+        .stdin(Stdio::null())
+        .output()
+        .unwrap()
+}
+
+fn result(task: &Json, results: &str) -> String {
+    format!(
+        "{results}/{}/{}.db",
+        task["site"].as_str().unwrap(),
+        task["result"].as_str().unwrap()
+    )
+}
+
+/// Rows of a table, of one site if the table is of many.
+fn rows(connection: &Connection, table: &str, site: Option<&str>) -> Vec<Vec<Value>> {
+    let columns: Vec<String> = connection
+        // `config` has a column of its own for the site's name, which a collected database calls `site_name`.
+        .prepare("SELECT name FROM pragma_table_info(?) WHERE name NOT IN ('site', 'site_name')")
+        .unwrap()
+        .query_map([table], |row| row.get(0))
+        .unwrap()
+        .collect::<Result<_, _>>()
+        .unwrap();
+    let only = if site.is_some() { "site = ?1" } else { "?1 IS NULL" };
+    let listed = columns.join(", ");
+    let mut statement = connection
+        .prepare(&format!(
+            "SELECT {listed} FROM {table} WHERE {only} ORDER BY {listed}"
+        ))
+        .unwrap();
+    let read = |row: &rusqlite::Row<'_>| (0..columns.len()).map(|place| row.get(place)).collect();
+    statement
+        .query_map([site], read)
+        .unwrap()
+        .collect::<Result<_, _>>()
+        .unwrap()
+}
+
+#[test]
+fn an_array_killed_at_random_ends_row_by_row_in_what_replays_write() {
+    let site = fleet();
+    let tasks = planned(&site, &["archive", "--configs", "configs"], "plan.jsonl");
+    assert_eq!(tasks.len(), 3);
+    assert_eq!(tasks[0]["site"], "badia", "the costliest comes first");
+    let files = tasks[0]["files"].as_array().unwrap();
+    assert_eq!(files.len(), 3);
+    assert_eq!(files[0]["path"], "badia/2026/week-1.mcap");
+    assert_eq!(
+        files[0]["from"].as_str().unwrap()[..10],
+        noon(8).to_string()[..10]
+    );
+
+    // 24 kills, of tasks one after another and two at once, each at another point.
+    let mut generator = random::stream(random::seed(&[b"fleet"]), 1);
+    let mut cut_off = 0;
+    for kill in 0..24 {
+        let count = 1 + kill % 2;
+        let mut children = Vec::new();
+        for child in 0..count {
+            let index = ((kill / 2 + child) % 3).to_string();
+            let words = [
+                "fleet",
+                "task",
+                "plan.jsonl",
+                "--out",
+                "results",
+                "--index",
+                &index,
+                "--threads",
+                "1",
+            ];
+            let mut command = site.command(&words);
+            children.push(
+                command
+                    .stdout(Stdio::null())
+                    .stderr(Stdio::null())
+                    .spawn()
+                    .unwrap(),
+            );
+        }
+        thread::sleep(Duration::from_micros(generator.random_range(20_000..400_000)));
+        for mut child in children {
+            cut_off += usize::from(child.try_wait().unwrap().is_none());
+            child.kill().unwrap();
+            child.wait().unwrap();
+        }
+    }
+    assert!(cut_off >= 12, "only {cut_off} of 36 tasks were cut off");
+    // What a copy under way leaves where a machine ends.
+    let place = site.path(&result(&tasks[1], "results"));
+    fs::write(place.with_file_name(".torn.part"), b"half").unwrap();
+    let output = array(&site, "slurm", "plan.jsonl", "results");
+    assert!(output.status.success(), "{}", said(&output));
+
+    for (number, task) in tasks.iter().enumerate() {
+        let name = task["site"].as_str().unwrap();
+        let whole = replayed(
+            &site,
+            name,
+            &format!("configs/{name}.toml"),
+            &format!("whole-{number}.db"),
+        );
+        assert_equal_dumps(&whole, &site.dump(&result(task, "results")));
+    }
+
+    // Again: nothing is done.
+    let before: Vec<_> = tasks
+        .iter()
+        .map(|task| {
+            fs::metadata(site.path(&result(task, "results")))
+                .unwrap()
+                .modified()
+                .unwrap()
+        })
+        .collect();
+    let output = array(&site, "slurm", "plan.jsonl", "results");
+    assert_eq!(
+        text(&output.stdout).matches("is there already").count(),
+        3,
+        "{}",
+        said(&output)
+    );
+    for (task, before) in tasks.iter().zip(before) {
+        let now = fs::metadata(site.path(&result(task, "results")))
+            .unwrap()
+            .modified();
+        assert_eq!(now.unwrap(), before);
+    }
+
+    // The other schedulers' files, from nothing: the same bytes.
+    for scheduler in ["kubernetes", "aws"] {
+        let output = array(&site, scheduler, "plan.jsonl", scheduler);
+        assert!(output.status.success(), "{}", said(&output));
+        for task in &tasks {
+            let bytes = |results: &str| fs::read(site.path(&result(task, results))).unwrap();
+            assert!(bytes(scheduler) == bytes("results"), "{scheduler}: {task}");
+        }
+    }
+
+    // One result is gone: it is named, the others are collected.
+    let collect = [
+        "fleet",
+        "collect",
+        "plan.jsonl",
+        "--results",
+        "aws",
+        "--out",
+        "fleet.db",
+    ];
+    fs::remove_file(site.path(&result(&tasks[2], "aws"))).unwrap();
+    let output = site.run(&collect);
+    assert_eq!(output.status.code(), Some(3), "{}", said(&output));
+    let name = tasks[2]["site"].as_str().unwrap();
+    let missing = text(&output.stderr);
+    assert!(
+        missing.contains(&format!("missing: task 2, site {name}: ")),
+        "{missing}"
+    );
+    assert!(missing.contains("--index 2"), "{missing}");
+
+    let collect = [
+        "fleet",
+        "collect",
+        "plan.jsonl",
+        "--results",
+        "results",
+        "--out",
+        "fleet.db",
+    ];
+    let output = site.run(&collect);
+    assert!(output.status.success(), "{}", said(&output));
+    let many = Connection::open(site.path("fleet.db")).unwrap();
+    for (number, task) in tasks.iter().enumerate() {
+        let one = Connection::open(site.path(&format!("whole-{number}.db"))).unwrap();
+        for table in [
+            "config",
+            "rod",
+            "segment",
+            "state",
+            "record",
+            "line",
+            "mode",
+            "resonance",
+            "period",
+            "snapshot",
+            "alarm",
+            "outbox",
+        ] {
+            let (of_site, of_replay) = (rows(&many, table, task["site"].as_str()), rows(&one, table, None));
+            assert!(of_site == of_replay, "{table} of {}", task["site"]);
+            assert!(
+                !of_replay.is_empty() || matches!(table, "alarm" | "outbox" | "period"),
+                "{table}"
+            );
+        }
+    }
+}
+
+#[test]
+fn the_index_is_that_of_the_one_scheduler_there_is() {
+    let site = Site::new(SITE);
+    fs::create_dir_all(site.path("configs")).unwrap();
+    fs::copy(site.path("site.toml"), site.path("configs/a.toml")).unwrap();
+    fs::create_dir_all(site.path("archive/a")).unwrap();
+    site.simulate("a/week", &Part::new(0, 1));
+    planned(&site, &["archive", "--configs", "configs"], "plan.jsonl");
+    let run = |set: &[(&str, &str)]| {
+        let mut command = site.command(&["fleet", "task", "plan.jsonl", "--out", "results"]);
+        for name in INDICES {
+            command.env_remove(name);
+        }
+        let output = command.envs(set.iter().copied()).output().unwrap();
+        (output.status.code().unwrap(), said(&output))
+    };
+    for name in INDICES {
+        // An index beyond the plan names itself: it was read.
+        let (code, why) = run(&[(name, "7")]);
+        assert!(code == 2 && why.contains("there is no index 7"), "{name}: {why}");
+        let (code, why) = run(&[(name, "first")]);
+        assert!(code == 2 && why.contains(name) && why.contains("first"), "{why}");
+    }
+    let (code, why) = run(&[]);
+    assert!(
+        code == 2 && INDICES.iter().all(|name| why.contains(name)),
+        "{why}"
+    );
+    let (code, why) = run(&[(INDICES[0], "0"), (INDICES[2], "0")]);
+    assert!(code == 2 && why.contains("--index"), "{why}");
+    let (code, why) = run(&[(INDICES[1], "0")]);
+    assert_eq!(code, 0, "{why}");
+}
+
+#[test]
+fn what_does_not_fit_is_refused_with_site_file_and_next_step() {
+    let site = Site::new(SITE);
+    for folder in ["configs", "archive/a", "archive/empty", "archive/lonely"] {
+        fs::create_dir_all(site.path(folder)).unwrap();
+    }
+    for name in ["a", "empty", "gone"] {
+        fs::copy(site.path("site.toml"), site.path(&format!("configs/{name}.toml"))).unwrap();
+    }
+    site.simulate("a/week", &Part::new(0, 2));
+    fs::copy(site.path("archive/a/week.mcap"), site.path("archive/stray.mcap")).unwrap();
+    let words = [
+        "fleet",
+        "plan",
+        "archive",
+        "--configs",
+        "configs",
+        "--out",
+        "plan.jsonl",
+    ];
+    let output = site.run(&words);
+    let why = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{why}");
+    for wanted in [
+        "site lonely: archive/lonely has no configuration configs/lonely.toml",
+        "site gone: configs/gone.toml has no folder archive/gone",
+        "site empty: archive/empty: no recordings (*.mcap) in it",
+        "archive/stray.mcap: lies beside the sites' folders",
+    ] {
+        assert!(why.contains(wanted), "no {wanted:?} in\n{why}");
+    }
+    assert!(!site.path("plan.jsonl").exists());
+
+    planned(
+        &site,
+        &["archive", "--configs", "configs", "--site", "a"],
+        "plan.jsonl",
+    );
+    let task = |more: &[&str]| {
+        let words = ["fleet", "task", "plan.jsonl", "--index", "0", "--out", "results"];
+        let output = site.run(&[&words[..], more].concat());
+        (output.status.code().unwrap(), said(&output))
+    };
+    // Out of reach: another attempt may find it.
+    let (code, why) = task(&["--archive", "elsewhere"]);
+    assert!(
+        code == 1 && why.contains("site a: elsewhere/a/week.mcap") && why.contains("--archive"),
+        "{why}"
+    );
+    // Changed: another attempt does not help.
+    let path = site.path("archive/a/week.mcap");
+    let good = fs::read(&path).unwrap();
+    let mut longer = good.clone();
+    longer.push(0);
+    fs::write(&path, &longer).unwrap();
+    let (code, why) = task(&[]);
+    assert!(
+        code == 2 && why.contains("week.mcap changed since the plan") && why.contains("plan again"),
+        "{why}"
+    );
+    fs::write(&path, &good).unwrap();
+    let config = site.path("configs/a.toml");
+    let text_before = fs::read_to_string(&config).unwrap();
+    fs::write(&config, text_before.replace("cv = 0.2 }", "cv = 0.3 }")).unwrap();
+    let (code, why) = task(&[]);
+    assert!(code == 2 && why.contains("configs/a.toml changed"), "{why}");
+    fs::write(&config, text_before).unwrap();
+    assert_eq!(task(&[]).0, 0);
+    let cut = fs::read(site.path("plan.jsonl")).unwrap();
+    fs::write(site.path("plan.jsonl"), &cut[..cut.len() / 2]).unwrap();
+    let (code, why) = task(&[]);
+    assert!(code == 2 && why.contains("cut short"), "{why}");
+}
+
+/// The configuration with a band of its own for each rod, and another text in the place of one.
+fn banded(change: (&str, &str)) -> String {
+    let banded = SITE.replace("[rod.priors]", "[rod.modes]\nband_hz = [3.0, 45.0]\n[rod.priors]");
+    assert!(banded.contains(change.0));
+    banded.replace(change.0, change.1)
+}
+
+/// Tables of a dump without the pictures.
+fn without_pictures(dump: &str) -> String {
+    let mut is_picture = false;
+    let kept = dump.lines().filter(|line| {
+        if line.starts_with("# ") {
+            is_picture = line.starts_with("# snapshot:");
+        }
+        !is_picture
+    });
+    kept.map(|line| format!("{line}\n")).collect()
+}
+
+#[test]
+fn another_prior_needs_no_samples_and_gives_what_a_whole_replay_gives() {
+    let site = campaign();
+    fs::write(site.path("old.toml"), banded(("seed = 11", "seed = 11"))).unwrap();
+    let replay = |config: &str, store: &str, from: &[&str]| {
+        let words = ["replay", "--json", "--config", config, "--store", store];
+        site.run(&[&words[..], from].concat())
+    };
+    let first = replay("old.toml", "old.db", &["archive"]);
+    assert_eq!(first.status.code(), Some(3), "{}", said(&first));
+    for (number, change) in [
+        (
+            "axial_force_n = { mean = 150e3, cv = 0.2 }",
+            "axial_force_n = { mean = 120e3, cv = 0.4 }",
+        ),
+        // Hardly any record keeps its labels: other refusals, other pictures.
+        (
+            "axial_force_n = { mean = 150e3, cv = 0.2 }",
+            "axial_force_n = { mean = 60e3, cv = 0.05 }",
+        ),
+        ("baseline_records = 10", "baseline_records = 7"),
+        ("seed = 11", "seed = 12"),
+    ]
+    .into_iter()
+    .enumerate()
+    {
+        let (config, whole, again) = (
+            format!("{number}.toml"),
+            format!("{number}.db"),
+            format!("{number}-again.db"),
+        );
+        fs::write(site.path(&config), banded(change)).unwrap();
+        let full = replay(&config, &whole, &["archive"]);
+        let quick = replay(&config, &again, &["--from-store", "old.db"]);
+        assert!(matches!(quick.status.code(), Some(0 | 3)), "{}", said(&quick));
+        assert!(full.stdout == quick.stdout, "{change:?}");
+        assert!(full.stdout != first.stdout, "{change:?}");
+        assert_equal_dumps(
+            &without_pictures(&site.dump(&whole)),
+            &without_pictures(&site.dump(&again)),
+        );
+        // What came without samples can be analysed without samples again.
+        let back = format!("{number}-back.db");
+        let third = replay("old.toml", &back, &["--from-store", &again]);
+        assert!(third.stdout == first.stdout, "{change:?}: {}", said(&third));
+    }
+    // The same configuration: the pictures are those of the recordings, too.
+    let same = replay("old.toml", "same.db", &["--from-store", "old.db"]);
+    assert!(same.stdout == first.stdout);
+    assert_equal_dumps(&site.dump("old.db"), &site.dump("same.db"));
+    // Once more into the same store: nothing is new.
+    let none = replay("old.toml", "same.db", &["--from-store", "old.db"]);
+    assert!(none.stdout.is_empty(), "{}", said(&none));
+    assert_equal_dumps(&site.dump("old.db"), &site.dump("same.db"));
+}
+
+#[test]
+fn what_needs_samples_is_refused_by_name() {
+    let site = Site::new(SITE);
+    site.simulate("week", &Part::new(0, 4));
+    let (_, code) = site.replay(&["archive"], "old.db");
+    assert_eq!(code, 0);
+    let refused = |config: &str| {
+        fs::write(site.path("new.toml"), config).unwrap();
+        let words = [
+            "replay",
+            "--config",
+            "new.toml",
+            "--store",
+            "new.db",
+            "--from-store",
+            "old.db",
+        ];
+        let output = site.run(&words);
+        assert_eq!(output.status.code(), Some(2), "{}", said(&output));
+        assert!(!site.path("new.db").exists());
+        text(&output.stderr)
+    };
+    let other_prior = SITE.replacen("mean = 150e3, cv = 0.2", "mean = 120e3, cv = 0.4", 1);
+    let why = refused(&other_prior);
+    assert!(why.contains("rod north: its samples were searched from"), "{why}");
+    assert!(!why.contains("rod south"), "{why}");
+    for (more, wanted) in [
+        ("[record]\nmin_duration_s = 20.0\n", "[record]"),
+        ("[spectrum]\nprominence_db = 11.0\n", "[spectrum]"),
+        (
+            "[modes]\nmasks = [{ low_hz = 20.0, high_hz = 21.0 }]\n",
+            "modes.masks",
+        ),
+    ] {
+        let why = refused(&format!("{SITE}\n{more}"));
+        assert!(
+            why.contains(wanted) && why.contains("Replay the recordings"),
+            "{why}"
+        );
+    }
+    let why = refused(&SITE.replace("topic = \"/south\"", "topic = \"/west\""));
+    assert!(why.contains("rod south: [rod.channel]"), "{why}");
+
+    // The band that the refusal states is the one that helps.
+    let why = refused(&other_prior);
+    let stated = why.split('`').nth(1).unwrap();
+    let widened = other_prior.replacen("[rod.priors]", &format!("[rod.modes]\n{stated}\n[rod.priors]"), 1);
+    fs::write(site.path("new.toml"), widened).unwrap();
+    let into = |store: &str, from: &[&str]| {
+        let words = ["replay", "--json", "--config", "new.toml", "--store", store];
+        site.run(&[&words[..], from].concat()).stdout
+    };
+    let quick = into("quick.db", &["--from-store", "old.db"]);
+    assert!(!quick.is_empty() && quick == into("full.db", &["archive"]));
+
+    // Into itself, and a store that has none.
+    let output = site.run(&[
+        "replay",
+        "--config",
+        "site.toml",
+        "--store",
+        "old.db",
+        "--from-store",
+        "old.db",
+    ]);
+    assert_eq!(output.status.code(), Some(2));
+    assert!(text(&output.stderr).contains("the same store"));
+    Connection::open(site.path("old.db"))
+        .unwrap()
+        .execute("DELETE FROM resonance WHERE number = 3", ())
+        .unwrap();
+    let why = refused(SITE);
+    assert!(why.contains("1 of its records have no resonances"), "{why}");
+}
+
+#[test]
+fn an_array_over_stores_gives_what_an_array_over_recordings_gives() {
+    let site = Site::new(SITE);
+    for folder in ["configs", "new", "archive/a", "archive/b"] {
+        fs::create_dir_all(site.path(folder)).unwrap();
+    }
+    for name in ["a", "b"] {
+        site.simulate(&format!("{name}/week"), &Part::new(0, 6));
+        fs::write(
+            site.path(&format!("configs/{name}.toml")),
+            banded(("seed = 11", "seed = 11")),
+        )
+        .unwrap();
+        let changed = banded(("mean = 150e3, cv = 0.2", "mean = 130e3, cv = 0.3"));
+        fs::write(site.path(&format!("new/{name}.toml")), changed).unwrap();
+    }
+    planned(&site, &["archive", "--configs", "configs"], "old.jsonl");
+    assert!(array(&site, "slurm", "old.jsonl", "old").status.success());
+    let full = planned(&site, &["archive", "--configs", "new"], "full.jsonl");
+    assert!(array(&site, "slurm", "full.jsonl", "full").status.success());
+    let again = planned(
+        &site,
+        &["old", "--from-stores", "--configs", "new"],
+        "again.jsonl",
+    );
+    let output = array(&site, "slurm", "again.jsonl", "again");
+    assert!(output.status.success(), "{}", said(&output));
+    for (full, again) in full.iter().zip(&again) {
+        assert_eq!(
+            (&full["site"], &again["input"]),
+            (&again["site"], &Json::from("store"))
+        );
+        let (full, again) = (
+            site.dump(&result(full, "full")),
+            site.dump(&result(again, "again")),
+        );
+        assert_equal_dumps(&without_pictures(&full), &without_pictures(&again));
+    }
+}
+
+/// Processor time of this process's children that ended \[s\].
+fn children_s() -> f64 {
+    let stat = fs::read_to_string("/proc/self/stat").unwrap();
+    // After the name: fields 16 and 17, in hundredths of a second.
+    let fields: Vec<&str> = stat.rsplit_once(')').unwrap().1.split_whitespace().collect();
+    fields[13..15]
+        .iter()
+        .map(|ticks| ticks.parse::<f64>().unwrap())
+        .sum::<f64>()
+        / 100.0
+}
+
+/// Size of all files below a folder \[bytes\].
+fn size_of(folder: &Path) -> u64 {
+    let entries = fs::read_dir(folder).unwrap().flatten();
+    entries
+        .map(|entry| match entry.path() {
+            path if path.is_dir() => size_of(&path),
+            path => fs::metadata(path).unwrap().len(),
+        })
+        .sum()
+}
+
+/// Share of two cores that an array of two at once turns into results, and the cost of 88 million records:
+/// `SITES=8 RECORDS=500 cargo test --release --test command -- --ignored --nocapture fleet::efficiency`, on a quiet machine.
+#[test]
+#[ignore = "a measurement"]
+fn efficiency() {
+    let number = |name: &str, default: usize| -> usize {
+        std::env::var(name).map_or(default, |text| text.parse().unwrap())
+    };
+    let (sites, records) = (number("SITES", 8), number("RECORDS", 500));
+    let site = Site::new(SITE);
+    fs::create_dir_all(site.path("configs")).unwrap();
+    fs::create_dir_all(site.path("new")).unwrap();
+    for number in 0..sites {
+        fs::create_dir_all(site.path(&format!("archive/{number}"))).unwrap();
+        // Records of 60 s at 40 Hz, an hour apart.
+        let simulated = Part::new(0, records)
+            .config(SITE)
+            .replace("interval_s = 86_400.0", "interval_s = 3600.0")
+            .replace("record_s = 30.0", "record_s = 60.0")
+            .replace("fs_hz = 100.0\nsamples_per", "fs_hz = 40.0\nsamples_per")
+            .replace("fs_hz = 100.0", "fs_hz = 40.0");
+        fs::write(site.path("simulated.toml"), &simulated).unwrap();
+        let out = format!("archive/{number}/year.mcap");
+        let output = site.run(&[
+            "simulate",
+            "--config",
+            "simulated.toml",
+            "--out",
+            &out,
+            "--seed",
+            &number.to_string(),
+        ]);
+        assert!(output.status.success(), "{}", said(&output));
+        let config = SITE.replace("fs_hz = 100.0", "fs_hz = 40.0");
+        let banded = config.replace("[rod.priors]", "[rod.modes]\nband_hz = [3.0, 19.0]\n[rod.priors]");
+        fs::write(site.path(&format!("configs/{number}.toml")), &banded).unwrap();
+        let changed = banded.replace("mean = 150e3, cv = 0.2", "mean = 140e3, cv = 0.3");
+        fs::write(site.path(&format!("new/{number}.toml")), changed).unwrap();
+    }
+    let timed = |act: &dyn Fn()| {
+        let (begun, before_s) = (std::time::Instant::now(), children_s());
+        act();
+        (begun.elapsed().as_secs_f64(), children_s() - before_s)
+    };
+    let (plan_s, _) = timed(&|| {
+        planned(&site, &["archive", "--configs", "configs"], "plan.jsonl");
+    });
+    let alone = timed(&|| {
+        for index in 0..sites {
+            let index = index.to_string();
+            let words = [
+                "fleet",
+                "task",
+                "plan.jsonl",
+                "--out",
+                "alone",
+                "--index",
+                &index,
+                "--threads",
+                "1",
+            ];
+            assert!(site.run(&words).status.success());
+        }
+    });
+    let both = timed(&|| assert!(array(&site, "slurm", "plan.jsonl", "both").status.success()));
+    planned(
+        &site,
+        &["both", "--from-stores", "--configs", "new"],
+        "again.jsonl",
+    );
+    let again = timed(&|| assert!(array(&site, "slurm", "again.jsonl", "again").status.success()));
+    let (collect_s, collect_cpu_s) = timed(&|| {
+        let words = [
+            "fleet",
+            "collect",
+            "plan.jsonl",
+            "--results",
+            "both",
+            "--out",
+            "fleet.db",
+        ];
+        assert!(site.run(&words).status.success());
+    });
+    let all = (2 * sites * records) as f64;
+    let each = |folder: &str| size_of(&site.path(folder)) as f64 / all;
+    println!("{sites} sites, {all} records");
+    println!(
+        "plan {plan_s:.2} s, one after another {:.1} s wall, {:.1} s of processor",
+        alone.0, alone.1
+    );
+    println!("two at once {:.1} s wall, {:.1} s of processor", both.0, both.1);
+    println!("efficiency {:.1} %", 100.0 * alone.1 / (2.0 * both.0));
+    println!(
+        "again without samples {:.1} s wall, {:.1} s of processor: {:.1} times less",
+        again.0,
+        again.1,
+        both.1 / again.1
+    );
+    println!("collect {collect_s:.2} s wall, {collect_cpu_s:.2} s of processor");
+    println!(
+        "a record: {:.2} ms, {:.2} ms again, {:.2} ms collected; {:.1} kB recorded, {:.1} kB stored, {:.1} kB collected",
+        1e3 * both.1 / all,
+        1e3 * again.1 / all,
+        1e3 * collect_cpu_s / all,
+        each("archive") / 1e3,
+        each("both") / 1e3,
+        fs::metadata(site.path("fleet.db")).unwrap().len() as f64 / all / 1e3
+    );
+    let million = 88.0;
+    println!(
+        "88 million records: {:.0} core-hours, {:.0} again; {:.2} TB recorded, {:.2} TB stored; collect alone {:.1} h",
+        million * 1e6 * both.1 / all / 3600.0,
+        million * 1e6 * again.1 / all / 3600.0,
+        million * 1e-3 * each("archive") * 1e-3,
+        million * 1e-3 * each("both") * 1e-3,
+        million * 1e6 * collect_s / all / 3600.0
+    );
+}

@@ -1,0 +1,205 @@
+//! Certificates of daemon and senders: exchanged while the daemon runs, near their end, bound to names and topics.
+
+#![allow(clippy::unwrap_used, reason = "a test that cannot be set up fails")]
+
+use crate::listeners::*;
+use crate::send::{Authority, mcap, settings, tirante_send};
+use std::ffi::OsStr;
+use std::fs::{self, Permissions};
+use std::os::unix::fs::PermissionsExt;
+use std::path::{Path, PathBuf};
+use std::process::Output;
+use std::time::{Duration, Instant};
+use tirante::config::settings::ingest::{BoundCertificate, IngestSettings, TlsSettings};
+use tirante::service::telemetry::{Fault, Via};
+
+/// Longest time for what must not be tried again and again.
+const PATIENCE: Duration = Duration::from_secs(60);
+
+/// A daemon with TLS, and what its senders need.
+struct Port {
+    folder: tempfile::TempDir,
+    authority: Authority,
+    daemon: Daemon,
+}
+
+impl Port {
+    /// The daemon's certificate ends in so many days.
+    fn open(days: i64, bound: Vec<BoundCertificate>) -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let authority = Authority::new();
+        let [client_ca, certificate, key] = authority.write_until(folder.path(), "daemon", days);
+        fs::set_permissions(&key, Permissions::from_mode(0o600)).unwrap();
+        let tls = TlsSettings {
+            certificate,
+            key,
+            client_ca,
+            bound,
+        };
+        let daemon = Daemon::start(IngestSettings {
+            tls: Some(tls),
+            ..settings()
+        });
+        fs::write(folder.path().join("a.mcap"), mcap(100)).unwrap();
+        Self {
+            folder,
+            authority,
+            daemon,
+        }
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    fn send(&self, identity: &[PathBuf; 3], more: &[&str]) -> Output {
+        let file = self.path("a.mcap");
+        let to = format!("tcp://{}", self.daemon.address);
+        let [ca, certificate, key] = identity;
+        let mut words: Vec<&OsStr> = vec![file.as_os_str()];
+        words.extend(["--to", &to, "--speed", "max", "--tls-ca"].map(OsStr::new));
+        words.extend([
+            ca.as_os_str(),
+            OsStr::new("--tls-certificate"),
+            certificate.as_os_str(),
+        ]);
+        words.extend([OsStr::new("--tls-key"), key.as_os_str()]);
+        words.extend(more.iter().map(OsStr::new));
+        tirante_send(&words)
+    }
+
+    /// Condition about a file or a client.
+    fn warns(&self, about: &str) -> Option<String> {
+        let conditions = self.daemon.health.conditions();
+        let found = conditions
+            .into_iter()
+            .find(|lasting| lasting.fault == Fault::Certificate && lasting.about == about);
+        found.map(|lasting| lasting.detail)
+    }
+}
+
+fn said(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+fn shown(path: &Path) -> String {
+    path.display().to_string()
+}
+
+#[test]
+fn a_near_end_is_told_and_a_new_certificate_taken_at_once() {
+    let port = Port::open(12, Vec::new());
+    let about = shown(&port.path("daemon.pem"));
+    wait_for("the near end is a condition", || {
+        port.warns(&about)
+            .is_some_and(|detail| detail.contains("in 11 days"))
+    });
+    let ends = || port.daemon.health.credentials().all_ends();
+    let before = ends()["certificate"];
+    let client = port.authority.write(port.folder.path(), "client");
+    assert!(port.send(&client, &[]).status.success());
+
+    // A certificate without its key is not taken, and the old one serves on.
+    let new = port.authority.write_until(port.folder.path(), "new", 500);
+    fs::copy(&new[1], port.path("daemon.pem")).unwrap();
+    wait_for("the wrong pair is a condition", || {
+        port.warns("new certificates").is_some()
+    });
+    assert!(port.send(&client, &[]).status.success());
+    fs::copy(&new[2], port.path("daemon.key")).unwrap();
+    wait_for("both are taken, and nothing is wrong", || {
+        port.warns("new certificates").is_none() && port.warns(&about).is_none()
+    });
+    assert!(ends()["certificate"] > before + 400 * 86_400);
+    assert!(port.send(&client, &[]).status.success());
+    assert_eq!(port.daemon.ledger.streams().len(), 3);
+
+    // A key that everybody can read is told too.
+    fs::set_permissions(port.path("daemon.key"), Permissions::from_mode(0o644)).unwrap();
+    let about = shown(&port.path("daemon.key"));
+    wait_for("the open key is a condition", || {
+        port.warns(&about)
+            .is_some_and(|detail| detail.contains("chmod 600"))
+    });
+}
+
+#[test]
+fn an_ended_certificate_ends_a_sender_with_the_reason() {
+    let port = Port::open(4000, Vec::new());
+    let soon = port.authority.write_until(port.folder.path(), "soon", 3);
+    let output = port.send(&soon, &[]);
+    assert!(
+        output.status.success() && said(&output).contains("in 2 days"),
+        "{}",
+        said(&output)
+    );
+    assert!(
+        port.warns("client soon")
+            .is_some_and(|detail| detail.contains("refused from then on"))
+    );
+
+    // With a name it would try again for ever.
+    let begun = Instant::now();
+    let ended = port.authority.write_until(port.folder.path(), "ended", -2);
+    let output = port.send(&ended, &["--sender", "ended"]);
+    assert_eq!(output.status.code(), Some(1));
+    assert!(said(&output).contains("ended on"), "{}", said(&output));
+    // So would one whose certificate the daemon does not know.
+    let mut foreign = Authority::new().write(port.folder.path(), "foreign");
+    foreign[0] = soon[0].clone();
+    let output = port.send(&foreign, &["--sender", "foreign"]);
+    assert_eq!(output.status.code(), Some(1));
+    assert!(
+        said(&output).contains("does not accept our certificate"),
+        "{}",
+        said(&output)
+    );
+    wait_for("it is counted", || {
+        port.daemon.health.credentials().denials(Via::Socket) > 0
+    });
+    assert!(begun.elapsed() < PATIENCE, "they end at once");
+    assert_eq!(port.daemon.ledger.streams().len(), 1);
+}
+
+#[test]
+fn a_bound_certificate_sends_under_its_names_and_on_its_topics_only() {
+    let bound = |certificate: &str, senders: &[&str], topics: &[&str]| BoundCertificate {
+        certificate: certificate.to_owned(),
+        senders: senders.iter().map(|&name| name.to_owned()).collect(),
+        topics: topics.iter().map(|&topic| topic.to_owned()).collect(),
+    };
+    let port = Port::open(
+        4000,
+        vec![
+            bound("north", &["north-laser"], &["/las*"]),
+            bound("air", &["air"], &["/air"]),
+        ],
+    );
+    let write = |name: &str| port.authority.write(port.folder.path(), name);
+    let (north, air, other) = (write("north"), write("air"), write("other"));
+    let good = port.send(&north, &["--sender", "north-laser"]);
+    assert!(good.status.success(), "{}", said(&good));
+    let denied = |output: Output, why: &str| {
+        assert_eq!(output.status.code(), Some(1), "{}", said(&output));
+        assert!(said(&output).contains(why), "{}", said(&output));
+    };
+    denied(
+        port.send(&north, &["--sender", "south-laser"]),
+        "not bound to the sender name south-laser",
+    );
+    // The recording is of `/laser`.
+    denied(
+        port.send(&air, &["--sender", "air"]),
+        "not bound to the topic /laser",
+    );
+    denied(port.send(&other, &["--sender", "other"]), "no entry");
+    assert_eq!(port.daemon.health.credentials().denials(Via::Socket), 3);
+    let streams = port.daemon.ledger.streams();
+    assert_eq!(
+        streams
+            .iter()
+            .map(|stream| stream.messages().len())
+            .sum::<usize>(),
+        100
+    );
+}

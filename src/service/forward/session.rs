@@ -3,7 +3,7 @@
 use super::link::{ANSWER, Link, LinkError};
 use super::message::{self, Label, MessageError, OUT, STREAM};
 use crate::config::settings::forward::ForwardSettings;
-use crate::site::store::{Change, FORMAT, Reader, StoreError};
+use crate::site::store::{Change, ChangedRow, FORMAT, Reader, StoreError};
 use async_nats::jetstream::context::PublishErrorKind;
 use async_nats::jetstream::message::{PublishMessage, StreamMessage};
 use async_nats::jetstream::stream::DirectGetErrorKind;
@@ -12,6 +12,8 @@ use async_nats::jetstream::stream::DirectGetErrorKind;
 const MOST: usize = 200;
 /// Room for headers in a message \[bytes\].
 const HEADERS: usize = 4096;
+/// Tables whose rows are written once and kept.
+const NEVER_CHANGED: [&str; 5] = ["config", "record", "mode", "outbox", "notice"];
 /// Largest message sent, even to a server that takes more \[bytes\].
 const LARGEST: usize = 1 << 20;
 
@@ -29,8 +31,8 @@ pub enum SessionError {
     Message(#[from] MessageError),
     /// The store is older than what was sent of it.
     #[error(
-        "the post has commit {sent} of this store, which ends with {own}: the store was set back to a copy, and what follows would \
-         contradict what the centre has; begin a new store, it opens a segment of its own there"
+        "the post has commit {sent} of this store, which ends with {own} and does not have it so: the store was set back to a copy, \
+         and what follows would contradict what the centre has; begin a new store, it opens a segment of its own there"
     )]
     SetBack {
         /// Last commit of the store at the post.
@@ -149,7 +151,7 @@ impl<'a> Session<'a> {
             _ => 0,
         };
         let own = reader.latest_change()?;
-        if through > own {
+        if through > own || (through > 0 && !self.is_ours(&last, through, reader)?) {
             return Err(SessionError::SetBack { sent: through, own });
         }
         self.end = End {
@@ -157,6 +159,21 @@ impl<'a> Session<'a> {
             through,
         };
         Ok(())
+    }
+
+    /// True if the last commit of a message is that of this store: the rows that are never changed are compared, as far as the
+    /// store still has them.
+    fn is_ours(&self, last: &StreamMessage, through: i64, reader: &Reader) -> Result<bool, SessionError> {
+        let sent = Label::read(&last.headers).and_then(|label| message::decode(&label, &last.payload));
+        // What cannot be read the centre parks; the next message follows it all the same.
+        let Ok(mut sent) = sent else { return Ok(true) };
+        let own = reader.changes_after(through - 1, 1)?.pop();
+        let fixed = |change: Option<Change>| -> Vec<ChangedRow> {
+            let rows = change.map(|change| change.rows).unwrap_or_default();
+            let is_fixed = |row: &ChangedRow| NEVER_CHANGED.contains(&row.table.as_str());
+            rows.into_iter().filter(is_fixed).collect()
+        };
+        Ok(fixed(sent.pop()) == fixed(own))
     }
 
     async fn last_message(&self) -> Result<Option<StreamMessage>, SessionError> {

@@ -73,6 +73,15 @@ pub struct Parked {
     pub payload: Vec<u8>,
 }
 
+/// Place in the stream: its latest message that was folded.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Position {
+    /// Its number; 0 before any.
+    pub sequence: i64,
+    /// Time at which the server took it \[ns since 1970\]: another message of the same number has another one.
+    pub time_ns: i64,
+}
+
 /// Content of one transaction.
 #[derive(Debug, Default)]
 pub struct Batch {
@@ -88,7 +97,7 @@ pub struct Batch {
     /// Messages no longer parked, by number and time.
     pub taken_up: Vec<(i64, i64)>,
     /// Latest message of the stream.
-    pub sequence: Option<i64>,
+    pub position: Option<Position>,
 }
 
 impl Batch {
@@ -194,16 +203,20 @@ impl Centre {
         &mut *self.sql
     }
 
-    /// Latest message of the stream that was folded, 0 before any.
+    /// Latest message of the stream that was folded.
     ///
     /// # Errors
     /// The database refuses.
-    pub fn position(&mut self) -> Result<i64, CentreError> {
+    pub fn position(&mut self) -> Result<Position, CentreError> {
         let found = self.sql.query(
-            "SELECT \"sequence\" FROM \"position\" WHERE \"stream\" = $1",
+            "SELECT \"sequence\", \"time_ns\" FROM \"position\" WHERE \"stream\" = $1",
             &[Value::Text(self.stream.to_owned())],
         )?;
-        Ok(integer(found.first().and_then(|row| row.first())))
+        let of = |place: usize| integer(found.first().and_then(|row| row.get(place)));
+        Ok(Position {
+            sequence: of(0),
+            time_ns: of(1),
+        })
     }
 
     /// What is known of every site.
@@ -382,11 +395,15 @@ impl Centre {
                 &[Value::Integer(sequence), Value::Integer(time_ns)],
             )?;
         }
-        if let Some(sequence) = batch.sequence {
+        if let Some(position) = batch.position {
             sql.execute(
-                "INSERT INTO \"position\" (\"stream\", \"sequence\") VALUES ($1, $2)
-                 ON CONFLICT (\"stream\") DO UPDATE SET \"sequence\" = excluded.\"sequence\"",
-                &[Value::Text(self.stream.to_owned()), Value::Integer(sequence)],
+                "INSERT INTO \"position\" (\"stream\", \"sequence\", \"time_ns\") VALUES ($1, $2, $3)
+                 ON CONFLICT (\"stream\") DO UPDATE SET \"sequence\" = excluded.\"sequence\", \"time_ns\" = excluded.\"time_ns\"",
+                &[
+                    Value::Text(self.stream.to_owned()),
+                    Value::Integer(position.sequence),
+                    Value::Integer(position.time_ns),
+                ],
             )?;
         }
         Ok(())
@@ -397,10 +414,15 @@ impl Centre {
     /// # Errors
     /// The database refuses.
     pub fn clear(&mut self) -> Result<(), CentreError> {
+        let empty = if self.sql.is_postgres() {
+            "TRUNCATE"
+        } else {
+            "DELETE FROM"
+        };
         let mut all = String::from("BEGIN;");
         for name in tables::names(&self.copied) {
             if name != "centre" {
-                all += &format!("DELETE FROM \"{name}\";");
+                all += &format!("{empty} \"{name}\";");
             }
         }
         Ok(self.sql.batch(&(all + "COMMIT;"))?)

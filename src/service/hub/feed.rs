@@ -178,6 +178,17 @@ impl Feed {
         }
     }
 
+    /// Time at which the server took a message \[ns since 1970\]; `None` if the stream no longer has it.
+    ///
+    /// # Errors
+    /// The server does not answer.
+    pub async fn time_of(&self, sequence: u64) -> Result<Option<i64>, LinkError> {
+        let reader = self.reader_from(sequence, format!("{OUT}.>")).await?;
+        let next = self.fetch_from(&reader).await?.into_iter().next();
+        let is_it = |found: &Incoming| u64::try_from(found.sequence) == Ok(sequence);
+        Ok(next.filter(is_it).map(|found| found.time_ns))
+    }
+
     /// First message of a site that the stream still has.
     ///
     /// # Errors

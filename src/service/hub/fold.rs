@@ -1,6 +1,6 @@
 //! Judgement of each message: folded, already known, or parked with a reason. It has no connection of its own.
 
-use super::centre::{Batch, History, Parked, SiteState};
+use super::centre::{Batch, History, Parked, Position, SiteState};
 use super::tables::Copied;
 use crate::service::forward::message::{self, Label, MessageError, OUT};
 use crate::site::store::{Change, FORGOTTEN, is_intact};
@@ -119,7 +119,10 @@ impl Fold {
 
     /// Judges the next message of the stream and adds its effect to the batch.
     pub fn take(&mut self, message: &Incoming, batch: &mut Batch) -> Judged {
-        batch.sequence = Some(message.sequence);
+        batch.position = Some(Position {
+            sequence: message.sequence,
+            time_ns: message.time_ns,
+        });
         let judged = self.judge(message, batch);
         if let Judged::Parked(fault, detail) = &judged {
             batch.parked.push(message.parked(fault, detail.clone()));
@@ -441,7 +444,7 @@ mod tests {
         let overlapping = post.of("todi", &store, 2, 6);
         assert_eq!(post.send(&overlapping), Judged::Folded(3));
         assert_eq!(post.rows("notice", "todi", 1), 5);
-        assert_eq!(post.centre.position().unwrap(), 2);
+        assert_eq!(post.centre.position().unwrap().sequence, 2);
         // What the hub knows after a crash is what it has written.
         let before = post.fold.sites().clone();
         post.again(&SITES);

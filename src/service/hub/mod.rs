@@ -201,7 +201,7 @@ impl<'a> Hub<'a> {
                     Judged::Folded(_) | Judged::Known => {}
                 }
             }
-            if batch.sequence.is_some() {
+            if batch.position.is_some() {
                 centre.commit(batch)?;
             }
             for site in gaps {
@@ -218,18 +218,27 @@ impl<'a> Hub<'a> {
         Ok(())
     }
 
-    /// Begins to read after the last message folded, or where a stream that was set back ends: what its sites send again is
-    /// recognised by their own numbers. Returns the position.
+    /// Begins to read after the last message folded. A stream that was set back no longer has it, or has another one of its
+    /// number: it is read again from its beginning, and what is known of it is recognised by the sites' own numbers. Returns the
+    /// position.
     fn begin(&self, feed: &mut Feed, centre: &mut Centre) -> Result<u64, HubError> {
-        let position = u64::try_from(centre.position()?).unwrap_or(0);
+        let folded = centre.position()?;
+        let position = u64::try_from(folded.sequence).unwrap_or(0);
         let (first, last) = self.runtime.block_on(feed.bounds())?;
-        let from = if last < position {
+        let is_the_same = last >= position
+            && (position < first.max(1)
+                || self
+                    .runtime
+                    .block_on(feed.time_of(position))?
+                    .is_none_or(|time_ns| time_ns == folded.time_ns));
+        let from = if is_the_same {
+            position
+        } else {
             tracing::warn!(
-                "the stream ends with message {last}, and {position} was folded: it was set back; it is read again from {first}"
+                "the stream ends with message {last}, and message {position} is not the one that was folded: it was set back; it is \
+                 read again from {first}"
             );
             first.saturating_sub(1)
-        } else {
-            position
         };
         self.runtime.block_on(feed.seek(from + 1))?;
         Ok(from)

@@ -151,7 +151,7 @@ const OWN: [(&str, &str); 5] = [
     // The latest message of the stream that was folded.
     (
         "position",
-        "(\"stream\" TEXT PRIMARY KEY, \"sequence\" INT8 NOT NULL)",
+        "(\"stream\" TEXT PRIMARY KEY, \"sequence\" INT8 NOT NULL, \"time_ns\" INT8 NOT NULL)",
     ),
     // Histories of each site, in the order in which they began here.
     (

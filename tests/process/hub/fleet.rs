@@ -15,7 +15,7 @@ use tirante::service::hub;
 use tirante::site::store::Reader;
 
 /// Storage of the hub.
-#[derive(Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Storage {
     Sqlite,
     Postgres,
@@ -238,6 +238,82 @@ impl Fleet {
     /// Two more records of a site.
     pub fn more_records(&self, place: usize) {
         self.edges[place].site.simulate("more", &Part::new(60, 2));
+    }
+
+    /// Processor time of a site's process so far \[s\], and its largest memory \[MB\].
+    pub fn usage(&self, place: usize) -> (f64, f64) {
+        let pid = self.edges[place].child.as_ref().unwrap().id();
+        let stat = fs::read_to_string(format!("/proc/{pid}/stat")).unwrap();
+        let fields: Vec<&str> = stat.rsplit_once(')').unwrap().1.split_whitespace().collect();
+        let ticks = [11, 12].map(|place| fields[place].parse::<f64>().unwrap());
+        let status = fs::read_to_string(format!("/proc/{pid}/status")).unwrap();
+        let peak = status
+            .lines()
+            .find_map(|line| line.strip_prefix("VmHWM:"))
+            .unwrap();
+        let peak_kb: f64 = peak.trim().trim_end_matches(" kB").parse().unwrap();
+        // Linux counts in hundredths of a second.
+        (ticks.iter().sum::<f64>() / 100.0, peak_kb / 1e3)
+    }
+
+    /// Puts further sites on the hub's list.
+    pub fn list_more(&self, names: &[String]) {
+        let mut text = fs::read_to_string(self.config()).unwrap();
+        for name in names {
+            text += &format!("[[site]]\nname = \"{name}\"\n");
+        }
+        fs::write(self.config(), text).unwrap();
+    }
+
+    /// Number of records at the centre, and of rows in all tables of results.
+    pub fn counted(&self) -> (usize, usize) {
+        let config = HubConfig::load(&self.config()).unwrap();
+        let mut centre = hub::beside(&config.storage).unwrap();
+        let mut counts = (0, 0);
+        for copied in centre.copied().to_vec() {
+            let table = copied.shape.table;
+            let found = centre
+                .sql()
+                .query(&format!("SELECT count(*) FROM \"{table}\""), &[])
+                .unwrap();
+            let count = usize::try_from(hub::sql::integer(found[0].first())).unwrap();
+            counts.1 += count;
+            if table == "record" {
+                counts.0 = count;
+            }
+        }
+        counts
+    }
+
+    /// Simulates a day's records, and returns for each commit the time from the site's store to the centre \[s\].
+    pub fn delay_of_a_day(&mut self, place: usize, day: i64) -> Vec<f64> {
+        let config = HubConfig::load(&self.config()).unwrap();
+        let mut centre = hub::beside(&config.storage).unwrap();
+        let edge = &self.edges[place];
+        let reader = Reader::open(&edge.site.path("site.db")).unwrap();
+        let before = reader.latest_change().unwrap();
+        edge.site.simulate(&format!("day-{day}"), &Part::new(day, 1));
+        let (mut committed, mut delays) = (Vec::new(), Vec::new());
+        let until = Instant::now() + DEADLINE;
+        // Two rods: a record of each, and what may follow them within a second.
+        while delays.len() < committed.len() || committed.len() < 2 {
+            assert!(Instant::now() < until, "no commit\n{}", self.log());
+            let now = Instant::now();
+            let own = usize::try_from(reader.latest_change().unwrap() - before).unwrap();
+            committed.resize(own, now);
+            let through = centre.sites().unwrap()[&edge.name]
+                .histories
+                .last()
+                .unwrap()
+                .through;
+            let arrived = usize::try_from(through - before).unwrap();
+            let now = Instant::now();
+            for commit in committed.iter().take(arrived).skip(delays.len()) {
+                delays.push(now.duration_since(*commit).as_secs_f64());
+            }
+            thread::sleep(Duration::from_millis(2));
+        }
+        delays
     }
 
     /// Present length of a site's log.

@@ -1,5 +1,6 @@
 //! Sites, post and centre with real servers: the centre's rows are those of each site's `replay`, whatever is killed.
 
+mod figures;
 mod fleet;
 mod refusals;
 mod rights;
@@ -76,49 +77,74 @@ fn two_sites_end_in_one_sqlite_file_as_replayed() {
     assert_eq!(compared.status.code(), Some(3));
 }
 
-/// A dozen kills in the tests; more with `KILLS=1000 cargo test --release --test process hub::`.
+/// Kills in the gate; [`a_campaign_of_kills`] has more.
+const KILLS: u32 = 12;
+/// Kills between two comparisons; then the sites begin new stores, so that records are under way again.
+const ROUND: u32 = 12;
+
 #[test]
 fn whatever_is_killed_the_centre_has_the_rows_of_a_replay() {
-    let kills: u32 = std::env::var("KILLS").map_or(12, |text| text.parse().unwrap());
     let Some(mut fleet) = Fleet::of(&["todi", "gubbio"], Storage::Postgres) else {
         return;
     };
+    kill_at_random(&mut fleet, KILLS);
+    // Grafana's questions have answers.
+    for question in questions() {
+        assert!(fleet.rows(&question) > 0, "{question}");
+    }
+}
+
+/// `KILLS=1000 cargo test --test process hub::a_campaign -- --ignored --nocapture`
+#[test]
+#[ignore = "minutes to hours"]
+fn a_campaign_of_kills() {
+    let kills = std::env::var("KILLS").map_or(100, |text| text.parse().unwrap());
+    for (storage, share) in [
+        (Storage::Postgres, kills - kills / 4),
+        (Storage::Sqlite, kills / 4),
+    ] {
+        let Some(mut fleet) = Fleet::of(&["todi", "gubbio"], storage) else {
+            return;
+        };
+        kill_at_random(&mut fleet, share);
+    }
+}
+
+/// Kills sites, hub, post and database one at a time, and compares the centre with the replays after each round.
+fn kill_at_random(fleet: &mut Fleet, kills: u32) {
     let mut generator = random::stream(random::seed(&[b"hub kill"]), 0);
+    let mut killed = [0; 5];
     fleet.start();
     for kill in 0..kills {
-        if kill % 12 == 11 {
-            // A new history for the kills to come: records must be under way.
+        if kill > 0 && kill % ROUND == 0 {
             fleet.wait_until_equal();
-            fleet.stop_edge(0);
-            fleet.remove_store(0);
-            fleet.start_edge(0);
+            eprintln!("{kill} kills: tables equal");
+            for place in 0..2 {
+                fleet.stop_edge(place);
+                fleet.remove_store(place);
+                fleet.start_edge(place);
+            }
         }
         thread::sleep(Duration::from_millis(generator.random_range(0..400)));
-        match generator.random_range(0..5) {
-            0 => fleet.kill_edge(0),
-            1 => fleet.kill_edge(1),
+        let victim = generator.random_range(0..5);
+        killed[victim] += 1;
+        match victim {
+            0 | 1 => fleet.kill_edge(victim),
             2 => fleet.kill_hub(),
             3 => fleet.kill_nats(),
             _ => fleet.kill_postgres(),
         }
     }
     fleet.wait_until_equal();
-    let sites = lines(
-        fleet
-            .hub_command(&["sites", "--format", "json"])
-            .stdout
-            .as_slice(),
-    );
+    eprintln!("{kills} kills (site, site, hub, post, database: {killed:?}): tables equal");
+    let sites = lines(&fleet.hub_command(&["sites", "--format", "json"]).stdout);
+    assert_eq!(sites.len(), 2);
     for site in &sites {
         assert_eq!(
             (&site["parked"], &site["fault"]),
             (&Value::from(0), &Value::Null),
             "{site}"
         );
-    }
-    // Grafana's questions have answers.
-    for question in questions() {
-        assert!(fleet.rows(&question) > 0, "{question}");
     }
 }
 

@@ -216,20 +216,24 @@ pub fn described(tested: &Tested, mean_n: f64, sd_n: f64) -> Vec<String> {
     if !tested.conflicts.is_empty() {
         lines.push(String::new());
         lines.push(format!(
-            "  {:<58} {:>11} {:>24}   {:>8}",
+            "  {:<44}{:>9} {:>18} {:>5}",
             "against all the others", "measured", "predicted", "score"
         ));
     }
     for conflict in &tested.conflicts {
-        let number = |value: Option<f64>| value.map_or_else(String::new, |value| format!("{value:.4e}"));
+        let number = |value: Option<f64>| value.map_or_else(String::new, |value| format!("{value:.3e}"));
         let predicted = match (conflict.predicted, conflict.predicted_sd) {
-            (Some(mean), Some(sd)) => format!("{mean:.4e} +- {sd:.1e}"),
+            (Some(mean), Some(sd)) => format!("{mean:.3e} +- {sd:.1e}"),
             _ => String::new(),
         };
+        let (mut name, measured) = (conflict.datum.as_str(), number(conflict.value));
+        // A name that leaves no room for the numbers has a line of its own.
+        if name.chars().count() + measured.len() > 52 {
+            lines.push(format!("  {name}"));
+            name = "";
+        }
         lines.push(format!(
-            "  {:<58} {:>11} {predicted:>24}   {:>8.1}",
-            conflict.datum,
-            number(conflict.value),
+            "  {name:<44}{measured:>9} {predicted:>18} {:>5.1}",
             conflict.score
         ));
         if conflict.score >= MARKED {

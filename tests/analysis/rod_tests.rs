@@ -621,6 +621,8 @@ fn identify_takes_tests_and_says_what_they_did() {
         ],
     );
     let table = text(&output.stdout);
+    // The table is folded at 80 columns.
+    let table = table.split_whitespace().collect::<Vec<_>>().join(" ");
     assert!(
         table.contains("with the tests") && table.contains("of the standard deviation"),
         "{table}"

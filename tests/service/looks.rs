@@ -228,6 +228,8 @@ fn every_state_is_shown_as_it_is() {
                 );
             }
         }
+        // The page is left before its server ends: a stream of events that breaks off is a complaint of the browser.
+        browser.post("/url", &json!({"url": "about:blank"}));
         // Requests for rods and stores that are not there are refused by design, and the browser notes them.
         let complaints = browser.complaints();
         let ours: Vec<_> = complaints.iter().filter(|text| !text.contains("404")).collect();

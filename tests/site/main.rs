@@ -12,3 +12,4 @@ mod replay_again;
 mod store;
 mod store_commands;
 mod track;
+mod upgrade;

@@ -1,6 +1,6 @@
 //! The HTTP server: the page and its API, health, readiness, metrics.
 //!
-//! [`routes`] answers requests; [`serve`] listens: a limited number of connections, each with limits and
+//! `routes` answers requests; `serve` listens: a limited number of connections, each with limits and
 //! deadlines, so that no client can cost the daemon more than a little memory.
 //! * `page`    documents, scripts and style (`src/service/http/page/`), the plot library
 //! * `api`     `/api/v1`, read-only but for what brings the token

@@ -26,7 +26,7 @@ pub trait Taker {
 }
 
 /// Runs until there are no more jobs or the taker ends the run. The load of a record is its number of
-/// samples; records are analysed at once as far as their samples fit on the [`Bench`].
+/// samples; records are analysed at once as far as their samples fit on the bench.
 pub fn run(
     jobs: impl Iterator<Item = Job> + Send,
     limits: Limits,

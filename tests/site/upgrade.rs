@@ -1,0 +1,64 @@
+//! A store that the version before wrote goes on: its baselines stay, its records stay as they are, and what comes is told.
+//!
+//! `fixtures/store-format-4.*` hold the store of 17 days of two healthy rods ([`SITE`] with 64 particles, simulated with seed 1000)
+//! and its `history --format json`, both written by the last version of that format.
+#![allow(clippy::unwrap_used)] // helpers of tests are tests
+
+use crate::site::*;
+use std::fs;
+
+#[test]
+fn a_store_of_the_version_before_keeps_its_baselines_and_goes_on() {
+    let site = Site::new(&SITE.replace("particles = 256", "particles = 64"));
+    let unpacked = |packed: &[u8]| zstd::decode_all(packed).unwrap();
+    fs::write(
+        site.path("site.db"),
+        unpacked(include_bytes!("../fixtures/store-format-4.db.zst")),
+    )
+    .unwrap();
+    let history = || {
+        let output = site.run(&["history", "--store", "site.db", "--format", "json"]);
+        assert!(output.status.success(), "{}", text(&output.stderr));
+        text(&output.stdout)
+    };
+    let written = text(&unpacked(include_bytes!("../fixtures/store-format-4.jsonl.zst")));
+    assert_eq!(history(), written);
+
+    let output = site.run(&["check", "--config", "site.toml", "--against", "site.db"]);
+    let told = text(&output.stdout);
+    assert!(output.status.success(), "{told}{}", text(&output.stderr));
+    assert_eq!(told.matches("the baseline stays (segment 1").count(), 2, "{told}");
+
+    let loss = "[[simulation.rod.change]]\nstart_d = 0.0\nrelative = -0.10\n";
+    site.simulate("after", &Part::new(17, 12).north(loss));
+    let (output, code) = site.replay(&["archive"], "site.db");
+    assert_eq!(code, 0, "{}", text(&output.stderr));
+    let now = history();
+    // The rods are listed one after the other: 17 records of each are those of the fixture, byte for byte.
+    let of = |text: &str, rod: &str| -> Vec<String> {
+        let name = format!("\"rod\":\"{rod}\"");
+        text.lines()
+            .filter(|line| line.contains(&name))
+            .map(str::to_owned)
+            .collect()
+    };
+    for rod in ["north", "south"] {
+        let (before, after) = (of(&written, rod), of(&now, rod));
+        assert_eq!((before.len(), after.len()), (17, 29), "{rod}");
+        assert_eq!(before[..], after[..17], "{rod}");
+        assert!(
+            after.iter().all(|line| line.contains("\"segment\":1")),
+            "{rod} began anew"
+        );
+    }
+    // Told of the rod that lost 10 % alone, against the baseline that the version before learned.
+    let alarms = site.alarms("site.db");
+    assert!(
+        alarms.contains(&"north drift".to_owned()) && alarms.contains(&"north limit".to_owned()),
+        "{alarms:?}"
+    );
+    assert!(
+        alarms.iter().all(|alarm| alarm.starts_with("north ")),
+        "{alarms:?}"
+    );
+}

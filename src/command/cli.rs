@@ -72,7 +72,8 @@ impl Cli {
             || matches!(&self.command, Command::Hub(args) if args.action.is_none());
         let default = match self.verbose + u8::from(is_daemon) {
             0 => "warn",
-            1 => "info",
+            // Every connection to the post has lines of its own; what fails is a condition.
+            1 => "info,async_nats=warn",
             _ => "debug",
         };
         let filter = EnvFilter::try_from_env("TIRANTE_LOG").unwrap_or_else(|_| EnvFilter::new(default));

@@ -21,8 +21,6 @@ const FIRST: &str = "Tirante-First";
 const EPOCH: &str = "Tirante-Epoch";
 /// Header: format of the store.
 const STORE_FORMAT: &str = "Tirante-Format";
-/// Header: id of the message.
-const ID: &str = "Nats-Msg-Id";
 /// Header: condition that the server checks.
 const EXPECTED: &str = "Nats-Expected-Last-Subject-Sequence";
 
@@ -92,13 +90,10 @@ impl Label {
         Ok(label)
     }
 
-    /// Headers of a message of `site` that the server takes only after message `expected` of its subject.
-    pub fn headers(&self, site: &str, expected: u64) -> HeaderMap {
+    /// Headers of a message that the server takes only after message `expected` of its subject. It has no `Nats-Msg-Id`: what
+    /// the server takes for a repetition by its id is acknowledged without being kept.
+    pub fn headers(&self, expected: u64) -> HeaderMap {
         let mut headers = HeaderMap::new();
-        headers.insert(
-            ID,
-            format!("{site}:{}:{}-{}", self.epoch, self.first, self.last).as_str(),
-        );
         headers.insert(LAST, self.last.to_string().as_str());
         headers.insert(FIRST, self.first.to_string().as_str());
         headers.insert(EPOCH, self.epoch.as_str());
@@ -108,11 +103,14 @@ impl Label {
     }
 }
 
+/// Rows of a commit: table and values.
+type Rows = Vec<(String, Vec<Json>)>;
+
 /// Content of a message.
 #[derive(Debug, Serialize, Deserialize)]
 struct Body {
-    /// Commits in order: number, and rows as table and values.
-    commits: Vec<(i64, Vec<(String, Vec<Json>)>)>,
+    /// Commits in order, each with its number.
+    commits: Vec<(i64, Rows)>,
 }
 
 /// Content of a message with these commits.
@@ -276,7 +274,7 @@ mod tests {
 
     #[test]
     fn a_label_reads_back_and_a_broken_one_is_named() {
-        let headers = label(7, 8).headers("tower", 3);
+        let headers = label(7, 8).headers(3);
         assert_eq!(Label::read(&headers), Ok(label(7, 8)));
         assert_eq!(headers.get(EXPECTED).unwrap().as_str(), "3");
         for (name, wrong) in [
@@ -286,7 +284,7 @@ mod tests {
             (EPOCH, "../x"),
             (STORE_FORMAT, ""),
         ] {
-            let mut headers = label(7, 8).headers("tower", 3);
+            let mut headers = label(7, 8).headers(3);
             headers.insert(name, wrong);
             assert!(Label::read(&headers).is_err(), "{name} {wrong}");
         }

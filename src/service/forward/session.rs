@@ -210,7 +210,7 @@ impl<'a> Session<'a> {
         };
         let message = PublishMessage::build()
             .payload(payload.into())
-            .headers(label.headers(&self.settings.site, self.end.sequence));
+            .headers(label.headers(self.end.sequence));
         let what = format!("commits {} to {}", label.first, label.last);
         let send = async {
             let sent = self

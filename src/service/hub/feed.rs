@@ -24,8 +24,6 @@ const WAIT: Duration = Duration::from_millis(500);
 const FORGOTTEN: Duration = Duration::from_secs(60);
 /// Age at which a stream that the hub creates drops messages.
 const KEPT: Duration = Duration::from_secs(90 * 86_400);
-/// Time in which the server recognises a repeated message by its id.
-const DUPLICATES: Duration = Duration::from_secs(120);
 /// Largest message.
 const LARGEST: i32 = 1 << 20;
 /// Largest stream that the hub creates \[bytes\].
@@ -226,7 +224,6 @@ fn wanted() -> Config {
         max_age: KEPT,
         max_bytes: STREAM_BYTES,
         max_message_size: LARGEST,
-        duplicate_window: DUPLICATES,
         allow_direct: true,
         deny_delete: true,
         deny_purge: true,

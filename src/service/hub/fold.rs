@@ -418,7 +418,7 @@ mod tests {
             Incoming {
                 sequence: self.sequence,
                 subject: format!("{OUT}.{site}"),
-                headers: label.headers(site, 0),
+                headers: label.headers(0),
                 payload: message::encode(changes).unwrap(),
                 time_ns: 1_000 * self.sequence,
             }

@@ -413,6 +413,25 @@ impl Fleet {
         }
     }
 
+    /// Takes the last four of a site's seven files away.
+    pub fn hide_later_weeks(&self, place: usize) {
+        fs::create_dir(self.edges[place].site.path("later")).unwrap();
+        self.move_later_weeks(place, "archive", "later");
+    }
+
+    /// Puts them back.
+    pub fn show_later_weeks(&self, place: usize) {
+        self.move_later_weeks(place, "later", "archive");
+    }
+
+    fn move_later_weeks(&self, place: usize, from: &str, to: &str) {
+        let site = &self.edges[place].site;
+        for index in 3..7 {
+            let name = format!("week-{index}.mcap");
+            fs::rename(site.path(from).join(&name), site.path(to).join(&name)).unwrap();
+        }
+    }
+
     /// A copy of the server's files, taken while it stands still.
     pub fn copy_stream(&mut self) -> PathBuf {
         let copy = self.folder.path().join("copy");

@@ -181,21 +181,12 @@ fn a_stream_that_was_set_back_loses_nothing() {
     let Some(mut fleet) = Fleet::of(&["todi"], Storage::Sqlite) else {
         return;
     };
-    let later = fleet.edges[0].site.path("later");
-    fs::create_dir(&later).unwrap();
-    let archive = fleet.edges[0].site.path("archive");
-    for index in 3..7 {
-        let name = format!("week-{index}.mcap");
-        fs::rename(archive.join(&name), later.join(&name)).unwrap();
-    }
+    fleet.hide_later_weeks(0);
     fleet.start();
     fleet.wait_until_read(0, 3);
     fleet.wait_until_sent();
     let copy = fleet.copy_stream();
-    for index in 3..7 {
-        let name = format!("week-{index}.mcap");
-        fs::rename(later.join(&name), archive.join(&name)).unwrap();
-    }
+    fleet.show_later_weeks(0);
     fleet.wait_until_equal();
     fleet.set_stream_back(&copy);
     fleet.stop_hub();

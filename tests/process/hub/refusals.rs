@@ -2,10 +2,12 @@
 
 use super::fleet::{Fleet, Storage, text_of};
 use super::servers::{Nats, program};
+use crate::site::{Part, SITE, Site};
 use std::fs;
 use std::os::unix::fs::PermissionsExt;
 use std::path::PathBuf;
 use std::process::Command;
+use tirante::site::store::Reader;
 
 /// Runs the hub until it ends by itself; returns its exit code and what it said.
 fn refused(folder: &std::path::Path, nats: &Nats, more: &str) -> (i32, String) {
@@ -127,6 +129,48 @@ fn a_post_that_hangs_or_is_gone_delays_no_result() {
     fleet.wait_until_equal();
 }
 
+/// A copy that has gone on with other records has more commits than were sent, and none of them may follow.
+#[test]
+fn a_store_set_back_to_a_copy_sends_nothing_that_contradicts() {
+    let Some(mut fleet) = Fleet::of(&["todi"], Storage::Sqlite) else {
+        return;
+    };
+    fleet.hide_later_weeks(0);
+    fleet.start();
+    fleet.wait_until_read(0, 3);
+    fleet.wait_until_sent();
+    fleet.stop_edge(0);
+    let at = |fleet: &Fleet, name: &str| fleet.edges[0].site.path(name);
+    fs::copy(at(&fleet, "site.db"), at(&fleet, "copy.db")).unwrap();
+    fleet.show_later_weeks(0);
+    fleet.start_edge(0);
+    fleet.wait_until_equal();
+    fleet.stop_edge(0);
+    let latest = |fleet: &Fleet| {
+        Reader::open(&at(fleet, "site.db"))
+            .unwrap()
+            .latest_change()
+            .unwrap()
+    };
+    let sent = latest(&fleet);
+    fleet.remove_store(0);
+    fs::copy(at(&fleet, "copy.db"), at(&fleet, "site.db")).unwrap();
+    fs::remove_dir_all(at(&fleet, "later")).unwrap();
+    fleet.hide_later_weeks(0);
+    let before = fleet.logged(0);
+    fleet.start_edge(0);
+    fleet.wait_for_log(0, before, "set back to a copy");
+    fleet.edges[0].site.simulate("other", &Part::new(100, 50));
+    fleet.wait_until_read(0, 4);
+    fleet.stop_edge(0);
+    assert!(latest(&fleet) > sent, "{} {sent}", latest(&fleet));
+    let before = fleet.logged(0);
+    fleet.start_edge(0);
+    fleet.wait_for_log(0, before, "set back to a copy");
+    fleet.stop_edge(0);
+    fleet.assert_equal(0, &[]);
+}
+
 #[test]
 fn bad_words_and_files_are_named() {
     let run = |words: &[&str]| {
@@ -138,6 +182,16 @@ fn bad_words_and_files_are_named() {
     };
     let (code, said) = run(&["hub"]);
     assert!(code == 2 && said.contains("--config"), "{said}");
+    let site = Site::new(
+        &(SITE.to_owned()
+            + "[store]\npath = \"site.db\"\nkeep_lines_d = 10\n[forward]\nto = \"nats://127.0.0.1\"\nsite = \"a\"\n"),
+    );
+    let checked = site.run(&["check", "--config", "site.toml"]);
+    let said = text_of(&checked.stderr) + &text_of(&checked.stdout);
+    assert!(
+        checked.status.code() == Some(2) && said.contains("keep_lines_d is below 30"),
+        "{said}"
+    );
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("hub.toml");
     for (text, word) in [

@@ -207,6 +207,11 @@ impl Fleet {
         self.nats.port
     }
 
+    /// True if the database is a server, which can be killed.
+    pub fn has_server(&self) -> bool {
+        self.postgres.is_some()
+    }
+
     /// Number of rows of a query of the PostgreSQL server.
     pub fn rows(&self, sql: &str) -> usize {
         let port = self.postgres.as_ref().unwrap().port;
